@@ -1,0 +1,34 @@
+# Two commands for a new user: `make demo` and `make test`. Each does all its own set-up in .venv.
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: demo test lint clean
+
+# The base installation; remade when the dependencies change.
+.venv/base: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit("EVIS needs Python 3.11 or newer, this is " + sys.version.split()[0] + \
+	  ": make PYTHON=/path/to/python3.11 ...") if sys.version_info < (3, 11) else 0'
+	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	@echo "installing into .venv (about a minute the first time)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	@touch $@
+
+# What the tests need besides.
+.venv/dev: .venv/base
+	@echo "installing the test tools into .venv"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	@touch $@
+
+# A spinning disk: bag, animation, picture and summary in demo/. With VIEW=1 the live page stays open until Ctrl-C.
+demo: .venv/base
+	@$(BIN)/python -m evis.demo --out demo
+
+test: .venv/dev lint
+	@$(BIN)/python -m pytest -q
+
+lint: .venv/dev
+	@$(BIN)/ruff check --quiet .
+	@$(BIN)/mypy --no-error-summary
+
+clean:
+	rm -rf .venv demo report build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,394 @@
+"""Runs the nodes of one process: joins their inputs, calls them, and carries away what they publish.
+
+Nodes of one process call each other directly, depth first; everything else goes over the bus. A node is called only
+while every topic that it, or a node it calls, publishes to another process has credit: so nothing is lost, memory is
+bounded, and no wait inside a node can close a circle of waits between processes.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import zmq
+
+from evis.bus import END, Publisher, Subscriber
+from evis.clock import Pacer
+from evis.host import SYSTEM_TOPICS, Host, Inside, NodeFailed, Subscription, Wiring
+from evis.node import Node
+from evis.plan import Plan
+from evis.profile import Profile
+from evis.telemetry import Telemetry
+from msgs.header import Message
+
+IDLE_MS = 50
+"""Longest time between two looks at commands, taps and idle hooks."""
+Commands = Callable[[], None]
+
+
+@dataclass
+class Tap:
+    """A lossy subscription opened at run time."""
+
+    topic: str
+    callback: Callable[[Message], None]
+    subscribers: list[Subscriber]
+    owner: Executor
+
+    def close(self) -> None:
+        """Unsubscribe; the publisher stops feeding the topic when nobody else reads it."""
+        self.owner.close_tap(self)
+
+    @property
+    def lost(self) -> int:
+        """Messages that this tap missed."""
+        return sum(s.lost for s in self.subscribers)
+
+
+class Executor:
+    """All nodes of one process of a plan."""
+
+    def __init__(self, plan: Plan, process: str, *, request: Callable[[str], None] | None = None) -> None:
+        """Build the nodes. `request` asks the supervisor to start the dormant node of a topic."""
+        self.plan = plan
+        self.profile = Profile()
+        self.stopping = False
+        self._request = request
+        self._context = zmq.Context()
+        self._poller = zmq.Poller()
+        self._taps: list[Tap] = []
+        self._last_idle = 0.0
+        self._wiring = Wiring(plan, process, self._context)
+        self._telemetry = Telemetry(plan, process, self._context, self.profile)
+        self._hosts = self._wiring.hosts
+        self._subscriptions: list[Subscription] = [s for h in self._hosts.values() for s in h.subscriptions]
+        self._publishers: list[Publisher] = [p for h in self._hosts.values() for p in h.publishers.values()]
+        self._publishers += self._telemetry.publishers.values()
+
+    # -- life --------------------------------------------------------------------------------------------------------
+
+    def setup(self) -> None:
+        """Open the sockets and prepare every node."""
+        for publisher in self._publishers:
+            publisher.start()
+            for socket in publisher.sockets():
+                self._poller.register(socket, zmq.POLLIN)
+        for subscription in self._subscriptions:
+            subscription.subscriber.start()
+            self._poller.register(subscription.subscriber.socket, zmq.POLLIN)
+        for host in self._hosts.values():
+            host.node.runtime = self
+        for host in self._hosts.values():
+            with Inside(None, host.name):
+                host.node.setup()
+
+    def wait_connected(self, timeout_s: float, commands: Commands | None = None) -> None:
+        """Until every declared edge of this process stands. Raises TimeoutError naming who is missing."""
+        deadline = time.monotonic() + timeout_s
+        while (missing := self._missing()) and not self.stopping:
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"not connected after {timeout_s:g} s: {', '.join(missing)}")
+            self._poller.poll(10)
+            if commands is not None:
+                commands()
+
+    def _missing(self) -> list[str]:
+        for publisher in self._publishers:
+            publisher.pump()
+        absent = [f"{consumer} of {p.topic}" for p in self._publishers for consumer in p.missing()]
+        return absent + [
+            f"the publisher of {s.topic}" for s in self._subscriptions if s.declared and not s.subscriber.connected()
+        ]
+
+    def run(self, commands: Commands | None = None) -> None:
+        """Until every node has ended. `commands` is called at least every IDLE_MS (heartbeat, stop requests)."""
+        self._telemetry.start_clock()
+        try:
+            while not all(h.ended for h in self._hosts.values()):
+                with self.profile.inside("bus"):
+                    for publisher in self._publishers:
+                        publisher.pump()
+                progress = self._receive()
+                for host in self._hosts.values():
+                    progress |= self._call(host)
+                self._housekeeping(commands)
+                if not progress:
+                    self._wait()
+            self._drain(commands)
+        finally:
+            self._close_nodes()
+
+    def stop(self) -> None:
+        """End the sources and services of this process; what they sent still flows through."""
+        self.stopping = True
+
+    def _close_nodes(self) -> None:
+        """Errors of one do not keep the others open."""
+        failure: NodeFailed | None = None
+        for host in self._hosts.values():
+            try:
+                host.node.close()
+            except Exception as error:
+                if failure is None:
+                    failure = NodeFailed(host.name, error)
+                    failure.__cause__ = error
+        if failure is not None:
+            raise failure
+
+    def close(self) -> None:
+        """Close the sockets."""
+        for tap in list(self._taps):
+            tap.close()
+        for subscription in self._subscriptions:
+            subscription.subscriber.close()
+        for publisher in self._publishers:
+            publisher.close()
+        self._context.destroy(linger=0)
+
+    def progress(self) -> dict[str, Any]:
+        """Plain numbers for the heartbeat: newest stamp, events, keyframes, frames so far."""
+        nodes = self.profile.nodes.values()
+        return {
+            "stamp_ns": max((n.stamp_ns for n in nodes), default=0),
+            "events": sum(n.events for n in nodes),
+            "keyframes": sum(n.keyframes for n in nodes),
+            "frames": sum(n.frames for n in nodes),
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """Profiles of the nodes, and of `bus` and `idle`."""
+        return {name: profile.summary() for name, profile in self.profile.nodes.items()}
+
+    # -- one turn ----------------------------------------------------------------------------------------------------
+
+    def _receive(self) -> bool:
+        progress = False
+        for s in self._subscriptions:
+            if s.port not in s.host.join.queues and s.port not in s.host.delayed and not s.host.open():
+                continue
+            with self.profile.inside("bus"):
+                message = s.subscriber.receive(0)
+                if message is None:
+                    s.subscriber.raise_if_publisher_lost()
+                    continue
+            progress = True
+            if message is not END or s.declared:
+                self._accept(s.host, s.port, s.topic, message)
+        for tap in list(self._taps):
+            for subscriber in tap.subscribers:
+                message = subscriber.receive(0)
+                if message is not None and message is not END:
+                    progress = True
+                    tap.callback(message)
+                    message.release()
+        return progress
+
+    def _accept(self, host: Host, port: str, topic: str, message: Any) -> None:
+        """Take over one message (with one pin) or the end of a topic."""
+        if port in host.join.queues:
+            if message is END:
+                host.join.end(port)
+            else:
+                host.join.put(port, message)
+        elif port in host.delayed:
+            if message is not END:
+                host.delayed[port][message.header.stamp_ns] = message
+        elif message is END:
+            host.single_open.discard(topic)
+        else:
+            try:
+                with Inside(self.profile, host.name) as profile:
+                    host.node.receive(topic if host.node.INPUTS[port].topic == "*" else port, message)
+                    profile.updates += 1
+            finally:
+                message.release()
+
+    def _call(self, host: Host) -> bool:
+        """Give a node what is ready for it; True when it was called. Never from within itself."""
+        if host.ended or host.active:
+            return False
+        host.active = True
+        try:
+            return self._step(host) if host.node.SOURCE else self._update(host)
+        finally:
+            host.active = False
+
+    def _update(self, host: Host) -> bool:
+        progress = False
+        while host.join.ready() and host.open():
+            inputs = host.join.take()
+            try:
+                with Inside(self.profile, host.name) as profile:
+                    host.node.update(inputs)
+                    profile.updates += 1
+            finally:
+                for message in inputs.values():
+                    message.release()
+            progress = True
+        if self._over(host) and host.open():
+            self._end(host)
+            progress = True
+        return progress
+
+    def _over(self, host: Host) -> bool:
+        if host.service:
+            return self.stopping and all(h.ended for h in self._hosts.values() if not h.service)
+        return host.inputs_over()
+
+    def _step(self, host: Host) -> bool:
+        if not host.open():
+            return False
+        if self.stopping:
+            self._end(host)
+            return True
+        inputs = self._delayed_inputs(host)
+        if inputs is None or (host.pacer and host.pacer.wait_s(self._stamp(host)) > 0):
+            return False
+        try:
+            with Inside(self.profile, host.name) as profile:
+                alive = host.node.step(inputs)
+                profile.updates += 1
+        finally:
+            for port, message in inputs.items():
+                host.delayed[port].pop(message.header.stamp_ns)
+                message.release()
+        if self.plan.mode == "realtime":
+            self._pace(host)
+        self._telemetry.tick(host)
+        if not alive:
+            self._end(host)
+        return True
+
+    def _delayed_inputs(self, host: Host) -> dict[str, Message] | None:
+        """What closes a loop back to this source, for the stamps that its next step needs; None = not there yet."""
+        inputs: dict[str, Message] = {}
+        for port, stamp in host.node.due().items():
+            waiting = host.delayed.get(port)
+            if waiting is None:
+                continue
+            for old in [s for s in waiting if s < stamp]:
+                waiting.pop(old).release()
+            if stamp not in waiting:
+                return None
+            inputs[port] = waiting[stamp]
+        return inputs
+
+    def _stamp(self, host: Host) -> int:
+        return self.profile.node(host.name).stamp_ns
+
+    def _pace(self, host: Host) -> None:
+        if host.pacer is None:
+            host.pacer = Pacer()
+        late = -host.pacer.wait_s(self._stamp(host))
+        counters = self.profile.node(host.name).counters
+        counters["late_ms_max"] = max(counters["late_ms_max"], round(1e3 * late))
+
+    def _end(self, host: Host) -> None:
+        with Inside(self.profile, host.name):
+            host.node.finish()
+        counters = self.profile.node(host.name).counters
+        if unmatched := host.join.skipped + host.join.drop_rest():
+            counters["unmatched_inputs"] += unmatched
+        host.ended = True
+        for publisher in host.publishers.values():
+            publisher.finish(0)
+        for consumer, port, topic in host.downstream:
+            self._accept(consumer, port, topic, END)
+
+    def _drain(self, commands: Commands | None) -> None:
+        """After the last node: until every consumer has given its credits back (ipc drops what is sent last)."""
+        pending = [p for h in self._hosts.values() for p in h.publishers.values()]
+        while pending := [p for p in pending if not p.finish(0)]:
+            self._housekeeping(commands)
+            with self.profile.inside("idle"):
+                self._poller.poll(IDLE_MS)
+        self._telemetry.periodic(self._hosts, force=True)
+
+    def _wait(self) -> None:
+        timeout = float(IDLE_MS)
+        for host in self._hosts.values():
+            if host.pacer and not host.ended:
+                timeout = min(timeout, max(1e3 * host.pacer.wait_s(self._stamp(host)), 0.0))
+        with self.profile.inside("idle"):
+            self._poller.poll(int(timeout + 0.999))
+
+    def _housekeeping(self, commands: Commands | None) -> None:
+        now = time.monotonic()
+        if now - self._last_idle < IDLE_MS / 2e3:
+            return
+        self._last_idle = now
+        for host in self._hosts.values():
+            if not host.ended and type(host.node).idle is not Node.idle:
+                with Inside(self.profile, host.name):
+                    host.node.idle()
+        self._telemetry.periodic(self._hosts)
+        if commands is not None:
+            commands()
+
+    # -- what nodes call ---------------------------------------------------------------------------------------------
+
+    def wants(self, node: Node, port: str) -> bool:
+        """See Node.wants."""
+        return self._hosts[node.name].wants(port)
+
+    def loan(self, node: Node, port: str, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> dict[str, np.ndarray]:
+        """See Node.loan."""
+        host = self._hosts[node.name]
+        return host.publishers[host.plan.outputs[port]].loan(**arrays)
+
+    def publish(self, node: Node, port: str, message: Message) -> None:
+        """See Node.publish."""
+        host = self._hosts[node.name]
+        topic = host.plan.outputs.get(port)
+        if topic is None:
+            return
+        self.profile.node(node.name).saw(topic, message)
+        with self.profile.inside("bus"):
+            slot = host.publishers[topic].send(message)
+        message._slot = slot  # type: ignore[misc]
+        try:
+            for consumer, consumer_port, consumed in host.downstream:
+                if consumed == topic:
+                    message.keep()
+                    self._accept(consumer, consumer_port, topic, message)
+                    if not consumer.node.SOURCE:
+                        self._call(consumer)
+        finally:
+            if slot is not None:
+                slot.unpin()
+
+    def count(self, node: Node, name: str, amount: float) -> None:
+        """See Node.count."""
+        self.profile.node(node.name).counters[name] += amount  # type: ignore[assignment]
+
+    def diagnose(self, node: Node, level: str, text: str) -> None:
+        """One line to the process's log, and one Diagnostics message."""
+        self._telemetry.say(self._hosts.get(node.name), node.name, level, text)
+
+    def open_tap(self, node: Node, topic: str, callback: Callable[[Message], None]) -> Tap:
+        """Subscribe a running topic, lossily. `callback` runs on this thread; arrays are valid while it runs."""
+        if topic not in SYSTEM_TOPICS and topic not in self.plan.topics:
+            raise ValueError(f"{node.name}: nobody publishes {topic}")
+        subscribers = self._wiring.subscribe(topic, node.name, "tap", tap=True)
+        for subscriber in subscribers:
+            subscriber.start()
+            self._poller.register(subscriber.socket, zmq.POLLIN)
+        tap = Tap(topic, callback, subscribers, self)
+        self._taps.append(tap)
+        return tap
+
+    def close_tap(self, tap: Tap) -> None:
+        """See Tap.close."""
+        if tap in self._taps:
+            self._taps.remove(tap)
+            for subscriber in tap.subscribers:
+                self._poller.unregister(subscriber.socket)
+                subscriber.close()
+
+    def request(self, topic: str) -> None:
+        """Ask the supervisor to start the dormant node that publishes `topic`."""
+        if self._request is not None:
+            self._request(topic)

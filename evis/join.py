@@ -1,0 +1,65 @@
+"""Joining a node's inputs by stamp."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+
+from msgs.header import Message
+
+
+class Join:
+    """Queues of a node's joined inputs; hands out one message per port once all of one stamp are there.
+
+    Messages of one topic come in order. A stamp that some port skipped can never be completed: its messages are
+    released and counted in `skipped`.
+    """
+
+    def __init__(self, ports: Iterable[str]) -> None:
+        self.queues: dict[str, deque[Message]] = {port: deque() for port in ports}
+        self.ended: set[str] = set()
+        self.skipped = 0
+
+    def put(self, port: str, message: Message) -> None:
+        """Add a message, whose pin now belongs to the join."""
+        self.queues[port].append(message)
+
+    def end(self, port: str) -> None:
+        """No more messages will come on this port."""
+        self.ended.add(port)
+
+    @staticmethod
+    def _key(message: Message) -> tuple[int, int]:
+        return message.header.episode, message.header.stamp_ns
+
+    def ready(self) -> bool:
+        """True when `take` has something to give."""
+        if not self.queues:
+            return False
+        while all(self.queues.values()):
+            keys = {port: self._key(queue[0]) for port, queue in self.queues.items()}
+            newest = max(keys.values())
+            if all(key == newest for key in keys.values()):
+                return True
+            for port, key in keys.items():
+                if key < newest:
+                    self.queues[port].popleft().release()
+                    self.skipped += 1
+        return False
+
+    def take(self) -> dict[str, Message]:
+        """One message per port, all of the same episode and stamp."""
+        return {port: queue.popleft() for port, queue in self.queues.items()}
+
+    def over(self) -> bool:
+        """True when nothing more can be completed: some port has ended and its queue is empty."""
+        return any(port in self.ended and not queue for port, queue in self.queues.items())
+
+    def drop_rest(self) -> int:
+        """Release what can no longer be joined; returns how many messages that were."""
+        rest = [m for queue in self.queues.values() for m in queue]
+        for message in rest:
+            message.release()
+        for queue in self.queues.values():
+            queue.clear()
+        return len(rest)

@@ -1,0 +1,99 @@
+"""The resolved graph: what the planner makes of a launch file and the executor and supervisor carry out."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+
+@dataclass
+class Edge:
+    """One consumer of a topic. kind: `lockstep` (declared, never loses), `delayed` (closes a loop) or `tap` (lossy)."""
+
+    node: str
+    port: str
+    kind: str = "lockstep"
+
+
+@dataclass
+class TopicPlan:
+    """One topic of the graph with its publisher and consumers."""
+
+    name: str
+    type: str
+    node: str
+    port: str
+    edges: list[Edge] = field(default_factory=list)
+    latched: bool = False
+
+
+@dataclass
+class NodePlan:
+    """One node: its class by dotted name (`nodes.physics.node:PhysicsNode`), resolved parameters, and wiring.
+
+    inputs: port -> topics (one, but for nodes that take whatever they are told); outputs: port -> topic, without the
+    ports that nobody reads. dormant: not started until a viewer asks for one of its topics; its inputs are taps.
+    """
+
+    name: str
+    target: str
+    params: dict[str, Any]
+    process: str
+    inputs: dict[str, list[str]] = field(default_factory=dict)
+    outputs: dict[str, str] = field(default_factory=dict)
+    respawn: bool = False
+    dormant: bool = False
+
+
+@dataclass
+class LeftOut:
+    """One thing the graph does not need, and why."""
+
+    what: str
+    why: str
+
+
+@dataclass
+class Plan:
+    """A whole graph. `mode`: lockstep, realtime or live. `duration_s` None = until the sources end."""
+
+    name: str
+    run_id: str
+    directory: str
+    """Private directory of the run: sockets, logs, plan.json."""
+    mode: str = "lockstep"
+    seed: int = 0
+    duration_s: float | None = None
+    window: int = 2
+    nodes: dict[str, NodePlan] = field(default_factory=dict)
+    topics: dict[str, TopicPlan] = field(default_factory=dict)
+    left_out: list[LeftOut] = field(default_factory=list)
+    args: dict[str, Any] = field(default_factory=dict)
+    launch_text: str = ""
+    """The launch file with every argument filled in, as YAML; goes into the bag."""
+
+    def processes(self) -> dict[str, list[NodePlan]]:
+        """Process name -> its nodes in data-flow order, dormant ones left out."""
+        result: dict[str, list[NodePlan]] = {}
+        for node in self.nodes.values():
+            if not node.dormant:
+                result.setdefault(node.process, []).append(node)
+        return result
+
+    def save(self, path: Path) -> None:
+        """Write as JSON."""
+        path.write_text(json.dumps(dataclasses.asdict(self), indent=1))
+
+    @staticmethod
+    def load(path: Path) -> Plan:
+        """Read what `save` wrote."""
+        raw = json.loads(path.read_text())
+        nodes = {k: NodePlan(**v) for k, v in raw.pop("nodes").items()}
+        topics = {
+            k: TopicPlan(**{**v, "edges": [Edge(**e) for e in v["edges"]]}) for k, v in raw.pop("topics").items()
+        }
+        left_out = [LeftOut(**v) for v in raw.pop("left_out")]
+        return Plan(nodes=nodes, topics=topics, left_out=left_out, **raw)

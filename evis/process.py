@@ -1,0 +1,82 @@
+"""One process of a running graph: `python -m evis.process PLAN.json PROCESS`, started by the supervisor."""
+
+from __future__ import annotations
+
+import resource
+import signal
+import sys
+import time
+import traceback
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from evis.executor import Executor
+from evis.host import NodeFailed, describe
+from evis.launch.control import ControlClient, control_address
+from evis.launch.death import die_with_parent
+from evis.plan import Plan
+
+BARRIER_S = 120.0
+"""Longest wait for the other processes: their setup may compile kernels for the first time."""
+
+
+def _terminate(signum: int, frame: FrameType | None) -> None:
+    """SIGTERM unwinds, so that nodes close their files."""
+    raise SystemExit(143)
+
+
+def main(argv: list[str]) -> int:
+    """Run the nodes of one process. Exit status 0, 1 after a failure that was reported, 143 when told to end."""
+    plan_path, process = argv
+    die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is the supervisor's to handle, in order
+    signal.signal(signal.SIGTERM, _terminate)
+    plan = Plan.load(Path(plan_path))
+    control = ControlClient(control_address(plan.directory), process)
+    executor = None
+    try:
+        executor = Executor(plan, process, request=control.want)
+        _run(executor, control)
+        return 0
+    except Exception as error:
+        cause = error.__cause__ if isinstance(error, NodeFailed) and error.__cause__ else error
+        traceback.print_exception(cause)
+        node = error.node if isinstance(error, NodeFailed) else process
+        control.failed(node, describe(cause))
+        return 1
+    finally:
+        if executor is not None:
+            executor.close()
+        control.close()
+
+
+def _run(executor: Executor, control: ControlClient) -> None:
+    executor.setup()
+
+    def commands() -> None:
+        for command in control.poll():
+            if "stop" in command:
+                executor.stop()
+        control.heartbeat(executor.progress())
+
+    executor.wait_connected(BARRIER_S, commands)
+    if not executor.stopping:
+        control.ready()
+        if not control.wait_go():
+            executor.stop()
+    before = time.process_time()
+    executor.run(commands)
+    control.done(
+        {"nodes": executor.summary(), "rss_mb": _peak_rss_mb(), "cpu_s": round(time.process_time() - before, 6)}
+    )
+
+
+def _peak_rss_mb() -> float:
+    """Largest resident memory of this process [MB]; ru_maxrss is in kB on Linux, in bytes on macOS."""
+    peak: Any = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return round(peak / (1e6 if sys.platform == "darwin" else 1e3), 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,94 @@
+"""Where a process's time goes, node by node: own time without what it calls downstream, and plain counters."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from msgs.camera import EventPacket, Frames, Keyframe
+from msgs.header import Message
+
+
+@dataclass
+class NodeProfile:
+    """Times [s] and counts of one node."""
+
+    updates: int = 0
+    busy_s: float = 0.0
+    cpu_s: float = 0.0
+    published: Counter[str] = field(default_factory=Counter)
+    events: int = 0
+    keyframes: int = 0
+    frames: int = 0
+    counters: Counter[str] = field(default_factory=Counter)
+    stamp_ns: int = 0
+
+    def saw(self, topic: str, message: Message) -> None:
+        """Count a published message."""
+        self.published[topic] += 1
+        self.stamp_ns = max(self.stamp_ns, message.header.stamp_ns)
+        if isinstance(message, EventPacket):
+            if message.t is not None:
+                self.events += len(message.t)
+            if message.lost:
+                self.counters["lost"] += message.lost
+        elif isinstance(message, Keyframe):
+            self.keyframes += message.radiance.shape[0]
+        elif isinstance(message, Frames):
+            self.frames += len(message.t) * len(message.episodes)
+
+    def summary(self) -> dict[str, Any]:
+        """Plain numbers for the run's summary and /diagnostics."""
+        return {
+            "updates": self.updates,
+            "busy_s": round(self.busy_s, 6),
+            "cpu_s": round(self.cpu_s, 6),
+            "ms_per_update": round(1e3 * self.busy_s / self.updates, 4) if self.updates else 0.0,
+            "events": self.events,
+            "keyframes": self.keyframes,
+            "frames": self.frames,
+            "published": dict(self.published),
+            "counters": {k: _plain(v) for k, v in self.counters.items()},
+        }
+
+
+def _plain(value: Any) -> float | int:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+class Profile:
+    """Exclusive time per owner on one thread: entering an inner owner stops the clock of the outer one."""
+
+    def __init__(self) -> None:
+        self.nodes: dict[str, NodeProfile] = {}
+        self._stack: list[NodeProfile] = []
+        self._since = (0.0, 0.0)
+
+    def node(self, name: str) -> NodeProfile:
+        """The profile of a node (or of `bus` and `idle`), made on first use."""
+        return self.nodes.setdefault(name, NodeProfile())
+
+    def _charge(self) -> None:
+        now = (time.perf_counter(), time.thread_time())
+        if self._stack:
+            self._stack[-1].busy_s += now[0] - self._since[0]
+            self._stack[-1].cpu_s += now[1] - self._since[1]
+        self._since = now
+
+    @contextmanager
+    def inside(self, name: str) -> Iterator[NodeProfile]:
+        """Charge the time within the block to `name`."""
+        profile = self.node(name)
+        self._charge()
+        self._stack.append(profile)
+        try:
+            yield profile
+        finally:
+            self._charge()
+            self._stack.pop()

@@ -1,0 +1,144 @@
+"""A scene as everybody sees it: bodies that move, the instances they carry, materials, lights, cameras.
+
+Units are SI, angles radians, colours linear Rec. 709. A pose is float64 [7]: position [m], quaternion x y z w.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+WORLD = -1
+"""Body index of the static world."""
+
+
+class Trajectory(Protocol):
+    """Prescribed motion in closed form."""
+
+    def pose(self, t_ns: np.ndarray) -> np.ndarray:
+        """Poses float64 [S, 7] at times int64 [S] ns."""
+
+    def twist(self, t_ns: np.ndarray) -> np.ndarray:
+        """Linear and angular velocity float64 [S, 6], world frame."""
+
+    def is_static(self) -> bool:
+        """True when the pose never changes."""
+
+
+@dataclass
+class Body:
+    """Something with a pose. trajectory is None for a body that the physics engine moves."""
+
+    name: str
+    trajectory: Trajectory | None
+
+
+@dataclass
+class Mesh:
+    """Triangles in the body's frame of one instance.
+
+    vertices float32 [V, 3] m; faces int32 [F, 3], counter-clockwise seen from outside; uv float32 [F, 3, 2] per corner
+    or None; normals float32 [F, 3, 3] per corner (smooth shading) or None (flat).
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    uv: np.ndarray | None = None
+    normals: np.ndarray | None = None
+
+
+@dataclass
+class Material:
+    """albedo: linear reflectance [3], multiplied by texture (float32 [h, w, 3], linear, row 0 at v = 1) where there is one.
+
+    emission: radiance [3] in W/(sr m^2), added. roughness and metallic as in glTF, for the later GGX term.
+    two_sided: the back of a triangle is shaded like its front.
+    """
+
+    name: str
+    albedo: np.ndarray
+    texture: np.ndarray | None = None
+    emission: np.ndarray = field(default_factory=lambda: np.zeros(3, np.float32))
+    roughness: float = 1.0
+    metallic: float = 0.0
+    two_sided: bool = False
+
+
+@dataclass
+class Instance:
+    """A mesh with a material, rigid on a body. Its id in the ids image is its index in Scene.instances + 1."""
+
+    name: str
+    body: int
+    mesh: Mesh
+    material: int
+    pose: np.ndarray = field(default_factory=lambda: np.array([0, 0, 0, 0, 0, 0, 1.0]))
+    """Instance to body."""
+
+
+@dataclass
+class Light:
+    """kind `directional`: `colour` is irradiance [W/m^2] on a surface facing it, `vector` the direction light travels.
+
+    kind `point`: `colour` is radiant intensity [W/sr], `vector` the position [m]. body: what it is fixed to.
+    """
+
+    name: str
+    kind: str
+    colour: np.ndarray
+    vector: np.ndarray
+    body: int = WORLD
+    shadows: bool = True
+
+
+@dataclass
+class Camera:
+    """A pinhole camera; its pose is that of the body of the same name (looking along +z, x right, y down)."""
+
+    name: str
+    width: int
+    height: int
+    k: np.ndarray
+    """Intrinsic matrix float64 [3, 3] px; pixel (0, 0) is the centre of the top-left pixel."""
+    near: float = 1e-3
+    """Near plane [m]."""
+
+
+@dataclass
+class Scene:
+    """All of it. bodies[n] is entry n of WorldState; every camera has a body of its name among them."""
+
+    name: str
+    bodies: list[Body]
+    instances: list[Instance]
+    materials: list[Material]
+    lights: list[Light]
+    cameras: list[Camera]
+    environment: np.ndarray
+    """Radiance [3] of the sky, also the ambient light."""
+    mjcf: Path | None = None
+    """The MuJoCo model, for a scene with dynamics."""
+    timestep_ns: int = 1_000_000
+    """Sub-step of /state for prescribed motion [ns]."""
+
+    @property
+    def dynamic(self) -> bool:
+        """True when a physics engine is needed."""
+        return self.mjcf is not None
+
+    def body_index(self, name: str) -> int:
+        """Index of a body by name. Raises KeyError."""
+        for index, body in enumerate(self.bodies):
+            if body.name == name:
+                return index
+        raise KeyError(f"scene {self.name} has no body '{name}'")
+
+    def camera(self, name: str) -> Camera:
+        """A camera by name. Raises KeyError naming those there are."""
+        for camera in self.cameras:
+            if camera.name == name:
+                return camera
+        raise KeyError(f"scene {self.name} has no camera '{name}'; it has {', '.join(c.name for c in self.cameras)}")

@@ -1,0 +1,177 @@
+"""Messages of one camera: what it is, what the renderer gives, what the interpolator and the sensor make of it.
+
+Image arrays lead with E (environments). With an over-render margin, H and W include `margin` pixels on every side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from msgs.fields import array
+from msgs.header import Header, Message
+
+
+@dataclass
+class CameraInfo(Message):
+    """Latched description of a camera. Pixel (0, 0) is the top-left pixel's centre; x right, y down, z forward."""
+
+    header: Header
+    k: np.ndarray = array("float64", "3 3", "intrinsic matrix [px], of the image without margin")
+    distortion: np.ndarray = array("float64", "?", "coefficients of distortion_model, may be empty")
+    name: str = "cam0"
+    width: int = 0
+    height: int = 0
+    margin: int = 0
+    envs: int = 1
+    distortion_model: str = "none"
+    clock: str = "sim"
+    keyframe_rate: float = 0.0
+    upsampling: int = 0
+    instances: list[str] = field(default_factory=list)
+    """Name of each id in Ids; entry 0 is the background."""
+    instance_bodies: list[str] = field(default_factory=list)
+    """Name of the body that each instance moves with; "" for the static world."""
+    sensor: dict[str, Any] = field(default_factory=dict)
+    """Sensor parameters and identity (threshold, preset, serial, firmware, ...)."""
+
+
+@dataclass
+class Keyframe(Message):
+    """Scene-linear radiance at header.stamp_ns, Rec. 709 primaries."""
+
+    header: Header
+    radiance: np.ndarray = array("float32|float16", "E H W 3", "[W/(sr m^2)], linear")
+    episodes: np.ndarray = array("int32", "E", "episode of each environment")
+    margin: int = 0
+
+
+@dataclass
+class Depth(Message):
+    """Distance along the optical axis."""
+
+    header: Header
+    depth: np.ndarray = array("float32", "E H W", "z [m], +inf = sky")
+    margin: int = 0
+
+
+@dataclass
+class Motion(Message):
+    """Backward motion: where the surface point was at the previous keyframe minus where it is now."""
+
+    header: Header
+    motion: np.ndarray = array("float32", "E H W 2", "(dx, dy) [px]")
+    margin: int = 0
+
+
+@dataclass
+class Ids(Message):
+    """Instance seen by each pixel; CameraInfo.instances names them."""
+
+    header: Header
+    ids: np.ndarray = array("int32", "E H W", "0 = background")
+    margin: int = 0
+
+
+@dataclass
+class Normal(Message):
+    """Geometric surface normal in the world frame."""
+
+    header: Header
+    normal: np.ndarray = array("float32", "E H W 3", "unit vector towards the camera, 0 = sky")
+    margin: int = 0
+
+
+@dataclass
+class Frames(Message):
+    """Linear luminance (or RGB) at K times of the gap (previous stamp, header.stamp_ns], margin cropped.
+
+    The first message of an episode has K = 1 and sets the sensor's reference.
+    """
+
+    header: Header
+    t: np.ndarray = array("int64", "K", "[ns], ascending, the last is header.stamp_ns")
+    episodes: np.ndarray = array("int32", "E", "episode of each environment")
+    luminance: np.ndarray | None = array("float32", "E K H W", "linear, Rec. 709", optional=True)
+    rgb: np.ndarray | None = array("float32", "E K H W 3", "linear, for colour events", optional=True)
+    dlog_dt: np.ndarray | None = array("float32", "E K H W", "d ln(luminance)/dt [1/s] where known", optional=True)
+    filled: int = 0
+    """Pixels that no keyframe saw and that were filled from a neighbouring surface."""
+
+
+@dataclass
+class EventPacket(Message):
+    """Events of one interval, decoded arrays or the sensor's own bytes (`encoding` and `raw`), or both.
+
+    Simulated events are sorted by t, then y, x and lie in (t0_ns, header.stamp_ns]; a real sensor's order is kept as it
+    came. `lost` counts events or bytes known to be missing before this packet.
+    """
+
+    header: Header
+    env_offsets: np.ndarray = array("int64", "?", "[E + 1] events of environment e are [offsets[e], offsets[e + 1])")
+    t: np.ndarray | None = array("int64", "n", "[ns]", optional=True)
+    x: np.ndarray | None = array("uint16", "n", "column", optional=True)
+    y: np.ndarray | None = array("uint16", "n", "row", optional=True)
+    p: np.ndarray | None = array("uint8", "n", "1 = ON, 0 = OFF", optional=True)
+    c: np.ndarray | None = array("uint8", "n", "colour channel 0 R, 1 G, 2 B", optional=True)
+    raw: np.ndarray | None = array("uint8", "?", "wire bytes of the sensor", optional=True)
+    width: int = 0
+    height: int = 0
+    t0_ns: int = 0
+    encoding: str = ""
+    """Encoding of `raw` (`evt3`, `evt2`, ...); empty where the packet has none."""
+    lost: int = 0
+
+
+@dataclass
+class Labels(Message):
+    """Ground truth at header.stamp_ns, the stamp of an event packet. Only what was asked for is present."""
+
+    header: Header
+    flow: np.ndarray | None = array("float32", "E H W 2", "forward optical flow [px/s], NaN = unknown", optional=True)
+    depth: np.ndarray | None = array("float32", "E H W", "z [m], +inf = sky", optional=True)
+    segmentation: np.ndarray | None = array("int32", "E H W", "instance ids", optional=True)
+    box: np.ndarray | None = array("float32", "B 4", "x0 y0 x1 y1 [px], visible extent, inclusive", optional=True)
+    box_env: np.ndarray | None = array("int32", "B", "environment of each box", optional=True)
+    box_id: np.ndarray | None = array("int32", "B", "instance id of each box", optional=True)
+    pose: np.ndarray | None = array("float64", "E N 7", "body poses (p, q xyzw), world", optional=True)
+    velocity: np.ndarray | None = array("float64", "E N 6", "body twists (v, omega), world", optional=True)
+    contact_env: np.ndarray | None = array("int32", "M", "environment of each contact", optional=True)
+    contact_body: np.ndarray | None = array("int32", "M 2", "body indices, -1 = world", optional=True)
+    contact_position: np.ndarray | None = array("float64", "M 3", "[m], world", optional=True)
+    contact_force: np.ndarray | None = array("float64", "M 3", "[N] on the second body, world", optional=True)
+    names: list[str] = field(default_factory=list)
+    """Names of the bodies in pose and velocity."""
+
+
+@dataclass
+class Imu(Message):
+    """Inertial samples of a camera, in its own frame."""
+
+    header: Header
+    t: np.ndarray = array("int64", "n", "[ns]")
+    acceleration: np.ndarray = array("float64", "n 3", "[m/s^2], gravity included")
+    angular_velocity: np.ndarray = array("float64", "n 3", "[rad/s]")
+    temperature: np.ndarray | None = array("float64", "n", "[deg C]", optional=True)
+
+
+@dataclass
+class Trigger(Message):
+    """External trigger edges."""
+
+    header: Header
+    t: np.ndarray = array("int64", "n", "[ns]")
+    id: np.ndarray = array("uint8", "n", "channel")
+    value: np.ndarray = array("uint8", "n", "1 = rising, 0 = falling")
+
+
+@dataclass
+class Image(Message):
+    """An image for people, or a real sensor's frame. `encoding` as in sensor_msgs/Image (rgb8, mono8, 32FC1, ...)."""
+
+    header: Header
+    data: np.ndarray = array("uint8|uint16|float32", "H W ?", "channels last, 1 or 3")
+    encoding: str = "rgb8"
+    exposure_ns: int = 0

@@ -1,0 +1,66 @@
+"""The header that every message carries, and the registry of message types."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from msgs.fields import MessageError, array_specs, check_arrays
+
+
+@dataclass(slots=True)
+class Header:
+    """When and whence.
+
+    stamp_ns: physical time the data is about [ns]. seq: counts up by one per topic and publisher; a gap is a loss.
+    clock: the time domain (`sim`, `wall`, `device:<serial>`). episode: goes up at each reset; no node carries state
+    across it.
+    """
+
+    stamp_ns: int
+    seq: int = 0
+    clock: str = "sim"
+    episode: int = 0
+
+
+class Message:
+    """Base of all messages. A subclass is a dataclass whose first field is `header`.
+
+    VERSION goes up whenever the fields change meaning; a mismatch on the wire is an error that names both sides.
+    """
+
+    VERSION: ClassVar[int] = 1
+    TYPES: ClassVar[dict[str, type[Message]]] = {}
+    header: Header
+    _slot: ClassVar[Any] = None
+    """The bus sets this on a received message whose arrays lie in shared memory (`pin()`, `unpin()`)."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        Message.TYPES[cls.__name__] = cls
+
+    def arrays(self) -> dict[str, Any]:
+        """The array fields that are present, in declaration order."""
+        return {n: v for n in array_specs(type(self)) if (v := getattr(self, n)) is not None}
+
+    def scalars(self) -> dict[str, Any]:
+        """All other fields but the header."""
+        names = (f.name for f in dataclasses.fields(self) if "array" not in f.metadata)  # type: ignore[arg-type]
+        return {n: getattr(self, n) for n in names if n != "header"}
+
+    def check(self) -> None:
+        """Raise MessageError unless dtypes and shapes are as declared."""
+        if not isinstance(self.header, Header):
+            raise MessageError(f"{type(self).__name__}.header is {type(self.header).__name__}, not Header")
+        check_arrays(type(self), self.arrays())
+
+    def keep(self) -> None:
+        """Keep the arrays valid after `update` returns, until `release`: the slot they lie in is not written again."""
+        if self._slot is not None:
+            self._slot.pin()
+
+    def release(self) -> None:
+        """Undo one `keep`."""
+        if self._slot is not None:
+            self._slot.unpin()

@@ -1,0 +1,41 @@
+"""The built wheel works without the checkout: installed elsewhere, it runs a graph from its own data files."""
+
+import json
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.timeout(900)
+def test_wheel_runs_elsewhere(tmp_path: Path) -> None:
+    subprocess.run(
+        [sys.executable, "-m", "build", "--wheel", "--outdir", str(tmp_path), str(ROOT)],
+        check=True, capture_output=True, text=True,
+    )
+    (wheel,) = tmp_path.glob("*.whl")
+    home = tmp_path / "elsewhere"
+    venv.create(home, with_pip=True)
+    python = home / "bin" / "python"
+    subprocess.run(
+        [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", str(wheel)],
+        check=True, capture_output=True, text=True,
+    )
+    env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    result = subprocess.run(
+        [str(home / "bin" / "evis"), "launch", "spinning_disk", "--duration", "0.1", "--no-view", "--json"],
+        cwd=home, env=env, capture_output=True, text=True, timeout=300,
+    )
+    assert result.returncode == 0, result.stderr
+    summary = json.loads(result.stdout.strip().splitlines()[-1])
+    assert summary["events"] > 0
+    assert summary["keyframes"] == 4  # 0, 33.3, 66.7 and 100 ms
+    where = subprocess.run(
+        [str(python), "-c", "import evis; print(evis.__file__)"], cwd=home, env=env, capture_output=True, text=True
+    )
+    assert str(home) in where.stdout

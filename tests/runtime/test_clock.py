@@ -1,0 +1,33 @@
+"""Stamps against exact rational arithmetic."""
+
+from fractions import Fraction
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from evis.clock import keyframe_count, keyframe_stamp, subframe_stamps
+
+
+@given(st.integers(0, 10**12), st.integers(1, 10**5))
+def test_keyframe_stamp_is_the_rounded_fraction(k: int, rate: int) -> None:
+    assert abs(Fraction(k * 10**9, rate) - keyframe_stamp(k, rate)) <= Fraction(1, 2)
+
+
+def test_keyframe_stamp_after_ten_hours_has_no_drift() -> None:
+    assert keyframe_stamp(30 * 36_000, 30.0) == 36_000 * 10**9
+    assert keyframe_stamp(2997 * 36, 29.97) == 3600 * 10**9
+
+
+@given(st.integers(0, 10**11), st.integers(1, 2000))
+def test_keyframe_count(duration: int, rate: int) -> None:
+    n = keyframe_count(duration, rate)
+    assert keyframe_stamp(n - 1, rate) <= duration < keyframe_stamp(n, rate)
+
+
+@given(st.integers(0, 10**15), st.integers(0, 10**9), st.integers(1, 1000))
+def test_subframes_end_on_b_and_are_rounded_exactly(t_a: int, gap: int, k: int) -> None:
+    t = subframe_stamps(t_a, t_a + gap, k)
+    assert t.dtype == np.int64 and t[-1] == t_a + gap
+    for i in (1, (k + 1) // 2, k):
+        assert abs(Fraction(t_a * k + i * gap, k) - int(t[i - 1])) <= Fraction(1, 2)

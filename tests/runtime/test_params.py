@@ -1,0 +1,67 @@
+"""Typed parameters: what is taken, what is refused, and that the refusal names owner, key and remedy."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from evis.params import Param, ParamError, resolve
+
+DECLARED = {
+    "threshold": Param(float, 0.2, "contrast threshold", minimum=0.01, maximum=5.0),
+    "upsampling": Param(int, 8, "sub-frames per gap", minimum=1),
+    "method": Param(str, "splat", "interpolator", choices=("splat", "rigid", "none")),
+    "shadows": Param(bool, True, "cast shadows"),
+    "topics": Param(list, [], "globs"),
+    "serial": Param(str, None, "device", optional=True),
+}
+
+
+@pytest.mark.parametrize(
+    ("given_", "key", "expected"),
+    [
+        ({"threshold": "0.15"}, "threshold", 0.15),
+        ({"threshold": 1}, "threshold", 1.0),
+        ({"upsampling": "16"}, "upsampling", 16),
+        ({"upsampling": 16.0}, "upsampling", 16),
+        ({"upsampling": str(2**60 + 1)}, "upsampling", 2**60 + 1),
+        ({"shadows": "off"}, "shadows", False),
+        ({"topics": "/a/*, /b"}, "topics", ["/a/*", "/b"]),
+        ({"serial": None}, "serial", None),
+        ({}, "method", "splat"),
+    ],
+)
+def test_taken(given_: dict, key: str, expected: object) -> None:
+    value = resolve("node", DECLARED, given_)[key]
+    assert value == expected and type(value) is type(expected)
+
+
+@pytest.mark.parametrize(
+    ("given_", "words"),
+    [
+        ({"treshold": 0.2}, ["sensor", "treshold", "did you mean 'threshold'"]),
+        ({"threshold": "high"}, ["sensor", "threshold", "must be a number"]),
+        ({"threshold": math.nan}, ["threshold", "finite"]),
+        ({"threshold": True}, ["threshold", "must be a number"]),
+        ({"threshold": 9}, ["threshold", "the most is 5"]),
+        ({"upsampling": 0}, ["upsampling", "the least is 1"]),
+        ({"upsampling": 2.5}, ["upsampling", "whole number"]),
+        ({"upsampling": "1e400"}, ["upsampling", "whole number"]),
+        ({"method": "splatt"}, ["method", "did you mean 'splat'"]),
+        ({"shadows": "maybe"}, ["shadows", "true or false"]),
+        ({"topics": 3}, ["topics", "a list"]),
+    ],
+)
+def test_refused(given_: dict, words: list[str]) -> None:
+    with pytest.raises(ParamError) as error:
+        resolve("sensor", DECLARED, given_)
+    assert all(word in str(error.value) for word in words), str(error.value)
+
+
+@given(st.sampled_from(sorted(DECLARED)), st.one_of(st.none(), st.text(), st.floats(), st.lists(st.integers())))
+def test_nothing_but_a_param_error(key: str, value: object) -> None:
+    try:
+        resolve("node", DECLARED, {key: value})
+    except ParamError:
+        pass
