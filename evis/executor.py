@@ -107,7 +107,7 @@ class Executor:
         """Until every node has ended. `commands` is called at least every IDLE_MS (heartbeat, stop requests)."""
         self._telemetry.start_clock()
         try:
-            while not all(h.ended for h in self._hosts.values()):
+            while not self._finished():
                 with self.profile.inside("bus"):
                     for publisher in self._publishers:
                         publisher.pump()
@@ -120,6 +120,11 @@ class Executor:
             self._drain(commands)
         finally:
             self._close_nodes()
+
+    def _finished(self) -> bool:
+        return all(h.ended for h in self._hosts.values()) and all(
+            s.ended for s in self._subscriptions if s.declared
+        )
 
     def stop(self) -> None:
         """End the sources and services of this process; what they sent still flows through."""
@@ -167,7 +172,7 @@ class Executor:
     def _receive(self) -> bool:
         progress = False
         for s in self._subscriptions:
-            if s.port not in s.host.join.queues and s.port not in s.host.delayed and not s.host.open():
+            if s.ended or not self._takes(s.host, s.port):
                 continue
             with self.profile.inside("bus"):
                 message = s.subscriber.receive(0)
@@ -175,6 +180,7 @@ class Executor:
                     s.subscriber.raise_if_publisher_lost()
                     continue
             progress = True
+            s.ended = s.declared and message is END
             if message is not END or s.declared:
                 self._accept(s.host, s.port, s.topic, message)
         for tap in list(self._taps):
@@ -186,9 +192,16 @@ class Executor:
                     message.release()
         return progress
 
+    @staticmethod
+    def _takes(host: Host, port: str) -> bool:
+        """Queues take whatever comes, the window bounds it; a call needs credit downstream."""
+        return host.ended or port in host.join.queues or port in host.delayed or host.open()
+
     def _accept(self, host: Host, port: str, topic: str, message: Any) -> None:
         """Take over one message (with one pin) or the end of a topic."""
-        if port in host.join.queues:
+        if host.ended and message is not END:
+            message.release()
+        elif port in host.join.queues:
             if message is END:
                 host.join.end(port)
             else:

@@ -123,6 +123,8 @@ class Subscription:
     port: str
     topic: str
     declared: bool
+    ended: bool = False
+    """A declared topic is read to its end even when the node needs no more: its publisher waits for that."""
 
 
 class Wiring:

@@ -46,6 +46,8 @@ class NodePlan:
     outputs: dict[str, str] = field(default_factory=dict)
     respawn: bool = False
     dormant: bool = False
+    keep: list[str] = field(default_factory=list)
+    """Output ports that are made even when nobody reads them: what the graph was started for."""
 
 
 @dataclass

@@ -28,14 +28,21 @@ class NodeProfile:
     frames: int = 0
     counters: Counter[str] = field(default_factory=Counter)
     stamp_ns: int = 0
+    first_stamp_ns: int | None = None
+    first_event_at: float = 0.0
+    """time.monotonic() when the first packet with an event left; 0 = not yet."""
 
     def saw(self, topic: str, message: Message) -> None:
         """Count a published message."""
         self.published[topic] += 1
         self.stamp_ns = max(self.stamp_ns, message.header.stamp_ns)
+        if self.first_stamp_ns is None:
+            self.first_stamp_ns = message.header.stamp_ns
         if isinstance(message, EventPacket):
             if message.t is not None:
                 self.events += len(message.t)
+                if self.events and not self.first_event_at:
+                    self.first_event_at = time.monotonic()
             if message.lost:
                 self.counters["lost"] += message.lost
         elif isinstance(message, Keyframe):
@@ -53,6 +60,9 @@ class NodeProfile:
             "events": self.events,
             "keyframes": self.keyframes,
             "frames": self.frames,
+            "stamp_ns": self.stamp_ns,
+            "first_stamp_ns": self.first_stamp_ns,
+            "first_event_at": self.first_event_at,
             "published": dict(self.published),
             "counters": {k: _plain(v) for k, v in self.counters.items()},
         }

@@ -8,15 +8,15 @@ pickled and nothing is evaluated; a hostile header costs at most MAX_HEADER byte
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import msgpack
 import numpy as np
 
 import msgs.topics as _all_types  # fills the registry of message types
-from msgs.fields import MessageError, array_specs, check_arrays, dtype_name
+from msgs.fields import MessageError, TypeMismatch, array_specs, check_arrays, dtype_name, plain_fields
 from msgs.header import Header, Message
 
 assert _all_types
@@ -42,29 +42,43 @@ class WireHeader:
 def contiguous(value: Any) -> np.ndarray:
     """A C-contiguous numpy view of a numpy or Warp array, copied only where it must be."""
     array = value if isinstance(value, np.ndarray) else value.numpy()
-    return np.ascontiguousarray(array) if array.ndim else array
+    return array if array.flags.c_contiguous else np.ascontiguousarray(array)
 
 
-def encode_header(message: Message, extra: dict[str, Any] | None = None) -> bytes:
-    """The msgpack header of a message. Raises MessageError when the message is not as its type declares."""
-    message.check()
+def contents(message: Message) -> dict[str, np.ndarray]:
+    """The arrays of a message as they go on the wire, checked against its type. Raises MessageError."""
+    if not isinstance(message.header, Header):
+        raise MessageError(f"{type(message).__name__}.header is {type(message.header).__name__}, not Header")
+    arrays = {name: contiguous(value) for name, value in message.arrays().items()}
+    check_arrays(type(message), arrays)
+    return arrays
+
+
+def pack_header(message: Message, arrays: Mapping[str, np.ndarray], extra: dict[str, Any] | None = None) -> bytes:
+    """The msgpack header of a message with these `contents`. Raises MessageError."""
     h = message.header
+    name = type(message).__name__
     body = {
-        "type": type(message).__name__,
+        "type": name,
         "version": message.VERSION,
         "header": [int(h.stamp_ns), int(h.seq), h.clock, int(h.episode)],
         "scalars": message.scalars(),
-        "arrays": [[n, dtype_name(a), list(a.shape)] for n, a in message.arrays().items()],
+        "arrays": [[n, dtype_name(a), a.shape] for n, a in arrays.items()],
     }
     if extra:
         body["extra"] = extra
     try:
-        packed = msgpack.packb(body, use_bin_type=True, default=_plain)
+        packed = msgpack.packb(body, default=_plain)
     except (TypeError, ValueError, OverflowError) as error:
-        raise MessageError(f"{body['type']} cannot be packed: {error}") from None
+        raise MessageError(f"{name} cannot be packed: {error}") from None
     if len(packed) > MAX_HEADER:
-        raise MessageError(f"{body['type']} has a header of {len(packed)} bytes, the limit is {MAX_HEADER}")
+        raise MessageError(f"{name} has a header of {len(packed)} bytes, the limit is {MAX_HEADER}")
     return packed
+
+
+def encode_header(message: Message, extra: dict[str, Any] | None = None) -> bytes:
+    """The msgpack header of a message. Raises MessageError when the message is not as its type declares."""
+    return pack_header(message, contents(message), extra)
 
 
 def _plain(value: Any) -> Any:
@@ -74,34 +88,36 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} is not a plain value")
 
 
+def raw(array: np.ndarray) -> Buffer:
+    """The bytes of a contiguous array, in place."""
+    return array.reshape(-1).view(np.uint8).data if array.size else b""
+
+
 def encode(message: Message) -> list[Buffer]:
     """All frames of a message with its arrays inline."""
-    return [encode_header(message), *(memoryview(contiguous(a)).cast("B") if a.size else b"" for a in _arrays(message))]
-
-
-def _arrays(message: Message) -> list[np.ndarray]:
-    return [contiguous(a) for a in message.arrays().values()]
+    arrays = contents(message)
+    return [pack_header(message, arrays), *map(raw, arrays.values())]
 
 
 def decode_header(frame: Buffer, expected: type[Message] | None = None) -> WireHeader:
-    """Unpack and check a header. `expected`: the type that the topic carries. Raises MessageError."""
+    """Unpack and check a header. `expected`: the type that the topic carries. Raises MessageError, TypeMismatch."""
     if len(frame) > MAX_HEADER:
         raise MessageError(f"header of {len(frame)} bytes, the limit is {MAX_HEADER}")
     try:
-        body = msgpack.unpackb(frame, raw=False, strict_map_key=True)
+        body = msgpack.unpackb(frame)
     except Exception as error:  # msgpack raises several unrelated types on hostile input
         raise MessageError(f"header is not msgpack: {type(error).__name__}: {error}") from None
     if not isinstance(body, dict):
         raise MessageError(f"header is {type(body).__name__}, not a map")
     name = body.get("type")
     message_type = Message.TYPES.get(name) if isinstance(name, str) else None
-    if message_type is None:
-        raise MessageError(f"unknown message type {name!r}; this side knows {', '.join(sorted(Message.TYPES))}")
+    if message_type is None or not isinstance(name, str):
+        raise MessageError(f"unknown message type {name!r:.80}; this side knows {', '.join(sorted(Message.TYPES))}")
     if expected is not None and message_type is not expected:
-        raise MessageError(f"the sender publishes {name}, this side expects {expected.__name__}")
+        raise TypeMismatch(f"the sender publishes {name}, this side expects {expected.__name__}")
     if body.get("version") != message_type.VERSION:
-        raise MessageError(
-            f"the sender's {name} is version {body.get('version')!r}, this side's is {message_type.VERSION}: "
+        raise TypeMismatch(
+            f"the sender's {name} is version {body.get('version')!r:.80}, this side's is {message_type.VERSION}: "
             "run the same release on both sides"
         )
     extra = body.get("extra", {})
@@ -110,7 +126,7 @@ def decode_header(frame: Buffer, expected: type[Message] | None = None) -> WireH
     return WireHeader(
         message_type, _header(name, body.get("header")), _scalars(message_type, body.get("scalars")),
         [_descriptor(message_type, d) for d in _list(name, "arrays", body.get("arrays"))], extra,
-    )
+    )  # fmt: skip
 
 
 def _list(name: str, key: str, value: Any) -> list[Any]:
@@ -120,8 +136,7 @@ def _list(name: str, key: str, value: Any) -> list[Any]:
 
 
 def _header(name: str, value: Any) -> Header:
-    kinds = (int, int, str, int)
-    if not isinstance(value, list) or len(value) != 4 or any(type(v) is not k for v, k in zip(value, kinds)):
+    if not isinstance(value, list) or [type(v) for v in value] != [int, int, str, int]:
         raise MessageError(f"{name}: header is {value!r:.80}, not [stamp_ns, seq, clock, episode]")
     if not -(1 << 63) <= value[0] < 1 << 63:
         raise MessageError(f"{name}: stamp {value[0]} ns is not an int64")
@@ -131,40 +146,49 @@ def _header(name: str, value: Any) -> Header:
 _KINDS: dict[str, tuple[type, ...]] = {
     "int": (int,), "float": (float, int), "str": (str,), "bool": (bool,),
     "list[str]": (list,), "dict[str, Any]": (dict,),
-}
+}  # fmt: skip
+_PLAIN = (type(None), bool, int, float, str, bytes)
 
 
 def _scalars(message_type: type[Message], value: Any) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise MessageError(f"{message_type.__name__}: scalars is {type(value).__name__}, not a map")
-    declared = {f.name: str(f.type) for f in fields(message_type) if "array" not in f.metadata}  # type: ignore[arg-type]
+    declared = plain_fields(message_type)
     for key, item in value.items():
-        kinds = _KINDS.get(declared.get(key, ""))
-        if kinds is None or key == "header":
+        kind = declared.get(key)
+        if kind is None:
             raise MessageError(f"{message_type.__name__} has no field {key!r:.80}")
-        if not isinstance(item, kinds) or (isinstance(item, bool) and bool not in kinds):
-            raise MessageError(f"{message_type.__name__}.{key} is {type(item).__name__}, declared {declared[key]}")
-        if declared[key] == "list[str]" and not all(isinstance(s, str) for s in item):
+        if type(item) not in _KINDS[kind]:
+            raise MessageError(f"{message_type.__name__}.{key} is {type(item).__name__}, declared {kind}")
+        if kind == "list[str]" and not all(type(s) is str for s in item):
             raise MessageError(f"{message_type.__name__}.{key} holds something that is not a string")
+        if kind == "dict[str, Any]" and not _is_plain(item):
+            raise MessageError(f"{message_type.__name__}.{key} holds something that is not a plain value")
     return value
 
 
+def _is_plain(value: Any) -> bool:
+    """Numbers, text, bytes, lists, and maps by text; not msgpack's extension types. Its nesting limit bounds ours."""
+    if type(value) is dict:
+        return all(type(k) is str and _is_plain(v) for k, v in value.items())
+    return all(map(_is_plain, value)) if type(value) is list else type(value) in _PLAIN
+
+
 def _descriptor(message_type: type[Message], value: Any) -> tuple[str, np.dtype, tuple[int, ...]]:
-    name = message_type.__name__
-    if not isinstance(value, list) or len(value) != 3:
-        raise MessageError(f"{name}: array descriptor {value!r:.80} is not [name, dtype, shape]")
+    if type(value) is not list or len(value) != 3:
+        raise MessageError(f"{message_type.__name__}: array descriptor {value!r:.80} is not [name, dtype, shape]")
     field, dtype, shape = value
-    spec = array_specs(message_type).get(field) if isinstance(field, str) else None
+    spec = array_specs(message_type).get(field) if type(field) is str else None
     if spec is None:
-        raise MessageError(f"{name} has no array {field!r:.80}")
-    if dtype not in spec.dtypes:
-        raise MessageError(f"{name}.{field} has dtype {dtype!r:.40}, declared {' or '.join(spec.dtypes)}")
-    if (
-        not isinstance(shape, list)
-        or len(shape) > MAX_DIMS
-        or any(type(s) is not int or s < 0 or s >= 1 << 48 for s in shape)
-    ):
-        raise MessageError(f"{name}.{field} has shape {shape!r:.80}")
+        raise MessageError(f"{message_type.__name__} has no array {field!r:.80}")
+    where = f"{message_type.__name__}.{field}"
+    if type(dtype) is not str or dtype not in spec.dtypes:
+        raise MessageError(f"{where} has dtype {dtype!r:.40}, declared {' or '.join(spec.dtypes)}")
+    if type(shape) is not list or len(shape) > MAX_DIMS:
+        raise MessageError(f"{where} has shape {shape!r:.80}")
+    for length in shape:
+        if type(length) is not int or not 0 <= length < 1 << 48:
+            raise MessageError(f"{where} has shape {shape!r:.80}")
     return field, np.dtype(dtype), tuple(shape)
 
 
@@ -186,9 +210,16 @@ def attach(wire: WireHeader, buffers: Sequence[Buffer]) -> Message:
             raise MessageError(f"{name}.{field} comes twice")
         if size != nbytes(descriptor):
             raise MessageError(f"{name}.{field}: {size} bytes came, {dtype.name} {shape} takes {nbytes(descriptor)}")
-        arrays[field] = np.frombuffer(buffer, dtype).reshape(shape) if size else np.empty(shape, dtype)
+        arrays[field] = np.ndarray(shape, dtype, buffer) if size else _empty(name, field, shape, dtype)
     check_arrays(wire.message_type, arrays)
     return wire.message_type(wire.header, **arrays, **wire.scalars)  # type: ignore[call-arg]
+
+
+def _empty(name: str, field: str, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+    try:
+        return np.empty(shape, dtype)
+    except ValueError as error:  # some other axis is absurdly long
+        raise MessageError(f"{name}.{field} has shape {shape}: {error}") from None
 
 
 def decode(frames: Sequence[Buffer], expected: type[Message] | None = None) -> Message:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,11 @@ class ArraySpec:
     optional: bool
     doc: str
 
+    @cached_property
+    def accepted(self) -> frozenset[np.dtype]:
+        """`dtypes` as numpy has them, in this machine's byte order."""
+        return frozenset(np.dtype(name) for name in self.dtypes)
+
 
 def array(dtypes: str, dims: str, doc: str = "", *, optional: bool = False) -> Any:
     """Declare an array field: `array("float32|float16", "E H W 3", "radiance")`. Optional fields default to None."""
@@ -36,13 +42,34 @@ def array(dtypes: str, dims: str, doc: str = "", *, optional: bool = False) -> A
     return dataclasses.field(metadata={"array": spec})
 
 
+_specs: dict[type, dict[str, ArraySpec]] = {}
+_plain: dict[type, dict[str, str]] = {}
+
+
 def array_specs(message_type: type) -> dict[str, ArraySpec]:
-    """The array fields of a message class, in declaration order."""
-    return {f.name: f.metadata["array"] for f in dataclasses.fields(message_type) if "array" in f.metadata}
+    """The array fields of a message class, in declaration order. The dict is shared: do not change it."""
+    specs = _specs.get(message_type)
+    if specs is None:
+        fields = dataclasses.fields(message_type)
+        specs = _specs[message_type] = {f.name: f.metadata["array"] for f in fields if "array" in f.metadata}
+    return specs
+
+
+def plain_fields(message_type: type) -> dict[str, str]:
+    """The other fields of a message class but `header`, in declaration order: name -> annotation. Do not change it."""
+    plain = _plain.get(message_type)
+    if plain is None:
+        others = (f for f in dataclasses.fields(message_type) if "array" not in f.metadata and f.name != "header")
+        plain = _plain[message_type] = {f.name: str(f.type) for f in others}
+    return plain
 
 
 class MessageError(ValueError):
     """A message that is not what its type declares. The text names the type, the field and both sides."""
+
+
+class TypeMismatch(MessageError):
+    """A message of another type, or another version of it, than this side expects."""
 
 
 def check_arrays(message_type: type, arrays: dict[str, Any]) -> None:
@@ -54,17 +81,15 @@ def check_arrays(message_type: type, arrays: dict[str, Any]) -> None:
     lengths: dict[str, tuple[int, str]] = {}
     for name, spec in array_specs(message_type).items():
         value = arrays.get(name)
-        where = f"{message_type.__name__}.{name}"
         if value is None:
             if spec.optional:
                 continue
-            raise MessageError(f"{where} is missing")
-        dtype = dtype_name(value)
-        if dtype not in spec.dtypes:
-            raise MessageError(f"{where} has dtype {dtype}, declared {' or '.join(spec.dtypes)}")
-        shape = tuple(value.shape)
+            raise MessageError(f"{_where(message_type, name)} is missing")
+        if value.dtype not in spec.accepted and (dtype := dtype_name(value)) not in spec.dtypes:
+            raise MessageError(f"{_where(message_type, name)} has dtype {dtype}, declared {' or '.join(spec.dtypes)}")
+        shape = value.shape
         if len(shape) != len(spec.dims):
-            raise MessageError(f"{where} has shape {shape}, declared [{' '.join(map(str, spec.dims))}]")
+            raise _shape_error(message_type, name, shape)
         for length, dim in zip(shape, spec.dims):
             if dim == "?":
                 continue
@@ -73,15 +98,31 @@ def check_arrays(message_type: type, arrays: dict[str, Any]) -> None:
             else:
                 expected, whence = lengths.setdefault(dim, (length, name))
             if length != expected:
-                raise MessageError(
-                    f"{where} has shape {shape}, declared [{' '.join(map(str, spec.dims))}] "
-                    f"with {dim} = {expected} ({whence})"
-                )
+                raise _shape_error(message_type, name, shape, f" with {dim} = {expected} ({whence})")
+
+
+def _where(message_type: type, name: str) -> str:
+    return f"{message_type.__name__}.{name}"
+
+
+def _shape_error(message_type: type, name: str, shape: tuple[int, ...], why: str = "") -> MessageError:
+    declared = " ".join(map(str, array_specs(message_type)[name].dims))
+    return MessageError(f"{_where(message_type, name)} has shape {tuple(shape)}, declared [{declared}]{why}")
 
 
 def dtype_name(value: Any) -> str:
-    """numpy dtype name of a numpy or Warp array (`float32`); a Warp vector array counts as its scalar."""
+    """numpy dtype name of a numpy or Warp array (`float32`); a Warp vector array counts as its scalar.
+
+    A foreign byte order is part of the name (`>f4`): the wire has this machine's.
+    """
     dtype = value.dtype
-    if isinstance(dtype, np.dtype):
-        return dtype.name
-    return np.dtype(value.__array_interface__["typestr"]).name if hasattr(value, "__array_interface__") else str(dtype)
+    if not isinstance(dtype, np.dtype):
+        if not hasattr(value, "__array_interface__"):
+            return str(dtype)
+        dtype = np.dtype(value.__array_interface__["typestr"])
+    return _name(dtype)
+
+
+@cache
+def _name(dtype: np.dtype) -> str:
+    return dtype.name if dtype.isnative else dtype.str

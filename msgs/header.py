@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from msgs.fields import MessageError, array_specs, check_arrays
+from msgs.fields import MessageError, array_specs, check_arrays, plain_fields
 
 
 @dataclass(slots=True)
@@ -46,8 +45,7 @@ class Message:
 
     def scalars(self) -> dict[str, Any]:
         """All other fields but the header."""
-        names = (f.name for f in dataclasses.fields(self) if "array" not in f.metadata)  # type: ignore[arg-type]
-        return {n: getattr(self, n) for n in names if n != "header"}
+        return {n: getattr(self, n) for n in plain_fields(type(self))}
 
     def check(self) -> None:
         """Raise MessageError unless dtypes and shapes are as declared."""

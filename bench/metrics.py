@@ -1,0 +1,99 @@
+"""How far one event stream is from another: counts, spike trains, event frames.
+
+Streams are (t int64 ns, x, y, p) arrays, sorted by t. All errors are 0 for equal streams.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Events of one sensor: t int64 [n] ns, x and y uint16 [n], p uint8 [n] (1 = ON)."""
+
+    t: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    p: np.ndarray
+    width: int
+    height: int
+
+    def trains(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times grouped by pixel and polarity, and offsets int64 [2 H W + 1] of the groups ((y W + x) 2 + p)."""
+        group = (self.y.astype(np.int64) * self.width + self.x) * 2 + self.p
+        order = np.lexsort((self.t, group))
+        counts = np.bincount(group, minlength=2 * self.width * self.height)
+        return self.t[order], np.concatenate([[0], np.cumsum(counts)])
+
+
+def count_error(test: Stream, reference: Stream) -> float:
+    """Sum over pixels and polarities of |n_test - n_ref|, over the number of reference events."""
+    a, b = np.diff(test.trains()[1]), np.diff(reference.trains()[1])
+    return float(np.abs(a - b).sum() / max(len(reference.t), 1))
+
+
+def victor_purpura(test: Stream, reference: Stream, q_per_ms: float) -> float:
+    """Victor-Purpura distance summed over pixels and polarities, over the number of events of both; 0 ... 1.
+
+    Edit distance between spike trains: an insertion or deletion costs 1, a shift q |dt| (Victor and Purpura, "Nature and
+    precision of temporal coding in visual cortex", 1996).
+    """
+    import warp as wp
+
+    from bench.kernels import victor_purpura_kernel
+
+    (ta, offsets_a), (tb, offsets_b) = test.trains(), reference.trains()
+    total = len(ta) + len(tb)
+    if not total:
+        return 0.0
+    groups = len(offsets_a) - 1
+    distance = wp.zeros(groups, dtype=wp.float64, device="cpu")
+    row = wp.zeros(len(tb) + groups, dtype=wp.float64, device="cpu")
+    arrays = [wp.array(np.ascontiguousarray(a), dtype=wp.int64, device="cpu") for a in (ta, offsets_a, tb, offsets_b)]
+    wp.launch(victor_purpura_kernel, dim=groups, inputs=[*arrays, q_per_ms * 1e-6, row], outputs=[distance], device="cpu")
+    return float(distance.numpy().sum() / total)
+
+
+def event_frame_error(test: Stream, reference: Stream, bin_ns: int = 1_000_000) -> float:
+    """Norm of the difference of signed event frames of bin_ns, over the norm of the reference's."""
+    start = min((s.t[0] for s in (test, reference) if len(s.t)), default=0)
+    a, b = (_frames(s, int(start), bin_ns) for s in (test, reference))
+    keys = np.union1d(a[0], b[0])
+    values = [np.zeros(len(keys)) for _ in range(2)]
+    for value, (k, v) in zip(values, (a, b)):
+        value[np.searchsorted(keys, k)] = v
+    norm = float(np.linalg.norm(values[1]))
+    return float(np.linalg.norm(values[0] - values[1])) / norm if norm else float(np.linalg.norm(values[0]) > 0)
+
+
+def _frames(s: Stream, start: int, bin_ns: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sparse signed event frames: cell keys and sums."""
+    cell = ((s.t - start) // bin_ns * s.height + s.y) * s.width + s.x
+    keys, inverse = np.unique(cell, return_inverse=True)
+    return keys, np.bincount(inverse, np.where(s.p, 1.0, -1.0), minlength=len(keys))
+
+
+def time_error(test: Stream, reference: Stream) -> tuple[float, float]:
+    """Median and 90 % quantile of the time from a reference event to the nearest of its pixel and polarity [us].
+
+    Reference events whose pixel has none in the test stream do not count here; count_error shows them.
+    """
+    (ta, offsets_a), (tb, offsets_b) = test.trains(), reference.trains()
+    group_b = np.repeat(np.arange(len(offsets_b) - 1), np.diff(offsets_b))
+    low, high = offsets_a[group_b], offsets_a[group_b + 1]
+    some = high > low
+    group_b, tb, low, high = group_b[some], tb[some], low[some], high[some]
+    if not len(tb):
+        return 0.0, 0.0
+    # One sorted axis for all groups: a group's times are shifted beyond those of the group before.
+    start = min(ta.min(), tb.min())
+    span = max(ta.max(), tb.max()) - start + 1
+    group_a = np.repeat(np.arange(len(offsets_a) - 1), np.diff(offsets_a))
+    at = np.searchsorted((ta - start) + group_a * span, (tb - start) + group_b * span)
+    after = np.abs(ta[np.minimum(at, high - 1)] - tb)
+    before = np.abs(ta[np.maximum(at - 1, low)] - tb)
+    error = np.minimum(after, before) / 1e3
+    return float(np.quantile(error, 0.5)), float(np.quantile(error, 0.9))

@@ -1,0 +1,43 @@
+"""`evis bench`: error against run time, stability, throughput."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+
+HELP = "measure, and write the report that the README's figures come from"
+EXAMPLE = "example: evis bench graph --quick --out report"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    from bench.report import SUBJECTS
+
+    parser.epilog = EXAMPLE + "\n\nsubjects:\n" + "\n".join(f"  {k:22}{v}" for k, v in SUBJECTS.items())
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("what", nargs="*", metavar="WHAT", choices=[*SUBJECTS, []], help="subjects; all when none is named")
+    parser.add_argument("--quick", action="store_true", help="shorter runs: minutes instead of half an hour")
+    parser.add_argument("--out", default="report", metavar="DIR", help="where report.json and index.html go")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure and write; exit status 1 when a subject failed."""
+    from pathlib import Path
+
+    from bench.report import SUBJECTS
+    from bench.report import run as measure
+
+    def say(text: str) -> None:
+        if sys.stderr.isatty():
+            print(text, file=sys.stderr)
+
+    report = measure(args.what or list(SUBJECTS), Path(args.out), args.quick, say)
+    if args.json:
+        print(json.dumps(report, default=str))
+    else:
+        print(f"report: {Path(args.out) / 'index.html'}")
+    for failure in report["failures"]:
+        print(f"evis bench: {failure['subject']} failed: {failure['error']}", file=sys.stderr)
+    return 1 if report["failures"] else 0

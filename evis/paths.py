@@ -1,0 +1,55 @@
+"""Where launch files and scenes lie: at the top of a checkout, inside the package when installed from a wheel."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def data_folder(kind: str) -> Path:
+    """The folder `launch` or `scenes`. Raises FileNotFoundError when the installation lacks it."""
+    for folder in (_PACKAGE.parent / kind, _PACKAGE / "data" / kind):
+        if any(folder.glob("*.yaml")):
+            return folder
+    raise FileNotFoundError(f"this installation has no {kind}/ folder; install evis again")
+
+
+def names(kind: str) -> list[str]:
+    """Names of the launch files or scenes that come with evis, without .yaml."""
+    try:
+        return sorted(path.stem for path in data_folder(kind).glob("*.yaml"))
+    except FileNotFoundError:
+        return []
+
+
+def find(kind: str, name: str) -> Path | None:
+    """The file of a launch file or scene by path or by name; None when there is none."""
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml") or "/" in name:
+        if path.is_file():
+            return path
+    try:
+        path = data_folder(kind) / f"{name.removesuffix('.yaml')}.yaml"
+    except FileNotFoundError:
+        return None
+    return path if "/" not in name and path.is_file() else None
+
+
+def find_launch(name: str) -> tuple[Path, dict[str, str]]:
+    """The launch file for what stands after `evis launch`, and the arguments that go with it.
+
+    name: a path, the name of a launch file, or that of a scene (then simulator.yaml with scene:=NAME). Raises
+    FileNotFoundError naming the nearest one.
+    """
+    path = find("launch", name)
+    if path is not None:
+        return path, {}
+    simulator = find("launch", "simulator")
+    if simulator is not None and find("scenes", name) is not None:
+        return simulator, {"scene": name}
+    known = sorted({*names("launch"), *names("scenes")})
+    near = difflib.get_close_matches(Path(name).stem, known, n=1, cutoff=0.5)
+    hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(known) or 'none'}"
+    raise FileNotFoundError(f"no launch file or scene '{name}'; {hint}")

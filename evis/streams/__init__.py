@@ -1,0 +1,9 @@
+"""Event streams: the words that sensors send, the files that hold them, and one container for what comes out.
+
+One file per codec (`evt3`, `evt2`), one per file format (`raw`, `npz`, `text`); `open_recording` finds the format.
+"""
+
+from evis.streams.events import Events, Triggers
+from evis.streams.recording import Recording, RecordingError, RecordingInfo, open_recording, open_writer
+
+__all__ = ["Events", "Recording", "RecordingError", "RecordingInfo", "Triggers", "open_recording", "open_writer"]

@@ -1,0 +1,101 @@
+"""The container that every decoder fills and every encoder reads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(slots=True)
+class Triggers:
+    """External trigger edges: t int64 [ns], id uint8 (channel), value uint8 (1 = rising); all of shape [m]."""
+
+    t: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
+    id: np.ndarray = field(default_factory=lambda: np.empty(0, np.uint8))
+    value: np.ndarray = field(default_factory=lambda: np.empty(0, np.uint8))
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(slots=True)
+class Events:
+    """Events in the order in which the sensor sent them.
+
+    t int64 [ns], x uint16 (column), y uint16 (row), p uint8 (1 = ON, 0 = OFF), c uint8 or None (0 R, 1 G, 2 B); all of
+    shape [n]. Triggers have their own times; their place among the events is not kept.
+    """
+
+    t: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    p: np.ndarray
+    c: np.ndarray | None = None
+    triggers: Triggers = field(default_factory=Triggers)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, part: slice) -> Events:
+        """The events of a slice, as views, without triggers."""
+        c = None if self.c is None else self.c[part]
+        return Events(self.t[part], self.x[part], self.y[part], self.p[part], c)
+
+    @staticmethod
+    def empty() -> Events:
+        """No events."""
+        return Events(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16), np.empty(0, np.uint8))
+
+    @staticmethod
+    def of(t: Any, x: Any, y: Any, p: Any, c: Any = None) -> Events:
+        """From integer sequences of equal length. Raises ValueError where a value does not fit its type."""
+        arrays = [_fit("t", t, np.int64), _fit("x", x, np.uint16), _fit("y", y, np.uint16), _fit("p", p, np.uint8)]
+        if len({a.shape for a in arrays}) != 1 or arrays[0].ndim != 1:
+            shapes = ", ".join(f"{n} {list(a.shape)}" for n, a in zip("txyp", arrays))
+            raise ValueError(f"event arrays must be flat and of equal length, not {shapes}")
+        if len(arrays[3]) and arrays[3].max() > 1:
+            raise ValueError("p must be 0 (OFF) or 1 (ON)")
+        colour = None if c is None else _fit("c", c, np.uint8)
+        if colour is not None and colour.shape != arrays[0].shape:
+            raise ValueError(f"c has {colour.size} values for {len(arrays[0])} events")
+        return Events(arrays[0], arrays[1], arrays[2], arrays[3], colour)
+
+    @staticmethod
+    def concatenate(parts: Sequence[Events]) -> Events:
+        """All parts one after the other; colour is kept where every part that has events has it.
+
+        Raises ValueError when only some of the parts have colour.
+        """
+        if len(parts) == 1:
+            return parts[0]
+        filled = [e for e in parts if len(e)]
+        result = Events.empty()
+        if filled:
+            t, x, y, p = (np.concatenate([getattr(e, n) for e in filled]) for n in "txyp")
+            result = Events(t, x, y, p)
+            colours = [e.c for e in filled if e.c is not None]
+            if colours:
+                if len(colours) != len(filled):
+                    raise ValueError("events with and without colour cannot be joined")
+                result.c = np.concatenate(colours)
+        edges = [e.triggers for e in parts if len(e.triggers)]
+        if edges:
+            result.triggers = Triggers(*(np.concatenate([getattr(g, n) for g in edges]) for n in ("t", "id", "value")))
+        return result
+
+
+def _fit(name: str, value: Any, dtype: Any) -> np.ndarray:
+    array = np.asarray(value)
+    if array.dtype == dtype:
+        return array
+    if array.dtype == np.bool_ or not array.size:
+        return array.astype(dtype)
+    limits = np.iinfo(dtype)
+    if array.dtype.kind not in "iu":
+        raise ValueError(f"{name} is {array.dtype}, must be whole numbers ({np.dtype(dtype)})")
+    if array.min() < limits.min or array.max() > limits.max:
+        raise ValueError(f"{name} runs from {array.min()} to {array.max()}, must fit {np.dtype(dtype)}")
+    return array.astype(dtype)

@@ -1,0 +1,94 @@
+"""Writes sequences of pictures: animations with Pillow or ffmpeg, and sheets."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+
+import numpy as np
+
+Pictures = Iterator[tuple[int, np.ndarray]]
+"""(time [ns], uint8 [H, W, 3]) of each picture, all of one size."""
+
+_COLUMNS, _ROWS = 4, 3
+_LEAST_MS = 20
+"""Browsers play shorter GIF frames at 100 ms."""
+
+
+def _first(path: str, pictures: Pictures) -> tuple[int, np.ndarray]:
+    first = next(pictures, None)
+    if first is None:
+        raise ValueError(f"{path}: nothing to draw: no events in this part of the recording")
+    return first
+
+
+def save_gif(path: str, pictures: Pictures, dt_ms: float) -> None:
+    """An endless animation in real time, or slower where a picture is shorter than 20 ms."""
+    from PIL import Image
+
+    def frame(picture: np.ndarray) -> Image.Image:
+        return Image.fromarray(picture).quantize(8, dither=Image.Dither.NONE)
+
+    _, first = _first(path, pictures)
+    rest = (frame(p) for _, p in pictures)
+    duration = max(_LEAST_MS, round(dt_ms / 10) * 10)
+    frame(first).save(path, "GIF", save_all=True, append_images=rest, duration=duration, loop=0, disposal=1)
+
+
+def save_mp4(path: str, pictures: Pictures, dt_ms: float) -> None:
+    """H.264 through the ffmpeg program. Raises ValueError where it is not installed or fails."""
+    program = shutil.which("ffmpeg")
+    if program is None:
+        raise ValueError(f"{path}: .mp4 needs the program ffmpeg; install it, or write .gif")
+    _, first = _first(path, pictures)
+    height, width = first.shape[:2]
+    rate = min(1000 / dt_ms, 1000 / _LEAST_MS)
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate:.6f}", "-i", "-"]
+    # most players want even sizes and this pixel format
+    target = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:0:0:white", "-pix_fmt", "yuv420p", "-f", "mp4", os.fspath(path)]
+    command = [program, "-y", "-loglevel", "error", *source, *target]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdin is not None and process.stderr is not None
+    try:
+        for _, picture in itertools.chain([(0, first)], pictures):
+            process.stdin.write(picture.tobytes())
+        process.stdin.close()
+    except BrokenPipeError:
+        pass  # ffmpeg says why on its stderr
+    except BaseException:
+        process.kill()
+        raise
+    finally:
+        message = process.stderr.read().decode(errors="replace").strip()
+        status = process.wait()
+    if status:
+        raise ValueError(f"{path}: ffmpeg failed: {message.splitlines()[-1] if message else status}")
+
+
+def save_sheet(path: str, pictures: Pictures, dt_ms: float) -> None:
+    """Up to 12 pictures spread evenly over all, on one PNG, each with its time; one picture alone fills it."""
+    from PIL import Image, ImageDraw
+
+    # every 2nd is dropped when there are too many, so that memory stays bounded
+    kept, step = [_first(path, pictures)], 1
+    for i, item in enumerate(pictures, 1):
+        if i % step == 0:
+            kept.append(item)
+        if len(kept) > 8 * _COLUMNS * _ROWS:
+            kept, step = kept[::2], 2 * step
+    n = min(len(kept), _COLUMNS * _ROWS)
+    chosen = [kept[i * (len(kept) - 1) // max(n - 1, 1)] for i in range(n)]
+    height, width = chosen[0][1].shape[:2]
+    columns = min(_COLUMNS, n)
+    border = 4 if n > 1 else 0
+    rows = -(-n // columns)
+    sheet = Image.new("RGB", (columns * (width + border) - border, rows * (height + border) - border), (208, 208, 208))
+    for i, (start, picture) in enumerate(chosen):
+        tile = Image.fromarray(picture)
+        if n > 1:
+            ImageDraw.Draw(tile).text((4, 4), f"{start / 1e9:.3f} s", fill=(0, 0, 0))
+        sheet.paste(tile, (i % columns * (width + border), i // columns * (height + border)))
+    sheet.save(path, "PNG")

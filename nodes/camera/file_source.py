@@ -1,0 +1,170 @@
+"""A recording that behaves as a camera: its own clock, its own order, at real pace or as fast as it is read."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from evis.streams import Recording, open_recording
+from nodes.camera.driver import Configuration, DeviceInfo, Driver, Reading, setting
+
+NS = 1_000_000_000
+LONG_GAP = 100
+"""A silence of more packets than this is one empty packet: a jump in device time must not become a flood."""
+
+
+@dataclass
+class FileSettings(Configuration):
+    """How a recording is played. All times are the device's."""
+
+    packet_ms: float = setting(10.0, "length of a packet's interval", "ms", 0.01, 10_000)
+    speed: float = setting(1.0, "device time per real time; 0 = as fast as it is read", "", 0, 1e6)
+    duration_s: float = setting(0.0, "stop after this time; 0 = all", "s", 0, 1e9)
+    raw: bool = setting(False, "also give the wire bytes, where the file has them")
+
+
+def parse_pace(text: str) -> float:
+    """`realtime` -> 1, `fast` -> 0 (no waiting), a number -> that speed. Raises ValueError."""
+    named = {"realtime": 1.0, "fast": 0.0}
+    if text in named:
+        return named[text]
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = -1.0
+    if not 0 < speed <= 1e6:
+        raise ValueError(f"pace is '{text}', must be realtime, fast or a speed such as 2.0")
+    return speed
+
+
+class FileSource(Driver):
+    """Driver of a recorded stream.
+
+    Packets end at whole multiples of packet_ms on the device's clock, so that two cameras of one clock have the same
+    stamps. A cut goes before the first event later than the boundary: events whose time steps back stay in their place
+    and are counted. now [ns] and sleep [s] are the wall clock; a test gives its own.
+    """
+
+    SETTINGS = FileSettings
+
+    def __init__(
+        self,
+        path: str | Path,
+        now: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.path = Path(path)
+        self._now, self._sleep = now, sleep
+        self._recording: Recording | None = None
+        self._settings = FileSettings()
+        self._running = False
+        self._prepared: Reading | None = None
+        self._end: int | None = None
+        self._origin = (0, 0)
+        self._counts: Counter[str] = Counter()
+        self._ended = False
+
+    def open(self) -> None:
+        self._recording = open_recording(self.path)
+
+    def info(self) -> DeviceInfo:
+        about = self._open_recording().info
+        details = {
+            "file": self.path.name,
+            "format": about.format,
+            "geometry_from": about.geometry_from,
+            "header": about.header,
+            "warnings": about.warnings,
+        }
+        clock = f"device:{about.serial or self.path.name}"
+        return DeviceInfo(
+            self.path.name, about.serial, about.sensor, about.width, about.height, about.encoding, clock, details
+        )
+
+    def configure(self, configuration: Configuration) -> None:
+        if self._running:
+            raise ValueError(f"{self.path}: settings can be changed only before start")
+        if not isinstance(configuration, FileSettings):
+            raise ValueError(f"{self.path}: a recording takes FileSettings, not {type(configuration).__name__}")
+        configuration.check()
+        self._settings = dataclasses.replace(configuration)
+
+    def start(self) -> None:
+        recording = self._open_recording()
+        self._packet_ns = round(self._settings.packet_ms * 1e6)
+        first = recording.next_t_ns
+        self._ended = first is None
+        self.t0_ns = 0 if first is None else self._boundary(first)
+        if self._settings.duration_s:
+            self._end = self.t0_ns + round(self._settings.duration_s * NS)
+        self._at = self.t0_ns
+        self._running = True
+
+    def read(self, timeout_s: float) -> Reading | None:
+        if not self._running:
+            raise ValueError(f"{self.path}: read before start")
+        if self._prepared is None:
+            if self._origin == (0, 0):
+                self._origin = (self._now(), self.t0_ns)
+            self._prepared = self._next()
+        reading = self._prepared
+        if reading is None:
+            self._ended = True
+            return None
+        if self._settings.speed:
+            start, t0 = self._origin
+            wait = start + round((reading.stamp_ns - t0) / self._settings.speed) - self._now()
+            if wait > timeout_s * NS:
+                self._sleep(timeout_s)
+                return None
+            if wait > 0:
+                self._sleep(wait / NS)
+            reading.late_ns = max(-wait, 0)
+        self._prepared = None
+        return reading
+
+    def _boundary(self, t_ns: int) -> int:
+        """The last packet boundary before an event."""
+        return (t_ns - 1) // self._packet_ns * self._packet_ns
+
+    def _next(self) -> Reading | None:
+        recording, t0 = self._open_recording(), self._at
+        following = recording.next_t_ns
+        if following is None or (self._end is not None and t0 >= self._end):
+            return None
+        stamp = t0 + self._packet_ns
+        if following > t0 + LONG_GAP * self._packet_ns:
+            stamp = self._boundary(following)
+            self._counts["long_gaps"] += 1
+        if self._end is not None:
+            stamp = min(stamp, self._end)
+        events = recording.read_until(stamp)
+        stepped_back = int((events.t <= t0).sum())
+        if stepped_back:
+            self._counts["events_stepped_back"] += stepped_back
+        self._at = stamp
+        return Reading(events, t0, stamp, recording.raw if self._settings.raw else None)
+
+    @property
+    def ended(self) -> bool:
+        return self._ended
+
+    def counters(self) -> dict[str, int]:
+        return dict(self._counts) | (self._recording.counters() if self._recording else {})
+
+    def stop(self) -> None:
+        self._running = False
+
+    def close(self) -> None:
+        if self._recording is not None:
+            self._recording.close()
+            self._recording = None
+
+    def _open_recording(self) -> Recording:
+        if self._recording is None:
+            raise ValueError(f"{self.path}: not open")
+        return self._recording

@@ -1,0 +1,79 @@
+"""The metrics against values worked out by hand, and the spike-train distance against a direct recursion."""
+
+import functools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.metrics import Stream, count_error, event_frame_error, time_error, victor_purpura
+
+
+def stream(*events: tuple[float, int, int, int]) -> Stream:
+    """Events (t in us, x, y, p) on a 4 x 3 sensor."""
+    rows = sorted(events)
+    t, x, y, p = (np.array([r[i] for r in rows]) for i in range(4)) if rows else (np.zeros(0),) * 4
+    return Stream(
+        np.round(t * 1000).astype(np.int64), x.astype(np.uint16), y.astype(np.uint16), p.astype(np.uint8), 4, 3
+    )
+
+
+BASE = stream((100, 0, 0, 1), (200, 0, 0, 1), (300, 1, 2, 0))
+
+
+def test_equal_streams_have_no_error() -> None:
+    assert count_error(BASE, BASE) == victor_purpura(BASE, BASE, 1.0) == event_frame_error(BASE, BASE) == 0.0
+    assert time_error(BASE, BASE) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("test", "expected"),
+    [
+        (stream((100, 0, 0, 1), (300, 1, 2, 0)), 1 / 3),  # one missing
+        (stream((100, 0, 0, 1), (200, 0, 0, 0), (300, 1, 2, 0)), 2 / 3),  # wrong polarity: one missing, one too many
+        (stream(), 1.0),
+    ],
+)
+def test_count(test: Stream, expected: float) -> None:
+    assert count_error(test, BASE) == pytest.approx(expected)
+
+
+def test_victor_purpura_by_hand() -> None:
+    """A shift of 0.5 ms costs 0.5 at 1/ms; at 10/ms it is cheaper to delete and insert (2)."""
+    a, b = stream((1000, 0, 0, 1)), stream((1500, 0, 0, 1))
+    assert victor_purpura(a, b, 1.0) == pytest.approx(0.5 / 2)
+    assert victor_purpura(a, b, 10.0) == pytest.approx(2.0 / 2)
+    assert victor_purpura(stream((1000, 0, 0, 1)), stream((1000, 0, 0, 0)), 1.0) == pytest.approx(1.0)
+    assert victor_purpura(stream(), b, 1.0) == pytest.approx(1.0)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.integers(0, 5000), max_size=6), st.lists(st.integers(0, 5000), max_size=6), st.floats(0.1, 10))
+def test_victor_purpura_is_the_recursion(a: list[int], b: list[int], q: float) -> None:
+    a, b = sorted(a), sorted(b)
+
+    @functools.cache
+    def g(i: int, j: int) -> float:
+        if not i or not j:
+            return i + j
+        return min(g(i - 1, j) + 1, g(i, j - 1) + 1, g(i - 1, j - 1) + q * abs(a[i - 1] - b[j - 1]) * 1e-3)
+
+    streams = [stream(*((t, 2, 1, 1) for t in train)) for train in (a, b)]
+    n = len(a) + len(b)
+    assert victor_purpura(*streams, q) == pytest.approx(g(len(a), len(b)) / n if n else 0.0)
+
+
+def test_event_frames_by_hand() -> None:
+    """Moved over a bin's edge: frames (1) and (0, 1) differ by two cells of one; sqrt(2) / 1."""
+    assert event_frame_error(stream((100, 0, 0, 1), (1200, 0, 0, 1)), stream((100, 0, 0, 1), (200, 0, 0, 1))) == (
+        pytest.approx(np.sqrt(1 + 1) / 2)
+    )
+    assert event_frame_error(stream((100, 0, 0, 0)), stream((100, 0, 0, 1))) == pytest.approx(2.0)
+
+
+def test_time_error_by_hand() -> None:
+    test = stream((130, 0, 0, 1), (190, 0, 0, 1), (300, 1, 2, 0))
+    median, most = time_error(test, BASE)
+    assert median == pytest.approx(10.0) and 10.0 < most <= 30.0
+    assert time_error(stream((0, 3, 2, 1)), BASE) == (0.0, 0.0)

@@ -1,0 +1,50 @@
+"""`evis camera` on recordings."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+import numpy as np
+import pytest
+from camera_rig import write
+
+from evis.cli import camera
+
+
+def call(capsys, *arguments: str) -> str:
+    parser = argparse.ArgumentParser()
+    camera.add_arguments(parser)
+    assert camera.run(parser.parse_args(arguments)) == 0
+    return capsys.readouterr().out
+
+
+def test_list_without_cameras(capsys):
+    """An empty list, and for people what is supported."""
+    assert json.loads(call(capsys, "list", "--json")) == []
+    assert "no camera found" in call(capsys, "list")
+
+
+def test_info(capsys, tmp_path):
+    """What the driver says."""
+    path = write(tmp_path / "a.raw", [1000])
+    about = json.loads(call(capsys, "info", "--file", str(path), "--json"))
+    assert (about["width"], about["height"], about["encoding"], about["clock"]) == (64, 48, "evt3", "device:a.raw")
+    assert "64" in call(capsys, "info", "--emulate", str(path))
+
+
+def test_stream(capsys, tmp_path):
+    """A line per packet and a total."""
+    path = str(write(tmp_path / "a.npz", np.arange(1, 50) * 1_000_000))
+    lines = call(capsys, "stream", "--file", path, "--pace", "fast").splitlines()
+    assert len(lines) == 6 and "packets 5" in lines[-1] and "events 49" in lines[-1]
+    total = json.loads(call(capsys, "stream", "--file", path, "--pace", "fast", "--duration", "0.02", "--json"))
+    assert (total["packets"], total["events"]) == (2, 20)
+
+
+def test_no_camera_is_an_error():
+    """With the remedy."""
+    parser = argparse.ArgumentParser()
+    camera.add_arguments(parser)
+    with pytest.raises(OSError, match="no event camera found"):
+        camera.run(parser.parse_args(["info"]))

@@ -1,0 +1,115 @@
+"""Small nodes for tests of the runtime: a counter, a doubler that joins, a checker that writes what it saw."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from evis.node import Input, Node, Output
+from evis.params import Param
+from msgs.camera import Depth, Ids
+from msgs.header import Header, Message
+from msgs.world import Action, WorldState
+
+
+class Counter(Node):
+    """Publishes `count` depths and ids of size x size, 1 ms apart; waits for /action when that is wired."""
+
+    PARAMS = {
+        "count": Param(int, 10, "messages"),
+        "size": Param(int, 8, "pixels"),
+        "fail_at": Param(int, -1, "raise at this message"),
+        "sleep": Param(float, 0.0, "per step", unit="s"),
+    }
+    INPUTS = {"action": Input("/action", delayed=True)}
+    OUTPUTS = {"depth": Output("/cam0/depth"), "ids": Output("/cam0/ids"), "state": Output("/state")}
+    SOURCE = True
+
+    def setup(self) -> None:
+        self.k = 0
+        self.controls: list[float] = []
+
+    def due(self) -> Mapping[str, int]:
+        return {"action": (self.k - 1) * 1_000_000} if self.k else {}
+
+    def step(self, inputs: Mapping[str, Message]) -> bool:
+        if self.k == self.params["fail_at"]:
+            raise ValueError(f"told to fail at message {self.k}")
+        time.sleep(self.params["sleep"])
+        if "action" in inputs:
+            action = inputs["action"]
+            assert isinstance(action, Action)
+            self.controls.append(float(action.controls[0, 0]))
+            assert self.controls[-1] == self.k - 1
+        header, n = Header(self.k * 1_000_000), self.params["size"]
+        if self.wants("depth"):
+            depth = self.loan("depth", depth=((1, n, n), np.float32))["depth"]
+            depth[:] = self.k
+            self.publish("depth", Depth(Header(header.stamp_ns), depth))
+        if self.wants("ids"):
+            self.publish("ids", Ids(Header(header.stamp_ns), np.full((1, n, n), self.k, np.int32)))
+        if self.wants("state"):
+            zeros = np.zeros((1, 1, 0, 7)), np.zeros((1, 1, 0, 6))
+            t, episodes = np.array([header.stamp_ns]), np.zeros(1, np.int32)
+            self.publish("state", WorldState(Header(header.stamp_ns), t, *zeros, episodes))
+        self.k += 1
+        return self.k < self.params["count"]
+
+
+class Adder(Node):
+    """Joins depth and ids of one stamp; publishes their sum as ids of another camera. Keeps the previous depth."""
+
+    INPUTS = {"depth": Input("/cam0/depth"), "ids": Input("/cam0/ids")}
+    OUTPUTS = {"sum": Output("/cam1/ids")}
+    PARAMS = {"sleep": Param(float, 0.0, "per update", unit="s")}
+
+    def setup(self) -> None:
+        self.previous: Depth | None = None
+
+    def update(self, inputs: Mapping[str, Message]) -> None:
+        depth, ids = inputs["depth"], inputs["ids"]
+        assert isinstance(depth, Depth) and isinstance(ids, Ids)
+        time.sleep(self.params["sleep"])
+        before = -1.0 if self.previous is None else float(self.previous.depth.max())
+        assert before == depth.depth.max() - 1, "a kept array was written over"
+        total = (depth.depth + ids.ids).astype(np.int32)
+        depth.keep()
+        if self.previous is not None:
+            self.previous.release()
+        self.previous = depth
+        self.publish("sum", Ids(Header(depth.header.stamp_ns, episode=depth.header.episode), total))
+
+
+class Controller(Node):
+    """Closes the loop: for every state an action whose control is the state's number."""
+
+    INPUTS = {"state": Input("/state")}
+    OUTPUTS = {"action": Output("/action")}
+
+    def update(self, inputs: Mapping[str, Message]) -> None:
+        stamp = inputs["state"].header.stamp_ns
+        self.publish("action", Action(Header(stamp), np.full((1, 1), stamp / 1e6)))
+
+
+class Checker(Node):
+    """Writes [stamp, seq, first value] of every message it gets to a JSON file at its end."""
+
+    PARAMS = {"path": Param(str, "", "where to"), "sleep": Param(float, 0.0, "per message", unit="s")}
+    INPUTS = {"messages": Input("*", join=False)}
+
+    def setup(self) -> None:
+        self.seen: dict[str, list[list[float]]] = {}
+
+    def receive(self, port: str, message: Message) -> None:
+        time.sleep(self.params["sleep"])
+        array = next(iter(message.arrays().values()))
+        value = float(np.asarray(array).flat[0]) if array.size else 0.0
+        self.seen.setdefault(port, []).append([message.header.stamp_ns, message.header.seq, value])
+
+    def close(self) -> None:
+        if self.params["path"]:
+            Path(self.params["path"]).write_text(json.dumps(self.seen))

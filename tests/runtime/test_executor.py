@@ -1,0 +1,145 @@
+"""The executor: the same messages however the nodes are spread, loops closed by stamp, errors that name the node."""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from evis.executor import Executor
+from evis.host import NodeFailed
+from evis.plan import Edge, NodePlan, Plan, TopicPlan
+
+sys.path.insert(0, str(Path(__file__).parent))
+SPREADS = {
+    "composed": ["p", "p", "p"],
+    "source alone": ["a", "b", "b"],
+    "split": ["a", "b", "c"],
+    "there and back": ["a", "b", "a"],
+}
+
+
+def make_plan(directory: Path, processes: list[str], **params: dict[str, Any]) -> Plan:
+    """counter -> (depth, ids) -> adder -> sum -> checker, which reads depth too."""
+    names = ("counter", "adder", "checker")
+    where = dict(zip(names, processes))
+    classes = {"counter": "Counter", "adder": "Adder", "checker": "Checker"}
+    inputs = {
+        "counter": {},
+        "adder": {"depth": ["/cam0/depth"], "ids": ["/cam0/ids"]},
+        "checker": {"messages": ["/cam0/depth", "/cam1/ids"]},
+    }
+    outputs = {"counter": {"depth": "/cam0/depth", "ids": "/cam0/ids"}, "adder": {"sum": "/cam1/ids"}, "checker": {}}
+    params.setdefault("checker", {})["path"] = str(directory / "seen.json")
+    plan = Plan("test", "run", str(directory))
+    for name in names:
+        plan.nodes[name] = NodePlan(
+            name, f"fake_nodes:{classes[name]}", params.get(name, {}), where[name], inputs[name], outputs[name]
+        )
+    plan.topics = {
+        "/cam0/depth": TopicPlan(
+            "/cam0/depth", "Depth", "counter", "depth", [Edge("adder", "depth"), Edge("checker", "messages")]
+        ),
+        "/cam0/ids": TopicPlan("/cam0/ids", "Ids", "counter", "ids", [Edge("adder", "ids")]),
+        "/cam1/ids": TopicPlan("/cam1/ids", "Ids", "adder", "sum", [Edge("checker", "messages")]),
+    }
+    return plan
+
+
+def run(plan: Plan, timeout: float = 60.0) -> dict[str, BaseException]:
+    """Every process of the plan as a thread; what each of them raised."""
+    errors: dict[str, BaseException] = {}
+    executors = {process: Executor(plan, process) for process in plan.processes()}
+
+    def life(process: str) -> None:
+        executor = executors[process]
+        try:
+            executor.setup()
+            executor.wait_connected(20.0)
+            executor.run()
+        except BaseException as error:
+            errors[process] = error
+            for other in executors.values():
+                other.stop()
+        finally:
+            executor.close()
+
+    threads = [threading.Thread(target=life, args=(p,), daemon=True) for p in executors]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(timeout)
+    assert not any(t.is_alive() for t in threads), "the graph hangs"
+    return errors
+
+
+def seen(directory: Path) -> dict[str, list[list[float]]]:
+    return json.loads((directory / "seen.json").read_text())
+
+
+@pytest.mark.parametrize("size", [8, 300])  # inline, and through shared memory
+@pytest.mark.parametrize("spread", SPREADS)
+def test_every_message_arrives_once_and_in_order(tmp_path: Path, spread: str, size: int) -> None:
+    count = 60
+    plan = make_plan(tmp_path, SPREADS[spread], counter={"count": count, "size": size})
+    assert run(plan) == {}
+    expected = {
+        "/cam0/depth": [[k * 1e6, k, k] for k in range(count)],
+        "/cam1/ids": [[k * 1e6, k, 2 * k] for k in range(count)],
+    }
+    assert seen(tmp_path) == expected
+
+
+@pytest.mark.parametrize("slow", ["adder", "checker"])
+def test_a_slow_consumer_holds_the_others_back_and_loses_nothing(tmp_path: Path, slow: str) -> None:
+    plan = make_plan(tmp_path, ["a", "b", "c"], counter={"count": 30, "size": 300}, **{slow: {"sleep": 0.005}})
+    assert run(plan) == {}
+    assert [v for _, _, v in seen(tmp_path)["/cam1/ids"]] == [2 * k for k in range(30)]
+
+
+@pytest.mark.parametrize("processes", [["p", "p"], ["a", "b"]])
+def test_an_action_reaches_the_step_that_starts_at_its_stamp(tmp_path: Path, processes: list[str]) -> None:
+    """The counter asserts the control of every step; the loop must neither run ahead nor hang."""
+    plan = Plan("loop", "run", str(tmp_path))
+    plan.nodes = {
+        "counter": NodePlan(
+            "counter", "fake_nodes:Counter", {"count": 40}, processes[0], {"action": ["/action"]}, {"state": "/state"}
+        ),
+        "controller": NodePlan(
+            "controller", "fake_nodes:Controller", {}, processes[1], {"state": ["/state"]}, {"action": "/action"}
+        ),
+    }
+    plan.topics = {
+        "/state": TopicPlan("/state", "WorldState", "counter", "state", [Edge("controller", "state")]),
+        "/action": TopicPlan("/action", "Action", "controller", "action", [Edge("counter", "action", "delayed")]),
+    }
+    assert run(plan) == {}
+
+
+@pytest.mark.parametrize("spread", ["composed", "split"])
+def test_a_failing_node_is_named_and_what_came_before_is_kept(tmp_path: Path, spread: str) -> None:
+    plan = make_plan(tmp_path, SPREADS[spread], counter={"count": 10, "fail_at": 5})
+    errors = run(plan)
+    (failure,) = [e for e in errors.values() if isinstance(e, NodeFailed)]
+    assert failure.node == "counter" and "told to fail at message 5" in str(failure)
+    assert all(v == 2 * k for k, (_, _, v) in enumerate(seen(tmp_path).get("/cam1/ids", [])))
+
+
+def test_realtime_follows_the_stamps(tmp_path: Path) -> None:
+    """Not a speed test: 40 steps of 1 ms cannot take less than 39 ms when paced."""
+    plan = make_plan(tmp_path, SPREADS["composed"], counter={"count": 40})
+    plan.mode = "realtime"
+    executor = Executor(plan, "p")
+    executor.setup()
+    executor.wait_connected(5.0)
+    import time
+
+    start = time.monotonic()
+    executor.run()
+    assert time.monotonic() - start >= 0.039
+    assert "late_ms_max" in executor.summary()["counter"]["counters"]
+    executor.close()

@@ -1,0 +1,167 @@
+"""`evis events` on files."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+
+import numpy as np
+import pytest
+from stream_cases import random_events, same, sha256_us
+
+from evis.cli import events as command
+from evis.streams import Events, Triggers, open_recording, open_writer
+
+
+def parse(*arguments: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="evis events")
+    command.add_arguments(parser)
+    return parser.parse_args([str(a) for a in arguments])
+
+
+def call(capsys, *arguments) -> dict:
+    assert command.run(parse(*arguments, "--json")) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("name", ["derived/gen31_vga_from_bag1.raw", "prophesee/faery_evt2.raw"])
+def test_info_of_real_recordings(name, capsys, truth, recording_path):
+    """Counts and times as other readers found them, in ns, not shifted."""
+    known = truth[name]
+    info = call(capsys, "info", recording_path(name))
+    assert info["events"] == known["n"] and info["on"] == known["n_on"] and info["off"] == known["n"] - known["n_on"]
+    assert info["t_first_ns"] == known["first"][0] * 1000 and info["t_last_ns"] == known["last"][0] * 1000
+    assert (info["width"], info["height"], info["format"]) == (640, 480, "raw")
+    assert info["encoding"] == ("evt2" if "faery" in name else "evt3")
+
+
+def test_convert_chain_keeps_every_event(capsys, tmp_path, truth, recording_path):
+    """RAW -> npz -> RAW EVT2 -> RAW EVT3: the hash stays that of other readers."""
+    name = "derived/gen31_vga_from_bag1.raw"
+    at = recording_path(name)
+    for out, options in (("a.npz", []), ("b.raw", ["--encoding", "evt2"]), ("c.raw", [])):
+        result = call(capsys, "convert", at, tmp_path / out, *options)
+        assert result["events"] == truth[name]["n"]
+        at = tmp_path / out
+    with open_recording(at) as recording:
+        assert recording.info.encoding == "evt3"
+        assert sha256_us(recording.read()) == truth[name]["sha256"]
+
+
+def test_convert_tells_what_is_lost(capsys, tmp_path):
+    """Times below a us in RAW, triggers in .npz."""
+    with open_writer(tmp_path / "a.npz", 9, 9) as writer:
+        writer.write(Events.of([1000, 2001, 3999], [1, 2, 3], [1, 2, 3], [0, 1, 0]))
+    assert call(capsys, "convert", tmp_path / "a.npz", tmp_path / "a.raw")["times_rounded_to_us"] == 2
+    with open_recording(tmp_path / "a.raw") as recording:
+        assert recording.read().t.tolist() == [1000, 2000, 3000]
+    events = random_events(1, 50)
+    events.triggers = Triggers(np.array([5000]), np.ones(1, np.uint8), np.ones(1, np.uint8))
+    with open_writer(tmp_path / "b.raw", 640, 480) as writer:
+        writer.write(events)
+    assert call(capsys, "convert", tmp_path / "b.raw", tmp_path / "b.npz")["triggers_left_out"] == 1
+    assert call(capsys, "convert", tmp_path / "b.raw", tmp_path / "c.raw")["triggers"] == 1
+
+
+def test_times_that_count_from_1970_need_rebase(capsys, tmp_path):
+    """RAW counts from 0: refused with the remedy, then done on request."""
+    t = 1_633_953_690_975_950_000 + np.array([0, 1_000_000, 5_000_000])
+    with open_writer(tmp_path / "a.npz", 9, 9) as writer:
+        writer.write(Events.of(t, [1, 2, 3], [1, 2, 3], [0, 1, 0]))
+    with pytest.raises(ValueError, match="--rebase"):
+        command.run(parse("convert", tmp_path / "a.npz", tmp_path / "a.raw"))
+    assert not (tmp_path / "a.raw").exists()
+    call(capsys, "convert", tmp_path / "a.npz", tmp_path / "a.raw", "--rebase")
+    with open_recording(tmp_path / "a.raw") as recording:
+        assert recording.read().t.tolist() == [0, 1_000_000, 5_000_000]
+
+
+def test_convert_onto_itself(capsys, tmp_path):
+    """The output takes its name only when it is complete."""
+    events = random_events(8, 400)
+    with open_writer(tmp_path / "a.raw", 640, 480, "evt2") as writer:
+        writer.write(events)
+    call(capsys, "convert", tmp_path / "a.raw", tmp_path / "a.raw")
+    with open_recording(tmp_path / "a.raw") as recording:
+        assert recording.info.encoding == "evt3"
+        same(recording.read(), events)
+
+
+def test_render(capsys, tmp_path):
+    """Animation and sheet: the pixels of events, in the right places, on white."""
+    from PIL import Image
+
+    t = np.array([0, 1, 25, 45]) * 1_000_000
+    with open_writer(tmp_path / "a.npz", 40, 30) as writer:
+        writer.write(Events.of(t, [1, 39, 5, 6], [2, 29, 5, 6], [1, 0, 1, 0]))
+    assert call(capsys, "render", tmp_path / "a.npz", tmp_path / "a.gif")["pictures"] == 3
+    with Image.open(tmp_path / "a.gif") as gif:
+        assert (gif.size, gif.n_frames) == ((40, 30), 3)
+    assert call(capsys, "render", tmp_path / "a.npz", tmp_path / "a.png", "--to", "0.02")["pictures"] == 1
+    with Image.open(tmp_path / "a.png") as png:
+        picture = np.asarray(png.convert("RGB"))
+    marked = np.argwhere((picture != 255).any(2)).tolist()
+    assert marked == [[2, 1], [29, 39]]
+    assert picture[2, 1, 2] > picture[2, 1, 0] and picture[29, 39, 0] > picture[29, 39, 2]
+    assert call(capsys, "render", tmp_path / "a.npz", tmp_path / "b.png")["pictures"] == 3
+    with Image.open(tmp_path / "b.png") as png:
+        assert png.size == (3 * 44 - 4, 30)
+
+
+def test_render_mp4_gives_ffmpeg_every_pixel(capsys, tmp_path, monkeypatch):
+    """A stand-in for the program counts the bytes; without it there is one clear line."""
+    with open_writer(tmp_path / "a.npz", 40, 30) as writer:
+        writer.write(Events.of([0, 50_000_000], [1, 2], [1, 2], [1, 1]))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ValueError, match="needs the program ffmpeg"):
+        command.run(parse("render", tmp_path / "a.npz", tmp_path / "a.mp4"))
+    stand_in = tmp_path / "ffmpeg"
+    stand_in.write_text(f"#!{sys.executable}\nimport sys\nopen(sys.argv[-1], 'wb').write(sys.stdin.buffer.read())\n")
+    stand_in.chmod(0o755)
+    assert call(capsys, "render", tmp_path / "a.npz", tmp_path / "a.mp4")["pictures"] == 3
+    assert (tmp_path / "a.mp4").stat().st_size == 3 * 40 * 30 * 3
+    stand_in.write_text(f"#!{sys.executable}\nimport sys\nsys.exit('no such codec')\n")
+    with pytest.raises(ValueError, match="no such codec"):
+        command.run(parse("render", tmp_path / "a.npz", tmp_path / "a.mp4"))
+
+
+def test_simulate_a_brightening_pixel(capsys, tmp_path):
+    """ln I goes up by 1 in 10 ms: ten ON events at threshold 0.1, one each ms, by eq. (4) of the method."""
+    t = np.arange(11, dtype=np.int64) * 1_000_000
+    luminance = np.ones((11, 4, 5), np.float32)
+    luminance[:, 1, 2] = np.exp(np.linspace(0, 1.0005, 11))
+    np.savez(tmp_path / "f.npz", luminance=luminance, t=t)
+    result = call(capsys, "simulate", tmp_path / "f.npz", tmp_path / "e.npz", "--threshold", "0.1")
+    assert (result["events"], result["width"], result["height"]) == (10, 5, 4)
+    with open_recording(tmp_path / "e.npz") as recording:
+        events = recording.read()
+    assert set(zip(events.x.tolist(), events.y.tolist(), events.p.tolist())) == {(2, 1, 1)}
+    # the crossings lie 0.05 % before the whole milliseconds; float32 luminance moves them by 1e-6 of a step or so
+    np.testing.assert_allclose(events.t, np.arange(1, 11) * 1e6 / 1.0005, atol=20)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "text"),
+    [
+        ({"t": np.arange(3)}, "no array luminance"),
+        ({"luminance": np.ones((3, 2, 2), np.float32), "t": np.arange(2)}, r"t is int64 \[2\]"),
+        ({"luminance": np.ones((3, 2, 2), np.float32), "t": np.array([0, 2, 1])}, "must go up"),
+        ({"luminance": np.ones((3, 2), np.float32), "t": np.arange(3)}, "luminance is float32"),
+        ({"luminance": np.ones((3, 2, 2), np.float32), "t": np.linspace(0, 1, 3)}, "t is float64"),
+    ],
+)
+def test_simulate_names_what_is_wrong_with_the_frames(arrays, text, tmp_path):
+    """Missing arrays, shapes, order, types."""
+    np.savez(tmp_path / "f.npz", **arrays)
+    with pytest.raises(ValueError, match=text):
+        command.run(parse("simulate", tmp_path / "f.npz", tmp_path / "e.npz"))
+
+
+def test_help_has_examples(capsys):
+    """Each action shows how it is used."""
+    for action in command.EXAMPLES:
+        with pytest.raises(SystemExit) as end:
+            parse(action, "--help")
+        assert end.value.code == 0
+        assert f"evis events {action}" in capsys.readouterr().out
