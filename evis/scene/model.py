@@ -34,6 +34,8 @@ class Body:
 
     name: str
     trajectory: Trajectory | None
+    mount: tuple[int, np.ndarray] | None = None
+    """Rigid on a body that the physics engine moves (a camera on a robot): (its index, pose in its frame)."""
 
 
 @dataclass
@@ -52,7 +54,7 @@ class Mesh:
 
 @dataclass
 class Material:
-    """albedo: linear reflectance [3], multiplied by texture (float32 [h, w, 3], linear, row 0 at v = 1) where there is one.
+    """albedo: linear reflectance [3], times texture (float32 [h, w, 3], linear, row 0 at v = 1) where there is one.
 
     emission: radiance [3] in W/(sr m^2), added. roughness and metallic as in glTF, for the later GGX term.
     two_sided: the back of a triangle is shaded like its front.
@@ -123,6 +125,10 @@ class Scene:
     """The MuJoCo model, for a scene with dynamics."""
     timestep_ns: int = 1_000_000
     """Sub-step of /state for prescribed motion [ns]."""
+    initial_spread: tuple[float, float] = (0.0, 0.0)
+    """Dynamics: how far the seed shifts [m] and turns [rad] free bodies at the start, standard deviations."""
+    notes: list[str] = field(default_factory=list)
+    """What of the scene's source is not simulated, one line each."""
 
     @property
     def dynamic(self) -> bool:

@@ -1,0 +1,93 @@
+"""The pinhole camera, and the image motion of points fixed to moving bodies, in float64 closed form.
+
+Camera frame: x right, y down, z forward. Pixel (0, 0) is the centre of the top-left pixel, so an image of width W has
+its left edge at -0.5 and its middle at (W - 1) / 2.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from evis.geometry import se3
+
+
+def intrinsics(width: int, height: int, focal: float) -> np.ndarray:
+    """K [3, 3] with square pixels, focal length [px], and the principal point in the middle of the image."""
+    return np.array([[focal, 0.0, (width - 1) / 2], [0.0, focal, (height - 1) / 2], [0.0, 0.0, 1.0]])
+
+
+def focal_from_fov(height: int, fov: float) -> float:
+    """Focal length [px] that makes the image, edge to edge, `fov` [rad] high."""
+    return 0.5 * height / math.tan(0.5 * fov)
+
+
+def pixel_grid(width: int, height: int) -> np.ndarray:
+    """Pixel centres (x, y), float64 [height, width, 2]."""
+    return np.stack(np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64)), axis=-1)
+
+
+def project(k: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Pixels [..., 2] of points [..., 3] in the camera frame; behind the camera the result means nothing."""
+    points = np.asarray(points, np.float64)
+    u, v = points[..., 0] / points[..., 2], points[..., 1] / points[..., 2]
+    return np.stack((k[0, 0] * u + k[0, 1] * v + k[0, 2], k[1, 1] * v + k[1, 2]), axis=-1)
+
+
+def unproject(k: np.ndarray, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Points [..., 3] in the camera frame of pixels [..., 2] at z-depths [...] [m]."""
+    pixels, depth = np.asarray(pixels, np.float64), np.asarray(depth, np.float64)
+    v = (pixels[..., 1] - k[1, 2]) / k[1, 1]
+    u = (pixels[..., 0] - k[0, 2] - k[0, 1] * v) / k[0, 0]
+    return np.stack((u * depth, v * depth, depth), axis=-1)
+
+
+def backward_motion(
+    k: np.ndarray,
+    pixels: np.ndarray,
+    depth: np.ndarray,
+    camera: np.ndarray,
+    body: np.ndarray,
+    camera_before: np.ndarray,
+    body_before: np.ndarray,
+) -> np.ndarray:
+    """Where the surface point seen at a pixel was before, minus where it is now [px], [..., 2].
+
+    pixels [..., 2], depth [...] now; poses [..., 7] of the camera and of the body that the point is fixed to, now and
+    before (the paper's motion vector).
+    """
+    point = se3.transform(camera, unproject(k, pixels, depth))
+    before = se3.transform(body_before, se3.transform(se3.inverse(body), point))
+    return project(k, se3.transform(se3.inverse(camera_before), before)) - np.asarray(pixels, np.float64)
+
+
+def forward_flow(
+    k: np.ndarray,
+    pixels: np.ndarray,
+    depth: np.ndarray,
+    camera: np.ndarray,
+    camera_twist: np.ndarray,
+    body: np.ndarray,
+    body_twist: np.ndarray,
+) -> np.ndarray:
+    """Image velocity [px/s], [..., 2], of the surface point seen at a pixel: the derivative of its projection.
+
+    pixels [..., 2], depth [...]; poses [..., 7] and twists [..., 6] (v of the frame's origin, omega; world frame).
+    """
+    local = unproject(k, pixels, depth)
+    point = se3.transform(camera, local)
+    moving = _velocity(body, body_twist, point) - _velocity(camera, camera_twist, point)
+    return image_velocity(k, local, se3.rotate(se3.conjugate(camera[..., 3:]), moving))
+
+
+def image_velocity(k: np.ndarray, points: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+    """Image velocity [px/s], [..., 2], of points [..., 3] with velocities [..., 3], both in the camera frame."""
+    z = points[..., 2]
+    du = (velocities[..., 0] - points[..., 0] / z * velocities[..., 2]) / z
+    dv = (velocities[..., 1] - points[..., 1] / z * velocities[..., 2]) / z
+    return np.stack((k[0, 0] * du + k[0, 1] * dv, k[1, 1] * dv), axis=-1)
+
+
+def _velocity(pose: np.ndarray, twist: np.ndarray, point: np.ndarray) -> np.ndarray:
+    return twist[..., :3] + se3.cross(twist[..., 3:], point - pose[..., :3])

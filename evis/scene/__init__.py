@@ -1,0 +1,21 @@
+"""Worlds: a small YAML file each, or any MJCF, read into one Scene."""
+
+from evis.scene.load import is_dynamic, load_scene, scene_args
+from evis.scene.model import WORLD, Body, Camera, Instance, Light, Material, Mesh, Scene, Trajectory
+from evis.scene.reader import SceneError
+
+__all__ = [
+    "WORLD",
+    "Body",
+    "Camera",
+    "Instance",
+    "Light",
+    "Material",
+    "Mesh",
+    "Scene",
+    "SceneError",
+    "Trajectory",
+    "is_dynamic",
+    "load_scene",
+    "scene_args",
+]

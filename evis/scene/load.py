@@ -1,0 +1,128 @@
+"""From a scene's name or file to a Scene: finding it, its arguments, and what it is made of."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from evis.launch.document import LaunchError, Table, read
+from evis.params import Param, resolve
+from evis.paths import find, names
+from evis.scene.model import Scene
+from evis.scene.reader import Fields, SceneError
+
+MAX_PIXELS = 16384
+"""Largest width and height of a camera [px]."""
+_TYPES: dict[str, type] = {"float": float, "int": int, "str": str, "bool": bool, "vector": list}
+
+
+def load_scene(name_or_path: str, overrides: Mapping[str, Any] | None = None, *, textures: bool = True) -> Scene:
+    """The scene with its arguments at their defaults or as in `overrides` (width, height, and the scene's own).
+
+    name_or_path: a scene that comes with evis, a YAML file, or an MJCF file (.xml) by itself. textures=False: for those
+    who only need bodies, no texture is made. Raises SceneError or ParamError (both ValueError), or FileNotFoundError,
+    each with one line that names the file, the key and the nearest valid one.
+    """
+    from evis.scene.build import build
+
+    path = find_scene(name_or_path)
+    table = _document(path)
+    declared, components = _arguments(path, table)
+    values = resolve(f"scene {path.stem}", declared, overrides or {})
+    for key, component in components.items():
+        values[key] = _vector(path.stem, key, values[key], len(declared[key].default), component)
+    return build(table, path, values, textures)
+
+
+def scene_args(name_or_path: str) -> dict[str, Param]:
+    """The arguments of a scene, name -> typed parameter; width and height are always among them."""
+    path = find_scene(name_or_path)
+    return _arguments(path, _document(path))[0]
+
+
+def is_dynamic(name_or_path: str) -> bool:
+    """True when the scene needs a physics engine. Reads the YAML only, not the model it names."""
+    return "mjcf" in _document(find_scene(name_or_path))
+
+
+def find_scene(name_or_path: str) -> Path:
+    """The file of a scene by name or path. Raises FileNotFoundError naming the nearest one."""
+    direct = Path(name_or_path)
+    if direct.suffix == ".xml" and direct.is_file():
+        return direct
+    path = find("scenes", name_or_path)
+    if path is None:
+        known = names("scenes")
+        near = difflib.get_close_matches(direct.stem, known, n=1, cutoff=0.5)
+        hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(known) or 'none'}"
+        raise FileNotFoundError(f"no scene '{name_or_path}'; {hint}")
+    return path
+
+
+def _document(path: Path) -> Table:
+    if path.suffix == ".xml":
+        table = Table(str(path), 1)
+        table["mjcf"] = path.name
+        return table
+    try:
+        return read(path, "scene file")
+    except LaunchError as error:
+        raise SceneError(str(error)) from None
+
+
+def _arguments(path: Path, table: Table) -> tuple[dict[str, Param], dict[str, Param]]:
+    """Declared arguments, and for those that are vectors what each component must be."""
+    declared = {
+        "width": Param(int, 346, "image width", "px", 1, MAX_PIXELS),
+        "height": Param(int, 260, "image height", "px", 1, MAX_PIXELS),
+    }
+    components: dict[str, Param] = {}
+    scene = Fields(table, f"scene {path.stem}", {})
+    for name, fields in scene.sections("args", "argument").items():
+        kind = fields.text("type", "float", choices=tuple(_TYPES))
+        default = fields.raw("default")
+        about = (fields.text("help"), fields.text("unit", ""))
+        least, most = (fields.number(k) if fields.has(k) else None for k in ("min", "max"))
+        owner = f"{path.stem}, {fields.table.where('default')}"
+        if kind == "vector":
+            components[name] = Param(float, 0.0, *about, least, most)
+            if not isinstance(default, list) or not default:
+                raise fields.error("default", f"is {default!r}; it must be a list of numbers")
+            _vector(owner, name, default, len(default), components[name])
+            declared[name] = Param(list, list(default), *about)
+        else:
+            param = Param(_TYPES[kind], default, *about, least, most, tuple(fields.raw("choices", ())))
+            param.convert(f"scene {owner}", name, default)
+            declared[name] = param
+        fields.done()
+    return declared, components
+
+
+def _vector(owner: str, key: str, value: list[Any], size: int, component: Param) -> list[float]:
+    """Numbers of a vector argument, each within its range."""
+    if len(value) != size:
+        example = ",".join(["0.1"] * size)
+        raise SceneError(f"scene {owner}: {key} is {value!r}; it must be {size} numbers, such as {key}={example}")
+    return [component.convert(f"scene {owner}", f"{key}[{i}]", v) for i, v in enumerate(value)]
+
+
+def parse_args(text: str | Mapping[str, Any] | None) -> dict[str, Any]:
+    """`omega=50,centre=0.1,-0.2` as {"omega": "50", "centre": "0.1,-0.2"}; a map is returned as it is.
+
+    A piece without `=` goes on with the value before it. Raises SceneError.
+    """
+    if not isinstance(text, str):
+        return {k: v for k, v in (text or {}).items() if v is not None}
+    result: dict[str, Any] = {}
+    key = ""
+    for piece in filter(None, (p.strip() for p in text.split(","))):
+        if "=" in piece:
+            key, value = (part.strip() for part in piece.split("=", 1))
+            result[key] = value
+        elif key:
+            result[key] += f",{piece}"
+        else:
+            raise SceneError(f"scene_args '{text}' is not key=value,key=value: '{piece}' has no '='")
+    return result

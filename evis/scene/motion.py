@@ -1,0 +1,117 @@
+"""Prescribed motion: poses and twists of a body in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from evis.geometry import se3
+
+NS = 1e-9
+"""Seconds per nanosecond."""
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Constant velocity [m/s] in the parent's frame."""
+
+    velocity: np.ndarray
+
+    def shift(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement and velocity [S, 3] at times [S] s."""
+        return t[:, None] * self.velocity, np.broadcast_to(self.velocity, (len(t), 3))
+
+
+@dataclass(frozen=True)
+class Sinusoid:
+    """amplitude sin(2 pi frequency t + phase) [m] in the parent's frame."""
+
+    amplitude: np.ndarray
+    frequency: float
+    phase: float = 0.0
+
+    def shift(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement and velocity [S, 3] at times [S] s."""
+        rate = 2 * np.pi * self.frequency
+        angle = rate * t + self.phase
+        return np.outer(np.sin(angle), self.amplitude), np.outer(rate * np.cos(angle), self.amplitude)
+
+
+@dataclass(frozen=True)
+class Spin:
+    """Constant rate [rad/s] about a unit axis of the body's frame."""
+
+    axis: np.ndarray
+    rate: float
+
+    def turn(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Angle [rad] and angular rate [rad/s], [S], at times [S] s."""
+        return self.rate * t, np.full(len(t), self.rate)
+
+
+@dataclass(frozen=True)
+class Swing:
+    """amplitude [rad] times sin(2 pi frequency t + phase) about a unit axis of the body's frame."""
+
+    axis: np.ndarray
+    amplitude: float
+    frequency: float
+    phase: float = 0.0
+
+    def turn(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Angle [rad] and angular rate [rad/s], [S], at times [S] s."""
+        rate = 2 * np.pi * self.frequency
+        angle = rate * t + self.phase
+        return self.amplitude * np.sin(angle), self.amplitude * rate * np.cos(angle)
+
+
+class Prescribed:
+    """A start pose, translations that add up in the parent's frame, and rotations that chain in the body's own.
+
+    position(t) = p0 + sum of shifts(t); rotation(t) = q0 turn_1(t) turn_2(t) ...; all of it in the frame of `parent`,
+    or of the world. Exact at every t, whatever the sub-step.
+    """
+
+    def __init__(
+        self,
+        start: np.ndarray,
+        motions: Sequence[Linear | Sinusoid | Spin | Swing] = (),
+        parent: Prescribed | None = None,
+    ) -> None:
+        self.start = np.asarray(start, np.float64)
+        self.shifts = [m for m in motions if isinstance(m, (Linear, Sinusoid))]
+        self.turns = [m for m in motions if isinstance(m, (Spin, Swing))]
+        self.parent = parent
+
+    def pose(self, t_ns: np.ndarray) -> np.ndarray:
+        """Poses float64 [S, 7] at times int64 [S] ns, in the world."""
+        return self._pose_and_twist(t_ns)[0]
+
+    def twist(self, t_ns: np.ndarray) -> np.ndarray:
+        """Twists float64 [S, 6] (v, omega; world frame) at times int64 [S] ns."""
+        return self._pose_and_twist(t_ns)[1]
+
+    def is_static(self) -> bool:
+        """True when the pose never changes."""
+        return not self.shifts and not self.turns and (self.parent is None or self.parent.is_static())
+
+    def _pose_and_twist(self, t_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        t = np.atleast_1d(np.asarray(t_ns, np.int64)) * NS
+        position = np.tile(self.start[:3], (len(t), 1))
+        rotation = np.tile(self.start[3:], (len(t), 1))
+        twist = np.zeros((len(t), 6))
+        for shift in self.shifts:
+            displacement, velocity = shift.shift(t)
+            position += displacement
+            twist[:, :3] += velocity
+        for turn in self.turns:
+            angle, rate = turn.turn(t)
+            twist[:, 3:] += rate[:, None] * se3.rotate(rotation, turn.axis)
+            rotation = se3.multiply(rotation, se3.exp(angle[:, None] * turn.axis))
+        pose = se3.make_pose(position, rotation)
+        if self.parent is None:
+            return pose, twist
+        outer_pose, outer_twist = self.parent._pose_and_twist(t_ns)
+        return se3.compose(outer_pose, pose), se3.compose_twist(outer_pose, outer_twist, pose, twist)

@@ -1,0 +1,197 @@
+"""Checked reading of a scene file: every value with its file and line, its type, range and unit."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from evis.geometry import se3
+from evis.launch.document import Row, Table, nearest
+from evis.launch.expression import ExpressionError, UnknownName, substitute
+
+
+class SceneError(ValueError):
+    """A scene that cannot be loaded. The text names the file, the line where there is one, the key and the remedy."""
+
+
+_REQUIRED: Any = object()
+_ANGLE = re.compile(r"\s*(.+?)\s*(deg|rad)\s*\Z")
+
+
+class Fields:
+    """One map of a scene file with its `${...}` filled in; `done` refuses the keys that nothing asked for.
+
+    what: for error texts, such as "body 'disk'".
+    """
+
+    def __init__(self, table: Table, what: str, arguments: Mapping[str, Any]) -> None:
+        self.table = table
+        self.what = what
+        self.arguments = arguments
+        self._asked: list[str] = []
+
+    def error(self, key: str | None, text: str) -> SceneError:
+        """A SceneError at the line of `key`."""
+        place = f"{self.what}: {key}" if key else self.what
+        return SceneError(f"{self.table.where(key if key in self.table else None)}: {place} {text}")
+
+    def has(self, key: str) -> bool:
+        """True where the file gives this key."""
+        self._asked.append(key)
+        return self.table.get(key) is not None
+
+    def raw(self, key: str, default: Any = _REQUIRED) -> Any:
+        """The value as YAML has it, arguments filled in."""
+        if not self.has(key):
+            if default is _REQUIRED:
+                raise self.error(None, f"needs '{key}'")
+            return default
+        value = self.table[key]
+        if isinstance(value, (Table, Row)) and not _is_plain_list(value):
+            return value
+        try:
+            return substitute(value, self.arguments)
+        except UnknownName as error:
+            raise self.error(key, f"uses '{error.name}'; {nearest(error.name, self.arguments)}") from None
+        except ExpressionError as error:
+            raise self.error(key, f"cannot be worked out: {error}") from None
+
+    def number(
+        self, key: str, default: Any = _REQUIRED, *, minimum: float | None = None, above: float | None = None
+    ) -> float:
+        """A finite number, at least `minimum`, greater than `above`."""
+        return self._number(key, self.raw(key, default), minimum, above)
+
+    def _number(self, key: str, value: Any, minimum: float | None = None, above: float | None = None) -> float:
+        try:
+            number = math.nan if isinstance(value, bool) else float(value)
+        except (TypeError, ValueError, OverflowError):
+            number = math.nan
+        if not math.isfinite(number):
+            raise self.error(key, f"is {value!r}; it must be a finite number")
+        if minimum is not None and number < minimum:
+            raise self.error(key, f"is {number:g}; the least is {minimum:g}")
+        if above is not None and number <= above:
+            raise self.error(key, f"is {number:g}; it must be more than {above:g}")
+        return number
+
+    def whole(self, key: str, default: Any = _REQUIRED, *, minimum: int = 0, maximum: int = 1 << 16) -> int:
+        """A whole number within [minimum, maximum]."""
+        number = self.number(key, default)
+        if number != int(number) or not minimum <= number <= maximum:
+            raise self.error(key, f"is {number:g}; it must be a whole number from {minimum} to {maximum}")
+        return int(number)
+
+    def angle(self, key: str, default: Any = _REQUIRED) -> float:
+        """An angle [rad]: a number is radians, a text may end in `deg` or `rad`."""
+        value = self.raw(key, default)
+        unit = _ANGLE.match(value) if isinstance(value, str) else None
+        if unit is None:
+            return self._number(key, value)
+        number = self._number(key, unit[1])
+        return math.radians(number) if unit[2] == "deg" else number
+
+    def vector(self, key: str, length: int = 3, default: Any = _REQUIRED, *, above: float | None = None) -> np.ndarray:
+        """A float64 vector; `a, b, c` as text will do."""
+        value = self.raw(key, default)
+        if isinstance(value, str):
+            value = value.split(",")
+        if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != length:
+            raise self.error(key, f"is {value!r}; it must be a list of {length} numbers")
+        return np.array([self._number(key, v, above=above) for v in value])
+
+    def direction(self, key: str, default: Any = _REQUIRED) -> np.ndarray:
+        """A vector scaled to unit length."""
+        value = self.vector(key, 3, default)
+        length = float(np.linalg.norm(value))
+        if length < 1e-12:
+            raise self.error(key, "is zero, so it has no direction")
+        return value / length
+
+    def colour(self, key: str, default: Any = _REQUIRED, maximum: float | None = None) -> np.ndarray:
+        """Three linear components, none negative; a single number is a grey."""
+        value = self.raw(key, default)
+        if not isinstance(value, (list, tuple, np.ndarray, str)):
+            value = [value] * 3
+        if isinstance(value, str):
+            value = value.split(",") if "," in value else [value] * 3
+        if len(value) != 3:
+            raise self.error(key, f"is {value!r}; it must be one number (grey) or three (R, G, B)")
+        colour = np.array([self._number(key, v, minimum=0.0) for v in value], np.float32)
+        if maximum is not None and colour.max() > maximum:
+            raise self.error(key, f"is {colour.max():g}; the most is {maximum:g}, since it is a reflectance")
+        return colour
+
+    def text(self, key: str, default: Any = _REQUIRED, choices: Sequence[str] = ()) -> str:
+        """A text, one of `choices` where given."""
+        value = self.raw(key, default)
+        if not isinstance(value, (str, int, float)) or isinstance(value, bool):
+            raise self.error(key, f"is {value!r}; it must be a text")
+        if choices and str(value) not in choices:
+            raise self.error(key, f"is '{value}'; {nearest(str(value), choices)}")
+        return str(value)
+
+    def flag(self, key: str, default: bool) -> bool:
+        """true or false."""
+        value = self.raw(key, default)
+        if not isinstance(value, bool):
+            raise self.error(key, f"is {value!r}; it must be true or false")
+        return value
+
+    def section(self, key: str, what: str) -> Fields | None:
+        """The map under `key`, or None."""
+        if not self.has(key):
+            return None
+        return self._as_fields(key, self.table[key], what)
+
+    def sections(self, key: str, what: str) -> dict[str, Fields]:
+        """The map of maps under `key`: name -> its fields, empty where there is none."""
+        if not self.has(key):
+            return {}
+        table = self.table[key]
+        if not isinstance(table, Table):
+            raise self.error(key, f"must be a map of names, each with a map of what the {what} is")
+        return {n: Fields(table, self.what, self.arguments)._as_fields(n, v, f"{what} '{n}'") for n, v in table.items()}
+
+    def items(self, key: str, what: str) -> list[Fields]:
+        """The list of maps under `key`, empty where there is none; a single map counts as a list of one."""
+        if not self.has(key):
+            return []
+        value = self.table[key]
+        rows = value if isinstance(value, list) else [value]
+        return [self._as_fields(key, row, f"{what} {i + 1}") for i, row in enumerate(rows)]
+
+    def _as_fields(self, key: str, value: Any, what: str) -> Fields:
+        if not isinstance(value, Table):
+            raise self.error(key, f"is {value!r:.60}; it must be a map such as {{name: value}}")
+        return Fields(value, what if self.what.startswith("scene") else f"{self.what}, {what}", self.arguments)
+
+    def rotation(self) -> np.ndarray:
+        """Quaternion from `quaternion: [x, y, z, w]` or `rotation: {axis, angle}` (a list of them: one after another).
+
+        Later entries of the list turn about axes of the frame that the earlier ones left.
+        """
+        if self.has("quaternion"):
+            try:
+                return se3.normalize(self.vector("quaternion", 4))
+            except ValueError as error:
+                raise self.error("quaternion", str(error)) from None
+        result = se3.IDENTITY[3:]
+        for entry in self.items("rotation", "rotation"):
+            result = se3.multiply(result, se3.exp(entry.direction("axis") * entry.angle("angle")))
+            entry.done()
+        return result
+
+    def done(self) -> None:
+        """Raise SceneError for a key that nothing asked for."""
+        for key in self.table:
+            if key not in self._asked:
+                raise self.error(key, f"is not known here; {nearest(key, sorted(set(self._asked)))}")
+
+
+def _is_plain_list(value: Any) -> bool:
+    return isinstance(value, Row) and not any(isinstance(v, (Table, Row)) for v in value)

@@ -1,0 +1,165 @@
+"""Triangle meshes of the primitive shapes, made by code.
+
+Every shape is centred on its frame; axes of revolution are z. Faces run counter-clockwise seen from outside. uv (0, 0)
+is the texture's lower left corner. Triangle counts are modest: silhouettes lie within 1 % of the radius
+of the true shape (the chord of a 24-gon, 1 - cos(pi / 24) = 0.9 %; of a cylinder's 64-gon 0.1 %).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from evis.scene.model import Mesh
+
+SEGMENTS = 64
+"""Sides of a cylinder; the rim of a disk has twice as many."""
+
+
+def box(size: np.ndarray) -> Mesh:
+    """Box with edge lengths size [3]; every face shows the whole texture."""
+    corners, uv = [], []
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            a, b = np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
+            if sign < 0:
+                a, b = b, a
+            n = sign * np.eye(3)[axis]
+            corners.append([n - a - b, n + a - b, n + a + b, n - a + b])
+            uv.append(_QUAD_UV)
+    vertices = np.array(corners).reshape(-1, 3) * 0.5 * np.asarray(size)
+    return _mesh(vertices, np.arange(24).reshape(6, 4)[:, _QUAD].reshape(-1, 3), np.array(uv).reshape(-1, 2))
+
+
+def plane(size: np.ndarray, repeat: Sequence[float] | np.ndarray = (1.0, 1.0), cells: int = 8) -> Mesh:
+    """Rectangle size [2] in x, y, facing +z, cut into cells x cells quads (a z-buffer likes no huge triangles)."""
+    line = np.linspace(-0.5, 0.5, cells + 1)
+    y, x = np.meshgrid(line, line, indexing="ij")
+    vertices = np.stack((x * size[0], y * size[1], 0 * x), axis=-1).reshape(-1, 3)
+    uv = (np.stack((x, y), axis=-1).reshape(-1, 2) + 0.5) * repeat
+    return _mesh(vertices, _grid_faces(cells + 1, cells + 1), uv)
+
+
+def grid(points: np.ndarray, uv: np.ndarray) -> Mesh:
+    """Surface through points [rows, columns, 3] (rows along y, columns along x) with uv [rows, columns, 2]."""
+    return _mesh(points.reshape(-1, 3), _grid_faces(*points.shape[:2]), uv.reshape(-1, 2))
+
+
+def disk(radius: float, segments: int = 2 * SEGMENTS) -> Mesh:
+    """Flat disk facing +z; the texture lies over its bounding square, upright along +y."""
+    rim = _circle(segments)
+    vertices = np.concatenate((np.zeros((1, 3)), np.c_[radius * rim, np.zeros(segments)]))
+    around = np.arange(segments)
+    faces = np.stack((np.zeros(segments, int), around + 1, (around + 1) % segments + 1), axis=-1)
+    return _mesh(vertices, faces, np.concatenate(([[0.5, 0.5]], 0.5 + 0.5 * rim)))
+
+
+def sphere(radius: float) -> Mesh:
+    """Latitude-longitude sphere of 528 triangles with smooth normals."""
+    return ellipsoid(np.full(3, radius))
+
+
+def ellipsoid(radii: np.ndarray) -> Mesh:
+    """Ellipsoid with semi-axes radii [3], smooth normals."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 13)
+    profile = np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+    mesh = _revolve(profile, profile, np.linspace(0, 1, 13), 24)
+    radii = np.asarray(radii, np.float64)
+    mesh.vertices = (mesh.vertices * radii).astype(np.float32)
+    assert mesh.normals is not None
+    normals = mesh.normals / radii
+    mesh.normals = (normals / np.linalg.norm(normals, axis=-1, keepdims=True)).astype(np.float32)
+    return mesh
+
+
+def cylinder(radius: float, height: float) -> Mesh:
+    """Closed cylinder along z: smooth side, flat caps (each with the texture over its bounding square)."""
+    h = 0.5 * height
+    side = _revolve(
+        np.array([[radius, -h], [radius, h]]), np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([0.0, 1.0]), SEGMENTS
+    )
+    top = _flat(disk(radius, SEGMENTS))
+    top.vertices[:, 2] = h
+    bottom = disk(radius, SEGMENTS)
+    bottom.vertices *= np.array([1, -1, 1], np.float32)  # half a turn about x, which leaves z = 0 as it is
+    bottom = _flat(bottom)
+    bottom.vertices[:, 2] = -h
+    return join(side, top, bottom)
+
+
+def capsule(radius: float, height: float) -> Mesh:
+    """Cylinder of `height` along z with a hemisphere on each end, smooth normals."""
+    low = np.linspace(-np.pi / 2, 0, 6)
+    high = np.linspace(0, np.pi / 2, 6)
+    angle = np.concatenate((low, high))
+    normals = np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+    profile = radius * normals
+    profile[:, 1] += np.where(np.arange(12) < 6, -0.5, 0.5) * height
+    length = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=-1))))
+    return _revolve(profile, normals, length / length[-1], 24)
+
+
+def triangles(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
+    """A mesh given by its vertices [V, 3] and faces [F, 3], shaded flat, without uv."""
+    return Mesh(np.asarray(vertices, np.float32), np.asarray(faces, np.int32))
+
+
+def join(*parts: Mesh) -> Mesh:
+    """One mesh of several; all must have uv and normals."""
+    offsets = np.cumsum([0] + [len(p.vertices) for p in parts[:-1]])
+    return Mesh(
+        np.concatenate([p.vertices for p in parts]),
+        np.concatenate([p.faces + o for p, o in zip(parts, offsets)]).astype(np.int32),
+        np.concatenate([p.uv for p in parts if p.uv is not None]),
+        np.concatenate([p.normals for p in parts if p.normals is not None]),
+    )
+
+
+_QUAD = np.array([[0, 1, 2], [0, 2, 3]])
+_QUAD_UV = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+def _circle(segments: int) -> np.ndarray:
+    angle = 2 * np.pi * np.arange(segments) / segments
+    return np.stack((np.cos(angle), np.sin(angle)), axis=-1)
+
+
+def _grid_faces(rows: int, columns: int) -> np.ndarray:
+    """Faces of a grid of vertices numbered row by row, two triangles per cell."""
+    start = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1)
+    quads = np.stack((start, start + 1, start + columns + 1, start + columns), axis=-1)
+    return quads[:, _QUAD].reshape(-1, 3)
+
+
+def _mesh(vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, normals: np.ndarray | None = None) -> Mesh:
+    """Per-vertex uv and normals spread over the corners; triangles without area left out."""
+    edges = vertices[faces[:, 1:]] - vertices[faces[:, :1]]
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=-1)
+    faces = faces[area > 1e-12 * max(area.max(), 1e-300)]
+    return Mesh(
+        vertices.astype(np.float32), faces.astype(np.int32), uv[faces].astype(np.float32),
+        None if normals is None else normals[faces].astype(np.float32),
+    )  # fmt: skip
+
+
+def _flat(mesh: Mesh) -> Mesh:
+    """The same with the geometric normal at every corner."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(np.float64) for i in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    mesh.normals = np.repeat(normal[:, None], 3, axis=1).astype(np.float32)
+    return mesh
+
+
+def _revolve(profile: np.ndarray, normals: np.ndarray, v: np.ndarray, segments: int) -> Mesh:
+    """Surface of revolution about z of a profile [P, 2] (radius, z) from bottom to top, u once around."""
+    u = np.linspace(0, 1, segments + 1)
+    ring = np.stack((np.cos(2 * np.pi * u), np.sin(2 * np.pi * u)), axis=-1)
+
+    def sweep(curve: np.ndarray) -> np.ndarray:
+        around = curve[:, None, :1] * ring
+        return np.concatenate((around, np.broadcast_to(curve[:, None, 1:], (*around.shape[:2], 1))), -1).reshape(-1, 3)
+
+    uv = np.stack((np.tile(u, len(profile)), np.repeat(v, len(u))), axis=-1)
+    return _mesh(sweep(profile), _grid_faces(len(profile), len(u)), uv, sweep(normals))

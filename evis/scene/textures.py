@@ -1,0 +1,71 @@
+"""Textures made by code from a seed: linear reflectance, float32 [h, w, 3], row 0 at the top (v = 1).
+
+The renderer does not antialias, so a texture is made finely and then filtered down to `size` texels; a scene chooses
+about one texel per pixel.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+FINE = 1024
+"""Texels along each side before filtering."""
+
+
+def blobs(size: int, seed: int, feature: float, low: float = 0.0, high: float = 1.0) -> np.ndarray:
+    """White noise, blurred with a Gaussian of standard deviation `feature` (of the width), cut at its median.
+
+    float32 [size, size], tileable, half of it `low` and half `high` (before the filter).
+    """
+    smooth = _blurred_noise(seed, feature)
+    return _shrink(np.where(smooth > np.median(smooth), high, low), size)
+
+
+def noise(size: int, seed: int, feature: float, low: float = 0.0, high: float = 1.0) -> np.ndarray:
+    """As `blobs` without the cut: smooth grey values with their mean midway and clipped at 2.5 standard deviations."""
+    smooth = _blurred_noise(seed, feature)
+    unit = np.clip(0.5 + (smooth - smooth.mean()) / (5.0 * smooth.std()), 0.0, 1.0)
+    return _shrink(low + (high - low) * unit, size)
+
+
+def checker(size: int, cells: int, low: float = 0.0, high: float = 1.0) -> np.ndarray:
+    """cells x cells squares, float32 [size, size]; the top left one is `low`."""
+    index = np.arange(FINE) * cells // FINE
+    return _shrink(np.where((index[:, None] + index) % 2 == 1, high, low), size)
+
+
+def add_wedge(image: np.ndarray, angle: float, value: float) -> np.ndarray:
+    """A sector of `angle` rad around the upward direction painted with one grey value, its edge one texel soft."""
+    size = len(image)
+    centre = np.arange(size) + 0.5 - 0.5 * size
+    x, y = centre[None, :], -centre[:, None]
+    radius = np.hypot(x, y)
+    # Signed distance [texels] from the sector's straight edges, positive inside.
+    inside = radius * np.sin(np.clip(0.5 * angle - np.abs(np.arctan2(x, y)), -np.pi / 2, np.pi / 2))
+    cover = np.clip(inside + 0.5, 0.0, 1.0)
+    return (image + cover * (value - image)).astype(np.float32)
+
+
+def _blurred_noise(seed: int, feature: float) -> np.ndarray:
+    white = np.random.Generator(np.random.Philox(key=seed)).standard_normal((FINE, FINE))
+    return _gaussian(white, feature * FINE)
+
+
+def _gaussian(image: np.ndarray, sigma: float) -> np.ndarray:
+    """Periodic Gaussian blur, sigma in texels, by its exact Fourier transform."""
+    fy = np.fft.fftfreq(image.shape[0])[:, None]
+    fx = np.fft.rfftfreq(image.shape[1])[None, :]
+    return np.fft.irfft2(np.fft.rfft2(image) * np.exp(-2.0 * (np.pi * sigma) ** 2 * (fx * fx + fy * fy)), image.shape)
+
+
+def _shrink(image: np.ndarray, size: int) -> np.ndarray:
+    """Resample to size x size texels: a Gaussian of half a new texel, then bilinear."""
+    ratio = len(image) / size
+    smooth = _gaussian(image, 0.5 * ratio) if ratio > 1.0 else image
+    position = (np.arange(size) + 0.5) * ratio - 0.5
+    first = np.floor(position).astype(int)
+    weight = position - first
+    rows = [smooth[(first + i) % len(image)] for i in (0, 1)]
+    mixed = rows[0] * (1 - weight)[:, None] + rows[1] * weight[:, None]
+    columns = [mixed[:, (first + i) % len(image)] for i in (0, 1)]
+    return (columns[0] * (1 - weight) + columns[1] * weight).astype(np.float32)

@@ -1,0 +1,141 @@
+"""The labeler node: ground truth on /<camera>/labels at every stamp, only what was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from evis.node import Input, Node, Output
+from evis.params import Param
+from msgs.camera import CameraInfo, Depth, Ids, Labels
+from msgs.header import Header, Message
+from msgs.world import WorldState
+
+NEEDS = {
+    "flow": {"state", "depth", "ids", "info"},
+    "depth": {"depth"},
+    "segmentation": {"ids"},
+    "boxes": {"ids"},
+    "poses": {"state"},
+    "velocities": {"state"},
+    "contacts": {"state"},
+}
+"""Inputs that each kind of label is made of."""
+DEFAULT = ("flow", "depth", "segmentation")
+"""Labels for a reader who did not say which."""
+
+
+class LabelerNode(Node):
+    """Labels of one camera. The scene is not loaded: CameraInfo tells which body each id belongs to."""
+
+    PARAMS: ClassVar[Mapping[str, Param]] = {
+        "camera": Param(str, "cam0", "camera that is labelled"),
+        "labels": Param(
+            list, None, f"what to publish, of {', '.join(NEEDS)}; {', '.join(DEFAULT)} if not given", optional=True
+        ),
+    }
+    INPUTS: ClassVar[Mapping[str, Input]] = {
+        "state": Input("/state"),
+        "depth": Input("/{camera}/depth"),
+        "ids": Input("/{camera}/ids"),
+        "info": Input("/{camera}/info", join=False),
+    }
+    OUTPUTS: ClassVar[Mapping[str, Output]] = {"labels": Output("/{camera}/labels")}
+
+    @classmethod
+    def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
+        """The inputs of the labels asked for. Raises ValueError for one that does not exist."""
+        asked = kinds(params.get("labels"))
+        return frozenset().union(*(NEEDS[kind] for kind in asked)) if wanted else frozenset()
+
+    def setup(self) -> None:
+        """Check the list of labels."""
+        from nodes.labeler import labels
+
+        self.pure = labels
+        self.kinds = kinds(self.params["labels"])
+        self.info: CameraInfo | None = None
+        self.flow: labels.FlowField | None = None
+
+    def receive(self, port: str, message: Message) -> None:
+        """Keep the latched CameraInfo."""
+        if isinstance(message, CameraInfo):
+            self.info = message
+            self.info.k = np.array(message.k)
+            self.flow = None
+
+    def update(self, inputs: Mapping[str, Message]) -> None:
+        """Publish the labels of one stamp."""
+        if not self.wants("labels"):
+            return
+        state, depth, ids = inputs.get("state"), inputs.get("depth"), inputs.get("ids")
+        assert isinstance(state, WorldState | None) and isinstance(depth, Depth | None) and isinstance(ids, Ids | None)
+        source = next(iter(inputs.values())).header
+        out = Labels(Header(source.stamp_ns, clock=source.clock, episode=source.episode))
+        z = self.pure.crop(np.asarray(depth.depth), depth.margin) if depth is not None else None
+        i = self.pure.crop(np.asarray(ids.ids), ids.margin) if ids is not None else None
+        self._images(out, state, z, i)
+        if "boxes" in self.kinds and i is not None:
+            out.box, out.box_env, out.box_id = self.pure.boxes(i)
+        if state is not None:
+            self._bodies(out, state)
+        self.publish("labels", out)
+
+    def _images(self, out: Labels, state: WorldState | None, depth: np.ndarray | None, ids: np.ndarray | None) -> None:
+        wanted: dict[str, tuple[tuple[int, ...], Any]] = {}
+        if "flow" in self.kinds and depth is not None:
+            wanted["flow"] = ((*depth.shape, 2), np.float32)
+        if "depth" in self.kinds and depth is not None:
+            wanted["depth"] = (depth.shape, np.float32)
+        if "segmentation" in self.kinds and ids is not None:
+            wanted["segmentation"] = (ids.shape, np.int32)
+        arrays = self.loan("labels", **wanted) if wanted else {}
+        if "depth" in arrays:
+            arrays["depth"][...] = depth
+        if "segmentation" in arrays:
+            arrays["segmentation"][...] = ids
+        if "flow" in arrays and state is not None and depth is not None and ids is not None:
+            field = self._flow_field(state)
+            for e in range(len(depth)):
+                field(state.pose[e, -1], state.twist[e, -1], depth[e], ids[e], arrays["flow"][e])
+        for name, array in arrays.items():
+            setattr(out, name, array)
+
+    def _flow_field(self, state: WorldState) -> Any:
+        if self.flow is None:
+            info = self.info
+            if info is None:
+                raise ValueError(f"{self.name} has no CameraInfo of {self.params['camera']}, which flow needs")
+            index = {"": -1} | {name: n for n, name in enumerate(state.names)}
+            missing = [b for b in (*info.instance_bodies, self.params["camera"]) if b not in index]
+            if missing:
+                raise ValueError(f"{self.name}: /state has no body '{missing[0]}', which CameraInfo names")
+            bodies = [index[b] for b in info.instance_bodies]
+            self.flow = self.pure.FlowField(info.k, (info.width, info.height), bodies, index[self.params["camera"]])
+        return self.flow
+
+    def _bodies(self, out: Labels, state: WorldState) -> None:
+        if "poses" in self.kinds:
+            out.pose, out.names = np.ascontiguousarray(state.pose[:, -1]), list(state.names)
+        if "velocities" in self.kinds:
+            out.velocity, out.names = np.ascontiguousarray(state.twist[:, -1]), list(state.names)
+        if "contacts" in self.kinds:
+            if state.contact_env is None:
+                raise ValueError(f"{self.name}: /state has no contacts; start physics with contacts:=true")
+            for part in ("env", "body", "position", "force"):
+                setattr(out, f"contact_{part}", np.array(getattr(state, f"contact_{part}")))
+
+
+def kinds(asked: Any) -> list[str]:
+    """The labels asked for, checked; those of DEFAULT for None. Raises ValueError naming the nearest one."""
+    import difflib
+
+    names = [n.strip() for n in asked.split(",")] if isinstance(asked, str) else [str(n) for n in asked or DEFAULT]
+    for name in names:
+        if name not in NEEDS:
+            near = difflib.get_close_matches(name, NEEDS, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(NEEDS)}"
+            raise ValueError(f"no label '{name}'; {hint}")
+    return names

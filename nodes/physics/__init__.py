@@ -1,0 +1,1 @@
+"""Physics: poses and twists of all bodies, prescribed in closed form or computed by MuJoCo."""

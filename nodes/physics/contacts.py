@@ -1,0 +1,44 @@
+"""Contacts of a MuJoCo state, with their forces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from nodes.physics.interval import Contacts
+
+
+def contacts_of(model: Any, data: Any, scratch: Any) -> Contacts:
+    """Contacts of `data` at its present state, env = 0 throughout.
+
+    The forces are worked out on `scratch`, another MjData of the model: asking for contacts must not change the course
+    of the simulation (the solver starts from its last solution).
+    """
+    mujoco.mj_copyData(scratch, model, data)
+    mujoco.mj_forward(model, scratch)
+    active = [i for i in range(scratch.ncon) if scratch.contact[i].efc_address >= 0]
+    force = np.zeros((len(active), 3))
+    result = np.zeros(6)
+    for row, i in enumerate(active):
+        mujoco.mj_contactForce(model, scratch, i, result)
+        # rows of frame: normal from the first to the second geom, then two tangents
+        force[row] = scratch.contact[i].frame.reshape(3, 3).T @ result[:3]
+    contact = scratch.contact
+    geoms = np.asarray(contact.geom, np.int64).reshape(-1, 2)[active]
+    return Contacts(
+        env=np.zeros(len(active), np.int32),
+        body=(model.geom_bodyid[geoms] - 1).astype(np.int32).reshape(-1, 2),
+        position=np.array(contact.pos, np.float64).reshape(-1, 3)[active],
+        normal=np.array(contact.frame, np.float64).reshape(-1, 9)[active][:, :3].copy(),
+        force=force,
+        distance=np.array(contact.dist, np.float64).reshape(-1)[active],
+    )
+
+
+def gather(parts: list[Contacts]) -> Contacts:
+    """One list of the contacts of all environments."""
+    env = np.repeat(np.arange(len(parts), dtype=np.int32), [len(p.env) for p in parts])
+    rest = (np.concatenate([getattr(p, n) for p in parts]) for n in ("body", "position", "normal", "force", "distance"))
+    return Contacts(env, *rest)

@@ -1,0 +1,124 @@
+"""The physics node: publishes /state at every keyframe stamp, and takes /action where a controller closes the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from evis.clock import NS, keyframe_count, keyframe_stamp
+from evis.node import Input, Node, Output
+from evis.params import Param
+from msgs.header import Header, Message
+from msgs.world import Action, WorldState
+from nodes.physics.interval import Engine, Interval
+
+
+class PhysicsNode(Node):
+    """Source of the graph: one WorldState per keyframe stamp, k = 0, 1, ... while the stamp is within `duration`."""
+
+    SOURCE: ClassVar[bool] = True
+    PARAMS: ClassVar[Mapping[str, Param]] = {
+        "scene": Param(str, None, "world to simulate: a name in scenes/, a YAML file, or an MJCF file", optional=True),
+        "scene_args": Param(str, None, "arguments of the scene, as omega=50,tilt=30", optional=True),
+        "width": Param(int, None, "image width, for scenes that place things in the view", "px", 1, optional=True),
+        "height": Param(int, None, "image height", "px", 1, optional=True),
+        "seed": Param(int, 0, "seed; environment k has seed + k", minimum=0),
+        "envs": Param(int, 1, "parallel environments", minimum=1),
+        "keyframe_rate": Param(float, 30.0, "stamps per second", "Hz", 1e-3, 1e6),
+        "duration": Param(float, 0.0, "simulated time, 0 = until stopped", "s", 0.0, optional=True),
+        "timestep": Param(
+            float, None, "sub-step of the dynamics; the model's own, at most 1 ms, if not given", "s", 1e-7, 1e-3,
+            optional=True,
+        ),
+        "contacts": Param(bool, False, "publish contacts and their forces"),
+        "joints": Param(bool, False, "publish joint positions and velocities"),
+        "speed_limit": Param(float, 1000.0, "speed of a body beyond which the simulation has diverged", "m/s", 1e-3),
+    }  # fmt: skip
+    INPUTS: ClassVar[Mapping[str, Input]] = {"action": Input("/action", join=False, delayed=True)}
+    OUTPUTS: ClassVar[Mapping[str, Output]] = {"state": Output("/state")}
+
+    @classmethod
+    def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """MuJoCo is left out where all motion is prescribed."""
+        from evis.scene.load import is_dynamic
+
+        scene = params.get("scene")
+        if scene and not is_dynamic(scene):
+            return {"mujoco": f"all motion of scene {scene} is prescribed in closed form"}
+        return {}
+
+    def setup(self) -> None:
+        """Load the scene and the engine that it needs."""
+        from evis.scene.load import load_scene, parse_args
+
+        p = self.params
+        if not p["scene"]:
+            raise ValueError(f"{self.name} needs scene:=NAME, a world to simulate")
+        overrides = parse_args(p["scene_args"]) | {k: p[k] for k in ("width", "height") if p[k] is not None}
+        scene = load_scene(p["scene"], overrides, textures=False)
+        for note in scene.notes:
+            self.warn(f"scene {scene.name}: {note}")
+        self.engine: Engine
+        if scene.dynamic:
+            from nodes.physics.mujoco_engine import MujocoEngine
+
+            self.engine = MujocoEngine(
+                scene, p["seed"], p["envs"], timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
+                speed_limit=p["speed_limit"],
+            )  # fmt: skip
+        else:
+            from nodes.physics.prescribed import PrescribedEngine
+
+            self.engine = PrescribedEngine(scene, p["envs"])
+        self.names = [body.name for body in scene.bodies]
+        self.episodes = np.zeros(p["envs"], np.int32)
+        self.episode = 0
+        self.k = 0
+        self.count_all = keyframe_count(round(p["duration"] * NS), p["keyframe_rate"]) if p["duration"] else None
+
+    def due(self) -> Mapping[str, int]:
+        """The action for the step that starts at the stamp published last; nothing before the first stamp."""
+        return {"action": keyframe_stamp(self.k - 1, self.params["keyframe_rate"])} if self.k else {}
+
+    def step(self, inputs: Mapping[str, Message]) -> bool:
+        """Publish the state at the next stamp."""
+        stamp = keyframe_stamp(self.k, self.params["keyframe_rate"])
+        action = inputs.get("action")
+        controls = np.array(action.controls) if isinstance(action, Action) else None
+        interval = self.engine.advance(stamp, controls) if self.k else self.engine.start()
+        self._faults(interval, stamp)
+        self._publish(stamp, interval)
+        self.k += 1
+        return self.count_all is None or self.k < self.count_all
+
+    def _faults(self, interval: Interval, stamp: int) -> None:
+        """An environment that diverged begins its next episode at this stamp; with only one, so does the run."""
+        for env, text in interval.warnings:
+            self.count("physics_warnings")
+            self.warn(f"environment {env}: {text}")
+        for env, text in interval.faults:
+            self.episodes[env] += 1
+            self.count("diverged")
+            again = f"it starts again as episode {self.episodes[env]} at {stamp * 1e-9:g} s"
+            self.warn(f"environment {env}: {text}; {again}")
+        if interval.faults and len(self.episodes) == 1:
+            self.episode += 1
+            last = slice(-1, None)
+            interval.t = interval.t[last]
+            interval.pose, interval.twist = interval.pose[:, last], interval.twist[:, last]
+            if interval.qpos is not None and interval.qvel is not None:
+                interval.qpos, interval.qvel = interval.qpos[:, last], interval.qvel[:, last]
+
+    def _publish(self, stamp: int, interval: Interval) -> None:
+        if not self.wants("state"):
+            return
+        given = {"t": interval.t, "pose": interval.pose, "twist": interval.twist, "episodes": self.episodes}
+        given |= {n: a for n, a in (("qpos", interval.qpos), ("qvel", interval.qvel)) if a is not None}
+        if interval.contacts is not None:
+            given |= {f"contact_{n}": a for n, a in vars(interval.contacts).items()}
+        arrays = self.loan("state", **{name: (value.shape, value.dtype) for name, value in given.items()})
+        for name, value in given.items():
+            arrays[name][...] = value
+        self.publish("state", WorldState(Header(stamp, episode=self.episode), names=self.names, **arrays))

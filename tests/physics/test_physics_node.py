@@ -1,0 +1,172 @@
+"""The node: one message per keyframe stamp, by the rules of /state, and nothing imported that is not needed."""
+
+import subprocess
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from evis.params import ParamError
+from evis.scene import load_scene
+from msgs.header import Header
+from msgs.world import Action
+from nodes.physics.node import PhysicsNode
+from nodes.physics.prescribed import PrescribedEngine
+
+
+class Wire:
+    """Stands for the executor: keeps what the node publishes, counts and says."""
+
+    def __init__(self):
+        self.messages, self.counts, self.warnings = [], {}, []
+
+    def wants(self, node, port):
+        return True
+
+    def loan(self, node, port, arrays):
+        return {name: np.empty(shape, dtype) for name, (shape, dtype) in arrays.items()}
+
+    def publish(self, node, port, message):
+        message.check()
+        self.messages.append(message)
+
+    def count(self, node, name, amount):
+        self.counts[name] = self.counts.get(name, 0) + amount
+
+    def diagnose(self, node, level, text):
+        self.warnings.append(text)
+
+
+def node_of(**params):
+    node = PhysicsNode("physics", params)
+    node.runtime = Wire()
+    node.setup()
+    return node
+
+
+def run(node):
+    while node.step({}):
+        pass
+    return node.runtime.messages
+
+
+@pytest.mark.parametrize("rate, duration, count", [(30, 1.0, 31), (125, 0.1, 13), (30, 0.0999, 3), (1000, 0.002, 3)])
+def test_stamps_and_sub_steps(rate, duration, count):
+    """All k with stamp <= duration; S = 1 at first, then from the previous stamp to this one, 1 ms apart at most."""
+    messages = run(node_of(scene="spinning_disk", keyframe_rate=rate, duration=duration))
+    assert [m.header.stamp_ns for m in messages] == [round(k * 1e9 / rate) for k in range(count)]
+    assert messages[0].t.tolist() == [0]
+    for before, message in pairwise(messages):
+        assert message.t[0] == before.header.stamp_ns and message.t[-1] == message.header.stamp_ns
+        assert np.all((np.diff(message.t) > 0) & (np.diff(message.t) <= 1_000_000))
+        assert np.array_equal(message.pose[:, 0], before.pose[:, -1])
+    assert messages[0].names == ["disk", "cam0"] and {m.header.episode for m in messages} == {0}
+
+
+def test_prescribed_poses_are_exact_and_alike_in_all_environments():
+    """The disk's rotation at every sub-step is omega t about its axis, in closed form."""
+    messages = run(node_of(scene="spinning_disk", scene_args="omega=15,centre=0.1,-0.1", envs=3, duration=0.2))
+    scene = load_scene("spinning_disk", {"omega": 15, "centre": "0.1,-0.1"}, textures=False)
+    for message in messages:
+        for e in range(3):
+            for n, body in enumerate(scene.bodies):
+                assert np.array_equal(message.pose[e, :, n], body.trajectory.pose(message.t))
+                assert np.array_equal(message.twist[e, :, n], body.trajectory.twist(message.t))
+    assert np.allclose(messages[-1].twist[0, 0, 0, 3:] @ messages[-1].twist[0, 0, 0, 3:], 15**2)
+
+
+def test_without_duration_it_goes_on():
+    """duration 0 means until stopped."""
+    node = node_of(scene="spinning_disk", duration=0)
+    assert all(node.step({}) for _ in range(50))
+
+
+def test_planner_learns_that_mujoco_is_not_needed():
+    """With the reason, from the scene file alone."""
+    assert "prescribed" in PhysicsNode.imports({"scene": "spinning_disk"})["mujoco"]
+    assert PhysicsNode.imports({"scene": "falling_objects"}) == {}
+
+
+def test_prescribed_scenes_import_neither_mujoco_nor_warp():
+    """In a fresh interpreter, after setup and steps."""
+    code = (
+        "import sys; sys.path.insert(0, 'tests/physics'); from test_physics_node import node_of; "
+        "node = node_of(scene='spinning_disk', duration=0.1); node.step({}); node.step({}); "
+        "sys.exit(' '.join({'mujoco', 'warp'} & set(sys.modules)) or 0)"
+    )
+    root = __file__.rsplit("/tests/", 1)[0]
+    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+
+
+def test_same_seed_same_bytes_with_contacts_and_joints():
+    """Every array of every message of falling_objects, twice."""
+    params = dict(scene="falling_objects", duration=0.6, contacts=True, joints=True, seed=4, envs=2)
+    a, b = run(node_of(**params)), run(node_of(**params))
+    for x, y in zip(a, b, strict=True):
+        assert x.arrays().keys() == y.arrays().keys() and "contact_force" in x.arrays() and "qpos" in x.arrays()
+        assert all(x.arrays()[n].tobytes() == y.arrays()[n].tobytes() for n in x.arrays())
+    assert len(a[-1].contact_env) and set(a[-1].contact_env) == {0, 1}
+
+
+def test_nothing_is_extracted_unless_asked():
+    """No contacts and no joints by default."""
+    message = run(node_of(scene="falling_objects", duration=0.1))[-1]
+    assert set(message.arrays()) == {"t", "pose", "twist", "episodes"}
+
+
+CART = """<mujoco><option gravity="0 0 0"/><worldbody><body name="cart"><joint name="x" type="slide" axis="1 0 0"/>
+<geom size=".1" mass="1"/></body></worldbody><actuator><motor joint="x"/></actuator></mujoco>"""
+
+
+def test_an_action_acts_on_the_step_that_starts_at_its_stamp(tmp_path):
+    """due() asks for the previous stamp; before the first there is none, and the controls are zero."""
+    path = tmp_path / "cart.xml"
+    path.write_text(CART)
+    node = node_of(scene=str(path), keyframe_rate=100, duration=0.03)
+    assert node.due() == {}
+    node.step({})
+    speeds = []
+    for force in (1.0, 0.0, -1.0):
+        stamp = node.due()["action"]
+        assert stamp == node.runtime.messages[-1].header.stamp_ns
+        node.step({"action": Action(Header(stamp), np.full((1, 1), force))})
+        speeds.append(node.runtime.messages[-1].twist[0, -1, 0, 0])
+    assert np.allclose(speeds, [0.01, 0.01, 0.0], atol=1e-12)
+
+
+def test_divergence_ends_the_episode_and_is_said(tmp_path, monkeypatch):
+    """For one environment the header's episode goes up and the message stands alone (S = 1)."""
+    monkeypatch.chdir(tmp_path)
+    stiff = CART.replace('axis="1 0 0"', 'axis="1 0 0" stiffness="1e8" springref="0.01"')
+    (tmp_path / "stiff.xml").write_text(stiff)
+    node = node_of(scene="stiff.xml", keyframe_rate=50, duration=0.04)
+    messages = run(node)
+    assert [m.header.episode for m in messages] == [0, 1, 2]
+    assert [len(m.t) for m in messages] == [1, 1, 1] and [m.episodes.tolist() for m in messages] == [[0], [1], [2]]
+    assert [m.header.stamp_ns for m in messages] == [0, 20_000_000, 40_000_000]
+    assert node.runtime.counts["diverged"] == 2
+    faults = [text for text in node.runtime.warnings if "environment 0: body 'cart' diverged" in text]
+    assert len(faults) == 2 and all("omega*dt = 10" in text for text in faults)
+    assert "expect it to diverge" in node.runtime.warnings[0]  # said before the first step
+    assert all(np.isfinite(m.pose).all() for m in messages)
+
+
+def test_wrong_parameters_say_what_is_right():
+    """A missing scene, a wrong argument of the scene, a wrong parameter of the node."""
+    with pytest.raises(ValueError, match="physics needs scene:=NAME"):
+        node_of()
+    with pytest.raises(ValueError, match="no parameter 'omga'; did you mean 'omega'"):
+        node_of(scene="spinning_disk", scene_args="omga=50")
+    with pytest.raises(ParamError, match="did you mean 'keyframe_rate'"):
+        node_of(scene="spinning_disk", keyframe_rat=30)
+
+
+def test_grid_is_independent_of_stamps():
+    """A body's sub-steps lie at whole milliseconds whatever the stamps are."""
+    engine = PrescribedEngine(load_scene("spinning_disk", textures=False))
+    engine.start()
+    assert engine.advance(2_500_000).t.tolist() == [0, 1_000_000, 2_000_000, 2_500_000]
+    assert engine.advance(2_600_000).t.tolist() == [2_500_000, 2_600_000]
+    assert engine.advance(4_000_000).t.tolist() == [2_600_000, 3_000_000, 4_000_000]

@@ -1,0 +1,172 @@
+"""Scene files: what they may say, and the one line that a mistake gives."""
+
+import numpy as np
+import pytest
+
+from evis.geometry import pinhole, se3
+from evis.scene import SceneError, load_scene, scene_args
+from evis.scene.load import is_dynamic, parse_args
+
+GOOD = """
+args:
+  rate: {default: 20, min: 1, max: 40, unit: rad/s, help: how fast it turns}
+  where: {type: vector, default: [0, 0, 2], help: position}
+cameras:
+  cam0: {fov: 60 deg}
+  side: {width: 64, height: 48, focal: 50, position: [1, 0, 2], look_at: "${where}", up: [0, -1, 0]}
+materials:
+  grey: {albedo: 0.5}
+bodies:
+  top:
+    position: ${where}
+    motion: {kind: spin, axis: [0, 0, 2], rate: "${rate}"}
+    shapes: [{shape: sphere, radius: 0.1, material: grey}, {name: rod, shape: disk, radius: 1, material: grey}]
+lights:
+  sun: {kind: directional, irradiance: [1, 2, 3], direction: [0, 0, 2]}
+environment: 0.1
+"""
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    def write(text=GOOD, *edits):
+        for old, new in edits:
+            assert old in text
+            text = text.replace(old, new)
+        path = tmp_path / "toy.yaml"
+        path.write_text(text)
+        return str(path)
+
+    return write
+
+
+def test_everything_is_where_the_file_says(scene_file):
+    """Bodies, cameras, instances and lights, with arguments at their defaults and overridden."""
+    scene = load_scene(scene_file())
+    assert [b.name for b in scene.bodies] == ["top", "cam0", "side"]
+    assert [i.name for i in scene.instances] == ["top_0", "rod"]
+    assert [(c.name, c.width, c.height) for c in scene.cameras] == [("cam0", 346, 260), ("side", 64, 48)]
+    assert np.isclose(scene.cameras[0].k[0, 0], 130 / np.tan(np.radians(30)))
+    assert scene.cameras[1].k.tolist() == [[50, 0, 31.5], [0, 50, 23.5], [0, 0, 1]]
+    assert np.allclose(scene.lights[0].vector, [0, 0, 1]) and scene.lights[0].colour.tolist() == [1, 2, 3]
+    assert np.allclose(scene.environment, 0.1) and not scene.dynamic
+
+    scene = load_scene(scene_file(), {"rate": "30", "where": "0,1,3", "width": 100})
+    assert scene.bodies[0].trajectory.pose(np.zeros(1, np.int64))[0, :3].tolist() == [0, 1, 3]
+    assert scene.bodies[0].trajectory.twist(np.zeros(1, np.int64))[0].tolist() == [0, 0, 0, 0, 0, 30]
+    assert scene.cameras[0].width == 100 and scene.cameras[1].width == 64
+
+
+@pytest.mark.parametrize(
+    "old, new, line, words",
+    [
+        ("radius: 0.1,", "radios: 0.1,", 14, "shape 1 needs 'radius'"),
+        ("radius: 0.1,", "radius: .nan,", 14, "radius is nan; it must be a finite number"),
+        ("radius: 0.1,", "radius: -1,", 14, "radius is -1; it must be more than 0"),
+        ("radius: 0.1,", "radius: 0.1, radios: 1,", 14, "radios is not known here; did you mean 'radius'?"),
+        ("shape: sphere", "shape: spere", 14, "shape is 'spere'; did you mean 'sphere'?"),
+        ("material: grey}, {", "material: gray}, {", 14, "material is 'gray'; did you mean 'grey'?"),
+        ("kind: spin", "kind: spinn", 13, "kind is 'spinn'; did you mean 'spin'?"),
+        ("axis: [0, 0, 2]", "axis: [0, 0, 0]", 13, "axis is zero, so it has no direction"),
+        ("axis: [0, 0, 2]", "axis: [0, 2]", 13, "axis is [0, 2]; it must be a list of 3 numbers"),
+        ('rate: "${rate}"', 'rate: "${rat}"', 13, "rate uses 'rat'; did you mean 'rate'?"),
+        ('rate: "${rate}"', 'rate: "${1 / 0}"', 13, "divides by zero"),
+        ("fov: 60 deg", "fov: 180 deg", 6, "must lie between 0 and 180 deg"),
+        ("fov: 60 deg", "near: 1", 6, "camera 'cam0' needs 'fov'"),
+        ("fov: 60 deg", "fov: .inf", 6, "fov is inf; it must be a finite number"),
+        ("focal: 50", "focal: 50, fov: 1", 7, "focal and fov are given; leave one out"),
+        ("albedo: 0.5", "albedo: 1.5", 9, "albedo is 1.5; the most is 1, since it is a reflectance"),
+        ("albedo: 0.5", "albedo: -0.5", 9, "albedo is -0.5; the least is 0"),
+        ("position: ${where}", "position: ${where}\n    parent: tip", 13, "parent is 'tip'; did you mean 'top'?"),
+        ("position: ${where}", "parent: top", 12, "leads back to the body itself"),
+        ("position: ${where}", "view: {camera: cam1, depth: 1}", 12, "camera is 'cam1'; did you mean 'cam0'?"),
+        ("environment: 0.1", "environmen: 0.1", 17, "environmen is not known here; did you mean 'environment'?"),
+        ("lights:", "mjcf: robot.xml\nlights:", 15, "names robot.xml, which is not in"),
+        ("bodies:", "bodies:\n  cam0: {}", 6, "has a name that is taken already"),
+        ("kind: directional", "kind: spot", 16, "kind is 'spot'; did you mean 'point'?"),
+        ("up: [0, -1, 0]", "up: [-1, 0, 0]", 7, "looks along 'up'"),
+        ("rate: {default: 20", "rate: {default: 99", 3, "rate is 99.0 rad/s, the most is 40 rad/s"),
+        ("rate: {default: 20", "rate: {defualt: 20", 3, "argument 'rate' needs 'default'"),
+    ],
+)
+def test_a_mistake_names_file_line_key_and_remedy(scene_file, old, new, line, words):
+    """One line of text each, at the line where the mistake stands."""
+    with pytest.raises(ValueError) as caught:
+        load_scene(scene_file(GOOD, (old, new)))
+    text = str(caught.value)
+    assert f"toy.yaml:{line}" in text and words in text and "\n" not in text, text
+
+
+def test_wrong_arguments(scene_file):
+    """Names and ranges come from the scene's own declaration."""
+    path = scene_file()
+    with pytest.raises(ValueError, match=r"scene toy has no parameter 'rte'; did you mean 'rate'"):
+        load_scene(path, {"rte": 1})
+    with pytest.raises(ValueError, match=r"rate is 50\.0 rad/s, the most is 40 rad/s"):
+        load_scene(path, {"rate": "50"})
+    with pytest.raises(ValueError, match=r"where is .* must be 3 numbers"):
+        load_scene(path, {"where": "1,2"})
+    with pytest.raises(ValueError, match=r"where\[1\] is nan; it must be finite"):
+        load_scene(path, {"where": "1,nan,2"})
+    with pytest.raises(ValueError, match="width is 0 px, the least is 1 px"):
+        load_scene(path, {"width": 0})
+    assert set(scene_args(path)) == {"width", "height", "rate", "where"}
+
+
+@pytest.mark.parametrize(
+    "text", ["", "- a\n- b\n", "cameras: [", "cameras: {cam0: {fov: 1}}\ncameras: {}\n", "\x00\x01", "a: &a [*a]"]
+)
+def test_what_is_no_scene_is_one_clear_error(tmp_path, text):
+    """Empty, a list, broken YAML, a key twice, binary, an alias to itself: no traceback of the YAML reader."""
+    path = tmp_path / "bad.yaml"
+    path.write_bytes(text.encode())
+    with pytest.raises(SceneError, match=r"bad\.yaml"):
+        load_scene(str(path))
+
+
+def test_missing_scene_names_the_nearest():
+    """The scenes that come with evis are offered."""
+    with pytest.raises(FileNotFoundError, match=r"no scene 'spining_disk'; did you mean 'spinning_disk'"):
+        load_scene("spining_disk")
+    with pytest.raises(FileNotFoundError, match="no scene"):
+        load_scene("nowhere/else.yaml")
+
+
+def test_a_scene_without_camera_says_so(scene_file):
+    """Nothing can be seen without one."""
+    with pytest.raises(SceneError, match="has no camera"):
+        load_scene(scene_file("environment: 1\n"))
+
+
+def test_the_first_camera_is_cam0(scene_file):
+    """Whatever the file calls it."""
+    scene = load_scene(scene_file("cameras: {left: {fov: 1}, right: {fov: 1, parent: left, position: [0.1, 0, 0]}}\n"))
+    assert [c.name for c in scene.cameras] == ["cam0", "right"]
+    assert [b.name for b in scene.bodies] == ["cam0", "right"]
+
+
+def test_a_body_is_placed_in_the_view(scene_file):
+    """Its origin projects to the asked fraction of the frame, at the asked depth, for any image size."""
+    text = GOOD.replace("position: ${where}", "view: {camera: cam0, offset: [0.25, -0.1], depth: 3}")
+    text = text.replace("cam0: {fov: 60 deg}", "cam0: {fov: 60 deg, position: [1, 2, 3], look_at: [2, 5, 1]}")
+    for size in ({}, {"width": 640, "height": 480}):
+        scene = load_scene(scene_file(text), size)
+        body, camera = (scene.bodies[i].trajectory.pose(np.zeros(1, np.int64))[0] for i in (0, 1))
+        local = se3.transform(se3.inverse(camera), body[:3])
+        c = scene.cameras[0]
+        x, y = pinhole.project(c.k, local)
+        assert np.isclose(local[2], 3.0)
+        assert np.allclose([(x + 0.5) / c.width - 0.5, (y + 0.5) / c.height - 0.5], [0.25, -0.1])
+
+
+def test_scene_args_text():
+    """A comma separates arguments and the components of one."""
+    assert parse_args("omega=50, centre=0.1,-0.2,tilt=30") == {"omega": "50", "centre": "0.1,-0.2", "tilt": "30"}
+    assert parse_args({"omega": 1, "tilt": None}) == {"omega": 1} and parse_args(None) == {} and parse_args("") == {}
+    with pytest.raises(SceneError, match="'fast' has no '='"):
+        parse_args("fast,omega=5")
+
+
+def test_only_scenes_with_a_model_are_dynamic():
+    """Known without reading the model."""
+    assert is_dynamic("falling_objects") and not is_dynamic("spinning_disk")

@@ -1,0 +1,85 @@
+"""Meshes of the primitive shapes: closed, outward, of the right volume, with usable uv and normals."""
+
+import numpy as np
+import pytest
+
+from evis.scene import shapes
+
+SOLIDS = {
+    "box": (shapes.box(np.array([1.0, 2.0, 3.0])), 6.0),
+    "sphere": (shapes.sphere(0.5), np.pi / 6),
+    "ellipsoid": (shapes.ellipsoid(np.array([0.5, 1.0, 2.0])), 4 / 3 * np.pi),
+    "cylinder": (shapes.cylinder(0.5, 2.0), np.pi / 2),
+    "capsule": (shapes.capsule(0.5, 1.0), np.pi / 4 + np.pi / 6),
+}
+
+
+def corners(mesh):
+    return mesh.vertices[mesh.faces].astype(np.float64)
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_solids_are_closed_and_face_outwards(name):
+    """Signed volume close below the true one (chords cut inside), and no open edge."""
+    mesh, volume = SOLIDS[name]
+    a, b, c = np.moveaxis(corners(mesh), 1, 0)
+    signed = np.sum(a * np.cross(b, c)) / 6
+    assert 0.95 * volume < signed <= volume * (1 + 1e-6)
+    _, index = np.unique(np.round(mesh.vertices, 5), axis=0, return_inverse=True)
+    faces = index.reshape(-1)[mesh.faces]
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    assert len(np.unique(edges, axis=0)) == len(edges)
+    assert {tuple(e) for e in edges} == {tuple(e) for e in edges[:, ::-1]}
+    assert len(mesh.faces) < 800
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_normals_point_outwards_and_are_unit(name):
+    """Smooth ones agree with the faces they lie on within the angle of one facet."""
+    mesh, _ = SOLIDS[name]
+    if mesh.normals is None:
+        return
+    a, b, c = np.moveaxis(corners(mesh), 1, 0)
+    flat = np.cross(b - a, c - a)
+    flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
+    assert np.abs(np.linalg.norm(mesh.normals, axis=-1) - 1).max() < 1e-6
+    assert np.sum(mesh.normals * flat[:, None], axis=-1).min() > 0.8
+
+
+def test_sphere_normals_are_radial():
+    """And those of an ellipsoid are the gradient of x^2/a^2 + y^2/b^2 + z^2/c^2."""
+    mesh = shapes.sphere(2.0)
+    assert np.abs(mesh.normals - corners(mesh) / 2.0).max() < 1e-6
+    radii = np.array([0.5, 1.0, 2.0])
+    mesh = shapes.ellipsoid(radii)
+    gradient = corners(mesh) / radii**2
+    assert np.abs(mesh.normals - gradient / np.linalg.norm(gradient, axis=-1, keepdims=True)).max() < 1e-5
+
+
+def test_flat_shapes_face_up_with_the_texture_upright():
+    """+z, and uv grows with x and y."""
+    for mesh, extent in (
+        (shapes.disk(0.5), np.array([1.0, 1.0])),
+        (shapes.plane(np.array([4.0, 2.0])), np.array([4.0, 2.0])),
+    ):
+        a, b, c = np.moveaxis(corners(mesh), 1, 0)
+        assert np.all(np.cross(b - a, c - a)[:, 2] > 0)
+        assert np.abs(mesh.uv - (0.5 + corners(mesh)[..., :2] / extent)).max() < 1e-6
+    assert len(shapes.disk(0.5).faces) == 128
+
+
+def test_disk_area():
+    """128 chords: sin(2 pi / 128) / (2 pi / 128) of the circle's area, 0.04 % less."""
+    a, b, c = np.moveaxis(corners(shapes.disk(1.0)), 1, 0)
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=-1).sum()
+    assert np.isclose(area, 64 * np.sin(2 * np.pi / 128), rtol=1e-6)
+
+
+def test_box_faces_show_the_whole_texture_unmirrored():
+    """On every face u and v run once from 0 to 1, and u x v points outwards."""
+    mesh = shapes.box(np.ones(3))
+    for triangle, uv in zip(corners(mesh), mesh.uv.astype(np.float64)):
+        edges, turn = triangle[1:] - triangle[0], uv[1:] - uv[0]
+        along = np.linalg.solve(turn, edges)  # d(point)/du, d(point)/dv
+        assert np.allclose(np.linalg.norm(along, axis=-1), 1)
+        assert np.cross(along[0], along[1]) @ triangle.mean(axis=0) > 0
