@@ -1,7 +1,7 @@
 """The whole graph: real-time factor, where the time goes, what the graph itself costs, and what each omission saves.
 
-`python -m bench.graph [--quick]`. CPU time is counted per process, kernel and ZeroMQ threads included; what is not spent
-inside a node's own calls is the graph's overhead (bus, codec, scheduling).
+`python -m bench.graph [--quick]`. CPU time is counted per process, kernel and ZeroMQ threads included; what is not
+spent inside a node's own calls is the graph's overhead (bus, codec, scheduling).
 """
 
 from __future__ import annotations
@@ -70,7 +70,9 @@ def measure(quick: bool = False) -> dict[str, Any]:
         "arrangements": {
             "title": "spinning_disk, 30 keyframes/s x 8, CPU milliseconds per keyframe and node",
             "command": "evis bench graph",
-            "rows": [row(name, launch("spinning_disk", *args, duration=duration)) for name, args in arrangements.items()],
+            "rows": [
+                row(name, launch("spinning_disk", *args, duration=duration)) for name, args in arrangements.items()
+            ],
             "note": "overhead: CPU time of all processes that no node spent itself. First event: from the start of the "
             "command, kernels compiled before.",
         },

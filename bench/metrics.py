@@ -38,8 +38,8 @@ def count_error(test: Stream, reference: Stream) -> float:
 def victor_purpura(test: Stream, reference: Stream, q_per_ms: float) -> float:
     """Victor-Purpura distance summed over pixels and polarities, over the number of events of both; 0 ... 1.
 
-    Edit distance between spike trains: an insertion or deletion costs 1, a shift q |dt| (Victor and Purpura, "Nature and
-    precision of temporal coding in visual cortex", 1996).
+    Edit distance between spike trains: an insertion or deletion costs 1, a shift q |dt| (Victor and Purpura, "Nature
+    and precision of temporal coding in visual cortex", 1996).
     """
     import warp as wp
 
@@ -53,7 +53,8 @@ def victor_purpura(test: Stream, reference: Stream, q_per_ms: float) -> float:
     distance = wp.zeros(groups, dtype=wp.float64, device="cpu")
     row = wp.zeros(len(tb) + groups, dtype=wp.float64, device="cpu")
     arrays = [wp.array(np.ascontiguousarray(a), dtype=wp.int64, device="cpu") for a in (ta, offsets_a, tb, offsets_b)]
-    wp.launch(victor_purpura_kernel, dim=groups, inputs=[*arrays, q_per_ms * 1e-6, row], outputs=[distance], device="cpu")
+    inputs = [*arrays, q_per_ms * 1e-6, row]
+    wp.launch(victor_purpura_kernel, dim=groups, inputs=inputs, outputs=[distance], device="cpu")
     return float(distance.numpy().sum() / total)
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 SUBJECTS = {
+    "error": "error against run time, every method and keyframe rate, against a dense reference",
     "bus": "cost of a message between processes, against plain ZeroMQ",
     "graph": "real-time factor, where the time goes, overhead, what omissions save",
     "renderer": "milliseconds per keyframe and stage, raster against rays",
@@ -24,24 +25,38 @@ SUBJECTS = {
 """Name of the module in bench/ -> what it measures."""
 
 
+HEAD = """<!doctype html><meta charset=utf-8><title>EVIS report</title><style>
+body { font: 15px/1.45 system-ui; margin: 2em auto; max-width: 70em; padding: 0 1em }
+table { border-collapse: collapse; margin: .6em 0 }
+td, th { padding: .25em .7em; border-bottom: 1px solid #ddd; text-align: right }
+td:first-child, th:first-child { text-align: left }
+code { background: #f2f2f2 }
+.note { color: #555 }
+</style><h1>EVIS: error, speed and cost</h1>"""
+
+
 def machine() -> dict[str, Any]:
     """What the figures were measured on."""
     cpu = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():
-        cpu = next((line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if "model name" in line), cpu)
+        names = (line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if "model name" in line)
+        cpu = next(names, cpu)
     return {"cpu": cpu, "cores": os.cpu_count(), "python": platform.python_version(), "system": platform.system()}
 
 
 def run(subjects: Sequence[str], out: Path, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
-    """Measure the subjects one after another and write the report after each, so that none is lost by a later failure."""
+    """Measure the subjects one after another; the report is written after each, so that a later failure loses none."""
     out.mkdir(parents=True, exist_ok=True)
-    report: dict[str, Any] = {"machine": machine(), "quick": quick, "subjects": {}, "failures": []}
+    report: dict[str, Any] = {"machine": machine(), "quick": quick, "subjects": {}, "plots": [], "failures": []}
     for subject in subjects:
         say(f"{subject}: {SUBJECTS[subject]}")
         started = time.monotonic()
         try:
-            report["subjects"][subject] = importlib.import_module(f"bench.{subject}").measure(quick)
+            module = importlib.import_module(f"bench.{subject}")
+            report["subjects"][subject] = sections = module.measure(quick)
+            if hasattr(module, "plot"):
+                report["plots"] += [path.name for path in module.plot(sections, out)]
         except Exception as error:  # one subject that fails must not hide the others; it is listed
             report["failures"].append({"subject": subject, "error": f"{type(error).__name__}: {error}"})
             (out / f"{subject}.traceback.txt").write_text(traceback.format_exc())
@@ -53,18 +68,14 @@ def run(subjects: Sequence[str], out: Path, quick: bool, say: Callable[[str], No
 
 def page(report: dict[str, Any]) -> str:
     """The report as one HTML page."""
-    parts = [
-        "<!doctype html><meta charset=utf-8><title>EVIS report</title><style>body{font:15px/1.45 system-ui;margin:2em auto;"
-        "max-width:70em;padding:0 1em}table{border-collapse:collapse;margin:.6em 0}td,th{padding:.25em .7em;border-bottom:"
-        "1px solid #ddd;text-align:right}td:first-child,th:first-child{text-align:left}code{background:#f2f2f2}"
-        ".note{color:#555}</style><h1>EVIS: speed and cost</h1>",
-        "<p>" + html.escape(", ".join(f"{k} {v}" for k, v in report["machine"].items())) + "</p>",
-    ]
+    about = ", ".join(f"{k} {v}" for k, v in report["machine"].items())
+    parts = [HEAD, f"<p>{html.escape(about)}</p>"]
     for subject, sections in report["subjects"].items():
         parts.append(f"<h2>{html.escape(subject)}</h2>")
         for section in sections.values():
             if isinstance(section, dict) and "rows" in section:
                 parts.append(_section(section))
+    parts += [f'<p><img src="{html.escape(name)}" alt="{html.escape(name)}">' for name in report["plots"]]
     parts.append("<h2>Omissions and failures</h2><ul>")
     parts += [f"<li>{html.escape(f['subject'])}: {html.escape(f['error'])}</li>" for f in report["failures"]]
     parts += [f"<li>{html.escape(o)}</li>" for o in OMISSIONS]

@@ -1,0 +1,39 @@
+"""The events of a bag's topic, whatever they were recorded as."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from evis.bag import BagError
+from evis.bag.reader import BagReader
+from msgs.camera import EventPacket
+
+if TYPE_CHECKING:
+    from evis.streams.decoder import Decoder
+    from evis.streams.events import Events
+
+
+def decoded_events(reader: BagReader, topic: str) -> Iterator[tuple[EventPacket, Events]]:
+    """(packet, its events); a sensor's own bytes are decoded by one decoder that keeps its state between packets.
+
+    Raises BagError for an encoding that has no decoder here.
+    """
+    from evis.streams.decoder import make_decoder
+    from evis.streams.events import Events
+
+    decoder: Decoder | None = None
+    for _, packet in reader.messages([topic]):
+        if not isinstance(packet, EventPacket):
+            raise BagError(f"{topic} holds {type(packet).__name__} messages, no events")
+        if packet.t is not None and packet.x is not None and packet.y is not None and packet.p is not None:
+            yield packet, Events(packet.t, packet.x, packet.y, packet.p, packet.c)
+            continue
+        try:
+            decoder = decoder or make_decoder(packet.encoding, packet.width, packet.height)
+        except ValueError as error:
+            raise BagError(f"{topic}: {error}") from None
+        raw = np.empty(0, np.uint8) if packet.raw is None else packet.raw
+        yield packet, decoder.decode(raw.tobytes())

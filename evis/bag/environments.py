@@ -1,0 +1,105 @@
+"""A message of E parallel environments as E messages of one, each what a single run would have given, and back."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from msgs.camera import EventPacket
+from msgs.fields import array_specs
+from msgs.header import Message
+
+
+def count(message: Message) -> int:
+    """Environments in a message, 0 where it has no such axis."""
+    if isinstance(message, EventPacket):
+        return max(len(message.env_offsets) - 1, 0)
+    specs = array_specs(type(message))
+    axes = [a.shape[0] for n, a in message.arrays().items() if specs[n].dims[0] == "E"]
+    return int(axes[0]) if axes else 0
+
+
+def tabular(message: Message) -> bool:
+    """True where rows of tables tell their environment."""
+    specs = array_specs(type(message))
+    return any(_table(name, specs) for name in message.arrays())
+
+
+def _table(name: str, specs: Any) -> str:
+    """Name of the array that tells the environment of each row of table array `name`, or ""."""
+    key = name.split("_")[0] + "_env"
+    return key if key in specs and specs[name].dims[0] == specs[key].dims[0] else ""
+
+
+def split(message: Message, envs: int) -> list[tuple[Message, dict[str, list[int]]]]:
+    """One message of a single environment each, and for tables whose rows are not sorted by environment their rows."""
+    if isinstance(message, EventPacket):
+        return [(_events(message, e), {}) for e in range(envs)]
+    specs = array_specs(type(message))
+    arrays = {n: np.asarray(a) for n, a in message.arrays().items()}
+    sorted_tables = {n: bool((np.diff(arrays[n]) >= 0).all()) for n in arrays if _table(n, specs) == n}
+    result = []
+    for e in range(envs):
+        changes: dict[str, Any] = {}
+        rows: dict[str, list[int]] = {}
+        for name, array in arrays.items():
+            key = _table(name, specs)
+            if specs[name].dims[0] == "E":
+                changes[name] = array[e : e + 1]
+            elif key and key in arrays:
+                picked = np.flatnonzero(arrays[key] == e)
+                changes[name] = array[picked] if key != name else np.zeros(len(picked), array.dtype)
+                if not sorted_tables[key]:
+                    rows[key] = picked.tolist()
+        result.append((dataclasses.replace(message, **changes), rows))  # type: ignore[type-var]
+    return result
+
+
+def fits(message: Message, envs: int) -> bool:
+    """False where rows or events are not wholly dealt out among the environments: such a message is kept whole."""
+    if isinstance(message, EventPacket):
+        offsets = np.asarray(message.env_offsets)
+        total = 0 if message.t is None else len(message.t)
+        return message.raw is None and offsets[0] == 0 and offsets[-1] == total and bool((np.diff(offsets) >= 0).all())
+    specs = array_specs(type(message))
+    tables = [np.asarray(a) for n, a in message.arrays().items() if _table(n, specs) == n]
+    return all(not t.size or (t.min() >= 0 and t.max() < envs) for t in tables)
+
+
+def _events(packet: EventPacket, e: int) -> EventPacket:
+    first, end = int(packet.env_offsets[e]), int(packet.env_offsets[e + 1])
+    cut = {n: getattr(packet, n)[first:end] for n in "txypc" if getattr(packet, n) is not None}
+    return dataclasses.replace(packet, env_offsets=np.array([0, end - first], np.int64), **cut)
+
+
+def join(parts: Sequence[tuple[Message, dict[str, list[int]]]]) -> Message:
+    """Undo `split`."""
+    first = parts[0][0]
+    if isinstance(first, EventPacket):
+        return _join_events([m for m, _ in parts])  # type: ignore[misc]
+    specs = array_specs(type(first))
+    changes: dict[str, Any] = {}
+    for name in first.arrays():
+        pieces = [np.asarray(getattr(m, name)) for m, _ in parts]
+        key = _table(name, specs)
+        if specs[name].dims[0] == "E":
+            changes[name] = np.concatenate(pieces)
+        elif key:
+            if key == name:
+                pieces = [np.full(len(p), e, p.dtype) for e, p in enumerate(pieces)]
+            joined = np.concatenate(pieces)
+            if key in parts[0][1]:
+                order = np.concatenate([np.array(rows[key], np.int64) for _, rows in parts])
+                joined = joined[np.argsort(order)]
+            changes[name] = joined
+    return dataclasses.replace(first, **changes)  # type: ignore[type-var]
+
+
+def _join_events(packets: list[EventPacket]) -> EventPacket:
+    names = [n for n in "txypc" if getattr(packets[0], n) is not None]
+    cut: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in packets]) for n in names}
+    sizes = [int(p.env_offsets[-1]) for p in packets]
+    return dataclasses.replace(packets[0], env_offsets=np.cumsum([0, *sizes], dtype=np.int64), **cut)

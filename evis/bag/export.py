@@ -1,0 +1,154 @@
+"""Single topics out of a bag: events, keyframes as EXR, everything else as arrays or lines of JSON."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evis.bag import BagError, environments, exr, jsonform
+from evis.bag.decoded import decoded_events
+from evis.bag.reader import BagReader
+from msgs.camera import Keyframe
+from msgs.header import Message
+
+_ENV = re.compile(r"/env(\d+)(/.*)")
+BESIDE_KEYFRAME = ("depth", "motion", "ids")
+
+
+def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) -> dict[str, Any]:
+    """Write a topic to `out` and tell what was written. `/env<k>/...` takes one environment of several.
+
+    Events: .npz, .csv, .txt, .raw (by evis.streams). Keyframes to a folder: one EXR each (half: R, G, B as 16-bit
+    floats, clamped and counted). Any other: .npz (arrays stacked over messages) or .jsonl (a message per line).
+    Raises BagError.
+    """
+    out = Path(out)
+    with BagReader(bag) as reader:
+        name, env = _resolve(reader, topic)
+        kind = reader.topics[name]
+        if kind == "EventPacket" and out.suffix != ".jsonl":
+            result = _events(reader, name, env, out)
+        elif kind == "Keyframe" and not out.suffix:
+            result = _keyframes(reader, name, env, out, half)
+        elif out.suffix == ".npz":
+            result = _arrays(reader, name, env, out)
+        elif out.suffix == ".jsonl":
+            result = _lines(reader, name, env, out)
+        else:
+            folder = ", or a folder for EXR files" if kind == "Keyframe" else ""
+            raise BagError(f"cannot export {topic} ({kind}) to {out}: name it .npz or .jsonl{folder}")
+        if reader.skipped:
+            result["damaged"] = reader.skipped
+        return {"topic": topic, "out": str(out), **result}
+
+
+def _resolve(reader: BagReader, topic: str) -> tuple[str, int | None]:
+    if topic in reader.topics:
+        return topic, None
+    match = _ENV.fullmatch(topic)
+    if match and match[2] in reader.topics:
+        numbers = {s.env for s in reader.streams.values() if s.topic == match[2]}
+        if int(match[1]) in numbers:
+            return match[2], int(match[1])
+    known = ", ".join(sorted(reader.topics)) or "none"
+    raise BagError(f"{reader.path} has no topic '{topic}'; it has {known}")
+
+
+def _messages(reader: BagReader, topic: str, env: int | None) -> Iterator[Message]:
+    for _, message in reader.messages([topic]):
+        yield message if env is None else environments.split(message, environments.count(message))[env][0]
+
+
+def _events(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[str, Any]:
+    from evis.streams import open_writer
+    from evis.streams.events import Events
+
+    packets = decoded_events(reader, topic)
+    first = next(packets, None)
+    size = (first[0].width, first[0].height) if first else (0, 0)
+    count = lost = 0
+    with open_writer(out, *size) as writer:
+        for packet, events in _chain(first, packets):
+            if len(packet.env_offsets) > 2:
+                if env is None:
+                    raise BagError(
+                        f"{topic} has {len(packet.env_offsets) - 1} environments; name one of them: /env0{topic}"
+                    )
+                part = slice(int(packet.env_offsets[env]), int(packet.env_offsets[env + 1]))
+                colour = None if events.c is None else events.c[part]
+                events = Events(events.t[part], events.x[part], events.y[part], events.p[part], colour)
+            writer.write(events)
+            count, lost = count + len(events), lost + packet.lost
+    return {"events": count, "width": size[0], "height": size[1], **({"lost": lost} if lost else {})}
+
+
+def _chain(first: Any, rest: Iterator[Any]) -> Iterator[Any]:
+    if first is not None:
+        yield first
+    yield from rest
+
+
+def _keyframes(reader: BagReader, topic: str, env: int | None, out: Path, half: bool) -> dict[str, Any]:
+    camera = topic.rsplit("/", 1)[0]
+    topics = [topic, *(t for n in BESIDE_KEYFRAME if (t := f"{camera}/{n}") in reader.topics)]
+    out.mkdir(parents=True, exist_ok=True)
+    count = clamped = 0
+    names: set[str] = set()
+    for group in _by_stamp(reader, topics):
+        keyframe = group.get(Keyframe)
+        if not isinstance(keyframe, Keyframe):
+            continue
+        envs = range(len(keyframe.radiance)) if env is None else [env]
+        for e in envs:
+            arrays, high = exr.channels(group, e, half)
+            folder = out / f"env{e}" if len(envs) > 1 else out
+            folder.mkdir(exist_ok=True)
+            exr.write(folder / f"{count:06d}.exr", arrays, keyframe.header.stamp_ns)
+            clamped += high
+            names |= {n for c in arrays for n in (("R", "G", "B") if c == "RGB" else (c,))}
+        count += 1
+    return {"keyframes": count, "channels": sorted(names), **({"clamped": clamped} if half else {})}
+
+
+def _by_stamp(reader: BagReader, topics: list[str]) -> Iterator[dict[type[Message], Message]]:
+    group: dict[type[Message], Message] = {}
+    at: tuple[int, int] | None = None
+    for _, message in reader.messages(topics):
+        key = (message.header.episode, message.header.stamp_ns)
+        if key != at and group:
+            yield group
+            group = {}
+        at = key
+        group[type(message)] = message
+    if group:
+        yield group
+
+
+def _arrays(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[str, Any]:
+    columns: dict[str, list[np.ndarray]] = {"stamp_ns": [], "episode": []}
+    for i, message in enumerate(_messages(reader, topic, env)):
+        columns["stamp_ns"].append(np.array(message.header.stamp_ns, np.int64))
+        columns["episode"].append(np.array(message.header.episode, np.int64))
+        for name, array in message.arrays().items():
+            columns.setdefault(name, [])
+            if len(columns[name]) != i or (i and columns[name][0].shape != array.shape):
+                raise BagError(f"{topic}: {name} has another shape in every message; export to .jsonl")
+            columns[name].append(np.asarray(array))
+    stacked = {n: np.stack(v) if v else np.empty(0, np.int64) for n, v in columns.items()}
+    if len({len(v) for v in stacked.values()}) > 1:
+        raise BagError(f"{topic}: not every message has the same arrays; export to .jsonl")
+    np.savez(out, **stacked)  # type: ignore[arg-type]
+    return {"messages": len(stacked["stamp_ns"]), "arrays": {n: list(v.shape) for n, v in stacked.items()}}
+
+
+def _lines(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[str, Any]:
+    count = 0
+    with open(out, "wb") as file:
+        for message in _messages(reader, topic, env):
+            file.write(jsonform.dump(message) + b"\n")
+            count += 1
+    return {"messages": count}

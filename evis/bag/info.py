@@ -1,0 +1,138 @@
+"""What is in a bag, for `evis bag info`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from mcap.opcode import Opcode
+
+from evis.bag import BagError, jsonform, ros, scan
+from evis.bag.decoded import decoded_events
+from evis.bag.reader import BagReader, Stream
+
+
+class _Topic:
+    """Counts of one topic of the file (with its environment's prefix)."""
+
+    def __init__(self, stream: Stream) -> None:
+        self.type = stream.ros_type
+        self.message = stream.kind
+        self.part_of = ""
+        self.messages = 0
+        self.bytes = 0
+        self.span: list[int] = []
+        self.episodes: set[int] = set()
+        self.events = 0
+        self.event_span: list[int] = []
+        self.size = (0, 0)
+        self.undecoded = 0
+
+    def add(self, log_time: int, size: int) -> None:
+        self.messages += 1
+        self.bytes += size
+        self.span = [min([log_time, *self.span]), max([log_time, *self.span])]
+
+    def add_events(self, count: int, first: int, last: int) -> None:
+        """First and last in the order of the stream."""
+        self.events += count
+        self.event_span = [self.event_span[0] if self.event_span else first, last]
+
+    def as_dict(self) -> dict[str, Any]:
+        result: dict[str, Any] = {"type": self.type, "message": self.message, "messages": self.messages}
+        result["bytes"] = self.bytes
+        if self.span:
+            result |= {"start_ns": self.span[0], "end_ns": self.span[1]}
+            seconds = (self.span[1] - self.span[0]) / 1e9
+            result["rate_hz"] = round((self.messages - 1) / seconds, 6) if seconds else 0.0
+        if self.part_of:
+            result["part_of"] = self.part_of
+        elif self.message == "EventPacket":
+            first, last = self.event_span or (None, None)
+            result |= {"events": self.events, "t_first_ns": first, "t_last_ns": last}
+            result |= {"width": self.size[0], "height": self.size[1]}
+            if self.undecoded:
+                result["undecoded_packets"] = self.undecoded
+        return result
+
+
+def describe(path: str | Path) -> dict[str, Any]:
+    """Duration, topics and metadata of a bag, all of it counted, not believed. Raises BagError.
+
+    {"path", "bytes", "duration_s", "start_ns", "end_ns", "complete", "problem", "topics": {name: {...}}, "parts":
+    {name: {...}}, "metadata"}; `parts` are the topics that only complete others (`/cam0/keyframe/meta`).
+    """
+    with BagReader(path) as reader:
+        topics = _count(reader)
+        _count_raw_events(reader, topics)
+        spans = [t.span for t in topics.values() if t.span]
+        start, end = min((s[0] for s in spans), default=0), max((s[1] for s in spans), default=0)
+        problem = reader.problem or (f"damaged: {reader.first_problem}" if reader.skipped else "")
+        return {
+            "path": str(path),
+            "bytes": reader.scanner.size,
+            "duration_s": (end - start) / 1e9,
+            "start_ns": start,
+            "end_ns": end,
+            "complete": not problem,
+            "problem": problem,
+            "topics": {n: t.as_dict() for n, t in sorted(topics.items()) if not t.part_of},
+            "parts": {n: t.as_dict() for n, t in sorted(topics.items()) if t.part_of},
+            "metadata": {k: dict(v) for k, v in reader.metadata.items() if not _internal(k)},
+        }
+
+
+def _internal(table: str) -> bool:
+    return table == "episode" or table.startswith("jsonschema.")
+
+
+def _count(reader: BagReader) -> dict[str, _Topic]:
+    topics: dict[str, _Topic] = {}
+    for stream in reader.streams.values():
+        topic = topics.setdefault(stream.channel.topic, _Topic(stream))
+        prefix = "" if stream.env is None else f"/env{stream.env}"
+        if stream.part and stream.channel.topic != prefix + stream.topic:
+            topic.part_of = prefix + stream.topic
+    for chunk in reader.scanner.layout.chunks:
+        try:
+            for opcode, _, record in scan.records(reader.scanner.chunk_data(chunk)):
+                if opcode == Opcode.MESSAGE:
+                    _count_message(reader, topics, record)
+        except BagError as error:
+            reader.skip(error)
+    return topics
+
+
+def _count_message(reader: BagReader, topics: dict[str, _Topic], record: memoryview) -> None:
+    channel, _, log_time, payload = scan.message(record)
+    stream = reader.streams.get(channel)
+    if stream is None:
+        raise BagError("a message's channel is not described")
+    topics[stream.channel.topic].add(log_time, len(payload))
+    if stream.kind == "EventPacket" and stream.part == "meta":
+        body = jsonform.parse(ros.read_text(payload))
+        base = topics[topics[stream.channel.topic].part_of]
+        base.size = body.get("width", 0), body.get("height", 0)
+        counted = body.get("_events") or {}
+        if "t_first_ns" in counted:
+            base.add_events(counted["events"], counted["t_first_ns"], counted["t_last_ns"])
+        elif "events" not in counted:
+            base.undecoded += 1
+
+
+def _count_raw_events(reader: BagReader, topics: dict[str, _Topic]) -> None:
+    """Events that are recorded as a sensor's own bytes have to be decoded to be counted."""
+    for name, topic in topics.items():
+        packets = [s for s in reader.streams.values() if s.channel.topic == name and s.kind == "EventPacket"]
+        foreign = any(not s.part for s in packets)
+        if topic.part_of or topic.message != "EventPacket" or not (topic.undecoded or foreign):
+            continue
+        topic.events, topic.event_span = 0, []
+        try:
+            for packet, events in decoded_events(reader, name):
+                topic.size = packet.width, packet.height
+                if len(events):
+                    topic.add_events(len(events), int(events.t[0]), int(events.t[-1]))
+            topic.undecoded = 0
+        except BagError:
+            topic.undecoded = topic.messages

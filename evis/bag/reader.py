@@ -1,0 +1,219 @@
+"""Messages out of a bag, whole or torn."""
+
+from __future__ import annotations
+
+import heapq
+import os
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mcap.opcode import Opcode
+from mcap.records import Channel
+
+from evis.bag import BagError, environments, jsonform, mapping, ros, scan
+from evis.bag.writer import ENV_KEY, MESSAGE_KEY, SUFFIX_KEY, TOPIC_KEY
+from msgs.header import Message
+from msgs.topics import TOPICS
+
+RANKS = {row.type.__name__: i for i, row in enumerate(TOPICS)}
+"""Order of data flow among messages of one stamp."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One channel of the file. topic, kind: the message's topic and type that it serves, `` for foreign types that
+    cannot be read. part: its part of the message, `meta` = the closing JSON, "" = another program's message."""
+
+    channel: Channel
+    ros_type: str
+    topic: str
+    kind: str
+    part: str
+    env: int | None
+
+
+@dataclass
+class _Found:
+    """A message's raw form, ready to be decoded."""
+
+    stream: Stream
+    log_time: int
+    sequence: int
+    parts: dict[str, list[memoryview]]
+    body: dict[str, Any] | None
+    raw: memoryview
+
+
+class BagReader:
+    """A bag for reading. A torn bag (no index, cut anywhere) opens like a whole one; `problem` says what it lacks.
+
+    topics: topic -> message type name; environments of one topic are joined. metadata: the tables of texts.
+    skipped: damaged chunks and messages that were left out so far. Raises BagError.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        try:
+            self._descriptor = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC)
+            try:
+                self.scanner = scan.Scanner(self._descriptor, str(self.path))
+            except BaseException:
+                os.close(self._descriptor)
+                raise
+        except OSError as error:
+            raise BagError(f"cannot read {self.path}: {error.strerror}") from None
+        layout = self.scanner.layout
+        self.problem = layout.problem
+        self.metadata: Mapping[str, Mapping[str, str]] = layout.metadata
+        self.streams = {i: self._stream(channel) for i, channel in layout.channels.items()}
+        self.topics = {s.topic: s.kind for s in self.streams.values() if s.kind}
+        self.skipped = 0
+        self.first_problem = ""
+
+    def __enter__(self) -> BagReader:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    @property
+    def start_ns(self) -> int:
+        """Earliest log time [ns], 0 in an empty bag."""
+        return min((c.start_ns for c in self.scanner.layout.chunks), default=0)
+
+    @property
+    def end_ns(self) -> int:
+        """Latest log time [ns], 0 in an empty bag."""
+        return max((c.end_ns for c in self.scanner.layout.chunks), default=0)
+
+    def _stream(self, channel: Channel) -> Stream:
+        schema = self.scanner.layout.schemas.get(channel.schema_id)
+        name = schema.name if schema else ""
+        given = channel.metadata
+        if TOPIC_KEY in given and given.get(MESSAGE_KEY) in Message.TYPES:
+            env = given.get(ENV_KEY)
+            number = int(env) if env is not None and env.isdecimal() else None
+            return Stream(channel, name, given[TOPIC_KEY], given[MESSAGE_KEY], given.get(SUFFIX_KEY, ""), number)
+        kind = mapping.FOREIGN.get(name, "") if channel.message_encoding == "cdr" else ""
+        return Stream(channel, name, channel.topic, kind, "", None)
+
+    # -- messages ----------------------------------------------------------------------------------------------------
+
+    def messages(
+        self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[tuple[str, Message]]:
+        """(topic, message) by episode, time, and at one time in data-flow order. Arrays are read-only.
+
+        topics: None = all. start_ns, end_ns: inclusive range of log times [ns]. Damaged parts are left out and counted
+        in `skipped`. Raises BagError for a topic that the bag does not have.
+        """
+        for topic in topics or ():
+            if topic not in self.topics:
+                raise BagError(f"{self.path} has no topic '{topic}'; it has {', '.join(sorted(self.topics)) or 'none'}")
+        wanted = frozenset(i for i, s in self.streams.items() if s.kind and (topics is None or s.topic in topics))
+        sets: dict[tuple[str, int, int, int], dict[int, _Found]] = {}
+        for found in self._ordered(wanted, start_ns, end_ns):
+            try:
+                message = self._complete(found, sets)
+            except BagError as error:
+                self.skip(error)
+                continue
+            if message is not None:
+                yield found.stream.topic, message
+        self.skipped += len(sets)
+
+    def skip(self, error: BagError) -> None:
+        """Count something that was left out because it is damaged."""
+        self.skipped += 1
+        self.first_problem = self.first_problem or str(error)
+
+    def _complete(self, found: _Found, sets: dict[tuple[str, int, int, int], dict[int, _Found]]) -> Message | None:
+        if found.body is None:
+            return mapping.decode_foreign(found.stream.ros_type, found.raw, found.sequence)
+        envs = found.body.get("_envs")
+        if found.stream.env is None or not isinstance(envs, int):
+            return mapping.decode(found.stream.kind, found.parts, found.body)
+        header = jsonform.header_of(found.body)
+        key = (found.stream.topic, header.episode, header.stamp_ns, header.seq)
+        waiting = sets.setdefault(key, {})
+        waiting[found.stream.env] = found
+        if len(waiting) < envs:
+            return None
+        del sets[key]
+        parts = [f for _, f in sorted(waiting.items())]
+        joined = [
+            (mapping.decode(f.stream.kind, f.parts, f.body or {}), (f.body or {}).get("_rows", {})) for f in parts
+        ]
+        try:
+            return environments.join(joined)
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise BagError(f"{found.stream.topic}: its environments do not fit together: {error}") from None
+
+    def _ordered(self, wanted: frozenset[int], start_ns: int | None, end_ns: int | None) -> Iterator[_Found]:
+        """Messages of all chunks in order; a message waits until no chunk of its episode can hold an earlier one."""
+        lowest, highest = start_ns or 0, (1 << 64) if end_ns is None else end_ns
+        for chunks in self._segments(wanted, start_ns, end_ns):
+            earliest = [0] * len(chunks)  # of all chunks behind each one
+            bound = 1 << 64
+            for i in reversed(range(len(chunks))):
+                earliest[i], bound = bound, min(bound, chunks[i].start_ns)
+            heap: list[tuple[int, int, int, str, int, _Found]] = []
+            count = 0
+            for chunk, bound in zip(chunks, earliest):
+                for found in self._chunk(chunk, wanted):
+                    if lowest <= found.log_time <= highest:
+                        rank = RANKS.get(found.stream.kind, 0)
+                        heapq.heappush(heap, (_episode(found), found.log_time, rank, found.stream.topic, count, found))
+                        count += 1
+                while heap and heap[0][1] < bound:
+                    yield heapq.heappop(heap)[-1]
+
+    def _segments(self, wanted: frozenset[int], start_ns: int | None, end_ns: int | None) -> Iterator[list[scan.Chunk]]:
+        """The chunks of interest, episode by episode: time may start anew with each."""
+        layout = self.scanner.layout
+        borders = [*sorted(layout.episodes), 1 << 64]
+        segment: list[scan.Chunk] = []
+        for chunk in layout.chunks:
+            while chunk.at > borders[0]:
+                borders.pop(0)
+                yield segment
+                segment = []
+            if chunk.channels is not None and not chunk.channels & wanted:
+                continue
+            if (start_ns is None or chunk.end_ns >= start_ns) and (end_ns is None or chunk.start_ns <= end_ns):
+                segment.append(chunk)
+        yield segment
+
+    def _chunk(self, chunk: scan.Chunk, wanted: frozenset[int]) -> Iterator[_Found]:
+        pending: dict[tuple[str, int | None], dict[str, list[memoryview]]] = {}
+        try:
+            for opcode, _, record in scan.records(self.scanner.chunk_data(chunk)):
+                if opcode != Opcode.MESSAGE:
+                    continue
+                channel, sequence, log_time, payload = scan.message(record)
+                if channel not in wanted:
+                    continue
+                stream = self.streams[channel]
+                key = stream.topic, stream.env
+                if not stream.part:
+                    yield _Found(stream, log_time, sequence, {}, None, payload)
+                elif stream.part != "meta":
+                    pending.setdefault(key, {}).setdefault(stream.part, []).append(payload)
+                else:
+                    body = jsonform.parse(ros.read_text(payload))
+                    yield _Found(stream, log_time, sequence, pending.pop(key, {}), body, payload)
+        except BagError as error:
+            self.skip(error)
+
+
+def _episode(found: _Found) -> int:
+    episode = found.body["header"].get("episode", 0) if found.body else 0
+    return episode if isinstance(episode, int) else 0

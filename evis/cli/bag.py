@@ -1,0 +1,147 @@
+"""`evis bag`: record, play, describe, repair and export bags."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from evis.cli.attach import add_run_option, find_run
+from evis.cli.parser import Parser, UsageError
+
+HELP = "record, play, describe, repair and export bags"
+EXAMPLES = {
+    "record": "evis bag record a.mcap --duration 5 --topics '/*/keyframe,/*/depth'",
+    "play": "evis bag play a.mcap regenerate:=true --record b.mcap",
+    "info": "evis bag info a.mcap --json",
+    "recover": "evis bag recover torn.mcap whole.mcap",
+    "export": "evis bag export a.mcap --topic /cam0/events events.npz",
+}
+EXAMPLE = "examples:\n" + "\n".join(f"  {text}" for text in EXAMPLES.values())
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION", parser_class=Parser)
+
+    def action(name: str, text: str) -> argparse.ArgumentParser:
+        epilog = f"example: {EXAMPLES[name]}"
+        return actions.add_parser(name, help=text, description=text, epilog=epilog)
+
+    record = action("record", "record topics of a running graph beside it; what it misses is counted")
+    record.add_argument("bag", metavar="BAG", help="file to write; an older one is kept as BAG.bak")
+    record.add_argument("--topics", default="", metavar="GLOB,...", help="topics besides the default ones")
+    record.add_argument("--duration", type=float, metavar="S", help="seconds to record (until the graph ends)")
+    record.add_argument("--preview-hz", type=float, default=10.0, metavar="HZ", help="rate of the preview images (10)")
+    record.add_argument("--event-encoding", default="mono", choices=["mono", "evt3"], help="mono is exact, evt3 1 us")
+    add_run_option(record)
+    record.add_argument("--json", action="store_true", help="print JSON")
+
+    play = action("play", "launch replay.yaml: the bag on its topics again; further words go to `evis launch`")
+    play.add_argument("bag", metavar="BAG")
+    play.add_argument("words", nargs=argparse.REMAINDER, metavar="[key:=value | --option] ...")
+
+    info = action("info", "duration, topics and metadata of a bag")
+    info.add_argument("bag", metavar="BAG")
+    info.add_argument("--json", action="store_true", help="print JSON")
+
+    recover = action("recover", "make a whole bag of a torn one")
+    recover.add_argument("bag", metavar="BAG")
+    recover.add_argument("out", nargs="?", metavar="OUT", help="default: BAG.recovered.mcap; BAG is not changed")
+    recover.add_argument("--json", action="store_true", help="print JSON")
+
+    export = action("export", "write one topic to files")
+    export.add_argument("bag", metavar="BAG")
+    export.add_argument("--topic", required=True, metavar="TOPIC", help="as `evis bag info` names it; /env<k>/...")
+    export.add_argument("out", metavar="OUT", help="events: .npz .csv .raw; keyframes: a folder; any: .npz .jsonl")
+    export.add_argument("--half", action="store_true", help="EXR with 16-bit R, G, B; values beyond 65504 are clamped")
+    export.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do it. Raises ValueError or OSError with one line for a person."""
+    if args.action == "play":
+        from evis.cli import main
+
+        return main(["launch", "replay", f"bag:={args.bag}", *args.words, *(["--debug"] if args.debug else [])])
+    actions: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
+        "record": _record, "info": _info, "recover": _recover, "export": _export,
+    }  # fmt: skip
+    result = actions[args.action](args)
+    if args.json:
+        print(json.dumps(result))
+    elif args.action == "info":
+        print(_table(result))
+    else:
+        for name, value in result.items():
+            print(f"{name:<12}{value if value not in ('', [], None) else '-'}")
+    return 0
+
+
+def _info(args: argparse.Namespace) -> dict[str, Any]:
+    from evis.bag.info import describe
+
+    return describe(args.bag)
+
+
+def _recover(args: argparse.Namespace) -> dict[str, Any]:
+    import dataclasses
+
+    from evis.bag.recover import recover
+
+    result = dataclasses.asdict(recover(args.bag, args.out))
+    return {"out": str(result.pop("path")), **result}
+
+
+def _export(args: argparse.Namespace) -> dict[str, Any]:
+    from evis.bag.export import export
+
+    return export(args.bag, args.topic, args.out, half=args.half)
+
+
+def _record(args: argparse.Namespace) -> dict[str, Any]:
+    from evis.bag.attach import Taps
+    from evis.bag.selection import subscribed
+    from evis.launch.rundir import is_live
+    from nodes.recorder.recorder import Recorder
+
+    if args.duration is not None and args.duration <= 0:
+        raise UsageError(f"--duration is {args.duration:g}, it must be longer than 0 s")
+    if args.preview_hz < 0:
+        raise UsageError(f"--preview-hz is {args.preview_hz:g}, the least is 0")
+    plan = find_run(args.run)
+    globs = [g.strip() for g in args.topics.split(",") if g.strip()]
+    made = [name for name, topic in plan.topics.items() if not plan.nodes[topic.node].dormant]
+    topics = subscribed(made, globs, args.preview_hz)
+    recorder = Recorder(args.bag, plan, globs, args.preview_hz, args.event_encoding)
+    if recorder.writer.backup:
+        print(f"evis bag record: the older {args.bag} is now {recorder.writer.backup}", file=sys.stderr)
+    taps = Taps(plan, topics)
+    try:
+        taps.run(recorder.receive, args.duration, lambda: is_live(Path(plan.directory)))
+    except KeyboardInterrupt:
+        pass  # the usual way to end a recording
+    finally:
+        taps.close()
+        recorder.close()
+    return {"out": args.bag, "topics": topics, **recorder.counters}
+
+
+def _table(about: dict[str, Any]) -> str:
+    lines = [f"{about['path']}: {about['duration_s']:.6g} s, {about['bytes'] / 1e6:.2f} MB"]
+    if about["problem"]:
+        lines.append(f"torn: {about['problem']}; `evis bag recover` makes it whole")
+    if about["topics"]:
+        width = max(map(len, about["topics"])) + 2
+        lines.append(f"{'topic':<{width}}{'messages':>9}{'Hz':>10}{'MB':>10}  type")
+        for name, topic in about["topics"].items():
+            rate = f"{topic.get('rate_hz', 0):.4g}"
+            events = f", {topic['events']} events {topic['width']} x {topic['height']}" if "events" in topic else ""
+            size = topic["bytes"] / 1e6
+            lines.append(f"{name:<{width}}{topic['messages']:>9}{rate:>10}{size:>10.3f}  {topic['type']}{events}")
+    lines += [f"{table}: {', '.join(f'{k}={v}' for k, v in values.items())}"
+              for table, values in about["metadata"].items() if table not in ("launch", "parameters")]  # fmt: skip
+    return "\n".join(lines)

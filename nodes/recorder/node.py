@@ -1,0 +1,69 @@
+"""The recorder: whatever it is wired to goes into one bag, and a small preview of every camera's keyframes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from evis.node import Input, Node
+from evis.params import Param, resolve
+from msgs.header import Message
+
+if TYPE_CHECKING:
+    from nodes.recorder.recorder import Recorder
+
+PARAMS = {
+    "path": Param(str, "recording.mcap", "the bag; an older one of that name is kept as <name>.bak"),
+    "topics": Param(list, [], "globs of topics to record besides the default ones (events, info, state, ...)"),
+    "preview_hz": Param(float, 10.0, "rate of the rgb8 preview made from keyframes; 0 = none", "Hz", minimum=0.0),
+    "event_encoding": Param(str, "mono", "of decoded events; evt3 cuts to 1 us", choices=("mono", "evt3")),
+}
+
+
+class RecorderNode(Node):
+    """Writes every message it receives; the port is the topic's name."""
+
+    PARAMS: ClassVar[Mapping[str, Param]] = PARAMS
+    INPUTS: ClassVar[Mapping[str, Input]] = {"messages": Input("*", join=False)}
+
+    @classmethod
+    def dynamic_inputs(cls, params: Mapping[str, Any], available: Iterable[str]) -> list[str]:
+        """The topics of `available` that this recorder reads. Raises ParamError."""
+        from evis.bag.selection import subscribed
+
+        given = resolve("recorder", cls.PARAMS, params)
+        return subscribed(available, given["topics"], given["preview_hz"])
+
+    def setup(self) -> None:
+        """Open the bag, so that a path that cannot be written is known before the graph starts."""
+        from nodes.recorder.recorder import Recorder
+
+        p = self.params
+        self.counted: dict[str, int] = {}
+        self.recorder: Recorder = Recorder(
+            p["path"], self.runtime.plan, p["topics"], p["preview_hz"], p["event_encoding"]
+        )
+        if backup := self.recorder.writer.backup:
+            self.runtime.diagnose(self, "info", f"the older {p['path']} is now {backup}")
+
+    def receive(self, port: str, message: Message) -> None:
+        """Write one message of topic `port`."""
+        self.recorder.receive(port, message)
+        self._count()
+
+    def _count(self) -> None:
+        for name, value in self.recorder.counters.items():
+            if value != self.counted.get(name, 0):
+                self.count(name, value - self.counted.get(name, 0))
+                self.counted[name] = value
+
+    def finish(self) -> None:
+        """All topics have ended."""
+        self.recorder.close()
+        self._count()
+
+    def close(self) -> None:
+        """Make the bag whole, also after an error elsewhere."""
+        recorder: Recorder | None = getattr(self, "recorder", None)
+        if recorder is not None:
+            recorder.close()

@@ -1,0 +1,40 @@
+"""A slow 8-bit image stream from keyframes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evis.bag.preview import tone_map
+from evis.bag.selection import FIRST_ENV
+from msgs.camera import Image, Keyframe
+from msgs.header import Header
+
+
+class PreviewMaker:
+    """Images of one keyframe topic at no more than `rate_hz` in stamps. Environment 0 stands for all of them."""
+
+    def __init__(self, keyframe_topic: str, rate_hz: float) -> None:
+        self.camera = keyframe_topic.rsplit("/", 1)[0]
+        self.period_ns = round(1e9 / rate_hz)
+        self.count = 0
+        self._due: tuple[int, int] | None = None
+
+    def topic(self, keyframe: Keyframe) -> str:
+        """Where the image belongs."""
+        return f"{FIRST_ENV if len(keyframe.radiance) > 1 else ''}{self.camera}/image"
+
+    def update(self, keyframe: Keyframe) -> Image | None:
+        """The preview of this keyframe, None where none is due yet."""
+        h = keyframe.header
+        if self._due is None or self._due[0] != h.episode:
+            self._due = (h.episode, h.stamp_ns)
+        if h.stamp_ns < self._due[1] or not len(keyframe.radiance):
+            return None
+        # the next is due at a multiple of the period after the first, whatever the keyframe rate is
+        self._due = (h.episode, self._due[1] + self.period_ns * ((h.stamp_ns - self._due[1]) // self.period_ns + 1))
+        m = keyframe.margin
+        radiance = np.asarray(keyframe.radiance[0])
+        cropped = radiance[m : radiance.shape[0] - m, m : radiance.shape[1] - m]
+        image = Image(Header(h.stamp_ns, self.count, h.clock, h.episode), tone_map(cropped), "rgb8")
+        self.count += 1
+        return image

@@ -1,0 +1,63 @@
+"""What a recorder does with the messages it gets: write them, make previews, count what it missed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from evis.bag.selection import preview_sources, select
+from evis.bag.writer import BagWriter, describe_run
+from evis.plan import Plan
+from msgs.camera import Keyframe
+from msgs.header import Message
+from nodes.recorder.preview import PreviewMaker
+
+NOT_NUMBERED = ("/diagnostics", "/clock")
+"""Topics with several publishers, whose sequence numbers tell nothing about losses."""
+
+
+class Recorder:
+    """A bag that is being recorded. `counters`: messages, previews, lost, and at the end bytes."""
+
+    def __init__(self, path: str | Path, plan: Plan, globs: Sequence[str], preview_hz: float, encoding: str) -> None:
+        self.counters: Counter[str] = Counter()
+        self._globs = globs
+        self._seen: dict[str, int] = {}
+        self._lost: Counter[str] = Counter()
+        self._selected: dict[str, bool] = {}
+        sources = preview_sources(plan.topics) if preview_hz else []
+        self._previews = {topic: PreviewMaker(topic, preview_hz) for topic in sources}
+        parameters = {name: node.params for name, node in plan.nodes.items()}
+        run = {"name": plan.name, "run_id": plan.run_id, "mode": plan.mode, "seed": plan.seed}
+        arguments = {f"arg.{key}": value for key, value in plan.args.items()}
+        metadata = describe_run(plan.launch_text, parameters, **run, **arguments)
+        self.writer = BagWriter(path, metadata, event_encoding=encoding)
+
+    def receive(self, topic: str, message: Message) -> None:
+        """Write one message; its arrays are free when this returns. Raises BagError."""
+        self._notice_loss(topic, message.header.seq)
+        if topic not in self._selected:
+            self._selected[topic] = bool(select([topic], self._globs))
+        if self._selected[topic]:
+            self.writer.write(topic, message)
+            self.counters["messages"] += 1
+        maker = self._previews.get(topic)
+        if maker is not None and isinstance(message, Keyframe):
+            image = maker.update(message)
+            if image is not None:
+                self.writer.write(maker.topic(message), image)
+                self.counters["previews"] += 1
+
+    def _notice_loss(self, topic: str, seq: int) -> None:
+        missed = seq - self._seen.get(topic, seq) - 1
+        if missed > 0 and topic not in NOT_NUMBERED:
+            self._lost[topic] += missed
+            self.counters["lost"] += missed
+        self._seen[topic] = seq
+
+    def close(self) -> None:
+        """Make the bag whole. A second call does nothing."""
+        self.counters["bytes"] = sum(self.writer.bytes.values())
+        lost = {topic: str(count) for topic, count in self._lost.items()}
+        self.writer.close({"lost": lost} if lost else None)

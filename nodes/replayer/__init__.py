@@ -1,0 +1,1 @@
+"""Republishes a bag."""

@@ -1,0 +1,44 @@
+"""Which topics of a bag are replayed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+
+from evis.bag import BagError
+from msgs.topics import UnknownTopic, find_topic
+
+REGENERATED = ("frames", "events", "labels")
+"""What interpolator, event sensor and labeler make again from keyframes."""
+SYSTEM = ("/clock", "/diagnostics")
+"""The running graph has its own."""
+
+
+def replayed(
+    topics: Mapping[str, str], include: Sequence[str], exclude: Sequence[str], regenerate: bool, bag: str
+) -> list[str]:
+    """Names of the topics to publish. `topics`: topic -> message type of the bag. Raises BagError."""
+    cameras = {name.rsplit("/", 1)[0] for name in topics if name.endswith("/keyframe")}
+    if regenerate and not cameras:
+        raise BagError(
+            f"{bag} holds no keyframes to regenerate from; record them with "
+            "--record-topics '/*/keyframe,/*/depth,/*/motion,/*/ids'"
+        )
+    chosen = []
+    for name, kind in sorted(topics.items()):
+        camera, _, last = name.rpartition("/")
+        if name in SYSTEM or not _of_the_table(name, kind):
+            continue
+        if include and not any(fnmatchcase(name, g) for g in include):
+            continue
+        if any(fnmatchcase(name, g) for g in exclude) or (regenerate and camera in cameras and last in REGENERATED):
+            continue
+        chosen.append(name)
+    return chosen
+
+
+def _of_the_table(name: str, kind: str) -> bool:
+    try:
+        return find_topic(name).type.__name__ == kind
+    except UnknownTopic:
+        return False

@@ -1,0 +1,123 @@
+"""The replayer: a bag's messages on their topics again, as recorded, as fast as the graph takes them or paced."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from evis.node import Node, Output
+from evis.params import Param, ParamError, resolve
+from msgs.header import Message
+
+if TYPE_CHECKING:
+    from evis.bag.reader import BagReader
+
+PARAMS = {
+    "bag": Param(str, "", "the bag to replay"),
+    "topics": Param(list, [], "globs of topics to replay; empty = all"),
+    "exclude": Param(list, [], "globs of topics to leave out"),
+    "regenerate": Param(bool, False, "leave out what the graph makes again from keyframes: frames, events, labels"),
+    "pace": Param(str, "fast", "fast, realtime, or a speed such as 0.5 (half as fast as recorded)"),
+    "start": Param(float, 0.0, "seconds after the bag's first stamp to begin at", "s", minimum=0.0),
+    "duration": Param(float, None, "seconds to replay", "s", minimum=0.0, optional=True),
+}
+MAX_SLEEP_S = 0.05
+"""Longest sleep in one step, so that the graph can be stopped."""
+
+
+def speed(pace: str) -> float | None:
+    """Speed against the recording of a `pace`, None = as fast as possible. Raises ParamError."""
+    if pace in ("fast", "realtime"):
+        return 1.0 if pace == "realtime" else None
+    try:
+        value = float(pace.removesuffix("x"))
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise ParamError(f"replayer: pace is '{pace}', must be fast, realtime or a speed above 0 such as 0.5")
+    return value
+
+
+def _key(message: Message) -> tuple[int, int]:
+    return message.header.episode, message.header.stamp_ns
+
+
+class ReplayerNode(Node):
+    """Publishes what a bag holds; each topic is a port of its own name."""
+
+    PARAMS: ClassVar[Mapping[str, Param]] = PARAMS
+    SOURCE: ClassVar[bool] = True
+
+    @classmethod
+    def dynamic_outputs(cls, params: Mapping[str, Any]) -> dict[str, Output]:
+        """The ports, which depend on the bag and on what is left out. Raises BagError, ParamError."""
+        from evis.bag.reader import BagReader
+        from nodes.replayer.choice import replayed
+
+        given = resolve("replayer", cls.PARAMS, params)
+        if not given["bag"]:
+            raise ParamError("replayer: which bag? give bag:=FILE.mcap")
+        with BagReader(given["bag"]) as reader:
+            chosen = replayed(reader.topics, given["topics"], given["exclude"], given["regenerate"], str(reader.path))
+        return {topic: Output(topic) for topic in chosen}
+
+    def setup(self) -> None:
+        """Open the bag and publish the latched descriptions of the cameras."""
+        from evis.bag.reader import BagReader
+        from evis.clock import Pacer
+
+        factor = speed(self.params["pace"])
+        self.pacer = Pacer(factor) if factor is not None else None
+        ports = list(self.dynamic_outputs(self.params))
+        self.reader: BagReader = BagReader(self.params["bag"])
+        if self.reader.problem:
+            self.warn(f"{self.reader.path} is torn: {self.reader.problem}; replaying what can be read")
+        self.latched: dict[str, Message] = {}
+        for topic in [p for p in ports if self.reader.topics[p] == "CameraInfo"]:
+            _, info = next(self.reader.messages([topic]), (topic, None))
+            if info is not None:
+                self.publish(topic, info)
+                self.latched[topic] = info
+        start = self.reader.start_ns + round(self.params["start"] * 1e9)
+        length = self.params["duration"]
+        end = None if length is None else start + round(length * 1e9)
+        self.messages: Iterator[tuple[str, Message]] = self.reader.messages(ports, start, end) if ports else iter(())
+        self.next = self._take()
+
+    def _take(self) -> tuple[str, Message] | None:
+        for topic, message in self.messages:
+            first = self.latched.get(topic)
+            if first is None or _key(message) != _key(first):  # the first was published in setup
+                return topic, message
+        return None
+
+    def step(self, inputs: Mapping[str, Message]) -> bool:
+        """Publish the messages of one stamp, one of each topic at the most."""
+        if self.next is None:
+            return False
+        key = _key(self.next[1])
+        if self.pacer is not None:
+            wait = self.pacer.wait_s(key[1])
+            if wait > 0:
+                time.sleep(min(wait, MAX_SLEEP_S))
+                if wait > MAX_SLEEP_S:
+                    return True
+        sent: set[str] = set()
+        while self.next is not None:
+            topic, message = self.next
+            if topic in sent or _key(message) != key:
+                return True
+            sent.add(topic)
+            self.publish(topic, message)
+            self.next = self._take()
+        if self.reader.skipped:
+            self.count("damaged", self.reader.skipped)
+            self.warn(f"{self.reader.path}: {self.reader.skipped} damaged parts left out: {self.reader.first_problem}")
+        return False
+
+    def close(self) -> None:
+        """Close the bag."""
+        reader: BagReader | None = getattr(self, "reader", None)
+        if reader is not None:
+            reader.close()

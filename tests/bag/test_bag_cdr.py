@@ -1,0 +1,196 @@
+"""CDR bytes against rosbags, an independent implementation, and `mono` events against a recorded bag."""
+
+import hashlib
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bag_messages import mono_payloads
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from evis.bag import BagError, mono, ros, transforms
+from evis.bag.cdr import CdrReader
+from evis.bag.schemas import DEFINITIONS
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+EVENT_PACKET = (
+    "std_msgs/Header header\nuint32 height\nuint32 width\nuint64 seq\nuint64 time_base\nstring encoding\n"
+    "bool is_bigendian\nuint8[] events\n"
+)
+STORE.register(get_types_from_msg(EVENT_PACKET, "event_camera_msgs/msg/EventPacket"))
+T = STORE.types
+FRAMES = ["", "c", "ca", "cam", "cam0", "cam_left", "a/ä"]
+STAMP = 1_234_567_890_123_456_789
+
+
+def header(frame):
+    seconds, nanoseconds = divmod(STAMP, 10**9)
+    return T["std_msgs/msg/Header"](T["builtin_interfaces/msg/Time"](seconds, nanoseconds), frame)
+
+
+def serialized(message):
+    return bytes(STORE.serialize_cdr(message, message.__msgtype__))
+
+
+def joined(buffers):
+    return b"".join(bytes(b) for b in buffers)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("encoding", ["rgb8", "32FC3", "x"])
+def test_image(frame, encoding):
+    data = np.arange(24, dtype=np.uint8)
+    theirs = T["sensor_msgs/msg/Image"](header(frame), 2, 4, encoding, 0, 12, data)
+    ours = joined(ros.image(STAMP, frame, 2, 4, encoding, 12, data.data))
+    assert ours == serialized(theirs)
+    back = ros.read_image(memoryview(serialized(theirs)))
+    assert (back.stamp_ns, back.height, back.width, back.encoding, back.step) == (STAMP, 2, 4, encoding, 12)
+    assert bytes(back.data) == data.tobytes()
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("coefficients", [0, 4, 5])
+@pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])
+def test_camera_info(frame, coefficients, model):
+    d, k = np.arange(coefficients) / 7, np.arange(9).reshape(3, 3) / 3
+    roi = T["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    p = np.hstack([k, np.zeros((3, 1))]).ravel()
+    theirs = T["sensor_msgs/msg/CameraInfo"](
+        header(frame), 260, 346, model, d, k.ravel(), np.eye(3).ravel(), p, 0, 0, roi
+    )
+    ours = joined(ros.camera_info(STAMP, frame, 260, 346, model, d, k))
+    assert ours == serialized(theirs)
+    stamp, height, width, name, distortion, intrinsic = ros.read_camera_info(memoryview(ours))
+    assert (stamp, height, width, name) == (STAMP, 260, 346, model)
+    assert np.array_equal(distortion, d) and np.array_equal(intrinsic, k)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_imu(frame):
+    w, a = np.array([0.1, -2, np.pi]), np.array([9.81, 0, -1e-300])
+    vector, unknown = T["geometry_msgs/msg/Vector3"], np.zeros(9)
+    unknown[0] = -1
+    theirs = T["sensor_msgs/msg/Imu"](
+        header(frame),
+        T["geometry_msgs/msg/Quaternion"](0, 0, 0, 1),
+        unknown,
+        vector(*w),
+        np.zeros(9),
+        vector(*a),
+        np.zeros(9),
+    )
+    assert joined(ros.imu(STAMP, frame, w, a)) == serialized(theirs)
+    stamp, velocity, acceleration = ros.read_imu(memoryview(serialized(theirs)))
+    assert stamp == STAMP and np.array_equal(velocity, w) and np.array_equal(acceleration, a)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("encoding", ["mono", "evt3"])
+@pytest.mark.parametrize("size", [0, 8, 3])
+def test_event_packet(frame, encoding, size):
+    events = np.arange(size, dtype=np.uint8)
+    kind = T["event_camera_msgs/msg/EventPacket"]
+    theirs = kind(header(frame), 260, 346, 2**40 + 1, 2**63 - 1, encoding, False, events)
+    ours = ros.RosEvents(STAMP, 260, 346, 2**40 + 1, 2**63 - 1, encoding, events.data)
+    assert joined(ros.event_packet(ours, frame)) == serialized(theirs)
+    back = ros.read_event_packet(memoryview(serialized(theirs)))
+    assert (back.seq, back.base_ns, back.encoding, bytes(back.events)) == (
+        2**40 + 1,
+        2**63 - 1,
+        encoding,
+        events.tobytes(),
+    )
+
+
+@pytest.mark.parametrize("frame", ["", "w", "world", "world12"])
+@pytest.mark.parametrize("names", [("a",), ("cam0", "", "ab", "abcdefgh"), ("link/ä", "b", "ccc")])
+@pytest.mark.parametrize("steps", [1, 2, 5])
+def test_transforms(frame, names, steps):
+    rng = np.random.default_rng(steps)
+    pose = rng.normal(size=(steps, len(names), 7))
+    t = rng.integers(0, 2**31 * 10**9, steps)
+    vector, quaternion = T["geometry_msgs/msg/Vector3"], T["geometry_msgs/msg/Quaternion"]
+    stamped = []
+    for i in range(steps):
+        time = T["builtin_interfaces/msg/Time"](*(int(v) for v in divmod(t[i], 10**9)))
+        for j, name in enumerate(names):
+            p = [float(v) for v in pose[i, j]]
+            where = T["geometry_msgs/msg/Transform"](vector(*p[:3]), quaternion(*p[3:]))
+            stamped.append(T["geometry_msgs/msg/TransformStamped"](T["std_msgs/msg/Header"](time, frame), name, where))
+    theirs = serialized(T["tf2_msgs/msg/TFMessage"](stamped))
+    assert transforms.pack(frame, names, t, pose) == theirs
+    assert np.array_equal(transforms.unpack(memoryview(theirs), frame, names, steps), pose)
+
+
+def test_no_transforms_at_all():
+    theirs = serialized(T["tf2_msgs/msg/TFMessage"]([]))
+    assert transforms.pack("world", (), np.zeros(2, np.int64), np.zeros((2, 0, 7))) == theirs
+
+
+@pytest.mark.parametrize("name", sorted(DEFINITIONS))
+def test_definitions_are_ros_definitions(name):
+    """Parsed by rosbags, our texts give the same types (fields and dependencies) as the ROS 2 distribution's."""
+    ours = get_types_from_msg(DEFINITIONS[name], name)
+    assert ours[name] == STORE.fielddefs[name]
+    for dependency, fields in ours.items():
+        assert fields == STORE.fielddefs[dependency], dependency
+
+
+def test_truncated_cdr_is_an_error():
+    raw = joined(ros.image(0, "cam0", 1, 1, "mono8", 1, memoryview(b"x")))
+    for size in range(len(raw)):
+        with pytest.raises(BagError):
+            ros.read_image(memoryview(raw[:size]))
+
+
+def test_big_endian_cdr_is_refused():
+    with pytest.raises(BagError, match="little-endian"):
+        CdrReader(b"\x00\x00\x00\x00rest", "x")
+
+
+@pytest.mark.parametrize("stamp", [-1, 2**31 * 10**9])
+def test_times_that_ros_cannot_hold(stamp):
+    with pytest.raises(BagError, match=r"0 to 2\^31 s"):
+        ros.image(stamp, "", 0, 0, "mono8", 0, memoryview(b""))
+
+
+def test_mono_of_a_recorded_bag():
+    """The recording's checksums, and its very bytes when packed again."""
+    root = Path(os.environ.get("EVIS_TEST_DATA", Path(__file__).parents[3] / "shared" / "data"))
+    path = root / "ros" / "codecs_mono_cd_0.db3"
+    if not path.exists():
+        pytest.skip(f"no recording at {path}; set EVIS_TEST_DATA")
+    truth = json.loads((root / "ground_truth.json").read_text())["files"]["ros/codecs_mono_cd_0.db3"]
+    assert hashlib.sha256(path.read_bytes()).hexdigest() == truth["file_sha256"]
+    columns = []
+    for payload in mono_payloads(path):
+        packet = ros.read_event_packet(memoryview(payload))
+        assert (packet.width, packet.height, packet.encoding) == (truth["width"], truth["height"], "mono")
+        events = mono.unpack(np.frombuffer(packet.events, "<u8"), packet.base_ns)
+        assert mono.pack(*events, packet.base_ns).tobytes() == bytes(packet.events)
+        columns.append(events)
+    t, x, y, p = (np.concatenate(c) for c in zip(*columns))
+    assert [len(t), int(t.sum()), int(x.sum()), int(y.sum()), int(p.sum())] == [
+        truth["n"],
+        truth["sum_t"],
+        truth["sum_x"],
+        truth["sum_y"],
+        truth["n_on"],
+    ]
+    assert [int(v[0]) for v in (t, x, y, p)] == truth["first"] and [int(v[-1]) for v in (t, x, y, p)] == truth["last"]
+
+
+def test_mono_bit_fields():
+    words = mono.pack(np.array([7]), np.array([3], np.uint16), np.array([5], np.uint16), np.array([1], np.uint8), 2)
+    assert int(words[0]) == 1 << 63 | 5 << 48 | 3 << 32 | 5
+
+
+def test_split_covers_times_that_no_packet_could():
+    rng = np.random.default_rng(1)
+    for t in (rng.integers(0, 2**35, 200), np.sort(rng.integers(0, 2**36, 200)), np.array([0, 2**32, 0, 2**32 - 1])):
+        runs = mono.split(t, -1)
+        assert [r[0] for r in runs] == [0, *(r[1] for r in runs[:-1])] and runs[-1][1] == len(t)
+        for first, end, base in runs:
+            assert end > first and (t[first:end] >= base).all() and (t[first:end] - base < 2**32).all()

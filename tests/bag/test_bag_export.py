@@ -1,0 +1,272 @@
+"""What `evis bag` writes and prints, read back by other means."""
+
+import contextlib
+import io
+import json
+import struct
+import zlib
+
+import numpy as np
+import pytest
+from bag_messages import scene
+
+from evis.bag import BagError
+from evis.bag.export import export
+from evis.bag.info import describe
+from evis.bag.preview import tone_map
+from evis.bag.writer import BagWriter
+from evis.cli import main
+from msgs.camera import Depth, EventPacket, Keyframe
+from msgs.header import Header
+
+KEYFRAMES = 5
+
+
+def bag(path, envs=1, margin=0):
+    with BagWriter(path, {"evis": {"seed": "7"}}) as writer:
+        for k in range(KEYFRAMES):
+            for topic, message in scene(k, envs).items():
+                if hasattr(message, "margin"):
+                    message.margin = margin
+                writer.write(topic, message)
+    return path
+
+
+def exr_channels(path):
+    """Channels of a ZIP-compressed scan-line EXR, taken apart by hand from the OpenEXR file layout."""
+    data = path.read_bytes()
+    assert struct.unpack("<I", data[:4])[0] == 20000630
+    at, attributes = 8, {}
+    while data[at]:
+        name_end = data.index(b"\0", at)
+        type_end = data.index(b"\0", name_end + 1)
+        (size,) = struct.unpack_from("<I", data, type_end + 1)
+        attributes[data[at:name_end].decode()] = data[type_end + 5 : type_end + 5 + size]
+        at = type_end + 5 + size
+    at += 1
+    assert attributes["compression"] == b"\x03"  # ZIP, 16 lines a block
+    x0, y0, x1, y1 = struct.unpack("<4i", attributes["dataWindow"])
+    width, height = x1 - x0 + 1, y1 - y0 + 1
+    kinds, raw = [], attributes["channels"]
+    while raw[:1] != b"\0":
+        end = raw.index(b"\0")
+        kinds.append((raw[:end].decode(), {0: "<u4", 1: "<f2", 2: "<f4"}[struct.unpack_from("<i", raw, end + 1)[0]]))
+        raw = raw[end + 17 :]
+    result = {name: np.empty((height, width), kind) for name, kind in kinds}
+    offsets = struct.unpack_from(f"<{-(-height // 16)}Q", data, at)
+    for offset in offsets:
+        first, size = struct.unpack_from("<iI", data, offset)
+        lines = min(16, y1 - first + 1)
+        block = data[offset + 8 : offset + 8 + size]
+        full = lines * width * sum(np.dtype(k).itemsize for _, k in kinds)
+        if size < full:
+            delta = np.frombuffer(zlib.decompress(block), np.uint8).astype(np.int64)
+            delta[1:] -= 128
+            values = (np.cumsum(delta) % 256).astype(np.uint8)
+            half = (len(values) + 1) // 2
+            block = np.empty(len(values), np.uint8)
+            block[0::2], block[1::2] = values[:half], values[half:]
+            block = block.tobytes()
+        place = 0
+        for y in range(first - y0, first - y0 + lines):
+            for name, kind in kinds:
+                length = width * np.dtype(kind).itemsize
+                result[name][y] = np.frombuffer(block[place : place + length], kind)
+                place += length
+    return result, attributes
+
+
+@pytest.mark.parametrize("margin", [0, 1])
+def test_keyframes_to_exr(tmp_path, margin):
+    result = export(bag(tmp_path / "a.mcap", margin=margin), "/cam0/keyframe", tmp_path / "out")
+    assert result["keyframes"] == KEYFRAMES
+    assert result["channels"] == sorted(["R", "G", "B", "Z", "motion.x", "motion.y", "id"])
+    crop = slice(margin, -margin or None)
+    for k in range(KEYFRAMES):
+        channels, attributes = exr_channels(tmp_path / "out" / f"{k:06d}.exr")
+        truth = scene(k)
+        radiance = truth["/cam0/keyframe"].radiance[0, crop, crop]
+        motion = truth["/cam0/motion"].motion[0, crop, crop]
+        for name, array in {
+            "R": radiance[..., 0],
+            "G": radiance[..., 1],
+            "B": radiance[..., 2],
+            "motion.x": motion[..., 0],
+            "motion.y": motion[..., 1],
+            "Z": truth["/cam0/depth"].depth[0, crop, crop],
+            "id": truth["/cam0/ids"].ids[0, crop, crop].astype(np.uint32),
+        }.items():
+            assert channels[name].dtype == array.dtype and np.array_equal(channels[name], array), name
+        assert int(attributes["evis/stamp_ns"]) == truth["/cam0/keyframe"].header.stamp_ns
+
+
+def test_keyframes_in_half_are_clamped_and_counted(tmp_path):
+    radiance = np.array([[[[1e6, 1.0, 0.5], [-1e9, 65504.0, np.nan]]]], np.float32)
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.write("/cam0/keyframe", Keyframe(Header(0), radiance, np.zeros(1, np.int32)))
+    result = export(tmp_path / "a.mcap", "/cam0/keyframe", tmp_path / "out", half=True)
+    assert result["clamped"] == 2 and result["channels"] == ["B", "G", "R"]
+    channels, _ = exr_channels(tmp_path / "out" / "000000.exr")
+    assert channels["R"].dtype == np.float16 and channels["R"].tolist() == [[65504.0, -65504.0]]
+    assert channels["G"].tolist() == [[1.0, 65504.0]] and np.isnan(channels["B"][0, 1])
+
+
+def test_keyframes_of_several_environments(tmp_path):
+    path = bag(tmp_path / "a.mcap", envs=2)
+    export(path, "/cam0/keyframe", tmp_path / "all")
+    export(path, "/env1/cam0/keyframe", tmp_path / "one")
+    for file in (tmp_path / "all" / "env1" / "000002.exr", tmp_path / "one" / "000002.exr"):
+        assert np.array_equal(exr_channels(file)[0]["G"], scene(2, 2)["/cam0/keyframe"].radiance[1, ..., 1])
+
+
+def test_missing_depth_is_left_out(tmp_path):
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        for k in range(3):
+            writer.write("/cam0/keyframe", scene(k)["/cam0/keyframe"])
+        writer.write("/cam0/depth", scene(1)["/cam0/depth"])
+    export(tmp_path / "a.mcap", "/cam0/keyframe", tmp_path / "out")
+    assert ["Z" in exr_channels(tmp_path / "out" / f"{k:06d}.exr")[0] for k in range(3)] == [False, True, False]
+
+
+@pytest.mark.parametrize("envs", [1, 2])
+def test_events_to_npz(tmp_path, envs):
+    path = bag(tmp_path / "a.mcap", envs)
+    topic = "/cam0/events" if envs == 1 else "/env1/cam0/events"
+    export(path, topic, tmp_path / "e.npz")
+    with np.load(tmp_path / "e.npz") as arrays:
+        for name, dtype in {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.uint8, "c": np.uint8}.items():
+            packets = [scene(k, envs)["/cam0/events"] for k in range(KEYFRAMES)]
+            expected = np.concatenate([getattr(p, name)[p.env_offsets[-2] :] for p in packets])
+            assert arrays[name].dtype == dtype and np.array_equal(arrays[name], expected)
+    if envs == 2:
+        with pytest.raises(BagError, match="2 environments; name one of them: /env0/cam0/events"):
+            export(path, "/cam0/events", tmp_path / "f.npz")
+
+
+def test_other_topics(tmp_path):
+    path = bag(tmp_path / "a.mcap")
+    export(path, "/state", tmp_path / "s.npz")
+    with np.load(tmp_path / "s.npz") as arrays:
+        assert np.array_equal(arrays["pose"], np.stack([scene(k)["/state"].pose for k in range(KEYFRAMES)]))
+        assert arrays["stamp_ns"].tolist() == [scene(k)["/state"].header.stamp_ns for k in range(KEYFRAMES)]
+    export(path, "/cam0/imu", tmp_path / "i.jsonl")
+    lines = [json.loads(line) for line in (tmp_path / "i.jsonl").read_text().splitlines()]
+    assert [line["acceleration"] for line in lines] == [
+        scene(k)["/cam0/imu"].acceleration.tolist() for k in range(KEYFRAMES)
+    ]
+    with pytest.raises(BagError, match=r"name it \.npz or \.jsonl"):
+        export(path, "/state", tmp_path / "s.csv")
+    with pytest.raises(BagError, match="no topic '/cam1/events'; it has"):
+        export(path, "/cam1/events", tmp_path / "s.npz")
+
+
+def test_info(tmp_path):
+    about = describe(bag(tmp_path / "a.mcap"))
+    packets = [scene(k)["/cam0/events"] for k in range(KEYFRAMES)]
+    t = np.concatenate([p.t for p in packets])
+    events = about["topics"]["/cam0/events"]
+    assert (events["type"], events["message"]) == ("event_camera_msgs/msg/EventPacket", "EventPacket")
+    assert (events["messages"], events["events"]) == (KEYFRAMES, len(t))
+    assert (events["t_first_ns"], events["t_last_ns"], events["width"], events["height"]) == (t[0], t[-1], 7, 5)
+    assert about["topics"]["/cam0/keyframe"]["type"] == "sensor_msgs/msg/Image"
+    assert about["topics"]["/cam0/labels"]["message"] == "Labels"
+    assert about["topics"]["/cam0/imu"]["messages"] == 2 * KEYFRAMES
+    assert about["parts"]["/cam0/keyframe/meta"]["part_of"] == "/cam0/keyframe"
+    assert about["duration_s"] == pytest.approx((KEYFRAMES - 1) / 30, abs=1e-8)
+    assert about["complete"] and about["metadata"] == {"evis": {"seed": "7"}}
+
+
+def test_info_counts_a_sensors_own_bytes(tmp_path):
+    from evis.streams.events import Events
+    from evis.streams.evt3 import Encoder
+
+    encoder = Encoder()
+    t = np.arange(1, 1001) * 10_000
+    zeros = np.zeros(500, np.uint16)
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        for k in range(2):
+            words = encoder.encode(Events(t[k * 500 : k * 500 + 500], zeros, zeros, zeros.astype(np.uint8)))
+            raw = np.frombuffer(words, np.uint8)
+            packet = EventPacket(
+                Header(int(t[k * 500 + 499]), k), np.array([0, 0]), raw=raw, encoding="evt3", width=9, height=8
+            )
+            writer.write("/cam0/events", packet)
+    events = describe(tmp_path / "a.mcap")["topics"]["/cam0/events"]
+    assert (events["events"], events["t_first_ns"], events["t_last_ns"]) == (1000, 10_000, 10_000_000)
+    export(tmp_path / "a.mcap", "/cam0/events", tmp_path / "e.npz")
+    with np.load(tmp_path / "e.npz") as arrays:
+        assert np.array_equal(arrays["t"], t)
+
+
+def run(*words):
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            status = main(list(words))
+        except SystemExit as exit_:
+            status = exit_.code
+    return status, out.getvalue(), err.getvalue()
+
+
+def test_command_line(tmp_path):
+    path = bag(tmp_path / "a.mcap")
+    status, out, _ = run("bag", "info", str(path), "--json")
+    assert status == 0 and json.loads(out)["topics"]["/state"]["messages"] == KEYFRAMES
+    status, out, _ = run("bag", "info", str(path))
+    assert status == 0 and "/cam0/events" in out and "seed=7" in out
+    path.write_bytes(path.read_bytes()[:-300])
+    status, out, _ = run("bag", "info", str(path))
+    assert status == 0 and "torn" in out
+    status, out, _ = run("bag", "recover", str(path), str(tmp_path / "b.mcap"), "--json")
+    assert status == 0 and json.loads(out)["damaged"] == 0 and describe(tmp_path / "b.mcap")["complete"]
+    status, out, _ = run("bag", "export", str(tmp_path / "b.mcap"), "--topic", "/cam0/events", str(tmp_path / "e.csv"))
+    assert status == 0 and (tmp_path / "e.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "text"),
+    [
+        (["bag", "info", "{}/none.mcap"], 1, "cannot read"),
+        (["bag", "info", "{}/garbage.mcap"], 1, "not an MCAP bag"),
+        (["bag", "export", "{}/a.mcap", "--topic", "/x", "o.npz"], 1, "no topic '/x'"),
+        (["bag", "recover", "{}/a.mcap", "{}/missing/b.mcap"], 1, "there is no directory"),
+        (["bag", "inof", "x"], 2, "invalid choice"),
+        (["bag"], 2, "ACTION"),
+        (["bag", "record", "{}/b.mcap", "--duration", "0"], 2, "longer than 0 s"),
+    ],
+)
+def test_command_line_errors(tmp_path, words, status, text):
+    """One line on stderr that names the thing, 1 for a failure and 2 for wrong usage."""
+    bag(tmp_path / "a.mcap")
+    (tmp_path / "garbage.mcap").write_bytes(b"garbage" * 99)
+    code, out, err = run(*(w.format(tmp_path) for w in words))
+    assert code == status and out == ""
+    assert text in err and err.count("\n") == 1
+
+
+def test_tone_map():
+    """Middle grey comes out as sRGB of 0.18/1.18; black, white and NaN stay what they are; monotone everywhere."""
+    grey = tone_map(np.full((4, 4, 3), 3.7, np.float32))
+    expected = 255 * (1.055 * (0.18 / 1.18) ** (1 / 2.4) - 0.055)
+    assert np.abs(grey - expected).max() <= 1  # 8 bits
+    ramp = tone_map(np.repeat(np.geomspace(1e-6, 1e6, 999), 3).reshape(1, 999, 3), 1.0)[0, :, 0].astype(int)
+    assert (np.diff(ramp) >= 0).all() and ramp[0] == 0 and ramp[-1] == 255
+    odd = np.array([[[np.nan, np.inf, -1.0]]], np.float32)
+    assert tone_map(odd).tolist() == [[[0, 255, 0]]]
+    assert tone_map(np.zeros((2, 2, 3), np.float16)).max() == 0
+
+
+def test_tone_map_follows_the_srgb_curve():
+    x = np.random.default_rng(0).gamma(0.5, 2.0, (50, 3))
+    u = x / (1 + x)
+    srgb = 255 * np.where(u <= 0.0031308, 12.92 * u, 1.055 * u ** (1 / 2.4) - 0.055)
+    # half a code by rounding, and the table's step of 1/4096 where the curve is steepest (12.92 * 255 / 8192)
+    assert np.abs(tone_map(x, 1.0) - srgb).max() < 0.5 + 0.41
+
+
+def test_depth_alone(tmp_path):
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.write("/cam0/depth", Depth(Header(0), np.full((1, 2, 2), np.inf, np.float32)))
+    export(tmp_path / "a.mcap", "/cam0/depth", tmp_path / "d.npz")
+    with np.load(tmp_path / "d.npz") as arrays:
+        assert np.isinf(arrays["depth"]).all() and arrays["depth"].shape == (1, 1, 2, 2)

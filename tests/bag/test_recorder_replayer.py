@@ -1,0 +1,313 @@
+"""The two nodes, driven as the executor drives them."""
+
+import dataclasses
+import time
+from collections import defaultdict
+
+import pytest
+from bag_messages import copied, same, scene
+
+from evis.bag import BagError
+from evis.bag.reader import BagReader
+from evis.bag.writer import BagWriter
+from evis.params import ParamError
+from evis.plan import NodePlan, Plan
+from msgs.header import Header
+from nodes.recorder.node import RecorderNode
+from nodes.replayer.node import ReplayerNode
+
+
+class Runtime:
+    """What the nodes use of an executor. Sequence numbers are counted per topic, as on the bus."""
+
+    def __init__(self):
+        self.plan = Plan("disk", "run-1", "/nowhere", seed=5, launch_text="nodes: {}\n")
+        self.plan.nodes["physics"] = NodePlan("physics", "x:Y", {"omega": 60.0}, "physics")
+        self.plan.topics = dict.fromkeys(["/cam0/keyframe", "/cam0/events"])  # what is published in the graph
+        self.counters = defaultdict(float)
+        self.said = []
+        self.published = []
+        self.sequence = defaultdict(int)
+
+    def wants(self, node, port):
+        return True
+
+    def count(self, node, name, amount):
+        self.counters[name] += amount
+
+    def diagnose(self, node, level, text):
+        self.said.append((level, text))
+
+    def publish(self, node, port, message):
+        message.header.seq = self.sequence[port]
+        self.sequence[port] += 1
+        self.published.append((port, message))
+
+
+def make(kind, **params):
+    node = kind(kind.__name__, params)
+    node.runtime = Runtime()
+    return node
+
+
+def record(path, keyframes=6, topics=(), envs=1, without=None, **params):
+    node = make(RecorderNode, path=str(path), topics=list(topics), **params)
+    node.runtime.plan.topics = {t: None for t in scene(0) if t != without}
+    node.setup()
+    for k in range(keyframes):
+        for topic, message in scene(k, envs).items():
+            if topic != without:
+                node.receive(topic, message)
+    node.finish()
+    node.close()
+    return node
+
+
+def contents(path):
+    with BagReader(path) as reader:
+        assert reader.problem == ""
+        return [(t, copied(m)) for t, m in reader.messages()]
+
+
+def replay(path, **params):
+    node = make(ReplayerNode, bag=str(path), **params)
+    node.setup()
+    steps = []
+    while True:
+        before = len(node.runtime.published)
+        alive = node.step({})
+        steps.append(node.runtime.published[before:])
+        if not alive:
+            break
+    node.finish()
+    node.close()
+    return node, steps
+
+
+def test_default_topics_and_preview(tmp_path):
+    node = record(tmp_path / "a.mcap", keyframes=10, without="/cam0/image")
+    back = contents(tmp_path / "a.mcap")
+    topics = {t for t, _ in back}
+    assert {"/state", "/cam0/events", "/cam0/info", "/cam0/image", "/cam0/labels", "/action"} <= topics
+    assert not topics & {"/cam0/keyframe", "/cam0/depth", "/cam0/frames", "/clock"}
+    assert node.runtime.counters["previews"] == 4
+    assert node.runtime.counters["messages"] == sum(1 for t, m in back) - node.runtime.counters["previews"]
+
+
+def test_preview_runs_at_its_own_rate(tmp_path):
+    node = make(RecorderNode, path=str(tmp_path / "a.mcap"), preview_hz=10.0)
+    node.setup()
+    for k in range(31):
+        keyframe = scene(k)["/cam0/keyframe"]
+        keyframe.margin = 1
+        node.receive("/cam0/keyframe", keyframe)
+    node.close()
+    images = [m for _, m in contents(tmp_path / "a.mcap")]
+    assert [round(m.header.stamp_ns * 30 / 1e9) for m in images] == [0, 3, 6, 9, 12, 15, 18, 21, 24, 27, 30]
+    assert all(m.encoding == "rgb8" and m.data.shape == (3, 5, 3) for m in images)
+
+
+def test_preview_of_environments_and_episodes(tmp_path):
+    node = make(RecorderNode, path=str(tmp_path / "a.mcap"))
+    node.setup()
+    for episode in range(2):
+        for k in range(3):
+            keyframe = scene(k, 2)["/cam0/keyframe"]
+            node.receive(
+                "/cam0/keyframe", dataclasses.replace(keyframe, header=Header(k * 33_333_333, k, "sim", episode))
+            )
+    node.close()
+    images = contents(tmp_path / "a.mcap")
+    assert [(t, m.header.episode, m.header.stamp_ns) for t, m in images] == [
+        ("/env0/cam0/image", 0, 0),
+        ("/env0/cam0/image", 1, 0),
+    ]
+
+
+def test_topics_by_glob(tmp_path):
+    record(tmp_path / "a.mcap", topics=["/cam0/key*", "/*/depth"], preview_hz=0.0)
+    topics = {t for t, _ in contents(tmp_path / "a.mcap")}
+    assert {"/cam0/keyframe", "/cam0/depth", "/state"} <= topics and "/cam0/motion" not in topics
+
+
+def test_what_the_planner_is_told():
+    available = [
+        "/state",
+        "/cam0/keyframe",
+        "/cam0/depth",
+        "/cam0/frames",
+        "/cam0/events",
+        "/cam1/keyframe",
+        "/cam1/image",
+    ]
+    told = RecorderNode.dynamic_inputs({}, available)
+    assert told == ["/state", "/cam0/events", "/cam1/image", "/cam0/keyframe"]
+    assert RecorderNode.dynamic_inputs({"preview_hz": 0}, available) == ["/state", "/cam0/events", "/cam1/image"]
+    # sub-frames are a thousand times the data and can be made again: never by a glob that does not name them
+    everything = RecorderNode.dynamic_inputs({"topics": ["*"]}, available)
+    assert set(everything) == set(available) - {"/cam0/frames"}
+    assert "/cam0/frames" in RecorderNode.dynamic_inputs({"topics": "/*/frames"}, available)
+    with pytest.raises(ParamError, match="no topic is like '/cam0/keyfrane'"):
+        RecorderNode.dynamic_inputs({"topics": ["/cam0/keyfrane"]}, available)
+
+
+def test_the_run_is_described_in_the_bag(tmp_path):
+    record(tmp_path / "a.mcap", keyframes=1)
+    with BagReader(tmp_path / "a.mcap") as reader:
+        assert reader.metadata["launch"]["text"] == "nodes: {}\n" and reader.metadata["evis"]["seed"] == "5"
+        assert reader.metadata["parameters"]["physics"] == '{"omega": 60.0}'
+
+
+def test_losses_are_counted_and_kept(tmp_path):
+    node = make(RecorderNode, path=str(tmp_path / "a.mcap"))
+    node.setup()
+    for k in (0, 1, 4, 5, 9):
+        node.receive("/cam0/events", scene(k)["/cam0/events"])
+        node.receive("/diagnostics", scene(k)["/diagnostics"])  # many publishers: their numbers tell nothing
+    node.close()
+    assert node.runtime.counters["lost"] == 5
+    with BagReader(tmp_path / "a.mcap") as reader:
+        assert reader.metadata["lost"] == {"/cam0/events": "5"}
+
+
+def test_an_older_recording_is_kept_and_that_is_said(tmp_path):
+    record(tmp_path / "a.mcap", keyframes=1)
+    node = record(tmp_path / "a.mcap", keyframes=2)
+    assert [level for level, _ in node.runtime.said] == ["info"] and "a.mcap.bak" in node.runtime.said[0][1]
+    assert len(contents(tmp_path / "a.mcap.bak")) < len(contents(tmp_path / "a.mcap"))
+
+
+def test_a_path_that_cannot_be_written_ends_before_the_start(tmp_path):
+    node = make(RecorderNode, path=str(tmp_path / "missing" / "a.mcap"))
+    with pytest.raises(BagError, match="there is no directory"):
+        node.setup()
+    node.close()
+
+
+ALL = ["/*/keyframe", "/*/depth", "/*/motion", "/*/ids", "/*/normal", "/*/frames", "/clock"]
+
+
+@pytest.mark.parametrize("envs", [1, 2])
+def test_replay_is_what_was_recorded(tmp_path, envs):
+    """Every message bit by bit on its topic, one stamp per step, data flow in order, no topic twice in a step."""
+    record(tmp_path / "a.mcap", topics=ALL, envs=envs)
+    node, steps = replay(tmp_path / "a.mcap")
+    sent = defaultdict(list)
+    for topic, message in node.runtime.published:
+        sent[topic].append(message)
+    left_out = {"/clock", "/diagnostics"}
+    for topic in scene(0):
+        expected = [] if topic in left_out else [scene(k, envs)[topic] for k in range(6)]
+        assert len(sent[topic]) == len(expected), topic
+        assert all(same(a, b) for a, b in zip(sent[topic], expected)), topic
+    for step in steps[:6]:
+        assert len({m.header.stamp_ns for _, m in step}) == 1 and len({t for t, _ in step}) == len(step)
+    names = [t for t, _ in steps[1]]
+    assert (
+        names.index("/state")
+        < names.index("/cam0/keyframe")
+        < names.index("/cam0/motion")
+        < names.index("/cam0/events")
+    )
+
+
+def test_camera_info_comes_first(tmp_path):
+    record(tmp_path / "a.mcap", keyframes=3)
+    node = make(ReplayerNode, bag=str(tmp_path / "a.mcap"), start=1 / 30)
+    node.setup()
+    assert [(t, m.header.seq) for t, m in node.runtime.published] == [("/cam0/info", 0)]
+    node.close()
+
+
+def test_outputs_depend_on_the_bag(tmp_path):
+    record(tmp_path / "a.mcap", keyframes=1, topics=ALL)
+    outputs = ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "a.mcap")})
+    assert set(outputs) == set(scene(0)) - {"/clock", "/diagnostics"}
+    assert all(port == output.topic for port, output in outputs.items())
+    again = ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "a.mcap"), "regenerate": "true"})
+    assert set(outputs) - set(again) == {"/cam0/frames", "/cam0/events", "/cam0/labels"}
+    some = ReplayerNode.dynamic_outputs(
+        {"bag": str(tmp_path / "a.mcap"), "topics": "/cam0/*", "exclude": ["*/imu", "*/ids"]}
+    )
+    assert "/state" not in some and "/cam0/imu" not in some and "/cam0/depth" in some
+
+
+def test_errors_of_the_replayer(tmp_path):
+    with pytest.raises(ParamError, match="which bag"):
+        ReplayerNode.dynamic_outputs({})
+    with pytest.raises(BagError, match="cannot read"):
+        ReplayerNode.dynamic_outputs({"bag": "/nowhere/a.mcap"})
+    record(tmp_path / "a.mcap", keyframes=1, preview_hz=0.0)
+    with pytest.raises(BagError, match="holds no keyframes to regenerate from"):
+        ReplayerNode.dynamic_outputs({"bag": str(tmp_path / "a.mcap"), "regenerate": True})
+    for pace in ("fastt", "0", "-1", "nan"):
+        with pytest.raises(ParamError, match="pace is"):
+            make(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace=pace).setup()
+
+
+def test_start_and_duration(tmp_path):
+    record(tmp_path / "a.mcap", keyframes=10)
+    node, _ = replay(tmp_path / "a.mcap", start=0.1, duration=0.1, topics=["/state"])
+    stamps = [m.header.stamp_ns for _, m in node.runtime.published]
+    assert stamps == [round(k * 1e9 / 30) for k in (3, 4, 5, 6)]
+
+
+def test_paced_replay_keeps_its_distances(tmp_path):
+    """At speed 2, 0.2 s of stamps take at least 0.1 s of wall time, and no step sleeps for long."""
+    record(tmp_path / "a.mcap", keyframes=7)
+    node = make(ReplayerNode, bag=str(tmp_path / "a.mcap"), pace="2", topics=["/state"])
+    node.setup()
+    begin = time.monotonic()
+    while node.step({}):
+        pass
+    assert time.monotonic() - begin >= 0.0999
+    assert len(node.runtime.published) == 7
+    node.close()
+
+
+def test_replaying_a_torn_bag(tmp_path):
+    record(tmp_path / "a.mcap", keyframes=6, topics=ALL)
+    data = (tmp_path / "a.mcap").read_bytes()
+    whole = len(replay(tmp_path / "a.mcap")[0].runtime.published)
+    (tmp_path / "a.mcap").write_bytes(data[: len(data) // 2])
+    node, _ = replay(tmp_path / "a.mcap")
+    assert node.runtime.said[0][0] == "warning" and "torn" in node.runtime.said[0][1]
+    assert len(node.runtime.published) < whole
+
+
+def test_several_messages_of_a_topic_at_one_stamp(tmp_path):
+    """Each step publishes a topic once at the most: more could wait for credit inside the step."""
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        for i in range(3):
+            writer.write("/cam0/imu", dataclasses.replace(scene(0)["/cam0/imu"], header=Header(5, i)))
+        writer.write("/cam0/trigger", dataclasses.replace(scene(0)["/cam0/trigger"], header=Header(5)))
+    _, steps = replay(tmp_path / "a.mcap")
+    assert [len({t for t, _ in s}) == len(s) for s in steps] == [True] * len(steps)
+    assert sum(len(s) for s in steps) == 4
+
+
+def test_a_recording_of_a_replay_is_the_recording(tmp_path):
+    """Record, replay, record again: the same messages."""
+    topics = ["/*/keyframe", "/*/depth"]
+    record(tmp_path / "a.mcap", topics=topics, without="/cam0/image")
+    node, _ = replay(tmp_path / "a.mcap")
+    second = make(RecorderNode, path=str(tmp_path / "b.mcap"), topics=topics)
+    second.runtime.plan.topics = dict.fromkeys(t for t, _ in node.runtime.published)
+    second.setup()
+    for topic, message in node.runtime.published:
+        second.receive(topic, message)
+    second.close()
+    first = [(t, m) for t, m in contents(tmp_path / "a.mcap") if t != "/diagnostics"]
+    again = contents(tmp_path / "b.mcap")
+    assert [t for t, _ in first].count("/cam0/image") == 2
+    assert len(first) == len(again) and all(a[0] == b[0] and same(a[1], b[1]) for a, b in zip(first, again))
+
+
+def test_a_cameras_own_images_are_no_previews(tmp_path):
+    """A camera that has images is recorded with these alone."""
+    available = ["/cam0/keyframe", "/cam0/image"]
+    assert RecorderNode.dynamic_inputs({}, available) == ["/cam0/image"]
+    node = record(tmp_path / "a.mcap")
+    assert node.runtime.counters["previews"] == 0
+    images = [m for t, m in contents(tmp_path / "a.mcap") if t == "/cam0/image"]
+    assert len(images) == 6 and all(same(m, scene(k)["/cam0/image"]) for k, m in enumerate(images))
