@@ -1,0 +1,1 @@
+"""The event sensor: linear luminance in, events out."""

@@ -1,0 +1,1 @@
+"""The warp on a GPU."""

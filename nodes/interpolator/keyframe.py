@@ -1,0 +1,53 @@
+"""What an interpolation method gets and gives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import warp as wp
+
+wp.config.log_level = wp.LOG_WARNING
+
+
+def device_named(name: str) -> Any:
+    """The Warp device of a name (`cpu`, `cuda`, `cuda:1`). Raises ValueError naming those there are."""
+    wp.init()
+    try:
+        return wp.get_device(name)
+    except (ValueError, RuntimeError):
+        known = ", ".join(str(d) for d in wp.get_devices())
+        raise ValueError(f"there is no device '{name}' here; there is {known}") from None
+
+
+@dataclass
+class View:
+    """One keyframe of E environments, margin included, as a method sees it.
+
+    image: float32 [E, H, W] luminance or [E, H, W, 3] linear RGB. depth: float32 [E, H, W] m, +inf = sky. motion:
+    float32 [E, H, W, 2] px, backward. depth and motion are None for a method that does not use them.
+    """
+
+    image: wp.array
+    depth: wp.array | None = None
+    motion: wp.array | None = None
+
+
+@dataclass
+class Report:
+    """Counts of one gap: pixels that no keyframe saw, and sources dropped because their motion is not finite."""
+
+    filled: int = 0
+    nonfinite: int = 0
+
+
+class Method(Protocol):
+    """Makes the frames of the gap between two keyframes."""
+
+    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray) -> Report:
+        """Write frames i = 1 .. K of the gap into out, float32 [E, K, h, w(, 3)] without margin; the last is b itself.
+
+        held: bool [E], environments that begin a new episode with b; all their frames are b.
+        """

@@ -1,0 +1,107 @@
+"""The node: frames or keyframes in, one packet per message out."""
+
+import numpy as np
+import pytest
+
+from evis.params import ParamError
+from msgs.camera import Frames, Keyframe
+from msgs.header import Header
+from nodes.event_sensor.node import EventSensorNode
+from nodes.event_sensor.simulate import simulate_frames
+
+MS = 1_000_000
+
+
+class Bus:
+    """Stands for the executor."""
+
+    def __init__(self):
+        self.sent, self.counted = [], {}
+
+    def loan(self, node, port, arrays):
+        return {name: np.zeros(shape, dtype) for name, (shape, dtype) in arrays.items()}
+
+    def publish(self, node, port, message):
+        message.check()
+        self.sent.append(message)
+
+    def count(self, node, name, amount):
+        self.counted[name] = self.counted.get(name, 0) + amount
+
+
+def start(**params):
+    node = EventSensorNode("event_sensor", params)
+    node.runtime = Bus()
+    node.setup()
+    return node
+
+
+def frames(t, luminance, **more):
+    header = Header(int(t[-1]), clock="sim", episode=3)
+    return Frames(header, np.asarray(t, np.int64), np.full(1, 3, np.int32), luminance[None], **more)
+
+
+@pytest.fixture
+def video():
+    return np.exp(np.cumsum(np.random.default_rng(0).normal(0, 0.3, (17, 6, 8)), 0)).astype(np.float32)
+
+
+def test_one_packet_per_message_the_first_is_empty(video):
+    node = start(threshold=0.15)
+    t = np.arange(17, dtype=np.int64) * MS + 5
+    for part in (slice(0, 1), slice(1, 9), slice(9, 17)):
+        node.update({"frames": frames(t[part], video[part])})
+    packets = node.runtime.sent
+    assert [len(p.t) > 0 for p in packets] == [False, True, True]
+    assert [p.t0_ns for p in packets] == [5, 5, 8 * MS + 5]
+    assert [(p.header.stamp_ns, p.header.episode, p.width, p.height) for p in packets][1] == (8 * MS + 5, 3, 8, 6)
+    whole = simulate_frames(video, t, threshold_on=0.15, threshold_off=0.15)
+    assert np.concatenate([p.t for p in packets]).tolist() == whole["t"].tolist()
+
+
+def test_keyframes_go_straight_in_where_there_is_no_interpolator(video):
+    node = start(source="keyframe", threshold_on=0.2, threshold_off=0.3)
+    assert EventSensorNode.needs(node.params, frozenset({"events"})) == {"keyframe"}
+    t = np.arange(17, dtype=np.int64) * MS
+    for k in range(17):
+        radiance = np.full((1, 10, 12, 3), 1e4, np.float32)
+        radiance[0, 2:-2, 2:-2] = video[k][..., None]
+        key = Keyframe(Header(int(t[k])), radiance, np.zeros(1, np.int32), margin=2)
+        node.update({"keyframe": key})
+    whole = simulate_frames(video, t, threshold_on=0.2, threshold_off=0.3)
+    got = np.concatenate([p.t for p in node.runtime.sent])
+    # The weights of R, G and B add up to 1 within one rounding of float32.
+    assert len(got) == len(whole["t"]) and np.abs(got - whole["t"]).max() < 2000
+
+
+def test_colour_packets_have_a_channel(video):
+    node = start(colour=True)
+    rgb = np.stack([video, np.ones_like(video), video[::-1]], -1)
+    t = np.arange(17, dtype=np.int64) * MS
+    node.update({"frames": Frames(Header(0), t[:1], np.zeros(1, np.int32), rgb=rgb[None, :1])})
+    node.update({"frames": Frames(Header(int(t[-1])), t[1:], np.zeros(1, np.int32), rgb=rgb[None, 1:])})
+    packet = node.runtime.sent[-1]
+    assert set(packet.c.tolist()) == {0, 2}
+    assert packet.t[packet.c == 0].tolist() == simulate_frames(video, t)["t"].tolist()
+
+
+def test_colour_set_on_one_side_only_is_named(video):
+    with pytest.raises(ValueError, match="frames carry luminance, the sensor needs rgb; set colour alike"):
+        start(colour=True).update({"frames": frames(np.array([0]), video[:1])})
+
+
+def test_what_was_bad_is_counted_once(video):
+    node = start()
+    video[3, 2, 2] = np.nan
+    video[12, 2, 2] = -1
+    t = np.arange(17, dtype=np.int64) * MS
+    for part in (slice(0, 1), slice(1, 9), slice(9, 17)):
+        node.update({"frames": frames(t[part], video[part])})
+    assert node.runtime.counted == {"nonfinite_samples": 2}
+
+
+def test_parameters_name_the_nearest_valid_one():
+    with pytest.raises(ParamError, match="did you mean 'threshold_on'"):
+        EventSensorNode("event_sensor", {"threshold_onn": 1})
+    with pytest.raises(ParamError, match="the least is"):
+        EventSensorNode("event_sensor", {"threshold": 0})
