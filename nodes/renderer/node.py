@@ -1,0 +1,123 @@
+"""The renderer node: world states in, keyframe images of one camera out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from evis.node import Input, Node, Output
+from evis.params import Param
+from msgs.camera import CameraInfo, Depth, Ids, Keyframe, Motion, Normal
+from msgs.header import Header, Message
+from msgs.world import WorldState
+
+if TYPE_CHECKING:
+    from nodes.renderer.renderer import Renderer
+
+PORTS = {"keyframe": "radiance", "depth": "depth", "motion": "motion", "ids": "ids", "normal": "normal"}
+MESSAGES: dict[str, Any] = {"depth": Depth, "motion": Motion, "ids": Ids, "normal": Normal}
+
+
+class RendererNode(Node):
+    """Renders a keyframe for every world state, with the images that somebody reads."""
+
+    PARAMS = {
+        "scene": Param(str, "spinning_disk", "scene by name, or its file"),
+        "scene_args": Param(str, "", "the scene's own arguments, key=value,key=value"),
+        "camera": Param(str, "cam0", "which camera of the scene"),
+        "device": Param(str, "cpu", "cpu, cuda or cuda:N"),
+        "envs": Param(int, 1, "parallel environments", minimum=1, maximum=65536),
+        "width": Param(int, 0, "image width, 0 = the scene's", "px", 0, 8192),
+        "height": Param(int, 0, "image height, 0 = the scene's", "px", 0, 8192),
+        "margin": Param(int, 0, "pixels rendered beyond every side of the image", "px", 0, 1024),
+        "threads": Param(int, 1, "CPU threads", minimum=1, maximum=256),
+        "half": Param(bool, False, "radiance as float16, clipped at 65504"),
+        "keyframe_rate": Param(float, 30.0, "rate of the states, told to readers in /info", "Hz", 0),
+    }
+    INPUTS = {"state": Input("/state")}
+    OUTPUTS = {
+        "info": Output("/{camera}/info"),
+        "keyframe": Output("/{camera}/keyframe"),
+        "depth": Output("/{camera}/depth"),
+        "motion": Output("/{camera}/motion"),
+        "ids": Output("/{camera}/ids"),
+        "normal": Output("/{camera}/normal"),
+    }
+    renderer: Renderer
+
+    def setup(self) -> None:
+        from evis.scene.load import load_scene, parse_args
+        from nodes.renderer.renderer import Renderer
+
+        p = self.params
+        size = {key: p[key] for key in ("width", "height") if p[key]}
+        self.scene = load_scene(p["scene"], {**parse_args(p["scene_args"]), **size})
+        try:
+            camera = self.scene.camera(p["camera"])
+        except KeyError as error:
+            raise ValueError(error.args[0]) from None
+        self.renderer = Renderer(self.scene, camera, p["envs"], p["margin"], p["device"], p["threads"], p["half"])
+        self.renderer.prepare([PORTS[port] for port in PORTS if self.wants(port)])
+        self._names = [body.name for body in self.scene.bodies]
+        self._previous: np.ndarray | None = None
+        self._episodes = np.zeros(0, np.int32)
+        info = CameraInfo(
+            Header(0),
+            k=np.asarray(camera.k, np.float64),
+            distortion=np.zeros(0),
+            name=camera.name,
+            width=camera.width,
+            height=camera.height,
+            margin=p["margin"],
+            envs=p["envs"],
+            keyframe_rate=p["keyframe_rate"],
+            instances=["background", *(i.name for i in self.scene.instances)],
+            instance_bodies=["", *(self._names[i.body] if i.body >= 0 else "" for i in self.scene.instances)],
+        )
+        self.publish("info", info)
+
+    def update(self, inputs: Mapping[str, Message]) -> None:
+        state = inputs["state"]
+        assert isinstance(state, WorldState)
+        if state.names != self._names:
+            raise ValueError(
+                f"{self.name}: /state has bodies {', '.join(state.names)}, scene {self.scene.name} has "
+                f"{', '.join(self._names)}; give both nodes the same scene and scene_args"
+            )
+        poses = np.array(state.pose[:, -1])
+        wanted = [port for port in PORTS if self.wants(port)]
+        out = {PORTS[port]: self._loan(port) for port in wanted}
+        self.renderer.render(poses, self._before(poses, state.episodes), out, out)
+        if "radiance" in out:
+            self._report()
+        for port in wanted:
+            self.publish(port, self._message(port, state, out[PORTS[port]]))
+
+    def _before(self, poses: np.ndarray, episodes: np.ndarray) -> np.ndarray:
+        """Poses of the previous keyframe; this one's where an environment's episode begins."""
+        before = self._previous
+        if before is None:
+            before = poses
+        elif not np.array_equal(episodes, self._episodes):
+            before = np.where((episodes == self._episodes)[:, None, None], before, poses)
+        self._previous, self._episodes = poses, np.array(episodes)
+        return before
+
+    def _loan(self, port: str) -> np.ndarray:
+        field = PORTS[port]
+        return self.loan(port, **{field: self.renderer.array_shape(field)})[field]
+
+    def _report(self) -> None:
+        if self.renderer.not_finite:
+            self.count("nonfinite_pixels", self.renderer.not_finite)
+        if self.renderer.clipped:
+            self.count("clipped_pixels", self.renderer.clipped)
+
+    def _message(self, port: str, state: WorldState, image: np.ndarray) -> Message:
+        header = Header(state.header.stamp_ns, clock=state.header.clock, episode=state.header.episode)
+        margin = self.params["margin"]
+        if port == "keyframe":
+            return Keyframe(header, radiance=image, episodes=np.array(state.episodes), margin=margin)
+        return MESSAGES[port](header, **{PORTS[port]: image, "margin": margin})

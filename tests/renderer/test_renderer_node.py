@@ -1,0 +1,144 @@
+"""The node around the renderer: what it publishes, when, and what it says when it cannot."""
+
+import numpy as np
+import pytest
+
+from evis.scene import load_scene
+from msgs.header import Header
+from msgs.world import WorldState
+from nodes.renderer.node import RendererNode
+
+SIZE = {"width": 48, "height": 36}
+
+
+class Bus:
+    """Stands where the executor does, and keeps what is published."""
+
+    def __init__(self, *wanted):
+        self.wanted, self.sent, self.counts = set(wanted), [], {}
+
+    def wants(self, node, port):
+        return port in self.wanted
+
+    def loan(self, node, port, arrays):
+        return {name: np.empty(shape, dtype) for name, (shape, dtype) in arrays.items()}
+
+    def publish(self, node, port, message):
+        message.check()
+        self.sent.append((port, message))
+
+    def count(self, node, name, amount):
+        self.counts[name] = self.counts.get(name, 0) + amount
+
+    def take(self):
+        sent, self.sent = dict(self.sent), []
+        return sent
+
+
+def start(*wanted, **params):
+    node = RendererNode("renderer", {**SIZE, **params})
+    node.runtime = Bus(*wanted)
+    node.setup()
+    return node, node.runtime
+
+
+@pytest.fixture(scope="module")
+def disk():
+    return load_scene("spinning_disk", SIZE)
+
+
+def state(scene, *milliseconds, episodes=(0,), stamp=0):
+    """One instant for each environment."""
+    pose = [[[b.trajectory.pose(np.array([int(ms * 1e6)]))[0] for b in scene.bodies]] for ms in milliseconds]
+    pose = np.array(pose)
+    names = [b.name for b in scene.bodies]
+    header = Header(stamp, clock="sim", episode=max(episodes))
+    twist = np.zeros((*pose.shape[:3], 6))
+    return WorldState(header, np.array([stamp]), pose, twist, np.array(episodes, np.int32), names=names)
+
+
+def test_info_describes_the_camera_and_names_every_id(disk):
+    _, bus = start("keyframe", margin=3, keyframe_rate=120)
+    info = bus.take()["info"]
+    assert (info.name, info.width, info.height, info.margin, info.envs) == ("cam0", 48, 36, 3, 1)
+    assert info.keyframe_rate == 120
+    np.testing.assert_array_equal(info.k, disk.cameras[0].k)
+    assert info.instances == ["background", *(i.name for i in disk.instances)]
+    assert info.instance_bodies[info.instances.index("disk")] == "disk"
+    assert info.instance_bodies[info.instances.index("wall")] == ""
+
+
+def test_only_what_is_read_is_published_and_all_of_one_instant(disk):
+    node, bus = start("depth", "ids", margin=2)
+    bus.take()
+    node.update({"state": state(disk, 0.0, stamp=7)})
+    sent = bus.take()
+    assert set(sent) == {"depth", "ids"}
+    assert all(m.header.stamp_ns == 7 and m.margin == 2 for m in sent.values())
+    assert sent["depth"].depth.shape == (1, 40, 52)
+    assert set(np.unique(sent["ids"].ids)) >= {1, 3}
+    bus.wanted = {"keyframe", "depth", "motion", "ids", "normal"}
+    node.update({"state": state(disk, 10.0, stamp=8)})
+    assert set(bus.take()) == bus.wanted
+
+
+def test_motion_starts_at_zero_in_every_episode_of_every_environment(disk):
+    node, bus = start("motion", "ids", envs=2)
+
+    def motions(*ms, episodes):
+        node.update({"state": state(disk, *ms, episodes=episodes)})
+        return [bool(m.any()) for m in bus.take()["motion"].motion]
+
+    assert motions(0, 0, episodes=(0, 0)) == [False, False]
+    assert motions(5, 5, episodes=(0, 0)) == [True, True]
+    assert motions(0, 10, episodes=(1, 0)) == [False, True]
+    assert motions(5, 15, episodes=(1, 0)) == [True, True]
+
+
+def test_motion_is_that_of_the_disk(disk):
+    """50 rad/s for 2 ms turn the plate by 0.1 rad about its centre: its speed grows linearly from there."""
+    node, bus = start("motion", "ids")
+    bus.take()
+    for ms in (0.0, 2.0):
+        node.update({"state": state(disk, ms)})
+        sent = bus.take()
+    speed = np.linalg.norm(sent["motion"].motion[0], axis=-1)
+    plate = sent["ids"].ids[0] == 3
+    assert not speed[~plate].any() and plate.sum() > 30
+    # Seen from `standoff`, the rim of 0.15 m at 0.1 rad moves by at most 0.015 m times the focal length over its depth.
+    assert 0.5 < speed[plate].max() / (0.015 * disk.cameras[0].k[0, 0] / 0.95) < 1.15
+
+
+def test_keyframe_in_half_precision_and_lost_range_is_counted(disk):
+    node, bus = start("keyframe", half=True)
+    bus.take()
+    node.update({"state": state(disk, 0.0)})
+    radiance = bus.take()["keyframe"].radiance
+    assert radiance.dtype == np.float16 and radiance.max() > 100 and not bus.counts
+    node.renderer.not_finite, node.renderer.clipped = 3, 2
+    node._report()
+    assert bus.counts == {"nonfinite_pixels": 3, "clipped_pixels": 2}
+
+
+def test_another_scenes_state_is_refused(disk):
+    node, _ = start("keyframe")
+    other = state(disk, 0.0)
+    other.names = ["plate", "cam0"]
+    with pytest.raises(ValueError, match="has bodies plate, cam0, scene spinning_disk has disk, cam0"):
+        node.update({"state": other})
+
+
+def test_a_pose_that_is_not_a_number_names_its_body(disk):
+    node, _ = start("keyframe")
+    broken = state(disk, 0.0)
+    broken.pose[0, 0, disk.body_index("disk"), 2] = np.nan
+    with pytest.raises(ValueError, match="body 'disk' is not finite"):
+        node.update({"state": broken})
+
+
+def test_scene_arguments_and_cameras_are_checked():
+    assert start(scene_args="omega=20,centre=0.1,0.2")[0].scene.name == "spinning_disk"
+    with pytest.raises(ValueError, match="omeg"):
+        start(scene_args="omeg=20")
+    with pytest.raises(ValueError, match="no camera 'cam7'; it has cam0"):
+        start(camera="cam7")
