@@ -21,12 +21,12 @@ SHOWN_MS = (100.0, 400.0)
 LAUNCH = [sys.executable, "-m", "evis.cli", "launch", SCENE]
 
 
-class DemoFailed(Exception):
-    """The demo could not be made; the text says why."""
+class LaunchFailed(Exception):
+    """The graph did not run; the launcher has said why."""
 
 
 def simulate(bag: Path, duration_s: float) -> dict[str, Any]:
-    """Run the scene into a bag; the run's summary. Raises DemoFailed after the launcher's own error line."""
+    """Run the scene into a bag; the run's summary. Raises LaunchFailed."""
     words = [
         "--duration",
         str(duration_s),
@@ -39,7 +39,7 @@ def simulate(bag: Path, duration_s: float) -> dict[str, Any]:
     ]
     done = subprocess.run([*LAUNCH, *words], stdout=subprocess.PIPE, text=True, check=False)
     if done.returncode != 0:
-        raise DemoFailed(f"`evis launch {SCENE}` ended with status {done.returncode}")
+        raise LaunchFailed
     return json.loads(done.stdout.splitlines()[-1])
 
 
@@ -89,7 +89,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         draw(*files)
         (args.out / "summary.json").write_text(json.dumps(report, indent=1) + "\n")
         print(summary(report, [*files, args.out / "summary.json"]))
-    except (DemoFailed, OSError, ValueError) as error:
+    except LaunchFailed:
+        return 1
+    except (OSError, ValueError) as error:
         print(f"evis.demo: {error}", file=sys.stderr)
         return 1
     if os.environ.get("VIEW", "") in ("", "0"):

@@ -1,0 +1,146 @@
+"""`evis view`: the web visualizer on a running graph, a bag, or a recording of events."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import secrets
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from evis.cli.parser import Parser, UsageError
+
+if TYPE_CHECKING:
+    from evis.plan import Plan
+
+HELP = "open the web visualizer on a running graph, a bag, or a recording of events"
+EXAMPLE = (
+    "Without a file: the page of the running graph; a graph that was started with --no-view gets one.\n"
+    "With a file: plays it at its own pace, again and again until Ctrl-C.\n"
+    "From another machine: ssh -L 8421:127.0.0.1:8421 HOST, and open the same address.\n"
+    "example: evis view disk.mcap"
+)
+
+
+def add_arguments(parser: Parser) -> None:
+    """Declare the command's arguments."""
+    from evis.cli.attach import add_run_option
+
+    parser.add_argument("file", nargs="?", metavar="BAG|FILE", help="bag (.mcap) or event recording (.raw, .npz, ...)")
+    parser.add_argument("--port", type=int, metavar="N", help="port of the page (8421, or the next free one; 0 = any)")
+    parser.add_argument("--once", action="store_true", help="play a file once and exit")
+    parser.add_argument("--json", action="store_true", help='print {"url": ...} instead of the address alone')
+    add_run_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the page's address; with a file, or a graph that has no page, serve until Ctrl-C."""
+    if args.port is not None and not 0 <= args.port <= 65535:
+        raise UsageError(f"--port is {args.port}, it must be 0 to 65535")
+    if args.file is not None:
+        if args.run:
+            raise UsageError("--run is for running graphs, it does not go with a file")
+        return _play(args)
+    if args.once:
+        raise UsageError("--once is for files, it does not go with a running graph")
+    from evis.cli.attach import find_run
+
+    plan = find_run(args.run)
+    url = page_of(Path(plan.directory))
+    if url is not None:
+        _announce(args, url)
+        return 0
+    return _attach(args, plan)
+
+
+def page_of(directory: Path) -> str | None:
+    """The address of the page that a run's visualizer serves; None when it has none, or no longer."""
+    try:
+        content = json.loads((directory / "viewer.json").read_text())
+        os.kill(int(content["pid"]), 0)
+        return str(content["url"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _announce(args: argparse.Namespace, url: str) -> None:
+    print(json.dumps({"url": url}) if args.json else url, flush=True)
+
+
+def _attach(args: argparse.Namespace, plan: Plan) -> int:
+    """A visualizer beside a graph that runs without one; it reads by taps and cannot slow the graph."""
+    from evis.cli.run import run as run_node
+    from nodes.visualizer import address
+
+    listener, _ = address.bind("127.0.0.1", args.port)
+    token = secrets.token_urlsafe(16)
+    lender = address.Lender(listener)
+    _announce(args, address.url(listener, token))  # who comes before the visualizer does waits for it
+    try:
+        words = [f"token:={token}", f"listener:={lender.path}"]
+        return run_node(
+            argparse.Namespace(
+                node="visualizer", pairs=words, duration=None, json=False, run=plan.run_id, debug=args.debug
+            )
+        )
+    finally:
+        lender.close()
+
+
+def _play(args: argparse.Namespace) -> int:
+    from nodes.visualizer import address
+
+    path = Path(args.file)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}")
+    make_plan = _planner(path.resolve())
+    make_plan()  # a file that cannot be read is told before an address is
+    listener, _ = address.bind("127.0.0.1", args.port)
+    token = secrets.token_urlsafe(16)
+    lender = address.Lender(listener)
+    _announce(args, address.url(listener, token))
+    try:
+        return _rounds(args, make_plan, {"token": token, "listener": lender.path})
+    finally:
+        lender.close()
+
+
+def _rounds(args: argparse.Namespace, make_plan: Callable[[], Plan], params: dict[str, Any]) -> int:
+    from evis.cli.progress import Progress
+    from evis.launch.supervisor import Supervisor
+
+    while True:
+        plan = make_plan()
+        for node in plan.nodes.values():
+            if node.target.endswith(":VisualizerNode"):
+                node.params.update(params)
+        with Progress(None) as progress:
+            say = _without_address(progress.say)
+            report = Supervisor(plan, say=say, tick=progress.tick, debug=args.debug).run()
+        if report.failure is not None:
+            print(f"evis view: {report.failure}", file=sys.stderr)
+            return 1
+        if args.once or report.interrupted:
+            return 0
+
+
+def _without_address(say: Callable[[str], None]) -> Callable[[str], None]:
+    """The visualizer's own line would come again at every round."""
+    return lambda line: None if "open http://" in line else say(line)
+
+
+def _planner(path: Path) -> Callable[[], Plan]:
+    """Makes the plan that plays a file at real pace with a visualizer."""
+    from evis import paths
+    from evis.launch.files import load
+    from evis.launch.planner import Options, plan_launch
+
+    if path.suffix == ".mcap":
+        name, given = "replay", {"bag": str(path), "pace": "realtime"}
+    else:
+        name, given = "camera", {"file": str(path), "pace": "realtime"}
+    launch = load(paths.find_launch(name)[0])
+    return lambda: plan_launch(launch, given, Options(view=True))

@@ -1,0 +1,1 @@
+"""Pictures for people: frames beside events, as an animation or a still."""

@@ -1,0 +1,126 @@
+"""Where the page is served: a socket on this machine only, and a token without which nothing is shown."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import ipaddress
+import re
+import secrets
+import shutil
+import socket
+import tempfile
+import threading
+from pathlib import Path
+
+DEFAULT_PORT = 8421
+TRIED_PORTS = 32
+"""Ports tried upwards from the default before any free one is taken."""
+_TOKEN = re.compile(r"[A-Za-z0-9_-]{8,128}\Z")
+
+
+def is_loopback(host: str) -> bool:
+    """True for 127.0.0.0/8, ::1 and localhost."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def choose_token(host: str, token: str | None) -> str:
+    """The token given, or a random one of 128 bits for a loopback host. Raises ValueError with the remedy."""
+    if token is None:
+        if not is_loopback(host):
+            raise ValueError(
+                f"host {host} is reachable from other machines: give a token of your own (token:=...), "
+                "or keep 127.0.0.1 and use ssh -L"
+            )
+        return secrets.token_urlsafe(16)
+    if not _TOKEN.match(token):
+        raise ValueError("token must be 8 to 128 letters, digits, '-' or '_'")
+    return token
+
+
+def bind(host: str, port: int | None) -> tuple[socket.socket, str]:
+    """A listening socket, and a note where the port is not the one that was to be expected.
+
+    port: a number (0 = any free one), or None for DEFAULT_PORT or the next free one. Raises OSError or ValueError with
+    one clear line.
+    """
+    candidates = [port] if port is not None else [*range(DEFAULT_PORT, DEFAULT_PORT + TRIED_PORTS), 0]
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0]
+    except OSError:
+        raise ValueError(f"host '{host}' is not an address of this machine; use 127.0.0.1") from None
+    for candidate in candidates:
+        listener = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind((address[0], candidate, *address[2:]))
+            listener.listen(64)
+        except OSError as error:
+            listener.close()
+            if port is None and candidate and error.errno == errno.EADDRINUSE:
+                continue
+            if error.errno == errno.EADDRINUSE:
+                raise OSError(f"port {candidate} is taken; choose another (port:=0 takes any free one)") from None
+            raise OSError(f"cannot listen on {host}:{candidate}: {error.strerror}") from None
+        note = f"port {DEFAULT_PORT} is taken" if port is None and candidate != DEFAULT_PORT else ""
+        return listener, note
+    raise OSError(f"no free port on {host}")
+
+
+class Lender:
+    """Hands a listening socket to the visualizers of one graph after another.
+
+    Whoever connects while no graph runs waits for the next one, instead of being refused.
+    """
+
+    def __init__(self, listener: socket.socket) -> None:
+        self._listener = listener
+        self._folder = tempfile.mkdtemp(prefix="evis-view-")  # readable by this user alone
+        self.path = str(Path(self._folder) / "page")
+        self._door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._door.bind(self.path)
+        self._door.listen()
+        threading.Thread(target=self._serve, name="lender", daemon=True).start()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                peer, _ = self._door.accept()
+            except OSError:
+                return
+            with peer, contextlib.suppress(OSError):
+                socket.send_fds(peer, [b"page"], [self._listener.fileno()])
+
+    def close(self) -> None:
+        """Take the socket back."""
+        with contextlib.suppress(OSError):
+            self._door.shutdown(socket.SHUT_RDWR)
+        self._door.close()
+        self._listener.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def borrow(path: str) -> socket.socket:
+    """The listening socket of a Lender. Raises OSError."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as door:
+        door.settimeout(5)
+        try:
+            door.connect(path)
+            _, descriptors, _, _ = socket.recv_fds(door, 16, 1)
+        except OSError as error:
+            raise OSError(f"nobody lends a page's socket at {path}: {error.strerror or error}") from None
+    if not descriptors:
+        raise OSError(f"nobody lends a page's socket at {path}")
+    return socket.socket(fileno=descriptors[0])
+
+
+def url(listener: socket.socket, token: str) -> str:
+    """The address to open in a browser."""
+    host, port = listener.getsockname()[:2]
+    shown = f"[{host}]" if ":" in host else host
+    return f"http://{shown}:{port}/?token={token}"

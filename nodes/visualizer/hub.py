@@ -1,0 +1,169 @@
+"""Where the executor's thread and the server's thread meet: who has which panel open, and the newest of each.
+
+The server's side says what its clients want; the node's `idle` opens and closes taps until they match. Messages come
+in on the executor's thread, are copied into views, and wake the clients. Nothing here ever waits for a client.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from evis.plan import Plan
+from msgs.header import Message
+from nodes.visualizer import catalog
+from nodes.visualizer.statistics import Statistics
+from nodes.visualizer.views.part import View
+
+MAX_PANELS = 64
+"""Panels per client."""
+
+
+class PanelKey(NamedTuple):
+    """What a panel shows. Clients with the same key share one view and its encoded parts."""
+
+    topic: str
+    view: str
+    env: int
+
+
+class Hub:
+    """Shared state; every method is safe from any thread."""
+
+    def __init__(self, plan: Plan, quality: int) -> None:
+        self.plan = plan
+        self.statistics = Statistics()
+        self._quality = quality
+        self._lock = threading.Lock()
+        self._views: dict[PanelKey, View] = {}
+        self._by_topic: dict[str, list[View]] = {}
+        self._clients: dict[object, frozenset[PanelKey]] = {}
+        self._wakers: dict[object, Callable[[], None]] = {}
+        self._refused: dict[str, str] = {}
+        self._latched: dict[str, Message] = {}
+        self._reports: list[str] = []
+        self._state = "running"
+
+    # -- the server's side -------------------------------------------------------------------------------------------
+
+    def join(self, client: object, wake: Callable[[], None]) -> None:
+        """A client has come; `wake` is called, from any thread, whenever there is news."""
+        with self._lock:
+            self._clients[client] = frozenset()
+            self._wakers[client] = wake
+
+    def show(self, client: object, keys: frozenset[PanelKey]) -> None:
+        """The panels that a client has open from now on. Raises ValueError for one that cannot be."""
+        if len(keys) > MAX_PANELS:
+            raise ValueError(f"{len(keys)} panels, the most is {MAX_PANELS}")
+        for key in keys:
+            if key.topic not in self.plan.topics:
+                raise ValueError(f"this graph has no topic '{key.topic}'")
+            catalog.make_view(self.plan.topics[key.topic].type, key.view, key.env, self._quality)
+        with self._lock:
+            if client in self._clients:
+                self._clients[client] = keys
+                self._reconcile()
+
+    def leave(self, client: object) -> None:
+        """A client has gone; its panels close unless another one has them open."""
+        with self._lock:
+            self._clients.pop(client, None)
+            self._wakers.pop(client, None)
+            self._reconcile()
+
+    def _reconcile(self) -> None:
+        wanted = frozenset().union(*self._clients.values())
+        for key in [k for k in self._views if k not in wanted]:
+            del self._views[key]
+        for key in wanted - self._views.keys():
+            view = catalog.make_view(self.plan.topics[key.topic].type, key.view, key.env, self._quality)
+            if key.topic in self._latched:
+                view.capture(self._latched[key.topic])
+            self._views[key] = view
+        self._by_topic = {}
+        for key, view in self._views.items():
+            self._by_topic.setdefault(key.topic, []).append(view)
+        for topic in [t for t in self._refused if t not in self._by_topic]:
+            del self._refused[topic]
+
+    def view(self, key: PanelKey) -> View | None:
+        """The view of an open panel."""
+        with self._lock:
+            return self._views.get(key)
+
+    def status(self) -> dict[str, Any]:
+        """Rates, node states and refused topics."""
+        with self._lock:
+            extra = {"state": self._state, "clients": len(self._clients), "refused": dict(self._refused)}
+        return {**self.statistics.snapshot(), **extra}
+
+    def report(self, text: str) -> None:
+        """Something that the node is to warn about; the same text once."""
+        with self._lock:
+            if text not in self._reports:
+                self._reports.append(text)
+
+    # -- the executor's side -----------------------------------------------------------------------------------------
+
+    def wanted(self) -> set[str]:
+        """Topics that must be tapped now: those of open panels, and the system's while anybody looks."""
+        with self._lock:
+            if not self._clients:
+                return set()
+            return set(self._by_topic) | set(catalog.SYSTEM)
+
+    def put(self, topic: str, message: Message) -> None:
+        """A message of a tap. Copies what the open panels need; costs nothing for topics that nobody has open."""
+        self.statistics.saw(topic, message)
+        latched = topic in self.plan.topics and self.plan.topics[topic].latched
+        with self._lock:
+            if latched:  # it comes once, but a panel may open later
+                self._latched[topic] = _copy(message)
+            views = list(self._by_topic.get(topic, ()))
+        for view in views:
+            try:
+                view.capture(message)
+            except Exception as error:
+                self.refuse(topic, f"{type(error).__name__}: {error}")
+        if views:
+            self._wake()
+
+    def refuse(self, topic: str, reason: str) -> None:
+        """A topic cannot be shown; the page says so, and the node warns once."""
+        with self._lock:
+            known = self._refused.get(topic)
+            self._refused[topic] = reason
+        if known != reason:
+            self.report(f"{topic} cannot be shown: {reason}")
+
+    def refused(self, topic: str) -> bool:
+        """True after `refuse`, until every panel of the topic has been closed."""
+        with self._lock:
+            return topic in self._refused
+
+    def finish(self) -> None:
+        """The graph has ended; clients are told before the server goes."""
+        with self._lock:
+            self._state = "finished"
+        self._wake()
+
+    def reports(self) -> list[str]:
+        """Reports since the last call that are new."""
+        with self._lock:
+            new, self._reports = self._reports, []
+        return new
+
+    def _wake(self) -> None:
+        with self._lock:
+            wakers = list(self._wakers.values())
+        for wake in wakers:
+            wake()
+
+
+def _copy(message: Message) -> Message:
+    arrays = {name: np.array(value) for name, value in message.arrays().items()}
+    return type(message)(message.header, **arrays, **message.scalars())  # type: ignore[call-arg]

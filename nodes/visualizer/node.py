@@ -1,0 +1,102 @@
+"""The visualizer node: opens the taps that the page's panels ask for, and hands their messages to the page's server."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from evis.node import Node
+from evis.params import Param
+
+if TYPE_CHECKING:
+    from evis.executor import Tap
+    from nodes.visualizer.hub import Hub
+    from nodes.visualizer.server import Server
+
+
+class VisualizerNode(Node):
+    """Serves the live page. Reads nothing until somebody looks, and then only what is looked at."""
+
+    PARAMS: ClassVar[Mapping[str, Param]] = {
+        "host": Param(str, "127.0.0.1", "address to listen on; beyond loopback a token must be given"),
+        "port": Param(
+            int, None, "port of the page, 0 = any free one; default 8421 or the next free one",
+            minimum=0, maximum=65535, optional=True,
+        ),
+        "token": Param(str, None, "secret in the page's address; random unless given", optional=True),
+        "listener": Param(str, None, "path at which `evis view` lends the page's socket", optional=True),
+        "max_fps": Param(float, 30.0, "most bundles per second to each browser", "Hz", minimum=1, maximum=120),
+        "jpeg_quality": Param(int, 80, "quality of images on the page", minimum=10, maximum=95),
+    }  # fmt: skip
+
+    _hub: Hub | None = None
+    _server: Server | None = None
+    _address_file: Path | None = None
+
+    def setup(self) -> None:
+        from nodes.visualizer import address
+        from nodes.visualizer.hub import Hub
+        from nodes.visualizer.server import Server
+
+        p, plan = self.params, self.runtime.plan
+        token = address.choose_token(p["host"], p["token"])
+        listener, note = (address.borrow(p["listener"]), "") if p["listener"] else address.bind(p["host"], p["port"])
+        self._taps: dict[str, Tap] = {}
+        self._hub = Hub(plan, p["jpeg_quality"])
+        self._server = Server(self._hub, listener, token, p["max_fps"])
+        self._server.start()
+        url = address.url(listener, token)
+        self._address_file = Path(plan.directory) / "viewer.json"
+        write_private(self._address_file, {"url": url, "pid": os.getpid()})
+        # A token that somebody chose may serve again: it stays out of the log and the bag.
+        shown = url if p["token"] is None else address.url(listener, "...")
+        self.runtime.diagnose(self, "info", f"open {shown}" + (f" ({note})" if note else ""))
+
+    def idle(self) -> None:
+        if self._hub is None:
+            return
+        wanted = self._hub.wanted()
+        for topic in self._taps.keys() - wanted:
+            self._taps.pop(topic).close()
+            self._hub.statistics.forget(topic)
+        for topic in wanted - self._taps.keys():
+            if not self._hub.refused(topic):
+                self._open(self._hub, topic)
+        for text in self._hub.reports():
+            self.warn(text)
+
+    def _open(self, hub: Hub, topic: str) -> None:
+        plan = self.runtime.plan
+        publisher = plan.nodes.get(plan.topics[topic].node) if topic in plan.topics else None
+        try:
+            self._taps[topic] = self.runtime.open_tap(self, topic, lambda message: hub.put(topic, message))
+            if publisher is not None and publisher.dormant:
+                self.runtime.request(topic)
+        except (ValueError, OSError) as error:
+            hub.refuse(topic, str(error))
+
+    def finish(self) -> None:
+        if self._hub is not None:
+            self._hub.finish()
+
+    def close(self) -> None:
+        for tap in getattr(self, "_taps", {}).values():
+            tap.close()
+        self._taps = {}
+        if self._server is not None:
+            self._server.stop()
+        if self._address_file is not None:
+            with contextlib.suppress(OSError):
+                self._address_file.unlink()
+
+
+def write_private(path: Path, content: dict[str, Any]) -> None:
+    """Write JSON that only this user can read, in one step."""
+    temporary = path.with_suffix(".tmp")
+    with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:
+        json.dump(content, file)
+    temporary.replace(path)

@@ -1,0 +1,128 @@
+"""The page's web server, on a thread of its own: static files, and one WebSocket per open page.
+
+Flow control is one credit per client: the page acknowledges a bundle after drawing it, and only then gets the next,
+made of the newest of each panel at that moment. A slow or dead browser costs at most one bundle of memory.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import socket
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from importlib.resources import files
+from urllib.parse import urlsplit
+
+from aiohttp import web
+
+from nodes.visualizer.hub import Hub
+from nodes.visualizer.session import Session
+
+_TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",  # the address holds the token
+    "X-Content-Type-Options": "nosniff",
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' blob: data:; style-src 'self' 'unsafe-inline'; "
+    "frame-ancestors 'none'",
+}
+_REFUSAL = "403: this page needs its token; use the whole address that the graph printed, or run `evis view`\n"
+CLOSE_S = 0.3
+"""Time that open connections get to say goodbye."""
+
+
+def make_app(hub: Hub, token: str, max_fps: float) -> web.Application:
+    """The application: `/?token=...` is the page, everything else lies under `/<token>/`."""
+    pages = {e.name: e.read_bytes() for e in files("nodes.visualizer").joinpath("page").iterdir() if e.is_file()}
+    encoder = ThreadPoolExecutor(1, thread_name_prefix="viewer-encode")
+    sockets: set[web.WebSocketResponse] = set()
+
+    def admit(given: str | None) -> None:
+        if given is None or not hmac.compare_digest(given.encode(), token.encode()):
+            raise web.HTTPForbidden(text=_REFUSAL)
+
+    async def index(request: web.Request) -> web.Response:
+        admit(request.query.get("token"))
+        body = pages["index.html"].replace(b"{base}", f"/{token}/".encode())
+        return web.Response(body=body, content_type="text/html", charset="utf-8", headers=_HEADERS)
+
+    async def asset(request: web.Request) -> web.Response:
+        admit(request.match_info["token"])
+        name = request.match_info["name"]
+        if name not in pages:
+            raise web.HTTPNotFound(text=f"404: there is no {name}\n")
+        kind = _TYPES.get("." + name.rpartition(".")[2], "application/octet-stream")
+        return web.Response(body=pages[name], content_type=kind, charset="utf-8", headers=_HEADERS)
+
+    async def connect(request: web.Request) -> web.WebSocketResponse:
+        admit(request.match_info["token"])
+        origin = request.headers.get("Origin")
+        if origin is not None and urlsplit(origin).netloc != request.host:
+            raise web.HTTPForbidden(text="403: another site's page may not connect\n")
+        ws = web.WebSocketResponse(heartbeat=10, max_msg_size=1 << 16, compress=False)
+        await ws.prepare(request)
+        sockets.add(ws)
+        try:
+            await Session(hub, ws, encoder, max_fps).run()
+        finally:
+            sockets.discard(ws)
+        return ws
+
+    async def hang_up(app: web.Application) -> None:
+        await asyncio.gather(*(ws.close(code=1001, message=b"the graph has ended") for ws in list(sockets)))
+
+    async def end(app: web.Application) -> None:
+        encoder.shutdown(wait=False, cancel_futures=True)
+
+    async def forbid(request: web.Request) -> web.Response:
+        raise web.HTTPForbidden(text=_REFUSAL)
+
+    app = web.Application()
+    app.router.add_get("/", index)
+    app.router.add_get("/{token}/ws", connect)
+    app.router.add_get("/{token}/{name}", asset)
+    app.router.add_route("*", "/{rest:.*}", forbid)
+    app.on_shutdown.append(hang_up)
+    app.on_cleanup.append(end)
+    return app
+
+
+class Server:
+    """Runs the application on its own thread and event loop."""
+
+    def __init__(self, hub: Hub, listener: socket.socket, token: str, max_fps: float) -> None:
+        self._app = make_app(hub, token, max_fps)
+        self._listener = listener
+        self._loop = asyncio.new_event_loop()
+        self._stop = asyncio.Event()
+        self._ready = threading.Event()
+        self._thread = threading.Thread(target=self._main, name="viewer", daemon=True)
+
+    def start(self) -> None:
+        """Serve; returns when connections are accepted."""
+        self._thread.start()
+        self._ready.wait(10)
+
+    def stop(self) -> None:
+        """Close every connection and end the thread, within a second."""
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._stop.set)
+            self._thread.join(1.0)
+
+    def _main(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(self._serve())
+        finally:
+            self._loop.close()
+
+    async def _serve(self) -> None:
+        runner = web.AppRunner(self._app, access_log=None, shutdown_timeout=CLOSE_S, handle_signals=False)
+        await runner.setup()
+        try:
+            await web.SockSite(runner, self._listener).start()
+            self._ready.set()
+            await self._stop.wait()
+        finally:
+            await runner.cleanup()

@@ -1,0 +1,190 @@
+"""Rates of the graph: what every node says on /diagnostics, differenced over time, and what the taps themselves saw."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+from msgs.camera import EventPacket
+from msgs.diagnostics import Diagnostics
+from msgs.header import Message
+from msgs.world import Clock
+
+WINDOW_S = 2.0
+"""Rates are means over this time."""
+STALE_S = 3.0
+"""A node that has said nothing for longer is shown as silent."""
+MAX_WARNINGS = 50
+
+
+def plain(value: Any) -> Any:
+    """`value` as strict JSON: numbers that are not finite become text, and numpy scalars plain numbers."""
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if hasattr(value, "item") and not isinstance(value, (str, bytes)):
+        value = value.item()
+    if isinstance(value, float) and not -1e300 < value < 1e300:
+        return str(value)
+    return value if isinstance(value, (int, float, str, bool, type(None))) else str(value)
+
+
+@dataclass
+class Meter:
+    """Rate of a growing count over WINDOW_S."""
+
+    samples: deque[tuple[float, float]] = field(default_factory=deque)
+
+    def add(self, now: float, total: float) -> None:
+        """The count was `total` at `now` [s]. A count that fell (a node came back) starts afresh."""
+        if self.samples and total < self.samples[-1][1]:
+            self.samples.clear()
+        self.samples.append((now, total))
+        while len(self.samples) > 2 and now - self.samples[1][0] >= WINDOW_S:
+            self.samples.popleft()
+
+    def rate(self) -> float:
+        """Counts per second; 0 until two samples are there, and again when nothing has come for STALE_S."""
+        if len(self.samples) < 2 or time.monotonic() - self.samples[-1][0] > STALE_S:
+            return 0.0
+        (t0, n0), (t1, n1) = self.samples[0], self.samples[-1]
+        return (n1 - n0) / (t1 - t0) if t1 > t0 else 0.0
+
+
+@dataclass
+class _Tapped:
+    messages: int = 0
+    skipped: int = 0
+    seq: int = -1
+    episode: int = -1
+    stamp_ns: int = 0
+    events: Meter = field(default_factory=Meter)
+    total_events: int = 0
+    rate: Meter = field(default_factory=Meter)
+
+
+@dataclass
+class _NodeState:
+    heard: float
+    level: str
+    text: str
+    values: dict[str, Any]
+    updates: Meter = field(default_factory=Meter)
+    events: Meter = field(default_factory=Meter)
+    busy: Meter = field(default_factory=Meter)
+    waits: Meter = field(default_factory=Meter)
+
+
+class Statistics:
+    """Counts on the executor's thread, read by the server's. All methods are safe from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._tapped: dict[str, _Tapped] = {}
+        self._nodes: dict[str, _NodeState] = {}
+        self._published: dict[str, Meter] = {}
+        self._clock: dict[str, Any] = {}
+        self._pace = Meter()
+        self._warnings: deque[dict[str, str]] = deque(maxlen=MAX_WARNINGS)
+
+    def saw(self, topic: str, message: Message) -> None:
+        """Count one message of a tap."""
+        now = time.monotonic()
+        with self._lock:
+            if isinstance(message, Clock):
+                # A device's time does not start at 0: the factor is that of the last moments, not stamp / wall.
+                stamp = message.header.stamp_ns / 1e9
+                self._pace.add(now, stamp)
+                self._clock = {"t": stamp, "rtf": round(self._pace.rate(), 3), "clock": message.header.clock}
+            elif isinstance(message, Diagnostics):
+                self._diagnose(now, message)
+            else:
+                self._count(now, topic, message)
+
+    def _count(self, now: float, topic: str, message: Message) -> None:
+        tapped = self._tapped.setdefault(topic, _Tapped())
+        header = message.header
+        if tapped.seq >= 0 and header.seq > tapped.seq + 1:
+            tapped.skipped += header.seq - tapped.seq - 1
+        tapped.seq, tapped.episode, tapped.stamp_ns = header.seq, header.episode, header.stamp_ns
+        tapped.messages += 1
+        tapped.rate.add(now, tapped.messages)
+        if isinstance(message, EventPacket):
+            tapped.total_events += 0 if message.x is None else len(message.x)
+            tapped.events.add(now, tapped.total_events)
+
+    def _diagnose(self, now: float, message: Diagnostics) -> None:
+        values = message.values
+        node = self._nodes.setdefault(message.node, _NodeState(now, "ok", "", {}))
+        node.heard, node.values = now, values
+        if message.level in ("warning", "error"):
+            node.level, node.text = message.level, message.text
+            self._warnings.appendleft({"node": message.node, "level": message.level, "text": message.text})
+        for meter, key in (
+            (node.updates, "updates"),
+            (node.events, "events"),
+            (node.busy, "busy_s"),
+            (node.waits, "waits_s"),
+        ):
+            if isinstance(values.get(key), (int, float)):
+                meter.add(now, values[key])
+        published = values.get("published")
+        for topic, total in published.items() if isinstance(published, dict) else ():
+            if isinstance(total, (int, float)):
+                self._published.setdefault(topic, Meter()).add(now, total)
+
+    def forget(self, topic: str) -> None:
+        """A tap was closed: the messages until it is opened again were not missed."""
+        with self._lock:
+            if topic in self._tapped:
+                self._tapped[topic].seq = -1
+                self._tapped[topic].rate = Meter()
+                self._tapped[topic].events = Meter()
+
+    def snapshot(self) -> dict[str, Any]:
+        """What the page's status line and Rates panel show."""
+        now = time.monotonic()
+        with self._lock:
+            topics = {name: {"hz": round(m.rate(), 2)} for name, m in self._published.items()}
+            for name, tapped in self._tapped.items():
+                entry = topics.setdefault(name, {"hz": round(tapped.rate.rate(), 2)})
+                entry |= {"shown_hz": round(tapped.rate.rate(), 2), "skipped": tapped.skipped}
+                if tapped.total_events:
+                    entry["events_per_s"] = round(tapped.events.rate())
+            nodes = {name: self._node(now, state) for name, state in self._nodes.items()}
+            events = sum(m.events.rate() for m in self._nodes.values())
+            clock = dict(self._clock)
+            if not clock and self._tapped:
+                clock = {"t": max(t.stamp_ns for t in self._tapped.values()) / 1e9}
+            return plain(
+                {
+                    "clock": clock,
+                    "topics": topics,
+                    "nodes": nodes,
+                    "events_per_s": round(events or sum(t.events.rate() for t in self._tapped.values())),
+                    "drops": sum(n["drops"] for n in nodes.values()),
+                    "warnings": list(self._warnings),
+                }
+            )
+
+    @staticmethod
+    def _node(now: float, state: _NodeState) -> dict[str, Any]:
+        counters = state.values.get("counters")
+        counters = counters if isinstance(counters, dict) else {}
+        silent = now - state.heard > STALE_S
+        return {
+            "level": "silent" if silent else state.level,
+            "text": state.text,
+            "hz": round(state.updates.rate(), 2),
+            "ms": state.values.get("ms_per_update", 0),
+            "busy": round(state.busy.rate(), 3),
+            "waits": round(state.waits.rate(), 3),
+            "queue": state.values.get("queue", 0),
+            "lag_ms": state.values.get("lag_ms"),
+            "drops": sum(v for k, v in counters.items() if k in ("lost", "drops", "dropped", "skipped_inputs")),
+            "counters": counters,
+        }

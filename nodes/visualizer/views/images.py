@@ -1,0 +1,129 @@
+"""Image views: radiance, luminance, camera images, depth, motion, ids, normals and the dense labels, as JPEG."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+
+from msgs.camera import Depth, Frames, Ids, Image, Keyframe, Labels, Motion, Normal
+from msgs.header import Message
+from nodes.visualizer import colour
+from nodes.visualizer.views.part import View
+from nodes.visualizer.views.tables import boxes
+
+MAX_SIDE = 1280
+"""A longer side is thinned out by a whole number before encoding [px]."""
+
+
+def jpeg(image: np.ndarray, quality: int, false_colour: bool) -> bytes:
+    """JPEG of uint8 [H, W] or [H, W, 3]. False colours keep full chroma resolution, or edges would bleed."""
+    from PIL import Image as Pillow
+
+    buffer = io.BytesIO()
+    chroma = {"subsampling": 0} if false_colour and image.ndim == 3 else {}
+    Pillow.fromarray(np.ascontiguousarray(image)).save(buffer, "JPEG", quality=quality, **chroma)
+    return buffer.getvalue()
+
+
+def crop(array: np.ndarray, margin: int) -> np.ndarray:
+    """[H, W, ...] without the over-render margin, thinned out to MAX_SIDE; a copy."""
+    if margin > 0:
+        array = array[margin : array.shape[0] - margin, margin : array.shape[1] - margin]
+    step = -(-max(array.shape[:2]) // MAX_SIDE) if array.size else 1
+    return np.array(array[::step, ::step])
+
+
+class ImageView(View):
+    """A dense map as a picture. `quality` is JPEG's, 1-95."""
+
+    KIND = "image"
+
+    def __init__(self, name: str, env: int, quality: int = 80) -> None:
+        super().__init__(name, env)
+        self._quality = quality
+        self._limits = colour.Smoothed()
+
+    def pick(self, message: Message) -> dict[str, Any]:
+        found = self._array(message)
+        if found is None:
+            return {"missing": f"{self.name} is not in this topic's messages"}
+        array, extra = found
+        margin = getattr(message, "margin", 0)
+        size = array.shape[1] - 2 * margin, array.shape[0] - 2 * margin
+        return {"array": crop(array, margin), "size": size, **extra}
+
+    def _array(self, message: Message) -> tuple[np.ndarray, dict[str, Any]] | None:
+        """[H, W(, C)] of this view's environment, and what else the page is told; None where the message has none."""
+        match message:
+            case Image():
+                return message.data, {"encoding": message.encoding}
+            case Frames():
+                last = message.rgb if message.rgb is not None else message.luminance
+                return None if last is None else (self._of_env(last)[-1], {})
+            case Keyframe():
+                return self._of_env(message.radiance), {}
+            case Depth():
+                return self._of_env(message.depth), {}
+            case Motion():
+                return self._of_env(message.motion), {"unit": "px"}
+            case Ids():
+                return self._of_env(message.ids), {}
+            case Normal():
+                return self._of_env(message.normal), {}
+            case Labels():
+                dense = getattr(message, self.name)
+                extra = {"boxes": boxes(message, self.env), "unit": "px/s"}
+                return None if dense is None else (self._of_env(dense), extra)
+        raise TypeError(f"{type(message).__name__} is not an image")
+
+    def _of_env(self, array: np.ndarray) -> np.ndarray:
+        """Entry `env` of the leading axis; the last one where there are fewer environments."""
+        return np.asarray(array)[min(self.env, len(array) - 1)]
+
+    def draw(self, picked: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
+        if "missing" in picked:
+            return {"note": picked["missing"]}, b""
+        width, height = picked["size"]
+        meta: dict[str, Any] = {"width": width, "height": height}
+        if "boxes" in picked:
+            meta["boxes"] = picked["boxes"]
+        array = picked["array"]
+        if array.size == 0:
+            return {**meta, "note": "empty image"}, b""
+        picture, false_colour = self._picture(array, picked, meta)
+        return meta, jpeg(picture, self._quality, false_colour)
+
+    def _picture(self, array: np.ndarray, picked: dict[str, Any], meta: dict[str, Any]) -> tuple[np.ndarray, bool]:
+        bad = 0
+        if self.name == "depth":
+            picture, near, far, bad = colour.depth_colours(array, self._limits)
+            meta["legend"] = {"kind": "depth", "from": near, "to": far, "unit": "m"}
+        elif self.name in ("motion", "flow"):
+            picture, full, unknown = colour.flow_colours(array, self._limits)
+            meta["legend"] = {"kind": "flow", "to": full, "unit": picked["unit"]}
+            bad = unknown if self.name == "motion" else 0
+        elif self.name in ("ids", "segmentation"):
+            picture = colour.id_colours(array)
+            meta["instances"] = [[int(i), colour.id_colour(int(i))] for i in np.unique(array)[:64]]
+        elif self.name == "normal":
+            picture, bad = colour.normal_colours(array)
+        else:
+            return self._photograph(array, picked.get("encoding", ""), meta), False
+        if bad:
+            meta["note"] = f"{bad} px not a number"
+        return picture, True
+
+    def _photograph(self, array: np.ndarray, encoding: str, meta: dict[str, Any]) -> np.ndarray:
+        array = array[..., 0] if array.ndim == 3 and array.shape[-1] == 1 else array
+        if array.ndim == 3:
+            array = array[..., 2::-1] if encoding.startswith("bgr") else array[..., :3]
+        if array.dtype == np.uint8:
+            return array
+        if array.dtype == np.uint16:
+            return (array >> 8).astype(np.uint8)
+        picture, bad = colour.tone_map(array, self._limits)
+        if bad:
+            meta["note"] = f"{bad} px not finite"
+        return picture

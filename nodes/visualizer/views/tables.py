@@ -1,0 +1,173 @@
+"""Views that are numbers: labels, body states, actions, camera descriptions, inertial samples, triggers."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from msgs.camera import CameraInfo, Imu, Labels, Trigger
+from msgs.header import Message
+from msgs.world import Action, WorldState
+from nodes.visualizer.colour import id_colour
+from nodes.visualizer.views.part import View
+
+MAX_ROWS = 200
+MAX_SAMPLES = 300
+
+
+def number(value: Any, digits: int = 5) -> float | str:
+    """A JSON number of `digits` significant digits; text for what JSON cannot hold (nan, inf)."""
+    value = float(value)
+    return float(f"{value:.{digits}g}") if math.isfinite(value) else str(value)
+
+
+def row(values: Any) -> list[float | str]:
+    """`number` of each value."""
+    return [number(v) for v in np.asarray(values).reshape(-1)]
+
+
+def boxes(message: Labels, env: int) -> list[list[Any]]:
+    """[id, colour, x0, y0, x1, y1] of each bounding box of one environment."""
+    if message.box is None or message.box_id is None:
+        return []
+    mine = np.ones(len(message.box), bool) if message.box_env is None else np.asarray(message.box_env) == env
+    ids, corners = np.asarray(message.box_id)[mine], np.asarray(message.box)[mine]
+    return [[int(i), id_colour(int(i)), *row(b)] for i, b in list(zip(ids, corners))[:MAX_ROWS]]
+
+
+def _speeds(twist: np.ndarray) -> list[float | str]:
+    return [number(np.linalg.norm(twist[:3])), number(np.linalg.norm(twist[3:]))]
+
+
+def _name(names: list[str], index: int) -> str:
+    return names[index] if 0 <= index < len(names) else ("world" if index == -1 else f"#{index}")
+
+
+class BoxView(View):
+    """Bounding boxes alone, to lay over an image or event panel."""
+
+    def pick(self, message: Message) -> list[list[Any]]:
+        assert isinstance(message, Labels)
+        return boxes(message, self.env)
+
+    def draw(self, picked: list[list[Any]]) -> tuple[dict[str, Any], bytes]:
+        return {"boxes": picked}, b""
+
+
+class TableView(View):
+    """Tables: [{"title", "columns", "rows"}]; made at once, being small. A camera's also name its instances."""
+
+    def pick(self, message: Message) -> dict[str, Any]:
+        names = {"names": list(message.instances)} if isinstance(message, CameraInfo) else {}
+        return {"tables": self._tables(message), **names}
+
+    def draw(self, picked: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
+        return picked, b""
+
+    def _tables(self, message: Message) -> list[dict[str, Any]]:
+        match message:
+            case Labels():
+                return self._labels(message)
+            case WorldState():
+                return [self._bodies(message.names, np.asarray(message.pose)[:, -1], np.asarray(message.twist)[:, -1])]
+            case Action():
+                values = np.asarray(message.controls)
+                chosen = values[min(self.env, len(values) - 1)] if len(values) else values
+                return [_table("controls", ["actuator", "value"], [[i, number(v)] for i, v in enumerate(chosen)])]
+            case CameraInfo():
+                return [_camera(message)]
+        raise TypeError(f"{type(message).__name__} is not a table")
+
+    def _bodies(self, names: list[str], pose: np.ndarray, twist: np.ndarray | None) -> dict[str, Any]:
+        """Table of poses [E, N, 7] and twists [E, N, 6]."""
+        columns = ["body", "x [m]", "y", "z", "qx", "qy", "qz", "qw", "speed [m/s]", "turn [rad/s]"]
+        if len(pose) == 0:
+            return _table("bodies", columns, [])
+        env = min(self.env, len(pose) - 1)
+        rows = [[_name(names, n), *row(p)] for n, p in enumerate(pose[env])]
+        if twist is not None and len(twist):
+            rows = [r + _speeds(twist[env][n]) for n, r in enumerate(rows)]
+        return _table("bodies", columns if twist is not None else columns[:8], rows)
+
+    def _labels(self, message: Labels) -> list[dict[str, Any]]:
+        tables = []
+        if message.box is not None:
+            rows = [[b[0], *b[2:]] for b in boxes(message, self.env)]
+            tables.append(_table("boxes [px]", ["id", "x0", "y0", "x1", "y1"], rows))
+        if message.pose is not None:
+            velocity = None if message.velocity is None else np.asarray(message.velocity)
+            tables.append(self._bodies(message.names, np.asarray(message.pose), velocity))
+        if message.contact_env is not None and message.contact_body is not None:
+            mine = np.flatnonzero(np.asarray(message.contact_env) == self.env)[:MAX_ROWS]
+            force = message.contact_force
+            rows = [
+                [*(_name(message.names, int(b)) for b in message.contact_body[i])]
+                + ([] if force is None else [number(np.linalg.norm(force[i]))])
+                for i in mine
+            ]
+            tables.append(_table("contacts", ["body", "body"] + ([] if force is None else ["force [N]"]), rows))
+        return tables
+
+
+def _table(title: str, columns: list[str], rows: list[list[Any]]) -> dict[str, Any]:
+    return {"title": title, "columns": columns, "rows": rows[:MAX_ROWS], "more": max(0, len(rows) - MAX_ROWS)}
+
+
+def _camera(info: CameraInfo) -> dict[str, Any]:
+    k = np.asarray(info.k)
+    rows: list[list[Any]] = [
+        ["size", f"{info.width} x {info.height} px, margin {info.margin}"],
+        ["focal length", f"{k[0, 0]:.4g} {k[1, 1]:.4g} px"],
+        ["principal point", f"{k[0, 2]:.4g} {k[1, 2]:.4g} px"],
+        ["distortion", info.distortion_model],
+        ["clock", info.clock],
+        ["environments", str(info.envs)],
+        ["keyframe rate", f"{info.keyframe_rate:g} Hz, upsampling {info.upsampling}"],
+        ["instances", ", ".join(info.instances[:32]) or "-"],
+    ]
+    rows += [[str(key), str(value)[:120]] for key, value in info.sensor.items()]
+    return _table(info.name, ["property", "value"], rows)
+
+
+class SeriesView(View):
+    """Inertial samples over the last MAX_SAMPLES sample times, thinned evenly; the page plots them."""
+
+    def __init__(self, name: str, env: int) -> None:
+        super().__init__(name, env)
+        self._samples: deque[list[float | str]] = deque(maxlen=MAX_SAMPLES)
+        self._episode = -1
+
+    def pick(self, message: Message) -> list[list[float | str]]:
+        assert isinstance(message, Imu)
+        if message.header.episode != self._episode:
+            self._episode = message.header.episode
+            self._samples.clear()
+        t, a, w = (np.asarray(v) for v in (message.t, message.acceleration, message.angular_velocity))
+        step = max(1, len(t) // 16)
+        for i in range(0, len(t), step):
+            self._samples.append([int(t[i]) / 1e9, *row(a[i]), *row(w[i])])
+        return list(self._samples)
+
+    def draw(self, picked: list[list[float | str]]) -> tuple[dict[str, Any], bytes]:
+        groups = [["acceleration [m/s^2]", [1, 2, 3]], ["angular velocity [rad/s]", [4, 5, 6]]]
+        return {"samples": picked, "groups": groups}, b""
+
+
+class TriggerView(View):
+    """The last 20 trigger edges, newest first."""
+
+    def __init__(self, name: str, env: int) -> None:
+        super().__init__(name, env)
+        self._edges: deque[list[Any]] = deque(maxlen=20)
+
+    def pick(self, message: Message) -> list[list[Any]]:
+        assert isinstance(message, Trigger)
+        for t, channel, value in list(zip(message.t, message.id, message.value))[-20:]:
+            self._edges.appendleft([int(t) / 1e9, int(channel), "rising" if value else "falling"])
+        return list(self._edges)
+
+    def draw(self, picked: list[list[Any]]) -> tuple[dict[str, Any], bytes]:
+        return {"tables": [_table("edges", ["time [s]", "channel", "edge"], picked)]}, b""

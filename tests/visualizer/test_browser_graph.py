@@ -1,0 +1,163 @@
+"""The page on a running graph: `evis launch spinning_disk`, `evis view`, and a browser that looks."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_browser_page import browser, pixels, playwright, wait_for_picture
+
+__all__ = ["browser"]  # a fixture
+
+EVIS = [sys.executable, "-m", "evis.cli"]
+START_S = 180
+"""The first run on a machine compiles the kernels."""
+
+
+@pytest.fixture
+def private_runs(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Run directories of this test alone, in a folder with a short path, as sockets need it."""
+    with tempfile.TemporaryDirectory(prefix="ev", dir="/tmp", ignore_cleanup_errors=True) as folder:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
+        monkeypatch.delenv("EVIS_NO_VIEW", raising=False)
+        yield Path(folder)
+
+
+def start(*words: str) -> subprocess.Popen[str]:
+    """A command in a session of its own."""
+    return subprocess.Popen(
+        [*EVIS, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ.copy()
+    )
+
+
+def stop(process: subprocess.Popen[str]) -> tuple[str, str]:
+    """Ctrl-C, and what was written."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    try:
+        return process.communicate(timeout=20)
+    finally:
+        process.kill()
+
+
+@pytest.fixture
+def graph(private_runs: Path) -> Iterator[subprocess.Popen[str]]:
+    """A spinning disk, for longer than the test."""
+    process = start("launch", "spinning_disk", "--duration", "120")
+    yield process
+    _, errors = stop(process)
+    assert process.returncode == 0, errors
+
+
+def viewer_url(runs: Path, process: subprocess.Popen[str]) -> str:
+    """The address out of the run's viewer.json, once it is there."""
+    deadline = time.monotonic() + START_S
+    while time.monotonic() < deadline:
+        assert process.poll() is None, process.communicate()
+        for file in runs.glob("evis/*/viewer.json"):
+            return json.loads(file.read_text())["url"]
+        time.sleep(0.1)
+    raise AssertionError(f"no viewer.json after {START_S} s")
+
+
+def assert_moves(tab: Any, topic: str) -> None:
+    """A panel shows something, and something else within ten seconds."""
+    wait_for_picture(tab, topic)
+    first = pixels(tab, topic)
+    assert first.std() > 5
+    deadline = time.monotonic() + 10
+    while (np.abs(pixels(tab, topic) - first).max(axis=-1) > 40).mean() < 0.005:
+        assert time.monotonic() < deadline, f"{topic} does not change"
+        tab.wait_for_timeout(100)
+
+
+def test_running_graph_in_a_browser(
+    browser: Any, private_runs: Path, graph: subprocess.Popen[str], tmp_path: Path
+) -> None:
+    """Keyframes and events of the default launch move on the page, and the rates are there."""
+    url = viewer_url(private_runs, graph)
+    found = subprocess.run([*EVIS, "view", "--json"], capture_output=True, text=True, timeout=60, check=True)
+    assert json.loads(found.stdout) == {"url": url}
+    tab = browser.new_page()
+    problems: list[str] = []
+    tab.on("pageerror", lambda error: problems.append(str(error)))
+    tab.goto(url)
+    playwright.expect(tab.locator("#state")).to_have_text("live", timeout=START_S * 1000)
+    assert_moves(tab, "/cam0/keyframe")
+    assert_moves(tab, "/cam0/events")
+    playwright.expect(tab.locator("[data-panel=rates]")).to_contain_text("event_sensor", timeout=10000)
+    playwright.expect(tab.locator('[data-panel="/cam0/events"] .foot')).to_contain_text("ev/s", timeout=10000)
+    tab.screenshot(path=tmp_path / "graph.png")
+    tab.close()
+    assert problems == []
+
+
+def test_view_joins_a_graph_without_a_page(browser: Any, private_runs: Path) -> None:
+    """A graph that was started with --no-view gets a page beside it; leaving the page does not end the graph."""
+    process = start("launch", "spinning_disk", "--no-view")
+    try:
+        deadline = time.monotonic() + START_S
+        while not list(private_runs.glob("evis/*/plan.json")):
+            assert process.poll() is None and time.monotonic() < deadline, process.communicate()
+            time.sleep(0.1)
+        viewer = start("view", "--port", "0")
+        assert viewer.stdout is not None
+        tab = browser.new_page()
+        tab.goto(viewer.stdout.readline().strip(), timeout=60000)
+        try:
+            playwright.expect(tab.locator("#state")).to_have_text("live", timeout=START_S * 1000)
+            assert_moves(tab, "/cam0/events")
+        finally:
+            tab.close()
+            _, errors = stop(viewer)
+        assert viewer.returncode == 0, errors
+        assert process.poll() is None
+    finally:
+        _, errors = stop(process)
+    assert process.returncode == 0, errors
+
+
+def test_view_plays_a_recording(browser: Any, private_runs: Path, tmp_path: Path) -> None:
+    """An event file plays in the browser at its own pace; Ctrl-C ends it with status 0."""
+    n = 200_000
+    t = np.linspace(0, 20e9, n).astype(np.int64)
+    x = (t // 10_000_000 % 64).astype(np.uint16)
+    file = tmp_path / "line.npz"
+    np.savez(file, t=t, x=x, y=(np.arange(n) % 48).astype(np.uint16), p=(np.arange(n) % 2).astype(np.uint8))
+    process = start("view", str(file), "--port", "0")
+    assert process.stdout is not None
+    url = process.stdout.readline().strip()
+    tab = browser.new_page()
+    tab.goto(url, timeout=60000)
+    try:
+        assert_moves(tab, "/cam0/events")
+    finally:
+        tab.close()
+        _, errors = stop(process)
+    assert process.returncode == 0, errors
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "text"),
+    [
+        (["nothing.mcap"], 1, "nothing.mcap: no such file"),
+        (["."], 1, "is a folder"),
+        (["--port", "99999"], 2, "it must be 0 to 65535"),
+        (["--once"], 2, "--once is for files"),
+        ([], 1, "no graph is running"),
+    ],
+)
+def test_wrong_use_is_one_line(private_runs: Path, words: list[str], status: int, text: str) -> None:
+    done = subprocess.run([*EVIS, "view", *words], capture_output=True, text=True, timeout=60)
+    assert done.returncode == status and text in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
