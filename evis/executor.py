@@ -81,7 +81,8 @@ class Executor:
             self._poller.register(subscription.subscriber.socket, zmq.POLLIN)
         for host in self._hosts.values():
             host.node.runtime = self
-        for host in self._hosts.values():
+        # Consumers first: a publisher in the same process may publish its latched topics in setup.
+        for host in reversed(self._hosts.values()):
             with Inside(None, host.name):
                 host.node.setup()
 
@@ -177,7 +178,8 @@ class Executor:
             with self.profile.inside("bus"):
                 message = s.subscriber.receive(0)
                 if message is None:
-                    s.subscriber.raise_if_publisher_lost()
+                    if s.declared:  # a tap may come and go
+                        s.subscriber.raise_if_publisher_lost()
                     continue
             progress = True
             s.ended = s.declared and message is END
@@ -211,11 +213,13 @@ class Executor:
                 host.delayed[port][message.header.stamp_ns] = message
         elif message is END:
             host.single_open.discard(topic)
+            host.waiting.discard(topic)
         else:
             try:
                 with Inside(self.profile, host.name) as profile:
                     host.node.receive(topic if host.node.INPUTS[port].topic == "*" else port, message)
                     profile.updates += 1
+                host.waiting.discard(topic)
             finally:
                 message.release()
 
@@ -231,7 +235,7 @@ class Executor:
 
     def _update(self, host: Host) -> bool:
         progress = False
-        while host.join.ready() and host.open():
+        while not host.waiting and host.join.ready() and host.open():
             inputs = host.join.take()
             try:
                 with Inside(self.profile, host.name) as profile:

@@ -14,9 +14,14 @@ from evis.join import Join
 from evis.node import Node
 from evis.plan import NodePlan, Plan
 from evis.profile import Profile
+from msgs.camera import EventPacket
 from msgs.header import Message
 from msgs.topics import find_topic
 
+TAP_HZ = 30.0
+EVENT_TAP_HZ = 250.0
+"""Taps see images at the rate of a screen; of events, which add up, every packet of a camera that sends some hundred
+a second."""
 SYSTEM_TOPICS = ("/clock", "/diagnostics")
 """Published by the executor of every process for its nodes; read as taps only."""
 
@@ -75,6 +80,8 @@ class Host:
     """Publishers that must have credit before this node is called."""
     single_open: set[str] = field(default_factory=set)
     """Topics of declared inputs that are not joined and have not ended."""
+    waiting: set[str] = field(default_factory=set)
+    """Latched topics that the node has not seen yet: no update before them."""
     delayed: dict[str, dict[int, Message]] = field(default_factory=dict)
     service: bool = False
     """Neither a source nor fed by declared inputs (a viewer): lives as long as the graph."""
@@ -96,7 +103,8 @@ class Host:
         topic = self.plan.outputs.get(port)
         if topic is None:
             return False
-        return any(t == topic for _, _, t in self.downstream) or self.publishers[topic].wanted()
+        kept = port in self.plan.keep
+        return kept or any(t == topic for _, _, t in self.downstream) or self.publishers[topic].wanted()
 
     def inputs_over(self) -> bool:
         """Nothing more will come that could be given to the node."""
@@ -164,6 +172,7 @@ class Wiring:
             host.publishers[topic] = Publisher(
                 self.context, topic, host.name, endpoints_for(self.plan.directory, topic), remote,
                 message_type=row.type, window=self.plan.window, latched=row.latched,
+                tap_hz=EVENT_TAP_HZ if row.type is EventPacket else TAP_HZ,
             )
 
     def _inputs(self, host: Host) -> None:
@@ -176,6 +185,8 @@ class Wiring:
                 kinds.add(kind)
                 if port not in host.join.queues and kind == "lockstep":
                     host.single_open.add(topic)
+                if find_topic(topic).latched:
+                    host.waiting.add(topic)
                 if kind == "tap" or self.plan.topics[topic].node not in self.hosts:
                     for subscriber in self.subscribe(topic, host.name, port, tap=kind == "tap"):
                         host.subscriptions.append(Subscription(subscriber, host, port, topic, kind != "tap"))

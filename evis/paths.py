@@ -10,7 +10,7 @@ _PACKAGE = Path(__file__).resolve().parent
 
 def data_folder(kind: str) -> Path:
     """The folder `launch` or `scenes`. Raises FileNotFoundError when the installation lacks it."""
-    for folder in (_PACKAGE.parent / kind, _PACKAGE / "data" / kind):
+    for folder in (_PACKAGE / "data" / kind, _PACKAGE.parent / kind):
         if any(folder.glob("*.yaml")):
             return folder
     raise FileNotFoundError(f"this installation has no {kind}/ folder; install evis again")
@@ -40,14 +40,15 @@ def find(kind: str, name: str) -> Path | None:
 def find_launch(name: str) -> tuple[Path, dict[str, str]]:
     """The launch file for what stands after `evis launch`, and the arguments that go with it.
 
-    name: a path, the name of a launch file, or that of a scene (then simulator.yaml with scene:=NAME). Raises
-    FileNotFoundError naming the nearest one.
+    name: a path, the name of a launch file, that of a scene, or an MJCF file (then simulator.yaml with scene:=NAME).
+    Raises FileNotFoundError naming the nearest one.
     """
     path = find("launch", name)
     if path is not None:
         return path, {}
     simulator = find("launch", "simulator")
-    if simulator is not None and find("scenes", name) is not None:
+    is_model = name.endswith(".xml") and Path(name).is_file()
+    if simulator is not None and (is_model or find("scenes", name) is not None):
         return simulator, {"scene": name}
     known = sorted({*names("launch"), *names("scenes")})
     near = difflib.get_close_matches(Path(name).stem, known, n=1, cutoff=0.5)

@@ -44,9 +44,10 @@ class Telemetry:
     def tick(self, host: Host) -> None:
         """Say the time of a source's newest message."""
         if self.publishers["/clock"].wanted():
-            stamp = self._profile.node(host.name).stamp_ns
+            profile = self._profile.node(host.name)
+            since = profile.stamp_ns - (profile.first_stamp_ns or 0)
             wall = max(time.monotonic_ns() - self._started, 1)
-            self.publishers["/clock"].send(Clock(Header(stamp), real_time_factor=stamp / wall))
+            self.publishers["/clock"].send(Clock(Header(profile.stamp_ns), real_time_factor=since / wall))
 
     def say(self, host: Host | None, name: str, level: str, text: str) -> None:
         """One line in the process's log and one Diagnostics message."""

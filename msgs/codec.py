@@ -90,7 +90,7 @@ def _plain(value: Any) -> Any:
 
 def raw(array: np.ndarray) -> Buffer:
     """The bytes of a contiguous array, in place."""
-    return array.reshape(-1).view(np.uint8).data if array.size else b""
+    return array.data.cast("B") if array.size else b""
 
 
 def encode(message: Message) -> list[Buffer]:

@@ -43,8 +43,8 @@ class Topic:
 
     @property
     def regex(self) -> re.Pattern[str]:
-        """Matches concrete names; `<cam>` stands for one path segment, a namespace may precede it."""
-        return re.compile(re.escape(self.pattern).replace("<cam>", r"(?:[\w.-]+/)*[\w.-]+") + r"\Z")
+        """Matches concrete names; `<cam>` stands for one path segment, a namespace may precede any name."""
+        return re.compile(r"(?:/[\w.-]+)*" + re.escape(self.pattern).replace("<cam>", r"[\w.-]+") + r"\Z")
 
 
 TOPICS: tuple[Topic, ...] = (

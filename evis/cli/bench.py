@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import json
 import sys
 
@@ -16,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     parser.epilog = EXAMPLE + "\n\nsubjects:\n" + "\n".join(f"  {k:22}{v}" for k, v in SUBJECTS.items())
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("what", nargs="*", metavar="WHAT", choices=[*SUBJECTS, []], help="subjects; all when none is named")
+    parser.add_argument("what", nargs="*", metavar="WHAT", help="subjects; all when none is named")
     parser.add_argument("--quick", action="store_true", help="shorter runs: minutes instead of half an hour")
     parser.add_argument("--out", default="report", metavar="DIR", help="where report.json and index.html go")
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
@@ -33,6 +34,11 @@ def run(args: argparse.Namespace) -> int:
         if sys.stderr.isatty():
             print(text, file=sys.stderr)
 
+    for subject in args.what:
+        if subject not in SUBJECTS:
+            near = difflib.get_close_matches(subject, SUBJECTS, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(SUBJECTS)}"
+            raise ValueError(f"no subject '{subject}'; {hint}")
     report = measure(args.what or list(SUBJECTS), Path(args.out), args.quick, say)
     if args.json:
         print(json.dumps(report, default=str))

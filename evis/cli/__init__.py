@@ -1,0 +1,75 @@
+"""The program `evis`: one module per command, imported when its command is used.
+
+A command's module has HELP (one line), EXAMPLE, `add_arguments(parser)` and `run(args) -> exit status`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+
+COMMANDS = {
+    "launch": "start a graph of nodes",
+    "run": "run one node by hand",
+    "topic": "list, echo and measure the topics of a running graph",
+    "node": "list and describe the nodes of a running graph",
+    "graph": "draw a running graph",
+    "doctor": "check this machine and this installation",
+    "bag": "record, play, describe, repair and export bags",
+    "events": "describe, convert, simulate and render event files",
+    "camera": "find and try USB event cameras",
+    "view": "open the web visualizer",
+    "bench": "measure error against run time, stability, throughput",
+}
+"""Command -> one line for `evis --help`, so that it need not import them."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command. Exit status 0, 2 for wrong usage, 1 for a failure, told in one line on stderr."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    debug = "--debug" in words
+    words = [word for word in words if word != "--debug"]
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(_overview(), file=sys.stdout if words else sys.stderr)
+        return 0 if words else 2
+    if words[0] in ("-V", "--version"):
+        from importlib.metadata import version
+
+        print(f"evis {version('evis')}")
+        return 0
+    command, rest = words[0], words[1:]
+    if command not in COMMANDS:
+        import difflib
+
+        near = difflib.get_close_matches(command, COMMANDS, n=1, cutoff=0.5)
+        hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(COMMANDS)}"
+        print(f"evis: no command '{command}'; {hint}", file=sys.stderr)
+        return 2
+    from evis.cli.failure import guarded
+
+    return guarded(f"evis {command}", debug, lambda: _run(command, rest, debug))
+
+
+def _run(command: str, words: list[str], debug: bool) -> int:
+    from evis.cli.parser import Parser
+
+    module = importlib.import_module(f"evis.cli.{command}")
+    parser = Parser(f"evis {command}", module.HELP, getattr(module, "EXAMPLE", ""), words)
+    module.add_arguments(parser)
+    # Words such as key:=value may stand between options; argparse only takes that in this mode.
+    parse = parser.parse_intermixed_args if getattr(module, "INTERMIXED", False) else parser.parse_args
+    args = parse(words)
+    args.debug = debug
+    return int(module.run(args) or 0)
+
+
+def _overview() -> str:
+    lines = ["usage: evis COMMAND ...", "", "Event-camera simulation for robots, as a graph of processes.", ""]
+    lines += [f"  {name:<9} {text}" for name, text in COMMANDS.items()]
+    lines += [
+        "",
+        "`evis COMMAND --help` tells more. --debug shows tracebacks and every line that the processes write.",
+        "example: evis launch spinning_disk --duration 1",
+    ]
+    return "\n".join(lines)

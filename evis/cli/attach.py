@@ -1,0 +1,91 @@
+"""Looking at a running graph from outside: finding it, and reading its topics by taps."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from evis.launch.rundir import is_live, live_runs
+from evis.plan import Plan
+from msgs.header import Message
+
+
+def add_run_option(parser: argparse.ArgumentParser) -> None:
+    """Every command that looks at a running graph takes --run."""
+    parser.add_argument(
+        "--run", metavar="ID", help="which running graph, by the start of its id; the newest if not given"
+    )
+
+
+def find_run(run_id: str | None) -> Plan:
+    """The plan of a running graph. Raises ValueError when there is none."""
+    runs = live_runs()
+    if run_id:
+        runs = [path for path in runs if path.name.startswith(run_id)]
+        if not runs:
+            known = ", ".join(path.name for path in live_runs()) or "none"
+            raise ValueError(f"no running graph '{run_id}'; there are: {known}")
+    for path in runs:
+        with contextlib.suppress(OSError, ValueError):
+            return Plan.load(path / "plan.json")
+    raise ValueError("no graph is running; start one with `evis launch NAME`")
+
+
+def check_topic(plan: Plan, topic: str) -> str:
+    """`topic` if the graph has it. Raises ValueError naming the nearest one."""
+    from evis.host import SYSTEM_TOPICS
+    from evis.launch.document import nearest
+
+    known = [*plan.topics, *SYSTEM_TOPICS]
+    if topic not in known:
+        raise ValueError(f"the graph has no topic '{topic}'; {nearest(topic, known)}")
+    return topic
+
+
+def listen(plan: Plan, topic: str, timeout_s: float | None = None) -> Iterator[tuple[float, Message]]:
+    """(time.monotonic() of arrival, message) as they come, until the graph ends or after `timeout_s`.
+
+    Arrays of a message are valid until the next one is asked for. A tap is rate-limited: count messages by header.seq.
+    """
+    import zmq
+
+    from evis.bus import END, Subscriber, endpoints_for
+    from evis.host import SYSTEM_TOPICS, system_topic
+    from evis.launch.control import ask_for
+    from msgs.topics import find_topic
+
+    names = [topic]
+    if topic in SYSTEM_TOPICS:
+        names = [system_topic(topic, process) for process in sorted({n.process for n in plan.nodes.values()})]
+    elif plan.nodes[plan.topics[topic].node].dormant:
+        ask_for(plan.directory, topic)
+    context, poller = zmq.Context(), zmq.Poller()
+    subscribers = []
+    deadline = None if timeout_s is None else time.monotonic() + timeout_s
+    try:
+        for name in names:
+            where = endpoints_for(plan.directory, name)
+            subscriber = Subscriber(context, topic, "cli", "tap", where, message_type=find_topic(topic).type, tap=True)
+            subscriber.start()
+            poller.register(subscriber.socket, zmq.POLLIN)
+            subscribers.append(subscriber)
+        while subscribers and (deadline is None or time.monotonic() < deadline):
+            poller.poll(100)
+            for subscriber in list(subscribers):
+                message = subscriber.receive(0)
+                if message is END:
+                    poller.unregister(subscriber.socket)
+                    subscriber.close()
+                    subscribers.remove(subscriber)
+                elif isinstance(message, Message):
+                    yield time.monotonic(), message
+                    message.release()
+            if not is_live(Path(plan.directory)):
+                return
+    finally:
+        for subscriber in subscribers:
+            subscriber.close()
+        context.destroy(linger=0)

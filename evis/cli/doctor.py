@@ -1,0 +1,185 @@
+"""`evis doctor`: what this machine and this installation can do, and what to change where they cannot."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+
+HELP = "check this machine and this installation"
+EXAMPLE = "example: evis doctor --json"
+
+REQUIRED = (
+    "numpy", "pyzmq", "msgpack", "pyyaml", "warp-lang", "mujoco", "mcap", "zstandard", "OpenEXR", "pyusb", "aiohttp",
+    "pillow", "tqdm",
+)  # fmt: skip
+VIEWER_PORT = 8421
+MB = 1 << 20
+
+
+@dataclass
+class Finding:
+    """level: ok, note (something optional is not there) or fail (with the remedy in text)."""
+
+    name: str
+    level: str
+    text: str
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run every check; exit status 1 when one fails."""
+    findings = list(check())
+    if args.json:
+        print(
+            json.dumps({"findings": [asdict(f) for f in findings], "ok": not any(f.level == "fail" for f in findings)})
+        )
+    else:
+        width = max(len(f.name) for f in findings)
+        for f in findings:
+            print(f"{f.level:<5} {f.name:<{width}}  {f.text}")
+    failed = [f.name for f in findings if f.level == "fail"]
+    if failed:
+        raise ValueError(f"{len(failed)} check(s) failed: {', '.join(failed)}")
+    return 0
+
+
+def check() -> Iterator[Finding]:
+    """All findings, one per check; a check that breaks is a failure with its reason."""
+    checks: dict[str, Callable[[], Finding]] = {
+        "python": _python, "packages": _packages, "machine": _machine, "shared memory": _shared_memory,
+        "run directory": _run_directory, "processes": _processes, "kernels": _kernels, "gpu": _gpu, "libusb": _libusb,
+        "viewer port": _port, "browser": _browser, "data": _data,
+    }  # fmt: skip
+    for name, action in checks.items():
+        try:
+            yield action()
+        except Exception as error:
+            yield Finding(name, "fail", f"{type(error).__name__}: {error}")
+
+
+def _python() -> Finding:
+    import platform
+
+    return Finding("python", "ok", f"{platform.python_version()} on {platform.system()} {platform.machine()}")
+
+
+def _packages() -> Finding:
+    from importlib import metadata
+
+    missing, found = [], []
+    for package in REQUIRED:
+        try:
+            found.append(f"{package} {metadata.version(package)}")
+        except metadata.PackageNotFoundError:
+            missing.append(package)
+    if missing:
+        return Finding("packages", "fail", f"missing: {', '.join(missing)}; install evis again")
+    return Finding("packages", "ok", ", ".join(found))
+
+
+def _machine() -> Finding:
+    import os
+
+    pages = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    cores = len(os.sched_getaffinity(0))
+    return Finding("machine", "ok" if cores > 1 else "note", f"{cores} cores, {pages / 2**30:.0f} GiB of memory")
+
+
+def _shared_memory() -> Finding:
+    import os
+
+    descriptor = os.memfd_create("evis-doctor")
+    try:
+        os.posix_fallocate(descriptor, 0, 64 * MB)
+        with open(f"/proc/{os.getpid()}/fd/{descriptor}", "rb"):
+            pass
+    except OSError as error:
+        return Finding(
+            "shared memory", "fail", f"64 MB could not be had ({error.strerror}); free memory or raise the limit"
+        )
+    finally:
+        os.close(descriptor)
+    return Finding("shared memory", "ok", "memfd works and can be opened by other processes")
+
+
+def _run_directory() -> Finding:
+    from evis.launch.rundir import live_runs, root, sweep
+
+    folder = root()
+    swept = len(sweep())
+    text = f"{folder}, {len(live_runs())} graph(s) running" + (f", {swept} dead run(s) swept" if swept else "")
+    return Finding("run directory", "ok", text)
+
+
+def _processes() -> Finding:
+    import ctypes
+    import sys
+
+    if not sys.platform.startswith("linux") or not hasattr(ctypes.CDLL(None), "prctl"):
+        return Finding("processes", "note", "no PDEATHSIG here: a killed launcher may leave its processes behind")
+    return Finding("processes", "ok", "children die with their launcher (PDEATHSIG)")
+
+
+def _kernels() -> Finding:
+    import os
+
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR
+    wp.init()
+    cache = wp.config.kernel_cache_dir or ""
+    if not os.access(cache, os.W_OK):
+        return Finding("kernels", "fail", f"the kernel cache {cache} cannot be written; set WARP_CACHE_PATH")
+    return Finding("kernels", "ok", f"warp {wp.__version__}, compiled kernels are kept in {cache}")
+
+
+def _gpu() -> Finding:
+    import warp as wp
+
+    names = [f"{d.alias} {d.name}" for d in wp.get_cuda_devices()] if wp.is_cuda_available() else []
+    if not names:
+        return Finding("gpu", "note", "no CUDA GPU: device:=cpu is what works here")
+    return Finding("gpu", "ok", ", ".join(names))
+
+
+def _libusb() -> Finding:
+    import usb.backend.libusb1
+
+    if usb.backend.libusb1.get_backend() is None:
+        return Finding("libusb", "note", "libusb-1.0 is not installed: USB cameras need it (apt install libusb-1.0-0)")
+    return Finding("libusb", "ok", "libusb-1.0 loads")
+
+
+def _port() -> Finding:
+    import socket
+
+    with socket.socket() as probe:
+        try:
+            probe.bind(("127.0.0.1", VIEWER_PORT))
+        except OSError:
+            return Finding("viewer port", "note", f"{VIEWER_PORT} is taken: the visualizer takes the next free one")
+    return Finding("viewer port", "ok", f"{VIEWER_PORT} is free")
+
+
+def _browser() -> Finding:
+    import shutil
+
+    for name in ("chromium", "chromium-browser", "google-chrome", "firefox"):
+        if path := shutil.which(name):
+            return Finding("browser", "ok", path)
+    return Finding("browser", "note", "none found on this machine: open the page from another one by ssh -L")
+
+
+def _data() -> Finding:
+    from evis import paths
+
+    launch, scenes = paths.names("launch"), paths.names("scenes")
+    if not launch or not scenes:
+        return Finding("data", "fail", "launch files or scenes are missing; install evis again")
+    return Finding("data", "ok", f"launch files: {', '.join(launch)}; scenes: {', '.join(scenes)}")

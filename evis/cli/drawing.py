@@ -1,0 +1,74 @@
+"""A graph as a PNG: processes as columns of boxes in data-flow order, topics as lines with their names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from PIL import Image, ImageDraw, ImageFont
+
+from evis.plan import Plan
+
+BOX = (190, 44)
+GAP = (230, 40)
+EDGE = 40
+_INK, _PAPER, _FILL, _FRAME, _TAP = "#1a1a2e", "#ffffff", "#e8eef7", "#9db2d1", "#a0a0a0"
+
+
+def columns(plan: Plan) -> dict[str, int]:
+    """Column of each node: one behind the last of those that it reads in lock-step."""
+    column = dict.fromkeys(plan.nodes, 0)
+    for name in plan.nodes:  # in data-flow order
+        for topic in plan.topics.values():
+            for edge in topic.edges:
+                if edge.node == name and edge.kind != "delayed":
+                    column[name] = max(column[name], column[topic.node] + 1)
+    return column
+
+
+def draw(plan: Plan, path: Path) -> None:
+    """Write the PNG. Raises OSError when it cannot be written."""
+    column = columns(plan)
+    rows: dict[int, int] = {}
+    place: dict[str, tuple[int, int]] = {}
+    for name, c in column.items():
+        row = rows.setdefault(c, 0)
+        rows[c] += 1
+        place[name] = (EDGE + c * (BOX[0] + GAP[0]), EDGE + row * (BOX[1] + 2 * GAP[1]))
+    width = 2 * EDGE + (max(column.values(), default=0) + 1) * (BOX[0] + GAP[0]) - GAP[0]
+    height = 2 * EDGE + max(rows.values(), default=1) * (BOX[1] + 2 * GAP[1]) - 2 * GAP[1]
+    image = Image.new("RGB", (width, height), _PAPER)
+    pen = ImageDraw.Draw(image)
+    font = ImageFont.load_default(14)
+    small = ImageFont.load_default(12)
+    for index, ((source, target), labels) in enumerate(_links(plan).items()):
+        _line(pen, small, place[source], place[target], labels, index)
+    for name, (x, y) in place.items():
+        node = plan.nodes[name]
+        pen.rounded_rectangle((x, y, x + BOX[0], y + BOX[1]), 8, _FILL, _FRAME, 2)
+        pen.text((x + BOX[0] / 2, y + 15), name, _INK, font, anchor="mm")
+        note = "dormant" if node.dormant else f"process {node.process}"
+        pen.text((x + BOX[0] / 2, y + 33), note, _TAP, small, anchor="mm")
+    image.save(path, format="PNG")
+
+
+def _links(plan: Plan) -> dict[tuple[str, str], list[tuple[str, bool]]]:
+    links: dict[tuple[str, str], list[tuple[str, bool]]] = {}
+    for topic in plan.topics.values():
+        for edge in topic.edges:
+            links.setdefault((topic.node, edge.node), []).append((topic.name, edge.kind == "lockstep"))
+    return links
+
+
+def _line(
+    pen: Any, font: Any, a: tuple[int, int], b: tuple[int, int], labels: list[tuple[str, bool]], index: int
+) -> None:
+    start, end = (a[0] + BOX[0], a[1] + BOX[1] // 2), (b[0], b[1] + BOX[1] // 2)
+    colour = _INK if any(lockstep for _, lockstep in labels) else _TAP
+    pen.line((start, end), colour, 2)
+    pen.polygon([end, (end[0] - 9, end[1] - 5), (end[0] - 9, end[1] + 5)], colour)
+    # Labels near the start of long lines, so that crossing lines keep their names apart.
+    x = start[0] + min(GAP[0] / 2, (end[0] - start[0]) / 2)
+    y = start[1] + (end[1] - start[1]) * (x - start[0]) / max(end[0] - start[0], 1)
+    for number, (name, _) in enumerate(labels):
+        pen.text((x, y - 8 - 13 * (len(labels) - 1 - number)), name, colour, font, anchor="mm")

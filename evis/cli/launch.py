@@ -1,0 +1,145 @@
+"""`evis launch`: a launch file or a scene as a running graph."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from evis.cli.parser import Parser, UsageError
+
+HELP = "start a graph of nodes from a launch file, or a scene by its name"
+EXAMPLE = "example: evis launch spinning_disk omega:=60 --duration 1 --record disk.mcap"
+INTERMIXED = True
+
+
+def add_arguments(parser: Parser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("target", nargs="?", metavar="FILE|NAME", help="launch file, its name, or the name of a scene")
+    parser.add_argument("pairs", nargs="*", metavar="key:=value", help="arguments of the launch file")
+    parser.add_argument("--duration", type=float, metavar="S", help="simulated (or live) seconds to run")
+    parser.add_argument("--record", metavar="BAG", help="record a bag (.mcap)")
+    parser.add_argument(
+        "--record-topics", metavar="GLOB,...", default="", help="topics to record besides the default ones"
+    )
+    parser.add_argument("--seed", type=int, metavar="N", help="same as seed:=N")
+    parser.add_argument("--compose", action="store_true", help="all nodes but the visualizer in one process")
+    parser.add_argument("--split", action="store_true", help="every node in a process of its own")
+    parser.add_argument("--no-view", action="store_true", help="no visualizer (also: EVIS_NO_VIEW=1)")
+    parser.add_argument("--explain", action="store_true", help="print what would run and what is left out, and exit")
+    parser.add_argument("--json", action="store_true", help="print the summary (or the plan) as JSON")
+    named = next((w for w in parser.words if not w.startswith("-")), None)
+    if named and any(w in ("-h", "--help") for w in parser.words):
+        parser.epilog = _arguments_text(named) + EXAMPLE
+    elif any(w in ("-h", "--help") for w in parser.words):
+        from evis import paths
+
+        parser.epilog = f"launch files: {', '.join(paths.names('launch'))}\n" + EXAMPLE
+
+
+def _arguments_text(name: str) -> str:
+    """What the help says about one launch file."""
+    from evis import paths
+    from evis.launch.files import load
+
+    path, preset = paths.find_launch(name)
+    launch = load(path)
+    lines = [f"{path.name}: {launch.description}", "arguments:"]
+    for key, argument in launch.arguments.items():
+        param = argument.param
+        default = preset.get(key, param.default)
+        unit = f" {param.unit}" if param.unit else ""
+        shown = "required" if argument.required and key not in preset else f"default {_shown(default)}{unit}"
+        if param.minimum is not None and param.maximum is not None:
+            shown += f", {param.minimum:g} to {param.maximum:g}"
+        if param.choices:
+            shown += f", one of {', '.join(map(str, param.choices))}"
+        lines.append(f"  {key:<14} {param.help} ({shown})")
+    return "\n".join(lines) + "\n\n"
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, list):
+        return ",".join(map(str, value)) or "none"
+    return "none" if value in (None, "") else str(value)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Plan, explain or run."""
+    from evis.launch.arguments import ArgumentError
+    from evis.launch.explain import as_dict, as_text
+    from evis.launch.supervisor import Supervisor
+
+    try:
+        plan = make_plan(args)
+    except ArgumentError as error:
+        raise UsageError(str(error)) from None
+    if args.explain:
+        print(json.dumps(as_dict(plan)) if args.json else as_text(plan))
+        return 0
+    from evis.cli.progress import Progress
+
+    with Progress(plan.duration_s) as progress:
+        report = Supervisor(plan, say=progress.say, tick=progress.tick, debug=args.debug).run()
+    if report.failure is not None:
+        print(f"evis launch: {report.failure}", file=sys.stderr)
+    if args.json:
+        print(json.dumps(report.summary))
+    elif report.failure is None:
+        from evis.launch.report import as_table
+
+        print(as_table(report))
+    return 0 if report.failure is None else 1
+
+
+def make_plan(args: argparse.Namespace) -> Any:
+    """The plan that the command line asks for."""
+    from evis import paths
+    from evis.launch.arguments import parse_pairs
+    from evis.launch.checks import check_writable
+    from evis.launch.files import load
+    from evis.launch.planner import Options, plan_launch
+
+    if args.target is None:
+        raise UsageError(f"name a launch file or a scene: {', '.join(paths.names('launch'))}")
+    if args.compose and args.split:
+        raise UsageError("--compose and --split exclude each other")
+    if args.duration is not None and not 0 < args.duration < 1e9:
+        raise UsageError(f"--duration is {args.duration:g}; it must be a time in seconds longer than 0")
+    path, preset = paths.find_launch(args.target)
+    launch = load(path)
+    given: dict[str, Any] = {**preset, **parse_pairs(args.pairs)}
+    if args.seed is not None:
+        given["seed"] = args.seed
+    if preset:
+        given = _scene_arguments(given, set(launch.arguments))
+    if args.record:
+        check_writable(Path(args.record), "--record")
+    options = Options(
+        duration_s=args.duration,
+        record=args.record,
+        record_topics=tuple(t.strip() for t in args.record_topics.split(",") if t.strip()),
+        view=not args.no_view and os.environ.get("EVIS_NO_VIEW", "") in ("", "0"),
+        grouping="compose" if args.compose else "split" if args.split else "default",
+    )
+    if options.record_topics and not options.record:
+        raise UsageError("--record-topics needs --record BAG")
+    plan = plan_launch(launch, given, options)
+    if preset:
+        plan.name = preset["scene"]
+    return plan
+
+
+def _scene_arguments(given: dict[str, Any], known: set[str]) -> dict[str, Any]:
+    """For a scene by its name, what the launch file does not know goes to the scene."""
+    from evis.scene.load import scene_args
+
+    scene = scene_args(given["scene"])
+    own = {k: v for k, v in given.items() if k in scene and k not in known}
+    if not own:
+        return given
+    text = ",".join([given.get("scene_args", ""), *(f"{k}={v}" for k, v in own.items())]).strip(",")
+    return {k: v for k, v in given.items() if k not in own} | {"scene_args": text}

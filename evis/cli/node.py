@@ -1,0 +1,106 @@
+"""`evis node`: the nodes of a running graph, or what a node type can do."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any
+
+from evis.cli.attach import add_run_option, find_run, listen
+from evis.cli.parser import Parser
+
+HELP = "list and describe the nodes of a running graph"
+EXAMPLE = "example: evis node info event_sensor"
+
+
+def add_arguments(parser: Parser) -> None:
+    """Declare the command's arguments."""
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    listing = actions.add_parser("list", help="nodes and their processes", epilog="example: evis node list --json")
+    info = actions.add_parser(
+        "info",
+        help="parameters, topics and state of one node; of a node type when no graph runs",
+        epilog="example: evis node info event_sensor",
+    )
+    info.add_argument("node", help="name of a node, or a node type")
+    for sub in (listing, info):
+        add_run_option(sub)
+        sub.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Dispatch."""
+    if args.action == "list":
+        return _list(args)
+    try:
+        plan = find_run(args.run)
+    except ValueError:
+        if args.run:
+            raise
+        plan = None
+    if plan is not None and args.node in plan.nodes:
+        return _running(args, plan)
+    return _type(args, plan)
+
+
+def _list(args: argparse.Namespace) -> int:
+    plan = find_run(args.run)
+    rows = [
+        {"node": n.name, "process": n.process, "target": n.target, "dormant": n.dormant} for n in plan.nodes.values()
+    ]
+    if args.json:
+        print(json.dumps({"run": plan.run_id, "nodes": rows}))
+        return 0
+    for row in rows:
+        print(f"{row['node']:<20} {row['process']:<14} {row['target']}" + ("  (dormant)" if row["dormant"] else ""))
+    return 0
+
+
+def _running(args: argparse.Namespace, plan: Any) -> int:
+    node = plan.nodes[args.node]
+    state: dict[str, Any] = {}
+    for _, message in listen(plan, "/diagnostics", 2.5):
+        if message.node == node.name:  # type: ignore[attr-defined]
+            state = {"level": message.level, "text": message.text, **message.values}  # type: ignore[attr-defined]
+            break
+    body = {
+        "node": node.name, "process": node.process, "target": node.target, "params": node.params,
+        "inputs": node.inputs, "outputs": node.outputs, "dormant": node.dormant, "state": state,
+    }  # fmt: skip
+    print(json.dumps(body) if args.json else "\n".join(f"{k}: {_shown(v)}" for k, v in body.items()))
+    return 0
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, dict):
+        return "".join(f"\n  {k}: {v}" for k, v in value.items()) or "none"
+    return str(value)
+
+
+def _type(args: argparse.Namespace, plan: Any) -> int:
+    from evis.launch import catalog
+    from evis.launch.document import LaunchError, nearest
+
+    known = [*(plan.nodes if plan else ()), *catalog.types()]
+    if args.node not in known and ":" not in args.node:
+        raise ValueError(f"no node or node type '{args.node}'; {nearest(args.node, known)}")
+    try:
+        target, cls = catalog.load(args.node, "")
+    except LaunchError as error:
+        raise ValueError(str(error).removeprefix(": ")) from None
+    params = {
+        key: {"type": p.type.__name__, "default": p.default, "unit": p.unit, "help": p.help}
+        for key, p in cls.PARAMS.items()
+    }
+    inputs = {port: i.topic for port, i in cls.INPUTS.items()}
+    outputs = {port: o.topic for port, o in cls.OUTPUTS.items()}
+    if args.json:
+        print(json.dumps({"type": args.node, "target": target, "params": params, "inputs": inputs, "outputs": outputs}))
+        return 0
+    print(f"{args.node}: {(cls.__doc__ or '').strip().splitlines()[0] if cls.__doc__ else target}")
+    for title, ports in (("inputs", inputs), ("outputs", outputs)):
+        print(f"{title}: {', '.join(f'{p} {t}' for p, t in ports.items()) or 'none'}")
+    print("parameters:")
+    for key, p in params.items():
+        print(f"  {key:<16} {p['help']} ({p['type']}, default {p['default']}{' ' + p['unit'] if p['unit'] else ''})")
+    return 0

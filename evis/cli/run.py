@@ -1,0 +1,109 @@
+"""`evis run`: one node by hand, as a graph of its own or attached to a running one."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from typing import Any
+
+from evis.cli.attach import add_run_option, find_run
+from evis.cli.parser import Parser, UsageError
+
+HELP = "run one node by hand"
+EXAMPLE = (
+    "A source runs by itself. A node with inputs attaches to a running graph, by taps, and cannot slow it.\n"
+    "example: evis run camera file:=recording.raw\n"
+    "example: evis run recorder path:=part.mcap topics:=/cam0/events"
+)
+INTERMIXED = True
+
+
+def add_arguments(parser: Parser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("node", metavar="NODE", help="node type, or package.module:Class")
+    parser.add_argument("pairs", nargs="*", metavar="key:=value", help="parameters; `evis node info NODE` lists them")
+    parser.add_argument("--duration", type=float, metavar="S", help="stop after this time")
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON")
+    add_run_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Stand-alone or attached."""
+    from evis.launch.arguments import ArgumentError, parse_pairs
+    from evis.launch.catalog import load
+    from evis.launch.document import LaunchError
+    from evis.launch.expand import NodeSpec
+
+    try:
+        params = parse_pairs(args.pairs)
+    except ArgumentError as error:
+        raise UsageError(str(error)) from None
+    sys.path.append(os.getcwd())  # a node of the user's own
+    try:
+        _, cls = load(args.node, "evis run")
+        if args.duration is not None and "duration" in cls.PARAMS:
+            params.setdefault("duration", str(args.duration))
+        name = args.node.rpartition(":")[2].lower()
+        spec = NodeSpec(name=name, type=args.node, where="evis run", params=dict(params), process=name)
+        summary = _alone(spec, args) if cls.SOURCE else _attached(spec, args)
+    except LaunchError as error:
+        raise ValueError(str(error).removeprefix("evis run: ")) from None
+    if args.json:
+        print(json.dumps(summary))
+    return 1 if summary.get("error") else 0
+
+
+def _alone(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
+    """A graph of one source; others may look at it with `evis topic`."""
+    from pathlib import Path
+
+    from evis.cli.progress import Progress
+    from evis.launch.expand import Expanded
+    from evis.launch.planner import Options, plan_nodes
+    from evis.launch.report import as_table
+    from evis.launch.supervisor import Supervisor
+    from evis.launch.wiring import wire
+
+    spec.keep = list(wire(spec, Path.cwd()).outputs)
+    expanded = Expanded(spec.name, f"{spec.type} by hand", "live", {}, [spec])
+    plan = plan_nodes(expanded, Path.cwd(), Options(duration_s=args.duration))
+    with Progress(args.duration) as progress:
+        report = Supervisor(plan, say=progress.say, tick=progress.tick, debug=args.debug).run()
+    if report.failure:
+        print(f"evis run: {report.failure}", file=sys.stderr)
+    elif not args.json:
+        print(as_table(report))
+    return report.summary
+
+
+def _attached(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
+    """In this process, reading a running graph by taps until that ends, --duration is over, or Ctrl-C."""
+    import signal
+    import time
+    from pathlib import Path
+
+    from evis.executor import Executor
+    from evis.launch.planner import attach
+    from evis.launch.rundir import is_live
+
+    plan = find_run(args.run)
+    spec.name = spec.process = f"{spec.name}.{os.getpid()}"
+    attach(plan, spec, Path.cwd())
+    executor = Executor(plan, spec.process)
+    end = None if args.duration is None else time.monotonic() + args.duration
+
+    def commands() -> None:
+        if (end is not None and time.monotonic() > end) or not is_live(Path(plan.directory)):
+            executor.stop()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: executor.stop())
+    try:
+        executor.setup()
+        executor.wait_connected(10.0, commands)
+        executor.run(commands)
+        return {"nodes": executor.summary()}
+    finally:
+        executor.close()

@@ -1,0 +1,136 @@
+"""`evis topic`: what flows in a running graph. Everything attaches by taps, which can slow nobody."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from typing import Any
+
+from evis.cli.attach import add_run_option, check_topic, find_run, listen
+from evis.cli.parser import Parser
+
+HELP = "list, echo and measure the topics of a running graph"
+EXAMPLE = "example: evis topic hz /cam0/events"
+
+ACTIONS = {
+    "list": "names and types",
+    "info": "type, publisher and readers of one topic",
+    "echo": "print messages as they come",
+    "hz": "messages per second, counted by sequence number",
+    "bw": "bytes per second",
+    "delay": "how far messages lag behind their stamps",
+}
+
+
+def add_arguments(parser: Parser) -> None:
+    """Declare the command's arguments."""
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    for name, text in ACTIONS.items():
+        sub = actions.add_parser(name, help=text, description=text, epilog=f"example: evis topic {name} " + (
+            "--json" if name == "list" else "/cam0/events"))  # fmt: skip
+        if name != "list":
+            sub.add_argument("topic", help="as `evis topic list` names it")
+        if name in ("hz", "bw", "delay"):
+            sub.add_argument(
+                "--window", type=_positive, default=3.0, metavar="S", help="measure for so long (default 3 s)"
+            )
+        if name == "echo":
+            sub.add_argument("-n", "--count", type=int, default=0, help="stop after so many messages; 0 = go on")
+            sub.add_argument("--timeout", type=_positive, default=None, metavar="S", help="stop after this time")
+            sub.add_argument("--full", action="store_true", help="print whole arrays, not only shape and range")
+        add_run_option(sub)
+        sub.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < 1e9:
+        raise argparse.ArgumentTypeError(f"{text} is not a time in seconds")
+    return value
+
+
+def run(args: argparse.Namespace) -> int:
+    """Dispatch."""
+    plan = find_run(args.run)
+    if args.action == "list":
+        return _list(args, plan)
+    check_topic(plan, args.topic)
+    actions: dict[str, Callable[[argparse.Namespace, Any], int]] = {
+        "info": _info, "echo": _echo, "hz": _measure, "bw": _measure, "delay": _measure,
+    }  # fmt: skip
+    return actions[args.action](args, plan)
+
+
+def _list(args: argparse.Namespace, plan: Any) -> int:
+    from evis.host import SYSTEM_TOPICS
+    from msgs.topics import find_topic
+
+    rows = {name: topic.type for name, topic in plan.topics.items()}
+    rows |= {name: find_topic(name).type.__name__ for name in SYSTEM_TOPICS}
+    if args.json:
+        print(json.dumps({"run": plan.run_id, "topics": rows}))
+    else:
+        width = max(map(len, rows))
+        for name, kind in sorted(rows.items()):
+            print(f"{name:<{width}}  {kind}")
+    return 0
+
+
+def _info(args: argparse.Namespace, plan: Any) -> int:
+    from msgs.topics import find_topic
+
+    row = find_topic(args.topic)
+    topic = plan.topics.get(args.topic)
+    body = {
+        "topic": args.topic,
+        "type": row.type.__name__,
+        "about": row.help,
+        "publisher": topic.node if topic else "every process",
+        "readers": [{"node": e.node, "port": e.port, "kind": e.kind} for e in topic.edges] if topic else [],
+        "latched": row.latched,
+        "recorded": row.recorded,
+    }
+    if args.json:
+        print(json.dumps(body))
+        return 0
+    readers = ", ".join(f"{r['node']} ({r['kind']})" for r in body["readers"]) or "none; viewers and tools may tap it"
+    print(f"{args.topic}: {body['type']}, {body['about']}\npublisher: {body['publisher']}\nreaders: {readers}")
+    return 0
+
+
+def _echo(args: argparse.Namespace, plan: Any) -> int:
+    from evis.cli.show import as_plain, as_text
+
+    shown = 0
+    try:
+        for _, message in listen(plan, args.topic, args.timeout):
+            print(json.dumps(as_plain(message, args.full)) if args.json else as_text(message, args.full), flush=True)
+            shown += 1
+            if args.count and shown >= args.count:
+                break
+    except KeyboardInterrupt:
+        pass
+    if not shown:
+        raise ValueError(f"{args.topic}: no message came before the graph ended")
+    return 0
+
+
+def _measure(args: argparse.Namespace, plan: Any) -> int:
+    from evis.cli.measure import Measure
+
+    measure = Measure()
+    try:
+        for arrived, message in listen(plan, args.topic, args.window):
+            measure.add(arrived, message)
+    except KeyboardInterrupt:
+        pass
+    if measure.messages < 2:
+        raise ValueError(f"{args.topic}: {measure.messages} message(s) in {args.window:g} s, too few to measure")
+    body = {"topic": args.topic, **getattr(measure, args.action)()}
+    print(
+        json.dumps(body)
+        if args.json
+        else ", ".join(f"{k} {v:.6g}" if isinstance(v, float) else f"{k} {v}" for k, v in body.items())
+    )
+    return 0

@@ -1,0 +1,113 @@
+"""The arguments of a launch file: declared with type, default, range and help; given as key:=value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from evis.launch.document import LaunchError, Table, nearest
+from evis.launch.expression import ExpressionError, substitute
+from evis.params import Param, ParamError
+
+TYPES: dict[str, type] = {"int": int, "float": float, "str": str, "bool": bool, "list": list}
+KEYS = ("type", "default", "choices", "min", "max", "help", "unit")
+OPTIONS = ("duration", "record", "record_topics", "view")
+"""Names that stand for command line options in every launch file: --duration, --record, --record-topics, --no-view."""
+
+
+class ArgumentError(LaunchError):
+    """What the user gave for an argument is wrong."""
+
+
+@dataclass(frozen=True)
+class Argument:
+    """One declared argument. required: it has no default. where: file:line."""
+
+    name: str
+    param: Param
+    required: bool
+    where: str
+
+
+def declare(table: Table, inherited: Mapping[str, Argument]) -> dict[str, Argument]:
+    """The `args:` of a file. A name that an included file declares too only changes what it says anew."""
+    declared = {}
+    for name in table:
+        where = table.where(name)
+        entry = table[name]
+        if not isinstance(entry, Table):
+            raise LaunchError(f"{where}: argument '{name}' must be a map such as {{default: 1, help: ...}}")
+        entry.check_keys(KEYS, f"argument '{name}'")
+        if not name.isidentifier() or name in OPTIONS:
+            raise LaunchError(f"{where}: '{name}' cannot be the name of an argument")
+        declared[name] = _argument(name, entry, where, inherited.get(name))
+    return declared
+
+
+def _argument(name: str, entry: Table, where: str, base: Argument | None) -> Argument:
+    default = entry.get("default", base.param.default if base else None)
+    if "type" in entry:
+        if entry["type"] not in TYPES:
+            raise LaunchError(f"{entry.where('type')}: no type '{entry['type']}'; {nearest(str(entry['type']), TYPES)}")
+        kind = TYPES[entry["type"]]
+    elif base:
+        kind = base.param.type
+    else:
+        kind = type(default) if type(default) in TYPES.values() else list if isinstance(default, list) else str
+    choices = entry.get("choices", list(base.param.choices) if base else [])
+    if not isinstance(choices, list):
+        raise LaunchError(f"{entry.where('choices')}: choices must be a list")
+    required = "default" not in entry and (base is None or base.required)
+    param = Param(
+        type=kind,
+        default=default,
+        help=str(entry.get("help", base.param.help if base else "")),
+        unit=str(entry.get("unit", base.param.unit if base else "")),
+        minimum=_limit(entry, "min", base.param.minimum if base else None),
+        maximum=_limit(entry, "max", base.param.maximum if base else None),
+        choices=tuple(choices),
+        optional=not required and default is None,
+    )
+    return Argument(name, param, required, where)
+
+
+def _limit(entry: Table, key: str, inherited: float | None) -> float | None:
+    value = entry.get(key, inherited)
+    if value is not None and (isinstance(value, bool) or not isinstance(value, (int, float))):
+        raise LaunchError(f"{entry.where(key)}: {key} must be a number")
+    return value
+
+
+def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Every declared argument's value: the given ones converted and checked, the others at their defaults.
+
+    A default may use environment variables and arguments that stand before it. Raises LaunchError naming the nearest
+    argument for one that the file does not have.
+    """
+    for key in given:
+        if key not in declared:
+            raise ArgumentError(f"{file} has no argument '{key}'; {nearest(key, declared)}")
+    values: dict[str, Any] = {}
+    for name, argument in declared.items():
+        try:
+            value = given[name] if name in given else substitute(argument.param.default, values)
+            if name not in given and argument.required:
+                raise ArgumentError(f"{argument.where}: {file} needs the argument {name}:=... ({argument.param.help})")
+            values[name] = argument.param.convert("argument", name, value)
+        except (ParamError, ExpressionError) as error:
+            if name in given:
+                raise ArgumentError(f"{file}: {error}") from None
+            raise LaunchError(f"{argument.where}: {error}") from None
+    return values
+
+
+def parse_pairs(words: Sequence[str]) -> dict[str, str]:
+    """`key:=value` words of a command line. Raises ArgumentError for any other word."""
+    pairs: dict[str, str] = {}
+    for word in words:
+        key, mark, value = word.partition(":=")
+        if not mark or not key:
+            raise ArgumentError(f"'{word}' is not key:=value, as in seed:=3")
+        pairs[key] = value
+    return pairs

@@ -1,0 +1,57 @@
+"""Files that parameters name: looked for before a process starts."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from pathlib import Path
+
+from evis.launch.document import LaunchError
+from evis.launch.wiring import Wired
+from evis.params import resolve
+
+
+def check_files(node: Wired) -> None:
+    """`scene` with its `scene_args`, `file`, `bag` and `emulate` must exist; a recorder's `path` must be writable.
+
+    Raises LaunchError naming node, file and remedy.
+    """
+    where = f"{node.spec.where}: '{node.name}'"
+    for key in ("file", "bag", "emulate"):
+        value = node.params.get(key)
+        if isinstance(value, str) and value and not Path(value).exists():
+            raise LaunchError(f"{where}: no {key} '{value}'{_beside(Path(value))}")
+    if isinstance(node.params.get("scene"), str):
+        _check_scene(node, where)
+    target = node.params.get("path")
+    if isinstance(target, str) and target and not node.outputs:
+        check_writable(Path(target), where)
+
+
+def _check_scene(node: Wired, where: str) -> None:
+    from evis.scene.load import parse_args, scene_args
+
+    try:
+        known = scene_args(node.params["scene"])
+        resolve(f"scene {node.params['scene']}", known, parse_args(node.params.get("scene_args")))
+    except (ValueError, OSError) as error:
+        raise LaunchError(f"{where}: {error}") from None
+
+
+def check_writable(path: Path, where: str) -> None:
+    """Raise LaunchError unless a file can be made at `path`."""
+    folder = path.parent
+    if path.is_dir():
+        raise LaunchError(f"{where} cannot write '{path}': it is a folder; name a file such as {path.name}.mcap")
+    if not folder.is_dir():
+        raise LaunchError(f"{where} cannot write '{path}': there is no folder '{folder}'")
+    if not os.access(path if path.exists() else folder, os.W_OK):
+        raise LaunchError(f"{where} cannot write '{path}': permission denied")
+
+
+def _beside(path: Path) -> str:
+    """A hint from the same folder."""
+    if not path.parent.is_dir():
+        return f"; there is no folder '{path.parent}'"
+    near = difflib.get_close_matches(path.name, [p.name for p in path.parent.iterdir()], n=1, cutoff=0.5)
+    return f"; did you mean '{path.with_name(near[0])}'?" if near else ""

@@ -1,0 +1,161 @@
+"""The wire between the supervisor and its processes: a ROUTER here, a DEALER there, msgpack maps both ways.
+
+From a process: {"ready"}, {"heartbeat", "stats", "busy_s"}, {"done", "summary"}, {"failed", "node", "text"}, {"want"}.
+From the supervisor: {"go": 1}, {"stop": 1}, {"bye": 1} (the answer to done and failed: only then may the sender close,
+or the kernel may lose what it wrote last, libzmq#4660).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from typing import Any
+
+import msgpack
+import zmq
+
+HEARTBEAT_S = 0.5
+"""Interval of the heartbeats [s]."""
+
+
+def control_address(directory: str) -> str:
+    """Endpoint of the control socket of the run in `directory`."""
+    return f"ipc://{directory}/control"
+
+
+class ControlServer:
+    """The supervisor's end."""
+
+    def __init__(self, address: str) -> None:
+        self._context = zmq.Context()
+        self._socket = self._context.socket(zmq.ROUTER)
+        self._socket.setsockopt(zmq.ROUTER_HANDOVER, 1)  # a respawned process comes back under its old name
+        self._socket.setsockopt(zmq.LINGER, 200)
+        self._socket.bind(address)
+
+    def poll(self, timeout_s: float) -> list[tuple[str, dict[str, Any]]]:
+        """Messages that have come within `timeout_s` at most, as (process, message); all that are there, in order."""
+        messages: list[tuple[str, dict[str, Any]]] = []
+        if not self._socket.poll(int(timeout_s * 1000)):
+            return messages
+        while True:
+            try:
+                process, frame = self._socket.recv_multipart(zmq.NOBLOCK)[:2]
+                body = msgpack.unpackb(frame, raw=False)
+            except zmq.Again:
+                return messages
+            except (ValueError, msgpack.UnpackException):
+                continue
+            if isinstance(body, dict):
+                messages.append((process.decode(errors="replace"), body))
+
+    def send(self, process: str, message: dict[str, Any]) -> None:
+        """Send to a process; one that has gone is skipped."""
+        with contextlib.suppress(zmq.ZMQError):
+            self._socket.send_multipart([process.encode(), msgpack.packb(message)], zmq.NOBLOCK)
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+        self._context.term()
+
+
+class ControlClient:
+    """A process's end. A thread of its own sends the heartbeats, so that a long update is not taken for a death."""
+
+    def __init__(self, address: str, process: str) -> None:
+        self.process = process
+        self._context = zmq.Context()
+        self._socket = self._context.socket(zmq.DEALER)
+        self._socket.setsockopt(zmq.IDENTITY, process.encode())
+        self._socket.setsockopt(zmq.LINGER, 1000)
+        self._socket.connect(address)
+        self._lock = threading.Lock()  # a socket may change threads, but only behind a fence
+        self._stats: dict[str, Any] = {}
+        self._alive_at = time.monotonic()
+        self._closing = threading.Event()
+        self._final = False
+        self._thread = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
+        self._thread.start()
+
+    def _send(self, message: dict[str, Any]) -> None:
+        with self._lock, contextlib.suppress(zmq.ZMQError):
+            self._socket.send(msgpack.packb(message, default=float), zmq.NOBLOCK)
+
+    def _beat(self) -> None:
+        number = 0
+        while not self._closing.wait(HEARTBEAT_S):
+            number += 1
+            busy = time.monotonic() - self._alive_at
+            self._send({"heartbeat": number, "stats": self._stats, "busy_s": busy})
+
+    def ready(self) -> None:
+        """Every node of this process is set up and connected."""
+        self._send({"ready": self.process})
+
+    def wait_go(self, timeout: float | None = None) -> bool:
+        """Wait until all processes are ready. False when the graph is stopped instead, or after `timeout` [s]."""
+        end = None if timeout is None else time.monotonic() + timeout
+        while end is None or time.monotonic() < end:
+            self._alive_at = time.monotonic()
+            for message in self.poll(0.05):
+                if "go" in message:
+                    return True
+                if "stop" in message:
+                    return False
+        return False
+
+    def poll(self, timeout: float = 0.0) -> list[dict[str, Any]]:
+        """Commands that have come: {"go": 1}, {"stop": 1}."""
+        commands = []
+        with self._lock:
+            wait = int(timeout * 1000)
+            while self._socket.poll(wait):
+                commands.append(msgpack.unpackb(self._socket.recv(zmq.NOBLOCK), raw=False))
+                wait = 0
+        return commands
+
+    def heartbeat(self, stats: dict[str, Any] | None = None) -> None:
+        """The main loop is alive; `stats` (plain numbers and maps of them) travel with the next heartbeat."""
+        self._alive_at = time.monotonic()
+        if stats is not None:
+            self._stats = stats
+
+    def want(self, topic: str) -> None:
+        """A viewer asks for a topic whose node is dormant: the supervisor starts it."""
+        self._send({"want": topic})
+
+    def done(self, summary: dict[str, Any]) -> None:
+        """All nodes of this process have ended; `summary` goes into the run's own."""
+        self._send({"done": self.process, "summary": summary})
+        self._final = True
+
+    def failed(self, node: str, text: str) -> None:
+        """A node raised; `text` is the one line that the user sees."""
+        self._send({"failed": self.process, "node": node, "text": text})
+        self._final = True
+
+    def close(self) -> None:
+        """Close, after the supervisor has said that it has the last message (or is gone: 2 s)."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        self._thread.join()
+        end = time.monotonic() + 2.0
+        while self._final and time.monotonic() < end:
+            if any("bye" in message for message in self.poll(0.1)):
+                break
+        self._socket.close()
+        self._context.term()
+
+
+def ask_for(directory: str, topic: str) -> None:
+    """From outside the graph: ask the supervisor to start the dormant node that publishes `topic`."""
+    context = zmq.Context()
+    socket = context.socket(zmq.DEALER)
+    socket.setsockopt(zmq.LINGER, 1000)
+    socket.connect(control_address(directory))
+    socket.send(msgpack.packb({"want": topic}))
+    socket.close()
+    context.term()

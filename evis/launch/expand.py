@@ -1,0 +1,199 @@
+"""A launch file with its includes, conditions and loops worked out: a flat list of nodes with final parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from evis.launch.arguments import resolve
+from evis.launch.document import LaunchError, Table, nearest, submap
+from evis.launch.expression import ExpressionError, UnknownName, substitute, text_of
+from evis.launch.files import LaunchFile
+from evis.launch.recorded import recorded
+
+NODE_KEYS = (
+    "type", "params", "process", "remap", "namespace", "if", "unless", "otherwise", "respawn", "foreach",
+    "keep", "tap", "on_demand", "spares",
+)  # fmt: skip
+MODES = ("lockstep", "realtime", "live")
+
+
+@dataclass
+class NodeSpec:
+    """One node of a launch file, before it is wired.
+
+    keep: output ports that are made even when nobody reads them, `*` for all. tap: reads without making anything
+    necessary. on_demand: not for the recorder's default, and started late when only a viewer asks. spares: work that
+    these parameters save, with the reason, for the list of what is left out.
+    """
+
+    name: str
+    type: str
+    where: str
+    params: dict[str, Any] = field(default_factory=dict)
+    param_lines: dict[str, str] = field(default_factory=dict)
+    process: str = ""
+    remap: dict[str, str] = field(default_factory=dict)
+    namespace: str = ""
+    respawn: bool = False
+    keep: list[str] = field(default_factory=list)
+    tap: bool = False
+    on_demand: bool = False
+    spares: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass
+class Expanded:
+    """A whole launch file, worked out. absent: nodes whose condition was false, with the reason."""
+
+    file: str
+    description: str
+    mode: str
+    values: dict[str, Any]
+    nodes: list[NodeSpec] = field(default_factory=list)
+    absent: dict[str, str] = field(default_factory=dict)
+
+
+def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, Any]) -> Expanded:
+    """Work a launch file out. given: its arguments; options: the values behind the names in arguments.OPTIONS."""
+    table = launch.table
+    values = resolve(launch.path.name, launch.arguments, given)
+    if "recorded" in table:
+        values = resolve(launch.path.name, launch.arguments, recorded(submap(table, "recorded"), values, given))
+    scope = {**options, **values}
+    mode = str(_fill(table, "mode", scope, "lockstep"))
+    if mode not in MODES:
+        raise LaunchError(f"{table.where('mode')}: no mode '{mode}'; {nearest(mode, MODES)}")
+    result = Expanded(launch.path.name, launch.description, mode, values)
+    for entry, child in launch.includes:
+        if not _holds(entry, scope):
+            continue
+        set_here = {k: _fill(submap(entry, "args"), k, scope) for k in submap(entry, "args")}
+        passed = {k: values[k] for k in child.arguments if k in values and k not in set_here}
+        part = expand(child, set_here | passed, options)
+        prefix = _namespace(entry, scope)
+        for node in part.nodes:
+            node.namespace = _join(prefix, node.namespace)
+            node.name = f"{prefix}/{node.name}" if prefix else node.name
+            node.process = f"{prefix}/{node.process}" if prefix else node.process
+        result.nodes += part.nodes
+        result.absent |= part.absent
+        if "mode" not in table:
+            result.mode = part.mode
+    nodes = submap(table, "nodes")
+    for name in nodes:
+        if not isinstance(nodes[name], Table):
+            raise LaunchError(f"{nodes.where(name)}: node '{name}' must be a map with at least `type:`")
+        _expand_node(result, nodes, name, scope)
+    _check_names(result.nodes)
+    return result
+
+
+def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, Any]) -> None:
+    entry: Table = nodes[name]
+    entry.check_keys(NODE_KEYS, f"node '{name}'")
+    for turn, several in _turns(entry, scope):
+        suffix = "_" + "_".join(text_of(v) for v in turn.values()) if several else ""
+        inner = {**scope, **turn}
+        full = _named(nodes, name, name, inner, suffix)
+        if not _holds(entry, inner):
+            result.absent[full] = str(_fill(entry, "otherwise", inner, _condition(entry)))
+            continue
+        if "type" not in entry:
+            raise LaunchError(f"{nodes.where(name)}: node '{name}' has no `type:`")
+        params = submap(entry, "params")
+        namespace = _namespace(entry, inner)
+        prefix = f"{namespace}/" if namespace else ""
+        remap, spares = submap(entry, "remap"), submap(entry, "spares")
+        result.nodes.append(
+            NodeSpec(
+                name=prefix + full,
+                type=str(_fill(entry, "type", inner)),
+                where=nodes.where(name),
+                params={k: _fill(params, k, inner) for k in params},
+                param_lines={k: params.where(k) for k in params},
+                process=prefix + _process(entry, full, inner, suffix),
+                remap={str(k): str(_fill(remap, k, inner)) for k in remap},
+                namespace=namespace,
+                respawn=_flag(entry, "respawn", inner),
+                keep=_words(_fill(entry, "keep", inner, [])),
+                tap=_flag(entry, "tap", inner),
+                on_demand=_flag(entry, "on_demand", inner),
+                spares={k: str(why) for k in spares if (why := _fill(spares, k, inner))},
+            )
+        )
+
+
+def _turns(entry: Table, scope: Mapping[str, Any]) -> list[tuple[dict[str, Any], bool]]:
+    """One dict of loop variables per turn of `foreach`, and whether there are several."""
+    loops = submap(entry, "foreach")
+    turns: list[dict[str, Any]] = [{}]
+    for variable in loops:
+        items = _words(_fill(loops, variable, scope))
+        turns = [{**turn, variable: item} for turn in turns for item in items]
+    return [(turn, len(turns) > 1) for turn in turns]
+
+
+def _named(table: Table, key: str, text: Any, scope: Mapping[str, Any], suffix: str) -> str:
+    """A name with its holes filled; one without a hole gets the values of the turn behind it when there are several."""
+    try:
+        filled = text_of(substitute(text, scope))
+    except ExpressionError as error:
+        raise _located(error, table, key, scope) from None
+    return filled if "${" in str(text) else filled + suffix
+
+
+def _process(entry: Table, node: str, scope: Mapping[str, Any], suffix: str) -> str:
+    return _named(entry, "process", entry["process"], scope, suffix) if "process" in entry else node
+
+
+def _fill(table: Table, key: str, scope: Mapping[str, Any], default: Any = None) -> Any:
+    if key not in table:
+        return default
+    try:
+        return substitute(table[key], scope)
+    except ExpressionError as error:
+        raise _located(error, table, key, scope) from None
+
+
+def _located(error: ExpressionError, table: Table, key: str, scope: Mapping[str, Any]) -> LaunchError:
+    hint = f"; {nearest(error.name, scope)}" if isinstance(error, UnknownName) else ""
+    return LaunchError(f"{table.where(key)}: {error}{hint}")
+
+
+def _holds(entry: Table, scope: Mapping[str, Any]) -> bool:
+    return _flag(entry, "if", scope, True) and not _flag(entry, "unless", scope)
+
+
+def _flag(entry: Table, key: str, scope: Mapping[str, Any], default: bool = False) -> bool:
+    value = _fill(entry, key, scope, default)
+    if isinstance(value, str):
+        return value.strip().lower() not in ("", "false", "no", "off", "0", "none", "null")
+    return bool(value)
+
+
+def _condition(entry: Table) -> str:
+    return "; ".join(f"`{key}: {entry[key]}` says so" for key in ("if", "unless") if key in entry)
+
+
+def _words(value: Any) -> list[Any]:
+    if isinstance(value, str):
+        return [word.strip() for word in value.split(",") if word.strip()]
+    return list(value) if isinstance(value, list) else [] if value is None else [value]
+
+
+def _namespace(entry: Table, scope: Mapping[str, Any]) -> str:
+    return text_of(_fill(entry, "namespace", scope, "")).strip("/")
+
+
+def _join(*parts: str) -> str:
+    return "/".join(part for part in parts if part)
+
+
+def _check_names(nodes: list[NodeSpec]) -> None:
+    seen: dict[str, NodeSpec] = {}
+    for node in nodes:
+        if node.name in seen:
+            raise LaunchError(f"{node.where}: two nodes are called '{node.name}' (the other: {seen[node.name].where})")
+        seen[node.name] = node

@@ -1,0 +1,47 @@
+"""A plan for people: nodes by process, edges, what is left out and why."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from evis.plan import Plan
+
+
+def as_text(plan: Plan) -> str:
+    """What `evis launch --explain` prints."""
+    lines = [f"{plan.name}: {plan.mode}" + (f", {plan.duration_s:g} s" if plan.duration_s else "")]
+    if plan.args:
+        lines += ["", "arguments", *(f"  {k} = {_shown(v)}" for k, v in plan.args.items())]
+    lines += ["", "processes"]
+    for process, nodes in plan.processes().items():
+        lines.append(f"  {process}")
+        for node in nodes:
+            shown = ", ".join(f"{k}={_shown(v)}" for k, v in node.params.items() if v is not None)
+            lines.append(f"    {node.name}  ({node.target})  {shown}".rstrip())
+    dormant = [n.name for n in plan.nodes.values() if n.dormant]
+    if dormant:
+        lines += ["", "started when a viewer asks", *(f"  {name}" for name in dormant)]
+    lines += ["", "topics"]
+    for topic in plan.topics.values():
+        readers = ", ".join(f"{e.node}" + ("" if e.kind == "lockstep" else f" ({e.kind})") for e in topic.edges)
+        lines.append(f"  {topic.name}  [{topic.type}]  {topic.node} -> {readers or 'viewers only'}")
+    lines += ["", "left out", *(f"  {item.what}: {item.why}" for item in plan.left_out)]
+    return "\n".join(lines)
+
+
+def as_dict(plan: Plan) -> dict[str, Any]:
+    """The plan as plain values, for --explain --json."""
+    body = dataclasses.asdict(plan)
+    for key in ("run_id", "directory"):
+        body.pop(key)
+    body["processes"] = {process: [n.name for n in nodes] for process, nodes in plan.processes().items()}
+    return body
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(str, value)) + "]"
+    return "none" if value is None else str(value)

@@ -1,0 +1,186 @@
+"""`${...}` in launch files: arguments, environment variables, and small arithmetic over them.
+
+An expression is parsed by `ast` and walked node by node; what is not in the tables below is refused. There are no
+calls, attributes, subscripts or comprehensions, and numbers and texts are bounded, so a hostile file can cost neither
+time nor memory.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+import os
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+MAX_LENGTH = 500
+"""Longest expression [characters]."""
+_LARGEST = 2**64
+
+_HOLE = re.compile(r"\$\{([^{}]*)\}")
+_ENVIRONMENT = re.compile(r"env:([A-Za-z_][A-Za-z0-9_]*)(?::-(.*))?\Z", re.DOTALL)
+
+_BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv,
+    ast.Mod: operator.mod,
+}
+_COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+}
+_WORDS = {"true": True, "false": False, "null": None, "none": None}
+
+
+class ExpressionError(ValueError):
+    """An expression that is not one; the caller adds file and line."""
+
+
+def evaluate(text: str, arguments: Mapping[str, Any]) -> Any:
+    """The value of an expression over `arguments`: + - * / // %, comparisons, and/or/not, in, a if c else b, lists.
+
+    Raises ExpressionError naming what is not allowed or not known.
+    """
+    if len(text) > MAX_LENGTH:
+        raise ExpressionError(f"expression of {len(text)} characters, the limit is {MAX_LENGTH}")
+    try:
+        tree = ast.parse(text.strip(), mode="eval")
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise ExpressionError(f"'{text}' is not an expression") from None
+    try:
+        return _value(tree.body, arguments, text)
+    except ZeroDivisionError:
+        raise ExpressionError(f"'{text}' divides by zero") from None
+    except (TypeError, OverflowError, RecursionError) as error:
+        raise ExpressionError(f"'{text}': {str(error).splitlines()[0]}") from None
+
+
+def _value(node: ast.expr, arguments: Mapping[str, Any], text: str) -> Any:
+    def of(part: ast.expr) -> Any:
+        return _value(part, arguments, text)
+
+    match node:
+        case ast.Constant(value=constant) if isinstance(constant, (bool, int, float, str, type(None))):
+            return _bounded(constant, text)
+        case ast.Name(id=name):
+            if name in arguments:
+                return arguments[name]
+            if name.lower() in _WORDS:
+                return _WORDS[name.lower()]
+            raise UnknownName(name)
+        case ast.UnaryOp(op=ast.Not(), operand=operand):
+            return not of(operand)
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return -_number(of(operand), text)
+        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+            return _number(of(operand), text)
+        case ast.BinOp(left=left, op=kind, right=right) if type(kind) in _BINARY:
+            a, b = of(left), of(right)
+            if not (isinstance(kind, ast.Add) and isinstance(a, str) and isinstance(b, str)):
+                a, b = _number(a, text), _number(b, text)
+            return _bounded(_BINARY[type(kind)](a, b), text)
+        case ast.BoolOp(op=joint, values=parts):
+            value = of(parts[0])
+            for part in parts[1:]:
+                if bool(value) == isinstance(joint, ast.Or):
+                    break
+                value = of(part)
+            return value
+        case ast.Compare(left=left, ops=kinds, comparators=rest):
+            value = of(left)
+            for test, part in zip(kinds, rest):
+                other = of(part)
+                if not _compared(test, value, other, text):
+                    return False
+                value = other
+            return True
+        case ast.IfExp(test=condition, body=yes, orelse=no):
+            return of(yes) if of(condition) else of(no)
+        case ast.List(elts=items) | ast.Tuple(elts=items):
+            return [of(item) for item in items]
+    raise ExpressionError(
+        f"'{text}': {type(node).__name__} is not allowed; use + - * / // %, comparisons, and, or, not"
+    )
+
+
+class UnknownName(ExpressionError):
+    """A name that is not an argument."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f"no argument '{name}'")
+        self.name = name
+
+
+def _compared(kind: ast.cmpop, a: Any, b: Any, text: str) -> bool:
+    if type(kind) in _COMPARE:
+        return bool(_COMPARE[type(kind)](a, b))
+    if isinstance(kind, (ast.In, ast.NotIn)):
+        if not isinstance(b, (list, str)):
+            raise ExpressionError(f"'{text}': `in` needs a list or a text")
+        return (a in b) == isinstance(kind, ast.In)
+    if isinstance(kind, (ast.Is, ast.IsNot)) and (a is None or b is None):
+        return (a is b) == isinstance(kind, ast.Is)
+    raise ExpressionError(f"'{text}': this comparison is not allowed here")
+
+
+def _number(value: Any, text: str) -> Any:
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return value
+    raise ExpressionError(f"'{text}': {value!r} is not a number")
+
+
+def _bounded(value: Any, text: str) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ExpressionError(f"'{text}' is not finite")
+    if isinstance(value, int) and abs(value) > _LARGEST:
+        raise ExpressionError(f"'{text}' is larger than 2^64")
+    if isinstance(value, str) and len(value) > MAX_LENGTH:
+        raise ExpressionError(f"'{text}' makes a text of more than {MAX_LENGTH} characters")
+    return value
+
+
+def substitute(value: Any, arguments: Mapping[str, Any]) -> Any:
+    """`value` with every `${...}` filled in, lists and maps gone through; a text that is one hole keeps its type."""
+    if isinstance(value, dict):
+        return {key: substitute(item, arguments) for key, item in value.items()}
+    if isinstance(value, list):
+        return [substitute(item, arguments) for item in value]
+    if not isinstance(value, str):
+        return value
+    whole = _HOLE.fullmatch(value)
+    if whole:
+        return _fill(whole[1], arguments)
+    if "${" in _HOLE.sub("", value):
+        raise ExpressionError(f"'{value}' has a ${{ without its }}")
+    return _HOLE.sub(lambda hole: text_of(_fill(hole[1], arguments)), value)
+
+
+def text_of(value: Any) -> str:
+    """A value as it stands inside a text: true, false, empty for null, lists with commas."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, list):
+        return ",".join(text_of(item) for item in value)
+    return str(value)
+
+
+def _fill(inside: str, arguments: Mapping[str, Any]) -> Any:
+    variable = _ENVIRONMENT.match(inside.strip())
+    if variable:
+        found = os.environ.get(variable[1], variable[2])
+        if found is None:
+            name = variable[1]
+            raise ExpressionError(f"environment variable {name} is not set; ${{env:{name}:-DEFAULT}} gives a default")
+        return found
+    return evaluate(inside, arguments)

@@ -1,0 +1,78 @@
+"""Launch files as they are read: the includes they name and the arguments they take together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from evis.launch.arguments import Argument, declare
+from evis.launch.document import LaunchError, Row, Table, nearest, read, submap
+from evis.launch.expression import ExpressionError, substitute
+
+TOP_KEYS = ("description", "mode", "args", "recorded", "include", "nodes")
+INCLUDE_KEYS = ("file", "args", "namespace", "if", "unless")
+
+
+@dataclass
+class LaunchFile:
+    """A launch file that has been read, with the files that it includes and the arguments that it takes."""
+
+    path: Path
+    table: Table
+    includes: list[tuple[Table, LaunchFile]]
+    arguments: dict[str, Argument]
+
+    @property
+    def description(self) -> str:
+        """One line about the graph."""
+        return str(self.table.get("description", "")).strip()
+
+
+def load(path: Path, above: tuple[Path, ...] = ()) -> LaunchFile:
+    """Read a launch file and all that it includes. Raises LaunchError with file:line."""
+    real = path.resolve()
+    table = read(path)
+    table.check_keys(TOP_KEYS, "a launch file")
+    own = submap(table, "args")
+    includes = []
+    inherited: dict[str, Argument] = {}
+    for entry in _entries(table):
+        entry.check_keys(INCLUDE_KEYS, "an include")
+        target = _include_path(entry, real.parent)
+        if target.resolve() in (*above, real):
+            raise LaunchError(f"{entry.where('file')}: {target.name} includes itself")
+        child = load(target, (*above, real))
+        set_here = submap(entry, "args")
+        for key in set_here:
+            if key not in child.arguments:
+                raise LaunchError(
+                    f"{set_here.where(key)}: {target.name} has no argument '{key}'; {nearest(key, child.arguments)}"
+                )
+        inherited |= {k: v for k, v in child.arguments.items() if k not in set_here}
+        includes.append((entry, child))
+    declared = declare(own, inherited)
+    return LaunchFile(path, table, includes, declared | {k: v for k, v in inherited.items() if k not in declared})
+
+
+def _entries(table: Table) -> list[Table]:
+    value = table.get("include")
+    if value is None:
+        return []
+    rows = list(zip(value, value.lines)) if isinstance(value, Row) else [(value, table.lines["include"])]
+    for entry, line in rows:
+        if not isinstance(entry, Table) or "file" not in entry:
+            raise LaunchError(f"{table.file}:{line}: an include is a map with `file:` (and `args:`)")
+    return [entry for entry, _ in rows]
+
+
+def _include_path(entry: Table, folder: Path) -> Path:
+    try:
+        name = str(substitute(entry["file"], {}))
+    except ExpressionError as error:
+        where = entry.where("file")
+        raise LaunchError(f"{where}: {error}; the file of an include cannot depend on arguments") from None
+    path = folder / name
+    if not path.is_file():
+        there = sorted(p.name for p in folder.glob("*.yaml"))
+        raise LaunchError(f"{entry.where('file')}: no file '{name}' in {folder}; {nearest(name, there)}")
+    return path

@@ -1,0 +1,215 @@
+"""From a launch file and its arguments to the plan of a graph, checked before anything starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from evis.launch.checks import check_files
+from evis.launch.document import LaunchError
+from evis.launch.expand import Expanded, NodeSpec, expand
+from evis.launch.files import LaunchFile, load
+from evis.launch.order import data_flow_order
+from evis.launch.pruning import Demand, Pruner, left_out
+from evis.launch.wiring import SYSTEM_TOPICS, Wired, publishers, wire
+from evis.plan import Edge, LeftOut, NodePlan, Plan, TopicPlan
+from msgs.topics import find_topic
+
+COMPOSED = "graph"
+"""Name of the one process of a composed graph."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line says besides arguments. grouping: `default`, `compose` or `split`."""
+
+    duration_s: float | None = None
+    record: str | None = None
+    record_topics: tuple[str, ...] = ()
+    view: bool = True
+    grouping: str = "default"
+
+    def names(self) -> dict[str, Any]:
+        """The values behind arguments.OPTIONS."""
+        return {
+            "duration": self.duration_s,
+            "record": self.record,
+            "record_topics": list(self.record_topics),
+            "view": self.view,
+        }
+
+
+def plan_file(path: Path, given: Mapping[str, Any], options: Options) -> Plan:
+    """Plan a launch file. Raises LaunchError (file:line, what is wrong, the nearest valid name)."""
+    return plan_launch(load(path), given, options)
+
+
+def plan_launch(launch: LaunchFile, given: Mapping[str, Any], options: Options) -> Plan:
+    """As `plan_file`, of a file that has been read."""
+    if options.duration_s is not None and options.duration_s <= 0:
+        raise LaunchError(f"--duration is {options.duration_s:g}, it must be longer than 0 s")
+    plan = plan_nodes(expand(launch, given, options.names()), launch.path.resolve().parent, options)
+    plan.name = launch.path.stem
+    return plan
+
+
+def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
+    """As `plan_file`, of nodes that stand already. folder: where their own modules may lie."""
+    if not expanded.nodes:
+        raise LaunchError(f"{expanded.file}: the graph has no node")
+    nodes = [wire(spec, folder) for spec in expanded.nodes]
+    published = publishers(nodes)
+    demand = Pruner(nodes, published).run()
+    for node in nodes:
+        if node.name in demand.inputs:
+            check_files(node)
+    plan = Plan(
+        name=expanded.file,
+        run_id="",
+        directory="",
+        mode=expanded.mode,
+        seed=int(expanded.values.get("seed") or 0),
+        duration_s=options.duration_s,
+        args=dict(expanded.values),
+    )
+    chosen = _choose(nodes, demand)
+    if not any(node.name in demand.inputs for node in nodes):
+        raise LaunchError(f"{expanded.file}: nobody reads anything: give a node `keep: [PORT]`, or record")
+    for node in chosen:
+        plan.nodes[node.name] = _node_plan(node, demand, options.grouping)
+    _connect(plan, chosen, demand)
+    plan.nodes = _in_order(plan)
+    plan.left_out = left_out(nodes, demand, expanded.absent) + _unmade(plan, chosen)
+    plan.launch_text = _resolved(expanded, nodes)
+    return plan
+
+
+def attach(plan: Plan, spec: NodeSpec, folder: Path) -> None:
+    """Add one node to the plan of a running graph: its inputs are taps, its process is its own.
+
+    Raises LaunchError when the graph lacks a topic that it reads.
+    """
+    node = wire(spec, folder)
+    available = {name: (node, "") for name in plan.topics}
+    demand = Pruner([node], available).attached(node)
+    planned = NodePlan(node.name, node.target, node.params, spec.process, demand.inputs[node.name])
+    planned.outputs = {port: topic for port, topic in node.outputs.items() if topic not in plan.topics}
+    plan.nodes[node.name] = planned
+    for port, topic in planned.outputs.items():
+        plan.topics[topic] = TopicPlan(topic, find_topic(topic).type.__name__, node.name, port)
+    for port, topics in planned.inputs.items():
+        for topic in topics:
+            if topic not in SYSTEM_TOPICS:
+                plan.topics[topic].edges.append(Edge(node.name, port, "tap"))
+
+
+def _choose(nodes: list[Wired], demand: Demand) -> list[Wired]:
+    """Needed nodes, viewers, and nodes that can be started later from what will be there."""
+    needed = [n for n in nodes if n.name in demand.inputs or n.spec.tap]
+    there = {t for n in needed for t in n.outputs.values()} | set(SYSTEM_TOPICS)
+    late = [
+        n
+        for n in nodes
+        if n.spec.on_demand and n not in needed and {n.inputs[p] for p in n.inputs if p in _all_needs(n)} <= there
+    ]
+    return [n for n in nodes if n in needed or n in late]
+
+
+def _all_needs(node: Wired) -> frozenset[str]:
+    return node.needs(node.outputs)
+
+
+def _node_plan(node: Wired, demand: Demand, grouping: str) -> NodePlan:
+    dormant = node.name not in demand.inputs and not node.spec.tap
+    process = node.spec.process
+    if grouping == "split" or dormant:
+        process = node.name
+    elif grouping == "compose" and not node.spec.tap:
+        process = COMPOSED
+    if dormant:
+        inputs = {p: [node.inputs[p]] for p in node.inputs if p in _all_needs(node)}
+    elif node.name in demand.inputs:
+        inputs = {port: list(topics) for port, topics in demand.inputs[node.name].items() if topics}
+    else:
+        inputs = {}
+    outputs = {
+        port: topic
+        for port, topic in node.outputs.items()
+        if topic not in SYSTEM_TOPICS and (dormant or _makeable(node, port, inputs))
+    }
+    return NodePlan(
+        name=node.name,
+        target=node.target,
+        params=node.params,
+        process=process.replace("/", "."),
+        inputs=inputs,
+        outputs=outputs,
+        respawn=node.spec.respawn,
+        dormant=dormant,
+        keep=list(node.spec.keep),
+    )
+
+
+def _makeable(node: Wired, port: str, inputs: Mapping[str, Any]) -> bool:
+    """An output that nobody reads stays open for viewers, if the inputs that are connected anyway suffice."""
+    needed = node.needs([port])
+    return all(p in inputs or node.cls.INPUTS[p].delayed for p in needed if p in node.inputs)
+
+
+def _connect(plan: Plan, chosen: list[Wired], demand: Demand) -> None:
+    for planned in plan.nodes.values():
+        for port, topic in planned.outputs.items():
+            row = find_topic(topic)
+            plan.topics[topic] = TopicPlan(topic, row.type.__name__, planned.name, port, latched=row.latched)
+    for node in chosen:
+        planned = plan.nodes[node.name]
+        if node.spec.tap:
+            planned.inputs |= {p: [t] for p, t in node.inputs.items() if t in plan.topics or t in SYSTEM_TOPICS}
+        for port, topics in planned.inputs.items():
+            for topic in topics:
+                if topic not in SYSTEM_TOPICS:
+                    plan.topics[topic].edges.append(Edge(node.name, port, _kind(node, port, topic, planned)))
+
+
+def _kind(node: Wired, port: str, topic: str, planned: NodePlan) -> str:
+    if node.spec.tap or planned.dormant or not find_topic(topic).lockstep:
+        return "tap"
+    return "delayed" if node.cls.INPUTS[port].delayed else "lockstep"
+
+
+def _in_order(plan: Plan) -> dict[str, NodePlan]:
+    edges: dict[str, list[tuple[str, str]]] = {}
+    for topic in plan.topics.values():
+        edges.setdefault(topic.node, []).extend((e.node, topic.name) for e in topic.edges if e.kind == "lockstep")
+    return {name: plan.nodes[name] for name in data_flow_order(list(plan.nodes), edges)}
+
+
+def _unmade(plan: Plan, chosen: list[Wired]) -> list[LeftOut]:
+    """Outputs that cannot be opened later, because their inputs are not connected."""
+    return [
+        LeftOut(f"{node.name} -> {topic}", "its inputs are not connected")
+        for node in chosen
+        for port, topic in node.outputs.items()
+        if topic not in SYSTEM_TOPICS and port not in plan.nodes[node.name].outputs
+    ]
+
+
+def _resolved(expanded: Expanded, nodes: Sequence[Wired]) -> str:
+    """The launch file with every argument filled in, which `evis launch` can run again."""
+    body: dict[str, Any] = {"description": expanded.description or expanded.file, "mode": expanded.mode, "nodes": {}}
+    for node in nodes:
+        spec = node.spec
+        name = spec.name.removeprefix(f"{spec.namespace}/")
+        entry: dict[str, Any] = {"type": spec.type, "params": _plain_values(node.params), "process": spec.process}
+        extras = {"remap": spec.remap, "namespace": spec.namespace, "respawn": spec.respawn, "keep": spec.keep}
+        flags = {"tap": spec.tap, "on_demand": spec.on_demand}
+        body["nodes"][name] = entry | {k: v for k, v in (extras | flags).items() if v}
+    return yaml.safe_dump(body, sort_keys=False, width=120)
+
+
+def _plain_values(params: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: v for k, v in params.items() if v is not None}

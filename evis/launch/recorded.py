@@ -1,0 +1,46 @@
+"""`recorded:` in a launch file: arguments that are not given are those of the run that made a bag."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import yaml
+
+from evis.launch.document import LaunchError, Table
+from evis.launch.expression import ExpressionError, substitute
+
+KEYS = ("bag", "arguments")
+TABLE, PREFIX = "evis", "arg."
+"""Where the recorder keeps the arguments of a run in the bag's metadata."""
+
+
+def recorded(entry: Table, values: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """`given`, and what the bag tells about the other names in `arguments:`.
+
+    Raises LaunchError for a bag that cannot be read.
+    """
+    entry.check_keys(KEYS, "`recorded`")
+    try:
+        bag = substitute(entry.get("bag", ""), values)
+    except ExpressionError as error:
+        raise LaunchError(f"{entry.where('bag')}: {error}") from None
+    stored = _stored(str(bag), entry.where("bag"))
+    names = [str(name) for name in entry.get("arguments") or []]
+    found = {name: _value(stored[PREFIX + name]) for name in names if PREFIX + name in stored and name in values}
+    return {**{name: value for name, value in found.items() if value is not None}, **given}
+
+
+def _value(text: str) -> Any:
+    """A value that was written as Python's text: True, 0.2, ['cam0'], None."""
+    return None if text == "None" else yaml.safe_load(text)
+
+
+def _stored(bag: str, where: str) -> Mapping[str, str]:
+    from evis.bag.reader import BagReader
+
+    try:
+        with BagReader(bag) as reader:
+            return reader.metadata.get(TABLE, {})
+    except (ValueError, OSError) as error:
+        raise LaunchError(f"{where}: {error}") from None

@@ -1,0 +1,186 @@
+"""Exit statuses, one-line errors, and help, for every command."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from evis.cli import COMMANDS, main
+from evis.cli.failure import guarded, one_line
+
+Evis = Callable[..., Any]
+HEAVY = ("numpy", "zmq", "yaml", "warp", "mujoco", "PIL", "msgpack", "aiohttp", "tqdm")
+GRAPH = """
+args: {n: {default: 5, min: 1, help: how many}}
+nodes:
+  ticker: {type: "graph_nodes:Ticker", params: {count: "${n}"}}
+  relay: {type: "graph_nodes:Relay", keep: [events]}
+"""
+
+
+@pytest.fixture
+def graph(tmp_path: Path) -> Path:
+    path = tmp_path / "graph.yaml"
+    path.write_text(GRAPH)
+    return path
+
+
+def test_the_overview_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    out = capsys.readouterr().out
+    for name, text in COMMANDS.items():
+        assert name in out and text in out
+    assert main([]) == 2
+    assert main(["--version"]) == 0
+
+
+def test_the_overview_imports_nothing_heavy() -> None:
+    code = "import sys; from evis.cli import main; main(['--help']); print(sorted(sys.modules))"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    modules = set(eval(out.splitlines()[-1], {"__builtins__": {}}))
+    assert not modules & set(HEAVY)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help_with_an_example(command: str, evis: Evis) -> None:
+    result = evis(command, "--help")
+    assert result.code == 0 and result.err == ""
+    assert "example" in result.out and f"evis {command}" in result.out
+
+
+@pytest.mark.parametrize(("command", "action"), [("topic", a) for a in ("list", "info", "echo", "hz", "bw", "delay")]
+                         + [("node", "list"), ("node", "info")])  # fmt: skip
+def test_actions_have_help_with_an_example(command: str, action: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as status:
+        main([command, action, "--help"])
+    assert status.value.code == 0 and f"example: evis {command} {action}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        (["lunch"], "did you mean 'launch'?"),
+        (["launch", "--frobnicate", "x"], "--frobnicate"),
+        (["launch"], "spinning_disk"),
+        (["launch", "graph.yaml", "n=3"], "key:=value"),
+        (["launch", "graph.yaml", "nn:=3"], "no argument 'nn'; did you mean 'n'?"),
+        (["launch", "graph.yaml", "n:=many"], "must be a whole number"),
+        (["launch", "graph.yaml", "n:=0"], "the least is 1"),
+        (["launch", "graph.yaml", "--duration", "-1"], "--duration"),
+        (["launch", "graph.yaml", "--duration", "soon"], "--duration"),
+        (["launch", "graph.yaml", "--compose", "--split"], "exclude each other"),
+        (["launch", "graph.yaml", "--record-topics", "/x"], "--record"),
+        (["topic"], "ACTION"),
+        (["topic", "lst"], "lst"),
+        (["run", "camera", "file=x"], "key:=value"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_exit_2(words: list[str], part: str, evis_here: Evis, graph: Path) -> None:
+    result = evis_here(*words)
+    assert result.code == 2 and result.out == ""
+    assert part in result.line
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        (["launch", "nowhere.yaml"], "no launch file or scene 'nowhere.yaml'"),
+        (["launch", "spining_disk"], "did you mean 'spinning_disk'?"),
+        (["launch", "graph.yaml", "--record", "no/such/folder/x.mcap"], "no folder 'no/such/folder'"),
+        (["topic", "list"], "no graph is running"),
+        (["node", "list"], "no graph is running"),
+        (["graph"], "no graph is running"),
+        (["topic", "list", "--run", "2020"], "no running graph '2020'"),
+        (["node", "info", "event_sensr"], "no node or node type 'event_sensr'"),
+        (["run", "camra"], "no node type 'camra'; did you mean 'camera'?"),
+        (["run", "graph_nodes:Ticker", "cuont:=3"], "did you mean 'count'?"),
+        (["run", "graph_nodes:Relay"], "no graph is running"),
+    ],
+)
+def test_failures_are_one_line_and_exit_1(words: list[str], part: str, evis_here: Evis, graph: Path) -> None:
+    result = evis_here(*words)
+    assert result.code == 1 and result.out == ""
+    assert part in result.line
+    assert "Traceback" in evis_here(*words, "--debug").err
+
+
+def test_launch_help_lists_the_arguments_of_a_file(evis_here: Evis, graph: Path) -> None:
+    out = evis_here("launch", "graph.yaml", "--help").out
+    assert "how many" in out and "default 5" in out
+
+
+def test_explain_prints_and_runs_nothing(evis_here: Evis, graph: Path) -> None:
+    text = evis_here("launch", "graph.yaml", "n:=7", "--explain")
+    assert text.code == 0 and "left out" in text.out and "n = 7" in text.out
+    body = json.loads(evis_here("launch", "graph.yaml", "--explain", "--json").out)
+    assert list(body["nodes"]) == ["ticker", "relay"] and body["args"] == {"n": 5}
+
+
+def test_options_and_pairs_may_come_in_any_order(evis_here: Evis, graph: Path) -> None:
+    result = evis_here("launch", "--json", "graph.yaml", "--no-view", "n:=7", "--explain")
+    assert result.code == 0 and json.loads(result.out)["args"] == {"n": 7}
+
+
+def test_launch_prints_a_table_or_json(evis: Evis, graph: Path) -> None:
+    table = evis("launch", "graph.yaml")
+    assert table.code == 0 and "5 events" in table.out and "relay" in table.out
+    assert table.err == "", "quiet in a pipe"
+    body = json.loads(evis("launch", "graph.yaml", "n:=3", "--json").out.splitlines()[-1])
+    assert body["events"] == 3
+    keys = {"sim_s", "startup_s", "wall_s", "rtf", "events", "keyframes", "frames", "drops", "nodes", "left_out"}
+    assert keys <= body.keys()
+
+
+def test_graph_draws_a_plan(evis_here: Evis, graph: Path, tmp_path: Path) -> None:
+    from PIL import Image
+
+    text = evis_here("graph", "graph.yaml").out
+    assert text.startswith("flowchart LR") and '"/cam0/depth"' in text
+    assert evis_here("graph", "graph.yaml", "--png", "graph.png").code == 0
+    with Image.open(tmp_path / "graph.png") as image:
+        assert image.format == "PNG" and len(image.getcolors(1 << 24)) > 3
+    assert "nowhere/graph.png" in evis_here("graph", "graph.yaml", "--png", "nowhere/graph.png").line
+
+
+def test_node_info_describes_a_type(evis_here: Evis) -> None:
+    body = json.loads(evis_here("node", "info", "graph_nodes:Relay", "--json").out)
+    assert body["inputs"] == {"depth": "/{camera}/depth"} and body["params"]["gain"]["unit"] == "px"
+    assert "a number with limits" in evis_here("node", "info", "graph_nodes:Relay").out
+
+
+def test_run_runs_one_source(evis: Evis) -> None:
+    result = evis("run", "graph_nodes:Ticker", "count:=4", "--json")
+    assert result.code == 0 and json.loads(result.out)["nodes"]["ticker"]["updates"] == 4
+
+
+def test_doctor_reports_every_check(evis: Evis) -> None:
+    result = evis("doctor", "--json")
+    body = json.loads(result.out.splitlines()[-1])
+    names = {f["name"] for f in body["findings"]}
+    assert {"python", "packages", "shared memory", "run directory", "kernels", "libusb"} <= names
+    assert result.code == (0 if body["ok"] else 1)
+
+
+def test_errors_become_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert one_line(ValueError("first\nsecond")) == "first second"
+    assert one_line(KeyError("no such topic")) == "no such topic"
+    assert one_line(FileNotFoundError(2, "No such file or directory", "x.raw")) == "x.raw: No such file or directory"
+    assert one_line(ZeroDivisionError("division by zero")).startswith("ZeroDivisionError: division by zero")
+
+    def interrupted() -> int:
+        raise KeyboardInterrupt
+
+    assert guarded("evis x", False, interrupted) == 1
+    assert capsys.readouterr().err == "evis x: interrupted\n"
+
+
+def test_a_reader_that_stops_is_no_error(evis: Evis, graph: Path) -> None:
+    command = f"{sys.executable} -m evis.cli launch --help | head -1; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == "0" and done.stderr == ""

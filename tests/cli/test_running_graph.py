@@ -1,0 +1,103 @@
+"""Looking at a running graph: lists, echo, rates, and a node attached by hand."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command import environment
+
+Evis = Callable[..., Any]
+GRAPH = """
+nodes:
+  ticker: {type: "graph_nodes:Ticker", params: {count: 0, sleep: 0.005}}
+  relay: {type: "graph_nodes:Relay", keep: [events]}
+"""
+
+
+@pytest.fixture(scope="module")
+def running(runtime_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A graph that runs while the tests of this module look at it."""
+    folder = tmp_path_factory.mktemp("running")
+    (folder / "graph.yaml").write_text(GRAPH)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "evis.cli", "launch", "graph.yaml", "--json"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, env=environment(runtime_folder),
+    )  # fmt: skip
+    end = time.monotonic() + 20
+    while not list((runtime_folder / "evis").glob("*/plan.json")) and time.monotonic() < end:
+        time.sleep(0.05)
+    yield folder
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=20)
+    assert process.returncode == 0, err
+    assert json.loads(out.splitlines()[-1])["drops"] == 0
+
+
+def test_topic_list_and_info(running: Path, evis_here: Evis) -> None:
+    body = json.loads(evis_here("topic", "list", "--json").out)
+    assert body["topics"] == {
+        "/cam0/depth": "Depth", "/cam0/ids": "Ids", "/cam0/events": "EventPacket", "/cam0/labels": "Labels",
+        "/clock": "Clock", "/diagnostics": "Diagnostics",
+    }  # fmt: skip
+    info = json.loads(evis_here("topic", "info", "/cam0/depth", "--json").out)
+    assert info["publisher"] == "ticker" and [r["node"] for r in info["readers"]] == ["relay"]
+    assert "did you mean '/cam0/depth'?" in evis_here("topic", "echo", "/cam0/deth").line
+
+
+def test_topic_echo_shows_what_is_sent_and_wakes_idle_outputs(running: Path, evis_here: Evis) -> None:
+    lines = evis_here("topic", "echo", "/cam0/ids", "-n", "3", "--json", "--full", "--timeout", "20").out.splitlines()
+    messages = [json.loads(line) for line in lines]
+    assert len(messages) == 3
+    for message in messages:  # the ticker writes its number into every pixel, and its number of ms into the stamp
+        k = message["header"]["stamp_ns"] // 1_000_000
+        assert message["ids"] == [[[k] * 4] * 4]
+    text = evis_here("topic", "echo", "/cam0/depth", "-n", "1").out
+    assert "float32 [1 4 4]" in text
+
+
+def test_rates_are_the_publishers(running: Path, evis_here: Evis) -> None:
+    """A tap sees at most 30 messages a second; the rate comes from the sequence numbers of the ~190 Hz source."""
+    body = json.loads(evis_here("topic", "hz", "/cam0/depth", "--window", "1.5", "--json").out)
+    assert body["published"] > 2 * body["seen"]
+    assert body["hz"] == pytest.approx((body["published"] - 1) / body["window_s"]) and 40 < body["hz"] <= 200
+    bandwidth = json.loads(evis_here("topic", "bw", "/cam0/depth", "--window", "1", "--json").out)
+    assert bandwidth["mean_bytes"] == 64
+    delay = json.loads(evis_here("topic", "delay", "/cam0/depth", "--window", "1", "--json").out)
+    assert delay["least_s"] == 0 <= delay["mean_s"] <= delay["most_s"]
+    assert "0 message(s)" in evis_here("topic", "hz", "/cam0/labels", "--window", "0.5").line
+
+
+def test_node_list_and_info(running: Path, evis_here: Evis) -> None:
+    body = json.loads(evis_here("node", "list", "--json").out)
+    assert [n["node"] for n in body["nodes"]] == ["ticker", "relay"]
+    info = json.loads(evis_here("node", "info", "relay", "--json").out)
+    assert info["inputs"] == {"depth": ["/cam0/depth"]} and info["state"]["events"] > 0
+
+
+def test_graph_of_the_running_one(running: Path, evis_here: Evis) -> None:
+    assert '-->|"/cam0/depth"|' in evis_here("graph").out
+    assert json.loads(evis_here("graph", "--json").out)["name"] == "graph"
+
+
+def test_a_node_attaches_by_hand_and_loses_only_for_itself(running: Path, evis: Evis, tmp_path: Path) -> None:
+    out = tmp_path / "seen"
+    result = evis("run", "graph_nodes:Collector", f"path:={out}", "--duration", "1", "--json")
+    assert result.code == 0, result.err
+    stamps = [int(line) for line in out.read_text().split() if line != "ended"]
+    assert len(stamps) > 5 and stamps == sorted(set(stamps))
+    assert "reads /cam7/events, which nobody publishes" in evis("run", "graph_nodes:Collector", "camera:=cam7").line
+
+
+def test_the_run_can_be_named(running: Path, evis_here: Evis) -> None:
+    run = json.loads(evis_here("topic", "list", "--json").out)["run"]
+    assert evis_here("node", "list", "--run", run[:-2]).code == 0
+    assert os.path.basename(run) in evis_here("node", "list", "--run", "nope").line

@@ -1,0 +1,87 @@
+"""The private directory of a run: who may read it, which runs live, what is swept."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from evis.launch.rundir import RunDirectory, is_live, live_runs, root, sweep
+
+
+def gone(path: Path) -> bool:
+    end = time.monotonic() + 5
+    while path.exists() and time.monotonic() < end:
+        time.sleep(0.02)
+    return not path.exists()
+
+
+def test_a_run_is_private_live_and_then_gone(runtime: Path) -> None:
+    run = RunDirectory()
+    (run.path / "plan.json").touch()
+    assert run.path.parent == runtime / "evis" == root()
+    assert (run.path.stat().st_mode & 0o777, root().stat().st_mode & 0o777) == (0o700, 0o700)
+    assert is_live(run.path) and live_runs() == [run.path] and sweep() == []
+    run.close()
+    assert not run.path.exists() and live_runs() == []
+
+
+def test_the_newest_run_is_first(runtime: Path) -> None:
+    first = RunDirectory()
+    time.sleep(1.1)  # names carry the second
+    second = RunDirectory()
+    for run in (first, second):
+        (run.path / "plan.json").touch()
+    assert live_runs() == [second.path, first.path]
+    first.close()
+    second.close()
+
+
+def test_the_janitor_cleans_up_after_a_launcher_that_was_killed(runtime: Path) -> None:
+    code = (
+        "import time; from evis.launch.rundir import RunDirectory; r = RunDirectory();"
+        "(r.path / 'x.sock').touch(); print(r.path, flush=True); time.sleep(60)"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    path = Path(process.stdout.readline().strip())
+    assert is_live(path)
+    process.kill()
+    process.wait()
+    process.stdout.close()
+    assert gone(path)
+
+
+def test_sweeping_spares_what_lives_and_what_is_young(runtime: Path) -> None:
+    run = RunDirectory()
+    dead, young, old = (root() / name for name in ("dead", "young", "old"))
+    for folder in (dead, young, old):
+        folder.mkdir()
+    (dead / "lock").touch()
+    os.utime(old, (0, 0))
+    assert sorted(sweep()) == [dead, old]
+    assert run.path.exists() and young.exists()
+    run.close()
+
+
+def test_a_root_that_is_not_ours_is_refused(runtime: Path, tmp_path: Path) -> None:
+    (runtime / "evis").symlink_to(tmp_path)
+    with pytest.raises(OSError, match="belongs to somebody else"):
+        root()
+
+
+def test_a_root_open_to_others_is_closed(runtime: Path) -> None:
+    (runtime / "evis").mkdir(mode=0o755)
+    assert root().stat().st_mode & 0o777 == 0o700
+
+
+def test_a_runtime_folder_too_deep_for_sockets_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    deep = tmp_path / ("d" * 60)
+    deep.mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(deep))
+    monkeypatch.setenv("TMPDIR", str(deep))
+    assert len(str(root())) < 60 and f"evis-{os.getuid()}" in str(root())

@@ -1,0 +1,186 @@
+"""The launch files that come with evis: what they run, what they leave out, and how a bag's run is repeated."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from evis import paths
+from evis.launch.document import LaunchError
+from evis.launch.files import load
+from evis.launch.planner import Options, plan_file
+from evis.plan import Plan
+
+STANDARD = {
+    "scene": None, "seed": 0, "device": "cpu", "envs": 1, "width": 346, "height": 260, "keyframe_rate": 30,
+    "upsampling": 8, "interpolator": "splat", "threshold": 0.2, "preset": "ideal",
+}  # fmt: skip
+
+
+def plan(name: str, options: Options | None = None, **given: Any) -> Plan:
+    return plan_file(paths.find_launch(name)[0], given, options or Options())
+
+
+def left_out(made: Plan) -> dict[str, str]:
+    return {item.what: item.why for item in made.left_out}
+
+
+@pytest.mark.parametrize("name", ["simulator", "spinning_disk", "falling_objects"])
+def test_simulator_launch_files_take_the_standard_arguments(name: str) -> None:
+    arguments = load(paths.find_launch(name)[0]).arguments
+    for key, default in STANDARD.items():
+        assert key in arguments and arguments[key].param.help, key
+        if key != "scene":
+            assert arguments[key].param.default == default
+    assert arguments["scene"].required == (name == "simulator")
+
+
+def test_spinning_disk_takes_the_papers_ranges() -> None:
+    arguments = load(paths.find_launch("spinning_disk")[0]).arguments
+    assert {"omega", "tilt", "centre", "standoff", "texture", "defocus"} <= arguments.keys()
+    made = plan("spinning_disk", omega="60", centre="0.1,-0.2", texture="3")
+    texts = {n.params["scene_args"] for n in made.nodes.values() if "scene_args" in n.params}
+    assert len(texts) == 1, "every node that loads the scene gets the same"
+    from evis.params import resolve
+    from evis.scene.load import parse_args, scene_args
+
+    values = resolve("scene", scene_args("spinning_disk"), parse_args(texts.pop()))
+    assert (values["omega"], values["texture"]) == (60, 3)
+    assert [float(v) for v in values["centre"]] == [0.1, -0.2]
+
+
+def test_the_disk_leaves_out_what_it_does_not_need() -> None:
+    made = plan("spinning_disk")
+    out = left_out(made)
+    assert {"mujoco", "labeler", "contacts", "/cam0/normal", "/cam0/ids", "recorder"} <= out.keys()
+    assert all(out.values()), "every omission has a reason"
+    assert made.nodes["labeler"].dormant
+    groups = {process: [n.name for n in nodes] for process, nodes in made.processes().items()}
+    assert groups.pop("sensor") == ["interpolator", "event_sensor"]
+    assert groups == {name: [name] for name in ("physics", "renderer", "visualizer")}
+    kinds = {(e.node, t.name): e.kind for t in made.topics.values() for e in t.edges}
+    assert kinds[("interpolator", "/cam0/motion")] == "lockstep"
+
+
+def test_without_upsampling_there_is_no_interpolator() -> None:
+    for given in ({"upsampling": "1"}, {"interpolator": "none"}):
+        made = plan("spinning_disk", **given)
+        assert "interpolator" not in made.nodes and "interpolator" in left_out(made)
+        assert made.nodes["event_sensor"].inputs == {"keyframe": ["/cam0/keyframe"]}
+        assert "/cam0/motion" in left_out(made)
+    dense = plan("spinning_disk", interpolator="none", upsampling="10")
+    assert dense.nodes["physics"].params["keyframe_rate"] == dense.nodes["renderer"].params["keyframe_rate"] == 300
+
+
+def test_dynamics_load_mujoco_and_labels_start_the_labeler() -> None:
+    made = plan("falling_objects", labels="contacts,depth")
+    out = left_out(made)
+    assert not {"mujoco", "contacts", "labeler"} & out.keys()
+    assert made.nodes["physics"].params["contacts"] is True
+    assert set(made.nodes["labeler"].inputs) == {"state", "depth"}
+    assert made.nodes["labeler"].inputs["depth"] == ["/cam0/depth"]
+
+
+def test_recording_counts_as_reading(tmp_path: Path) -> None:
+    made = plan("spinning_disk", Options(record=str(tmp_path / "x.mcap"), view=False))
+    topics = made.nodes["recorder"].inputs["messages"]
+    assert {"/cam0/events", "/cam0/info", "/state", "/cam0/keyframe"} <= set(topics), "keyframes make the preview"
+    assert not {"/cam0/labels", "/cam0/frames", "/cam0/normal"} & set(topics)
+    assert "visualizer" in left_out(made)
+    more = plan("spinning_disk", Options(record=str(tmp_path / "x.mcap"), record_topics=("/*/normal", "/*/labels")))
+    assert {"/cam0/normal", "/cam0/labels"} <= set(more.nodes["recorder"].inputs["messages"])
+    assert not more.nodes["labeler"].dormant
+
+
+def test_several_cameras_have_a_chain_each() -> None:
+    with pytest.raises(LaunchError):
+        plan("spinning_disk", cameras="cam0,cam0")
+    made = plan("spinning_disk", cameras="cam0,cam1")
+    assert {"renderer_cam0", "renderer_cam1", "event_sensor_cam1"} <= made.nodes.keys()
+    assert {n.process for n in made.nodes.values() if n.name.endswith("sensor_cam1")} == {"sensor_cam1"}
+
+
+@pytest.mark.parametrize(
+    ("given", "part"),
+    [
+        ({"scene": "spining_disk"}, "did you mean 'spinning_disk'?"),
+        ({"omega": "1000"}, "the most is 70 rad/s"),
+        ({"labels": "flw"}, "did you mean 'flow'?"),
+        ({"interpolator": "splt"}, "did you mean 'splat'?"),
+        ({"widht": "3"}, "did you mean 'width'?"),
+    ],
+)
+def test_mistakes_are_found_before_anything_starts(given: dict[str, str], part: str) -> None:
+    with pytest.raises(LaunchError) as error:
+        plan("spinning_disk", **given)
+    assert part in str(error.value)
+
+
+def test_missing_recordings_and_bags_are_found_before_anything_starts(tmp_path: Path) -> None:
+    (tmp_path / "take.raw").touch()
+    with pytest.raises(LaunchError, match=r"take\.raw"):
+        plan("camera", file=str(tmp_path / "tke.raw"))
+    with pytest.raises(LaunchError, match="nowhere"):
+        plan("replay", bag="nowhere.mcap")
+
+
+def test_a_scene_is_launched_by_its_name() -> None:
+    path, given = paths.find_launch("spinning_disk")
+    assert (path.name, given) == ("spinning_disk.yaml", {})
+    with pytest.raises(FileNotFoundError, match="did you mean 'spinning_disk'"):
+        paths.find_launch("spinning_disc")
+
+
+def test_planning_imports_no_engine() -> None:
+    code = (
+        "import sys, json; from evis.launch.planner import *; from evis import paths;"
+        "plan_file(paths.find_launch('falling_objects')[0], {}, Options()); print(json.dumps(sorted(sys.modules)))"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert not {"warp", "mujoco", "aiohttp", "PIL", "OpenEXR", "usb", "mcap"} & set(json.loads(out))
+
+
+def test_regeneration_takes_the_arguments_of_the_recorded_run(tmp_path: Path) -> None:
+    import numpy as np
+
+    from evis.bag.writer import BagWriter, describe_run
+    from msgs.camera import CameraInfo, Keyframe
+    from msgs.header import Header
+
+    path = tmp_path / "run.mcap"
+    stored = {
+        "arg.upsampling": 5,
+        "arg.threshold": 0.31,
+        "arg.cameras": ["cam0"],
+        "arg.device": "cuda:7",
+        "arg.preset": "ideal",
+    }
+    writer = BagWriter(path, describe_run("", {}, **stored))
+    writer.write("/cam0/info", CameraInfo(Header(0), np.eye(3), np.zeros(0), width=4, height=4))
+    writer.write("/cam0/keyframe", Keyframe(Header(0), np.ones((1, 4, 4, 3), np.float32), np.zeros(1, np.int32)))
+    writer.close()
+    given = {"bag": str(path), "regenerate": "true", "interpolator": "none"}
+    made = plan("replay", **given)
+    assert made.args["upsampling"] == 5 and made.args["threshold"] == 0.31
+    assert made.args["device"] == "cpu", "the machine is this one"
+    assert made.nodes["event_sensor"].params["threshold"] == 0.31
+    assert plan("replay", **given, threshold="0.4").args["threshold"] == 0.4
+
+
+def test_two_worlds_run_side_by_side_in_namespaces(tmp_path: Path) -> None:
+    include = paths.find_launch("simulator")[0]
+    path = tmp_path / "two.yaml"
+    path.write_text(
+        "include:\n"
+        + "".join(
+            f"  - {{file: '{include}', namespace: {n}, args: {{scene: spinning_disk}}}}\n" for n in ("one", "two")
+        )
+    )
+    made = plan(str(path))
+    assert [e.node for e in made.topics["/two/state"].edges] == ["two/renderer", "two/labeler"]
+    assert {n.process for n in made.nodes.values()} >= {"one.physics", "two.physics", "one.sensor", "two.sensor"}

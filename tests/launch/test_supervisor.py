@@ -1,0 +1,316 @@
+"""Running graphs: start together, end in order, and leave nothing behind after any kind of death."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+from launcher import Launcher
+
+Write = Callable[..., Path]
+Launch = Callable[..., Launcher]
+
+CHAIN = """
+args:
+  n: {default: 0}
+  out: {default: ''}
+  sleep: {default: 0.001}
+  setup_s: {default: 0.0}
+  fail_at: {default: -1}
+  die_at: {default: -1}
+  how: {default: 9}
+  once: {default: ''}
+  respawn: {default: false}
+  marker: {default: ''}
+nodes:
+  ticker:
+    type: graph_nodes:Ticker
+    params: {count: "${n}", sleep: "${sleep}", setup_s: "${setup_s}", marker: "${marker}"}
+  relay:
+    type: graph_nodes:Relay
+    respawn: ${respawn}
+    params: {fail_at: "${fail_at}", die_at: "${die_at}", how: "${how}", once: "${once}"}
+  collector: {type: "graph_nodes:Collector", params: {path: "${out}"}}
+  viewer: {type: "graph_nodes:Viewer", tap: true}
+"""
+NAMES = {"ticker", "relay", "collector", "viewer"}
+
+
+@pytest.fixture
+def chain(write: Write) -> Path:
+    return write(CHAIN)
+
+
+def running(launcher: Launcher) -> bool:
+    """All four processes are there and the graph has gone."""
+    return {p.cmdline()[-1] for p in launcher.children() if p.is_running()} == NAMES
+
+
+def nothing_left(launcher: Launcher, runtime: Path) -> None:
+    assert launcher.survivors() == []
+    end = time.monotonic() + 5
+    while (left := list((runtime / "evis").iterdir())) and time.monotonic() < end:
+        time.sleep(0.02)
+    assert left == [], "the run's directory is gone"
+    assert not [name for name in os.listdir("/dev/shm") if "evis" in name]
+
+
+def last_json(out: str) -> dict[str, Any]:
+    return json.loads(out.splitlines()[-1])
+
+
+def test_a_run_ends_by_itself_with_a_summary(chain: Path, launch: Launch, runtime: Path, tmp_path: Path) -> None:
+    started = time.monotonic()
+    launcher = launch(chain, "n:=50", f"out:={tmp_path / 'out'}", "sleep:=0.002", "--json")
+    code, out, err = launcher.end()
+    took = time.monotonic() - started
+    summary = last_json(out)
+    assert code == 0, err
+    assert (tmp_path / "out").read_text().split() == [str(k * 1_000_000) for k in range(50)] + ["ended"]
+    assert summary["events"] == 50 and summary["sim_s"] == pytest.approx(0.049) and summary["drops"] == 0
+    assert set(summary["nodes"]) == NAMES and summary["nodes"]["relay"]["updates"] == 50
+    assert summary["rtf"] == pytest.approx(summary["sim_s"] / summary["wall_s"], rel=1e-3)
+    assert summary["wall_s"] >= 0.1 and summary["startup_s"] + summary["wall_s"] <= took
+    assert {"what", "why"} == set(summary["left_out"][0])
+    assert "viewer: warning: the viewer closes" in err, "what nodes say reaches the user"
+    nothing_left(launcher, runtime)
+
+
+@pytest.mark.parametrize("flag", ["--compose", "--split"])
+def test_composed_and_split_give_the_same(flag: str, chain: Path, launch: Launch, tmp_path: Path) -> None:
+    code, out, err = launch(chain, "n:=30", f"out:={tmp_path / 'out'}", flag, "--json").end()
+    assert code == 0, err
+    assert (tmp_path / "out").read_text().split() == [str(k * 1_000_000) for k in range(30)] + ["ended"]
+    assert last_json(out)["events"] == 30
+
+
+def test_nobody_steps_before_all_are_ready(write: Write, launch: Launch, tmp_path: Path) -> None:
+    first, late = tmp_path / "first", tmp_path / "late"
+    path = write(
+        "nodes:\n"
+        f"  first: {{type: 'graph_nodes:Ticker', keep: [depth], params: {{count: 3, marker: '{first}'}}}}\n"
+        f"  late: {{type: 'graph_nodes:Ticker', keep: [depth], params: {{camera: cam1, count: 3, setup_s: 1.0,\n"
+        f"         marker: '{late}'}}}}\n"
+    )
+    code, _, err = launch(path).end()
+    assert code == 0, err
+    assert abs(float(first.read_text()) - float(late.read_text())) < 0.5
+
+
+def test_ctrl_c_lets_the_stream_end_in_order(chain: Path, launch: Launch, runtime: Path, tmp_path: Path) -> None:
+    launcher = launch(chain, f"out:={tmp_path / 'out'}", f"marker:={tmp_path / 'm'}", "--json")
+    launcher.wait_for(lambda: (tmp_path / "m").exists())
+    time.sleep(0.2)
+    launcher.process.send_signal(signal.SIGINT)
+    code, out, err = launcher.end()
+    lines = (tmp_path / "out").read_text().split()
+    assert code == 0, err
+    assert lines[-1] == "ended" and lines[:-1] == [str(k * 1_000_000) for k in range(len(lines) - 1)]
+    assert last_json(out)["events"] == len(lines) - 1 > 0
+    nothing_left(launcher, runtime)
+
+
+def test_ctrl_c_of_a_terminal_reaches_only_the_launcher(chain: Path, launch: Launch, tmp_path: Path) -> None:
+    launcher = launch(chain, f"out:={tmp_path / 'out'}", f"marker:={tmp_path / 'm'}")
+    launcher.wait_for(lambda: (tmp_path / "m").exists())
+    groups = {os.getpgid(p.pid) for p in launcher.children()}
+    assert os.getpgid(launcher.process.pid) not in groups
+    launcher.process.send_signal(signal.SIGINT)
+    assert launcher.end()[0] == 0
+
+
+def test_a_second_ctrl_c_ends_a_node_that_hangs(write: Write, launch: Launch, runtime: Path, tmp_path: Path) -> None:
+    marker = tmp_path / "m"
+    path = write(f"nodes:\n  hung: {{type: 'graph_nodes:Sleeper', keep: [events], params: {{marker: '{marker}'}}}}\n")
+    launcher = launch(path)
+    launcher.wait_for(marker.exists)
+    launcher.process.send_signal(signal.SIGINT)
+    time.sleep(0.3)
+    assert launcher.process.poll() is None, "one Ctrl-C waits for the node"
+    launcher.process.send_signal(signal.SIGINT)
+    code, _, err = launcher.end(10)
+    assert code == 1 and "hung" in err and "by force" in err
+    nothing_left(launcher, runtime)
+
+
+def test_three_ctrl_c_kill_even_the_deaf(write: Write, launch: Launch, runtime: Path, tmp_path: Path) -> None:
+    marker = tmp_path / "m"
+    params = f"{{marker: '{marker}', deaf: true}}"
+    path = write(f"nodes:\n  deaf: {{type: 'graph_nodes:Sleeper', keep: [events], params: {params}}}\n")
+    launcher = launch(path)
+    launcher.wait_for(marker.exists)
+    for _ in range(3):
+        launcher.process.send_signal(signal.SIGINT)
+        time.sleep(0.3)
+    assert launcher.end(10)[0] == 1
+    nothing_left(launcher, runtime)
+
+
+def test_an_error_in_a_node_is_one_line(chain: Path, launch: Launch, runtime: Path) -> None:
+    launcher = launch(chain, "fail_at:=5")
+    code, _, err = launcher.end()
+    assert code == 1
+    assert "evis launch: relay: told to fail at message 5" in err.splitlines()
+    assert "Traceback" not in err and "is gone" not in err, "the cause, and not what came of it"
+    nothing_left(launcher, runtime)
+
+
+def test_debug_shows_the_traceback(chain: Path, launch: Launch) -> None:
+    code, _, err = launch(chain, "fail_at:=5", "--debug").end()
+    assert code == 1 and "Traceback" in err and "relay: told to fail at message 5" in err
+
+
+@pytest.mark.parametrize(("how", "remedy"), [(signal.SIGKILL, "out of memory"), (signal.SIGSEGV, "native code")])
+def test_a_killed_node_is_named_with_signal_and_remedy(
+    how: signal.Signals, remedy: str, chain: Path, launch: Launch, runtime: Path, tmp_path: Path
+) -> None:
+    launcher = launch(chain, "die_at:=20", f"how:={int(how)}", f"out:={tmp_path / 'out'}")
+    code, _, err = launcher.end()
+    assert code == 1
+    line = err.splitlines()[-1]
+    assert line.startswith("evis launch: relay was ended by " + how.name) and remedy in line
+    assert "relay | my last words" in err, "its last log lines"
+    assert (tmp_path / "out").exists(), "the others closed their files"
+    nothing_left(launcher, runtime)
+
+
+def test_kill_9_of_the_launcher_leaves_nothing(chain: Path, launch: Launch, runtime: Path) -> None:
+    launcher = launch(chain)
+    launcher.wait_for(lambda: running(launcher))
+    assert len(list((runtime / "evis").iterdir())) == 1
+    launcher.process.kill()
+    launcher.process.wait()
+    nothing_left(launcher, runtime)
+
+
+def test_kill_9_of_the_launcher_during_start_leaves_nothing(chain: Path, launch: Launch, runtime: Path) -> None:
+    launcher = launch(chain, "setup_s:=30")
+    launcher.wait_for(lambda: launcher.children())
+    launcher.process.kill()
+    launcher.process.wait()
+    nothing_left(launcher, runtime)
+
+
+def test_what_a_dead_run_left_is_swept_at_the_next_start(chain: Path, launch: Launch, runtime: Path) -> None:
+    left = runtime / "evis" / "20200101-000000-dead"
+    left.mkdir(parents=True)
+    (left / "lock").touch()
+    (left / "plan.json").touch()
+    launcher = launch(chain, "n:=3")
+    assert launcher.end()[0] == 0
+    nothing_left(launcher, runtime)
+
+
+def test_sigterm_of_the_launcher_is_a_ctrl_c(chain: Path, launch: Launch, runtime: Path, tmp_path: Path) -> None:
+    launcher = launch(chain, f"out:={tmp_path / 'out'}", f"marker:={tmp_path / 'm'}")
+    launcher.wait_for(lambda: (tmp_path / "m").exists())
+    launcher.process.terminate()
+    assert launcher.end()[0] == 0
+    assert (tmp_path / "out").read_text().split()[-1] == "ended"
+    nothing_left(launcher, runtime)
+
+
+def test_a_frozen_process_is_noticed_and_ended(write: Write, launch: Launch, runtime: Path, tmp_path: Path) -> None:
+    marker = tmp_path / "m"
+    path = write(f"nodes:\n  ticker: {{type: 'graph_nodes:Ticker', keep: [depth],\n"
+                 f"    params: {{count: 0, sleep: 0.01, marker: '{marker}'}}}}\n")  # fmt: skip
+    launcher = launch(path)
+    launcher.wait_for(marker.exists)
+    launcher.child("ticker").send_signal(signal.SIGSTOP)
+    code, _, err = launcher.end(20)
+    assert code == 1 and "ticker" in err and "no sign of life" in err
+    nothing_left(launcher, runtime)
+
+
+def test_a_source_is_started_again_when_it_may(write: Write, launch: Launch, tmp_path: Path) -> None:
+    path = write(
+        "nodes:\n"
+        "  ticker: {type: 'graph_nodes:Ticker', keep: [depth], params: {count: 0, sleep: 0.01}}\n"
+        f"  lonely: {{type: 'graph_nodes:Ticker', keep: [depth], respawn: true, params: {{camera: cam1, count: 0,\n"
+        f"    sleep: 0.01, marker: '{tmp_path / 'm'}'}}}}\n"
+    )
+    launcher = launch(path)
+    launcher.wait_for((tmp_path / "m").exists)
+    first = launcher.child("lonely")
+    (tmp_path / "m").unlink()
+    first.kill()
+    launcher.wait_for((tmp_path / "m").exists)
+    assert launcher.child("lonely").pid != first.pid
+    launcher.process.send_signal(signal.SIGINT)
+    code, _, err = launcher.end()
+    assert code == 0 and "lonely was ended by SIGKILL" in err and "started again (1 of 5)" in err
+
+
+def test_a_dormant_node_starts_when_a_tool_asks(write: Write, launch: Launch, tmp_path: Path) -> None:
+    from evis.cli.attach import find_run, listen
+
+    path = write(
+        "nodes:\n"
+        "  ticker:\n    type: graph_nodes:Ticker\n    keep: [ids]\n"
+        f"    params: {{count: 0, sleep: 0.005, marker: '{tmp_path / 'm'}'}}\n"
+        "  relay: {type: 'graph_nodes:Relay', on_demand: true}\n"
+    )
+    launcher = launch(path)
+    launcher.wait_for((tmp_path / "m").exists)
+    assert [p.cmdline()[-1] for p in launcher.children()] == ["ticker"]
+    seen = [m.header.stamp_ns for _, (_, m) in zip(range(3), listen(find_run(None), "/cam0/events", 10))]
+    assert len(seen) == 3 and seen == sorted(seen)
+    assert {p.cmdline()[-1] for p in launcher.children()} == {"ticker", "relay"}
+    launcher.process.send_signal(signal.SIGINT)
+    assert launcher.end()[0] == 0
+
+
+def test_the_run_directory_is_private(chain: Path, launch: Launch, runtime: Path) -> None:
+    launcher = launch(chain)
+    launcher.wait_for(lambda: running(launcher))
+    run = next((runtime / "evis").iterdir())
+    assert (run.stat().st_mode & 0o777, run.parent.stat().st_mode & 0o777) == (0o700, 0o700)
+    assert {p.name for p in run.glob("*.log")} == {f"{name}.log" for name in NAMES}
+    launcher.process.send_signal(signal.SIGINT)
+    launcher.end()
+
+
+def test_threads_are_limited_unless_the_user_says_otherwise(
+    chain: Path, launch: Launch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    monkeypatch.setenv("MKL_NUM_THREADS", "3")
+    launcher = launch(chain)
+    launcher.wait_for(lambda: running(launcher))
+    environment = psutil.Process(launcher.child("relay").pid).environ()
+    assert (environment["OMP_NUM_THREADS"], environment["MKL_NUM_THREADS"]) == ("1", "3")
+    launcher.process.send_signal(signal.SIGINT)
+    launcher.end()
+
+
+def test_a_viewer_that_dies_takes_nobody_with_it(chain: Path, launch: Launch, runtime: Path, tmp_path: Path) -> None:
+    launcher = launch(chain, f"out:={tmp_path / 'out'}", f"marker:={tmp_path / 'm'}", "--json")
+    launcher.wait_for(lambda: (tmp_path / "m").exists())
+    launcher.child("viewer").kill()
+    time.sleep(0.5)
+    assert len(launcher.children()) == 3
+    launcher.process.send_signal(signal.SIGINT)
+    code, _, err = launcher.end()
+    assert code == 0 and "viewer was ended by SIGKILL" in err and "goes on without it" in err
+    assert (tmp_path / "out").read_text().split()[-1] == "ended"
+    nothing_left(launcher, runtime)
+
+
+def test_a_process_that_cannot_start_is_named(write: Write, launch: Launch, runtime: Path, tmp_path: Path) -> None:
+    (tmp_path / "late_failure.py").write_text(
+        "from graph_nodes import Ticker\n"
+        "class Broken(Ticker):\n"
+        "    def setup(self):\n"
+        "        raise OSError('the sensor is not plugged in')\n"
+    )
+    launcher = launch(write("nodes:\n  broken: {type: 'late_failure:Broken', keep: [depth]}\n"))
+    code, _, err = launcher.end()
+    assert code == 1 and err.splitlines() == ["evis launch: broken: the sensor is not plugged in"]
+    nothing_left(launcher, runtime)
