@@ -1,0 +1,43 @@
+"""The message bus: topics between processes, over ZeroMQ and shared memory.
+
+A topic has one publisher. Its *declared consumers* get every message: each hands out credits (`window`), and the
+publisher sends only when all have some; arrays above 32 kB lie in shared memory slots that are written in place
+(`loan`) and are free again when every consumer has released the message. *Taps* get a rate-limited copy of their own
+and can slow nobody.
+
+    publisher = Publisher(context, "/cam0/depth", "renderer", endpoints_for(directory, "/cam0/depth"),
+                          ["interpolator:depth"], message_type=Depth)
+    publisher.start()
+    while publisher.missing(): ...
+    depth = publisher.loan(depth=((1, 480, 640), "float32"))["depth"]
+    publisher.send(Depth(Header(stamp_ns=0), depth=depth))
+    publisher.finish(timeout_s=10)
+
+On the other side `receive` gives messages, then END. A message holds one pin: `message.release()` returns its credit;
+`message.keep()` before that keeps its arrays valid (the credit returns all the same, so that a kept message does not
+stop the stream) until one more `release`. Both sides must be looked after to connect: the publisher's `pump` (or
+`missing`) and the subscriber's `connected` (or `receive`). A message is published once: a received one, or one that was
+published before, is refused.
+
+With CURVE keys, whoever knows the publisher's public key may connect: treat it as the password of the topic.
+"""
+
+from evis.bus.endpoints import Endpoints, endpoints_for, tcp_endpoints
+from evis.bus.errors import BusError, PeerLost
+from evis.bus.publisher import Publisher
+from evis.bus.slots import Slot, SlotPool
+from evis.bus.subscriber import END, End, Subscriber
+
+__all__ = [
+    "END",
+    "BusError",
+    "End",
+    "Endpoints",
+    "PeerLost",
+    "Publisher",
+    "Slot",
+    "SlotPool",
+    "Subscriber",
+    "endpoints_for",
+    "tcp_endpoints",
+]

@@ -1,0 +1,216 @@
+"""The publisher's view of its declared consumers: who is there, who has credit, who still holds which slot."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass, field
+
+import zmq
+
+from evis.bus import wire
+from evis.bus.errors import BusError, PeerLost
+from evis.bus.slots import Slot, reserve
+from msgs.header import Message
+
+LAST_WORD_S = 0.25
+"""After the end of the stream a consumer's answer and its leaving come over two connections, in any order."""
+MAX_KEYS = 4096
+"""Private subscriptions remembered; there is one per consumer unless somebody floods the socket."""
+
+
+@dataclass
+class Consumer:
+    """One declared consumer. `held`: message -> its slot, until freed; `uncredited`: messages it has not taken yet."""
+
+    name: str
+    window: int
+    route: bytes = b""
+    key: bytes = b""
+    shared: bool | None = None
+    """Can it open our memory? None until it has said so."""
+    uncredited: set[int] = field(default_factory=set)
+    held: dict[int, Slot | None] = field(default_factory=dict)
+    ended: bool = False
+    gone_at: float = 0.0
+    greeted: bool = False
+    """It has been counted in by `arrivals`."""
+
+    @property
+    def connected(self) -> bool:
+        return self.shared is not None
+
+    def forget(self) -> None:
+        """It is gone: nothing that it held is needed any more."""
+        for slot in self.held.values():
+            if slot is not None:
+                slot.unpin()
+        self.held.clear()
+        self.uncredited.clear()
+        self.route, self.key, self.shared, self.greeted = b"", b"", None, False
+
+
+class Consumers:
+    """Speaks with the consumers of one topic over its XPUB (who subscribes, who is gone) and ROUTER (credits)."""
+
+    def __init__(self, topic: str, node: str, names: list[str], message_type: type[Message], window: int) -> None:
+        self.topic = topic
+        self.node = node
+        self.message_type = message_type
+        self.window = window
+        self.all = {name: Consumer(name, window) for name in names}
+        self.rejected = 0
+        self.finishing = False
+        self._keys: set[bytes] = set()
+        self._routes: dict[bytes, Consumer] = {}
+        self._token = os.urandom(16)
+        self._probe = -1
+        self._lost: list[Consumer] = []
+
+    def attach(self, router: zmq.Socket) -> None:
+        """Answer through this bound ROUTER."""
+        self._router = router
+
+    def missing(self) -> list[str]:
+        """Declared, but not connected now."""
+        return [c.name for c in self.all.values() if not self._present(c)]
+
+    def _present(self, consumer: Consumer) -> bool:
+        return consumer.connected and consumer.key in self._keys
+
+    def arrivals(self) -> list[Consumer]:
+        """Those that became connected since the last call."""
+        new = [c for c in self.all.values() if not c.greeted and self._present(c)]
+        for consumer in new:
+            consumer.greeted = True
+        return new
+
+    def credit(self) -> int:
+        """Messages that every consumer has room for."""
+        return min((c.window - len(c.uncredited) if c.greeted else 0 for c in self.all.values()), default=1 << 30)
+
+    def behind(self) -> list[str]:
+        """Those without credit."""
+        return [c.name for c in self.all.values() if not c.greeted or len(c.uncredited) >= c.window]
+
+    def shared(self) -> bool:
+        """True when no consumer has said that it cannot open our memory."""
+        return all(c.shared is not False for c in self.all.values())
+
+    def charge(self, consumer: Consumer, seq: int, slot: Slot | None) -> None:
+        """A message is on its way to a consumer, which holds the slot from now on."""
+        consumer.uncredited.add(seq)
+        consumer.held[seq] = slot
+        if slot is not None:
+            slot.pin()
+
+    def raise_lost(self) -> None:
+        """Raise PeerLost for a consumer that has left before the end."""
+        while self._lost:
+            consumer = self._lost.pop()
+            if not consumer.ended and not consumer.gone_at:
+                self._routes.pop(consumer.route, None)
+                consumer.forget()
+                raise PeerLost(consumer.name, self.topic)
+
+    def subscription(self, frames: list[bytes]) -> None:
+        """Take what the XPUB says: who has come, who has left."""
+        key = frames[0][1:]
+        if len(frames) != 1 or frames[0][:1] not in (b"\0", b"\1") or len(key) > 512:
+            self.rejected += 1
+        elif not key.startswith(b"!"):
+            return  # the topic itself
+        elif frames[0][0]:
+            if len(self._keys) < MAX_KEYS:
+                self._keys.add(key)
+            else:
+                self.rejected += 1
+        else:
+            self._keys.discard(key)
+            for consumer in self.all.values():
+                if consumer.key == key:
+                    if self.finishing:
+                        consumer.gone_at = time.monotonic()
+                    self._lost.append(consumer)
+
+    def talk(self, frames: list[bytes]) -> None:
+        """Take what the ROUTER says: greetings and credits. Raises BusError for a consumer of another message type."""
+        if len(frames) != 2:
+            self.rejected += 1
+            return
+        route, frame = frames
+        try:
+            consumer = self._routes.get(route)
+            op = frame[:1]
+            if op == wire.HELLO:
+                self._hello(route, frame)
+            elif consumer is None or consumer.route != route:
+                raise wire.Malformed("no hello yet")
+            elif op == wire.READY:
+                consumer.shared = wire.unpack_map(frame, shared=bool)[0]
+            elif op == wire.ENDED:
+                consumer.ended = True
+                consumer.uncredited.clear()
+            else:
+                self._credit(consumer, *wire.unpack_seq(frame))
+        except wire.Malformed:
+            self.rejected += 1
+
+    def _credit(self, consumer: Consumer, op: bytes, seq: int) -> None:
+        if seq not in consumer.held or (op != wire.FREED and seq not in consumer.uncredited):
+            raise wire.Malformed("credit for a message that it does not have")
+        if op not in (wire.CREDIT, wire.TAKEN, wire.FREED):
+            raise wire.Malformed("unknown operation")
+        consumer.uncredited.discard(seq)
+        if op != wire.TAKEN:
+            slot = consumer.held.pop(seq)
+            if slot is not None:
+                slot.unpin()
+
+    def _hello(self, route: bytes, frame: bytes) -> None:
+        name, token, theirs, window = wire.unpack_map(frame, id=str, token=str, type=str, window=int)
+        consumer = self.all.get(name)
+        ours = wire.type_name(self.message_type)
+        if consumer is None:
+            self._refuse(route, f"topic {self.topic}: {name!r:.80} is not a declared consumer of {self.node}")
+        elif consumer.route:
+            self._refuse(route, f"topic {self.topic}: {name} is connected already")
+        elif theirs != ours:
+            text = f"topic {self.topic}: {self.node} publishes {ours}, {name} expects {theirs:.80}"
+            self._refuse(route, text)
+            raise BusError(text)
+        elif window < 1:
+            raise wire.Malformed("window")
+        else:
+            consumer.route = route
+            consumer.key = wire.private_key(name, token)
+            consumer.window = min(self.window, window)
+            self._routes[route] = consumer
+            if self._probe < 0:
+                self._probe = reserve(self.topic, len(self._token))
+                os.pwrite(self._probe, self._token, 0)
+            welcome = wire.pack_map(
+                wire.WELCOME, node=self.node, type=ours, pid=os.getpid(), fd=self._probe, token=self._token
+            )
+            self._router.send_multipart([route, welcome])
+
+    def _refuse(self, route: bytes, reason: str) -> None:
+        self.rejected += 1
+        self._router.send_multipart([route, wire.pack_map(wire.REFUSED, reason=reason)])
+
+    def unfinished(self) -> bool:
+        """True while some have not answered the end of the stream. Raises PeerLost for one that left without a word."""
+        waiting = [c for c in self.all.values() if not c.ended]
+        for consumer in waiting:
+            if consumer.gone_at and time.monotonic() - consumer.gone_at > LAST_WORD_S:
+                consumer.forget()
+                raise PeerLost(consumer.name, self.topic)
+        return bool(waiting)
+
+    def close(self) -> None:
+        """Free every slot that is still held."""
+        for consumer in self.all.values():
+            consumer.forget()
+        if self._probe >= 0:
+            os.close(self._probe)
+            self._probe = -1

@@ -1,0 +1,85 @@
+"""The reader's side of shared memory: open the publisher's slots, map each once, view the arrays in place."""
+
+from __future__ import annotations
+
+import fcntl
+import mmap
+import os
+import stat
+from collections.abc import Sequence
+from typing import Any
+
+from msgs.codec import WireHeader, nbytes
+from msgs.fields import MessageError
+
+
+def open_memfd(pid: int, fd: int) -> int:
+    """Open another process's memfd for reading. Raises OSError when it cannot be reached or is not one."""
+    handle = os.open(f"/proc/{pid}/fd/{fd}", os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        # Without the seal its owner could shrink the file, and reading the lost pages is a SIGBUS.
+        regular = stat.S_ISREG(os.fstat(handle).st_mode)
+        if not regular or not fcntl.fcntl(handle, fcntl.F_GET_SEALS) & fcntl.F_SEAL_SHRINK:
+            raise OSError("not a sealed memfd")
+    except OSError:
+        os.close(handle)
+        raise
+    return handle
+
+
+def reachable(pid: int, fd: int, token: bytes) -> bool:
+    """True when the publisher's probe opens here and holds its token: same host, pid namespace and user."""
+    try:
+        handle = open_memfd(pid, fd)
+    except OSError:
+        return False
+    try:
+        return os.pread(handle, len(token), 0) == token
+    finally:
+        os.close(handle)
+
+
+class SlotReader:
+    """Maps slots by their descriptors and keeps the maps of the current generation."""
+
+    def __init__(self) -> None:
+        self._generation = -1
+        self._maps: dict[int, memoryview] = {}
+
+    def buffers(self, wire: WireHeader, descriptor: Any) -> list[memoryview]:
+        """The memory of each array of a message, in place. Raises MessageError, or OSError when the slot is gone."""
+        pid, fd, slot, generation, size, offsets = _checked(descriptor, wire)
+        if generation != self._generation:  # views that are kept hold their map alive by themselves
+            self._maps.clear()
+            self._generation = generation
+        memory = self._maps.get(slot)
+        if memory is None:
+            memory = self._maps[slot] = _map(pid, fd, size)
+        ends = [start + nbytes(array) for start, array in zip(offsets, wire.arrays)]
+        if any(end > len(memory) for end in ends):
+            raise MessageError(f"{wire.message_type.__name__}: an array reaches beyond its slot of {len(memory)} bytes")
+        return [memory[start:end] for start, end in zip(offsets, ends)]
+
+
+def _checked(descriptor: Any, wire: WireHeader) -> tuple[int, int, int, int, int, Sequence[int]]:
+    name = wire.message_type.__name__
+    if not isinstance(descriptor, list) or len(descriptor) != 7 or descriptor[0] != "memfd":
+        raise MessageError(f"{name}: slot descriptor {descriptor!r:.80} is of no kind that this side can read")
+    *numbers, offsets = descriptor[1:]
+    if not isinstance(offsets, list) or len(offsets) != len(wire.arrays):
+        raise MessageError(f"{name}: slot descriptor {descriptor!r:.80} does not fit its arrays")
+    if any(type(n) is not int or n < 0 for n in (*numbers, *offsets)):
+        raise MessageError(f"{name}: slot descriptor {descriptor!r:.80} holds something that is not a count")
+    pid, fd, slot, generation, size = numbers
+    return pid, fd, slot, generation, size, offsets
+
+
+def _map(pid: int, fd: int, size: int) -> memoryview:
+    handle = open_memfd(pid, fd)
+    try:
+        actual = os.fstat(handle).st_size
+        if actual != size or not size:
+            raise MessageError(f"slot of {actual} bytes where {size} were announced")
+        return memoryview(mmap.mmap(handle, size, prot=mmap.PROT_READ))
+    finally:
+        os.close(handle)

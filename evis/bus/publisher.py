@@ -1,0 +1,279 @@
+"""The sending end of a topic."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import zmq
+
+from evis.bus import wire
+from evis.bus.consumers import Consumer, Consumers
+from evis.bus.endpoints import Endpoints, bind, check_bind, unlink
+from evis.bus.errors import BusError
+from evis.bus.slots import Slot, SlotPool, aligned
+from evis.bus.tap import Tap, queue_length
+from msgs.codec import Buffer, contents, pack_header, raw
+from msgs.header import Message
+
+INLINE_BELOW = 1 << 15
+"""Messages with fewer bytes of arrays travel inside the socket: below this shared memory saves nothing."""
+POLL_MS = 100
+PUMP_EVERY_S = 0.001
+"""A stream of small messages looks at its sockets this often; while credit lasts nothing there is urgent."""
+
+
+class Publisher:
+    """Publishes one topic: to its declared consumers without loss, to taps as far as they can follow.
+
+    consumers: ids `node:port` of the declared consumers in other processes. window: messages that each of them may be
+    behind. latched: a consumer that connects late gets the last value. tap_hz: most messages per second on the tap,
+    0 = all. secret_key: CURVE secret key (Z85) that belongs to endpoints.server_key. All calls are from one thread.
+    Raises BusError, and PeerLost when a consumer is gone.
+    """
+
+    def __init__(
+        self,
+        context: zmq.Context,
+        topic: str,
+        node: str,
+        endpoints: Endpoints,
+        consumers: list[str],
+        *,
+        message_type: type[Message],
+        window: int = 2,
+        latched: bool = False,
+        tap_hz: float = 30.0,
+        secret_key: str = "",
+    ) -> None:
+        if window < 1:
+            raise BusError(f"topic {topic}: the window is {window}, at least 1 message must be under way")
+        self.topic = topic
+        self.node = node
+        self.endpoints = endpoints
+        self.message_type = message_type
+        self.latched = latched
+        self._context = context
+        self._secret_key = secret_key
+        self._frame = topic.encode()
+        self._consumers = Consumers(topic, node, consumers, message_type, window)
+        self._tap = Tap(topic, tap_hz)
+        # Nobody else can open our memory across TCP; on this machine that is found out when a consumer connects.
+        self._ipc = endpoints.lockstep.startswith("ipc://")
+        self._pool = SlotPool(topic, window + 1, shared=self._ipc and bool(consumers))
+        self._latch: list[Buffer] | None = None
+        self._sockets: list[zmq.Socket] = []
+        self._seq = 0
+        self._bytes = self._copies = 0
+        self._waited_s = 0.0
+        self._pump_at = 0.0
+
+    def start(self) -> None:
+        """Bind the sockets. Raises BusError: address in use, directory not private, unkeyed bind beyond loopback."""
+        for address in self.endpoints:
+            check_bind(address, bool(self.endpoints.server_key and self._secret_key))
+        data = self._open(zmq.XPUB)
+        router = self._open(zmq.ROUTER)
+        tap = self._open(zmq.XPUB, queue_length(self.topic))
+        self._data = data
+        self._consumers.attach(router)
+        self._poller = wire.poller(data, router, tap)
+        self._handlers = {
+            data: self._consumers.subscription, router: self._consumers.talk, tap: self._tap.subscription,
+        }  # fmt: skip
+        lockstep, credit, tap_address = self.endpoints
+        self.endpoints = Endpoints(
+            bind(data, lockstep), bind(router, credit), self._tap.open(tap, tap_address), self.endpoints.server_key
+        )
+
+    def _open(self, kind: int, high_water_mark: int = 0) -> zmq.Socket:
+        sock = wire.open_socket(self._context, kind, high_water_mark)
+        sock.setsockopt(zmq.MAXMSGSIZE, wire.MAX_TALK)
+        self._sockets.append(sock)
+        if self._secret_key:
+            sock.setsockopt(zmq.CURVE_SERVER, 1)
+            sock.setsockopt_string(zmq.CURVE_SECRETKEY, self._secret_key)
+        return sock
+
+    def sockets(self) -> list[zmq.Socket]:
+        """For a poller: call `pump` when one is readable."""
+        return self._sockets
+
+    def pump(self) -> None:
+        """Handle credits, newcomers and departures; never waits. Raises PeerLost."""
+        self._handle(0)
+
+    def _handle(self, timeout_ms: int) -> None:
+        while ready := self._poller.poll(timeout_ms):
+            timeout_ms = 0
+            for sock, _ in ready:
+                self._handlers[sock](sock.recv_multipart())
+        self._consumers.raise_lost()
+        for consumer in self._consumers.arrivals():
+            self._pool.share(self._ipc and self._consumers.shared())
+            if self._latch is not None:
+                wire.send(self._data, [consumer.key, *self._latch])
+                self._consumers.charge(consumer, self._seq - 1, None)
+
+    def missing(self) -> list[str]:
+        """Declared consumers that are not connected."""
+        self.pump()
+        return self._consumers.missing()
+
+    def credit(self) -> int:
+        """Messages that `send` takes without waiting."""
+        return self._consumers.credit()
+
+    def wanted(self) -> bool:
+        """True when somebody reads this topic: a declared consumer, or a tap right now."""
+        return bool(self._consumers.all) or self._tap.listeners > 0
+
+    def loan(self, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, np.ndarray]:
+        """Aligned arrays to write the next message into, name -> (shape, dtype). Valid until the next `send`."""
+        return self._pool.loan(arrays)
+
+    def send(self, message: Message, timeout_s: float | None = None) -> Slot | None:
+        """Publish; fills header.seq. Waits while a declared consumer has no credit, at most timeout_s (BusError then).
+
+        Arrays that lie in the loan are not copied. Returns the slot that the arrays lie in, pinned once for the caller
+        (`unpin` it when local delivery is over), or None when they lie in no slot. A latched message does not wait for
+        consumers that are not connected yet: they get the last value when they come.
+        """
+        if type(message) is not self.message_type:
+            raise BusError(
+                f"topic {self.topic}: {self.node} declared {self.message_type.__name__} and published "
+                f"{type(message).__name__}"
+            )
+        if message._slot is not None:
+            raise BusError(
+                f"topic {self.topic}: {self.node} published a message that came from the bus or was published before: "
+                "make a new one (dataclasses.replace with a new header)"
+            )
+        arrays = contents(message)
+        self._wait_for_credit(timeout_s)
+        message.header.seq = self._seq
+        size = sum(a.nbytes for a in arrays.values())
+        slot = self._pool.claim(arrays)
+        consumers = self._receivers()
+        # A latched message reaches half-connected consumers too, which hold no slot: it carries its arrays.
+        by_slot = bool(consumers) and self._pool.shared and size >= INLINE_BELOW and not self.latched
+        try:
+            if by_slot:
+                slot, offsets = self._place(message, arrays, slot)
+                self._deliver(consumers, [pack_header(message, arrays, {"slot": slot.descriptor(offsets)})], slot)
+            tapped = self._tap.due()
+            if tapped or self.latched or (consumers and not by_slot):
+                inline = [pack_header(message, arrays), *map(raw, arrays.values())]
+                if not by_slot:
+                    self._deliver(consumers, inline, None)
+                if tapped:
+                    self._tap.send(inline)
+                if self.latched:
+                    self._latch = self._tap.latched = [bytes(part) for part in inline]
+        except BaseException:
+            if slot is not None:
+                slot.unpin()
+            raise
+        message._slot = slot  # type: ignore[misc]
+        self._seq += 1
+        self._bytes += size
+        return slot
+
+    def _deliver(self, consumers: list[Consumer], frames: list[Buffer], slot: Slot | None) -> None:
+        if consumers:
+            wire.send(self._data, [self._frame, *frames])
+        for consumer in consumers:
+            self._consumers.charge(consumer, self._seq, slot)
+
+    def _receivers(self) -> list[Consumer]:
+        return [c for c in self._consumers.all.values() if c.greeted]
+
+    def _blocked(self) -> bool:
+        if self.latched:
+            return any(len(c.uncredited) >= c.window for c in self._receivers())
+        return self._consumers.credit() <= 0
+
+    def _wait_for_credit(self, timeout_s: float | None) -> None:
+        start = time.monotonic()
+        if start < self._pump_at and not self._blocked():
+            return
+        self._pump_at = start + PUMP_EVERY_S
+        self.pump()
+        if not self._blocked():
+            return
+        try:
+            while self._blocked():
+                left_s = 1.0 if timeout_s is None else start + timeout_s - time.monotonic()
+                if left_s <= 0:
+                    slow = ", ".join(self._consumers.behind())
+                    raise BusError(f"topic {self.topic}: no credit from {slow} for {timeout_s} s")
+                self._handle(min(POLL_MS, int(1000 * left_s) + 1))
+        finally:
+            self._waited_s += time.monotonic() - start
+
+    def _place(self, message: Message, arrays: dict[str, np.ndarray], slot: Slot | None) -> tuple[Slot, list[int]]:
+        """Put every array that is not there yet into the slot, or all into a new one when there is no room."""
+        foreign = {n: a for n, a in arrays.items() if slot is None or slot.offset(a) is None}
+        room = sum(aligned(a.nbytes) for a in foreign.values())
+        if slot is None or slot.kind == "heap" or slot.used + room > slot.size:
+            loaned = slot
+            foreign = arrays.copy()
+            slot = self._pool.take(sum(aligned(a.nbytes) for a in foreign.values()))
+        else:
+            loaned = None
+        for name, array in foreign.items():
+            view = slot.place(array.shape, array.dtype)
+            view[...] = array
+            if isinstance(getattr(message, name), np.ndarray):
+                setattr(message, name, view)  # consumers in this process are to see what the slot protects
+            arrays[name] = view
+        self._copies += len(foreign)
+        if loaned is not None:
+            loaned.unpin()
+        offsets = [slot.offset(a) for a in arrays.values()]
+        return slot, [o for o in offsets if o is not None]
+
+    def finish(self, timeout_s: float | None = None) -> bool:
+        """End the stream: say so (once), and wait until every consumer has answered, so that nothing is under way.
+
+        False when some have not answered within timeout_s (0: just look); call again. Raises PeerLost for one that died
+        meanwhile.
+        """
+        self.pump()
+        if not self._consumers.finishing:
+            self._consumers.finishing = True
+            end: list[Buffer] = [wire.END_HEADER, self._seq.to_bytes(8, "little")]
+            self._tap.send(end)
+            wire.send(self._data, [self._frame, *end])
+        deadline = time.monotonic() + (1e9 if timeout_s is None else timeout_s)
+        while self._consumers.unfinished():
+            left_s = deadline - time.monotonic()
+            if left_s <= 0:
+                return False
+            self._handle(min(POLL_MS, int(1000 * left_s) + 1))
+        return True
+
+    def close(self) -> None:
+        """Release sockets and memory. Without `finish` before it, messages under way are lost."""
+        for sock in self._sockets:
+            sock.close(linger=200 if sock is getattr(self._tap, "socket", None) else 0)
+        if self._sockets:
+            unlink(self.endpoints)
+        self._sockets = []
+        self._consumers.close()
+        self._pool.close()
+
+    def stats(self) -> dict[str, float]:
+        """Counters since the start: messages, bytes, array copies, seconds waited for credit, taps, slots, refusals."""
+        return {
+            "sent": self._seq,
+            "bytes": self._bytes,
+            "copies": self._copies,
+            "waits_s": self._waited_s,
+            "tap_sent": self._tap.sent,
+            "tap_skipped": self._tap.skipped,
+            "slots": self._pool.live,
+            "spare_slots": self._pool.spares,
+            "rejected": self._consumers.rejected + self._tap.rejected,
+        }

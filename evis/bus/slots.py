@@ -1,0 +1,226 @@
+"""Where the arrays of a message lie, and who still needs them.
+
+A slot is one block of memory with a pin count: the loan, each remote consumer and each `keep` hold one pin, and the
+slot is written again only when all are gone. `HeapSlot` serves consumers of this process; `MemorySlot` is a memfd that
+other processes map through /proc/<pid>/fd, so that no kind of death leaves anything behind. A slot on a GPU would be
+a third kind, whose descriptor carries its CUDA IPC handle.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import itertools
+import math
+import mmap
+import os
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from evis.bus.errors import BusError
+
+ALIGN = 64
+"""Alignment of every array in a slot [bytes]: a cache line, and the widest vector register."""
+SLACK = 1 << 14
+"""Room behind a loan for small arrays that were not loaned (stamps, offsets) [bytes]."""
+SMALLEST = 1 << 16
+MOST_SLOTS = 64
+"""Slots of one topic; more means that somebody keeps messages and never releases them."""
+
+_ids = itertools.count(1)
+
+
+class Slot:
+    """One block of memory. `pins`: how many still need its contents; at zero it goes back to its pool."""
+
+    kind: ClassVar[str] = "heap"
+
+    def __init__(self, pool: SlotPool, generation: int, memory: np.ndarray) -> None:
+        self.pool = pool
+        self.generation = generation
+        self.memory = memory
+        self.size = memory.nbytes
+        self.address = address(memory)
+        self.used = 0
+        self.pins = 0
+
+    def pin(self) -> None:
+        """Keep the contents for one more user."""
+        self.pins += 1
+
+    def unpin(self) -> None:
+        """One user less. Raises BusError when there was none."""
+        if self.pins <= 0:
+            raise BusError(f"{self.pool.name}: a message was released more often than it was kept")
+        self.pins -= 1
+        if not self.pins:
+            self.pool.give_back(self)
+
+    def place(self, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+        """The next aligned array of this shape behind those already placed."""
+        view: np.ndarray = np.ndarray(shape, dtype, buffer=self.memory.data, offset=self.used)
+        self.used = aligned(self.used + view.nbytes)
+        return view
+
+    def offset(self, array: np.ndarray) -> int | None:
+        """Where an array lies in this slot [bytes]; None when it does not."""
+        start = address(array) - self.address
+        return start if 0 <= start and start + array.nbytes <= self.size else None
+
+    def descriptor(self, offsets: list[int]) -> list[Any] | None:
+        """What another process needs to map the arrays; None where it cannot."""
+        return None
+
+    def close(self) -> None:
+        """Give the memory back, once nobody in this process looks at it."""
+
+
+class HeapSlot(Slot):
+    """Memory of this process alone."""
+
+    def __init__(self, pool: SlotPool, generation: int, size: int) -> None:
+        raw = np.empty(size + ALIGN, np.uint8)
+        start = -address(raw) % ALIGN
+        super().__init__(pool, generation, raw[start : start + size])
+
+
+class MemorySlot(Slot):
+    """Anonymous shared memory. Its pages are reserved here: a full machine is an error now and not a SIGBUS later."""
+
+    kind: ClassVar[str] = "memfd"
+
+    def __init__(self, pool: SlotPool, generation: int, size: int) -> None:
+        self.id = next(_ids)
+        self.fd = reserve(pool.name, size)
+        super().__init__(pool, generation, np.frombuffer(mmap.mmap(self.fd, size), np.uint8))
+
+    def descriptor(self, offsets: list[int]) -> list[Any]:
+        return [self.kind, os.getpid(), self.fd, self.id, self.generation, self.size, offsets]
+
+    def close(self) -> None:
+        if self.fd >= 0:
+            os.close(self.fd)
+            self.fd = -1
+
+
+def reserve(name: str, size: int) -> int:
+    """A memfd of `size` bytes whose pages exist and that can never shrink. Raises BusError when memory is short."""
+    fd = os.memfd_create(f"evis{name.replace('/', '-')}", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+    try:
+        os.posix_fallocate(fd, 0, size)
+        fcntl.fcntl(fd, fcntl.F_ADD_SEALS, fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW)
+    except OSError as error:
+        os.close(fd)
+        raise BusError(
+            f"no room for {size / 1e6:.1f} MB of shared memory for {name} ({error.strerror}): "
+            "free memory, raise its limit, or use a smaller image or window"
+        ) from None
+    return fd
+
+
+def address(array: np.ndarray) -> int:
+    """First byte of an array's memory."""
+    return array.__array_interface__["data"][0]
+
+
+def aligned(size: int) -> int:
+    """The next multiple of ALIGN."""
+    return -(-size // ALIGN) * ALIGN
+
+
+def rounded(size: int) -> int:
+    """Slot size for a message: whole pages, in steps of a quarter octave, so that growing packets seldom reallocate."""
+    step = 1 << max(12, (size - 1).bit_length() - 3)
+    return max(SMALLEST, -(-size // step) * step)
+
+
+class SlotPool:
+    """The slots of one topic: `slots` of them, all of one size and kind.
+
+    A bigger message starts a new generation; older slots are closed when their last pin goes. When every slot is pinned
+    one more is made (`spares` counts them), up to MOST_SLOTS.
+    """
+
+    def __init__(self, name: str, slots: int = 3, *, shared: bool = False) -> None:
+        self.name = name
+        self.slots = slots
+        self.shared = shared
+        self.spares = 0
+        self.generation = 0
+        self.live = 0
+        self._size = 0
+        self._made = 0
+        self._free: list[Slot] = []
+        self._loans: list[Slot] = []
+
+    def loan(self, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> dict[str, np.ndarray]:
+        """Aligned arrays to write the next message into, name -> (shape, dtype). A loan lasts until the next claim."""
+        wanted = [(name, tuple(shape), np.dtype(dtype)) for name, (shape, dtype) in arrays.items()]
+        slot = self.take(sum(aligned(math.prod(shape) * dtype.itemsize) for _, shape, dtype in wanted))
+        self._loans.append(slot)
+        return {name: slot.place(shape, dtype) for name, shape, dtype in wanted}
+
+    def claim(self, arrays: Mapping[str, np.ndarray]) -> Slot | None:
+        """The loaned slot that (most of) the arrays lie in, with the loan's pin now the caller's; other loans lapse."""
+        if not self._loans:
+            return None
+        loans, self._loans = self._loans, []
+        bytes_in = [sum(a.nbytes for a in arrays.values() if s.offset(a) is not None) for s in loans]
+        best = max(range(len(loans)), key=bytes_in.__getitem__)
+        for i, slot in enumerate(loans):
+            if i != best or not bytes_in[best]:
+                slot.unpin()
+        return loans[best] if bytes_in[best] else None
+
+    def take(self, size: int) -> Slot:
+        """A free slot of `size` bytes (and SLACK) or more, pinned once. Raises BusError: out of memory or slots."""
+        size += SLACK
+        if size > self._size:
+            self._size = rounded(size)
+            self._renew()
+        if not self._free:
+            if self.live >= MOST_SLOTS:
+                raise BusError(
+                    f"{self.name}: all {self.live} slots are kept by consumers: a node calls keep() without release()"
+                )
+            self._free.append((MemorySlot if self.shared else HeapSlot)(self, self.generation, self._size))
+            self.live += 1
+            self._made += 1
+            self.spares += self._made > self.slots
+        slot = self._free.pop()
+        slot.used = 0
+        slot.pin()
+        return slot
+
+    def share(self, shared: bool) -> None:
+        """Choose between heap and shared memory for the slots to come."""
+        if shared != self.shared:
+            self.shared = shared
+            self._renew()
+
+    def _renew(self) -> None:
+        self.generation += 1
+        self._made = 0
+        self._drop_free()
+
+    def _drop_free(self) -> None:
+        for slot in self._free:
+            slot.close()
+        self.live -= len(self._free)
+        self._free.clear()
+
+    def give_back(self, slot: Slot) -> None:
+        """Called by a slot whose last pin is gone."""
+        if slot.generation == self.generation:
+            self._free.append(slot)
+        else:
+            slot.close()
+            self.live -= 1
+
+    def close(self) -> None:
+        """Close what is free; pinned slots close with their last pin."""
+        for slot in self._loans:
+            slot.unpin()
+        self._loans.clear()
+        self._renew()

@@ -1,0 +1,72 @@
+"""The lossy copy of a topic for viewers and tools: its own socket, rate-limited, silent while nobody listens.
+
+A full queue drops, here or at the listener; sequence numbers tell it how much it missed.
+"""
+
+from __future__ import annotations
+
+import time
+
+import zmq
+
+from evis.bus import wire
+from evis.bus.endpoints import bind
+from msgs.codec import Buffer
+from msgs.topics import UnknownTopic, find_topic
+
+
+def queue_length(topic: str) -> int:
+    """Messages that a tap may lag behind, from the topic table; 2 for a name that is not in it."""
+    try:
+        return max(2, find_topic(topic).queue)  # at 1, libzmq never lets a first message through to a late subscriber
+    except UnknownTopic:
+        return 2
+
+
+class Tap:
+    """Publisher's end. `hz`: most messages per second, 0 = all; the ones between are skipped and counted."""
+
+    def __init__(self, topic: str, hz: float) -> None:
+        self.topic = topic.encode()
+        self.listeners = 0
+        self.sent = 0
+        self.skipped = 0
+        self.rejected = 0
+        self.latched: list[Buffer] | None = None
+        """Last value of a latched topic, given to each newcomer."""
+        self._interval = 1.0 / hz if hz > 0 else 0.0
+        self._next = 0.0
+
+    def open(self, sock: zmq.Socket, address: str) -> str:
+        """Bind; returns the address."""
+        self.socket = sock
+        return bind(sock, address)
+
+    def subscription(self, frames: list[bytes]) -> None:
+        """Take what the XPUB says: who has come, who has left."""
+        key = frames[0][1:]
+        if len(frames) != 1 or frames[0][:1] not in (b"\0", b"\1"):
+            self.rejected += 1
+        elif key == self.topic:
+            self.listeners = max(0, self.listeners + (1 if frames[0][0] else -1))
+        elif not key.startswith(b"!"):
+            self.rejected += 1
+        elif frames[0][0] and self.latched:
+            wire.send(self.socket, [key, *self.latched])
+
+    def due(self) -> bool:
+        """True when somebody listens and the rate limit lets the next message through; counts it as skipped if not."""
+        if not self.listeners:
+            return False
+        now = time.monotonic()
+        if now < self._next:
+            self.skipped += 1
+            return False
+        # Keep to the grid while messages come steadily; start a new one after a pause.
+        self._next = max(self._next + self._interval, now)
+        return True
+
+    def send(self, frames: list[Buffer]) -> None:
+        """Copy a message into the socket's queue; never waits."""
+        wire.send(self.socket, [self.topic, *frames])
+        self.sent += 1
