@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -29,6 +30,7 @@ def browser() -> Iterator[Any]:
     """Chromium with an empty profile; skipped where there is none."""
     chromium = shutil.which("chromium")
     if chromium is None:
+        assert not os.environ.get("EVIS_REQUIRE_BROWSER"), "EVIS_REQUIRE_BROWSER is set and there is no chromium"
         pytest.skip("chromium is not installed (apt-get install chromium)")
     with tempfile.TemporaryDirectory() as profile, playwright.sync_playwright() as driver:
         context = driver.chromium.launch_persistent_context(
