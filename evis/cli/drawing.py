@@ -12,6 +12,7 @@ from evis.plan import Plan
 BOX = (190, 44)
 GAP = (230, 40)
 EDGE = 40
+LANE = 26
 _INK, _PAPER, _FILL, _FRAME, _TAP = "#1a1a2e", "#ffffff", "#e8eef7", "#9db2d1", "#a0a0a0"
 
 
@@ -29,20 +30,30 @@ def columns(plan: Plan) -> dict[str, int]:
 def draw(plan: Plan, path: Path) -> None:
     """Write the PNG. Raises OSError when it cannot be written."""
     column = columns(plan)
+    links = _links(plan)
+    # Lines that pass over other columns run in lanes of their own above the boxes.
+    far = [ends for ends in links if column[ends[1]] - column[ends[0]] != 1]
+    top = EDGE + LANE * len(far)
     rows: dict[int, int] = {}
     place: dict[str, tuple[int, int]] = {}
     for name, c in column.items():
         row = rows.setdefault(c, 0)
         rows[c] += 1
-        place[name] = (EDGE + c * (BOX[0] + GAP[0]), EDGE + row * (BOX[1] + 2 * GAP[1]))
+        place[name] = (EDGE + c * (BOX[0] + GAP[0]), top + row * (BOX[1] + 2 * GAP[1]))
     width = 2 * EDGE + (max(column.values(), default=0) + 1) * (BOX[0] + GAP[0]) - GAP[0]
-    height = 2 * EDGE + max(rows.values(), default=1) * (BOX[1] + 2 * GAP[1]) - 2 * GAP[1]
+    height = top + EDGE + max(rows.values(), default=1) * (BOX[1] + 2 * GAP[1]) - 2 * GAP[1]
     image = Image.new("RGB", (width, height), _PAPER)
     pen = ImageDraw.Draw(image)
     font = ImageFont.load_default(14)
     small = ImageFont.load_default(12)
-    for index, ((source, target), labels) in enumerate(_links(plan).items()):
-        _line(pen, small, place[source], place[target], labels, index)
+    for (source, target), labels in links.items():
+        if (source, target) in far:
+            lane = far.index((source, target))
+            # Lines leave and arrive side by side: each lane a little further along its box.
+            along = BOX[0] * (lane + 1) // (len(far) + 1)
+            _lane(pen, small, place[source], place[target], labels, EDGE + LANE * lane, along)
+        else:
+            _line(pen, small, place[source], place[target], labels)
     for name, (x, y) in place.items():
         node = plan.nodes[name]
         pen.rounded_rectangle((x, y, x + BOX[0], y + BOX[1]), 8, _FILL, _FRAME, 2)
@@ -60,15 +71,33 @@ def _links(plan: Plan) -> dict[tuple[str, str], list[tuple[str, bool]]]:
     return links
 
 
-def _line(
-    pen: Any, font: Any, a: tuple[int, int], b: tuple[int, int], labels: list[tuple[str, bool]], index: int
-) -> None:
+Place = tuple[int, int]
+Labels = list[tuple[str, bool]]
+
+
+def _colour(labels: Labels) -> str:
+    return _INK if any(lockstep for _, lockstep in labels) else _TAP
+
+
+def _line(pen: Any, font: Any, a: Place, b: Place, labels: Labels) -> None:
+    """Straight to the next column; names above it, near the start so that crossing lines keep them apart."""
     start, end = (a[0] + BOX[0], a[1] + BOX[1] // 2), (b[0], b[1] + BOX[1] // 2)
-    colour = _INK if any(lockstep for _, lockstep in labels) else _TAP
+    colour = _colour(labels)
     pen.line((start, end), colour, 2)
     pen.polygon([end, (end[0] - 9, end[1] - 5), (end[0] - 9, end[1] + 5)], colour)
-    # Labels near the start of long lines, so that crossing lines keep their names apart.
-    x = start[0] + min(GAP[0] / 2, (end[0] - start[0]) / 2)
-    y = start[1] + (end[1] - start[1]) * (x - start[0]) / max(end[0] - start[0], 1)
+    x = start[0] + GAP[0] / 2
+    y = start[1] + (end[1] - start[1]) * (x - start[0]) / (end[0] - start[0])
     for number, (name, _) in enumerate(labels):
         pen.text((x, y - 8 - 13 * (len(labels) - 1 - number)), name, colour, font, anchor="mm")
+
+
+def _lane(pen: Any, font: Any, a: Place, b: Place, labels: Labels, y: int, along: int) -> None:
+    """Up, along a lane at y, and down, its topics' names on the lane."""
+    start, end = (a[0] + along, a[1]), (b[0] + along, b[1])
+    colour = _colour(labels)
+    pen.line((start, (start[0], y), (end[0], y), end), colour, 2)
+    pen.polygon([end, (end[0] - 5, end[1] - 9), (end[0] + 5, end[1] - 9)], colour)
+    text = "  ".join(name for name, _ in labels)
+    middle = ((start[0] + end[0]) / 2, y)
+    pen.rectangle(pen.textbbox(middle, text, font, anchor="mm"), _PAPER)
+    pen.text(middle, text, colour, font, anchor="mm")

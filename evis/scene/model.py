@@ -81,11 +81,29 @@ class Instance:
     """Instance to body."""
 
 
+@dataclass(frozen=True)
+class Waveform:
+    """How a light's strength varies in time, with a mean of 1: mains flicker, PWM.
+
+    kind `sine`: 1 + depth sin(2 pi (frequency t + phase)). kind `square`: 1 + depth (1 - duty) / duty for the first
+    `duty` of each period, 1 - depth after it. phase in periods, frequency in Hz, depth 0 ... 1.
+    """
+
+    kind: str
+    frequency: float
+    depth: float = 1.0
+    phase: float = 0.0
+    duty: float = 0.5
+
+
 @dataclass
 class Light:
     """kind `directional`: `colour` is irradiance [W/m^2] on a surface facing it, `vector` the direction light travels.
 
-    kind `point`: `colour` is radiant intensity [W/sr], `vector` the position [m]. body: what it is fixed to.
+    kind `point`: `colour` is radiant intensity [W/sr], `vector` the position [m]. kind `spot`: as point, within a cone
+    about `direction`: full inside the half-angle cone[0], none outside cone[1] [rad]. kind `area`: a rectangle about
+    `vector` with half-edges `half_u` and `half_v` [m] that emits `colour`, a radiance [W/(sr m^2)], to the side of
+    half_u x half_v. body: what it is fixed to.
     """
 
     name: str
@@ -94,6 +112,11 @@ class Light:
     vector: np.ndarray
     body: int = WORLD
     shadows: bool = True
+    direction: np.ndarray | None = None
+    cone: tuple[float, float] = (0.0, 0.0)
+    half_u: np.ndarray | None = None
+    half_v: np.ndarray | None = None
+    waveform: Waveform | None = None
 
 
 @dataclass
@@ -107,6 +130,11 @@ class Camera:
     """Intrinsic matrix float64 [3, 3] px; pixel (0, 0) is the centre of the top-left pixel."""
     near: float = 1e-3
     """Near plane [m]."""
+    distortion_model: str = "none"
+    """`none`, `plumb_bob` (Brown-Conrady k1 k2 p1 p2 k3 [k4 k5 k6]) or `equidistant` (Kannala-Brandt k1 ... k4)."""
+    distortion: tuple[float, ...] = ()
+    supersampling: int = 1
+    """Samples per pixel along each axis."""
 
 
 @dataclass
@@ -129,6 +157,9 @@ class Scene:
     """Dynamics: how far the seed shifts [m] and turns [rad] free bodies at the start, standard deviations."""
     notes: list[str] = field(default_factory=list)
     """What of the scene's source is not simulated, one line each."""
+    environment_map: np.ndarray | None = None
+    """Radiance of the sky by direction, in place of `environment`: float32 [h, w, 3], equirectangular, row 0 up (+z),
+    column 0 at +x turning to +y."""
 
     @property
     def dynamic(self) -> bool:
