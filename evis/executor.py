@@ -8,44 +8,26 @@ bounded, and no wait inside a node can close a circle of waits between processes
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import zmq
 
-from evis.bus import END, Publisher, Subscriber
+from evis.bus import END, Publisher
 from evis.clock import Pacer
 from evis.host import SYSTEM_TOPICS, Host, Inside, NodeFailed, Subscription, Wiring
 from evis.node import Node
 from evis.plan import Plan
 from evis.profile import Profile
+from evis.tap import Tap
 from evis.telemetry import Telemetry
+from evis.wakeup import Wakeup
 from msgs.header import Message
 
 IDLE_MS = 50
 """Longest time between two looks at commands, taps and idle hooks."""
 Commands = Callable[[], None]
-
-
-@dataclass
-class Tap:
-    """A lossy subscription opened at run time."""
-
-    topic: str
-    callback: Callable[[Message], None]
-    subscribers: list[Subscriber]
-    owner: Executor
-
-    def close(self) -> None:
-        """Unsubscribe; the publisher stops feeding the topic when nobody else reads it."""
-        self.owner.close_tap(self)
-
-    @property
-    def lost(self) -> int:
-        """Messages that this tap missed."""
-        return sum(s.lost for s in self.subscribers)
 
 
 class Executor:
@@ -58,7 +40,7 @@ class Executor:
         self.stopping = False
         self._request = request
         self._context = zmq.Context()
-        self._poller = zmq.Poller()
+        self._wakeup = Wakeup()
         self._taps: list[Tap] = []
         self._last_idle = 0.0
         self._wiring = Wiring(plan, process, self._context)
@@ -74,11 +56,9 @@ class Executor:
         """Open the sockets and prepare every node."""
         for publisher in self._publishers:
             publisher.start()
-            for socket in publisher.sockets():
-                self._poller.register(socket, zmq.POLLIN)
+            self._wakeup.hear(publisher, publisher.sockets())
         for subscription in self._subscriptions:
             subscription.subscriber.start()
-            self._poller.register(subscription.subscriber.socket, zmq.POLLIN)
         for host in self._hosts.values():
             host.node.runtime = self
         # Consumers first: a publisher in the same process may publish its latched topics in setup.
@@ -92,7 +72,9 @@ class Executor:
         while (missing := self._missing()) and not self.stopping:
             if time.monotonic() > deadline:
                 raise TimeoutError(f"not connected after {timeout_s:g} s: {', '.join(missing)}")
-            self._poller.poll(10)
+            for s in self._subscriptions:
+                self._wakeup.hear(s.subscriber, s.subscriber.signals())  # messages may be there, and stay there
+            self._wakeup.wait(10)
             if commands is not None:
                 commands()
 
@@ -261,7 +243,7 @@ class Executor:
         if self.stopping:
             self._end(host)
             return True
-        inputs = self._delayed_inputs(host)
+        inputs = host.delayed_inputs()
         if inputs is None or (host.pacer and host.pacer.wait_s(self._stamp(host)) > 0):
             return False
         try:
@@ -278,20 +260,6 @@ class Executor:
         if not alive:
             self._end(host)
         return True
-
-    def _delayed_inputs(self, host: Host) -> dict[str, Message] | None:
-        """What closes a loop back to this source, for the stamps that its next step needs; None = not there yet."""
-        inputs: dict[str, Message] = {}
-        for port, stamp in host.node.due().items():
-            waiting = host.delayed.get(port)
-            if waiting is None:
-                continue
-            for old in [s for s in waiting if s < stamp]:
-                waiting.pop(old).release()
-            if stamp not in waiting:
-                return None
-            inputs[port] = waiting[stamp]
-        return inputs
 
     def _stamp(self, host: Host) -> int:
         return self.profile.node(host.name).stamp_ns
@@ -321,7 +289,7 @@ class Executor:
         while pending := [p for p in pending if not p.finish(0)]:
             self._housekeeping(commands)
             with self.profile.inside("idle"):
-                self._poller.poll(IDLE_MS)
+                self._wakeup.wait(IDLE_MS)
         self._telemetry.periodic(self._hosts, force=True)
 
     def _wait(self) -> None:
@@ -329,8 +297,20 @@ class Executor:
         for host in self._hosts.values():
             if host.pacer and not host.ended:
                 timeout = min(timeout, max(1e3 * host.pacer.wait_s(self._stamp(host)), 0.0))
+        for s in self._subscriptions:
+            self._wakeup.hear(s.subscriber, self._sockets(s))
         with self.profile.inside("idle"):
-            self._poller.poll(int(timeout + 0.999))
+            self._wakeup.wait(int(timeout + 0.999))
+
+    def _sockets(self, s: Subscription) -> Sequence[zmq.Socket | int]:
+        """Those that `_receive` would read now; one left readable would turn the wait into a busy loop."""
+        if s.ended:
+            return ()
+        if self._takes(s.host, s.port):
+            return s.subscriber.sockets()
+        if s.declared:
+            s.subscriber.raise_if_publisher_lost()
+        return s.subscriber.signals()
 
     def _housekeeping(self, commands: Commands | None) -> None:
         now = time.monotonic()
@@ -392,8 +372,8 @@ class Executor:
         subscribers = self._wiring.subscribe(topic, node.name, "tap", tap=True)
         for subscriber in subscribers:
             subscriber.start()
-            self._poller.register(subscriber.socket, zmq.POLLIN)
-        tap = Tap(topic, callback, subscribers, self)
+            self._wakeup.hear(subscriber, subscriber.sockets())
+        tap = Tap(topic, callback, subscribers, self.close_tap)
         self._taps.append(tap)
         return tap
 
@@ -402,7 +382,7 @@ class Executor:
         if tap in self._taps:
             self._taps.remove(tap)
             for subscriber in tap.subscribers:
-                self._poller.unregister(subscriber.socket)
+                self._wakeup.forget(subscriber)
                 subscriber.close()
 
     def request(self, topic: str) -> None:

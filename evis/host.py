@@ -110,6 +110,20 @@ class Host:
         """Nothing more will come that could be given to the node."""
         return (not self.join.queues or self.join.over()) and not self.single_open
 
+    def delayed_inputs(self) -> dict[str, Message] | None:
+        """What closes a loop back to this source, for the stamps that its next step needs; None = not there yet."""
+        inputs: dict[str, Message] = {}
+        for port, stamp in self.node.due().items():
+            waiting = self.delayed.get(port)
+            if waiting is None:
+                continue
+            for old in [s for s in waiting if s < stamp]:
+                waiting.pop(old).release()
+            if stamp not in waiting:
+                return None
+            inputs[port] = waiting[stamp]
+        return inputs
+
     def reachable(self) -> list[Publisher]:
         """Publishers of this node and of every node of this process that its messages lead to."""
         seen: dict[str, Host] = {}

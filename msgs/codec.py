@@ -140,6 +140,8 @@ def _header(name: str, value: Any) -> Header:
         raise MessageError(f"{name}: header is {value!r:.80}, not [stamp_ns, seq, clock, episode]")
     if not -(1 << 63) <= value[0] < 1 << 63:
         raise MessageError(f"{name}: stamp {value[0]} ns is not an int64")
+    if not 0 <= value[1] < 1 << 63:
+        raise MessageError(f"{name}: sequence number {value[1]} is not a count")
     return Header(*value)
 
 

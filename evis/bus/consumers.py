@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from dataclasses import dataclass, field
@@ -10,6 +11,7 @@ import zmq
 
 from evis.bus import wire
 from evis.bus.errors import BusError, PeerLost
+from evis.bus.pipes import CreditInbox, Outlet
 from evis.bus.slots import Slot, reserve
 from msgs.header import Message
 
@@ -26,9 +28,15 @@ class Consumer:
     name: str
     window: int
     route: bytes = b""
+    link: int = 0
     key: bytes = b""
     shared: bool | None = None
     """Can it open our memory? None until it has said so."""
+    outlet: Outlet | None = None
+    room: int = 0
+    """Longest record that its pipe takes [bytes]; 0: it has none, and gets its messages over the socket."""
+    answers: bool = False
+    """Its credits come through the pipe."""
     uncredited: set[int] = field(default_factory=set)
     held: dict[int, Slot | None] = field(default_factory=dict)
     ended: bool = False
@@ -47,22 +55,31 @@ class Consumer:
                 slot.unpin()
         self.held.clear()
         self.uncredited.clear()
-        self.route, self.key, self.shared, self.greeted = b"", b"", None, False
+        if self.outlet is not None:
+            self.outlet.close()
+        self.outlet, self.room, self.answers = None, 0, False
+        self.route, self.link, self.key, self.shared, self.greeted = b"", 0, b"", None, False
 
 
 class Consumers:
-    """Speaks with the consumers of one topic over its XPUB (who subscribes, who is gone) and ROUTER (credits)."""
+    """Speaks with the consumers of one topic: XPUB (who comes, who is gone), ROUTER (greetings), pipe (credits)."""
 
-    def __init__(self, topic: str, node: str, names: list[str], message_type: type[Message], window: int) -> None:
+    def __init__(
+        self, topic: str, node: str, names: list[str], message_type: type[Message], window: int, piped: bool
+    ) -> None:
+        """piped: messages may go through pipes, where a consumer can be reached that way."""
         self.topic = topic
         self.node = node
         self.message_type = message_type
         self.window = window
+        self.piped = piped
+        self.inbox = CreditInbox()
         self.all = {name: Consumer(name, window) for name in names}
         self.rejected = 0
         self.finishing = False
         self._keys: set[bytes] = set()
         self._routes: dict[bytes, Consumer] = {}
+        self._links: dict[int, Consumer] = {}
         self._token = os.urandom(16)
         self._probe = -1
         self._lost: list[Consumer] = []
@@ -110,6 +127,7 @@ class Consumers:
             consumer = self._lost.pop()
             if not consumer.ended and not consumer.gone_at:
                 self._routes.pop(consumer.route, None)
+                self._links.pop(consumer.link, None)
                 consumer.forget()
                 raise PeerLost(consumer.name, self.topic)
 
@@ -133,8 +151,28 @@ class Consumers:
                         consumer.gone_at = time.monotonic()
                     self._lost.append(consumer)
 
+    def answered(self, timeout_ms: int) -> bool:
+        """Wait a little for the pipe, where all answer through it, and take what has come; False when nothing has."""
+        if not all(c.answers for c in self.all.values()) or not self.inbox.wait(min(timeout_ms, wire.SOON_MS)):
+            return False
+        self.collect()
+        return True
+
+    def collect(self) -> None:
+        """Take the credits that came through the pipe."""
+        for link, op, seq in self.inbox.take(self._links):
+            try:
+                self._credit(self._links[link], op, seq)
+                self._links[link].answers = True
+            except wire.Malformed:
+                self.rejected += 1
+
     def talk(self, frames: list[bytes]) -> None:
-        """Take what the ROUTER says: greetings and credits. Raises BusError for a consumer of another message type."""
+        """Take what the ROUTER says: greetings, and credits of those that cannot reach the pipe or found it full.
+
+        Raises BusError for a consumer of another message type.
+        """
+        self.collect()
         if len(frames) != 2:
             self.rejected += 1
             return
@@ -147,7 +185,7 @@ class Consumers:
             elif consumer is None or consumer.route != route:
                 raise wire.Malformed("no hello yet")
             elif op == wire.READY:
-                consumer.shared = wire.unpack_map(frame, shared=bool)[0]
+                self._ready(consumer, *wire.unpack_map(frame, shared=bool, pipe=list))
             elif op == wire.ENDED:
                 consumer.ended = True
                 consumer.uncredited.clear()
@@ -166,6 +204,15 @@ class Consumers:
             slot = consumer.held.pop(seq)
             if slot is not None:
                 slot.unpin()
+
+    def _ready(self, consumer: Consumer, shared: bool, address: list[int]) -> None:
+        if consumer.shared is not None:
+            raise wire.Malformed("was ready before")
+        consumer.shared = shared
+        if shared and self.piped:
+            with contextlib.suppress(OSError):  # then it gets its messages over the socket
+                consumer.outlet = Outlet(address)
+                consumer.room = consumer.outlet.room(consumer.window)
 
     def _hello(self, route: bytes, frame: bytes) -> None:
         name, token, theirs, window = wire.unpack_map(frame, id=str, token=str, type=str, window=int)
@@ -186,13 +233,20 @@ class Consumers:
             consumer.key = wire.private_key(name, token)
             consumer.window = min(self.window, window)
             self._routes[route] = consumer
+            consumer.link = self._new_link()
+            self._links[consumer.link] = consumer
             if self._probe < 0:
                 self._probe = reserve(self.topic, len(self._token))
                 os.pwrite(self._probe, self._token, 0)
             welcome = wire.pack_map(
-                wire.WELCOME, node=self.node, type=ours, pid=os.getpid(), fd=self._probe, token=self._token
-            )
+                wire.WELCOME, node=self.node, type=ours, pid=os.getpid(), fd=self._probe, token=self._token,
+                credits=self.inbox.address, link=consumer.link,
+            )  # fmt: skip
             self._router.send_multipart([route, welcome])
+
+    def _new_link(self) -> int:
+        """One that garbage does not hit and that no earlier connection had."""
+        return int.from_bytes(os.urandom(4), "little") | 1
 
     def _refuse(self, route: bytes, reason: str) -> None:
         self.rejected += 1
@@ -211,6 +265,7 @@ class Consumers:
         """Free every slot that is still held."""
         for consumer in self.all.values():
             consumer.forget()
+        self.inbox.close()
         if self._probe >= 0:
             os.close(self._probe)
             self._probe = -1

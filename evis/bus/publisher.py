@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import zmq
 
-from evis.bus import wire
+from evis.bus import pipes, wire
 from evis.bus.consumers import Consumer, Consumers
 from evis.bus.endpoints import Endpoints, bind, check_bind, unlink
-from evis.bus.errors import BusError
+from evis.bus.errors import BusError, PeerLost
 from evis.bus.slots import Slot, SlotPool, aligned
 from evis.bus.tap import Tap, queue_length
 from msgs.codec import Buffer, contents, pack_header, raw
@@ -57,10 +57,11 @@ class Publisher:
         self._context = context
         self._secret_key = secret_key
         self._frame = topic.encode()
-        self._consumers = Consumers(topic, node, consumers, message_type, window)
-        self._tap = Tap(topic, tap_hz)
         # Nobody else can open our memory across TCP; on this machine that is found out when a consumer connects.
         self._ipc = endpoints.lockstep.startswith("ipc://")
+        # A latched message also reaches consumers that are half connected, which only the socket does.
+        self._consumers = Consumers(topic, node, consumers, message_type, window, piped=self._ipc and not latched)
+        self._tap = Tap(topic, tap_hz)
         self._pool = SlotPool(topic, window + 1, shared=self._ipc and bool(consumers))
         self._latch: list[Buffer] | None = None
         self._sockets: list[zmq.Socket] = []
@@ -78,7 +79,7 @@ class Publisher:
         tap = self._open(zmq.XPUB, queue_length(self.topic))
         self._data = data
         self._consumers.attach(router)
-        self._poller = wire.poller(data, router, tap)
+        self._poller = wire.poller(self._consumers.inbox.fileno(), data, router, tap)
         self._handlers = {
             data: self._consumers.subscription, router: self._consumers.talk, tap: self._tap.subscription,
         }  # fmt: skip
@@ -96,19 +97,33 @@ class Publisher:
             sock.setsockopt_string(zmq.CURVE_SECRETKEY, self._secret_key)
         return sock
 
-    def sockets(self) -> list[zmq.Socket]:
-        """For a poller: call `pump` when one is readable."""
-        return self._sockets
+    def sockets(self) -> list[zmq.Socket | int]:
+        """For a poller, sockets and a file descriptor: call `pump` when one is readable."""
+        return [self._consumers.inbox.fileno(), *self._sockets]
 
     def pump(self) -> None:
         """Handle credits, newcomers and departures; never waits. Raises PeerLost."""
-        self._handle(0)
+        self._consumers.collect()
+        for sock in self._sockets:
+            self._hear(sock)
+        self._settle()
 
-    def _handle(self, timeout_ms: int) -> None:
-        while ready := self._poller.poll(timeout_ms):
-            timeout_ms = 0
-            for sock, _ in ready:
-                self._handlers[sock](sock.recv_multipart())
+    def _hear(self, sock: zmq.Socket) -> None:
+        while wire.readable(sock):
+            self._handlers[sock](sock.recv_multipart())
+
+    def _await(self, timeout_ms: int) -> None:
+        """Wait until something comes and handle it. A credit that comes soon costs no look at the sockets."""
+        if self._consumers.answered(timeout_ms):
+            return
+        for ready, _ in self._poller.poll(timeout_ms):
+            if ready in self._handlers:
+                self._hear(ready)
+            else:
+                self._consumers.collect()
+        self._settle()
+
+    def _settle(self) -> None:
         self._consumers.raise_lost()
         for consumer in self._consumers.arrivals():
             self._pool.share(self._ipc and self._consumers.shared())
@@ -182,9 +197,20 @@ class Publisher:
 
     def _deliver(self, consumers: list[Consumer], frames: list[Buffer], slot: Slot | None) -> None:
         if consumers:
-            wire.send(self._data, [self._frame, *frames])
+            self._broadcast(frames)
         for consumer in consumers:
             self._consumers.charge(consumer, self._seq, slot)
+
+    def _broadcast(self, frames: list[Buffer]) -> None:
+        """Through the pipes where every consumer's has room for the record, else over the socket, in the same order."""
+        size = pipes.packed_size(frames)
+        through_pipes = all(c.room >= size for c in self._consumers.all.values())
+        record = pipes.pack(frames) if through_pipes else pipes.ELSEWHERE
+        for consumer in self._consumers.all.values():
+            if consumer.outlet is not None and not consumer.outlet.write(record):
+                raise PeerLost(consumer.name, self.topic, "has a full pipe, which its credits rule out")
+        if not through_pipes:
+            wire.send(self._data, [self._frame, *frames])
 
     def _receivers(self) -> list[Consumer]:
         return [c for c in self._consumers.all.values() if c.greeted]
@@ -196,10 +222,11 @@ class Publisher:
 
     def _wait_for_credit(self, timeout_s: float | None) -> None:
         start = time.monotonic()
-        if start < self._pump_at and not self._blocked():
-            return
-        self._pump_at = start + PUMP_EVERY_S
-        self.pump()
+        if start >= self._pump_at:
+            self._pump_at = start + PUMP_EVERY_S
+            self.pump()
+        elif self._blocked():
+            self._consumers.collect()
         if not self._blocked():
             return
         try:
@@ -208,12 +235,16 @@ class Publisher:
                 if left_s <= 0:
                     slow = ", ".join(self._consumers.behind())
                     raise BusError(f"topic {self.topic}: no credit from {slow} for {timeout_s} s")
-                self._handle(min(POLL_MS, int(1000 * left_s) + 1))
+                self._await(min(POLL_MS, int(1000 * left_s) + 1))
         finally:
             self._waited_s += time.monotonic() - start
 
     def _place(self, message: Message, arrays: dict[str, np.ndarray], slot: Slot | None) -> tuple[Slot, list[int]]:
         """Put every array that is not there yet into the slot, or all into a new one when there is no room."""
+        if slot is not None and slot.kind != "heap":
+            at = [o for a in arrays.values() if (o := slot.offset(a)) is not None]
+            if len(at) == len(arrays):
+                return slot, at
         foreign = {n: a for n, a in arrays.items() if slot is None or slot.offset(a) is None}
         room = sum(aligned(a.nbytes) for a in foreign.values())
         if slot is None or slot.kind == "heap" or slot.used + room > slot.size:
@@ -244,20 +275,20 @@ class Publisher:
         if not self._consumers.finishing:
             self._consumers.finishing = True
             end: list[Buffer] = [wire.END_HEADER, self._seq.to_bytes(8, "little")]
-            self._tap.send(end)
-            wire.send(self._data, [self._frame, *end])
+            self._tap.end(end)
+            self._broadcast(end)
         deadline = time.monotonic() + (1e9 if timeout_s is None else timeout_s)
         while self._consumers.unfinished():
             left_s = deadline - time.monotonic()
             if left_s <= 0:
                 return False
-            self._handle(min(POLL_MS, int(1000 * left_s) + 1))
+            self._await(min(POLL_MS, int(1000 * left_s) + 1))
         return True
 
     def close(self) -> None:
         """Release sockets and memory. Without `finish` before it, messages under way are lost."""
         for sock in self._sockets:
-            sock.close(linger=200 if sock is getattr(self._tap, "socket", None) else 0)
+            sock.close(linger=1000 if sock is getattr(self._tap, "socket", None) else 0)
         if self._sockets:
             unlink(self.endpoints)
         self._sockets = []
@@ -275,5 +306,5 @@ class Publisher:
             "tap_skipped": self._tap.skipped,
             "slots": self._pool.live,
             "spare_slots": self._pool.spares,
-            "rejected": self._consumers.rejected + self._tap.rejected,
+            "rejected": self._consumers.rejected + self._consumers.inbox.garbage + self._tap.rejected,
         }

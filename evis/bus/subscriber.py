@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import os
 import time
@@ -13,6 +14,7 @@ from zmq.utils.monitor import recv_monitor_message
 from evis.bus import mapping, wire
 from evis.bus.endpoints import Endpoints
 from evis.bus.errors import BusError, PeerLost
+from evis.bus.pipes import MessageInbox, Outlet
 from evis.bus.tap import queue_length
 from msgs.codec import WireHeader, attach, decode_header
 from msgs.fields import MessageError, TypeMismatch
@@ -96,15 +98,31 @@ class Subscriber:
         self._ended = False
         self._disconnected = False
         self._sockets: list[zmq.Socket] = []
+        self._inbox: MessageInbox | None = None
+        self._piped = False
+        """Messages come through the pipe: it announces even those that do not."""
+        self._elsewhere = False
+        """The next message comes over the socket: so the pipe has said."""
+        self._credits: Outlet | None = None
+        self._link = 0
 
     @property
     def socket(self) -> zmq.Socket:
-        """For a poller: call `receive` when it is readable."""
+        """A tap's only source of messages, for a poller: call `receive` when it is readable."""
         return self._data
 
-    def sockets(self) -> list[zmq.Socket]:
-        """`socket`, and those that show a refusal or the loss of the publisher."""
-        return self._sockets
+    def sockets(self) -> list[zmq.Socket | int]:
+        """For a poller, sockets and a file descriptor: when one is readable, `receive` until that gives None.
+
+        Then `raise_if_publisher_lost`: it takes in what `signals` shows.
+        """
+        return [self._data, *([] if self._inbox is None else [self._inbox.fileno()]), *self.signals()]
+
+    def signals(self) -> list[zmq.Socket | int]:
+        """Those of `sockets` that show no message: a welcome or refusal, the loss of the publisher. A tap has none."""
+        if self.tap:
+            return []
+        return [self._monitor] if self._ready else [self._monitor, self._dealer]
 
     def start(self) -> None:
         """Connect; the publisher need not be there yet."""
@@ -114,7 +132,9 @@ class Subscriber:
         self._monitor = self._data.get_monitor_socket(zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_SUCCEEDED)
         self._sockets.append(self._monitor)
         self._poller = wire.poller(self._data)
-        self._events = wire.poller(self._monitor)
+        if not self.tap and self.endpoints.lockstep.startswith("ipc://"):
+            self._inbox = MessageInbox(self._window)
+            self._either = wire.poller(self._data, self._inbox.fileno())
         self._data.connect(self.endpoints.tap if self.tap else self.endpoints.lockstep)
         self._data.setsockopt(zmq.SUBSCRIBE, self._frame)
         self._key = wire.private_key(self.name, token)
@@ -138,26 +158,31 @@ class Subscriber:
 
     def connected(self) -> bool:
         """True once the publisher has welcomed this consumer (a tap: once the connection stands). Raises BusError."""
-        if self.tap:
-            self._watch()
-        elif not self._ready:
+        self._watch()
+        if not self.tap and not self._ready:
             self._greet()
         return self._ready
 
     def _greet(self) -> None:
-        while self._greeting.poll(0):
+        while wire.readable(self._dealer):
             frame = self._dealer.recv()
             try:
                 if frame[:1] == wire.REFUSED:
                     raise BusError(wire.unpack_map(frame, reason=str)[0])
                 if frame[:1] != wire.WELCOME:
                     raise wire.Malformed("not a welcome")
-                self.publisher, pid, fd, token = wire.unpack_map(frame, node=str, pid=int, fd=int, token=bytes)
+                self.publisher, pid, fd, token, credits, self._link = wire.unpack_map(
+                    frame, node=str, pid=int, fd=int, token=bytes, credits=list, link=int
+                )
             except wire.Malformed:
                 self.rejected += 1
                 continue
-            shared = self.endpoints.lockstep.startswith("ipc://") and mapping.reachable(pid, fd, token)
-            self._dealer.send(wire.pack_map(wire.READY, shared=shared))
+            shared = self._inbox is not None and mapping.reachable(pid, fd, token)
+            if shared and self._credits is None:
+                with contextlib.suppress(OSError):  # then credits go over the socket
+                    self._credits = Outlet(credits)
+            address = [] if self._inbox is None else self._inbox.address
+            self._dealer.send(wire.pack_map(wire.READY, shared=shared, pipe=address))
             self._ready = True
 
     def receive(self, timeout_ms: int = 0) -> Message | End | None:
@@ -168,16 +193,51 @@ class Subscriber:
         """
         if not self._ready and not self.tap:
             timeout_ms = self._wait_for_welcome(timeout_ms)
-        while self._poller.poll(timeout_ms):
-            timeout_ms = 0
-            frames = self._data.recv_multipart()
-            if len(frames) < 2 or (frames[0] != self._frame and frames[0] != self._key):
+        deadline = time.monotonic() + timeout_ms / 1000
+        while True:
+            frames = self._next()
+            if frames is None:
+                left_ms = int(1000 * (deadline - time.monotonic()) + 0.999)
+                if left_ms <= 0 or not self._wait(left_ms):
+                    return None
+            elif not frames:
                 self.rejected += 1
-            elif frames[1] == wire.END_HEADER:
+            elif frames[0] == wire.END_HEADER:
                 return self._end(frames)
             elif (message := self._message(frames)) is not None:
                 return message
-        return None
+
+    def _next(self) -> list[bytes] | None:
+        """Frames of the next message, none for what is not one; None when nothing is there."""
+        if not self._elsewhere and (frames := self._from_pipe()):
+            return frames
+        if (self._piped and not self._elsewhere) or not wire.readable(self._data):
+            return None
+        if not self._elsewhere and (frames := self._from_pipe()):  # came in before what is in the socket
+            return frames
+        self._elsewhere = False
+        topic, *frames = self._data.recv_multipart()
+        return frames if topic in (self._frame, self._key) else []
+
+    def _from_pipe(self) -> list[bytes] | None:
+        if self._inbox is None:
+            return None
+        try:
+            frames = self._inbox.take()
+        except wire.Malformed as error:
+            self.rejected += 1
+            self._inbox.close()
+            self._inbox = None
+            raise BusError(f"topic {self.topic}: {self.name} cannot read what came through its pipe: {error}") from None
+        self._piped = self._piped or frames is not None
+        self._elsewhere = frames == []
+        return frames
+
+    def _wait(self, timeout_ms: int) -> bool:
+        """Until there may be something to receive; False when the time is over."""
+        if self._inbox is None or self._elsewhere:
+            return bool(self._poller.poll(timeout_ms))
+        return self._inbox.wait(timeout_ms) if self._piped else bool(self._either.poll(timeout_ms))
 
     def _wait_for_welcome(self, timeout_ms: int) -> int:
         """The welcome comes before the first message. Returns what is left of the time."""
@@ -189,8 +249,8 @@ class Subscriber:
         return max(0, int(1000 * (deadline - time.monotonic())))
 
     def _end(self, frames: list[bytes]) -> End:
-        if len(frames) == 3 and len(frames[2]) == 8:
-            self._count(int.from_bytes(frames[2], "little"))
+        if len(frames) == 2 and len(frames[1]) == 8:
+            self._count(int.from_bytes(frames[1], "little"))
         self._ended = True
         if not self.tap:
             self._dealer.send(wire.ENDED)
@@ -198,7 +258,7 @@ class Subscriber:
 
     def _message(self, frames: list[bytes]) -> Message | None:
         try:
-            head = decode_header(frames[1], self.message_type)
+            head = decode_header(frames[0], self.message_type)
             message = attach(head, self._buffers(head, frames))
         except MessageError as error:
             self.rejected += 1
@@ -223,8 +283,8 @@ class Subscriber:
     def _buffers(self, head: WireHeader, frames: list[bytes]) -> list[bytes] | list[memoryview]:
         slot = head.extra.get("slot")
         if slot is None:
-            return frames[2:]
-        if self.tap or len(frames) != 2:
+            return frames[1:]
+        if self.tap or len(frames) != 1:
             raise MessageError(f"{head.message_type.__name__}: a slot descriptor where the arrays should be")
         return self._reader.buffers(head, slot)
 
@@ -234,11 +294,13 @@ class Subscriber:
 
     def reply(self, op: bytes, seq: int) -> None:
         """Called by a lease: tell the publisher."""
-        if self._sockets and not self._disconnected:
+        if not self._sockets or self._disconnected:
+            return
+        if self._credits is None or not self._credits.write_credit(self._link, op, seq):
             self._dealer.send(wire.pack_seq(op, seq))
 
     def _watch(self) -> None:
-        while self._events.poll(0):
+        while wire.readable(self._monitor):
             up = recv_monitor_message(self._monitor)["event"] == zmq.EVENT_HANDSHAKE_SUCCEEDED
             if self.tap:  # a tap may come back to a publisher that was started again
                 self._ready = up
@@ -247,8 +309,11 @@ class Subscriber:
     def raise_if_publisher_lost(self) -> None:
         """Raise PeerLost when the publisher went away before the end of the stream and all that came is received."""
         self._watch()
-        if self._disconnected and not self._ended and not self._poller.poll(0):
+        if self._disconnected and not self._ended and not self._pending():
             raise PeerLost(self.publisher, self.topic)
+
+    def _pending(self) -> bool:
+        return wire.readable(self._data) or (self._inbox is not None and self._inbox.pending())
 
     def close(self) -> None:
         """Disconnect. Arrays of messages that are kept stay readable."""
@@ -257,3 +322,8 @@ class Subscriber:
         for sock in self._sockets:
             sock.close(linger=1000 if sock.type == zmq.DEALER and self._ended else 0)
         self._sockets = []
+        for pipe in (self._inbox, self._credits):
+            if pipe is not None:
+                pipe.close()
+        self._inbox = self._credits = None
+        self._reader = mapping.SlotReader()

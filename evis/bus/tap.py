@@ -23,6 +23,9 @@ def queue_length(topic: str) -> int:
         return 2
 
 
+END_WAIT_S = 0.2
+
+
 class Tap:
     """Publisher's end. `hz`: most messages per second, 0 = all; the ones between are skipped and counted."""
 
@@ -70,3 +73,22 @@ class Tap:
         """Copy a message into the socket's queue; never waits."""
         wire.send(self.socket, [self.topic, *frames])
         self.sent += 1
+
+    def end(self, frames: list[Buffer]) -> None:
+        """The one message that a full queue must not swallow; a listener that stands still has END_WAIT_S for it."""
+        if not self.listeners:
+            return
+        self.socket.setsockopt(zmq.XPUB_NODROP, 1)
+        deadline = time.monotonic() + END_WAIT_S
+        while not self._send_now([self.topic, *frames]):
+            if time.monotonic() > deadline:
+                self.socket.setsockopt(zmq.XPUB_NODROP, 0)
+            else:
+                time.sleep(0.005)
+
+    def _send_now(self, frames: list[Buffer]) -> bool:
+        try:
+            self.socket.send_multipart(frames, zmq.NOBLOCK)
+        except zmq.Again:
+            return False
+        return True

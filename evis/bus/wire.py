@@ -1,8 +1,9 @@
 """The small talk of a lock-step edge, beside the messages themselves.
 
-DEALER -> ROUTER, one frame each: HELLO (who, what type it expects), READY (whether it can open shared memory), then per
-message CREDIT (done with it), or TAKEN (next, please; still kept) and later FREED; ENDED answers the end of the stream.
-ROUTER -> DEALER: WELCOME (with a probe in shared memory) or REFUSED (with the reason).
+DEALER -> ROUTER, one frame each: HELLO (who, what type it expects), READY (whether it can open shared memory, and where
+its pipe is), ENDED to answer the end of the stream. ROUTER -> DEALER: WELCOME (with a probe in shared memory, and where
+the pipe for credits is) or REFUSED (with the reason). Per message CREDIT (done with it), or TAKEN (next, please; still
+kept) and later FREED: through the publisher's pipe, or from DEALER to ROUTER where that cannot be opened.
 """
 
 from __future__ import annotations
@@ -28,7 +29,11 @@ MAX_TALK = 1 << 16
 HEARTBEAT_MS, HEARTBEAT_TIMEOUT_MS = 200, 600
 """A frozen peer is noticed in less than a second; a dead one at once."""
 
+SOON_MS = 5
+"""A peer that is at work answers through its pipe within this time; only then are the sockets worth a look."""
+
 _MORE = int(zmq.SNDMORE)
+_POLLIN = int(zmq.POLLIN)
 _SEQ = struct.Struct("<cQ")
 
 
@@ -96,8 +101,14 @@ def send(sock: zmq.Socket, frames: Sequence[Buffer]) -> None:
     sock.send(frames[-1])
 
 
-def poller(*sockets: zmq.Socket) -> zmq.Poller:
-    """For reading; `poll(0)` is also the cheapest way to see whether something is there."""
+def readable(sock: zmq.Socket) -> bool:
+    """Is something there? Cheaper than any poll."""
+    events = sock.getsockopt(zmq.EVENTS)
+    return bool(int(events) & _POLLIN)
+
+
+def poller(*sockets: zmq.Socket | int) -> zmq.Poller:
+    """For reading, of sockets and file descriptors."""
     result = zmq.Poller()
     for sock in sockets:
         result.register(sock, zmq.POLLIN)

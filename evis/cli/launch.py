@@ -48,16 +48,19 @@ def _arguments_text(name: str) -> str:
     path, preset = paths.find_launch(name)
     launch = load(path)
     lines = [f"{path.name}: {launch.description}", "arguments:"]
+    width = max((len(key) for key in launch.arguments), default=0) + 1
     for key, argument in launch.arguments.items():
         param = argument.param
         default = preset.get(key, param.default)
         unit = f" {param.unit}" if param.unit else ""
-        shown = "required" if argument.required and key not in preset else f"default {_shown(default)}{unit}"
+        notes = ["required"] if argument.required and key not in preset else []
+        if default is not None and not notes:
+            notes.append(f"default {_shown(default)}{unit}")
         if param.minimum is not None and param.maximum is not None:
-            shown += f", {param.minimum:g} to {param.maximum:g}"
+            notes.append(f"{param.minimum:g} to {param.maximum:g}")
         if param.choices:
-            shown += f", one of {', '.join(map(str, param.choices))}"
-        lines.append(f"  {key:<14} {param.help} ({shown})")
+            notes.append(f"one of {', '.join(map(str, param.choices))}")
+        lines.append(f"  {key:<{width}} {param.help}" + (f" ({', '.join(notes)})" if notes else ""))
     return "\n".join(lines) + "\n\n"
 
 

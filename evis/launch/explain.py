@@ -12,7 +12,7 @@ def as_text(plan: Plan) -> str:
     """What `evis launch --explain` prints."""
     lines = [f"{plan.name}: {plan.mode}" + (f", {plan.duration_s:g} s" if plan.duration_s else "")]
     if plan.args:
-        lines += ["", "arguments", *(f"  {k} = {_shown(v)}" for k, v in plan.args.items())]
+        lines += ["", "arguments", *(f"  {k} = {_shown(v)}" for k, v in plan.args.items() if v is not None)]
     lines += ["", "processes"]
     for process, nodes in plan.processes().items():
         lines.append(f"  {process}")

@@ -1,0 +1,28 @@
+"""A lossy subscription that a node opened at run time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from evis.bus import Subscriber
+from msgs.header import Message
+
+
+@dataclass
+class Tap:
+    """One topic; the executor calls `callback` with each message."""
+
+    topic: str
+    callback: Callable[[Message], None]
+    subscribers: list[Subscriber]
+    on_close: Callable[[Tap], None]
+
+    def close(self) -> None:
+        """Unsubscribe; the publisher stops feeding the topic when nobody else reads it."""
+        self.on_close(self)
+
+    @property
+    def lost(self) -> int:
+        """Messages that this tap missed."""
+        return sum(s.lost for s in self.subscribers)

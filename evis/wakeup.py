@@ -1,0 +1,36 @@
+"""What ends the executor's wait: something to read, from somebody who will be listened to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import zmq
+
+
+class Wakeup:
+    """A poller whose sockets are given by owner, and change: what nobody would read must not end the wait."""
+
+    def __init__(self) -> None:
+        self._poller = zmq.Poller()
+        self._heard: dict[object, Sequence[zmq.Socket | int]] = {}
+
+    def hear(self, owner: object, sockets: Sequence[zmq.Socket | int]) -> None:
+        """From now on these sockets of `owner`, and no others of it, end the wait."""
+        before = self._heard.get(owner, ())
+        if sockets == before:
+            return
+        for socket in before:
+            if socket not in sockets:
+                self._poller.unregister(socket)
+        for socket in sockets:
+            self._poller.register(socket, zmq.POLLIN)
+        self._heard[owner] = sockets
+
+    def forget(self, owner: object) -> None:
+        """`owner` is about to close its sockets."""
+        self.hear(owner, [])
+        self._heard.pop(owner, None)
+
+    def wait(self, timeout_ms: int) -> None:
+        """Until one is readable, at most this long."""
+        self._poller.poll(timeout_ms)
