@@ -40,14 +40,14 @@ def find(kind: str, name: str) -> Path | None:
 def find_launch(name: str) -> tuple[Path, dict[str, str]]:
     """The launch file for what stands after `evis launch`, and the arguments that go with it.
 
-    name: a path, the name of a launch file, that of a scene, or an MJCF file (then simulator.yaml with scene:=NAME).
-    Raises FileNotFoundError naming the nearest one.
+    name: a path, the name of a launch file, that of a scene, or an MJCF or URDF file (then simulator.yaml with
+    scene:=NAME). Raises FileNotFoundError naming the nearest one.
     """
-    path = find("launch", name)
+    is_model = name.endswith((".xml", ".urdf")) and Path(name).is_file()
+    path = None if is_model else find("launch", name)
     if path is not None:
         return path, {}
     simulator = find("launch", "simulator")
-    is_model = name.endswith(".xml") and Path(name).is_file()
     if simulator is not None and (is_model or find("scenes", name) is not None):
         return simulator, {"scene": name}
     known = sorted({*names("launch"), *names("scenes")})

@@ -4,20 +4,37 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
 `40 deg`; colours are linear Rec. 709, one number is a grey; `${...}` is arithmetic over the arguments.
 
     args:       {NAME: {type: float|int|str|bool|vector, default, min, max, choices, unit, help}}; width, height: always
-    cameras:    {NAME: FRAME + {fov (vertical) | focal (px), width, height, near}}
+    cameras:    {NAME: FRAME + {fov (vertical) | focal (px), width, height, near, supersampling,
+                distortion: {model: plumb_bob|equidistant, coefficients}}}
     bodies:     {NAME: FRAME + {motion: [MOTION], shapes: [SHAPE]}}
     world:      [SHAPE], static
-    materials:  {NAME: {albedo, emission, roughness, metallic, two_sided, texture: {kind: blobs|noise|checker, size,
-                seed, feature, low, high, cells, wedge: {angle, value}}}}
-    lights:     {NAME: {kind: directional, direction, irradiance} or {kind: point, position, intensity}, body, shadows}
-    environment: radiance of the sky;  timestep: sub-step of prescribed motion [s]
-    mjcf:       a MuJoCo model with the bodies that move by dynamics;  initial_spread: {position, rotation}
+    materials:  {NAME: {albedo, emission, roughness, metallic, two_sided, texture: {kind: image, file} or
+                {kind: blobs|noise|checker|bricks|planks, size, low, high, seed, feature, cells, joint,
+                wedge: {angle, value}}}}
+    lights:     {NAME: {kind: directional, direction, irradiance} | {kind: point, position, intensity}
+                | {kind: spot, position, direction|look_at, intensity, cone, full: half-angles}
+                | {kind: area, position, direction|look_at, up, size, radiance}; all: body, shadows,
+                flicker: {kind: sine|square, frequency, depth, phase (periods), duty}}
+    environment: radiance of the sky
+    environment_map: FILE.exr | {kind: sky, rows, zenith, horizon, ground, sun: {towards, irradiance, size}}
+                | {kind: studio, wall, panels: [{towards, size, radiance}]}
+                | {kind: tunnel, wall, outside, towards, size}
+    include:    a file with materials, world, bodies, lights and environment that several scenes share
+    timestep:   sub-step of prescribed motion [s]
+    mjcf:       a MuJoCo model or URDF with the bodies that move by dynamics;  initial_spread: {position, rotation}
 
     FRAME:  position and rotation: {axis, angle} (or a list) | quaternion | look_at (with up), in the frame of `parent`;
             or view: {camera, offset, depth}, a place in a camera's image
-    MOTION: {kind: linear, velocity} | {kind: sinusoid, amplitude, frequency, phase}   in the parent's frame, added up
-            {kind: spin, axis, rate} | {kind: swing, axis, amplitude, frequency, phase} in the body's frame, chained
-    SHAPE:  {shape: box|sphere|ellipsoid|cylinder|capsule|plane|disk|mesh, sizes, material, name, position, rotation}
+    MOTION: in the parent's frame, added up: {kind: linear, velocity} | {kind: sinusoid, amplitude, frequency, phase}
+            | {kind: path, times, points, loop, start_velocity, end_velocity}, a spline
+            in the body's frame, chained: {kind: spin, axis, rate} | {kind: swing, axis, amplitude, frequency, phase}
+            | {kind: turn, axis, times, angles, loop, start_rate, end_rate}, a spline
+    SHAPE:  {shape: box (size, edge: radius of round edges | tile) | sphere | ellipsoid | cylinder | capsule | disk
+            | plane (size, repeat | tile, cells) | mesh (vertices, faces), material, name, position, rotation}
+            or {shape: mesh, file: X.obj|ply|stl|gltf|glb, scale, up: y|z, crease}, with the file's own materials
+
+Entries of bodies, cameras, lights, world and shapes may have `copies:` and stand for many, see `evis.scene.copies`.
+Paths are relative to the scene file.
 """
 
 from __future__ import annotations
@@ -31,40 +48,52 @@ import numpy as np
 from evis.geometry import pinhole, se3
 from evis.launch.document import Table, nearest
 from evis.scene import motion
+from evis.scene.cameras import read_camera
+from evis.scene.copies import copies
+from evis.scene.lights import read_light
 from evis.scene.materials import read_material
-from evis.scene.model import WORLD, Body, Camera, Instance, Light, Material, Scene
+from evis.scene.model import WORLD, Body, Instance, Material, Mesh, Scene
+from evis.scene.read_motion import read_motion
 from evis.scene.reader import Fields, SceneError
-from evis.scene.tessellate import read_shape
+from evis.scene.sky import mean_radiance, read_environment_map
+from evis.scene.tessellate import read_parts, read_shape
 
 SUBSTEP_NS = 1_000_000
 """Sub-step of /state unless the scene says otherwise [ns]: the 1 kHz that controllers and inertial sensors use."""
 
 
-def build(table: Table, path: Path, arguments: Mapping[str, Any], textures: bool = True) -> Scene:
-    """The Scene of a checked argument set. textures=False leaves their making out. Raises SceneError."""
-    return _Builder(table, path, arguments, textures).scene
+def build(
+    table: Table, path: Path, arguments: Mapping[str, Any], textures: bool = True, visuals: bool = True
+) -> Scene:
+    """The Scene of a checked argument set. textures, visuals: as in `load_scene`. Raises SceneError."""
+    return _Builder(table, path, arguments, textures, visuals).scene
 
 
 class _Builder:
-    def __init__(self, table: Table, path: Path, arguments: Mapping[str, Any], textures: bool) -> None:
+    def __init__(
+        self, table: Table, path: Path, arguments: Mapping[str, Any], textures: bool, visuals: bool
+    ) -> None:
         self.top = Fields(table, f"scene {path.stem}", arguments)
-        self.arguments = arguments
+        self.arguments, self.folder, self.textures, self.visuals = arguments, path.parent, textures, visuals
         self.scene = Scene(path.stem, [], [], [], [], [], np.zeros(3, np.float32))
+        self.meshes: dict[Any, Mesh] = {}
+        self.parts: dict[Any, list[Any]] = {}
         self.top.has("args")
+        self.top.has("include")
         self.top.text("description", "")
         self._physics(path)
-        for name, fields in self.top.sections("materials", "material").items():
-            self._add_material(read_material(name, fields, textures), fields)
+        self.materials = {material.name: i for i, material in enumerate(self.scene.materials)}
+        self.labels = {instance.name for instance in self.scene.instances}
         self._frames()
-        self._shapes(WORLD, "world", self.top.items("world", "shape"))
-        for name, fields in self.bodies.items():
-            self._shapes(self.index[name], name, fields.items("shapes", "shape"))
-        for name, fields in self.top.sections("lights", "light").items():
-            self.scene.lights.append(self._light(name, fields))
-        if self.top.has("environment"):
-            self.scene.environment = self.top.colour("environment")
-        for fields in (*self.bodies.values(), *self.cameras.values(), self.top):
-            fields.done()
+        if visuals:
+            self._materials(textures)
+            self._shapes(WORLD, "world", self.top.items("world", "shape"))
+            for name, fields in self.bodies.items():
+                self._shapes(self.index[name], name, fields.items("shapes", "shape"))
+            self._lights()
+            self._sky()
+            for fields in (*self.bodies.values(), *self.cameras.values(), self.top):
+                fields.done()
         self._settle(path)
 
     def _physics(self, path: Path) -> None:
@@ -83,14 +112,16 @@ class _Builder:
             if not scene.mjcf.is_file():
                 raise self.top.error("mjcf", f"names {scene.mjcf.name}, which is not in {path.parent or '.'}")
             size = (int(self.arguments["width"]), int(self.arguments["height"]))
-            self.model = add_model(scene, size, own_cameras="cameras" in self.top.table)
+            self.model = add_model(scene, size, own_cameras="cameras" in self.top.table, visuals=self.visuals)
         elif spread:
             raise self.top.error("initial_spread", "is for scenes with an mjcf; prescribed motion has no random start")
 
     def _frames(self) -> None:
         """Bodies and cameras: numbered first, then placed, since each may stand on another."""
-        self.bodies = self.top.sections("bodies", "body")
-        self.cameras = self.top.sections("cameras", "camera")
+        self.bodies, self.cameras = (
+            {base + ending: copy for base, entry in self.top.sections(*key).items() for ending, copy in copies(entry)}
+            for key in (("bodies", "body"), ("cameras", "camera"))
+        )
         self.index = {body.name: i for i, body in enumerate(self.scene.bodies)}
         for name, fields in (*self.bodies.items(), *self.cameras.items()):
             if name in self.index or name == "world":
@@ -98,25 +129,10 @@ class _Builder:
             self.index[name] = len(self.scene.bodies)
             self.scene.bodies.append(Body(name, None))
         for name, fields in self.cameras.items():
-            self.scene.cameras.append(self._camera(name, fields))
+            self.scene.cameras.append(read_camera(name, fields, self.arguments))
         self._placed: dict[str, bool] = {}
         for name in (*self.cameras, *self.bodies):
             self._place(name)
-
-    def _camera(self, name: str, fields: Fields) -> Camera:
-        width = fields.whole("width", self.arguments["width"], minimum=1)
-        height = fields.whole("height", self.arguments["height"], minimum=1)
-        if fields.has("focal") and fields.has("fov"):
-            raise fields.error("focal", "and fov are given; leave one out")
-        if fields.has("focal"):
-            focal = fields.number("focal", above=0.0)
-        else:
-            fov = fields.angle("fov")
-            if not 0.0 < fov < np.pi:
-                raise fields.error("fov", f"is {fov:g} rad; it must lie between 0 and 180 deg")
-            focal = pinhole.focal_from_fov(height, fov)
-        near = fields.number("near", 1e-3, above=0.0)
-        return Camera(name, width, height, pinhole.intrinsics(width, height, focal), near)
 
     def _place(self, name: str) -> None:
         """Give body `name` its trajectory, after the one of the body it stands on."""
@@ -186,34 +202,72 @@ class _Builder:
             self._place(name)
         return self.index[name]
 
+    def _materials(self, textures: bool) -> None:
+        for name, fields in self.top.sections("materials", "material").items():
+            self._add_material(read_material(name, fields, self.folder, textures), fields)
+
     def _add_material(self, material: Material, fields: Fields) -> None:
-        if any(m.name == material.name for m in self.scene.materials):
+        if material.name in self.materials:
             raise fields.error(None, "has a name that the MJCF uses already")
+        self.materials[material.name] = len(self.scene.materials)
         self.scene.materials.append(material)
 
     def _shapes(self, body: int, name: str, shapes: list[Fields]) -> None:
-        for i, fields in enumerate(shapes):
-            material = fields.text("material")
-            known = [m.name for m in self.scene.materials]
-            if material not in known:
-                raise fields.error("material", f"is '{material}'; {nearest(material, known)}")
-            label = fields.text("name", name if len(shapes) == 1 else f"{name}_{i}")
-            if any(instance.name == label for instance in self.scene.instances):
-                raise fields.error("name", f"'{label}' is taken already")
+        entries = [entry for fields in shapes for entry in copies(fields)]
+        for i, (ending, fields) in enumerate(entries):
+            if fields.has("name"):
+                label = fields.text("name") + ending
+            else:
+                label = name if len(entries) == 1 else f"{name}_{i}"
+            material = self._material(fields) if fields.has("material") else None
             pose = se3.make_pose(fields.vector("position", 3, [0, 0, 0]), fields.rotation())
-            self.scene.instances.append(Instance(label, body, read_shape(fields), known.index(material), pose))
+            if fields.has("file"):
+                self._file(label, body, fields, material, pose)
+            elif material is None:
+                raise fields.error(None, "needs 'material'")
+            else:
+                self._add_instance(Instance(label, body, read_shape(fields, self.meshes), material, pose), fields)
             fields.done()
 
-    def _light(self, name: str, fields: Fields) -> Light:
-        kind = fields.text("kind", choices=("directional", "point"))
-        body = self._reference(fields, "body") if fields.has("body") else WORLD
-        shadows = fields.flag("shadows", True)
-        if kind == "directional":
-            light = Light(name, kind, fields.colour("irradiance"), fields.direction("direction"), body, shadows)
-        else:
-            light = Light(name, kind, fields.colour("intensity"), fields.vector("position"), body, shadows)
-        fields.done()
-        return light
+    def _material(self, fields: Fields) -> int:
+        name = fields.text("material")
+        if name not in self.materials:
+            raise fields.error("material", f"is '{name}'; {nearest(name, self.materials)}")
+        return self.materials[name]
+
+    def _add_instance(self, instance: Instance, fields: Fields) -> None:
+        if instance.name in self.labels:
+            raise fields.error("name", f"'{instance.name}' is taken already")
+        self.labels.add(instance.name)
+        self.scene.instances.append(instance)
+
+    def _file(self, label: str, body: int, fields: Fields, material: int | None, pose: np.ndarray) -> None:
+        """Every mesh of a file as an instance, with the file's materials unless the entry names one."""
+        parts = read_parts(fields, self.folder, self.textures, self.parts)
+        for i, part in enumerate(parts):
+            chosen = material
+            if chosen is None:
+                if part.material is None:
+                    raise fields.error("file", f"names {fields.text('file')}, which has no material; add 'material'")
+                if part.material.name not in self.materials:
+                    self._add_material(part.material, fields)
+                chosen = self.materials[part.material.name]
+            name = label if len(parts) == 1 else f"{label}_{i}"
+            self._add_instance(Instance(name, body, part.mesh, chosen, pose), fields)
+
+    def _lights(self) -> None:
+        for base, section in self.top.sections("lights", "light").items():
+            for ending, fields in copies(section):
+                body = self._reference(fields, "body") if fields.has("body") else WORLD
+                self.scene.lights.append(read_light(base + ending, fields, body))
+
+    def _sky(self) -> None:
+        """`environment` and `environment_map`; without the former it is the mean of the map."""
+        if self.top.has("environment_map"):
+            self.scene.environment_map = read_environment_map(self.top, self.folder)
+            self.scene.environment = mean_radiance(self.scene.environment_map)
+        if self.top.has("environment"):
+            self.scene.environment = self.top.colour("environment")
 
     def _settle(self, path: Path) -> None:
         """Leave no scene without a camera, a cam0, or light."""
@@ -221,33 +275,15 @@ class _Builder:
         if self.model is not None:
             from evis.scene.mjcf import complete
 
-            complete(scene, self.model, self.arguments, lit=self.top.has("lights"), sky=self.top.has("environment"))
+            sky = self.top.has("environment") or self.top.has("environment_map")
+            complete(scene, self.model, self.arguments, lit=self.top.has("lights"), sky=sky)
         if not scene.cameras:
             raise SceneError(f"{path.name}: scene {scene.name} has no camera; add `cameras: {{cam0: {{fov: 40 deg}}}}`")
-        if all(camera.name != "cam0" for camera in scene.cameras):
+        # The only camera, or a model's first one, is found without its name; several keep those of the file.
+        named = self.cameras and len(scene.cameras) > 1
+        if not named and all(camera.name != "cam0" for camera in scene.cameras):
             if "cam0" in self.index:
                 raise SceneError(f"{path.name}: 'cam0' is the name of the first camera, but here it is a body")
             first = scene.cameras[0]
             scene.bodies[scene.body_index(first.name)].name = "cam0"
             first.name = "cam0"
-
-
-def read_motion(fields: Fields) -> motion.Linear | motion.Sinusoid | motion.Spin | motion.Swing:
-    """One entry of `motion:`."""
-    kind = fields.text("kind", choices=("linear", "sinusoid", "spin", "swing"))
-    result: motion.Linear | motion.Sinusoid | motion.Spin | motion.Swing
-    if kind == "linear":
-        result = motion.Linear(fields.vector("velocity"))
-    elif kind == "spin":
-        result = motion.Spin(fields.direction("axis"), fields.number("rate"))
-    elif kind == "sinusoid":
-        result = motion.Sinusoid(
-            fields.vector("amplitude"), fields.number("frequency", minimum=0.0), fields.angle("phase", 0.0)
-        )
-    else:
-        result = motion.Swing(
-            fields.direction("axis"), fields.angle("amplitude"), fields.number("frequency", minimum=0.0),
-            fields.angle("phase", 0.0),
-        )  # fmt: skip
-    fields.done()
-    return result

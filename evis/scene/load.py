@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from evis.launch.document import LaunchError, Table, read
+from evis.launch.document import LaunchError, Row, Table, read
 from evis.params import Param, resolve
 from evis.paths import find, names
 from evis.scene.model import Scene
@@ -15,15 +15,22 @@ from evis.scene.reader import Fields, SceneError
 
 MAX_PIXELS = 16384
 """Largest width and height of a camera [px]."""
+MODELS = (".xml", ".urdf")
+"""Files of MuJoCo's own reader, which are scenes by themselves."""
+_SECTIONS = ("materials", "world", "bodies", "lights")
+"""What an included file adds to the scene's own; of the rest, the scene's own counts."""
 _TYPES: dict[str, type] = {"float": float, "int": int, "str": str, "bool": bool, "vector": list}
 
 
-def load_scene(name_or_path: str, overrides: Mapping[str, Any] | None = None, *, textures: bool = True) -> Scene:
+def load_scene(
+    name_or_path: str, overrides: Mapping[str, Any] | None = None, *, textures: bool = True, visuals: bool = True
+) -> Scene:
     """The scene with its arguments at their defaults or as in `overrides` (width, height, and the scene's own).
 
-    name_or_path: a scene that comes with evis, a YAML file, or an MJCF file (.xml) by itself. textures=False: for those
-    who only need bodies, no texture is made. Raises SceneError or ParamError (both ValueError), or FileNotFoundError,
-    each with one line that names the file, the key and the nearest valid one.
+    name_or_path: a scene that comes with evis, a YAML file, or an MJCF (.xml) or URDF (.urdf) file by itself.
+    textures=False: no texture is made. visuals=False: for those who need only bodies and cameras, nothing that is
+    seen is made: no instances, materials, lights or sky. Raises SceneError or ParamError (both ValueError), or
+    FileNotFoundError, each with one line that names the file, the key and the nearest valid one.
     """
     from evis.scene.build import build
 
@@ -33,7 +40,7 @@ def load_scene(name_or_path: str, overrides: Mapping[str, Any] | None = None, *,
     values = resolve(f"scene {path.stem}", declared, overrides or {})
     for key, component in components.items():
         values[key] = _vector(path.stem, key, values[key], len(declared[key].default), component)
-    return build(table, path, values, textures)
+    return build(table, path, values, textures and visuals, visuals)
 
 
 def scene_args(name_or_path: str) -> dict[str, Param]:
@@ -44,13 +51,14 @@ def scene_args(name_or_path: str) -> dict[str, Param]:
 
 def is_dynamic(name_or_path: str) -> bool:
     """True when the scene needs a physics engine. Reads the YAML only, not the model it names."""
-    return "mjcf" in _document(find_scene(name_or_path))
+    path = find_scene(name_or_path)
+    return "mjcf" in _document(path)
 
 
 def find_scene(name_or_path: str) -> Path:
     """The file of a scene by name or path. Raises FileNotFoundError naming the nearest one."""
     direct = Path(name_or_path)
-    if direct.suffix == ".xml" and direct.is_file():
+    if direct.suffix in MODELS and direct.is_file():
         return direct
     path = find("scenes", name_or_path)
     if path is None:
@@ -62,14 +70,55 @@ def find_scene(name_or_path: str) -> Path:
 
 
 def _document(path: Path) -> Table:
-    if path.suffix == ".xml":
+    if path.suffix in MODELS:
         table = Table(str(path), 1)
         table["mjcf"] = path.name
         return table
     try:
-        return read(path, "scene file")
+        table = read(path, "scene file")
     except LaunchError as error:
         raise SceneError(str(error)) from None
+    included = table.get("include")
+    if included is None:
+        return table
+    other = path.parent / str(included)
+    if not isinstance(included, str) or not other.is_file():
+        raise SceneError(f"{table.where('include')}: include names {included}, which is not in {path.parent}")
+    part = read_part(other)
+    for key, value in part.items():
+        own = table.get(key)
+        if own is None:
+            table[key] = value
+        elif key in _SECTIONS:
+            table[key] = _merged(table, key, value, own)
+        table.lines.setdefault(key, table.lines["include"])
+    return table
+
+
+def read_part(path: Path) -> Table:
+    """A file for `include:`, which holds what several scenes share. Raises SceneError."""
+    try:
+        table = read(path, "scene file")
+        table.check_keys((*_SECTIONS, "description", "environment", "environment_map"), "an included scene file")
+    except LaunchError as error:
+        raise SceneError(str(error)) from None
+    table.pop("description", None)
+    return table
+
+
+def _merged(table: Table, key: str, part: Any, own: Any) -> Any:
+    """What is included first, then the scene's own; of a map, the scene's own entry where both have one."""
+    if isinstance(part, Table) and isinstance(own, Table):
+        result = Table(own.file, own.line)
+        result.update({**part, **own})
+        result.lines = {**part.lines, **own.lines}
+        return result
+    if isinstance(part, Row) and isinstance(own, Row):
+        rows = Row(own.file, own.line)
+        rows.extend([*part, *own])
+        rows.lines = [*part.lines, *own.lines]
+        return rows
+    raise SceneError(f"{table.where(key)}: {key} is not the same kind of thing here and in the included file")
 
 
 def _arguments(path: Path, table: Table) -> tuple[dict[str, Param], dict[str, Param]]:

@@ -11,6 +11,7 @@ Spots shine all around. The `ambient` of headlight and lights add up to the envi
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -27,15 +28,15 @@ _FLIP = np.array([1.0, 0.0, 0.0, 0.0])
 _FIXED = mujoco.mjtCamLight.mjCAMLIGHT_FIXED
 
 
-def add_model(scene: Scene, size: tuple[int, int], *, own_cameras: bool) -> Any:
+def add_model(scene: Scene, size: tuple[int, int], *, own_cameras: bool, visuals: bool = True) -> Any:
     """Compile scene.mjcf and add what it has to the scene; its cameras only where the scene file lists none of its own.
 
-    size: width and height of cameras [px]. Returns the MjModel. Raises SceneError.
+    size: width and height of cameras [px]. visuals=False: no geoms. Returns the MjModel. Raises SceneError.
     """
     assert scene.mjcf is not None
     mujoco.set_mju_user_warning(lambda text: None)  # else MuJoCo writes a log file into the working directory
     try:
-        model = mujoco.MjModel.from_xml_path(str(scene.mjcf))
+        model, shown = _compile(scene, scene.mjcf, visuals)
     except ValueError as error:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         raise SceneError(f"{scene.mjcf.name}: {'; '.join(lines)}") from None
@@ -45,9 +46,8 @@ def add_model(scene: Scene, size: tuple[int, int], *, own_cameras: bool) -> Any:
         pose = se3.make_pose(data.xpos[i], se3.from_mujoco(data.xquat[i]))
         welded = Prescribed(pose) if model.body_weldid[i] == 0 else None
         scene.bodies.append(Body(_name(model, mujoco.mjtObj.mjOBJ_BODY, i, "body"), welded))
-    for geom in range(model.ngeom):
-        if model.geom_group[geom] in GROUPS:
-            add_geom(scene, model, geom)
+    for geom in np.flatnonzero(shown).tolist():
+        add_geom(scene, model, geom)
     if model.nflex or model.nskin:
         scene.notes.append("flexes and skins are simulated but not drawn")
     if not own_cameras:
@@ -80,6 +80,19 @@ def complete(scene: Scene, model: Any, arguments: Mapping[str, Any], *, lit: boo
             )
     if not sky:
         scene.environment = np.asarray(ambient, np.float32)
+
+
+def _compile(scene: Scene, path: Path, visuals: bool) -> tuple[Any, np.ndarray]:
+    """The MjModel of an MJCF or URDF file, and which of its geoms are drawn, bool [ngeom]."""
+    if path.suffix.lower() == ".urdf" and visuals:
+        from evis.scene.urdf import compile_urdf, drawn
+
+        model, note = compile_urdf(path)
+        if note:
+            scene.notes.append(note)
+        return model, drawn(model)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    return model, np.isin(model.geom_group, GROUPS) & visuals
 
 
 def _add_camera(scene: Scene, model: Any, i: int, size: tuple[int, int]) -> None:

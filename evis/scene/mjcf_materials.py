@@ -12,17 +12,12 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from evis.scene.colour import linear_from_srgb
 from evis.scene.model import Material, Mesh, Scene
 
 _DEFAULT = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 """rgba of a geom that says nothing; then its material's counts."""
 _ROLES = (mujoco.mjtTextureRole.mjTEXROLE_RGB, mujoco.mjtTextureRole.mjTEXROLE_RGBA)
-
-
-def linear_from_srgb(value: np.ndarray) -> np.ndarray:
-    """IEC 61966-2-1: display values within [0, 1] as linear light, float32."""
-    value = np.asarray(value, np.float64)
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
 def texture_of(model: Any, geom: int) -> int:

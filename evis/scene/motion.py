@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evis.geometry import se3
+from evis.scene.spline import Spline
 
 NS = 1e-9
 """Seconds per nanosecond."""
@@ -67,6 +68,38 @@ class Swing:
         return self.amplitude * np.sin(angle), self.amplitude * rate * np.cos(angle)
 
 
+@dataclass(frozen=True)
+class Path:
+    """Along a spline through points [m] in the parent's frame; they add to the start position."""
+
+    spline: Spline
+
+    def shift(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Displacement and velocity [S, 3] at times [S] s."""
+        return self.spline(t)
+
+
+@dataclass(frozen=True)
+class Turn:
+    """A spline of angles [rad] about a unit axis of the body's frame.
+
+    Chained, as yaw, pitch and roll say, they are a rotation with smooth angular velocity known in closed form.
+    """
+
+    axis: np.ndarray
+    spline: Spline
+
+    def turn(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Angle [rad] and angular rate [rad/s], [S], at times [S] s."""
+        angle, rate = self.spline(t)
+        return angle[:, 0], rate[:, 0]
+
+
+Shift = Linear | Sinusoid | Path
+Rotation = Spin | Swing | Turn
+Motion = Shift | Rotation
+
+
 class Prescribed:
     """A start pose, translations that add up in the parent's frame, and rotations that chain in the body's own.
 
@@ -77,13 +110,15 @@ class Prescribed:
     def __init__(
         self,
         start: np.ndarray,
-        motions: Sequence[Linear | Sinusoid | Spin | Swing] = (),
+        motions: Sequence[Motion] = (),
         parent: Prescribed | None = None,
     ) -> None:
         self.start = np.asarray(start, np.float64)
-        self.shifts = [m for m in motions if isinstance(m, (Linear, Sinusoid))]
-        self.turns = [m for m in motions if isinstance(m, (Spin, Swing))]
+        self.shifts = [m for m in motions if isinstance(m, Shift)]
+        self.turns = [m for m in motions if isinstance(m, Rotation)]
         self.parent = parent
+        self._static = not self.shifts and not self.turns and (parent is None or parent.is_static())
+        self._still: np.ndarray | None = None
 
     def pose(self, t_ns: np.ndarray) -> np.ndarray:
         """Poses float64 [S, 7] at times int64 [S] ns, in the world."""
@@ -95,9 +130,11 @@ class Prescribed:
 
     def is_static(self) -> bool:
         """True when the pose never changes."""
-        return not self.shifts and not self.turns and (self.parent is None or self.parent.is_static())
+        return self._static
 
     def _pose_and_twist(self, t_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self._static:
+            return self._still_pose(np.size(t_ns)), np.zeros((np.size(t_ns), 6))
         t = np.atleast_1d(np.asarray(t_ns, np.int64)) * NS
         position = np.tile(self.start[:3], (len(t), 1))
         rotation = np.tile(self.start[3:], (len(t), 1))
@@ -115,3 +152,10 @@ class Prescribed:
             return pose, twist
         outer_pose, outer_twist = self.parent._pose_and_twist(t_ns)
         return se3.compose(outer_pose, pose), se3.compose_twist(outer_pose, outer_twist, pose, twist)
+
+    def _still_pose(self, count: int) -> np.ndarray:
+        """The one pose of a body that never moves, worked out once: a scene has hundreds of them."""
+        if self._still is None:
+            still = self.parent._still_pose(1)[0] if self.parent else None
+            self._still = self.start if still is None else se3.compose(still, self.start)
+        return np.repeat(self._still[None], count, axis=0)

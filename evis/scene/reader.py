@@ -53,6 +53,13 @@ class Fields:
         value = self.table[key]
         if isinstance(value, (Table, Row)) and not _is_plain_list(value):
             return value
+        return self._filled(key, value)
+
+    def plain(self, key: str, default: Any = _REQUIRED) -> Any:
+        """The value with `${...}` filled in at every depth of its lists."""
+        return self._filled(key, self.raw(key, default))
+
+    def _filled(self, key: str, value: Any) -> Any:
         try:
             return substitute(value, self.arguments)
         except UnknownName as error:
@@ -60,13 +67,21 @@ class Fields:
         except ExpressionError as error:
             raise self.error(key, f"cannot be worked out: {error}") from None
 
+    def fraction(self, key: str, default: Any = _REQUIRED) -> float:
+        """A number from 0 to 1."""
+        value = self.number(key, default, minimum=0.0)
+        if value > 1.0:
+            raise self.error(key, f"is {value:g}; the most is 1")
+        return value
+
     def number(
         self, key: str, default: Any = _REQUIRED, *, minimum: float | None = None, above: float | None = None
     ) -> float:
         """A finite number, at least `minimum`, greater than `above`."""
-        return self._number(key, self.raw(key, default), minimum, above)
+        return self.number_of(key, self.raw(key, default), minimum, above)
 
-    def _number(self, key: str, value: Any, minimum: float | None = None, above: float | None = None) -> float:
+    def number_of(self, key: str, value: Any, minimum: float | None = None, above: float | None = None) -> float:
+        """As `number`, of a value found under `key`."""
         try:
             number = math.nan if isinstance(value, bool) else float(value)
         except (TypeError, ValueError, OverflowError):
@@ -88,21 +103,27 @@ class Fields:
 
     def angle(self, key: str, default: Any = _REQUIRED) -> float:
         """An angle [rad]: a number is radians, a text may end in `deg` or `rad`."""
-        value = self.raw(key, default)
+        return self.angle_of(key, self.raw(key, default))
+
+    def angle_of(self, key: str, value: Any) -> float:
+        """As `angle`, of a value found under `key`."""
         unit = _ANGLE.match(value) if isinstance(value, str) else None
         if unit is None:
-            return self._number(key, value)
-        number = self._number(key, unit[1])
+            return self.number_of(key, value)
+        number = self.number_of(key, unit[1])
         return math.radians(number) if unit[2] == "deg" else number
 
     def vector(self, key: str, length: int = 3, default: Any = _REQUIRED, *, above: float | None = None) -> np.ndarray:
         """A float64 vector; `a, b, c` as text will do."""
-        value = self.raw(key, default)
+        return self.vector_of(key, self.raw(key, default), length, above=above)
+
+    def vector_of(self, key: str, value: Any, length: int, *, above: float | None = None) -> np.ndarray:
+        """As `vector`, of a value found under `key`."""
         if isinstance(value, str):
             value = value.split(",")
         if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != length:
             raise self.error(key, f"is {value!r}; it must be a list of {length} numbers")
-        return np.array([self._number(key, v, above=above) for v in value])
+        return np.array([self.number_of(key, v, above=above) for v in value])
 
     def direction(self, key: str, default: Any = _REQUIRED) -> np.ndarray:
         """A vector scaled to unit length."""
@@ -121,7 +142,7 @@ class Fields:
             value = value.split(",") if "," in value else [value] * 3
         if len(value) != 3:
             raise self.error(key, f"is {value!r}; it must be one number (grey) or three (R, G, B)")
-        colour = np.array([self._number(key, v, minimum=0.0) for v in value], np.float32)
+        colour = np.array([self.number_of(key, v, minimum=0.0) for v in value], np.float32)
         if maximum is not None and colour.max() > maximum:
             raise self.error(key, f"is {colour.max():g}; the most is {maximum:g}, since it is a reflectance")
         return colour

@@ -17,8 +17,8 @@ SEGMENTS = 64
 """Sides of a cylinder; the rim of a disk has twice as many."""
 
 
-def box(size: np.ndarray) -> Mesh:
-    """Box with edge lengths size [3]; every face shows the whole texture."""
+def box(size: np.ndarray, tile: float = 0.0) -> Mesh:
+    """Box with edge lengths size [3]; every face shows the whole texture, or repeats it every `tile` m."""
     corners, uv = [], []
     for axis in range(3):
         for sign in (-1.0, 1.0):
@@ -27,9 +27,48 @@ def box(size: np.ndarray) -> Mesh:
                 a, b = b, a
             n = sign * np.eye(3)[axis]
             corners.append([n - a - b, n + a - b, n + a + b, n - a + b])
-            uv.append(_QUAD_UV)
+            edges = np.abs(2 * np.stack((a, b))) @ (0.5 * np.asarray(size))
+            uv.append(_QUAD_UV * (edges / tile if tile > 0 else 1.0))
     vertices = np.array(corners).reshape(-1, 3) * 0.5 * np.asarray(size)
     return _mesh(vertices, np.arange(24).reshape(6, 4)[:, _QUAD].reshape(-1, 3), np.array(uv).reshape(-1, 2))
+
+
+def rounded_box(size: np.ndarray, radius: float, segments: int = 3) -> Mesh:
+    """Box with edge lengths size [3], its edges quarter circles of `radius` [m] in 2 `segments` steps, smooth normals.
+
+    Every face shows the whole texture, bent over half of its round edges. Raises ValueError for a radius beyond half of
+    the shortest edge.
+    """
+    half = 0.5 * np.asarray(size, np.float64)
+    if not 0.0 < radius <= half.min() * (1 + 1e-9):
+        raise ValueError(f"the radius of the edges is {radius:g} m; it must be more than 0, at most {half.min():g} m")
+    # Along each axis of a face: the tangents of angles up to 45 deg at both ends, the flat part between them.
+    bend = np.tan(np.linspace(-np.pi / 4, 0, segments + 1))
+    parts = []
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            a, b = (axis + 1) % 3, (axis + 2) % 3
+            if sign < 0:
+                a, b = b, a
+            lines, texture = [], []
+            for k in (a, b):
+                slope = np.r_[bend, -bend[::-1]]
+                core = np.repeat([-1.0, 1.0], segments + 1) * (half[k] - radius)
+                lines.append((core, slope))
+                along = core + radius * np.sin(np.arctan(slope))
+                texture.append((along - along[0]) / (along[-1] - along[0]))
+            normal = np.zeros((len(slope), len(slope), 3))
+            normal[..., axis] = sign
+            normal[..., a], normal[..., b] = lines[0][1][None, :], lines[1][1][:, None]
+            normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+            points = np.zeros_like(normal)
+            points[..., axis] = sign * (half[axis] - radius)
+            points[..., a], points[..., b] = lines[0][0][None, :], lines[1][0][:, None]
+            u, v = np.meshgrid(*texture)
+            uv = np.stack((u, v), axis=-1).reshape(-1, 2)
+            vertices = (points + radius * normal).reshape(-1, 3)
+            parts.append(_mesh(vertices, _grid_faces(*u.shape), uv, normal.reshape(-1, 3)))
+    return join(*parts)
 
 
 def plane(size: np.ndarray, repeat: Sequence[float] | np.ndarray = (1.0, 1.0), cells: int = 8) -> Mesh:

@@ -34,6 +34,37 @@ def checker(size: int, cells: int, low: float = 0.0, high: float = 1.0) -> np.nd
     return _shrink(np.where((index[:, None] + index) % 2 == 1, high, low), size)
 
 
+def bricks(size: int, rows: int, low: float, high: float, joint: float, seed: int) -> np.ndarray:
+    """Rows of bricks twice as long as high, every other row shifted by half a brick, between joints of value `low`.
+
+    float32 [size, size], tileable for an even number of rows. joint: width of a joint as a fraction of a row. Every
+    brick has its own value within the upper 40 % of [low, high]. rows: even.
+    """
+    t = (np.arange(FINE) + 0.5) / FINE
+    y = t[:, None] * rows
+    row = np.floor(y).astype(int)
+    x = t[None, :] * (rows // 2) + 0.5 * (row % 2)
+    column = np.floor(x).astype(int) % (rows // 2)
+    value = np.random.Generator(np.random.Philox(key=seed)).random((rows, rows // 2))
+    face = low + (high - low) * (0.6 + 0.4 * value[row, column])
+    in_joint = (y - row < joint) | ((x - np.floor(x)) * 2 < joint)
+    return _shrink(np.where(in_joint, low, face), size)
+
+
+def planks(size: int, count: int, low: float, high: float, joint: float, seed: int) -> np.ndarray:
+    """`count` boards side by side with grain along v, each of its own value, between dark joints; tileable."""
+    random = np.random.Generator(np.random.Philox(key=[seed, 1]))
+    grain = random.standard_normal((FINE, FINE))
+    fy, fx = np.fft.fftfreq(FINE)[:, None], np.fft.rfftfreq(FINE)[None, :]
+    # Long and thin: a Gaussian of 60 texels along the boards and 1.5 across.
+    filtered = np.fft.rfft2(grain) * np.exp(-2.0 * np.pi**2 * ((60 * fy) ** 2 + (1.5 * fx) ** 2))
+    grain = np.fft.irfft2(filtered, grain.shape)
+    x = (np.arange(FINE) + 0.5) / FINE * count
+    board = np.floor(x).astype(int)
+    unit = np.clip(0.35 + 0.4 * random.random(count)[board] + 0.12 * grain / grain.std(), 0.05, 1.0)
+    return _shrink(np.where(x - board < joint, low, low + (high - low) * unit), size)
+
+
 def add_wedge(image: np.ndarray, angle: float, value: float) -> np.ndarray:
     """A sector of `angle` rad around the upward direction painted with one grey value, its edge one texel soft."""
     size = len(image)

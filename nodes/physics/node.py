@@ -57,7 +57,7 @@ class PhysicsNode(Node):
         if not p["scene"]:
             raise ValueError(f"{self.name} needs scene:=NAME, a world to simulate")
         overrides = parse_args(p["scene_args"]) | {k: p[k] for k in ("width", "height") if p[k] is not None}
-        scene = load_scene(p["scene"], overrides, textures=False)
+        scene = load_scene(p["scene"], overrides, visuals=False)
         for note in scene.notes:
             self.warn(f"scene {scene.name}: {note}")
         self.engine: Engine

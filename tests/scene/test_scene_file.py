@@ -83,7 +83,7 @@ def test_everything_is_where_the_file_says(scene_file):
         ("environment: 0.1", "environmen: 0.1", 17, "environmen is not known here; did you mean 'environment'?"),
         ("lights:", "mjcf: robot.xml\nlights:", 15, "names robot.xml, which is not in"),
         ("bodies:", "bodies:\n  cam0: {}", 6, "has a name that is taken already"),
-        ("kind: directional", "kind: spot", 16, "kind is 'spot'; did you mean 'point'?"),
+        ("kind: directional", "kind: sopt", 16, "kind is 'sopt'; did you mean 'spot'?"),
         ("up: [0, -1, 0]", "up: [-1, 0, 0]", 7, "looks along 'up'"),
         ("rate: {default: 20", "rate: {default: 99", 3, "rate is 99.0 rad/s, the most is 40 rad/s"),
         ("rate: {default: 20", "rate: {defualt: 20", 3, "argument 'rate' needs 'default'"),
@@ -138,11 +138,12 @@ def test_a_scene_without_camera_says_so(scene_file):
         load_scene(scene_file("environment: 1\n"))
 
 
-def test_the_first_camera_is_cam0(scene_file):
-    """Whatever the file calls it."""
+def test_the_only_camera_is_cam0(scene_file):
+    """Whatever the file calls it; several keep their names."""
+    scene = load_scene(scene_file("cameras: {eye: {fov: 1}}\n"))
+    assert [c.name for c in scene.cameras] == [b.name for b in scene.bodies] == ["cam0"]
     scene = load_scene(scene_file("cameras: {left: {fov: 1}, right: {fov: 1, parent: left, position: [0.1, 0, 0]}}\n"))
-    assert [c.name for c in scene.cameras] == ["cam0", "right"]
-    assert [b.name for b in scene.bodies] == ["cam0", "right"]
+    assert [c.name for c in scene.cameras] == [b.name for b in scene.bodies] == ["left", "right"]
 
 
 def test_a_body_is_placed_in_the_view(scene_file):

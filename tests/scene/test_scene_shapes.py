@@ -5,8 +5,16 @@ import pytest
 
 from evis.scene import shapes
 
+
+def rounded_volume(size, r):
+    """Steiner's formula of the inner box: V + S r + (edges / 4) pi r^2 ... = box, slabs, quarter cylinders, a ball."""
+    a, b, c = np.asarray(size) - 2 * r
+    return a * b * c + 2 * r * (a * b + b * c + c * a) + np.pi * r**2 * (a + b + c) + 4 / 3 * np.pi * r**3
+
+
 SOLIDS = {
     "box": (shapes.box(np.array([1.0, 2.0, 3.0])), 6.0),
+    "rounded box": (shapes.rounded_box(np.array([1.0, 2.0, 3.0]), 0.3), rounded_volume([1.0, 2.0, 3.0], 0.3)),
     "sphere": (shapes.sphere(0.5), np.pi / 6),
     "ellipsoid": (shapes.ellipsoid(np.array([0.5, 1.0, 2.0])), 4 / 3 * np.pi),
     "cylinder": (shapes.cylinder(0.5, 2.0), np.pi / 2),
@@ -83,3 +91,22 @@ def test_box_faces_show_the_whole_texture_unmirrored():
         along = np.linalg.solve(turn, edges)  # d(point)/du, d(point)/dv
         assert np.allclose(np.linalg.norm(along, axis=-1), 1)
         assert np.cross(along[0], along[1]) @ triangle.mean(axis=0) > 0
+
+
+def test_a_rounded_box_lies_within_its_radius():
+    """Every vertex is `radius` from the inner box, and no radius beyond half of the shortest edge is taken."""
+    size, radius = np.array([1.0, 2.0, 3.0]), 0.3
+    points = shapes.rounded_box(size, radius).vertices.astype(np.float64)
+    inner = 0.5 * size - radius
+    assert np.allclose(np.linalg.norm(points - np.clip(points, -inner, inner), axis=-1), radius, atol=1e-6)
+    assert np.allclose(np.ptp(points, axis=0), size)
+    with pytest.raises(ValueError, match=r"at most 0\.5 m"):
+        shapes.rounded_box(size, 0.6)
+
+
+def test_tiles_have_the_same_size_on_every_face():
+    """One turn of uv is 0.5 m along both directions of each face."""
+    mesh = shapes.box(np.array([1.0, 2.0, 3.0]), 0.5)
+    for triangle, uv in zip(corners(mesh), mesh.uv.astype(np.float64)):
+        edges, turn = triangle[1:] - triangle[0], uv[1:] - uv[0]
+        assert np.allclose(np.linalg.norm(edges, axis=-1), 0.5 * np.linalg.norm(turn, axis=-1))

@@ -1,0 +1,19 @@
+"""Display colours as linear light."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def linear_from_srgb(value: np.ndarray) -> np.ndarray:
+    """IEC 61966-2-1: display values within [0, 1] as linear light, float32."""
+    value = np.asarray(value, np.float64)
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+_BYTES = linear_from_srgb(np.arange(256) / 255)
+
+
+def linear_from_bytes(image: np.ndarray) -> np.ndarray:
+    """The same of 8-bit values, any shape."""
+    return _BYTES[np.asarray(image, np.uint8)]

@@ -1,0 +1,146 @@
+"""Meshes from files, by trimesh. Imported only for scenes that name such a file."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evis.scene.colour import linear_from_bytes, linear_from_srgb
+from evis.scene.model import Material, Mesh
+from evis.scene.reader import SceneError
+from evis.scene.smooth import crease_normals
+
+SUFFIXES = (".obj", ".ply", ".stl", ".gltf", ".glb")
+Y_UP = (".gltf", ".glb")
+"""Formats whose vertical axis is y by their own specification."""
+CREASE = float(np.radians(40.0))
+
+
+@dataclass
+class Part:
+    """One mesh of a file and its material, None where the file says nothing of it."""
+
+    mesh: Mesh
+    material: Material | None
+
+
+def load_parts(
+    path: Path,
+    scale: np.ndarray,
+    y_up: bool | None = None,
+    crease: float = CREASE,
+    textures: bool = True,
+) -> list[Part]:
+    """All meshes of a file in the frame of its scene, in the order of its nodes' names.
+
+    scale: [3], applied to the file's axes. y_up: the file's vertical axis is y (turned to z here); None: as the format
+    has it. crease: edges sharper than this [rad] stay sharp, the others are smoothed. textures=False leaves images out.
+    Materials: glTF's metallic-roughness ones (base colour factor linear, its texture sRGB, emission times
+    KHR_materials_emissive_strength), MTL's Kd and map_Kd taken as sRGB. Raises SceneError naming the file.
+    """
+    import trimesh
+
+    if path.suffix.lower() not in SUFFIXES:
+        raise SceneError(f"{path.name} is of no kind that can be read; there are {', '.join(SUFFIXES)}")
+    try:
+        scene = trimesh.load_scene(str(path), process=False)
+        # Sorted, for the ids of a scene must not depend on the process that loads it.
+        places = [scene.graph[node] for node in sorted(scene.graph.nodes_geometry)]
+        nodes = [(transform, scene.geometry[name]) for transform, name in places]
+        exact = _gltf_materials(path) if path.suffix.lower() in Y_UP else {}
+    except Exception as error:  # the readers of trimesh raise whatever they stumble over
+        raise SceneError(f"{path.name} cannot be read as {path.suffix[1:].upper()}: {_line(error)}") from None
+    turn = _upright(path, y_up)
+    known: dict[int, Material | None] = {}
+    parts = []
+    for transform, geometry in nodes:
+        if not isinstance(geometry, trimesh.Trimesh) or not len(geometry.faces):
+            continue  # points and lines have no surface
+        parts.append(Part(_mesh(path, geometry, np.asarray(transform), scale, turn, crease), None))
+        visual = geometry.visual
+        source = getattr(visual, "material", None) if getattr(visual, "kind", None) == "texture" else None
+        if source is not None:
+            if id(source) not in known:
+                known[id(source)] = _material(path, source, exact, textures)
+            parts[-1].material = known[id(source)]
+    if not parts:
+        raise SceneError(f"{path.name} has no triangles")
+    return parts
+
+
+def _upright(path: Path, y_up: bool | None) -> np.ndarray:
+    """Rotation matrix [3, 3] from the file's axes to z up."""
+    if y_up if y_up is not None else path.suffix.lower() in Y_UP:
+        return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    return np.eye(3)
+
+
+def _mesh(path: Path, geometry: Any, transform: np.ndarray, scale: np.ndarray, turn: np.ndarray, crease: float) -> Mesh:
+    points = np.asarray(geometry.vertices, np.float64) @ transform[:3, :3].T + transform[:3, 3]
+    points = (points * scale) @ turn.T
+    faces = np.asarray(geometry.faces, np.int64)
+    bad = ~np.isfinite(points).all(axis=-1)
+    if bad.any():
+        count, first = int(bad.sum()), int(bad.argmax())
+        raise SceneError(f"{path.name} has {count} vertices that are not finite, the first is number {first}")
+    if faces.min() < 0 or faces.max() >= len(points):
+        raise SceneError(f"{path.name} has a face with vertex {faces.max()}; there are {len(points)}")
+    if np.linalg.det(transform[:3, :3]) * np.prod(scale) < 0:
+        faces = faces[:, ::-1]  # a mirror turns triangles inside out
+    uv = getattr(geometry.visual, "uv", None)
+    corners = None
+    if uv is not None and np.shape(uv) == (len(points), 2) and np.isfinite(uv).all():
+        corners = np.asarray(uv, np.float32)[faces]
+    return Mesh(
+        points.astype(np.float32), np.ascontiguousarray(faces, np.int32), corners, crease_normals(points, faces, crease)
+    )
+
+
+def _material(path: Path, source: Any, exact: Mapping[str, Mapping[str, Any]], textures: bool) -> Material:
+    name = f"{path.stem}_{getattr(source, 'name', None) or 'material'}"
+    if not hasattr(source, "baseColorFactor"):  # MTL
+        diffuse = source.kwargs.get("kd") if isinstance(source.kwargs, dict) else None
+        if diffuse is None or len(diffuse) != 3:
+            diffuse = np.asarray(source.diffuse, np.float64)[:3] / 255
+        reflectance = linear_from_srgb(np.clip(np.asarray(diffuse, np.float64), 0.0, 1.0))
+        return Material(name, reflectance, _image(source.image) if textures else None)
+    stored = exact.get(str(source.name), {})
+    pbr = stored.get("pbrMetallicRoughness", {})
+    factor = source.baseColorFactor
+    # trimesh rounds the factor to 8 bits, which is 7 % of a dark linear reflectance.
+    albedo = pbr.get("baseColorFactor") or ([1, 1, 1] if factor is None else np.asarray(factor, np.float64) / 255)
+    strength = stored.get("extensions", {}).get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0)
+    emission = np.zeros(3) if source.emissiveFactor is None else np.asarray(source.emissiveFactor, np.float64)
+    return Material(
+        name,
+        np.clip(np.asarray(albedo, np.float32)[:3], 0.0, 1.0),
+        _image(source.baseColorTexture) if textures else None,
+        (emission * float(strength)).astype(np.float32),
+        1.0 if source.roughnessFactor is None else float(source.roughnessFactor),
+        1.0 if source.metallicFactor is None else float(source.metallicFactor),
+        bool(source.doubleSided),
+    )
+
+
+def _image(image: Any) -> np.ndarray | None:
+    """A Pillow image as linear float32 [h, w, 3]."""
+    return None if image is None else linear_from_bytes(np.asarray(image.convert("RGB")))
+
+
+def _gltf_materials(path: Path) -> dict[str, dict[str, Any]]:
+    """The materials of a glTF or GLB file as its JSON has them, by name."""
+    data = path.read_bytes()
+    if data[:4] == b"glTF":
+        (length,) = struct.unpack_from("<I", data, 12)
+        data = data[20 : 20 + length]
+    return {str(m["name"]): m for m in json.loads(data).get("materials", []) if "name" in m}
+
+
+def _line(error: Exception) -> str:
+    return (" ".join(str(error).split()) or type(error).__name__)[:150]

@@ -1,0 +1,38 @@
+"""Shading normals of a mesh that has none of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def crease_normals(vertices: np.ndarray, faces: np.ndarray, crease: float) -> np.ndarray:
+    """Unit normals float32 [F, 3, 3] per corner.
+
+    The mean of the normals, weighted by area, of the faces that meet at the corner's position within `crease` [rad] of
+    the corner's own face. So edges sharper than `crease` stay sharp. A face without area has normal 0.
+    """
+    points = np.asarray(vertices, np.float64)
+    # Vertices at the same place count as one: files repeat them where texture coordinates differ.
+    _, place = np.unique(points, axis=0, return_inverse=True)
+    corner_place = place.reshape(-1)[faces].reshape(-1)
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    area = np.cross(b - a, c - a)
+    length = np.linalg.norm(area, axis=-1, keepdims=True)
+    unit = np.divide(area, length, out=np.zeros_like(area), where=length > 0)
+    order = np.argsort(corner_place, kind="stable")
+    sorted_place = corner_place[order]
+    start = np.flatnonzero(np.r_[True, np.diff(sorted_place) > 0])
+    size = np.diff(np.r_[start, len(order)])
+    result = np.zeros((len(faces) * 3, 3))
+    cosine = np.cos(crease) - 1e-9
+    # Corners around places with the same number of faces are one rectangular batch.
+    for n in np.unique(size):
+        corners = order[start[size == n][:, None] + np.arange(n)]
+        owner = corners // 3
+        for part in np.array_split(np.arange(len(owner)), max(1, len(owner) * n * n // 4_000_000)):
+            u, weighted = unit[owner[part]], area[owner[part]]
+            near = np.einsum("kix,kjx->kij", u, u) >= cosine
+            result[corners[part]] = np.einsum("kij,kjx->kix", near, weighted)
+    norm = np.linalg.norm(result, axis=-1, keepdims=True)
+    flat = np.repeat(unit, 3, axis=0)
+    return np.where(norm > 1e-300, result / np.maximum(norm, 1e-300), flat).reshape(-1, 3, 3).astype(np.float32)

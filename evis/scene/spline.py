@@ -1,0 +1,69 @@
+"""Smooth curves through given values at given times, with exact derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+class Spline:
+    """The cubic spline through `values` [K, D] at `times` [K] s, ascending: twice continuously differentiable.
+
+    loop=False: it starts with `start_rate` and ends with `end_rate` ([D] per second, zero by default), and goes on at
+    those rates before the first and after the last time. loop=True: it repeats with the period times[-1] - times[0],
+    and every lap adds values[-1] - values[0], so that an angle may go round. Each piece is a cubic in Hermite form
+    whose slopes make the second derivative continuous (de Boor, A Practical Guide to Splines, 1978, ch. IV).
+    """
+
+    def __init__(
+        self,
+        times: np.ndarray,
+        values: np.ndarray,
+        loop: bool = False,
+        start_rate: np.ndarray | None = None,
+        end_rate: np.ndarray | None = None,
+    ) -> None:
+        self.times, self.loop = np.asarray(times, np.float64), loop
+        self.values = np.asarray(values, np.float64).reshape(len(self.times), -1)
+        rest = np.zeros(self.values.shape[1])
+        start, end = (rest if rate is None else rate for rate in (start_rate, end_rate))
+        self.rates = _slopes(self.times, self.values, loop, start, end)
+
+    def __call__(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values and their derivatives, both [S, D], at times [S] s."""
+        first, last = self.times[0], self.times[-1]
+        t = np.asarray(t, np.float64)
+        laps = np.floor((t - first) / (last - first)) if self.loop else np.zeros(len(t))
+        inside = np.clip(t - laps * (last - first), first, last)
+        k = np.clip(np.searchsorted(self.times, inside, side="right") - 1, 0, len(self.times) - 2)
+        h = (self.times[k + 1] - self.times[k])[:, None]
+        u = (inside - self.times[k])[:, None] / h
+        rise = self.values[k + 1] - self.values[k]
+        a, b = h * self.rates[k], h * self.rates[k + 1]
+        c, d = 3 * rise - 2 * a - b, a + b - 2 * rise
+        value = self.values[k] + u * (a + u * (c + u * d)) + laps[:, None] * (self.values[-1] - self.values[0])
+        rate = (a + u * (2 * c + 3 * u * d)) / h
+        if not self.loop:
+            value = value + (t - inside)[:, None] * rate
+        return value, rate
+
+
+def _slopes(t: np.ndarray, x: np.ndarray, loop: bool, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Derivatives [K, D] at the times: the second derivatives of neighbouring pieces agree."""
+    n = len(t)
+    h = np.diff(t)
+    secant = np.diff(x, axis=0) / h[:, None]
+    matrix, right = np.zeros((n, n)), np.zeros_like(x)
+    for i in range(1, n - 1):
+        matrix[i, i - 1 : i + 2] = 1 / h[i - 1], 2 / h[i - 1] + 2 / h[i], 1 / h[i]
+        right[i] = 3 * (secant[i - 1] / h[i - 1] + secant[i] / h[i])
+    if loop:
+        # The last piece is followed by the first one; the slopes at both ends are the same.
+        matrix[0, 0] += 2 / h[0] + 2 / h[-1]
+        matrix[0, 1] += 1 / h[0]
+        matrix[0, -2] += 1 / h[-1]
+        right[0] = 3 * (secant[-1] / h[-1] + secant[0] / h[0])
+        matrix[-1, 0], matrix[-1, -1] = 1.0, -1.0
+    else:
+        matrix[0, 0] = matrix[-1, -1] = 1.0
+        right[0], right[-1] = start, end
+    return np.linalg.solve(matrix, right)

@@ -1,0 +1,48 @@
+"""Bricks and planks: what is joint, what is face, and that they tile."""
+
+import numpy as np
+import pytest
+
+from evis.scene import SceneError, load_scene, textures
+
+
+def test_bricks_cover_what_their_joints_leave():
+    """With joints of a tenth of a row: 0.9 of the height and 0.95 of the length (a brick is two rows long)."""
+    image = textures.bricks(512, 8, 0.1, 0.9, 0.1, seed=3)
+    assert image.shape == (512, 512) and image.min() >= 0.1 - 1e-5 and image.max() <= 0.9 + 1e-5
+    face = image > 0.3  # faces are 0.1 + 0.8 * (0.6 ... 1)
+    assert abs(face.mean() - 0.9 * 0.95) < 0.02
+    rows = image.reshape(8, 64, 512)
+    assert (rows[:, 40].std(axis=1) > 0.02).all(), "every brick has its own value"
+    # Joints of the second row stand half a brick from those of the first.
+    first, second = (np.flatnonzero(rows[i, 40] < 0.2).mean() % 128 for i in (0, 1))
+    assert abs((first - second) % 128 - 64) < 6
+
+
+def test_planks_run_along_v():
+    """Grain changes slowly along the boards and fast across; joints are dark."""
+    image = textures.planks(256, 4, 0.0, 1.0, 0.05, seed=3)
+    along, across = (np.abs(np.diff(image, axis=a)).mean() for a in (0, 1))
+    assert across > 5 * along
+    columns = image.mean(axis=0).reshape(4, 64)
+    assert (columns[:, :2] < 0.5 * columns[:, 10:].mean(axis=1, keepdims=True)).all()
+
+
+@pytest.mark.parametrize("make", [textures.bricks, textures.planks])
+def test_they_tile_and_repeat(make):
+    """No seam: the step over the edge is no larger than the steps inside; the same seed, the same bytes."""
+    image = make(256, 8, 0.1, 0.9, 0.1, 5)
+    for axis in (0, 1):
+        inside = np.abs(np.diff(image, axis=axis)).mean(axis=1 - axis)
+        seam = np.abs(np.take(image, 0, axis) - np.take(image, -1, axis)).mean()
+        assert seam <= inside.max() * 1.05
+    assert make(256, 8, 0.1, 0.9, 0.1, 5).tobytes() == image.tobytes()
+    assert np.abs(make(256, 8, 0.1, 0.9, 0.1, 6) - image).mean() > 0.01
+
+
+def test_an_odd_number_of_rows_does_not_tile(tmp_path):
+    """So a scene may not ask for it."""
+    path = tmp_path / "s.yaml"
+    path.write_text("cameras: {cam0: {fov: 1}}\nmaterials: {m: {texture: {kind: bricks, cells: 7}}}\n")
+    with pytest.raises(SceneError, match=r"s\.yaml:2: .*cells is 7; the rows of bricks must be even"):
+        load_scene(str(path))

@@ -1,0 +1,83 @@
+"""URDF robots, against the numbers in the file."""
+
+import numpy as np
+import pytest
+
+from evis.geometry import se3
+from evis.scene import SceneError, load_scene
+from evis.scene.load import is_dynamic
+
+pytest.importorskip("mujoco")
+
+URDF = """<robot name="two_links">
+  <link name="base">
+    <visual><geometry><box size="0.2 0.4 0.1"/></geometry>
+      <material name="p"><color rgba="0.5 0 1 1"/></material></visual>
+    <collision><geometry><sphere radius="0.3"/></geometry></collision>
+  </link>
+  <link name="arm">
+    <inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><origin xyz="0 0 0.25"/><geometry><cylinder radius="0.02" length="0.5"/></geometry></visual>
+    <collision><origin xyz="0 0 0.25"/><geometry><cylinder radius="0.04" length="0.5"/></geometry></collision>
+  </link>
+  <link name="tip">
+    <inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><geometry><sphere radius="0.05"/></geometry></collision>
+  </link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0.1 0 0.05"/>
+    <axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="wrist" type="continuous"><parent link="arm"/><child link="tip"/><origin xyz="0 0 0.5"/>
+    <axis xyz="0 0 1"/></joint>
+</robot>
+"""
+
+
+@pytest.fixture
+def robot(tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_text(URDF)
+    return path
+
+
+def test_visual_geometry_is_drawn_where_there_is_any(robot):
+    """Base and arm as their visuals say, the tip, which has none, as its collision sphere; colours from sRGB."""
+    scene = load_scene(str(robot))
+    assert is_dynamic(str(robot)) and [b.name for b in scene.bodies] == ["arm", "tip", "cam0"]
+    seen = {(scene.bodies[i.body].name if i.body >= 0 else "world"): i for i in scene.instances}
+    assert len(scene.instances) == 3 and set(seen) == {"world", "arm", "tip"}
+    sizes = {name: np.ptp(i.mesh.vertices, axis=0) for name, i in seen.items()}
+    assert np.allclose(sizes["world"], [0.2, 0.4, 0.1]) and np.allclose(sizes["arm"], [0.04, 0.04, 0.5], atol=1e-4)
+    assert np.allclose(sizes["tip"][2], 0.1) and np.allclose(seen["arm"].pose[:3], [0, 0, 0.25])
+    assert np.allclose(scene.materials[seen["world"].material].albedo, [0.21404, 0, 1], atol=1e-5)
+
+
+def test_a_scene_file_may_name_one(robot, tmp_path):
+    """Same path as an MJCF; without visuals the bodies are the same, so that the engine and the renderer agree."""
+    (tmp_path / "lab.yaml").write_text("mjcf: robot.urdf\ncameras: {cam0: {fov: 1, parent: tip}}\n")
+    scene, bare = (load_scene(str(tmp_path / "lab.yaml"), visuals=v) for v in (True, False))
+    assert [b.name for b in scene.bodies] == [b.name for b in bare.bodies] and scene.instances and not bare.instances
+    from nodes.physics.mujoco_engine import MujocoEngine
+
+    pose = MujocoEngine(bare).start().pose[0, 0]
+    assert np.allclose(pose[0], se3.make_pose(np.array([0.1, 0, 0.05]), se3.IDENTITY[3:]))
+    assert np.allclose(pose[1:, :3], [[0.1, 0, 0.55]] * 2)
+
+
+def test_a_visual_that_cannot_be_read_leaves_the_collision_shape(robot):
+    """With a note that says so; what MuJoCo cannot read at all is one line."""
+    robot.write_text(URDF.replace('<box size="0.2 0.4 0.1"/>', '<mesh filename="package://r/gone.dae"/>'))
+    scene = load_scene(str(robot))
+    assert any("collision geometry of robot.urdf is drawn" in note and "gone.dae" in note for note in scene.notes)
+    assert np.allclose(np.ptp(scene.instances[0].mesh.vertices[:, 2]), 0.6)
+    robot.write_text(URDF.replace('<parent link="arm"/>', '<parent link="leg"/>'))
+    with pytest.raises(SceneError, match=r"robot\.urdf") as caught:
+        load_scene(str(robot))
+    assert "\n" not in str(caught.value)
+
+
+def test_it_can_be_launched_by_its_path(robot):
+    """A model in some folder is a scene for the simulator's graph, not a launch file."""
+    from evis.paths import find_launch
+
+    launch, arguments = find_launch(str(robot))
+    assert launch.stem == "simulator" and arguments == {"scene": str(robot)}
