@@ -1,4 +1,4 @@
-"""Milliseconds per keyframe and stage of the renderer on one CPU core, and visibility by raster against by rays.
+"""Milliseconds per keyframe and stage of the renderer on one CPU core, against rays, and against MuJoCo's renderer.
 
 `python -m bench.renderer [--quick]`
 """
@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from evis.geometry import pinhole, se3
+from bench.renderer_mujoco import drawing
+from bench.renderer_scenes import balls, hall
 from evis.scene import load_scene
-from evis.scene.model import Body, Camera, Instance, Material, Mesh, Scene
+from evis.scene.model import Scene
 from nodes.renderer.kernels import MISS, View, depth_of, pixel_ray, triangle_of
 from nodes.renderer.renderer import Renderer
 from nodes.renderer.visibility import Visibility
@@ -72,13 +73,21 @@ def milliseconds(call: Callable[[int], Any], repeats: int) -> float:
     return 1e3 * float(np.median(times))
 
 
-def stages(size: tuple[int, int], shadows: bool, repeats: int) -> dict[str, Any]:
-    """spinning_disk: what a keyframe with depth and motion costs, stage by stage."""
-    scene = load_scene("spinning_disk", dict(zip(("width", "height"), size)))
+def stages(name: str, size: tuple[int, int], shadows: bool, repeats: int) -> dict[str, Any]:
+    """A scene of prescribed motion: what a keyframe with depth and motion costs, stage by stage."""
+    scene = load_scene(name, dict(zip(("width", "height"), size)))
     for light in scene.lights:
-        light.shadows = shadows
+        light.shadows = light.shadows and shadows
     times = [round(k * 1e9 / RATE) for k in range(repeats + 2)]
     poses = [np.array([[b.trajectory.pose(np.array([t]))[0] for b in scene.bodies]]) for t in times]
+    return {
+        "scene": f"{name} {size[0]} x {size[1]}, {'shadows' if shadows else 'no shadows'}",
+        **stage_times(scene, poses, repeats),
+    }
+
+
+def stage_times(scene: Scene, poses: list[np.ndarray], repeats: int) -> dict[str, Any]:
+    """Stages of keyframes at poses [repeats + 2], each after the one before."""
     r = Renderer(scene, scene.cameras[0])
     v = r.visibility
     frames = [v.frames(p) for p in poses]
@@ -93,7 +102,7 @@ def stages(size: tuple[int, int], shadows: bool, repeats: int) -> dict[str, Any]
     raster = milliseconds(lambda k: v.update(frames[k]), repeats)
     geometric = milliseconds(lambda k: r.geometric(frames[k + 1], frames[k], targets), repeats)
     return {
-        "spinning_disk": f"{size[0]} x {size[1]}, {'shadows' if shadows else 'no shadows'}",
+        "triangles": len(v.geometry.triangles),
         "keyframe [ms]": round(milliseconds(lambda k: r.render(poses[k + 1], poses[k], out, out), repeats), 2),
         "matrices [ms]": round(milliseconds(lambda k: v.frames(poses[k]), repeats), 2),
         "raster [ms]": round(raster, 2),
@@ -103,27 +112,56 @@ def stages(size: tuple[int, int], shadows: bool, repeats: int) -> dict[str, Any]
     }
 
 
-def balls(count: int, rings: int, size: tuple[int, int]) -> tuple[Scene, np.ndarray]:
-    """Spheres before a wall of two triangles, and their poses."""
-    theta = np.linspace(0, np.pi, rings + 1)[:, None]
-    phi = np.linspace(0, 2 * np.pi, 2 * rings, endpoint=False)[None]
-    unit = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta) + 0 * phi], -1)
-    i, j = np.meshgrid(np.arange(rings), np.arange(2 * rings), indexing="ij")
-    a, b = i * 2 * rings + j, i * 2 * rings + (j + 1) % (2 * rings)
-    c, d = a + 2 * rings, b + 2 * rings
-    faces = np.concatenate([np.stack([a, c, b], -1)[1:], np.stack([b, c, d], -1)[:-1]])
-    ball = Mesh((0.3 * unit).reshape(-1, 3).astype(np.float32), faces.reshape(-1, 3).astype(np.int32))
-    # The diagonal must not run through pixel centres, where both of its triangles are right.
-    corners = np.array([(-9, -8, 4), (9, -9, 4), (8, 9.1, 4), (-9, 9, 4)], np.float32)
-    wall = Mesh(corners, np.array([(0, 2, 1), (0, 3, 2)], np.int32))
-    bodies = [Body(f"ball{k}", None) for k in range(count)] + [Body("cam0", None)]
-    instances = [Instance("wall", -1, wall, 0)] + [Instance(f"ball{k}", k, ball, 0) for k in range(count)]
-    camera = Camera("cam0", *size, pinhole.intrinsics(*size, 0.9 * size[0]))
-    scene = Scene("balls", bodies, instances, [Material("grey", np.ones(3))], [], [camera], np.zeros(3))
-    rng = np.random.default_rng(0)
-    place = np.stack([*rng.uniform(-0.9, 0.9, (2, count)), rng.uniform(2, 3, count)], -1)
-    poses = se3.make_pose(np.concatenate([place, np.zeros((1, 3))]), np.array([0, 0, 0, 1.0]))
-    return scene, poses[None]
+def background(label: str, scene: Scene, poses: list[np.ndarray], repeats: int) -> dict[str, Any]:
+    """Visibility with the still background kept, and drawn anew each time: times, their ratio, pixels that differ."""
+    kept = Visibility(scene, scene.cameras[0])
+    anew = Visibility(scene, scene.cameras[0], layered=False)
+    frames = [kept.frames(p) for p in poses]
+    fast = milliseconds(lambda k: kept.update(frames[k % len(frames)]), repeats)
+    slow = milliseconds(lambda k: anew.update(frames[k % len(frames)]), repeats)
+    return {
+        "scene": f"{label}, {len(kept.geometry.triangles)} triangles",
+        "still instances": f"{int(kept.geometry.static.sum())} of {len(scene.instances)}",
+        "kept [ms]": round(fast, 2),
+        "drawn anew [ms]": round(slow, 2),
+        "drawn anew / kept": round(slow / fast, 1),
+        "pixels that differ": int((kept.packed.numpy() != anew.packed.numpy()).sum()),
+    }
+
+
+def backgrounds(size: tuple[int, int], repeats: int) -> list[dict[str, Any]]:
+    """The saving on the spinning disk and on the hall."""
+    disk = load_scene("spinning_disk", dict(zip(("width", "height"), size)))
+    instants = [np.array([[b.trajectory.pose(np.array([t]))[0] for b in disk.bodies]]) for t in (0, 10**7)]
+    crowd, poses = hall(size)
+    return [
+        background(f"spinning_disk {size[0]} x {size[1]}", disk, instants, repeats),
+        background(f"hall {size[0]} x {size[1]}", crowd, list(poses), repeats),
+    ]
+
+
+def against_mujoco(size: tuple[int, int], repeats: int) -> list[dict[str, Any]]:
+    """The hall by both renderers, CPU time of all threads; no row where MuJoCo finds no OpenGL."""
+    cases = [(still, name) for still in (True, False) for name in ("radiance", "depth")]
+    rows = (one_against_mujoco(size, still, name, repeats) for still, name in cases)
+    return [row for row in rows if row]
+
+
+def one_against_mujoco(size: tuple[int, int], still: bool, name: str, repeats: int) -> dict[str, Any]:
+    """One image of the hall; empty where MuJoCo finds no OpenGL."""
+    scene, poses = hall(size, still_camera=still)
+    renderer = Renderer(scene, scene.cameras[0])
+    draw = drawing(scene, poses[0, 0], name == "depth")
+    if draw is None:
+        return {}
+    ours = milliseconds(lambda k: renderer.render(poses[k % 2], None, (name,)), repeats)
+    theirs = milliseconds(lambda k: draw(), repeats)
+    return {
+        "image": f"hall {size[0]} x {size[1]}, {name}, {'still' if still else 'moving'} camera",
+        "EVIS [ms]": round(ours, 2),
+        "MuJoCo [ms]": round(theirs, 2),
+        "MuJoCo / EVIS": round(theirs / ours, 2),
+    }
 
 
 def raster_against_rays(size: tuple[int, int], rings: int, repeats: int) -> dict[str, Any]:
@@ -131,12 +169,14 @@ def raster_against_rays(size: tuple[int, int], rings: int, repeats: int) -> dict
     scene, poses = balls(10, rings, size)
     v = Visibility(scene, scene.cameras[0])
     raster = milliseconds(lambda k: v.update(poses), repeats)
-    faces = wp.array(v.geometry.triangles.reshape(-1), dtype=wp.int32)
-    mesh = wp.Mesh(wp.clone(v.vertices[0]), faces, bvh_constructor="sah")
+    geometry, frames = v.geometry, v.frames(poses)
+    turn, place = frames.rotation[0, geometry.vertex_instance], frames.translation[0, geometry.vertex_instance]
+    vertices = wp.array((turn @ geometry.vertices[..., None])[..., 0] + place, dtype=wp.vec3)
+    mesh = wp.Mesh(wp.clone(vertices), wp.array(geometry.triangles.reshape(-1), dtype=wp.int32), bvh_constructor="sah")
     triangle, depth = wp.empty(v.shape, dtype=wp.int32), wp.empty(v.shape, dtype=wp.float32)
 
     def rays(k: int) -> None:
-        wp.copy(mesh.points, v.vertices[0])
+        wp.copy(mesh.points, vertices)
         mesh.refit()
         wp.launch(cast_rays, dim=v.shape, inputs=[v.view, mesh.id, triangle, depth])
 
@@ -153,15 +193,26 @@ def raster_against_rays(size: tuple[int, int], rings: int, repeats: int) -> dict
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """Both tables; quick: fewer repetitions."""
+    """All tables; quick: fewer repetitions."""
     repeats = 5 if quick else 30
+    few = 3 if quick else 8
     return {
         "stages": {
             "title": "Renderer: a keyframe with depth and motion, one core",
             "command": COMMAND,
-            "rows": [stages(size, shadows, repeats) for size in SIZES for shadows in (True, False)],
-            "note": "Medians of CPU time. Light on still surfaces is remembered, so `shading` is what the moving "
-            "disk and its shadow change; `nothing moves` copies the last images.",
+            "rows": [
+                *(stages("spinning_disk", size, shadows, repeats) for size in SIZES for shadows in (True, False)),
+                *(stages("warehouse", SIZES[1], shadows, few) for shadows in (True, False)),
+            ],
+            "note": "Medians of CPU time. Light on still surfaces is remembered while the camera is still, so the "
+            "disk's `shading` is what it and its shadow change; the camera of the warehouse moves, and every pixel "
+            "looks for each of its lights anew. `nothing moves` copies the last images.",
+        },
+        "background": {
+            "title": "A still background kept, against drawn anew, one core",
+            "command": COMMAND,
+            "rows": backgrounds(SIZES[1], repeats),
+            "note": "Visibility alone (z-buffer and triangle of each pixel). The result is the same, bit for bit.",
         },
         "visibility": {
             "title": "Visibility by raster against primary rays, one core",
@@ -170,6 +221,14 @@ def measure(quick: bool = False) -> dict[str, Any]:
             "note": "Rays: a world-space SAH tree, refitted to the moved vertices each time. A pixel differs where "
             "one way sees nothing or the depths are more than 1e-4 apart: its centre lies on a silhouette, "
             "within float32.",
+        },
+        "mujoco": {
+            "title": "The same scene, EVIS and MuJoCo's own renderer",
+            "command": COMMAND,
+            "rows": against_mujoco(SIZES[1], few),
+            "note": "CPU time of all threads, on one machine in one run. MuJoCo draws through OpenGL, Mesa's software "
+            "rasterizer where there is no GPU: 8-bit colour with shadow maps, or float32 depth. EVIS: float32 linear "
+            "radiance with ray-traced shadows, or depth. No rows: no OpenGL was found.",
         },
     }
 

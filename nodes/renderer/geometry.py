@@ -57,7 +57,9 @@ def flatten(scene: Scene) -> Geometry:
     turns = np.array([i.pose[3:] for i in scene.instances], np.float64).reshape(count, 4)
     rotation = se3.to_matrix(se3.normalize(turns))
     shells: dict[int, int] = {}
-    has_uv = any(scene.materials[i.material].texture is not None for i in scene.instances if _checked(scene, i))
+    for instance in scene.instances:
+        _check(scene, instance)
+    has_uv = any(scene.materials[i.material].texture is not None for i in scene.instances)
     has_smooth = any(i.mesh.normals is not None for i in scene.instances)
     base = 0
     for index, instance in enumerate(scene.instances):
@@ -137,8 +139,8 @@ def shell_of(points: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> int:
     return SHELL_PLANAR if lowest >= -tolerance else SHELL_CONVEX
 
 
-def _checked(scene: Scene, instance: Instance) -> bool:
-    """True; raises ValueError where the instance is not usable."""
+def _check(scene: Scene, instance: Instance) -> None:
+    """Raises ValueError where the instance is not usable."""
     mesh, where = instance.mesh, f"scene {scene.name}: instance '{instance.name}'"
     faces, points = np.asarray(mesh.faces), np.asarray(mesh.vertices)
     if not 0 <= instance.material < len(scene.materials):
@@ -152,7 +154,8 @@ def _checked(scene: Scene, instance: Instance) -> bool:
     for name, array in (("uv", mesh.uv), ("normals", mesh.normals)):
         if array is not None and len(array) != len(faces):
             raise ValueError(f"{where} has {len(array)} {name} for {len(faces)} faces")
-    return True
+        if array is not None and not np.isfinite(array).all():
+            raise ValueError(f"{where} has {name} that are not finite")
 
 
 def _stack(parts: list[np.ndarray], dtype: type, width: int) -> np.ndarray:

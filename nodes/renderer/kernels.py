@@ -1,11 +1,12 @@
-"""Visibility by z-buffer: triangles to packed depth and triangle index.
+"""Visibility by z-buffer: one triangle to packed depth and triangle index. The kernels are in raster_kernels.py.
 
 Everything is camera-relative (x right, y down, z forward). A pixel's ray is d = ((x - cx) / fx, (y - cy) / fy, 1), so a
-point on it is z d. Coverage is tested in homogeneous form (Olano and Greer, Triangle Scan Conversion using 2D
-Homogeneous Coordinates, 1997): pixel d lies in triangle a b c when (a x b) . d, (b x c) . d and (c x a) . d have one
-sign. That is the ray test itself, so a triangle that reaches behind the camera needs no new vertices; only its bounds
-are clipped at the near plane. Edges are moved outwards by the rounding of the test, so a pixel centre on an edge or a
-vertex belongs to all its triangles and is never missed by all.
+point on it is z d; through a distorting lens d is a unit vector from a table, and the point is its distance times d.
+Coverage is tested in homogeneous form (Olano and Greer, Triangle Scan Conversion using 2D Homogeneous Coordinates,
+1997): pixel d lies in triangle a b c when (a x b) . d, (b x c) . d and (c x a) . d have one sign. That is the ray test
+itself, so it is as exact through a lens, and a triangle that reaches behind the camera needs no new vertices; only its
+bounds are clipped at the near plane. Edges are moved outwards by the rounding of the test, so a pixel centre on an edge
+or a vertex belongs to all its triangles and is never missed by all.
 """
 
 import warp as wp
@@ -15,16 +16,16 @@ wp.set_module_options({"enable_backward": False})
 MISS = wp.constant(-1)
 """Triangle index of a pixel that sees no triangle."""
 
-SPLIT_AREA = wp.constant(512)
-"""Bounding box [px] above which a triangle is split among threads."""
+NARROW = wp.constant(6)
+"""Columns from which on each row of a triangle is narrowed to what its edges leave."""
 
-TILE = wp.constant(8)
-"""Side [px] of the piece of a split triangle that one thread walks."""
+Lens = wp.types.vector(length=8, dtype=wp.float64)
+"""Distortion coefficients, in the order of evis.geometry.distortion, padded with zeros."""
 
 
 @wp.struct
 class View:
-    """Pinhole camera and image size; width and height include the margin, cx and cy do not."""
+    """Camera and image size; width and height include the margin, cx and cy do not."""
 
     fx: float
     fy: float
@@ -36,6 +37,20 @@ class View:
     width: int
     height: int
     margin: int
+    distorted: int
+    """1: rays come from the table, `near` is a distance from the camera, and `lens` bends directions."""
+    rays: wp.array2d(dtype=wp.vec3)
+    """[height, width] unit rays, 0 where the lens sees nothing; empty for a pinhole."""
+    lens: Lens
+    cos_field: float
+    sin_field: float
+    """Angle about the optical axis that holds all rays of the table."""
+    domain: float
+    """Angle up to which the lens maps directions one to one [rad]."""
+    bounded: float
+    """Angle up to which `bulge` holds [rad]."""
+    bulge: float
+    """Bound on the second derivative of a pixel's position by the angle along any great circle [px/rad^2]."""
 
 
 @wp.struct
@@ -58,11 +73,27 @@ class Setup:
 
 @wp.func
 def pixel_ray(view: View, x: int, y: int):
+    """The ray d of a pixel; the branch goes one way for a whole launch and costs nothing that could be measured."""
+    if view.distorted == 1:
+        return view.rays[y, x]
     return wp.vec3(
         (float(x - view.margin) - view.cx) / view.fx,
         (float(y - view.margin) - view.cy) / view.fy,
         1.0,
     )
+
+
+@wp.func
+def ray_steps(view: View, x: int, y: int):
+    """How the ray d of a pixel changes from one column and one row to the next."""
+    if view.distorted == 1:
+        left = wp.max(x - 1, 0)
+        right = wp.min(x + 1, view.width - 1)
+        above = wp.max(y - 1, 0)
+        below = wp.min(y + 1, view.height - 1)
+        across = (view.rays[y, right] - view.rays[y, left]) / float(wp.max(right - left, 1))
+        return across, (view.rays[below, x] - view.rays[above, x]) / float(wp.max(below - above, 1))
+    return wp.vec3(1.0 / view.fx, 0.0, 0.0), wp.vec3(0.0, 1.0 / view.fy, 0.0)
 
 
 @wp.func
@@ -114,19 +145,55 @@ def grow_crossing(view: View, box: wp.vec4, a: wp.vec3, b: wp.vec3):
 
 
 @wp.func
-def set_up(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
-    """x1 < x0 where nothing is to be seen: behind, outside, facing away, or edge-on."""
-    s = Setup()
-    s.x0 = 0
-    s.x1 = -1
-    z_min = wp.min(a[2], wp.min(b[2], c[2]))
-    z_max = wp.max(a[2], wp.max(b[2], c[2]))
-    if z_max < view.near:
-        return s
-    normal = wp.cross(b - a, c - a)
-    offset = wp.dot(normal, a)
-    if offset == 0.0 or (offset > 0.0 and two_sided == 0):
-        return s
+def beyond(slope: float, across: float, z: float, radius: float):
+    """Whether a sphere lies wholly on the far side of the plane across = slope z through the camera."""
+    return across - slope * z > radius * wp.sqrt(1.0 + slope * slope)
+
+
+@wp.func
+def outside(view: View, row0: int, row1: int, c: wp.vec3, radius: float):
+    """Whether a sphere about c covers no pixel centre of rows row0..row1 - 1; the sphere is widened by its rounding."""
+    r = radius + 1.0e-5 * (wp.length(c) + radius)
+    if view.distorted == 1:
+        # Distance from the cone about the optical axis that holds every ray.
+        return wp.sqrt(c[0] * c[0] + c[1] * c[1]) * view.cos_field - c[2] * view.sin_field > r
+    if c[2] + r < view.near:
+        return True
+    m = float(view.margin)
+    # One pixel more than the outermost centres, for triangles are widened by less.
+    left = (-1.0 - m - view.cx) / view.fx
+    right = (float(view.width) - m - view.cx) / view.fx
+    top = (float(row0) - 1.0 - m - view.cy) / view.fy
+    bottom = (float(row1) - m - view.cy) / view.fy
+    return (
+        beyond(right, c[0], c[2], r)
+        or beyond(-left, -c[0], c[2], r)
+        or beyond(bottom, c[1], c[2], r)
+        or beyond(-top, -c[1], c[2], r)
+    )
+
+
+@wp.func
+def turned_away(axis: wp.vec3, cosine: float, c: wp.vec3, radius: float):
+    """Whether every triangle in a sphere about c with normals in a cone shows its back to the camera."""
+    if cosine <= 0.0:
+        return False
+    along = wp.dot(axis, c)
+    across = wp.sqrt(wp.max(wp.dot(c, c) - along * along, 0.0))
+    sine = wp.sqrt(wp.max(1.0 - cosine * cosine, 0.0))
+    return along * cosine - across * sine > radius + 1.0e-4 * (wp.length(c) + radius)
+
+
+@wp.func
+def facing(a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
+    """False for a triangle that is edge-on, or shows its back without having one."""
+    offset = wp.dot(wp.cross(b - a, c - a), a)
+    return offset < 0.0 or (offset > 0.0 and two_sided == 1)
+
+
+@wp.func
+def bounds(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """What of the image a triangle before the near plane may cover: (x min, x max, y min, y max)."""
     big = 1.0e9
     box = wp.vec4(big, -big, big, -big)
     if a[2] >= view.near:
@@ -135,16 +202,26 @@ def set_up(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
         box = grow(view, box, b, 0.01)
     if c[2] >= view.near:
         box = grow(view, box, c, 0.01)
-    if z_min < view.near:
+    if wp.min(a[2], wp.min(b[2], c[2])) < view.near:
         box = grow_crossing(view, box, a, b)
         box = grow_crossing(view, box, b, c)
         box = grow_crossing(view, box, c, a)
+    return box
+
+
+@wp.func
+def set_up(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3, box: wp.vec4):
+    """A triangle within `box`; x1 < x0 where that holds no pixel centre of the image."""
+    s = Setup()
     s.x0 = wp.max(int(wp.ceil(box[0])), 0)
     s.x1 = wp.min(int(wp.floor(box[1])), view.width - 1)
     s.y0 = wp.max(int(wp.ceil(box[2])), 0)
     s.y1 = wp.min(int(wp.floor(box[3])), view.height - 1)
     if s.x1 < s.x0 or s.y1 < s.y0:
+        s.x1 = s.x0 - 1
         return s
+    normal = wp.cross(b - a, c - a)
+    offset = wp.dot(normal, a)
     sign = wp.where(offset > 0.0, 1.0, -1.0)
     s.e0 = sign * edge_normal(b, c)
     s.e1 = sign * edge_normal(c, a)
@@ -152,8 +229,12 @@ def set_up(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
     s.slack = wp.vec3(edge_slack(view, b, c), edge_slack(view, c, a), edge_slack(view, a, b))
     s.normal = normal
     s.offset = offset
-    s.z_min = wp.max(z_min, view.near)
-    s.z_max = z_max
+    if view.distorted == 1:
+        s.z_min = wp.max(wp.abs(offset) / wp.length(normal), view.near)
+        s.z_max = wp.max(wp.length(a), wp.max(wp.length(b), wp.length(c)))
+    else:
+        s.z_min = wp.max(wp.min(a[2], wp.min(b[2], c[2])), view.near)
+        s.z_max = wp.max(a[2], wp.max(b[2], c[2]))
     return s
 
 
@@ -189,9 +270,11 @@ def walk(
         r2 = s.e2[1] * dy + s.e2[2] + s.slack[2]
         rn = s.normal[1] * dy + s.normal[2]
         span = wp.vec2(float(x0), float(x1))
-        span = narrow(view, s.e0, r0, span)
-        span = narrow(view, s.e1, r1, span)
-        span = narrow(view, s.e2, r2, span)
+        # A few pixels are tried sooner than the edges' ends are computed.
+        if x1 - x0 >= NARROW:
+            span = narrow(view, s.e0, r0, span)
+            span = narrow(view, s.e1, r1, span)
+            span = narrow(view, s.e2, r2, span)
         if span[0] <= span[1]:
             for x in range(int(wp.ceil(span[0])), int(span[1]) + 1):
                 dx = (float(x - view.margin) - view.cx) / view.fx
@@ -202,95 +285,3 @@ def walk(
                         z = wp.clamp(z, s.z_min, s.z_max)
                         bits = wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)
                         wp.atomic_min(packed, env, y, x, bits | low)
-
-
-@wp.kernel
-def to_camera(
-    # in
-    points: wp.array(dtype=wp.vec3),
-    instance: wp.array(dtype=int),
-    rotation: wp.array2d(dtype=wp.mat33),
-    translation: wp.array2d(dtype=wp.vec3),
-    # out
-    vertices: wp.array2d(dtype=wp.vec3),
-):
-    env, v = wp.tid()
-    i = instance[v]
-    vertices[env, v] = rotation[env, i] * points[v] + translation[env, i]
-
-
-def make_raster(split: bool) -> wp.Kernel:
-    """One thread per triangle, rows row0..row1 - 1. split: those above SPLIT_AREA go to a list for `raster_tiles`."""
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def raster(
-        # in
-        view: View,
-        row0: int,
-        row1: int,
-        vertices: wp.array2d(dtype=wp.vec3),
-        triangles: wp.array(dtype=wp.vec3i),
-        instance: wp.array(dtype=int),
-        two_sided: wp.array(dtype=int),
-        # out
-        packed: wp.array3d(dtype=wp.uint64),
-        counter: wp.array(dtype=wp.uint64),
-        large: wp.array(dtype=wp.vec2i),
-        large_start: wp.array(dtype=wp.int64),
-    ):
-        env, t = wp.tid()
-        k = triangles[t]
-        s = set_up(view, vertices[env, k[0]], vertices[env, k[1]], vertices[env, k[2]], two_sided[instance[t]])
-        y0 = wp.max(s.y0, row0)
-        y1 = wp.min(s.y1, row1 - 1)
-        if s.x1 >= s.x0 and y1 >= y0:
-            if wp.static(split):
-                if (s.x1 - s.x0 + 1) * (y1 - y0 + 1) > SPLIT_AREA:
-                    tiles = ((s.x1 - s.x0) // TILE + 1) * ((s.y1 - s.y0) // TILE + 1)
-                    # One 64-bit counter gives a place in the list and the number of tiles before it at once.
-                    old = wp.atomic_add(counter, 0, (wp.uint64(1) << wp.uint64(40)) | wp.uint64(tiles))
-                    place = int(old >> wp.uint64(40))
-                    large[place] = wp.vec2i(env, t)
-                    large_start[place] = wp.int64(old & wp.uint64(0xFFFFFFFFFF))
-                    return
-            walk(view, s, s.x0, s.x1, y0, y1, env, t, packed)
-
-    return raster
-
-
-@wp.kernel
-def raster_tiles(
-    # in
-    view: View,
-    workers: int,
-    vertices: wp.array2d(dtype=wp.vec3),
-    triangles: wp.array(dtype=wp.vec3i),
-    counter: wp.array(dtype=wp.uint64),
-    large: wp.array(dtype=wp.vec2i),
-    large_start: wp.array(dtype=wp.int64),
-    # out
-    packed: wp.array3d(dtype=wp.uint64),
-):
-    worker = wp.tid()
-    count = int(counter[0] >> wp.uint64(40))
-    total = wp.int64(counter[0] & wp.uint64(0xFFFFFFFFFF))
-    tile = wp.int64(worker)
-    while tile < total:
-        low = wp.int32(0)
-        high = int(count)
-        while high - low > 1:
-            middle = (low + high) // 2
-            if large_start[middle] <= tile:
-                low = middle
-            else:
-                high = middle
-        env = large[low][0]
-        t = large[low][1]
-        k = triangles[t]
-        s = set_up(view, vertices[env, k[0]], vertices[env, k[1]], vertices[env, k[2]], 1)
-        columns = (s.x1 - s.x0) // TILE + 1
-        index = int(tile - large_start[low])
-        x0 = s.x0 + index % columns * TILE
-        y0 = s.y0 + index // columns * TILE
-        walk(view, s, x0, wp.min(x0 + TILE - 1, s.x1), y0, wp.min(y0 + TILE - 1, s.y1), env, t, packed)
-        tile += wp.int64(workers)

@@ -15,6 +15,7 @@ from msgs.world import WorldState
 
 if TYPE_CHECKING:
     from nodes.renderer.renderer import Renderer
+    from nodes.renderer.supersampling import SupersampledRenderer
 
 PORTS = {"keyframe": "radiance", "depth": "depth", "motion": "motion", "ids": "ids", "normal": "normal"}
 MESSAGES: dict[str, Any] = {"depth": Depth, "motion": Motion, "ids": Ids, "normal": Normal}
@@ -34,6 +35,8 @@ class RendererNode(Node):
         "margin": Param(int, 0, "pixels rendered beyond every side of the image", "px", 0, 1024),
         "threads": Param(int, 1, "CPU threads", minimum=1, maximum=256),
         "half": Param(bool, False, "radiance as float16, clipped at 65504"),
+        "supersampling": Param(int, 0, "samples per pixel and axis, averaged; 0 = the camera's", minimum=0, maximum=16),
+        "light_samples": Param(int, 16, "shadow rays for an area light and pixel, a square", minimum=1, maximum=4096),
         "keyframe_rate": Param(float, 30.0, "rate of the states, told to readers in /info", "Hz", 0),
     }
     INPUTS = {"state": Input("/state")}
@@ -45,11 +48,33 @@ class RendererNode(Node):
         "ids": Output("/{camera}/ids"),
         "normal": Output("/{camera}/normal"),
     }
-    renderer: Renderer
+    renderer: Renderer | SupersampledRenderer
+
+    @classmethod
+    def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """What a still camera sees of still things is not drawn again."""
+        from evis.scene.load import is_dynamic, load_scene, parse_args
+
+        scene, camera = params.get("scene"), params.get("camera")
+        if not scene or not camera:
+            return {}
+        try:
+            if is_dynamic(scene):
+                return {}
+            bodies = load_scene(scene, parse_args(params.get("scene_args") or ""), visuals=False).bodies
+        except (ValueError, OSError):
+            # Whoever loads the scene says what is wrong with it.
+            return {}
+        still = {body.name for body in bodies if body.trajectory is not None and body.trajectory.is_static()}
+        if camera not in still:
+            return {}
+        kept = f" and {len(still) - 1} of {len(bodies) - 1} bodies" if len(still) > 1 else ""
+        return {"static background": f"{camera} never moves: the world{kept} drawn once and kept"}
 
     def setup(self) -> None:
         from evis.scene.load import load_scene, parse_args
         from nodes.renderer.renderer import Renderer
+        from nodes.renderer.supersampling import SupersampledRenderer
 
         p = self.params
         size = {key: p[key] for key in ("width", "height") if p[key]}
@@ -58,7 +83,12 @@ class RendererNode(Node):
             camera = self.scene.camera(p["camera"])
         except KeyError as error:
             raise ValueError(error.args[0]) from None
-        self.renderer = Renderer(self.scene, camera, p["envs"], p["margin"], p["device"], p["threads"], p["half"])
+        how = (p["envs"], p["margin"], p["device"], p["threads"], p["half"], p["light_samples"])
+        samples = p["supersampling"] or camera.supersampling
+        if samples > 1:
+            self.renderer = SupersampledRenderer(self.scene, camera, samples, *how)
+        else:
+            self.renderer = Renderer(self.scene, camera, *how)
         self.renderer.prepare([PORTS[port] for port in PORTS if self.wants(port)])
         self._names = [body.name for body in self.scene.bodies]
         self._previous: np.ndarray | None = None
@@ -66,7 +96,8 @@ class RendererNode(Node):
         info = CameraInfo(
             Header(0),
             k=np.asarray(camera.k, np.float64),
-            distortion=np.zeros(0),
+            distortion=np.asarray(camera.distortion, np.float64),
+            distortion_model=camera.distortion_model,
             name=camera.name,
             width=camera.width,
             height=camera.height,
@@ -89,7 +120,7 @@ class RendererNode(Node):
         poses = np.array(state.pose[:, -1])
         wanted = [port for port in PORTS if self.wants(port)]
         out = {PORTS[port]: self._loan(port) for port in wanted}
-        self.renderer.render(poses, self._before(poses, state.episodes), out, out)
+        self.renderer.render(poses, self._before(poses, state.episodes), out, out, state.header.stamp_ns)
         if "radiance" in out:
             self._report()
         for port in wanted:

@@ -2,16 +2,22 @@
 
 import warp as wp
 
+from nodes.renderer.distortion_kernels import angle_of, make_distorted
 from nodes.renderer.kernels import MISS, View, depth_of, pixel_ray, triangle_of
 
 wp.set_module_options({"enable_backward": False})
+
+LARGEST_HALF = wp.constant(65504.0)
+"""The largest float16."""
 
 BEHIND = wp.constant(1.0e6)
 """Motion [px], both components, of a point that the previous camera had behind its near plane: outside every image."""
 
 
-def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool) -> wp.Kernel:
-    """The geometric images that are asked for; the arrays of the others may be empty."""
+def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool, lens: str) -> wp.Kernel:
+    """The geometric images that are asked for; the arrays of the others may be empty. lens: `none` or a distortion."""
+    bent = lens != "none"
+    distorted = make_distorted(lens) if bent else None
 
     @wp.kernel(module="unique", enable_backward=False)
     def outputs(
@@ -43,7 +49,11 @@ def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool) -> wp.Kerne
                 z = depth_of(hit)
                 i = instance[t]
             if wp.static(depth):
-                depth_out[env, y, x] = z
+                if wp.static(bent):
+                    # What is beside or behind a wide lens has a depth of 0 or less.
+                    depth_out[env, y, x] = wp.where(t != MISS, z * pixel_ray(view, x, y)[2], z)
+                else:
+                    depth_out[env, y, x] = z
             if wp.static(ids):
                 ids_out[env, y, x] = i + 1
             if wp.static(normal):
@@ -66,14 +76,51 @@ def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool) -> wp.Kerne
                     i = turn.shape[1] - 1
                 # q = p + m; its image minus p's, free of the cancellation that two projections would have.
                 m = turn[env, i] * p + shift[env, i]
-                q_z = p[2] + m[2]
                 v = wp.vec2(BEHIND, BEHIND)
-                if q_z >= near:
-                    v = wp.vec2(view.fx * (m[0] - d[0] * m[2]) / q_z, view.fy * (m[1] - d[1] * m[2]) / q_z)
-                    v = wp.vec2(wp.clamp(v[0], -BEHIND, BEHIND), wp.clamp(v[1], -BEHIND, BEHIND))
-                motion_out[env, y, x] = v
+                if wp.static(bent):
+                    # In float64, where adding m to p keeps its digits.
+                    q = wp.vec3d(p) + wp.vec3d(m)
+                    if m[0] == 0.0 and m[1] == 0.0 and m[2] == 0.0:
+                        v = wp.vec2(0.0, 0.0)
+                    elif angle_of(q) < wp.float64(view.domain) and wp.length(q) >= wp.float64(near):
+                        v = wp.vec2(distorted(view, q) - distorted(view, wp.vec3d(p)))
+                else:
+                    q_z = p[2] + m[2]
+                    if q_z >= near:
+                        v = wp.vec2(view.fx * (m[0] - d[0] * m[2]) / q_z, view.fy * (m[1] - d[1] * m[2]) / q_z)
+                motion_out[env, y, x] = wp.vec2(wp.clamp(v[0], -BEHIND, BEHIND), wp.clamp(v[1], -BEHIND, BEHIND))
 
     return outputs
+
+
+def make_mean(half: bool) -> wp.Kernel:
+    """Radiance of a pixel: the mean of its n x n samples; half: as float16, clipped and counted at its largest."""
+    pixel = wp.vec3h if half else wp.vec3f
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def mean(
+        # in
+        n: int,
+        fine: wp.array3d(dtype=wp.vec3),
+        # out
+        radiance: wp.array3d(dtype=pixel),
+        clipped: wp.array(dtype=int),
+    ):
+        env, y, x = wp.tid()
+        total = wp.vec3(0.0, 0.0, 0.0)
+        for j in range(n):
+            for i in range(n):
+                # Divided first, for the sum of large ones would overflow.
+                total += fine[env, y * n + j, x * n + i] / float(n * n)
+        if wp.static(half):
+            if wp.max(total) > LARGEST_HALF:
+                wp.atomic_add(clipped, 0, 1)
+                total = wp.min(total, wp.vec3(LARGEST_HALF, LARGEST_HALF, LARGEST_HALF))
+            radiance[env, y, x] = wp.vec3h(wp.float16(total[0]), wp.float16(total[1]), wp.float16(total[2]))
+        else:
+            radiance[env, y, x] = total
+
+    return mean
 
 
 @wp.kernel

@@ -12,6 +12,7 @@ import warp as wp
 from evis.geometry import se3
 from evis.scene.model import Camera, Scene
 from nodes.renderer import output_kernels
+from nodes.renderer.cameras import finer
 from nodes.renderer.poses import Frames
 from nodes.renderer.shading import Shading
 from nodes.renderer.visibility import Visibility, store
@@ -31,9 +32,12 @@ class Renderer:
     the image without margin. `half` gives float16 radiance, clipped at 65504. threads > 1 splits rows over CPU
     threads with the same result, bit for bit.
 
-    Lighting: diffuse reflection albedo / pi of point and directional lights with hard shadows, plus emission, plus
-    albedo times the environment's radiance (a uniform sky, not occluded). Counters of the last `render`: `not_finite`
-    pixels (set to 0, or to the largest float where infinite) and `clipped` ones (half only).
+    Lighting: see `Shading`; direct light of all kinds of lights with shadows, emission, and the sky, uniform or a map,
+    not occluded. light_samples: shadow rays for each area light and pixel, a square number. Counters of the last
+    `render`: `not_finite` pixels (set to 0, or to the largest float where infinite) and `clipped` ones (half only).
+
+    supersampling: n renders n x n samples for each pixel, side by side: every image, the margin and the unit of motion
+    are then those of a camera with n times as many pixels along each side.
     """
 
     def __init__(
@@ -45,9 +49,12 @@ class Renderer:
         device: str = "cpu",
         threads: int = 1,
         half: bool = False,
+        light_samples: int = 16,
+        supersampling: int = 1,
     ) -> None:
-        self.visibility = Visibility(scene, camera, envs, margin, device, threads)
-        self.shading = Shading(self.visibility, half)
+        n = supersampling
+        self.visibility = Visibility(scene, finer(camera, n), envs, margin * n, device, threads)
+        self.shading = Shading(self.visibility, half, light_samples)
         self.normals = self.shading.normals
         self.device, self.shape = self.visibility.device, self.visibility.shape
         count = len(scene.instances)
@@ -87,15 +94,17 @@ class Renderer:
         previous: np.ndarray | None = None,
         outputs: Iterable[str] = ("radiance",),
         out: Mapping[str, Any] | None = None,
+        t_ns: int = 0,
     ) -> dict[str, np.ndarray]:
         """The wanted images for body poses float64 [E, N, 7].
 
         radiance [E, H, W, 3] W/(sr m^2); depth float32 [E, H, W] m along the optical axis, +inf = sky; ids int32
         [E, H, W], 0 = background, else instance index + 1; normal float32 [E, H, W, 3] geometric, world frame, towards
         the camera, 0 = sky; motion float32 [E, H, W, 2] px: where the surface point was at `previous` (poses of the
-        previous keyframe) minus where it is; (BEHIND, BEHIND) where it was behind the camera; 0 without `previous`. The
-        sky moves as directions do, with the camera's rotation.
+        previous keyframe) minus where it is; (BEHIND, BEHIND) where it was behind the camera, or where its lens has no
+        image; 0 without `previous`. The sky moves as directions do, with the camera's rotation.
 
+        t_ns: the instant, at which lights with a waveform are as strong as they are then.
         out: numpy arrays, or Warp arrays of the renderer's device, to write into (on the CPU without a copy); what it
         lacks comes in the renderer's own buffers, valid until the next call. Raises ValueError for poses that are not
         finite, naming the body.
@@ -104,18 +113,20 @@ class Renderer:
         unknown = set(outputs) - set(OUTPUTS)
         if unknown:
             raise ValueError(f"the renderer has no output '{min(unknown)}'; it has {', '.join(OUTPUTS)}")
-        targets = {name: self._target(name, (out or {}).get(name)) for name in wanted}
+        targets = {name: self.target(name, (out or {}).get(name)) for name in wanted}
         frames = self.visibility.frames(poses)
         before = self.visibility.frames(previous) if previous is not None and "motion" in wanted else None
         if before is not None and before.same(frames):
             before = None
+        if "radiance" in targets and self.shading.set_time(t_ns):
+            self._still.pop("radiance", None)
         if before is None and self._last is not None and frames.same(self._last):
             self._repeat(frames, targets)
         else:
             self._still = {}
             self._draw(frames, before, targets)
         self._last = frames
-        return {name: self._numpy(target, (out or {}).get(name)) for name, target in targets.items()}
+        return {name: self.on_host(target, (out or {}).get(name)) for name, target in targets.items()}
 
     def _draw(self, frames: Frames, before: Frames | None, targets: Mapping[str, wp.array]) -> None:
         self.visibility.update(frames)
@@ -144,7 +155,7 @@ class Renderer:
             store(self._shift, shift)
         if "normal" in targets:
             store(self._camera, frames.camera)
-        kernel = make_outputs(*(name in targets for name in OUTPUTS[1:]))
+        kernel = make_outputs(*(name in targets for name in OUTPUTS[1:]), lens=v.lens)
         arrays = [targets.get(name, self._nothing[name]) for name in OUTPUTS[1:]]
         shared = [v.packed, v.triangle_instance, self.normals, v.rotation, self._camera, self._turn, self._shift]
         envs, _, width = self.shape
@@ -154,7 +165,7 @@ class Renderer:
 
         v.bands.launch(kernel, arguments, self.device)
 
-    def _target(self, name: str, given: Any) -> wp.array:
+    def target(self, name: str, given: Any) -> wp.array:
         """The Warp array that an output is written to. Raises ValueError where the given one does not fit."""
         shape, dtype = self.array_shape(name)
         if isinstance(given, wp.array):
@@ -172,7 +183,7 @@ class Renderer:
             self._own[name] = wp.empty(self.shape, dtype=self.types[name], device=self.device)
         return self._own[name]
 
-    def _numpy(self, target: wp.array, given: Any) -> np.ndarray:
+    def on_host(self, target: wp.array, given: Any) -> np.ndarray:
         """The image on the host: in the given array if there is one, which on the CPU holds it already."""
         if not isinstance(given, np.ndarray):
             return target.numpy()

@@ -11,8 +11,9 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Camera, Scene
-from nodes.renderer import kernels, output_kernels
-from nodes.renderer.geometry import flatten
+from nodes.renderer import clusters, output_kernels, raster_kernels
+from nodes.renderer.cameras import lens_of, make_view
+from nodes.renderer.geometry import flatten, is_static
 from nodes.renderer.poses import Frames, check_poses
 
 wp.config.log_level = wp.LOG_WARNING
@@ -20,15 +21,21 @@ wp.config.log_level = wp.LOG_WARNING
 TILE_WORKERS = 1 << 17
 """Threads that share the tiles of large triangles on a GPU."""
 
-make_raster = cache(kernels.make_raster)
+make_raster = cache(raster_kernels.make_raster)
+make_raster_tiles = cache(raster_kernels.make_raster_tiles)
 
 
 class Visibility:
     """Z-buffer of a scene for E environments: `update(poses)`, then `packed` or `hits()`.
 
     packed: Warp uint64 [E, H, W] on the device, float32 z-depth bits << 32 | triangle index, all ones where nothing is
-    hit. H and W include `margin` pixels on every side. threads: row bands run in parallel on the CPU; the result does
-    not depend on it. split: None splits large triangles among threads on a GPU and not on the CPU.
+    hit; for a distorted camera, the distance along the pixel's ray in place of the depth. H and W include `margin`
+    pixels on every side. threads: row bands run in parallel on the CPU; the result does not depend on it. split: None
+    splits large triangles among threads on a GPU and not on the CPU.
+
+    While a still camera sees still instances where they were, these are kept as a layer and only the others are drawn
+    over it; the z-buffer is the same, bit for bit. layered=False draws everything anew. `vertices` holds those of
+    instances that may be seen.
     """
 
     def __init__(
@@ -40,35 +47,43 @@ class Visibility:
         device: str = "cpu",
         threads: int = 1,
         split: bool | None = None,
+        layered: bool = True,
     ) -> None:
         self.scene, self.camera, self.envs, self.margin = scene, camera, envs, margin
         self.device = _device(device)
         self.shape = (envs, camera.height + 2 * margin, camera.width + 2 * margin)
-        self.view = _view(camera, margin)
+        self.view, self.lens = make_view(camera, margin, self.device), lens_of(camera)
         # Pixels that one thread of a gather kernel does; on the CPU a row, for starting one costs more.
         self.span = self.shape[2] if self.device.is_cpu else 1
         self.geometry = geometry = flatten(scene)
         self.names = [b.name for b in scene.bodies]
         self.camera_body = scene.body_index(camera.name)
         self.bands = Bands(self.shape[1], threads if self.device.is_cpu else 1)
-        two_sided = [scene.materials[i.material].two_sided for i in scene.instances]
+        two_sided = np.array([scene.materials[i.material].two_sided for i in scene.instances], bool)
         count, vertices, triangles = len(two_sided), len(geometry.vertices), len(geometry.triangles)
         self.points = self.put(geometry.vertices, wp.vec3)
-        self.vertex_instance = self.put(geometry.vertex_instance, wp.int32)
         self.triangles = self.put(geometry.triangles, wp.vec3i)
         self.triangle_instance = self.put(geometry.triangle_instance, wp.int32)
-        self.two_sided = self.put(np.array(two_sided, np.int32), wp.int32)
+        self.two_sided = self.put(two_sided, wp.int32)
         self.vertices = self.empty((envs, vertices), wp.vec3)
         self.rotation = self.empty((envs, count), wp.mat33)
         self.translation = self.empty((envs, count), wp.vec3)
         self.packed = self.empty(self.shape, wp.uint64)
+        still = geometry.static & is_static(scene, self.camera_body)
+        pieces = clusters.triangle_blocks(geometry, still, two_sided), clusters.vertex_blocks(geometry, still)
+        self._blocks = [(self._put_blocks(p), p.still, len(p.instance)) for p in pieces]
+        self._still = np.flatnonzero(still)
+        self._layered = layered and 0 < pieces[0].still
+        self._layer = self.empty(self.shape if self._layered else (0, 0, 0), wp.uint64)
+        self._basis: tuple[np.ndarray, ...] | None = None
         self._split = self.device.is_cuda if split is None else split
-        pieces = envs * triangles if self._split else 0
+        listed = envs * triangles if self._split else 0
         self._counter = wp.zeros(1, dtype=wp.uint64, device=self.device)
-        self._large = self.empty(pieces, wp.vec2i)
-        self._large_start = self.empty(pieces, wp.int64)
+        self._large = self.empty(listed, wp.vec2i)
+        self._large_start = self.empty(listed, wp.int64)
         self._rest = [self.put(geometry.rotation, wp.mat33), self.put(geometry.translation, wp.vec3)]
-        self._raster = make_raster(self._split)
+        self._lanes = 1 if self.device.is_cpu else clusters.SIZE
+        self._raster = make_raster(self._split, self.lens)
 
     def frames(self, poses: np.ndarray) -> Frames:
         """Checked float64 camera-relative matrices of all instances. Raises ValueError naming a body."""
@@ -81,27 +96,39 @@ class Visibility:
         frames = poses if isinstance(poses, Frames) else self.frames(poses)
         store(self.rotation, frames.rotation)
         store(self.translation, frames.translation)
-        self.transform()
-        self.raster()
+        if not self._layered:
+            self.packed.view(wp.int64).fill_(-1)
+            self._draw(self.packed, True, True)
+            return frames
+        basis = (frames.rotation[:, self._still], frames.translation[:, self._still])
+        if self._basis is None or not all(map(np.array_equal, basis, self._basis)):
+            self._layer.view(wp.int64).fill_(-1)
+            self._draw(self._layer, True, False)
+            self._basis = basis
+        wp.copy(self.packed, self._layer)
+        self._draw(self.packed, False, True)
         return frames
 
-    def transform(self) -> None:
-        """Vertices of all environments to the camera frame."""
-        inputs = [self.points, self.vertex_instance, self.rotation, self.translation, self.vertices]
-        wp.launch(kernels.to_camera, dim=self.vertices.shape, inputs=inputs, device=self.device)
-
-    def raster(self) -> None:
-        """The z-buffer of the transformed vertices. Each band owns its rows, so no two threads share a pixel."""
-        self.packed.view(wp.int64).fill_(-1)
-        shared = [self.vertices, self.triangles, self.triangle_instance, self.two_sided, self.packed]
+    def _draw(self, packed: wp.array, still: bool, moving: bool) -> None:
+        """Add the still blocks, the others, or both to a z-buffer. Bands own their rows: no two threads share one."""
+        (blocks, first, count), (points, first_points, count_points) = self._blocks
+        start, end = (0 if still else first), (count if moving else first)
+        start_points, end_points = (0 if still else first_points), (count_points if moving else first_points)
+        if end <= start:
+            return
+        place = [self.rotation, self.translation]
+        inputs = [self.view, start_points, self._lanes, points, self.points, *place, self.vertices]
+        dim = (self.envs, end_points - start_points, self._lanes)
+        wp.launch(raster_kernels.to_camera, dim=dim, inputs=inputs, device=self.device)
+        shared = [start, self._lanes, blocks, self.two_sided, *place, self.vertices, self.triangles, packed]
         large = [self._counter, self._large, self._large_start]
-        dim = (self.envs, len(self.geometry.triangles))
+        dim = (self.envs, end - start, self._lanes)
         if self._split:
             self._counter.zero_()
         self.bands.launch(self._raster, lambda row0, row1: (dim, [self.view, row0, row1, *shared, *large]), self.device)
         if self._split:
-            inputs = [self.view, TILE_WORKERS, self.vertices, self.triangles, *large, self.packed]
-            wp.launch(kernels.raster_tiles, dim=TILE_WORKERS, inputs=inputs, device=self.device)
+            inputs = [self.view, TILE_WORKERS, self.vertices, self.triangles, *large, packed]
+            wp.launch(make_raster_tiles(self.lens), dim=TILE_WORKERS, inputs=inputs, device=self.device)
 
     def hits(self) -> dict[str, np.ndarray]:
         """What `packed` says, as numpy.
@@ -113,6 +140,15 @@ class Visibility:
         inputs = [self.view, self.packed, self.triangle_instance, self.rotation, self.translation, *self._rest, *out]
         wp.launch(output_kernels.body_points, dim=self.shape, inputs=inputs, device=self.device)
         return dict(zip(("triangle", "instance", "point"), (a.numpy() for a in out)))
+
+    def _put_blocks(self, blocks: clusters.Blocks) -> Any:
+        put = raster_kernels.Blocks()
+        for name in ("instance", "first", "last"):
+            setattr(put, name, self.put(getattr(blocks, name), wp.int32))
+        put.centre, put.axis = self.put(blocks.centre, wp.vec3), self.put(blocks.axis, wp.vec3)
+        for name in ("radius", "extent", "cosine"):
+            setattr(put, name, self.put(getattr(blocks, name), wp.float32))
+        return put
 
     def put(self, array: np.ndarray, dtype: Any) -> wp.array:
         """A device copy of a numpy array, rounded to float32 where the Warp type is."""
@@ -161,23 +197,3 @@ def _device(name: str) -> Any:
     except (ValueError, RuntimeError):
         known = ", ".join(str(d) for d in wp.get_devices())
         raise ValueError(f"there is no device '{name}' here; there is {known}") from None
-
-
-def _view(camera: Camera, margin: int) -> kernels.View:
-    """The kernels' camera. Raises ValueError for intrinsics that are no pinhole's."""
-    k = np.asarray(camera.k, np.float64)
-    if k.shape != (3, 3) or not np.isfinite(k).all() or not (k[0, 0] > 0 and k[1, 1] > 0) or k[0, 1] or k[1, 0]:
-        raise ValueError(f"camera '{camera.name}': k must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], it is {k.tolist()}")
-    if camera.width < 1 or camera.height < 1 or margin < 0 or not camera.near > 0:
-        raise ValueError(
-            f"camera '{camera.name}': {camera.width} x {camera.height} px, margin {margin} px, near {camera.near} m; "
-            "the size and near must be above 0"
-        )
-    view = kernels.View()
-    view.fx, view.fy, view.cx, view.cy = (float(v) for v in (k[0, 0], k[1, 1], k[0, 2], k[1, 2]))
-    view.near, view.margin = float(camera.near), margin
-    view.width, view.height = camera.width + 2 * margin, camera.height + 2 * margin
-    far_x = max(view.cx + margin, view.width - 1 - margin - view.cx) / view.fx
-    far_y = max(view.cy + margin, view.height - 1 - margin - view.cy) / view.fy
-    view.reach = float(np.hypot(np.hypot(far_x, far_y), 1.0))
-    return view

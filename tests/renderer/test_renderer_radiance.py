@@ -284,7 +284,7 @@ def test_given_arrays_are_written_in_place_and_wrong_ones_refused():
 def test_unusable_lights_and_materials_are_refused():
     plane = [(facing(), WORLD, 0)]
     for light, text in (
-        (Light("l", "area", np.ones(3), np.ones(3)), "light 'l' is of kind 'area'; kinds are directional, point"),
+        (Light("l", "laser", np.ones(3), np.ones(3)), "light 'l' is of kind 'laser'; kinds are directional, point"),
         (Light("l", "directional", np.ones(3), np.zeros(3)), "light 'l' has vector"),
         (Light("l", "point", -np.ones(3), np.ones(3)), "light 'l' colour is"),
         (Light("l", "point", np.ones(3), np.ones(3), body=9), "light 'l' is on body 9"),

@@ -1,0 +1,231 @@
+"""Rectangular area lights: irradiance in closed form, soft shadows and gloss by samples frozen on the surface."""
+
+from typing import Any
+
+import warp as wp
+
+from nodes.renderer.ggx_kernels import sample_density, sample_direction, specular
+from nodes.renderer.lights_kernels import Lights, SurfacePoint
+from nodes.renderer.lights_shadow_kernels import Casters, make_occlusion
+
+wp.set_module_options({"enable_backward": False})
+
+SMALL = wp.constant(2.0e-3)
+"""Radius of an area light, of its distance, below which the closed form has cancelled and a point is as exact."""
+
+SHORT = wp.constant(0.9999)
+"""Part of the way to an area light that must be free: a lamp's own surface may lie in its plane."""
+
+LATTICE = wp.constant(
+    wp.mat33(0.36, 0.48, -0.8, -0.8, 0.6, 0.0, 0.48, 0.64, 0.6),
+)
+"""Rotation of the lattice of the random numbers, so that no face of a box lies along its cells' borders."""
+
+
+@wp.func
+def frozen_key(q: wp.vec3, footprint: float, instance: int):
+    """Key of the random numbers at q in the instance's frame: one per cell of about a pixel, `footprint` [m] wide.
+
+    Cells belong to the surface: a still one keeps its numbers for ever, a moving one takes them along. Their size is a
+    power of 2, so that it changes only where the distance doubles.
+    """
+    cell = wp.pow(2.0, wp.ceil(wp.log2(footprint)))
+    r = (LATTICE * q) / cell
+    i = wp.uint32(int(wp.clamp(wp.floor(r[0]), -2.0e9, 2.0e9)))
+    j = wp.uint32(int(wp.clamp(wp.floor(r[1]), -2.0e9, 2.0e9)))
+    k = wp.uint32(int(wp.clamp(wp.floor(r[2]), -2.0e9, 2.0e9)))
+    # Spatial hash of Teschner et al. (VMV 2003); the generator's own hash mixes it further.
+    mixed = (i * wp.uint32(73856093)) ^ (j * wp.uint32(19349663)) ^ (k * wp.uint32(83492791))
+    return mixed ^ (wp.uint32(instance) * wp.uint32(1640531513))
+
+
+@wp.func
+def edge_irradiance(a: wp.vec3, b: wp.vec3, n: wp.vec3):
+    """Angle between a and b times the cosine between n and their plane's normal."""
+    c = wp.cross(a, b - a)
+    s = wp.length(c)
+    if s == 0.0:
+        return 0.0
+    return wp.atan2(s, wp.dot(a, b)) * wp.dot(c, n) / s
+
+
+@wp.func
+def rectangle_irradiance(centre: wp.vec3, u: wp.vec3, v: wp.vec3, n: wp.vec3):
+    """Irradiance [W/m^2] at the origin with normal n from a rectangle of radiance 1, from either side.
+
+    Lambert's sum over the edges of the polygon, cut at the horizon (Arvo, Applications of Irradiance Tensors, 1995).
+    """
+    distance = wp.length(centre)
+    if wp.dot(u, u) + wp.dot(v, v) < (SMALL * distance) * (SMALL * distance):
+        ray = centre / distance
+        normal = wp.cross(u, v)
+        return 4.0 * wp.max(wp.dot(n, ray), 0.0) * wp.abs(wp.dot(normal, ray)) / distance / distance
+    total = wp.float32(0.0)
+    leave = wp.vec3(0.0, 0.0, 0.0)
+    enter = wp.vec3(0.0, 0.0, 0.0)
+    su = wp.float32(1.0)
+    sv = wp.float32(1.0)
+    for _k in range(4):
+        a = centre + su * u + sv * v
+        # Corners in turn: (1, 1), (-1, 1), (-1, -1), (1, -1).
+        turned = su
+        su = -sv
+        sv = turned
+        b = centre + su * u + sv * v
+        above = wp.dot(a, n)
+        after = wp.dot(b, n)
+        if above > 0.0 or after > 0.0:
+            if above <= 0.0:
+                a = a + (above / (above - after)) * (b - a)
+                enter = a
+            elif after <= 0.0:
+                b = a + (above / (above - after)) * (b - a)
+                leave = b
+            total += edge_irradiance(a, b, n)
+    total += edge_irradiance(leave, enter, n)
+    return 0.5 * wp.abs(total)
+
+
+def make_area(shadows: bool, trees: bool, gloss: bool) -> Any:
+    """The function of one area light of unit radiance at a surface point.
+
+    Gives whether still casters let any of it through; irradiance of the diffuse term with all casters, and with still
+    ones; radiance of the specular term likewise. The diffuse term is the closed form times the seen part of the
+    samples' weight (a ratio estimator: exact, without noise, where nothing is in the way). The specular term joins
+    samples of the light and of the lobe by the balance heuristic (Veach and Guibas, SIGGRAPH 1995).
+    """
+    occluded, crossed = make_occlusion(trees)
+
+    @wp.func
+    def seen(
+        casters: Casters,
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        env: int,
+        s: SurfacePoint,
+        towards: wp.vec3,
+        moved: int,
+        last: int,
+        still_test: bool,
+        move_test: bool,
+    ):
+        """Whether no still caster is on the way to a point of the light, and none at all; what needs no test is not."""
+        gap = towards - (s.lift - s.position)
+        length = wp.length(gap)
+        ray = gap / length
+        open = wp.bool(True)
+        if still_test:
+            open = not occluded(casters, rotation, translation, env, 0, moved, s.alone, s.lift, ray, SHORT * length)
+        free = open
+        if open and move_test:
+            free = not occluded(casters, rotation, translation, env, moved, last, s.alone, s.lift, ray, SHORT * length)
+        return open, free
+
+    @wp.func
+    def area(
+        lights: Lights,
+        casters: Casters,
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        env: int,
+        l: int,
+        s: SurfacePoint,
+        moved: int,
+        last: int,
+    ):
+        zero = wp.vec3(0.0, 0.0, 0.0)
+        centre = lights.vector[env, l] - s.position
+        u = lights.half_u[env, l]
+        v = lights.half_v[env, l]
+        cross = wp.cross(u, v)
+        facing = wp.normalize(cross)
+        if wp.dot(centre, facing) >= 0.0:
+            return False, 0.0, 0.0, zero, zero
+        flux = rectangle_irradiance(centre, u, v, s.facing)
+        if flux == 0.0:
+            return False, 0.0, 0.0, zero, zero
+        still_test = wp.bool(False)
+        move_test = wp.bool(False)
+        if wp.static(shadows):
+            if lights.shadow[l] == 1:
+                gap = lights.vector[env, l] - s.lift
+                far = wp.length(gap)
+                reach = wp.length(u) + wp.length(v)
+                ray = gap / far
+                still_test = crossed(casters, translation, env, 0, moved, s.alone, s.lift, ray, far, reach)
+                move_test = crossed(casters, translation, env, moved, last, s.alone, s.lift, ray, far, reach)
+        shiny = wp.bool(False)
+        if wp.static(gloss):
+            shiny = s.alpha >= 0.0
+        height = wp.dot(centre, s.normal)
+        rim = wp.abs(wp.dot(u, s.normal)) + wp.abs(wp.dot(v, s.normal))
+        if not (still_test or move_test or shiny) and height >= rim:
+            return True, flux, flux, zero, zero
+        size = 4.0 * wp.length(cross)
+        side = lights.side
+        count = float(side * side)
+        random = wp.rand_init(int(s.key), l)
+        total = wp.float32(0.0)
+        full = wp.float32(0.0)
+        still = wp.float32(0.0)
+        full_shine = wp.vec3(0.0, 0.0, 0.0)
+        still_shine = wp.vec3(0.0, 0.0, 0.0)
+        for k in range(side * side):
+            a = 2.0 * (float(k % side) + wp.randf(random)) / float(side) - 1.0
+            b = 2.0 * (float(k // side) + wp.randf(random)) / float(side) - 1.0
+            towards = centre + a * u + b * v
+            length = wp.length(towards)
+            ray = towards / length
+            cosine = wp.dot(s.facing, ray)
+            leaving = -wp.dot(facing, ray)
+            if cosine > 0.0 and leaving > 0.0:
+                weight = cosine * leaving / length / length
+                total += weight
+                if wp.dot(s.normal, ray) > 0.0:
+                    open, free = seen(
+                        casters, rotation, translation, env, s, towards, moved, last, still_test, move_test
+                    )
+                    glint = zero
+                    if wp.static(gloss):
+                        if shiny:
+                            brdf = specular(s.alpha, s.f0, s.facing, s.view, ray)
+                            density = length * length / (leaving * size)
+                            other = sample_density(s.alpha, s.facing, s.view, ray)
+                            glint = (cosine / (count * (density + other))) * brdf
+                    if open:
+                        still += weight
+                        still_shine += glint
+                    if free:
+                        full += weight
+                        full_shine += glint
+        if wp.static(gloss):
+            if shiny:
+                for k in range(side * side):
+                    a = (float(k % side) + wp.randf(random)) / float(side)
+                    b = (float(k // side) + wp.randf(random)) / float(side)
+                    ray = sample_direction(s.alpha, s.facing, s.view, wp.vec2(a, b))
+                    cosine = wp.dot(s.facing, ray)
+                    leaving = -wp.dot(facing, ray)
+                    if cosine > 0.0 and leaving > 0.0 and wp.dot(s.normal, ray) > 0.0:
+                        length = -wp.dot(centre, facing) / leaving
+                        place = length * ray - centre
+                        if wp.abs(wp.dot(place, u)) <= wp.dot(u, u) and wp.abs(wp.dot(place, v)) <= wp.dot(v, v):
+                            open, free = seen(
+                                casters, rotation, translation, env, s, length * ray, moved, last, still_test, move_test
+                            )
+                            brdf = specular(s.alpha, s.f0, s.facing, s.view, ray)
+                            density = length * length / (leaving * size)
+                            other = sample_density(s.alpha, s.facing, s.view, ray)
+                            glint = (cosine / (count * (density + other))) * brdf
+                            if open:
+                                still_shine += glint
+                            if free:
+                                full_shine += glint
+        passes = still > 0.0 or wp.max(still_shine) > 0.0
+        if total > 0.0:
+            # The ratio first, which is exactly 1 where all is seen.
+            full = flux * (full / total)
+            still = flux * (still / total)
+        return passes, full, still, full_shine, still_shine
+
+    return area

@@ -1,0 +1,250 @@
+"""What is in the way of light: rays against the instances, and a test that saves most of them.
+
+Few instances are tried one by one. Many still ones lie in a tree in the world's frame that is built once, many moving
+ones in a tree in the camera's frame, a group of it for each environment, that is refitted. The trees leave out only
+what the test of a single instance would, so the result does not depend on them.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Casters:
+    """Instances as occluders. mesh [I] ids; radius and shell [I]; order [I]: still ones first, `still` of them."""
+
+    mesh: wp.array(dtype=wp.uint64)
+    radius: wp.array(dtype=float)
+    shell: wp.array(dtype=int)
+    order: wp.array(dtype=int)
+    still: int
+    is_still: wp.array(dtype=int)
+    still_tree: wp.uint64
+    """Boxes of order[0 .. still), or 0 for none."""
+    moving_tree: wp.uint64
+    """Boxes of order[still ..) of all environments, or 0 for none."""
+    turn: wp.array(dtype=wp.mat33)
+    """[E] camera to the still tree's frame, with `shift`."""
+    shift: wp.array(dtype=wp.vec3)
+    pad: float
+    """How much wider than a ray the trees are searched [m]: the rounding of positions in their frames."""
+
+
+@wp.func
+def in_the_way(
+    casters: Casters,
+    rotation: wp.array2d(dtype=wp.mat33),
+    translation: wp.array2d(dtype=wp.vec3),
+    env: int,
+    i: int,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    length: float,
+):
+    """Whether a ray meets instance i; its triangles are tried only if its bounding sphere is hit."""
+    centre = translation[env, i] - origin
+    along = wp.dot(centre, direction)
+    away = centre - along * direction
+    # The margin is the rounding of positions at this distance.
+    radius = casters.radius[i] + 1.0e-6 * wp.abs(along)
+    if wp.dot(away, away) <= radius * radius and along >= -radius and along - radius <= length:
+        inverse = wp.transpose(rotation[env, i])
+        if wp.mesh_query_ray_anyhit(casters.mesh[i], -(inverse * centre), inverse * direction, length):
+            return True
+    return False
+
+
+@wp.func
+def near_hull(
+    casters: Casters,
+    translation: wp.array2d(dtype=wp.vec3),
+    env: int,
+    i: int,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    length: float,
+    extent: float,
+):
+    """Whether the bounding sphere of instance i meets the hull of a point and a ball."""
+    sine = extent / length
+    cosine = wp.sqrt(1.0 - sine * sine)
+    centre = translation[env, i] - origin
+    along = wp.dot(centre, direction)
+    away = wp.length(centre - along * direction)
+    radius = casters.radius[i] + 1.0e-6 * wp.abs(along)
+    return along >= -radius and along - radius <= length + extent and away * cosine - along * sine <= radius
+
+
+@wp.func
+def occluded_in_still_tree(
+    casters: Casters,
+    rotation: wp.array2d(dtype=wp.mat33),
+    translation: wp.array2d(dtype=wp.vec3),
+    env: int,
+    skip: int,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    length: float,
+):
+    """As `occluded` for all still casters."""
+    turn = casters.turn[env]
+    query = wp.bvh_query_capsule(casters.still_tree, turn * origin + casters.shift[env], turn * direction, casters.pad)
+    k = wp.int32(0)
+    while wp.bvh_query_next(query, k, length):
+        i = casters.order[k]
+        if i != skip:
+            if in_the_way(casters, rotation, translation, env, i, origin, direction, length):
+                return True
+    return False
+
+
+@wp.func
+def occluded_in_moving_tree(
+    casters: Casters,
+    rotation: wp.array2d(dtype=wp.mat33),
+    translation: wp.array2d(dtype=wp.vec3),
+    env: int,
+    skip: int,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    length: float,
+):
+    """As `occluded` for all moving casters."""
+    root = wp.bvh_get_group_root(casters.moving_tree, env)
+    query = wp.bvh_query_capsule(casters.moving_tree, origin, direction, casters.pad, root)
+    base = casters.still - env * (casters.order.shape[0] - casters.still)
+    k = wp.int32(0)
+    while wp.bvh_query_next(query, k, length):
+        i = casters.order[base + k]
+        if i != skip:
+            if in_the_way(casters, rotation, translation, env, i, origin, direction, length):
+                return True
+    return False
+
+
+@wp.func
+def crossed_in_still_tree(
+    casters: Casters,
+    translation: wp.array2d(dtype=wp.vec3),
+    env: int,
+    skip: int,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    length: float,
+    extent: float,
+):
+    """As `crossed` for all still casters."""
+    turn = casters.turn[env]
+    start = turn * origin + casters.shift[env]
+    query = wp.bvh_query_capsule(casters.still_tree, start, turn * direction, casters.pad + extent)
+    k = wp.int32(0)
+    while wp.bvh_query_next(query, k, length + extent):
+        i = casters.order[k]
+        if i != skip:
+            if near_hull(casters, translation, env, i, origin, direction, length, extent):
+                return True
+    return False
+
+
+@wp.func
+def crossed_in_moving_tree(
+    casters: Casters,
+    translation: wp.array2d(dtype=wp.vec3),
+    env: int,
+    skip: int,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    length: float,
+    extent: float,
+):
+    """As `crossed` for all moving casters."""
+    root = wp.bvh_get_group_root(casters.moving_tree, env)
+    query = wp.bvh_query_capsule(casters.moving_tree, origin, direction, casters.pad + extent, root)
+    base = casters.still - env * (casters.order.shape[0] - casters.still)
+    k = wp.int32(0)
+    while wp.bvh_query_next(query, k, length + extent):
+        i = casters.order[base + k]
+        if i != skip:
+            if near_hull(casters, translation, env, i, origin, direction, length, extent):
+                return True
+    return False
+
+
+@cache
+def make_occlusion(trees: bool) -> tuple[Any, Any]:
+    """The functions `occluded` and `crossed`; without trees where there are none, for their mere presence costs."""
+
+    @wp.func
+    def occluded(
+        casters: Casters,
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        env: int,
+        first: int,
+        last: int,
+        skip: int,
+        origin: wp.vec3,
+        direction: wp.vec3,
+        length: float,
+    ):
+        """Whether casters order[first..last) but `skip` are in the way; the range ends at `still` or at the end."""
+        begin = int(first)
+        end = int(last)
+        if wp.static(trees):
+            if casters.still_tree != wp.uint64(0) and first == 0 and last >= casters.still:
+                begin = casters.still
+                if occluded_in_still_tree(casters, rotation, translation, env, skip, origin, direction, length):
+                    return True
+            if casters.moving_tree != wp.uint64(0) and last > casters.still:
+                end = casters.still
+                if occluded_in_moving_tree(casters, rotation, translation, env, skip, origin, direction, length):
+                    return True
+        for n in range(begin, end):
+            i = casters.order[n]
+            if i != skip:
+                if in_the_way(casters, rotation, translation, env, i, origin, direction, length):
+                    return True
+        return False
+
+    @wp.func
+    def crossed(
+        casters: Casters,
+        translation: wp.array2d(dtype=wp.vec3),
+        env: int,
+        first: int,
+        last: int,
+        skip: int,
+        origin: wp.vec3,
+        direction: wp.vec3,
+        length: float,
+        extent: float,
+    ):
+        """Whether casters order[first..last) but `skip` may be in the way of rays from a point to a ball.
+
+        The ball has radius `extent` and lies `length` away; what lies outside the hull of both can shade nothing of it.
+        """
+        if extent >= length:
+            return first < last
+        begin = int(first)
+        end = int(last)
+        if wp.static(trees):
+            if casters.still_tree != wp.uint64(0) and first == 0 and last >= casters.still:
+                begin = casters.still
+                if crossed_in_still_tree(casters, translation, env, skip, origin, direction, length, extent):
+                    return True
+            if casters.moving_tree != wp.uint64(0) and last > casters.still:
+                end = casters.still
+                if crossed_in_moving_tree(casters, translation, env, skip, origin, direction, length, extent):
+                    return True
+        for n in range(begin, end):
+            i = casters.order[n]
+            if i != skip:
+                if near_hull(casters, translation, env, i, origin, direction, length, extent):
+                    return True
+        return False
+
+    return occluded, crossed

@@ -1,0 +1,78 @@
+"""Radiance as the mean of n x n samples per pixel, with geometry at the pixel's centre."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from evis.scene.model import Camera, Scene
+from nodes.renderer import output_kernels
+from nodes.renderer.renderer import Renderer
+
+make_mean = cache(output_kernels.make_mean)
+
+
+class SupersampledRenderer:
+    """As Renderer, with every pixel's radiance the mean of samples x samples samples that cover it evenly.
+
+    Depth, ids, normals and motion belong to the pixel's centre: where a pixel covers two surfaces its radiance is a mix
+    of both. An interpolator that moves pixels by their motion smears such mixed pixels; to move the samples before the
+    mean is taken, use Renderer(supersampling=n), which keeps them apart.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        camera: Camera,
+        samples: int,
+        envs: int = 1,
+        margin: int = 0,
+        device: str = "cpu",
+        threads: int = 1,
+        half: bool = False,
+        light_samples: int = 16,
+    ) -> None:
+        self.plain = Renderer(scene, camera, envs, margin, device, threads, half)
+        self.fine = Renderer(
+            scene, camera, envs, margin, device, threads, light_samples=light_samples, supersampling=samples
+        )
+        self.samples, self.half = samples, half
+        self._clipped = wp.zeros(1, dtype=wp.int32, device=self.plain.device)
+        self.not_finite = self.clipped = 0
+
+    def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:
+        """Shape and dtype of an output."""
+        return self.plain.array_shape(name)
+
+    def prepare(self, outputs: Iterable[str]) -> None:
+        """Compile and load the kernels that `outputs` need."""
+        wanted = set(outputs)
+        self.plain.prepare(wanted - {"radiance"})
+        self.fine.prepare(wanted & {"radiance"})
+
+    def render(
+        self,
+        poses: np.ndarray,
+        previous: np.ndarray | None = None,
+        outputs: Iterable[str] = ("radiance",),
+        out: Mapping[str, Any] | None = None,
+        t_ns: int = 0,
+    ) -> dict[str, np.ndarray]:
+        """As Renderer.render."""
+        wanted, given = set(outputs), out or {}
+        images = self.plain.render(poses, previous, wanted - {"radiance"}, out)
+        if "radiance" not in wanted:
+            return images
+        device = self.fine.device
+        fine = self.fine.target("radiance", None)
+        self.fine.render(poses, None, ("radiance",), {"radiance": fine}, t_ns)
+        target = self.plain.target("radiance", given.get("radiance"))
+        self._clipped.zero_()
+        inputs = [self.samples, fine, target, self._clipped]
+        wp.launch(make_mean(self.half), dim=self.plain.shape, inputs=inputs, device=device)
+        self.not_finite, self.clipped = self.fine.not_finite, int(self._clipped.numpy()[0])
+        return images | {"radiance": self.plain.on_host(target, given.get("radiance"))}
