@@ -14,6 +14,8 @@ Pictures = Iterator[tuple[int, np.ndarray]]
 """(time [ns], uint8 [H, W, 3]) of each picture, all of one size."""
 
 _COLUMNS, _ROWS = 4, 3
+_COLOURS = 64
+"""More than any style of picture has, so that none changes."""
 _LEAST_MS = 20
 """Browsers play shorter GIF frames at 100 ms."""
 
@@ -30,7 +32,7 @@ def save_gif(path: str, pictures: Pictures, dt_ms: float) -> None:
     from PIL import Image
 
     def frame(picture: np.ndarray) -> Image.Image:
-        return Image.fromarray(picture).quantize(8, dither=Image.Dither.NONE)
+        return Image.fromarray(picture).quantize(_COLOURS, dither=Image.Dither.NONE)
 
     _, first = _first(path, pictures)
     rest = (frame(p) for _, p in pictures)

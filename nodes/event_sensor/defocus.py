@@ -1,4 +1,4 @@
-"""Defocus: a separable Gaussian on linear intensity, before the logarithm."""
+"""Defocus: a separable Gaussian on linear intensity, before the logarithm, and the lens that it stands for."""
 
 from __future__ import annotations
 
@@ -7,10 +7,43 @@ import math
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor import kernels
+from nodes.event_sensor import defocus_kernels as kernels
 
 REACH = 4.0
 """Filter radius in standard deviations; the weight cut off is 6e-5."""
+
+
+def defocus_from_optics(
+    focal_length_m: float,
+    f_number: float,
+    focus_distance_m: float,
+    pixel_pitch_m: float,
+    depth_m: float | np.ndarray,
+) -> float | np.ndarray:
+    """Standard deviation [px] of the blur of what lies at `depth_m` (a number, or an array for one value each).
+
+    A thin lens of aperture f / N focused at s makes of a point at depth d a disc, the circle of confusion, of diameter
+    c = f^2 / N |1/d - 1/s| / (1 - f / s) (Potmesil and Chakravarty, SIGGRAPH 1981). The Gaussian has the disc's second
+    moment: a uniform disc of diameter c has the standard deviation c / 4 along each axis. Distances from the lens [m],
+    inf allowed for both; the focal length [m]; f_number N, inf for a pinhole. Diffraction is left out: the Gaussian of
+    an Airy disc has 0.42 wavelengths times N, half a pixel of 4.86 um at N = 11. Raises ValueError.
+    """
+    for name, value, least in (
+        ("focal_length_m", focal_length_m, 0.0),
+        ("f_number", f_number, 0.0),
+        ("pixel_pitch_m", pixel_pitch_m, 0.0),
+        ("focus_distance_m", focus_distance_m, focal_length_m),
+    ):
+        if not value > least:
+            raise ValueError(f"{name} is {value:g}, must be above {least:g}")
+    if not (math.isfinite(focal_length_m) and math.isfinite(pixel_pitch_m)):
+        raise ValueError(f"focal_length_m {focal_length_m:g} and pixel_pitch_m {pixel_pitch_m:g} must be finite")
+    depth = np.asarray(depth_m, np.float64)
+    if not np.all(depth > 0):
+        raise ValueError("depth_m must be above 0 everywhere")
+    vergence = np.abs(1.0 / depth - 1.0 / focus_distance_m) / (1.0 - focal_length_m / focus_distance_m)
+    sigma = focal_length_m**2 / f_number * vergence / (4.0 * pixel_pitch_m)
+    return sigma if sigma.ndim else float(sigma)
 
 
 class Defocus:
@@ -18,10 +51,11 @@ class Defocus:
 
     def __init__(self, sigma: float, device: str) -> None:
         radius = max(1, math.ceil(REACH * sigma))
-        weights = np.exp(-0.5 * (np.arange(-radius, radius + 1) / sigma) ** 2)
-        self._weights: wp.array = wp.array((weights / weights.sum()).astype(np.float32), device=device)
+        weights = np.exp(-0.5 * (np.arange(radius + 1) / sigma) ** 2)
+        weights /= weights[0] + 2.0 * weights[1:].sum()
+        self._weights: wp.array = wp.array(weights.astype(np.float32), device=device)
         self._buffers: tuple[wp.array, wp.array] | None = None
-        self._device = device
+        self._device = wp.get_device(device)
 
     def __call__(self, images: wp.array) -> wp.array:
         """float32 [N, H, W, C] -> the same, blurred, in a buffer that the next call overwrites."""
@@ -30,7 +64,14 @@ class Defocus:
                 wp.empty(images.shape, dtype=wp.float32, device=self._device),
                 wp.empty(images.shape, dtype=wp.float32, device=self._device),
             )
-        rows, both = self._buffers
-        wp.launch(kernels.blur, images.shape, [self._weights, images, 2], [rows], device=self._device)
-        wp.launch(kernels.blur, images.shape, [self._weights, rows, 1], [both], device=self._device)
-        return both
+        count, height, width, channels = images.shape
+        row = width * channels
+        # On a CPU a thread is a row of the image; on a GPU neighbouring threads read neighbouring samples.
+        run = 1 if self._device.is_cuda else row
+        source = images.flatten()
+        for target, length, stride in zip(self._buffers, (width, height), (channels, row)):
+            blurred = target.flatten()
+            arguments = [self._weights, source, length, stride, run]
+            wp.launch(kernels.blur, count * height * row // run, arguments, [blurred], device=self._device)
+            source = blurred
+        return self._buffers[1]

@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""Kernels of the event sensor: crossings of log-luminance, the order of events, defocus.
+"""What the sensor's kernels share: a pixel, its parameters, the quiet band; the order of events.
 
 What decides about an event is computed in float64 from float32 intensities and whole numbers of thresholds; no float is
 carried from step to step, so nothing drifts and the result does not depend on how frames are cut into messages.
@@ -16,22 +16,35 @@ TOLERANCE = wp.constant(wp.float64(2.0**-23))
 GUARD = wp.constant(1.0e-5)
 """Relative width by which the quiet band is narrowed, above all float32 errors in it (exp of |L| < 90: 8e-6)."""
 LARGEST = wp.constant(3.4028235e38)
+SMALLEST = wp.constant(1.1754944e-38)
+
+COUNTERS = ("events", "nonfinite", "clipped", "dropped", "unknown_slopes")
+"""What the kernels count, in this order."""
+EVENTS = wp.constant(0)
+NONFINITE = wp.constant(1)
+CLIPPED = wp.constant(2)
+DROPPED = wp.constant(3)
+UNKNOWN_SLOPES = wp.constant(4)
 
 
 @wp.struct
 class Pixel:
-    """State of one pixel and channel. Intensities in [low, high] cannot fire; low infinite: no reference yet."""
+    """State of one pixel and channel. Intensities in [low, high] cannot fire; low infinite: no reference yet.
+
+    The reference is base + net C_on + n_off (C_on - C_off), which is exactly base again when the signal is back,
+    whatever the number of events between (n_off wraps after 2^31 OFF events, which matters if C_on and C_off differ).
+    """
 
     last: wp.float32
     low: wp.float32
     high: wp.float32
-    n_on: wp.int32
+    net: wp.int32  # ON less OFF events since base
     n_off: wp.int32
 
 
 @wp.struct
 class Sensor:
-    """Parameters. Thresholds in ln I; dark and floor in radiance units; the shifts lay out a key."""
+    """Parameters. Thresholds in ln I; dark, floor, white in radiance units; rates in Hz; the shifts lay out a key."""
 
     threshold_on: wp.float64
     threshold_off: wp.float64
@@ -47,6 +60,11 @@ class Sensor:
     shift_y: wp.int64
     shift_t: wp.int64
     shift_env: wp.int64
+    seed: wp.int64
+    dead_ns: wp.int64  # refractory period
+    shot_rate: wp.float64
+    white: wp.float64  # intensity at which shot noise ends
+    cap: wp.int32  # events per pixel and step
 
 
 @wp.func
@@ -57,179 +75,42 @@ def log_level(sensor: Sensor, intensity: wp.float32):
 
 
 @wp.func
-def valid(intensity: wp.float32):
-    """Finite and not negative; false for NaN."""
-    return intensity >= 0.0 and intensity <= LARGEST
+def valid(sensor: Sensor, intensity: wp.float32):
+    """True where L is finite: finite light, not negative, and not 0 without dark current; false for NaN."""
+    return intensity >= 0.0 and intensity <= LARGEST and wp.float64(intensity) + sensor.dark > wp.float64(0.0)
+
+
+@wp.func
+def least(sensor: Sensor):
+    """Least intensity of a quiet band: 0 must not be in it where it has no logarithm."""
+    return wp.where(sensor.dark > wp.float64(0.0), wp.float32(0.0), SMALLEST)
 
 
 @wp.func
 def count_clipped(sensor: Sensor, intensity: wp.float32, counters: wp.array(dtype=wp.int64)):
     if wp.float64(intensity) + sensor.dark < wp.float64(sensor.floor):
-        wp.atomic_add(counters, 2, wp.int64(1))
+        wp.atomic_add(counters, CLIPPED, wp.int64(1))
 
 
 @wp.func
-def quiet_band(sensor: Sensor, reference: wp.float64, pixel: Pixel):
-    """The pixel with the band of intensities that surely stay below both thresholds of this reference."""
-    level = wp.exp(wp.float32(reference))
+def band(sensor: Sensor, low: wp.float32, high: wp.float32):
+    """Intensities of the levels exp(L) = low and high, narrowed by what float32 may be wrong by."""
     dark = wp.float32(sensor.dark)
-    low = level * sensor.gain_off * (1.0 + GUARD)
+    lowest = low * (1.0 + GUARD)
     # Nothing lies below the floor, so a pixel resting on it is quiet.
-    pixel.low = wp.where(low <= sensor.floor, 0.0, wp.clamp(low - dark, 0.0, LARGEST))
-    pixel.high = wp.min(level * sensor.gain_on * (1.0 - GUARD) - dark, LARGEST)
-    return pixel
+    bottom = wp.where(lowest <= sensor.floor, least(sensor), wp.clamp(lowest - dark, 0.0, LARGEST))
+    return wp.vec2f(bottom, wp.min(high * (1.0 - GUARD) - dark, LARGEST))
 
 
 @wp.func
-def sense(
-    # in
-    sensor: Sensor,
-    env: wp.int32,
-    y: wp.int32,
-    x: wp.int32,
-    c: wp.int32,
-    fresh: wp.int32,
-    luminance: wp.array(dtype=wp.float32),
-    t: wp.array(dtype=wp.int64),
-    t_base: wp.int64,
-    before: wp.array(dtype=Pixel),
-    # out
-    after: wp.array(dtype=Pixel),
-    base: wp.array(dtype=wp.float64),
-    keys: wp.array(dtype=wp.int64),
-    counters: wp.array(dtype=wp.int64),
-):
-    """All steps of one pixel. counters: events, non-finite samples, samples below the floor."""
-    count = t.shape[0]
-    size = sensor.height * sensor.width * sensor.channels
-    inner = (y * sensor.width + x) * sensor.channels + c
-    index = env * size + inner
-    at = wp.int64(env) * wp.int64(count) * wp.int64(size) + wp.int64(inner)
-    stride = wp.int64(size)
-    pixel = before[index]
-    if fresh != 0:
-        pixel.low = float(wp.inf)
-    first = int(0)
-    last = pixel.last
-    while first < count:
-        v = luminance[at + wp.int64(first) * stride]
-        if not (v >= pixel.low and v <= pixel.high):
-            break
-        last = v
-        first += 1
-    pixel.last = last
-    start = t_base
-    if first > 0:
-        start = t[first - 1]
-    l_last = wp.float64(0.0)
-    known = bool(False)
-    k = int(first)
-    while k < count:
-        v = luminance[at + wp.int64(k) * stride]
-        if v >= pixel.low and v <= pixel.high:
-            pixel.last = v
-            known = bool(False)
-        elif not valid(v):
-            # The last good value is held, so the next step starts here and its events are later than this stamp.
-            wp.atomic_add(counters, 1, wp.int64(1))
-        elif pixel.low > LARGEST:
-            level = log_level(sensor, v)
-            base[index] = level
-            pixel.n_on = 0
-            pixel.n_off = 0
-            pixel = quiet_band(sensor, level, pixel)
-            pixel.last = v
-            count_clipped(sensor, v, counters)
-        else:
-            count_clipped(sensor, v, counters)
-            l0 = l_last
-            if not known:
-                l0 = log_level(sensor, pixel.last)
-            l1 = log_level(sensor, v)
-            reference = (
-                base[index]
-                + wp.float64(pixel.n_on) * sensor.threshold_on
-                - wp.float64(pixel.n_off) * sensor.threshold_off
-            )
-            delta = l1 - reference
-            on = delta > wp.float64(0.0)
-            step = wp.where(on, sensor.threshold_on, sensor.threshold_off)
-            n = wp.int32((wp.abs(delta) + TOLERANCE) / step)
-            if n > 0:
-                signed = wp.where(on, step, -step)
-                span = t[k] - start
-                slope = wp.float64(span) / (l1 - l0)
-                head = wp.int64(env) << sensor.shift_env
-                tail = (wp.int64(y) << sensor.shift_y) | (wp.int64(x) << sensor.shift_x) | wp.int64(c * 2)
-                tail = tail | wp.where(on, wp.int64(1), wp.int64(0))
-                slot = wp.atomic_add(counters, 0, wp.int64(n))
-                j = int(0)
-                while j < n:
-                    # L is linear inside the step: t = t0 + (L_j - L_0) / (L_1 - L_0) * (t1 - t0), to the nearest ns.
-                    crossing = (reference + wp.float64(j + 1) * signed - l0) * slope
-                    ns = wp.int64(wp.clamp(crossing + wp.float64(0.5), wp.float64(1.0), wp.float64(span)))
-                    if slot + wp.int64(j) < sensor.capacity:
-                        keys[slot + wp.int64(j)] = head | ((start - t_base + ns) << sensor.shift_t) | tail
-                    j += 1
-                if on:
-                    pixel.n_on = pixel.n_on + n
-                else:
-                    pixel.n_off = pixel.n_off + n
-                pixel = quiet_band(sensor, reference + wp.float64(n) * signed, pixel)
-            pixel.last = v
-            l_last = l1
-            known = bool(True)
-        start = t[k]
-        k += 1
-    after[index] = pixel
+def key_head(sensor: Sensor, env: wp.int32):
+    return wp.int64(env) << sensor.shift_env
 
 
-@wp.kernel
-def sense_rows(
-    # in
-    sensor: Sensor,
-    luminance: wp.array(dtype=wp.float32),
-    t: wp.array(dtype=wp.int64),
-    t_base: wp.int64,
-    fresh: wp.array(dtype=wp.int32),
-    before: wp.array(dtype=Pixel),
-    # out
-    after: wp.array(dtype=Pixel),
-    base: wp.array(dtype=wp.float64),
-    keys: wp.array(dtype=wp.int64),
-    counters: wp.array(dtype=wp.int64),
-):
-    """One row per thread: on a CPU, where threads run one after the other, events come out in the order of pixels."""
-    env, y = wp.tid()
-    x = int(0)
-    while x < sensor.width:
-        c = int(0)
-        while c < sensor.channels:
-            sense(sensor, env, y, x, c, fresh[env], luminance, t, t_base, before, after, base, keys, counters)
-            c += 1
-        x += 1
-
-
-@wp.kernel
-def sense_pixels(
-    # in
-    sensor: Sensor,
-    luminance: wp.array(dtype=wp.float32),
-    t: wp.array(dtype=wp.int64),
-    t_base: wp.int64,
-    fresh: wp.array(dtype=wp.int32),
-    before: wp.array(dtype=Pixel),
-    # out
-    after: wp.array(dtype=Pixel),
-    base: wp.array(dtype=wp.float64),
-    keys: wp.array(dtype=wp.int64),
-    counters: wp.array(dtype=wp.int64),
-):
-    """One pixel and channel per thread, for a GPU; keys come out in any order and are sorted afterwards."""
-    env, y, column = wp.tid()
-    x = column // sensor.channels
-    c = column % sensor.channels
-    sense(sensor, env, y, x, c, fresh[env], luminance, t, t_base, before, after, base, keys, counters)
+@wp.func
+def key_tail(sensor: Sensor, y: wp.int32, x: wp.int32, c: wp.int32, on: wp.bool):
+    place = (wp.int64(y) << sensor.shift_y) | (wp.int64(x) << sensor.shift_x)
+    return place | wp.int64(c * 2) | wp.where(on, wp.int64(1), wp.int64(0))
 
 
 @wp.kernel
@@ -267,7 +148,6 @@ def radix_pass(
         to = place[digit]
         sorted_keys[to] = key
         place[digit] = to + 1
-
         i += 1
 
 
@@ -294,21 +174,24 @@ def unpack(
 
 
 @wp.kernel
-def blur(
+def product(
     # in
-    weights: wp.array(dtype=wp.float32),
-    image: wp.array4d(dtype=wp.float32),
-    axis: wp.int32,
+    a: wp.array(dtype=wp.float32),
+    b: wp.array(dtype=wp.float32),
     # out
-    blurred: wp.array4d(dtype=wp.float32),
+    result: wp.array(dtype=wp.float32),
 ):
-    """One pass of a separable filter along axis 1 or 2 of [N, H, W, C]; the pixels at the edge are repeated."""
-    n, y, x, c = wp.tid()
-    radius = (weights.shape[0] - 1) // 2
-    total = float(0.0)
-    for j in range(-radius, radius + 1):
-        if axis == 1:
-            total += weights[j + radius] * image[n, wp.clamp(y + j, 0, image.shape[1] - 1), x, c]
-        else:
-            total += weights[j + radius] * image[n, y, wp.clamp(x + j, 0, image.shape[2] - 1), c]
-    blurred[n, y, x, c] = total
+    i = wp.tid()
+    result[i] = a[i] * b[i]
+
+
+@wp.kernel
+def quotient(
+    # in
+    a: wp.array(dtype=wp.float32),
+    b: wp.array(dtype=wp.float32),
+    # out
+    result: wp.array(dtype=wp.float32),
+):
+    i = wp.tid()
+    result[i] = a[i] / b[i]

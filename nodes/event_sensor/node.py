@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -11,28 +12,36 @@ from evis.node import Input, Node, Output
 from evis.params import Param
 from msgs.camera import EventPacket, Frames, Keyframe
 from msgs.header import Header, Message
+from nodes.event_sensor.parameters import SENSOR, resolve_sensor
+from nodes.event_sensor.presets import PRESETS
 
 if TYPE_CHECKING:
-    from nodes.event_sensor.sensor import EventSensor
+    from nodes.event_sensor.sensor import Events, EventSensor
+
+COUNTER_NAMES = {"nonfinite": "nonfinite_samples", "clipped": "clipped_samples", "dropped": "dropped_events"}
+"""Names on /diagnostics of the sensor's counts, where they differ."""
 
 
 class EventSensorNode(Node):
-    """Turns the frames of a camera, or its keyframes where nothing comes between, into events."""
+    """Turns the frames of a camera, or its keyframes where nothing comes between, into events.
+
+    One packet per message, with the message's stamp B. Its events lie in (t0_ns, B]. With crossing monotone or cubic a
+    step needs the frame after it, and its last step is held back: the packet at B covers (t0_ns, the stamp of the last
+    frame but one], t0_ns being where the packet before ended, and when the input ends a further packet with the stamp
+    of the last one brings the rest. Packets in a row always make up the events of one call on the whole sequence.
+    """
 
     PARAMS = {
         "camera": Param(str, "cam0", "which camera of the scene"),
         "source": Param(
             str, "frames", "frames (interpolator) or keyframe (renderer, K = 1)", choices=("frames", "keyframe")
         ),
-        "preset": Param(str, "ideal", "sensor whose faults to have; ideal has none", choices=("ideal",)),
-        "threshold": Param(float, 0.2, "contrast threshold, ON and OFF", "ln I", 0.001, 10),
-        "threshold_on": Param(float, None, "contrast threshold ON, if it differs", "ln I", 0.001, 10, optional=True),
-        "threshold_off": Param(float, None, "contrast threshold OFF, if it differs", "ln I", 0.001, 10, optional=True),
-        "dark_level": Param(float, 0.0, "dark current, in radiance units: L = ln(I + dark_level)", "W/(sr m^2)", 0),
-        "defocus": Param(float, 0.0, "standard deviation of the blur of the lens, 0 = sharp", "px", 0, 50),
-        "seed": Param(int, 0, "seed of the sensor's random streams; preset ideal has none", minimum=0),
+        "preset": Param(str, "ideal", "sensor whose faults to have; ideal has none", choices=tuple(PRESETS)),
+        "seed": Param(int, 0, "seed of the sensor's random streams; environment k has seed + k", minimum=0),
         "device": Param(str, "cpu", "cpu, cuda or cuda:N"),
         "colour": Param(bool, False, "three sensors, for R, G and B, instead of one for luminance"),
+        # Not given means the preset's value.
+        **{name: dataclasses.replace(param, default=None, optional=True) for name, param in SENSOR.items()},
     }
     INPUTS = {"frames": Input("/{camera}/frames"), "keyframe": Input("/{camera}/keyframe")}
     OUTPUTS = {"events": Output("/{camera}/events")}
@@ -43,52 +52,96 @@ class EventSensorNode(Node):
         return frozenset({params["source"]})
 
     def setup(self) -> None:
-        self._sensor: EventSensor | None = None
-        self._counted = (0, 0)
+        given = {name: self.params[name] for name in SENSOR}
+        self._resolved = resolve_sensor(self.name, self.params["preset"], given)
+        self._sensor: Any = None
+        self._counted: dict[str, int] = {}
+        self._header = Header(0)
+        self._size = (0, 0)
         # Compile now rather than at the first frame.
         one = np.ones((1, 2, 2, 3), np.float32)
         warm = self._of_keyframe(Keyframe(Header(0), one, np.zeros(1, np.int32)))
-        self._make(2, 2, 1).process(warm, np.zeros(1, np.int64), np.zeros(1, np.int32))
+        slopes = {"dlog_dt": np.zeros_like(warm)} if self._hermite else {}
+        sensor = self._make(2, 2, 1)
+        for k in range(2):
+            sensor.process(warm, np.array([k]), np.zeros(1, np.int32), **slopes)
 
-    def _make(self, height: int, width: int, envs: int) -> EventSensor:
-        from nodes.event_sensor.sensor import EventSensor
+    @property
+    def _hermite(self) -> bool:
+        return bool(self._resolved["model"] == "evis" and self._resolved["crossing"] == "hermite")
 
-        p = self.params
-        on, off = (p["threshold"] if p[k] is None else p[k] for k in ("threshold_on", "threshold_off"))
-        return EventSensor(
-            height,
-            width,
-            envs,
-            threshold_on=on,
-            threshold_off=off,
-            dark_level=p["dark_level"],
-            defocus=p["defocus"],
-            channels=3 if p["colour"] else 1,
-            device=p["device"],
-        )
+    def _make(self, height: int, width: int, envs: int) -> Any:
+        """The sensor, or another event model behind the same interface."""
+        p, seed, colour = self._resolved, self.params["seed"], self.params["colour"]
+        if p["model"].startswith("evis"):
+            from nodes.event_sensor.sensor import EventSensor
+
+            device, channels = self.params["device"], 3 if colour else 1
+            return EventSensor(height, width, envs, channels=channels, device=device, seed=seed, **p)
+        if colour or self.params["device"] != "cpu":
+            raise ValueError(
+                f"{self.name}: event model {p['model']} takes luminance on the cpu; evis does colour and cuda"
+            )
+        from nodes.event_sensor.models import make_model
+
+        return make_model(p["model"], height, width, envs, seed=seed, **p)
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         message = inputs[self.params["source"]]
+        slopes = None
         if isinstance(message, Keyframe):
             image, t = self._of_keyframe(message), np.array([message.header.stamp_ns])
         else:
             assert isinstance(message, Frames)
-            image, t = self._of_frames(message), message.t
+            image, t, slopes = self._of_frames(message), message.t, message.dlog_dt
+        if self._hermite and slopes is None:
+            raise ValueError(
+                f"{self.name}: the frames carry no dlog_dt, which crossing=hermite needs; crossing=cubic does without"
+            )
         envs, _, height, width = image.shape[:4]
         if self._sensor is None:
             self._sensor = self._make(height, width, envs)
-        sensor = self._sensor
-        count = sensor.advance(image, t, message.episodes)
+            self._size = (height, width)
+        if message.header.stamp_ns <= self._header.stamp_ns:
+            self._publish_held()  # time has gone back to begin an episode
+        self._header = message.header
+        if self._resolved["model"].startswith("evis"):
+            more = {"dlog_dt": slopes} if self._hermite else {}
+            self._publish(self._sensor, self._sensor.advance(image, t, message.episodes, **more))
+        else:
+            self._publish_events(self._sensor.process(image, t, message.episodes))
+
+    def finish(self) -> None:
+        self._publish_held()
+
+    def _publish_held(self) -> None:
+        """The events of what look-ahead or the readout still holds, if there are any."""
+        if self._sensor is not None and self._resolved["model"].startswith("evis"):
+            if count := self._sensor.finish():
+                self._publish(self._sensor, count)
+
+    def _publish(self, sensor: EventSensor, count: int) -> None:
         out: dict[str, Any] = {**self.loan("events", **{n: ((count,), d) for n, d in sensor.columns().items()})}
         sensor.read(out)
-        for name, now, before in zip(("nonfinite_samples", "clipped_samples"), sensor.counts(), self._counted):
-            if now > before:
-                self.count(name, now - before)
-        self._counted = sensor.counts()
-        header = Header(message.header.stamp_ns, clock=message.header.clock, episode=message.header.episode)
-        packet = EventPacket(
-            header, sensor.env_offsets(), **out, width=width, height=height, t0_ns=sensor.t_base
-        )  # fmt: skip
+        self._send(out, sensor.env_offsets())
+
+    def _publish_events(self, events: Events) -> None:
+        names = ("t", "x", "y", "p")
+        out = self.loan("events", **{n: ((len(events.t),), getattr(events, n).dtype) for n in names})
+        for name in names:
+            out[name][:] = getattr(events, name)
+        self._send(out, events.env_offsets)
+
+    def _send(self, columns: Mapping[str, Any], offsets: np.ndarray) -> None:
+        counts = self._sensor.counts()
+        for name, now in counts.items():
+            if now > self._counted.get(name, 0):
+                self.count(COUNTER_NAMES.get(name, name), now - self._counted.get(name, 0))
+        self._counted = counts
+        h = self._header
+        header = Header(h.stamp_ns, clock=h.clock, episode=h.episode)
+        height, width = self._size
+        packet = EventPacket(header, offsets, **columns, width=width, height=height, t0_ns=self._sensor.t_base)
         self.publish("events", packet)
 
     def _of_keyframe(self, message: Keyframe) -> np.ndarray:

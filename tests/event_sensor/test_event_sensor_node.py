@@ -7,6 +7,7 @@ from evis.params import ParamError
 from msgs.camera import Frames, Keyframe
 from msgs.header import Header
 from nodes.event_sensor.node import EventSensorNode
+from nodes.event_sensor.presets import PRESETS
 from nodes.event_sensor.simulate import simulate_frames
 
 MS = 1_000_000
@@ -55,7 +56,7 @@ def test_one_packet_per_message_the_first_is_empty(video):
     assert [len(p.t) > 0 for p in packets] == [False, True, True]
     assert [p.t0_ns for p in packets] == [5, 5, 8 * MS + 5]
     assert [(p.header.stamp_ns, p.header.episode, p.width, p.height) for p in packets][1] == (8 * MS + 5, 3, 8, 6)
-    whole = simulate_frames(video, t, threshold_on=0.15, threshold_off=0.15)
+    whole = simulate_frames(video, t, threshold=0.15)
     assert np.concatenate([p.t for p in packets]).tolist() == whole["t"].tolist()
 
 
@@ -98,6 +99,52 @@ def test_what_was_bad_is_counted_once(video):
     for part in (slice(0, 1), slice(1, 9), slice(9, 17)):
         node.update({"frames": frames(t[part], video[part])})
     assert node.runtime.counted == {"nonfinite_samples": 2}
+
+
+@pytest.mark.parametrize("crossing", ["cubic", "monotone"])
+def test_look_ahead_holds_one_step_back_and_finish_brings_it(video, crossing):
+    node = start(crossing=crossing, threshold=0.15)
+    t = np.arange(17, dtype=np.int64) * MS + 5
+    for part in (slice(0, 1), slice(1, 9), slice(9, 17)):
+        node.update({"frames": frames(t[part], video[part])})
+    node.finish()
+    packets = node.runtime.sent
+    assert [p.header.stamp_ns for p in packets] == [5, 8 * MS + 5, 16 * MS + 5, 16 * MS + 5]
+    assert [p.t0_ns for p in packets] == [5, 5, 7 * MS + 5, 15 * MS + 5]
+    ends = [5, 7 * MS + 5, 15 * MS + 5, 16 * MS + 5]
+    assert all(((p.t > p.t0_ns) & (p.t <= end)).all() for p, end in zip(packets, ends))
+    whole = simulate_frames(video, t, threshold=0.15, crossing=crossing)
+    assert np.concatenate([p.t for p in packets]).tolist() == whole["t"].tolist()
+    assert len(packets[3].t) > 0
+
+
+def test_known_slopes_come_with_the_frames(video):
+    slopes = np.random.default_rng(1).normal(0, 99, video.shape).astype(np.float32)
+    node = start(crossing="hermite")
+    t = np.arange(17, dtype=np.int64) * MS
+    node.update({"frames": frames(t, video, dlog_dt=slopes[None])})
+    whole = simulate_frames(video, t, slopes, crossing="hermite")
+    assert node.runtime.sent[0].t.tolist() == whole["t"].tolist() != simulate_frames(video, t)["t"].tolist()
+    with pytest.raises(ValueError, match="carry no dlog_dt"):
+        start(crossing="hermite").update({"frames": frames(t, video)})
+
+
+@pytest.mark.parametrize("name", ["esim", "v2e", "evis-paper"])
+def test_other_models_are_one_parameter_away(video, name):
+    node = start(model=name)
+    t = np.arange(17, dtype=np.int64) * MS
+    for part in (slice(0, 1), slice(1, 17)):
+        node.update({"frames": frames(t[part], video[part])})
+    node.finish()
+    whole = simulate_frames(video, t, model=name)
+    assert np.concatenate([p.t for p in node.runtime.sent]).tolist() == whole["t"].tolist()
+    assert len(whole["t"]) > 100
+
+
+def test_a_parameter_wins_over_the_preset():
+    name = next(n for n, preset in PRESETS.items() if "threshold_on" in preset.values or "threshold" in preset.values)
+    assert start(preset=name)._resolved != start(preset="ideal")._resolved
+    assert start(preset=name, threshold_on=0.123)._resolved["threshold_on"] == 0.123
 
 
 def test_parameters_name_the_nearest_valid_one():

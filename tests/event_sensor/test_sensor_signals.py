@@ -103,7 +103,7 @@ def test_different_thresholds(on, off):
     assert polarity.tolist() == expected
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, -1.0])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, -1.0, 0.0])
 def test_bad_frame_fires_nothing_and_leaves_the_pixel_as_it_was(bad):
     """E4: the same events as if the last good value had been held; afterwards the pixel fires as before."""
     signal = np.exp(np.linspace(0, 3, 13)).astype(np.float32)
@@ -124,13 +124,20 @@ def test_bad_first_frame_puts_the_reference_off():
     assert events["t"].tolist() == [MS + round(0.5 / math.log(2) * MS)]
 
 
-def test_black_without_dark_current_is_finite_and_counted():
-    """An ideal sensor at 0: the floor of 2^-24 is 83 thresholds of 0.2 below 1, and back."""
-    signal = np.array([1.0, 0.0, 0.0, 1.0], np.float32)
+def test_almost_black_without_dark_current_is_finite_and_counted():
+    """An ideal sensor at 1e-30: the floor of 2^-24 is 83 thresholds of 0.2 below 1, and back."""
+    signal = np.array([1.0, 1e-30, 1e-30, 1.0], np.float32)
     events = simulate_frames(signal[:, None, None], np.arange(4) * MS)
     n = math.floor(-math.log(FLOOR) / 0.2)
     assert (events["p"] == 0).sum() == (events["p"] == 1).sum() == n
     assert events["clipped"] == 1
+
+
+def test_black_without_dark_current_has_no_logarithm_and_is_skipped():
+    signal = np.array([1.0, 0.0, 0.0, 2.0, 1e-8, 0.0, 1e-8], np.float32)
+    events = simulate_frames(signal[:, None, None], np.arange(7) * MS)
+    assert events["p"].tolist() == [1] * 3 + [0] * math.floor((0.6 - math.log(FLOOR)) / 0.2)
+    assert events["t"][0] > 2 * MS and events["nonfinite"] == 3
 
 
 def random_walk(rng, shape):

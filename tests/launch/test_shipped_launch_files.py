@@ -18,7 +18,7 @@ from evis.plan import Plan
 
 STANDARD = {
     "scene": None, "seed": 0, "device": "cpu", "envs": 1, "width": 346, "height": 260, "keyframe_rate": 30,
-    "upsampling": 8, "interpolator": "splat", "threshold": 0.2, "preset": "ideal",
+    "upsampling": 8, "interpolator": "splat", "threshold": None, "preset": "ideal",
 }  # fmt: skip
 
 
@@ -182,5 +182,5 @@ def test_two_worlds_run_side_by_side_in_namespaces(tmp_path: Path) -> None:
         )
     )
     made = plan(str(path))
-    assert [e.node for e in made.topics["/two/state"].edges] == ["two/renderer", "two/labeler"]
+    assert [e.node for e in made.topics["/two/state"].edges] == ["two/renderer", "two/labeler", "two/imu"]
     assert {n.process for n in made.nodes.values()} >= {"one.physics", "two.physics", "one.sensor", "two.sensor"}

@@ -1,0 +1,65 @@
+"""`evis events`: look into recordings, convert them, make events from frames, draw them. One module per action."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import importlib
+import json
+from typing import Any
+
+from evis.cli.parser import Parser
+
+HELP = "look into, convert, simulate and draw event recordings"
+EXAMPLES = {
+    "info": "evis events info recording.raw --json",
+    "convert": "evis events convert recording.raw recording.npz",
+    "simulate": "evis events simulate frames.npz events.raw --threshold 0.2",
+    "render": "evis events render recording.raw picture.gif --dt 20 --to 1",
+}
+
+
+class ActionParser(Parser):
+    """Names the nearest option to one that does not exist."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse's; an unknown option is an error here already."""
+        result, rest = super().parse_known_args(args, namespace)
+        for word in rest:
+            if word.startswith("--"):
+                name = word.partition("=")[0]
+                near = difflib.get_close_matches(name, self._option_string_actions, n=1)
+                self.error(f"no option '{name}'" + (f"; did you mean '{near[0]}'?" if near else ""))
+        return result, rest
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = "examples:\n" + "\n".join(f"  {e}" for e in EXAMPLES.values())
+    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION", parser_class=ActionParser)
+    for name, example in EXAMPLES.items():
+        module = _module(name)
+        text = module.HELP
+        action = actions.add_parser(name, help=text, description=text, epilog=f"example: {example}")
+        module.add_arguments(action)
+        action.add_argument("--json", action="store_true", help="print JSON")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do it. Raises ValueError or OSError with one line for a person."""
+    module = _module(args.action)
+    result: dict[str, Any] = module.run(args)
+    if args.json:
+        print(json.dumps(result))
+        return 0
+    result = module.for_people(result) if hasattr(module, "for_people") else result
+    width = max(map(len, result))
+    for name, value in result.items():
+        shown = "; ".join(map(str, value)) if isinstance(value, list) else value
+        print(f"{name:{width}}  {'-' if shown in ('', None) else shown}")
+    return 0
+
+
+def _module(action: str) -> Any:
+    return importlib.import_module(f"evis.cli.events.{action}")

@@ -1,0 +1,56 @@
+"""Options for the sensor's parameters, made from the one table of them."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from evis.params import Param
+from nodes.event_sensor.parameters import SENSOR
+from nodes.event_sensor.presets import PRESETS
+
+ALIASES = {"defocus_px": ("--defocus",)}
+
+
+def add_sensor_options(parser: argparse.ArgumentParser) -> None:
+    """--preset, --seed, --device and every parameter of SENSOR. Values stay texts: the table converts and checks."""
+    group = parser.add_argument_group(
+        "event sensor", "what is not given comes from the preset; docs/event_sensor.md explains every parameter"
+    )
+    presets = "; ".join(f"{key} ({preset.name})" for key, preset in PRESETS.items())
+    group.add_argument("--preset", default="ideal", metavar="NAME", help=f"sensor whose faults to have: {presets}")
+    group.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (0)")
+    group.add_argument("--device", default="cpu", metavar="NAME", help="cpu, cuda or cuda:N (cpu)")
+    for name, param in SENSOR.items():
+        options = (option(name), *ALIASES.get(name, ()))
+        metavar = "NAME" if param.choices else "N" if param.type is int else "X"
+        group.add_argument(*options, dest=name, metavar=metavar, help=describe(param).replace("%", "%%"))
+
+
+def sensor_values(args: argparse.Namespace) -> dict[str, Any]:
+    """What was given, by the names of SENSOR; None is not given."""
+    return {name: getattr(args, name) for name in SENSOR}
+
+
+def option(name: str) -> str:
+    """threshold_mismatch -> --threshold-mismatch."""
+    return "--" + name.replace("_", "-")
+
+
+def describe(param: Param) -> str:
+    """Help, unit, range and default of a parameter, in one line."""
+    parts = ["one of " + ", ".join(map(str, param.choices)) if param.choices else limits(param)]
+    parts.append("" if param.default is None else f"default {_plain(param.default)}")
+    return f"{param.help} ({', '.join(p for p in parts if p)})" if any(parts) else param.help
+
+
+def limits(param: Param) -> str:
+    """Its range in words, with the unit."""
+    if param.minimum is None:
+        return param.unit
+    upwards = f"to {param.maximum:g}" if param.maximum is not None else "or more"
+    return f"{param.minimum:g} {upwards} {param.unit}".strip()
+
+
+def _plain(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

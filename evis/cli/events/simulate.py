@@ -1,0 +1,167 @@
+"""`evis events simulate`: the event sensor on frames from anywhere."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from evis.cli.events.files import add_output, counted, is_raw, rounded
+from evis.cli.events.sensor_options import add_sensor_options, sensor_values
+
+if TYPE_CHECKING:
+    from evis.streams.frames import FrameBlock, FrameSource
+    from nodes.event_sensor.simulate import Simulation
+
+HELP = "events from frames: an .npz, a folder of EXR or PNG, or a video"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the action's arguments."""
+    parser.add_argument(
+        "source",
+        metavar="FRAMES",
+        help="an .npz of luminance (float32 [T,H,W], linear) and t (int64 [T], ns), optionally dlog_dt, or rgb in "
+        "place of luminance; a folder of EXR (linear) or PNG; or a video",
+    )
+    add_output(parser)
+    parser.add_argument("--rebase", action="store_true", help="let the times count from the first frame")
+    group = parser.add_argument_group("frames")
+    group.add_argument("--colour", action="store_true", help="a sensor for each of R, G and B (OUT .npz keeps which)")
+    group.add_argument("--fps", type=float, metavar="HZ", help="frames per second, instead of the times in the files")
+    group.add_argument(
+        "--tone", metavar="CURVE", help="how PNG and video code radiance: srgb, linear or gamma:G, as gamma:2.2 (srgb)"
+    )
+    group.add_argument("--white", type=float, metavar="I", help="radiance of full scale in PNG and video (1)")
+    add_sensor_options(parser)
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Read, simulate and write block by block."""
+    from evis.streams import open_writer
+    from evis.streams.frames import FrameOptions, open_frames
+    from nodes.event_sensor.simulate import Simulation
+
+    _start_warp(args.device)
+    simulation = Simulation(preset=args.preset, seed=args.seed, device=args.device, **sensor_values(args))
+    hermite = simulation.parameters["crossing"] == "hermite"
+    options = FrameOptions(args.colour, hermite, args.fps, args.tone, args.white)
+    with open_frames(args.source, options) as source, _finish_on_signal() as asked:
+        if hermite and not source.has_slopes:
+            raise ValueError(f"{args.source}: no dlog_dt, which --crossing hermite needs; take cubic")
+        with open_writer(args.out, source.width, source.height, args.encoding) as writer:
+            tally = _Tally(args.out)
+            with counted(source.count, "simulating") as step:
+                failure = _pump(simulation, _frames(source, asked, step, args.rebase), writer, tally)
+            if failure is not None and not simulation.frames:
+                raise failure
+    if failure is not None or asked.is_set():
+        raise _stopped(failure, simulation, source, args.out)
+    return tally.report(simulation, source)
+
+
+def _start_warp(device: str) -> None:
+    """Start the kernel library; that there is no GPU driver is news only to somebody who asks for a GPU."""
+    import warp as wp
+
+    if device != "cpu":
+        wp.init()
+        return
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)  # the library's native part writes there itself
+        wp.init()
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
+
+
+def _frames(source: FrameSource, asked: threading.Event, step: Any, rebase: bool) -> Iterator[FrameBlock]:
+    """The source's blocks, until somebody asks to stop."""
+    shift: int | None = None
+    for block in source.blocks():
+        if asked.is_set():
+            return
+        shift = (int(block.t[0]) if rebase else 0) if shift is None else shift
+        yield block._replace(t=block.t - shift)
+        step(len(block.t))
+
+
+def _pump(simulation: Simulation, frames: Iterator[FrameBlock], writer: Any, tally: _Tally) -> Exception | None:
+    """Write all events. Returns what went wrong with the frames or the sensor; errors of the writer are raised."""
+    from evis.streams import Events
+
+    stream = simulation.events(frames)
+    while True:
+        try:
+            made = next(stream, None)
+        except Exception as error:
+            return error
+        if made is None:
+            return None
+        events = Events.of(made.t, made.x, made.y, made.p, made.c)
+        tally.add(events)
+        writer.write(events)
+
+
+def _stopped(failure: Exception | None, simulation: Simulation, source: FrameSource, out: str) -> Exception:
+    """What to tell of a run that ended early: the file is complete up to some frame."""
+    from evis.cli.failure import one_line
+
+    total = f" of {source.count}" if source.count else ""
+    held = f"{out} holds the events of {simulation.frames}{total} frames, up to t = {simulation.until_ns} ns"
+    return ValueError(f"{one_line(failure) if failure is not None else 'stopped'}; {held}")
+
+
+@contextmanager
+def _finish_on_signal() -> Iterator[threading.Event]:
+    """Ctrl-C and SIGTERM set an event, so that no write is cut in two; a second Ctrl-C ends at once."""
+    asked = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+
+    def ask(number: int, frame: Any) -> None:
+        if asked.is_set():
+            raise KeyboardInterrupt
+        asked.set()
+
+    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class _Tally:
+    """What was written, and what the file's format could not keep."""
+
+    def __init__(self, out: str) -> None:
+        self._out, self._raw, self._npz = out, is_raw(out), out.lower().endswith(".npz")
+        self._events = self._rounded = self._colourless = 0
+
+    def add(self, events: Any) -> None:
+        """Count a block."""
+        self._events += len(events)
+        self._rounded += rounded(events) if self._raw else 0
+        self._colourless += len(events) if events.c is not None and not self._npz else 0
+
+    def report(self, simulation: Simulation, source: FrameSource) -> dict[str, Any]:
+        """The action's result."""
+        counts = {name: int(n) for name, n in simulation.counts().items() if n}
+        result = {
+            "out": self._out, "events": self._events, "width": source.width, "height": source.height,
+            "frames": simulation.frames, "source": source.kind, **source.about,
+        }  # fmt: skip
+        kept = {"times_rounded_to_us": self._rounded, "colour_left_out": self._colourless}
+        result |= {name: n for name, n in kept.items() if n} | counts
+        warnings = []
+        if counts.get("clipped") and source.kind in ("png", "video"):
+            warnings.append("black samples without dark current make many events; try --dark-level 0.01")
+        return result | ({"warnings": warnings} if warnings else {})

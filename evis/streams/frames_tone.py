@@ -1,0 +1,73 @@
+"""Inverse tone curves: from the codes of an 8 or 16 bit image to linear radiance."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+REC709 = (0.2126, 0.7152, 0.0722)
+"""Luminance of linear R, G, B (ITU-R BT.709)."""
+TONES = "srgb, linear or gamma:G"
+
+
+class Tone:
+    """A curve by name: `srgb` (IEC 61966-2-1), `linear`, or `gamma:G` (radiance = code ** G). white: full scale.
+
+    Raises ValueError for an unknown curve or a value out of range.
+    """
+
+    def __init__(self, name: str, white: float = 1.0) -> None:
+        kind, _, text = name.strip().lower().partition(":")
+        self._gamma = {"srgb": 0.0, "linear": 1.0}.get(kind)
+        if kind == "gamma":
+            try:
+                self._gamma = float(text)
+            except ValueError:
+                raise ValueError(f"tone is '{name}': after gamma: comes a number, as gamma:2.2") from None
+            if not 0.1 <= self._gamma <= 10:
+                raise ValueError(f"tone is '{name}', gamma must be 0.1 to 10")
+        if self._gamma is None or (text and kind != "gamma"):
+            raise ValueError(f"tone is '{name}', must be {TONES}")
+        if not (math.isfinite(white) and 0 < white <= 1e30):
+            raise ValueError(f"white is {white:g}, must be the radiance of full scale, above 0")
+        self.name, self.white = name, white
+        self._tables: dict[int, np.ndarray] = {}
+
+    def decode(self, code: np.ndarray) -> np.ndarray:
+        """Radiance of codes in 0 to 1, float64."""
+        if self._gamma:
+            return self.white * np.power(code, self._gamma)
+        return self.white * np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+
+    def _table(self, dtype: np.dtype) -> np.ndarray:
+        """float32 [4, codes]: radiance of every code, and its shares of luminance as R, G and B."""
+        codes = np.iinfo(dtype).max + 1
+        if codes not in self._tables:
+            radiance = self.decode(np.arange(codes) / (codes - 1))
+            self._tables[codes] = np.outer((1.0, *REC709), radiance).astype(np.float32)
+        return self._tables[codes]
+
+    def radiance(self, image: np.ndarray) -> np.ndarray:
+        """uint8 or uint16 [...] -> float32 of the same shape."""
+        return self._table(image.dtype)[0][image]
+
+    def luminance(self, image: np.ndarray) -> np.ndarray:
+        """uint8 or uint16 [H, W] or [H, W, 3] -> float32 [H, W]."""
+        if image.ndim == 2:
+            return self.radiance(image)
+        _, r, g, b = self._table(image.dtype)
+        return r[image[..., 0]] + g[image[..., 1]] + b[image[..., 2]]
+
+
+def luminance_of(rgb: np.ndarray) -> np.ndarray:
+    """float [..., 3], linear -> float32 [...]."""
+    return rgb.astype(np.float32, copy=False) @ np.array(REC709, np.float32)
+
+
+def shaped(image: np.ndarray, tone: Tone, colour: bool) -> np.ndarray:
+    """Codes [H, W] or [H, W, 3] as linear luminance [H, W] or RGB [H, W, 3]."""
+    if not colour:
+        return tone.luminance(image)
+    radiance = tone.radiance(image)
+    return np.repeat(radiance[..., None], 3, axis=2) if radiance.ndim == 2 else radiance

@@ -1,0 +1,52 @@
+"""Every parameter of the sensor: type, default, unit and range, for the node, for Python and for the command line.
+
+A value that is not given comes from the preset, and from the ideal sensor where the preset says nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from evis.params import Param, resolve
+from nodes.event_sensor.presets import PRESETS
+
+MODELS = ("evis", "evis-paper", "esim", "v2e", "dvs_voltmeter")
+CROSSINGS = ("frame", "linear", "monotone", "cubic", "hermite")
+
+SENSOR: dict[str, Param] = {
+    "model": Param(str, "evis", "event model; the others are for comparison", choices=MODELS),
+    "crossing": Param(str, "linear", "how the time of a crossing inside a step is found", choices=CROSSINGS),
+    "threshold": Param(float, 0.2, "contrast threshold, ON and OFF", "ln I", 0.001, 10),
+    "threshold_on": Param(float, None, "contrast threshold ON, if it differs", "ln I", 0.001, 10, optional=True),
+    "threshold_off": Param(float, None, "contrast threshold OFF, if it differs", "ln I", 0.001, 10, optional=True),
+    "threshold_mismatch": Param(float, 0.0, "standard deviation of a pixel's thresholds", "ln I", 0, 1),
+    "threshold_floor": Param(float, 0.01, "least threshold that mismatch leaves a pixel", "ln I", 0.001, 1),
+    "dark_level": Param(float, 0.0, "dark current, in radiance units: L = ln(I + dark_level)", "W/(sr m^2)", 0),
+    "refractory_us": Param(float, 0.0, "dead time after an event, the pixel held in reset", "us", 0, 1e9),
+    "leak_rate": Param(float, 0.0, "ON events of a pixel in constant light", "Hz", 0, 1e6),
+    "leak_jitter": Param(float, 0.0, "spread of the leak rate over pixels, relative", "", 0, 1),
+    "leak_model": Param(str, "drift", "drift of the reference, or the paper's coin", choices=("drift", "bernoulli")),
+    "shot_rate": Param(float, 0.0, "noise events of a pixel in the dark", "Hz", 0, 1e6),
+    "shot_white": Param(float, 1.0, "intensity at which shot noise ends", "W/(sr m^2)", 1e-30),
+    "hot_pixel_fraction": Param(float, 0.0, "share of pixels that fire all the time", "", 0, 1),
+    "hot_pixel_rate": Param(float, 0.0, "their rate", "Hz", 0, 1e6),
+    "defocus_px": Param(float, 0.0, "standard deviation of the lens's blur, 0 = sharp", "px", 0, 50),
+    "bandwidth_hz": Param(float, 0.0, "photoreceptor's corner at bandwidth_level, 0 = infinite", "Hz", 0, 1e9),
+    "bandwidth_level": Param(float, 0.0, "its intensity; below, it falls with I; 0 = constant", "W/(sr m^2)", 0),
+    "bandwidth_poles": Param(int, 1, "order of the photoreceptor's low pass", "", 1, 2),
+    "readout_rate": Param(float, 0.0, "events per second that the readout can carry, 0 = all", "1/s", 0, 1e12),
+    "timestamp_jitter_us": Param(float, 0.0, "standard deviation of the readout's delay", "us", 0, 1e6),
+    "event_cap": Param(int, 0, "most events per pixel and step, the rest counted as dropped; 0 = no cap", "", 0),
+}
+
+
+def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """All of SENSOR: given values over the preset's over the defaults; None counts as not given.
+
+    Raises ParamError naming `owner`, the key and the nearest valid one.
+    """
+    if preset not in PRESETS:
+        Param(str, "ideal", "", choices=tuple(PRESETS)).convert(owner, "preset", preset)
+    explicit = {key: value for key, value in given.items() if value is not None}
+    return resolve(owner, SENSOR, {**PRESETS[preset].values, **explicit})

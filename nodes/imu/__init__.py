@@ -1,0 +1,1 @@
+"""The inertial measurement unit of a camera: specific force and angular velocity from the motion of its body."""

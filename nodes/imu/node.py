@@ -1,0 +1,82 @@
+"""The IMU node: states in, inertial samples of a camera out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from evis.node import Input, Node, Output
+from evis.params import Param
+from msgs.camera import Imu
+from msgs.header import Header, Message
+from msgs.world import WorldState
+
+if TYPE_CHECKING:
+    from nodes.imu.inertial import InertialUnit
+
+LARGEST = 1e6
+
+
+class ImuNode(Node):
+    """An accelerometer and a gyroscope at a camera, in the camera's axes (x right, y down, z forward)."""
+
+    PARAMS: ClassVar[Mapping[str, Param]] = {
+        "camera": Param(str, "cam0", "camera that carries the unit"),
+        "rate": Param(float, 1000.0, "samples per second", "Hz", 0.001, LARGEST),
+        "gravity": Param(float, 9.81, "of the scene, along the world's -z", "m/s^2", 0, LARGEST),
+        "accel_noise": Param(
+            float, 0.0, "white noise of the accelerometer (consumer MEMS: 0.002)", "m/s^2/sqrt(Hz)", 0, LARGEST
+        ),
+        "gyro_noise": Param(
+            float, 0.0, "white noise of the gyroscope (consumer MEMS: 0.0002)", "rad/s/sqrt(Hz)", 0, LARGEST
+        ),
+        "accel_bias": Param(float, 0.0, "random walk of the accelerometer's bias", "m/s^3/sqrt(Hz)", 0, LARGEST),
+        "gyro_bias": Param(float, 0.0, "random walk of the gyroscope's bias", "rad/s^2/sqrt(Hz)", 0, LARGEST),
+        "accel_range": Param(float, 0.0, "largest acceleration it can read, 0 = any", "m/s^2", 0, LARGEST),
+        "gyro_range": Param(float, 0.0, "largest angular velocity it can read, 0 = any", "rad/s", 0, LARGEST),
+        "seed": Param(int, 0, "seed of noise and bias", minimum=0),
+    }
+    INPUTS: ClassVar[Mapping[str, Input]] = {"state": Input("/state")}
+    OUTPUTS: ClassVar[Mapping[str, Output]] = {"imu": Output("/{camera}/imu")}
+
+    def setup(self) -> None:
+        """Make the unit."""
+        from nodes.imu.inertial import ImuModel, InertialUnit
+
+        self._unit: InertialUnit = InertialUnit(ImuModel(**{k: v for k, v in self.params.items() if k != "camera"}))
+        self._counted = {"clipped_samples": 0, "nonfinite_samples": 0}
+
+    def update(self, inputs: Mapping[str, Message]) -> None:
+        """Publish the samples of one interval; none at an episode's first stamp."""
+        state = inputs["state"]
+        assert isinstance(state, WorldState)
+        body = self._body(state)
+        read = self._unit.advance(
+            state.t, np.asarray(state.pose)[0, :, body], np.asarray(state.twist)[0, :, body], int(state.episodes[0])
+        )
+        now = {"clipped_samples": self._unit.clipped, "nonfinite_samples": self._unit.nonfinite}
+        for name, total in now.items():
+            if total > self._counted[name]:
+                self.count(name, total - self._counted[name])
+        self._counted = now
+        header = Header(state.header.stamp_ns, clock=state.header.clock, episode=state.header.episode)
+        self.publish("imu", Imu(header, read.t, read.acceleration, read.angular_velocity))
+
+    def _body(self, state: WorldState) -> int:
+        """Index of the camera in the state. Raises ValueError for several environments and for an unknown camera."""
+        envs = len(state.pose)
+        if envs != 1:
+            raise ValueError(
+                f"{self.name}: an Imu message holds one camera, /state has {envs} environments; run with envs 1, or "
+                "without imu"
+            )
+        camera = self.params["camera"]
+        if camera not in state.names:
+            import difflib
+
+            near = difflib.get_close_matches(camera, state.names, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(state.names)}"
+            raise ValueError(f"{self.name}: /state has no body '{camera}'; {hint}")
+        return state.names.index(camera)
