@@ -28,8 +28,8 @@ _HEADERS = {
     "frame-ancestors 'none'",
 }
 _REFUSAL = "403: this page needs its token; use the whole address that the graph printed, or run `evis view`\n"
-CLOSE_S = 0.3
-"""Time that open connections get to say goodbye."""
+CLOSE_S = 0.6
+"""Time that open connections get to say goodbye; only a browser that is slow to answer takes it."""
 
 
 def make_app(hub: Hub, token: str, max_fps: float) -> web.Application:
@@ -70,7 +70,7 @@ def make_app(hub: Hub, token: str, max_fps: float) -> web.Application:
         return ws
 
     async def hang_up(app: web.Application) -> None:
-        await asyncio.gather(*(ws.close(code=1001, message=b"the graph has ended") for ws in list(sockets)))
+        await asyncio.gather(*(_goodbye(ws) for ws in list(sockets)), return_exceptions=True)
 
     async def end(app: web.Application) -> None:
         encoder.shutdown(wait=False, cancel_futures=True)
@@ -86,6 +86,12 @@ def make_app(hub: Hub, token: str, max_fps: float) -> web.Application:
     app.on_shutdown.append(hang_up)
     app.on_cleanup.append(end)
     return app
+
+
+async def _goodbye(ws: web.WebSocketResponse) -> None:
+    """Say that the run has ended, as a message too: a closing handshake that is cut off loses its code."""
+    await ws.send_json({"op": "end"})
+    await ws.close(code=1001, message=b"the graph has ended")
 
 
 class Server:
@@ -105,10 +111,10 @@ class Server:
         self._ready.wait(10)
 
     def stop(self) -> None:
-        """Close every connection and end the thread, within a second."""
+        """Close every connection and end the thread: at once, or within CLOSE_S when a browser does not answer."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stop.set)
-            self._thread.join(1.0)
+            self._thread.join(CLOSE_S + 0.3)
 
     def _main(self) -> None:
         asyncio.set_event_loop(self._loop)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import socket
 import stat
 import time
@@ -334,7 +335,7 @@ def test_images_labels_and_rates_arrive(node: Any, client: Any) -> None:
 
 
 def test_shutdown_with_open_pages_is_quick(node: Any, client: Any) -> None:
-    """Pages learn by the close code that the graph has ended, and the node is gone in less than a second."""
+    """Pages are told that the graph has ended, by a message and the close code; the node is gone within a second."""
 
     async def look() -> tuple[float, Any]:
         async with client() as page, client() as stuck:
@@ -345,9 +346,13 @@ def test_shutdown_with_open_pages_is_quick(node: Any, client: Any) -> None:
             start = time.monotonic()
             await asyncio.get_running_loop().run_in_executor(None, node.close)
             took = time.monotonic() - start
-            return took, (await page.ws.receive(5))
+            last = [await page.ws.receive(5)]
+            while last[-1].type in (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY):
+                last.append(await page.ws.receive(5))
+            return took, last[-2:]
 
-    took, message = asyncio.run(look())
+    took, (end, message) = asyncio.run(look())
     assert not node._server._thread.is_alive()
+    assert json.loads(end.data) == {"op": "end"}
     assert message.type is aiohttp.WSMsgType.CLOSE and message.data == 1001
     assert took < 1.0  # the bound that the supervisor's escalation relies on

@@ -40,6 +40,8 @@ export class Wire {
       if (message.op === "hello") {
         this.handlers.hello(message);
         this.show(this.panels);
+      } else if (message.op === "end") {
+        this.handlers.state("finished");
       } else if (message.op === "error") {
         this.handlers.error(message.text);
       }
