@@ -2,12 +2,14 @@
 
 The header is a msgpack map: `type`, `version`, `header` (stamp_ns, seq, clock, episode), `scalars` (the other plain
 fields), `arrays` ([name, dtype, shape] each, in the order of the buffers), and `extra` for the transport. Nothing is
-pickled and nothing is evaluated; a hostile header costs at most MAX_HEADER bytes.
+pickled and nothing is evaluated; a hostile header costs at most MAX_HEADER bytes. A transport whose messages differ in
+nothing but their moment may send a header once more, and behind it three int64: stamp_ns, seq, episode.
 """
 
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +27,13 @@ MAX_HEADER = 1 << 20
 """Longest header accepted [bytes]."""
 MAX_DIMS = 8
 
+MAX_PASSED = 1024
+"""Layouts remembered as checked."""
+
 Buffer = bytes | bytearray | memoryview
+Layout = tuple[tuple[str, np.dtype, tuple[int, ...]], ...]
+_MOMENT = struct.Struct("<qqq")
+_passed: set[tuple[type[Message], Layout]] = set()
 
 
 @dataclass
@@ -50,8 +58,23 @@ def contents(message: Message) -> dict[str, np.ndarray]:
     if not isinstance(message.header, Header):
         raise MessageError(f"{type(message).__name__}.header is {type(message.header).__name__}, not Header")
     arrays = {name: contiguous(value) for name, value in message.arrays().items()}
-    check_arrays(type(message), arrays)
+    check_layout(type(message), arrays)
     return arrays
+
+
+def layout(arrays: Mapping[str, np.ndarray]) -> Layout:
+    """Names, dtypes and shapes; most topics never change theirs."""
+    return tuple([(name, array.dtype, array.shape) for name, array in arrays.items()])
+
+
+def check_layout(message_type: type[Message], arrays: Mapping[str, np.ndarray]) -> None:
+    """`check_arrays`, remembering what has passed. Raises MessageError."""
+    key = message_type, layout(arrays)
+    if key not in _passed:
+        check_arrays(message_type, dict(arrays))
+        if len(_passed) >= MAX_PASSED:
+            _passed.clear()
+        _passed.add(key)
 
 
 def pack_header(message: Message, arrays: Mapping[str, np.ndarray], extra: dict[str, Any] | None = None) -> bytes:
@@ -67,6 +90,23 @@ def pack_header(message: Message, arrays: Mapping[str, np.ndarray], extra: dict[
     }
     if extra:
         body["extra"] = extra
+    return _pack(name, body)
+
+
+def pack_scalars(message: Message) -> bytes:
+    """The scalars alone; two messages have the same where these bytes are the same. Raises MessageError."""
+    return _pack(type(message).__name__, message.scalars())
+
+
+def pack_moment(header: Header) -> bytes:
+    """Stamp, sequence number and episode: what follows a header that is sent once more. Raises MessageError."""
+    try:
+        return _MOMENT.pack(int(header.stamp_ns), int(header.seq), int(header.episode))
+    except struct.error as error:
+        raise MessageError(f"{header!r:.200} cannot be packed: {error}") from None
+
+
+def _pack(name: str, body: Any) -> bytes:
     try:
         packed = msgpack.packb(body, default=_plain)
     except (TypeError, ValueError, OverflowError) as error:
@@ -127,6 +167,16 @@ def decode_header(frame: Buffer, expected: type[Message] | None = None) -> WireH
         message_type, _header(name, body.get("header")), _scalars(message_type, body.get("scalars")),
         [_descriptor(message_type, d) for d in _list(name, "arrays", body.get("arrays"))], extra,
     )  # fmt: skip
+
+
+def decode_moment(frame: Buffer, clock: str) -> Header:
+    """The header of `pack_moment`. Raises MessageError."""
+    if len(frame) != _MOMENT.size:
+        raise MessageError(f"stamp, sequence number and episode in {len(frame)} bytes, not {_MOMENT.size}")
+    stamp_ns, seq, episode = _MOMENT.unpack(frame)
+    if seq < 0:
+        raise MessageError(f"sequence number {seq} is not a count")
+    return Header(stamp_ns, seq, clock, episode)
 
 
 def _list(name: str, key: str, value: Any) -> list[Any]:
@@ -213,7 +263,7 @@ def attach(wire: WireHeader, buffers: Sequence[Buffer]) -> Message:
         if size != nbytes(descriptor):
             raise MessageError(f"{name}.{field}: {size} bytes came, {dtype.name} {shape} takes {nbytes(descriptor)}")
         arrays[field] = np.ndarray(shape, dtype, buffer) if size else _empty(name, field, shape, dtype)
-    check_arrays(wire.message_type, arrays)
+    check_layout(wire.message_type, arrays)
     return wire.message_type(wire.header, **arrays, **wire.scalars)  # type: ignore[call-arg]
 
 

@@ -24,9 +24,10 @@ With CURVE keys, whoever knows the publisher's public key may connect: treat it 
 
 from evis.bus.endpoints import Endpoints, endpoints_for, tcp_endpoints
 from evis.bus.errors import BusError, PeerLost
+from evis.bus.lease import END, End
 from evis.bus.publisher import Publisher
 from evis.bus.slots import Slot, SlotPool
-from evis.bus.subscriber import END, End, Subscriber
+from evis.bus.subscriber import Subscriber
 
 __all__ = [
     "END",

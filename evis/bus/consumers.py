@@ -102,9 +102,13 @@ class Consumers:
             consumer.greeted = True
         return new
 
+    def room(self) -> int:
+        """Longest record that every consumer's pipe takes [bytes]; 0 when one has none."""
+        return min([c.room for c in self.all.values()], default=1 << 30)
+
     def credit(self) -> int:
         """Messages that every consumer has room for."""
-        return min((c.window - len(c.uncredited) if c.greeted else 0 for c in self.all.values()), default=1 << 30)
+        return min([c.window - len(c.uncredited) if c.greeted else 0 for c in self.all.values()], default=1 << 30)
 
     def behind(self) -> list[str]:
         """Those without credit."""
@@ -114,12 +118,13 @@ class Consumers:
         """True when no consumer has said that it cannot open our memory."""
         return all(c.shared is not False for c in self.all.values())
 
-    def charge(self, consumer: Consumer, seq: int, slot: Slot | None) -> None:
-        """A message is on its way to a consumer, which holds the slot from now on."""
-        consumer.uncredited.add(seq)
-        consumer.held[seq] = slot
-        if slot is not None:
-            slot.pin()
+    def charge(self, consumers: list[Consumer], seq: int, slot: Slot | None) -> None:
+        """A message is on its way to consumers, each of which holds the slot from now on."""
+        for consumer in consumers:
+            consumer.uncredited.add(seq)
+            consumer.held[seq] = slot
+            if slot is not None:
+                slot.pin()
 
     def raise_lost(self) -> None:
         """Raise PeerLost for a consumer that has left before the end."""
@@ -153,7 +158,7 @@ class Consumers:
 
     def answered(self, timeout_ms: int) -> bool:
         """Wait a little for the pipe, where all answer through it, and take what has come; False when nothing has."""
-        if not all(c.answers for c in self.all.values()) or not self.inbox.wait(min(timeout_ms, wire.SOON_MS)):
+        if not all([c.answers for c in self.all.values()]) or not self.inbox.wait(min(timeout_ms, wire.SOON_MS)):
             return False
         self.collect()
         return True
@@ -161,9 +166,10 @@ class Consumers:
     def collect(self) -> None:
         """Take the credits that came through the pipe."""
         for link, op, seq in self.inbox.take(self._links):
+            consumer = self._links[link]
             try:
-                self._credit(self._links[link], op, seq)
-                self._links[link].answers = True
+                self._credit(consumer, op, seq)
+                consumer.answers = True
             except wire.Malformed:
                 self.rejected += 1
 

@@ -35,15 +35,13 @@ ELSEWHERE = _HEAD.pack(_HEAD.size, 0)
 
 def pack(frames: Sequence[Buffer]) -> bytes:
     """The record of a message."""
-    sizes = [len(frame) for frame in frames]
     count = len(frames)
-    total = _HEAD.size + 4 * count + sum(sizes)
-    return b"".join((_HEAD.pack(total, count), struct.pack(f"<{count}I", *sizes), *frames))
+    return b"".join((struct.pack(f"<{count + 2}I", packed_size(frames), count, *map(len, frames)), *frames))
 
 
 def packed_size(frames: Sequence[Buffer]) -> int:
     """Bytes of `pack(frames)`."""
-    return _HEAD.size + sum(4 + len(frame) for frame in frames)
+    return _HEAD.size + 4 * len(frames) + sum(map(len, frames))
 
 
 class Inbox:
@@ -96,17 +94,16 @@ class MessageInbox(Inbox):
 
         Raises Malformed: what came is no record, and where the next one begins is not known.
         """
-        while (frames := self._next()) is None:
+        while not self._rest or (frames := self._next()) is None:
             if not self.fill():
                 return None
         return frames
 
-    def pending(self) -> bool:
-        """True when `take` has something to do; half a record whose writer died does not count."""
-        return self._complete() or self.wait(0)
-
-    def _complete(self) -> bool:
-        return len(self._rest) >= _HEAD.size and len(self._rest) >= _HEAD.unpack_from(self._rest)[0]
+    def pending(self, timeout_ms: float = 0) -> bool:
+        """True when `take` has something to do within this time; half a record whose writer died does not count."""
+        data = self._rest
+        complete = len(data) >= _HEAD.size and len(data) >= _HEAD.unpack_from(data)[0]
+        return complete or bool(self._poll.poll(timeout_ms))
 
     def _next(self) -> list[bytes] | None:
         data = self._rest

@@ -12,7 +12,8 @@ from evis.bus import pipes, wire
 from evis.bus.consumers import Consumer, Consumers
 from evis.bus.endpoints import Endpoints, bind, check_bind, unlink
 from evis.bus.errors import BusError, PeerLost
-from evis.bus.slots import Slot, SlotPool, aligned
+from evis.bus.placing import describe, place
+from evis.bus.slots import Slot, SlotPool
 from evis.bus.tap import Tap, queue_length
 from msgs.codec import Buffer, contents, pack_header, raw
 from msgs.header import Message
@@ -20,8 +21,8 @@ from msgs.header import Message
 INLINE_BELOW = 1 << 15
 """Messages with fewer bytes of arrays travel inside the socket: below this shared memory saves nothing."""
 POLL_MS = 100
-PUMP_EVERY_S = 0.001
-"""A stream of small messages looks at its sockets this often; while credit lasts nothing there is urgent."""
+PUMP_EVERY_S = 0.005
+"""A stream looks at its sockets this often; while credits come through the pipe nothing there is urgent."""
 
 
 class Publisher:
@@ -129,7 +130,7 @@ class Publisher:
             self._pool.share(self._ipc and self._consumers.shared())
             if self._latch is not None:
                 wire.send(self._data, [consumer.key, *self._latch])
-                self._consumers.charge(consumer, self._seq - 1, None)
+                self._consumers.charge([consumer], self._seq - 1, None)
 
     def missing(self) -> list[str]:
         """Declared consumers that are not connected."""
@@ -146,6 +147,8 @@ class Publisher:
 
     def loan(self, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, np.ndarray]:
         """Aligned arrays to write the next message into, name -> (shape, dtype). Valid until the next `send`."""
+        if not self._pool.ready():
+            self._consumers.collect()  # a slot may be free by now
         return self._pool.loan(arrays)
 
     def send(self, message: Message, timeout_s: float | None = None) -> Slot | None:
@@ -168,15 +171,16 @@ class Publisher:
         arrays = contents(message)
         self._wait_for_credit(timeout_s)
         message.header.seq = self._seq
-        size = sum(a.nbytes for a in arrays.values())
+        size = sum([a.nbytes for a in arrays.values()])
         slot = self._pool.claim(arrays)
         consumers = self._receivers()
         # A latched message reaches half-connected consumers too, which hold no slot: it carries its arrays.
         by_slot = bool(consumers) and self._pool.shared and size >= INLINE_BELOW and not self.latched
         try:
             if by_slot:
-                slot, offsets = self._place(message, arrays, slot)
-                self._deliver(consumers, [pack_header(message, arrays, {"slot": slot.descriptor(offsets)})], slot)
+                slot, offsets, copies = place(self._pool, message, arrays, slot)
+                self._copies += copies
+                self._deliver(consumers, describe(message, arrays, slot, offsets), slot)
             tapped = self._tap.due()
             if tapped or self.latched or (consumers and not by_slot):
                 inline = [pack_header(message, arrays), *map(raw, arrays.values())]
@@ -198,13 +202,11 @@ class Publisher:
     def _deliver(self, consumers: list[Consumer], frames: list[Buffer], slot: Slot | None) -> None:
         if consumers:
             self._broadcast(frames)
-        for consumer in consumers:
-            self._consumers.charge(consumer, self._seq, slot)
+            self._consumers.charge(consumers, self._seq, slot)
 
     def _broadcast(self, frames: list[Buffer]) -> None:
         """Through the pipes where every consumer's has room for the record, else over the socket, in the same order."""
-        size = pipes.packed_size(frames)
-        through_pipes = all(c.room >= size for c in self._consumers.all.values())
+        through_pipes = pipes.packed_size(frames) <= self._consumers.room()
         record = pipes.pack(frames) if through_pipes else pipes.ELSEWHERE
         for consumer in self._consumers.all.values():
             if consumer.outlet is not None and not consumer.outlet.write(record):
@@ -225,11 +227,10 @@ class Publisher:
         if start >= self._pump_at:
             self._pump_at = start + PUMP_EVERY_S
             self.pump()
-        elif self._blocked():
-            self._consumers.collect()
         if not self._blocked():
             return
         try:
+            self._consumers.collect()
             while self._blocked():
                 left_s = 1.0 if timeout_s is None else start + timeout_s - time.monotonic()
                 if left_s <= 0:
@@ -238,32 +239,6 @@ class Publisher:
                 self._await(min(POLL_MS, int(1000 * left_s) + 1))
         finally:
             self._waited_s += time.monotonic() - start
-
-    def _place(self, message: Message, arrays: dict[str, np.ndarray], slot: Slot | None) -> tuple[Slot, list[int]]:
-        """Put every array that is not there yet into the slot, or all into a new one when there is no room."""
-        if slot is not None and slot.kind != "heap":
-            at = [o for a in arrays.values() if (o := slot.offset(a)) is not None]
-            if len(at) == len(arrays):
-                return slot, at
-        foreign = {n: a for n, a in arrays.items() if slot is None or slot.offset(a) is None}
-        room = sum(aligned(a.nbytes) for a in foreign.values())
-        if slot is None or slot.kind == "heap" or slot.used + room > slot.size:
-            loaned = slot
-            foreign = arrays.copy()
-            slot = self._pool.take(sum(aligned(a.nbytes) for a in foreign.values()))
-        else:
-            loaned = None
-        for name, array in foreign.items():
-            view = slot.place(array.shape, array.dtype)
-            view[...] = array
-            if isinstance(getattr(message, name), np.ndarray):
-                setattr(message, name, view)  # consumers in this process are to see what the slot protects
-            arrays[name] = view
-        self._copies += len(foreign)
-        if loaned is not None:
-            loaned.unpin()
-        offsets = [slot.offset(a) for a in arrays.values()]
-        return slot, [o for o in offsets if o is not None]
 
     def finish(self, timeout_s: float | None = None) -> bool:
         """End the stream: say so (once), and wait until every consumer has answered, so that nothing is under way.

@@ -43,6 +43,8 @@ class Slot:
         self.size = memory.nbytes
         self.address = address(memory)
         self.used = 0
+        self.header: tuple[Any, bytes] = None, b""
+        """All but the moment of the last message that was sent from here, and its packed header."""
         self.placed: list[tuple[np.ndarray, int]] = []
         """Arrays given out since it was taken, and where they are."""
         self.pins = 0
@@ -163,7 +165,7 @@ class SlotPool:
     def loan(self, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> dict[str, np.ndarray]:
         """Aligned arrays to write the next message into, name -> (shape, dtype). A loan lasts until the next claim."""
         wanted = [(name, tuple(shape), np.dtype(dtype)) for name, (shape, dtype) in arrays.items()]
-        slot = self.take(sum(aligned(math.prod(shape) * dtype.itemsize) for _, shape, dtype in wanted))
+        slot = self.take(sum([aligned(math.prod(shape) * dtype.itemsize) for _, shape, dtype in wanted]))
         self._loans.append(slot)
         return {name: slot.place(shape, dtype) for name, shape, dtype in wanted}
 
@@ -172,7 +174,7 @@ class SlotPool:
         if not self._loans:
             return None
         loans, self._loans = self._loans, []
-        if len(loans) == 1 and arrays and all(loans[0].offset(a) is not None for a in arrays.values()):
+        if len(loans) == 1 and arrays and all([loans[0].offset(a) is not None for a in arrays.values()]):
             return loans[0]
         bytes_in = [sum(a.nbytes for a in arrays.values() if s.offset(a) is not None) for s in loans]
         best = max(range(len(loans)), key=bytes_in.__getitem__)
@@ -180,6 +182,10 @@ class SlotPool:
             if i != best or not bytes_in[best]:
                 slot.unpin()
         return loans[best] if bytes_in[best] else None
+
+    def ready(self) -> bool:
+        """True when a slot is free to be taken."""
+        return bool(self._free)
 
     def take(self, size: int) -> Slot:
         """A free slot of `size` bytes (and SLACK) or more, pinned once. Raises BusError: out of memory or slots."""

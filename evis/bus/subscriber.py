@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import enum
 import os
 import time
-from typing import Final
 
 import zmq
 from zmq.utils.monitor import recv_monitor_message
@@ -14,49 +12,12 @@ from zmq.utils.monitor import recv_monitor_message
 from evis.bus import mapping, wire
 from evis.bus.endpoints import Endpoints
 from evis.bus.errors import BusError, PeerLost
+from evis.bus.lease import END, End, Lease
 from evis.bus.pipes import MessageInbox, Outlet
 from evis.bus.tap import queue_length
-from msgs.codec import WireHeader, attach, decode_header
+from msgs.codec import attach, decode_header
 from msgs.fields import MessageError, TypeMismatch
 from msgs.header import Message
-
-
-class End(enum.Enum):
-    """What `receive` returns when the publisher has ended the stream."""
-
-    END = "end of stream"
-
-
-END: Final = End.END
-
-
-class Lease:
-    """Hold on a received message. The first `unpin` returns the credit; when no pin is left its slot may be reused."""
-
-    __slots__ = ("_credited", "_pins", "_seq", "_subscriber")
-
-    def __init__(self, subscriber: Subscriber, seq: int) -> None:
-        self._subscriber = subscriber
-        self._seq = seq
-        self._pins = 1
-        self._credited = False
-
-    def pin(self) -> None:
-        """Keep the arrays valid for one more user."""
-        if not self._pins:
-            raise BusError(f"topic {self._subscriber.topic}: a message was kept after its release")
-        self._pins += 1
-
-    def unpin(self) -> None:
-        """One user less."""
-        if not self._pins:
-            raise BusError(f"topic {self._subscriber.topic}: a message was released more often than it was kept")
-        self._pins -= 1
-        if not self._pins:
-            self._subscriber.reply(wire.FREED if self._credited else wire.CREDIT, self._seq)
-        elif not self._credited:
-            self._credited = True
-            self._subscriber.reply(wire.TAKEN, self._seq)
 
 
 class Subscriber:
@@ -194,6 +155,10 @@ class Subscriber:
         if not self._ready and not self.tap:
             timeout_ms = self._wait_for_welcome(timeout_ms)
         deadline = time.monotonic() + timeout_ms / 1000
+        # Who waits has most likely taken all that came: to wait first costs less than to read nothing first.
+        if timeout_ms > 0 and self._piped and not self._elsewhere and self._inbox is not None:
+            if not self._inbox.pending(timeout_ms):
+                return None
         while True:
             frames = self._next()
             if frames is None:
@@ -258,8 +223,7 @@ class Subscriber:
 
     def _message(self, frames: list[bytes]) -> Message | None:
         try:
-            head = decode_header(frames[0], self.message_type)
-            message = attach(head, self._buffers(head, frames))
+            message = self._reader.recall(frames) or self._decode(frames)
         except MessageError as error:
             self.rejected += 1
             if self.tap and not isinstance(error, TypeMismatch):
@@ -267,26 +231,30 @@ class Subscriber:
             raise BusError(f"topic {self.topic}, from {self.publisher} to {self.name}: {error}") from None
         except OSError:
             raise PeerLost(self.publisher, self.topic, "closed the memory of a message under way") from None
-        if (head.header.seq, head.header.stamp_ns) == self._last:
+        header = message.header
+        this = header.seq, header.stamp_ns
+        if this == self._last:
             # A latched value both broadcast and resent while we were connecting. Its credit goes back, if it took one.
             if not self.tap:
-                self.reply(wire.CREDIT, head.header.seq)
+                self.reply(wire.CREDIT, header.seq)
             return None
-        self._count(head.header.seq)
-        self._next_seq = head.header.seq + 1
-        self._last = head.header.seq, head.header.stamp_ns
+        if header.seq != self._next_seq:
+            self._count(header.seq)
+        self._next_seq = header.seq + 1
+        self._last = this
         self.received += 1
         if not self.tap:
-            message._slot = Lease(self, head.header.seq)  # type: ignore[misc]
+            message._slot = Lease(self, header.seq)  # type: ignore[misc]
         return message
 
-    def _buffers(self, head: WireHeader, frames: list[bytes]) -> list[bytes] | list[memoryview]:
+    def _decode(self, frames: list[bytes]) -> Message:
+        head = decode_header(frames[0], self.message_type)
         slot = head.extra.get("slot")
         if slot is None:
-            return frames[1:]
-        if self.tap or len(frames) != 1:
+            return attach(head, frames[1:])
+        if self.tap:
             raise MessageError(f"{head.message_type.__name__}: a slot descriptor where the arrays should be")
-        return self._reader.buffers(head, slot)
+        return self._reader.attach(head, slot, frames)
 
     def _count(self, seq: int) -> None:
         if self._next_seq is not None and seq > self._next_seq:

@@ -84,7 +84,8 @@ def open_socket(context: zmq.Context, kind: int, high_water_mark: int = 0) -> zm
     sock = context.socket(kind)
     sock.setsockopt(zmq.LINGER, 0)
     sock.setsockopt(zmq.SNDHWM, high_water_mark)
-    sock.setsockopt(zmq.RCVHWM, high_water_mark)
+    # An XPUB holds nothing back that it is told: libzmq 4.3.5 may abort when a peer hangs up during that.
+    sock.setsockopt(zmq.RCVHWM, 0 if kind == zmq.XPUB else high_water_mark)
     sock.setsockopt(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
     sock.setsockopt(zmq.HEARTBEAT_TIMEOUT, HEARTBEAT_TIMEOUT_MS)
     sock.setsockopt(zmq.RECONNECT_IVL, 10)
