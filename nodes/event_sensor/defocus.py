@@ -66,12 +66,31 @@ class Defocus:
             )
         count, height, width, channels = images.shape
         row = width * channels
-        # On a CPU a thread is a row of the image; on a GPU neighbouring threads read neighbouring samples.
-        run = 1 if self._device.is_cuda else row
         source = images.flatten()
-        for target, length, stride in zip(self._buffers, (width, height), (channels, row)):
-            blurred = target.flatten()
-            arguments = [self._weights, source, length, stride, run]
-            wp.launch(kernels.blur, count * height * row // run, arguments, [blurred], device=self._device)
-            source = blurred
+        between, blurred = (buffer.flatten() for buffer in self._buffers)
+        if self._device.is_cuda:
+            for shape, a, b in (((count * height, width, channels), source, between),
+                                ((count, height, row), between, blurred)):  # fmt: skip
+                wp.launch(
+                    kernels.each_sample, shape, [self._weights, a, *shape[1:]], [b], device=self._device
+                )  # fmt: skip
+        else:
+            runs, between_runs, blurred_runs = (_runs(a) for a in (source, between, blurred))
+            rows = [self._weights, source, runs, width, channels]
+            wp.launch(kernels.along_rows, count * height, rows, [between, between_runs], device=self._device)
+            columns = [self._weights, between, between_runs, height, row]
+            wp.launch(
+                kernels.down_columns, (count, height), columns, [blurred, blurred_runs], device=self._device
+            )  # fmt: skip
         return self._buffers[1]
+
+
+def _runs(samples: wp.array) -> wp.array:
+    """A view of flat float32 samples in which element i is the RUN samples from i on."""
+    return wp.array(
+        ptr=samples.ptr,
+        dtype=kernels.Run,
+        shape=max(samples.size - kernels.RUN + 1, 0),
+        strides=(4,),
+        device=samples.device,
+    )

@@ -6,6 +6,7 @@ longer buffer when the events did not fit. `swap` makes the new state the presen
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -13,9 +14,16 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor import kernels, kernels_full, kernels_paper, noise
-from nodes.event_sensor.kernels_full import Features, full_kernels
+from nodes.event_sensor import kernels, kernels_paper, noise
 from nodes.event_sensor.kernels_plain import plain_kernels
+from nodes.event_sensor.kernels_quiet import Quiet, arrays_of, quiet_state, runs_of
+from nodes.event_sensor.kernels_state import Cold, Features, Warm
+from nodes.event_sensor.kernels_threads import full_kernels
+from nodes.event_sensor.packet import KeyLayout
+
+FLOOR = 2.0**-24
+"""Least I + I_dark [radiance]: the smallest positive half-precision radiance. An ideal sensor without dark current
+would otherwise answer a black pixel with infinitely many events."""
 
 
 @dataclass
@@ -62,46 +70,46 @@ class Plain:
     def __init__(self, size: Size, frame: bool, device: Any) -> None:
         total = size.envs * size.pixels
         self._kernel = plain_kernels(frame)[device.is_cuda]
-        self._size, self._device = size, device
-        self._before: wp.array = wp.zeros(total, dtype=kernels.Pixel, device=device)
-        self._after: wp.array = wp.zeros(total, dtype=kernels.Pixel, device=device)
+        self._size, self._device, self.in_place = size, device, not device.is_cuda
+        self._before = quiet_state(total, False, device), wp.zeros(total, dtype=wp.vec2i, device=device)
+        self._after = self._before
+        if not self.in_place:
+            self._after = quiet_state(total, False, device), wp.zeros(total, dtype=wp.vec2i, device=device)
         self._base: wp.array = wp.zeros(total, dtype=wp.float64, device=device)
 
     def arrays(self) -> tuple[wp.array, ...]:
         """Everything that is kept per pixel."""
-        return self._before, self._after, self._base
+        states = (self._before,) if self.in_place else (self._before, self._after)
+        return *(a for quiet, counts in states for a in (*arrays_of(quiet), counts)), self._base
 
-    def launch(self, sensor: kernels.Sensor, batch: Batch, keys: wp.array, counters: wp.array) -> None:
-        """Events of a batch to `keys`, as many as fit; all are counted."""
-        wp.launch(
-            self._kernel,
-            self._size.threads(self._device.is_cuda),
-            [sensor, batch.images, batch.t, batch.t_base, batch.begin, self._before],
-            [self._after, self._base, keys, counters],
-            device=self._device,
-        )
+    def launch(self, sensor: kernels.Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
+        """Events of a batch to `keys`, as many as fit. In place: from pixel `resume` to the first without room."""
+        b = batch
+        times = [b.t, b.t_base, b.begin]
+        if self.in_place:
+            inputs = [sensor, b.images, runs_of(b.images), *times, resume]
+            outputs = [*self._before, self._base, keys, counters]
+        else:
+            inputs = [sensor, b.images, *times, *self._before]
+            outputs = [*self._after, self._base, keys, counters]
+        wp.launch(self._kernel, self._size.threads(not self.in_place), inputs, outputs, device=self._device)
 
     def swap(self) -> None:
         self._before, self._after = self._after, self._before
 
 
-class Pattern:
-    """Fixed pattern of a sensor on its device; arrays of nothing where the sensor has none."""
-
-    def __init__(self, size: Size, seed: int, p: Mapping[str, Any], device: Any) -> None:
-        envs, pixels = size.envs, size.pixels
-        none = np.zeros(0, np.float32)
-        on = off = leaks = hots = none
-        if p["threshold_mismatch"] > 0:
-            mean = (p["threshold_on"], p["threshold_off"])
-            on, off = noise.thresholds(seed, envs, pixels, mean, p["threshold_mismatch"], p["threshold_floor"])
-        if p["leak_rate"] > 0:
-            leaks = noise.leak_rates(seed, envs, pixels, p["leak_rate"], p["leak_jitter"])
-        if p["shot_rate"] > 0 or (p["hot_pixel_rate"] > 0 and p["hot_pixel_fraction"] > 0):
-            hots = noise.hot_rates(seed, envs, pixels, p["hot_pixel_fraction"], p["hot_pixel_rate"])
-        self.arrays: tuple[wp.array, ...] = tuple(
-            wp.array(a, dtype=wp.float32, device=device) for a in (on, off, leaks, hots)
-        )
+def pattern_of(size: Size, seed: int, p: Mapping[str, Any]) -> tuple[np.ndarray, ...]:
+    """Fixed pattern of a sensor: ON and OFF thresholds, leak rates, rates as a hot pixel; empty where it has none."""
+    envs, pixels = size.envs, size.pixels
+    on = off = leaks = hots = np.zeros(0, np.float32)
+    if p["threshold_mismatch"] > 0:
+        mean = (p["threshold_on"], p["threshold_off"])
+        on, off = noise.thresholds(seed, envs, pixels, mean, p["threshold_mismatch"], p["threshold_floor"])
+    if p["leak_rate"] > 0:
+        leaks = noise.leak_rates(seed, envs, pixels, p["leak_rate"], p["leak_jitter"])
+    if p["shot_rate"] > 0 or (p["hot_pixel_rate"] > 0 and p["hot_pixel_fraction"] > 0):
+        hots = noise.hot_rates(seed, envs, pixels, p["hot_pixel_fraction"], p["hot_pixel_rate"])
+    return on, off, leaks, hots
 
 
 def features_of(p: Mapping[str, Any]) -> Features:
@@ -122,28 +130,40 @@ class Full:
 
     def __init__(self, size: Size, seed: int, p: Mapping[str, Any], device: Any) -> None:
         total = size.envs * size.pixels
-        self._kernel = full_kernels(features_of(p))[device.is_cuda]
-        self._size, self._device = size, device
-        self._pattern = Pattern(size, seed, p, device).arrays
-        self._before: wp.array = wp.zeros(total, dtype=kernels_full.Hot, device=device)
-        self._after: wp.array = wp.zeros(total, dtype=kernels_full.Hot, device=device)
-        self._colds: wp.array = wp.zeros((2, total), dtype=kernels_full.Cold, device=device)
+        features = features_of(p)
+        timed = features.leak or features.noise or features.refractory
+        self._kernel = full_kernels(features)[device.is_cuda]
+        self._size, self._device, self.in_place = size, device, not device.is_cuda
+
+        def state() -> tuple[Quiet, wp.array]:
+            return quiet_state(total, timed, device), wp.zeros(total, dtype=Warm, device=device)
+
+        self._before = state()
+        self._after = self._before if self.in_place else state()
+        struct: Any = Cold
+        colds: Any = np.zeros((1 if self.in_place else 2, total), struct.numpy_dtype())
+        for name, values in zip(("c_on", "c_off", "leak", "hot"), pattern_of(size, seed, p)):
+            if values.size:
+                colds[name] = values.reshape(-1)
+        self._colds: wp.array = wp.array(colds, dtype=Cold, device=device)
 
     def arrays(self) -> tuple[wp.array, ...]:
         """Everything that is kept per pixel."""
-        return self._before, self._after, self._colds, *self._pattern
+        states = (self._before,) if self.in_place else (self._before, self._after)
+        kept = (a for quiet, warm in states for a in (*arrays_of(quiet), warm))
+        return *kept, self._colds
 
-    def launch(self, sensor: kernels.Sensor, batch: Batch, keys: wp.array, counters: wp.array) -> None:
-        """Events of a batch to `keys`, as many as fit; all are counted."""
+    def launch(self, sensor: kernels.Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
+        """Events of a batch to `keys`, as many as fit. In place: from pixel `resume` to the first without room."""
         b = batch
-        frames = [b.images, b.slopes, b.frames, b.count, b.t, b.t_base, b.t_before]
-        wp.launch(
-            self._kernel,
-            self._size.threads(self._device.is_cuda),
-            [sensor, b.begin, b.episodes, *frames, *self._pattern, self._before],
-            [self._after, self._colds, keys, counters],
-            device=self._device,
-        )
+        steps = [b.slopes, b.frames, b.count, b.t, b.t_base, b.t_before]
+        if self.in_place:
+            inputs = [sensor, b.begin, b.episodes, b.images, runs_of(b.images), *steps, resume]
+            outputs = [*self._before, self._colds, keys, counters]
+        else:
+            inputs = [sensor, b.begin, b.episodes, b.images, *steps, *self._before]
+            outputs = [*self._after, self._colds, keys, counters]
+        wp.launch(self._kernel, self._size.threads(not self.in_place), inputs, outputs, device=self._device)
 
     def swap(self) -> None:
         self._before, self._after = self._after, self._before
@@ -155,8 +175,9 @@ class Paper:
     def __init__(self, size: Size, seed: int, p: Mapping[str, Any], device: Any) -> None:
         total = size.envs * size.pixels
         self._kernel = (kernels_paper.paper_rows, kernels_paper.paper_pixels)[device.is_cuda]
-        self._size, self._device = size, device
-        self._pattern = Pattern(size, seed, p, device).arrays
+        self._size, self._device, self.in_place = size, device, False
+        pattern = pattern_of(size, seed, p)
+        self._pattern: tuple[wp.array, ...] = tuple(wp.array(a, dtype=wp.float32, device=device) for a in pattern)
         self._before: wp.array = wp.zeros(total, dtype=kernels_paper.PaperPixel, device=device)
         self._after: wp.array = wp.zeros(total, dtype=kernels_paper.PaperPixel, device=device)
 
@@ -164,7 +185,7 @@ class Paper:
         """Everything that is kept per pixel."""
         return self._before, self._after, *self._pattern
 
-    def launch(self, sensor: kernels.Sensor, batch: Batch, keys: wp.array, counters: wp.array) -> None:
+    def launch(self, sensor: kernels.Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
         """Events of a batch to `keys`, as many as fit; all are counted."""
         b = batch
         wp.launch(
@@ -186,3 +207,17 @@ def make_engine(size: Size, seed: int, p: Mapping[str, Any], device: Any) -> Pla
     if features_of(p) in (Features("linear"), Features("frame")):
         return Plain(size, p["crossing"] == "frame", device)
     return Full(size, seed, p, device)
+
+
+def sensor_struct(p: Mapping[str, Any], shape: tuple[int, int, int], layout: KeyLayout, seed: int) -> kernels.Sensor:
+    """Resolved parameters for the kernels. shape: height, width, channels."""
+    sensor: Any = kernels.Sensor()
+    sensor.threshold_on, sensor.threshold_off = p["threshold_on"], p["threshold_off"]
+    sensor.gain_on, sensor.gain_off = math.exp(p["threshold_on"]), math.exp(-p["threshold_off"])
+    sensor.dark, sensor.floor = p["dark_level"], FLOOR
+    sensor.height, sensor.width, sensor.channels = shape
+    sensor.shift_x, sensor.shift_y, sensor.shift_t, sensor.shift_env = layout.x, layout.y, layout.t, layout.env
+    sensor.seed = seed
+    sensor.dead_ns = round(1e3 * p["refractory_us"])
+    sensor.shot_rate, sensor.white, sensor.cap = p["shot_rate"], p["shot_white"], p["event_cap"]
+    return sensor

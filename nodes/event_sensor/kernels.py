@@ -25,6 +25,10 @@ NONFINITE = wp.constant(1)
 CLIPPED = wp.constant(2)
 DROPPED = wp.constant(3)
 UNKNOWN_SLOPES = wp.constant(4)
+LEFT = wp.constant(len(COUNTERS))
+"""Beyond the counters: 1 + the first pixel that found no room for its events, or 0."""
+BLOCK = wp.constant(16384)
+"""Events that one thread unpacks."""
 
 
 @wp.struct
@@ -163,14 +167,20 @@ def unpack(
     y: wp.array(dtype=wp.uint16),
     p: wp.array(dtype=wp.uint8),
 ):
-    """Keys to columns; the colour channel is read apart, where there is one."""
-    i = wp.tid()
-    key = keys[i]
+    """Keys to columns, BLOCK of them a thread (CPU); the colour channel is read apart, where there is one."""
+    i = wp.tid() * BLOCK
+    end = wp.min(i + BLOCK, keys.shape[0])
     one = wp.int64(1)
-    t[i] = t_base + ((key >> sensor.shift_t) & ((one << (sensor.shift_env - sensor.shift_t)) - one))
-    y[i] = wp.uint16((key >> sensor.shift_y) & ((one << (sensor.shift_t - sensor.shift_y)) - one))
-    x[i] = wp.uint16((key >> sensor.shift_x) & ((one << (sensor.shift_y - sensor.shift_x)) - one))
-    p[i] = wp.uint8(key & one)
+    mask_t = (one << (sensor.shift_env - sensor.shift_t)) - one
+    mask_y = (one << (sensor.shift_t - sensor.shift_y)) - one
+    mask_x = (one << (sensor.shift_y - sensor.shift_x)) - one
+    while i < end:
+        key = keys[i]
+        t[i] = t_base + ((key >> sensor.shift_t) & mask_t)
+        y[i] = wp.uint16((key >> sensor.shift_y) & mask_y)
+        x[i] = wp.uint16((key >> sensor.shift_x) & mask_x)
+        p[i] = wp.uint8(key & one)
+        i += 1
 
 
 @wp.kernel

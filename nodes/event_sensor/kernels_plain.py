@@ -10,6 +10,7 @@ from nodes.event_sensor.kernels import (
     EVENTS,
     GUARD,
     LARGEST,
+    LEFT,
     NONFINITE,
     TOLERANCE,
     Pixel,
@@ -21,6 +22,7 @@ from nodes.event_sensor.kernels import (
     log_level,
     valid,
 )
+from nodes.event_sensor.kernels_quiet import RUN, Quiet, Run, left_over, quiet_margins, saved
 
 wp.set_module_options({"enable_backward": False})
 
@@ -53,9 +55,11 @@ def plain_kernels(frame: bool) -> tuple[Any, Any]:
         luminance: wp.array(dtype=wp.float32),
         t: wp.array(dtype=wp.int64),
         t_base: wp.int64,
-        before: wp.array(dtype=Pixel),
+        before: Quiet,
+        counts_before: wp.array(dtype=wp.vec2i),
         # out
-        after: wp.array(dtype=Pixel),
+        after: Quiet,
+        counts_after: wp.array(dtype=wp.vec2i),
         base: wp.array(dtype=wp.float64),
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
@@ -67,7 +71,12 @@ def plain_kernels(frame: bool) -> tuple[Any, Any]:
         index = env * size + inner
         at = wp.int64(env) * wp.int64(count) * wp.int64(size) + wp.int64(inner)
         stride = wp.int64(size)
-        pixel = before[index]
+        pixel = Pixel()
+        pixel.last = before.last[index]
+        pixel.low = before.low[index]
+        pixel.high = before.high[index]
+        pixel.net = counts_before[index][0]
+        pixel.n_off = counts_before[index][1]
         if fresh != 0:
             pixel.low = float(wp.inf)
         first = int(0)
@@ -144,32 +153,67 @@ def plain_kernels(frame: bool) -> tuple[Any, Any]:
                 known = bool(True)
             start = t[k]
             k += 1
-        after[index] = pixel
+        if counters[EVENTS] <= sensor.capacity:
+            after.last[index] = pixel.last
+            after.low[index] = pixel.low
+            after.high[index] = pixel.high
+            counts_after[index] = wp.vec2i(pixel.net, pixel.n_off)
 
     @wp.kernel(module="unique")
     def sense_rows(
         # in
         sensor: Sensor,
         luminance: wp.array(dtype=wp.float32),
+        luminance_runs: wp.array(dtype=Run),
         t: wp.array(dtype=wp.int64),
         t_base: wp.int64,
         fresh: wp.array(dtype=wp.int32),
-        before: wp.array(dtype=Pixel),
+        resume: wp.int32,
+        # in and out
+        quiet: Quiet,
+        counts: wp.array(dtype=wp.vec2i),
         # out
-        after: wp.array(dtype=Pixel),
         base: wp.array(dtype=wp.float64),
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
         """One row per thread: on a CPU, where threads run one after the other, events come in the order of pixels."""
         env, y = wp.tid()
-        x = int(0)
-        while x < sensor.width:
-            c = int(0)
-            while c < sensor.channels:
-                sense(sensor, env, y, x, c, fresh[env], luminance, t, t_base, before, after, base, keys, counters)
-                c += 1
-            x += 1
+        if counters[LEFT] != wp.int64(0):
+            return
+        count = t.shape[0]
+        row = sensor.width * sensor.channels
+        size = sensor.height * row
+        start = env * size + y * row
+        at = wp.int64(env) * wp.int64(count) * wp.int64(size) + wp.int64(y * row)
+        end = at + wp.int64(count - 1) * wp.int64(size)
+        begins = fresh[env]
+        i = wp.max(resume - start, 0)
+        margins = Run()
+        while i < row:
+            lanes = wp.min(row - i, wp.static(RUN))
+            if begins == 0 and lanes == wp.static(RUN):
+                margins = quiet_margins(quiet, luminance_runs, start + i, at + wp.int64(i), wp.int64(size), count)
+                if wp.min(margins) >= 0.0:
+                    quiet.last_runs[start + i] = luminance_runs[end + wp.int64(i)]
+                    i += wp.static(RUN)
+                    continue
+            else:
+                margins = Run(-1.0)
+            lane = int(0)
+            while lane < lanes:
+                if margins[lane] >= 0.0:
+                    quiet.last[start + i] = luminance[end + wp.int64(i)]
+                else:
+                    kept = saved(counters)
+                    sense(
+                        sensor, env, y, i // sensor.channels, i % sensor.channels, begins, luminance, t, t_base,
+                        quiet, counts, quiet, counts, base, keys, counters,
+                    )  # fmt: skip
+                    if left_over(sensor, kept, start + i, counters):
+                        return
+                i += 1
+                lane += 1
 
     @wp.kernel(module="unique")
     def sense_pixels(
@@ -179,17 +223,20 @@ def plain_kernels(frame: bool) -> tuple[Any, Any]:
         t: wp.array(dtype=wp.int64),
         t_base: wp.int64,
         fresh: wp.array(dtype=wp.int32),
-        before: wp.array(dtype=Pixel),
+        before: Quiet,
+        counts_before: wp.array(dtype=wp.vec2i),
         # out
-        after: wp.array(dtype=Pixel),
+        after: Quiet,
+        counts_after: wp.array(dtype=wp.vec2i),
         base: wp.array(dtype=wp.float64),
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
         """One pixel and channel per thread, for a GPU; keys come out in any order and are sorted afterwards."""
         env, y, column = wp.tid()
-        x = column // sensor.channels
-        c = column % sensor.channels
-        sense(sensor, env, y, x, c, fresh[env], luminance, t, t_base, before, after, base, keys, counters)
+        sense(
+            sensor, env, y, column // sensor.channels, column % sensor.channels, fresh[env], luminance, t, t_base,
+            before, counts_before, after, counts_after, base, keys, counters,
+        )  # fmt: skip
 
     return sense_rows, sense_pixels

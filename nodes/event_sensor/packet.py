@@ -50,6 +50,21 @@ class KeyLayout:
             )
 
 
+@dataclass
+class Events:
+    """Events sorted by environment, t, y, x. t int64 [n] ns; x, y uint16 [n]; p uint8 [n], 1 = ON; c uint8 [n] or None.
+
+    env_offsets int64 [E + 1]: events of environment e are [offsets[e], offsets[e + 1]).
+    """
+
+    t: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    p: np.ndarray
+    c: np.ndarray | None
+    env_offsets: np.ndarray
+
+
 def sort_keys(keys: wp.array, spare: wp.array, count: int, layout: KeyLayout, span_ns: int) -> np.ndarray:
     """The first `count` keys in ascending order, on the host. `keys` and `spare` are overwritten.
 
@@ -65,8 +80,10 @@ def sort_keys(keys: wp.array, spare: wp.array, count: int, layout: KeyLayout, sp
     place = wp.empty(1 << DIGIT_BITS, dtype=wp.int32, device="cpu")
     environments = KEY_BITS - layout.env
     for start, bits in ((layout.t, span_ns.bit_length()), (layout.env, environments)):
-        for shift in range(start, start + bits, DIGIT_BITS):
-            digit = min(DIGIT_BITS, start + bits - shift)
+        passes = -(-bits // DIGIT_BITS)
+        # Digits of about one size: small tables stay in the nearest cache.
+        for shift in range(start, start + bits, -(-bits // max(passes, 1)) or 1):
+            digit = min(-(-bits // passes), start + bits - shift)
             wp.launch(
                 kernels.radix_pass, 1, [count, shift, (1 << digit) - 1, keys], [spare, place], device="cpu"
             )  # fmt: skip
@@ -85,6 +102,16 @@ def unpack(keys: np.ndarray, sensor: kernels.Sensor, t_base: int, out: dict[str,
     if len(keys):
         columns: list[wp.array] = [wp.array(out[name], copy=False, device="cpu") for name in ("t", "x", "y", "p")]
         source: wp.array = wp.array(keys, copy=False, device="cpu")
-        wp.launch(kernels.unpack, len(keys), [sensor, t_base, source], columns, device="cpu")
+        blocks = -(-len(keys) // kernels.BLOCK)
+        wp.launch(kernels.unpack, blocks, [sensor, t_base, source], columns, device="cpu")
         if "c" in out:
             out["c"][:] = (keys >> 1) & 3
+
+
+def merged(
+    a: tuple[dict[str, np.ndarray], np.ndarray], b: tuple[dict[str, np.ndarray], np.ndarray], envs: int
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Columns and offsets of two packets, the second being later in every environment."""
+    parts = [(columns, slice(offsets[e], offsets[e + 1])) for e in range(envs) for columns, offsets in (a, b)]
+    columns = {name: np.concatenate([c[name][s] for c, s in parts]) for name in a[0]}
+    return columns, a[1] + b[1]

@@ -24,33 +24,17 @@ import warp as wp
 
 from nodes.event_sensor import kernels
 from nodes.event_sensor.defocus import Defocus
-from nodes.event_sensor.engines import Batch, Size, make_engine
-from nodes.event_sensor.packet import KeyLayout, env_offsets, sort_keys, unpack
+from nodes.event_sensor.engines import FLOOR as FLOOR
+from nodes.event_sensor.engines import Batch, Size, make_engine, sensor_struct
+from nodes.event_sensor.packet import Events as Events
+from nodes.event_sensor.packet import KeyLayout, env_offsets, merged, sort_keys, unpack
 from nodes.event_sensor.parameters import resolve_sensor
 from nodes.interpolator.keyframe import device_named
 
 wp.config.log_level = wp.LOG_WARNING
 
-FLOOR = 2.0**-24
-"""Least I + I_dark [radiance]: the smallest positive half-precision radiance. An ideal sensor without dark current
-would otherwise answer a black pixel with infinitely many events."""
 LOOK_AHEAD = ("monotone", "cubic")
 """Crossing methods whose curve needs the frame after the step."""
-
-
-@dataclass
-class Events:
-    """Events sorted by environment, t, y, x. t int64 [n] ns; x, y uint16 [n]; p uint8 [n], 1 = ON; c uint8 [n] or None.
-
-    env_offsets int64 [E + 1]: events of environment e are [offsets[e], offsets[e + 1]).
-    """
-
-    t: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
-    p: np.ndarray
-    c: np.ndarray | None
-    env_offsets: np.ndarray
 
 
 @dataclass
@@ -68,8 +52,8 @@ class EventSensor:
 
     parameters: those of nodes.event_sensor.parameters.SENSOR, over those of `preset`. channels: 1 for luminance, 3 for
     colour, each channel an independent sensor. seed: environment e has the random numbers of a single sensor with seed
-    + e. State per pixel and channel: 48 bytes for the ideal sensor, 160 with a curve or a fault, 4 more for each of
-    the pixel's own ON threshold, OFF threshold, leak and noise rate and for a frame of look-ahead; 48 for evis-paper.
+    + e. State per pixel and channel on a CPU (on a GPU): 28 (48) bytes for the ideal sensor, 88 (176) with a curve or a
+    fault, 8 (16) more where something can happen without light, 4 more for a frame of look-ahead; 48 for evis-paper.
 
     With look-ahead (crossing monotone or cubic) a step's events come one frame later, at the end of it by `flush`.
     """
@@ -102,7 +86,7 @@ class EventSensor:
         self._device = device_named(device)
         self._layout = KeyLayout.of(height, width, envs)
         seed = (seed + (1 << 63)) % (1 << 64) - (1 << 63)
-        self._sensor = self._struct(seed)
+        self._sensor = sensor_struct(p, (height, width, channels), self._layout, seed)
         size = Size(height, width, channels, envs)
         self._engine = make_engine(size, seed, p, self._device)
         self._size = size.pixels
@@ -111,7 +95,7 @@ class EventSensor:
         self._optics(seed)
         device = self._device
         self._nothing: wp.array = wp.zeros(0, dtype=wp.float32, device=device)
-        self._counters: wp.array = wp.zeros(len(kernels.COUNTERS), dtype=wp.int64, device=device)
+        self._counters: wp.array = wp.zeros(len(kernels.COUNTERS) + 1, dtype=wp.int64, device=device)
         self._keys: wp.array = wp.empty(0, dtype=wp.int64, device=device)
         self._spare = self._keys
         self._grow(max(2 * envs * size.pixels, 4096))
@@ -121,33 +105,6 @@ class EventSensor:
         self._held: Held | None = None
         self._sorted = np.zeros(0, np.int64)
         self._left: tuple[dict[str, np.ndarray], np.ndarray] | None = None
-
-    def _struct(self, seed: int) -> kernels.Sensor:
-        p = self.parameters
-        values = {
-            "threshold_on": p["threshold_on"],
-            "threshold_off": p["threshold_off"],
-            "gain_on": math.exp(p["threshold_on"]),
-            "gain_off": math.exp(-p["threshold_off"]),
-            "dark": p["dark_level"],
-            "floor": FLOOR,
-            "height": self.height,
-            "width": self.width,
-            "channels": self.channels,
-            "shift_x": self._layout.x,
-            "shift_y": self._layout.y,
-            "shift_t": self._layout.t,
-            "shift_env": self._layout.env,
-            "seed": seed,
-            "dead_ns": round(1e3 * p["refractory_us"]),
-            "shot_rate": p["shot_rate"],
-            "white": p["shot_white"],
-            "cap": p["event_cap"],
-        }
-        sensor = kernels.Sensor()
-        for name, value in values.items():
-            setattr(sensor, name, value)
-        return sensor
 
     def _optics(self, seed: int) -> None:
         """What comes before and after the kernel; not constructed where it does nothing."""
@@ -287,7 +244,7 @@ class EventSensor:
             assert self._left is not None
             rest = self._readout.flush()
             if rest is not None:
-                self._left = _merged(self._left, rest, self.envs)
+                self._left = merged(self._left, rest, self.envs)
         return len(self._sorted) if self._left is None else len(self._left[0]["t"])
 
     def _on_device(self, values: np.ndarray | wp.array) -> wp.array:
@@ -347,13 +304,13 @@ class EventSensor:
         batch = Batch(
             images,
             slopes,
-            wp.array(t, dtype=wp.int64, device=device),
+            wp.array(t, dtype=wp.int64, device=device, copy=False),
             len(t),
             count,
             t_base,
             self._settled_before,
-            wp.array(flags, dtype=wp.int32, device=device),
-            wp.array(np.stack((episodes[0], episodes[-1])), dtype=wp.int32, device=device),
+            wp.array(flags, dtype=wp.int32, device=device, copy=False),
+            wp.array(np.stack((episodes[0], episodes[-1])), dtype=wp.int32, device=device, copy=False),
         )
         found = self._launch(batch) if count else np.zeros(len(kernels.COUNTERS), np.int64)
         self._total += found
@@ -374,18 +331,26 @@ class EventSensor:
         return len(self._left[0]["t"])
 
     def _launch(self, batch: Batch) -> np.ndarray:
-        """Run the kernel; again with a longer buffer when the events did not fit. Returns the counters."""
+        """Run the kernel; on, or again, with a longer buffer when the events did not fit. Returns the counters."""
+        self._counters.zero_()
+        resume = 0
         while True:
-            self._counters.zero_()
-            self._engine.launch(self._sensor, batch, self._keys, self._counters)
+            self._engine.launch(self._sensor, batch, self._keys, self._counters, resume)
             found = np.array(self._counters.numpy())
-            count = int(found[0])
-            if count <= self._capacity:
+            count, left = int(found[0]), int(found[-1])
+            if not left and count <= self._capacity:
                 self._engine.swap()
-                return found
-            if count >= 1 << 31:
+                return found[:-1]
+            if max(count, left and 2 * self._capacity) >= 1 << 31:
                 raise ValueError(f"{count} events in one message; raise the contrast threshold or keyframe_rate")
-            self._grow(count + count // 4)
+            keys = self._keys
+            self._grow(2 * self._capacity if left else count + count // 4)
+            if left:
+                self._keys.numpy()[:count] = keys.numpy()[:count]
+                self._counters.numpy()[-1] = 0
+                resume = left - 1
+            else:
+                self._counters.zero_()
 
     def counts(self) -> dict[str, int]:
         """What was set aside so far.
@@ -430,12 +395,3 @@ def _copy(to: wp.array, source: wp.array) -> None:
         wp.copy(to, source)
     else:
         to.numpy()[...] = source.numpy()
-
-
-def _merged(
-    a: tuple[dict[str, np.ndarray], np.ndarray], b: tuple[dict[str, np.ndarray], np.ndarray], envs: int
-) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Columns and offsets of two packets, the second being later in every environment."""
-    parts = [(columns, slice(offsets[e], offsets[e + 1])) for e in range(envs) for columns, offsets in (a, b)]
-    columns = {name: np.concatenate([c[name][s] for c, s in parts]) for name in a[0]}
-    return columns, a[1] + b[1]

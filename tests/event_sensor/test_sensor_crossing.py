@@ -234,12 +234,12 @@ def test_paper_noise_is_a_coin_per_step():
 
 def test_state_bytes_are_as_the_docstring_says():
     sizes = {
-        (): 48,
-        (("crossing", "frame"),): 48,
-        (("crossing", "hermite"),): 160,
-        (("crossing", "cubic"),): 164,
-        (("refractory_us", 10),): 160,
-        (("threshold_mismatch", 0.02), ("leak_rate", 1), ("shot_rate", 1)): 176,
+        (): 28,
+        (("crossing", "frame"),): 28,
+        (("crossing", "hermite"),): 88,
+        (("crossing", "cubic"),): 92,
+        (("refractory_us", 10),): 96,
+        (("threshold_mismatch", 0.02), ("leak_rate", 1), ("shot_rate", 1)): 96,
         (("model", "evis-paper"),): 48,
     }
     for parameters, size in sizes.items():

@@ -1,0 +1,123 @@
+# ruff: noqa: RUF046, UP018 - int(0) is how a Warp kernel declares a variable that changes
+"""The threads that walk over the pixels of the sensor with curves and faults: rows on a CPU, pixels on a GPU."""
+
+from functools import lru_cache
+from typing import Any
+
+import warp as wp
+
+from nodes.event_sensor.kernels import LEFT, Sensor
+from nodes.event_sensor.kernels_full import sense_pixel
+from nodes.event_sensor.kernels_quiet import RUN, Quiet, Run, left_over, quiet_margins, saved
+from nodes.event_sensor.kernels_state import Cold, Features, Warm
+
+wp.set_module_options({"enable_backward": False})
+
+
+@lru_cache
+def full_kernels(features: Features) -> tuple[Any, Any]:
+    """(kernel over rows, kernel over pixels) with just these features."""
+    sense = sense_pixel(features)
+    hasty, timed = features.hasty, features.timed
+
+    @wp.kernel(module="unique")
+    def sense_rows(
+        # in
+        sensor: Sensor,
+        begin: wp.array(dtype=wp.int32),
+        episodes: wp.array2d(dtype=wp.int32),
+        luminance: wp.array(dtype=wp.float32),
+        luminance_runs: wp.array(dtype=Run),
+        dlog_dt: wp.array(dtype=wp.float32),
+        frames: wp.int32,
+        count: wp.int32,
+        t: wp.array(dtype=wp.int64),
+        t_base: wp.int64,
+        t_before: wp.int64,
+        resume: wp.int32,
+        # in and out
+        quiet: Quiet,
+        warm: wp.array(dtype=Warm),
+        # out
+        colds: wp.array2d(dtype=Cold),
+        keys: wp.array(dtype=wp.int64),
+        counters: wp.array(dtype=wp.int64),
+    ):
+        """One row per thread: on a CPU, where threads run one after the other, events come in the order of pixels."""
+        env, y = wp.tid()
+        if counters[LEFT] != wp.int64(0):
+            return
+        row = sensor.width * sensor.channels
+        size = sensor.height * row
+        start = env * size + y * row
+        at_first = wp.int64(env) * wp.int64(frames) * wp.int64(size) + wp.int64(y * row)
+        at_end = at_first + wp.int64(count - 1) * wp.int64(size)
+        begins = begin[env]
+        t_end = t[count - 1]
+        i = wp.max(resume - start, 0)
+        margins = Run()
+        while i < row:
+            lanes = wp.min(row - i, wp.static(RUN))
+            margins = Run(-1.0)
+            if wp.static(hasty):
+                if begins == 0 and lanes == wp.static(RUN):
+                    margins = quiet_margins(
+                        quiet, luminance_runs, start + i, at_first + wp.int64(i), wp.int64(size), count
+                    )
+                    if wp.static(timed):
+                        wakes = quiet.wake_runs[start + i]
+                        if wp.min(wakes) <= t_end:
+                            for lane in range(wp.static(RUN)):
+                                if wakes[lane] <= t_end:
+                                    margins[lane] = -1.0
+                    if wp.min(margins) >= 0.0:
+                        quiet.last_runs[start + i] = luminance_runs[at_end + wp.int64(i)]
+                        i += wp.static(RUN)
+                        continue
+            lane = int(0)
+            while lane < lanes:
+                if margins[lane] >= 0.0:
+                    quiet.last[start + i] = luminance[at_end + wp.int64(i)]
+                else:
+                    kept = saved(counters)
+                    sense(
+                        sensor, env, y, i // sensor.channels, i % sensor.channels, begins, episodes, luminance, dlog_dt,
+                        frames, count, t, t_base, t_before,
+                        quiet, warm, quiet, warm, colds, keys, counters,
+                    )  # fmt: skip
+                    if left_over(sensor, kept, start + i, counters):
+                        return
+                i += 1
+                lane += 1
+
+    @wp.kernel(module="unique")
+    def sense_pixels(
+        # in
+        sensor: Sensor,
+        begin: wp.array(dtype=wp.int32),
+        episodes: wp.array2d(dtype=wp.int32),
+        luminance: wp.array(dtype=wp.float32),
+        dlog_dt: wp.array(dtype=wp.float32),
+        frames: wp.int32,
+        count: wp.int32,
+        t: wp.array(dtype=wp.int64),
+        t_base: wp.int64,
+        t_before: wp.int64,
+        before: Quiet,
+        warm_before: wp.array(dtype=Warm),
+        # out
+        after: Quiet,
+        warm_after: wp.array(dtype=Warm),
+        colds: wp.array2d(dtype=Cold),
+        keys: wp.array(dtype=wp.int64),
+        counters: wp.array(dtype=wp.int64),
+    ):
+        """One pixel and channel per thread, for a GPU; keys come out in any order and are sorted afterwards."""
+        env, y, column = wp.tid()
+        sense(
+            sensor, env, y, column // sensor.channels, column % sensor.channels, begin[env], episodes, luminance,
+            dlog_dt, frames, count, t, t_base, t_before,
+            before, warm_before, after, warm_after, colds, keys, counters,
+        )  # fmt: skip
+
+    return sense_rows, sense_pixels
