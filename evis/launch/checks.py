@@ -19,6 +19,8 @@ def check_files(node: Wired) -> None:
     where = f"{node.spec.where}: '{node.name}'"
     for key in ("file", "bag", "emulate"):
         value = node.params.get(key)
+        if key == "emulate" and isinstance(value, str) and not (os.sep in value or "." in value):
+            continue  # a camera model and no recording
         if isinstance(value, str) and value and not Path(value).exists():
             raise LaunchError(f"{where}: no {key} '{value}'{_beside(Path(value))}")
     if isinstance(node.params.get("scene"), str):

@@ -9,7 +9,7 @@ import abc
 import dataclasses
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, ClassVar
@@ -17,9 +17,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from evis.streams.events import Events
-
-FAMILIES: dict[str, str] = {}
-"""USB camera families: name -> dotted module with `find() -> list[DeviceInfo]` and `open_device(serial) -> Driver`."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +33,7 @@ class DeviceInfo:
     details: dict[str, Any] = field(default_factory=dict)
 
 
-def setting(
-    default: Any, help: str, unit: str = "", minimum: float | None = None, maximum: float | None = None
-) -> Any:
+def setting(default: Any, help: str, unit: str = "", minimum: float | None = None, maximum: float | None = None) -> Any:
     """A field of a configuration: its default, what it is, its unit and its inclusive range."""
     facts = {"help": help, "unit": unit, "minimum": minimum, "maximum": maximum}
     return field(default=default, metadata=facts)
@@ -53,6 +48,8 @@ class Configuration:
         for f in dataclasses.fields(self):
             value, unit = getattr(self, f.name), f.metadata["unit"]
             low, high = f.metadata["minimum"], f.metadata["maximum"]
+            if value is None:  # not given: as the device has it
+                continue
             if isinstance(value, (int, float)) and not math.isfinite(value):
                 raise ValueError(f"{f.name} is {value}; it must be finite")
             if (low is not None and value < low) or (high is not None and value > high):
@@ -71,6 +68,39 @@ class Configuration:
         result = cls(**values)
         result.check()
         return result
+
+
+def describe(kind: type[Configuration]) -> dict[str, dict[str, Any]]:
+    """Default, help, unit and range of every setting, by name."""
+    return {f.name: {"default": f.default, **f.metadata} for f in dataclasses.fields(kind)}
+
+
+def parse_settings(kind: type[Configuration], given: Sequence[str]) -> dict[str, Any]:
+    """`name=value` texts as the types of the configuration's fields. Raises ValueError that names the setting."""
+    defaults = {f.name: f for f in dataclasses.fields(kind)}
+    result: dict[str, Any] = {}
+    for text in given:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ValueError(f"a setting is given as name=value, not '{text}'")
+        if name not in defaults:
+            result[name] = value  # `of` names the nearest
+            continue
+        result[name] = _typed(name, value, str(defaults[name].type))
+    return result
+
+
+def _typed(name: str, value: str, kind: str) -> Any:
+    """A text as bool, int, float or str."""
+    try:
+        if kind == "bool":
+            return {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}[value.lower()]
+        if kind == "float":
+            return float(value)
+        return value if kind == "str" else int(value)
+    except (ValueError, KeyError):
+        words = {"bool": "true or false", "float": "a number"}
+        raise ValueError(f"{name} is '{value}', must be {words.get(kind, 'a whole number')}") from None
 
 
 @dataclass
@@ -98,6 +128,8 @@ class Driver(abc.ABC):
     SETTINGS: ClassVar[type[Configuration]]
     t0_ns: int = 0
     """Where the stream begins on the device's clock; known after start where the source knows it."""
+    episode: int = 0
+    """Goes up each time the device's clock starts anew (after it was unplugged)."""
 
     @abc.abstractmethod
     def open(self) -> None:
@@ -106,6 +138,10 @@ class Driver(abc.ABC):
     @abc.abstractmethod
     def info(self) -> DeviceInfo:
         """Who it is; only while open."""
+
+    def settings_type(self) -> type[Configuration]:
+        """The configuration that this camera takes; only while open."""
+        return self.SETTINGS
 
     @abc.abstractmethod
     def configure(self, configuration: Configuration) -> None:

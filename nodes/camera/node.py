@@ -1,38 +1,54 @@
-"""Publishes a camera's events, triggers and description."""
+"""Publishes a camera's events, frames, inertial samples, triggers and description."""
 
 from __future__ import annotations
 
+import dataclasses
+import time
 from collections.abc import Mapping
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from evis.node import Node, Output
 from evis.params import Param, ParamError
-from msgs.camera import CameraInfo, EventPacket, Trigger
-from msgs.header import Header, Message
+from msgs.header import Message
+from nodes.camera.messages import camera_info, packets
+
+if TYPE_CHECKING:
+    from nodes.camera.usb.driver import UsbDriver
 
 WAIT_S = 0.05
 """Longest wait inside a step, so that the graph can always be stopped."""
+STATUS_S = 5.0
+"""Interval at which a USB camera's temperature and clock are asked for and published again."""
+FIRST_TIME = {"unplugged": "the camera was unplugged; waiting for it", "gaps": "bytes of the stream were lost"}
+"""Counters whose first increment is said as a warning."""
+GAUGES = ("temperature_c", "clock_drift_ppm")
 
 
 class CameraNode(Node):
-    """A source of real events. `file` plays a recording; `emulate` plays one at real pace whatever `pace` says, in the
-    place of a device. Stamps and times are the device's own; the clock in the header names it."""
+    """A source of real events. `file` plays a recording; `emulate` names a model whose emulated USB device sends `file`
+    to the real driver, or is a recording played at real pace whatever `pace` says. Stamps and times are the device's
+    own; the clock in the header names it."""
 
     PARAMS = {
         "camera": Param(str, "cam0", "name of the camera"),
-        "file": Param(str, None, "recording to play (Prophesee RAW or .npz)", optional=True),
-        "emulate": Param(str, None, "recording that stands in for a device, at real pace", optional=True),
+        "file": Param(str, None, "recording to play", optional=True),
+        "emulate": Param(
+            str, None, "camera model that sends `file`, or a recording in a device's place", optional=True
+        ),
         "serial": Param(str, None, "serial number of the USB camera; any when not given", optional=True),
         "pace": Param(str, "realtime", "realtime, fast, or a speed such as 2.0"),
         "packet_ms": Param(float, 10.0, "interval of one packet", "ms", 0.01, 10_000),
         "duration": Param(float, 0.0, "stop after this device time; 0 = all", "s", 0, 1e9),
         "raw": Param(bool, False, "packets carry the wire bytes too, where there are any"),
+        "settings": Param(list, [], "the camera's own settings, as bias_fo=10,event_rate_limit=2e7"),
+        "reconnect": Param(bool, False, "wait for a USB camera that was unplugged to come back"),
+        "faults": Param(str, "", "how an emulated device misbehaves, as stall_every=50,short=512"),
     }
     OUTPUTS = {
         "events": Output("/{camera}/events"),
         "trigger": Output("/{camera}/trigger"),
+        "imu": Output("/{camera}/imu"),
+        "image": Output("/{camera}/image"),
         "info": Output("/{camera}/info"),
     }
     SOURCE = True
@@ -40,24 +56,33 @@ class CameraNode(Node):
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """A recording needs no USB."""
-        return {"usb": "the camera is a recording"} if params.get("file") or params.get("emulate") else {}
+        from nodes.camera.find import is_model
+
+        played = (params.get("file") or params.get("emulate")) and not is_model(params.get("emulate"))
+        return {"usb": "the camera is a recording"} if played else {}
 
     def setup(self) -> None:
         from nodes.camera.file_source import FileSettings, FileSource, parse_pace
-        from nodes.camera.find import find_driver
+        from nodes.camera.find import find_driver, is_model
 
         p = self.params
         try:
-            speed = 1.0 if p["emulate"] else parse_pace(p["pace"])
+            speed = parse_pace(p["pace"])
         except ValueError as e:
             raise ParamError(f"{self.name}: {e}") from None
-        self.driver = find_driver(p["file"], p["emulate"], p["serial"])
+        self.driver = find_driver(p["file"], p["emulate"], p["serial"], speed, p["duration"], p["faults"])
         self.driver.open()
         if isinstance(self.driver, FileSource):
+            played_as_device = p["emulate"] and not is_model(p["emulate"])
+            speed = 1.0 if played_as_device else speed
             self.driver.configure(FileSettings(p["packet_ms"], speed, p["duration"], p["raw"]))
+        else:
+            configure_usb(self.driver, p)  # type: ignore[arg-type]
         self.driver.start()
-        self._counted: dict[str, int] = {}
+        self._counted: dict[str, float] = {}
         self._interval_ns = round(p["packet_ms"] * 1e6)
+        self._episode, self._ends_at = 0, 0
+        self._status_at = time.monotonic() + STATUS_S
         about = self.about = self.driver.info()
         for warning in about.details.get("warnings", ()):
             self.warn(warning)
@@ -66,33 +91,40 @@ class CameraNode(Node):
     def step(self, inputs: Mapping[str, Message]) -> bool:
         reading = self.driver.read(WAIT_S)
         self._count_new(self.driver.counters())
+        self._watch()
         if reading is None:
             return not self.driver.ended
-        events, about = reading.events, self.about
         if reading.late_ns > self._interval_ns:
             self.count("late_packets")
             self.count("late_ms", reading.late_ns / 1e6)
-        if self.wants("trigger"):
-            edges = events.triggers
-            self.publish("trigger", Trigger(self._header(reading.stamp_ns), edges.t, edges.id, edges.value))
-        packet = EventPacket(
-            self._header(reading.stamp_ns),
-            np.array([0, len(events)], np.int64),
-            events.t, events.x, events.y, events.p, events.c, reading.raw,
-            width=about.width, height=about.height, t0_ns=reading.t0_ns, lost=reading.lost,
-            encoding=about.encoding if reading.raw is not None else "",
-        )
-        self.publish("events", packet)
-        return True
+        for port, message in packets(reading, self.about, self.driver.episode, self.wants):
+            self.publish(port, message)
+        if not self.params["duration"] or self.params["file"] or self.params["emulate"]:
+            return True  # a recording ends by itself
+        self._ends_at = self._ends_at or reading.t0_ns + round(self.params["duration"] * 1e9)
+        return reading.stamp_ns < self._ends_at
 
-    def _header(self, stamp_ns: int) -> Header:
-        return Header(stamp_ns, clock=self.about.clock)
+    def _watch(self) -> None:
+        """Say when the camera went or came back, and now and then how it is."""
+        if self.driver.episode != self._episode:
+            self._episode = self.driver.episode
+            self.warn(f"the camera is back; its clock starts anew (episode {self._episode})")
+            self._status_at = 0.0
+        if time.monotonic() < self._status_at or not hasattr(self.driver, "bus"):
+            return
+        self._status_at = time.monotonic() + STATUS_S
+        about = self.about = self.driver.info()
+        gauges = {k: float(about.details[k]) for k in GAUGES if k in about.details}
+        self._count_new(gauges)
+        self.publish("info", camera_info(self.params["camera"], about, self.driver.t0_ns))
 
-    def _count_new(self, counters: Mapping[str, int]) -> None:
+    def _count_new(self, counters: Mapping[str, float]) -> None:
         """The driver's totals as increments of the node's counters."""
         for name, total in counters.items():
             if total != self._counted.get(name, 0):
                 self.count(name, total - self._counted.get(name, 0))
+                if name in FIRST_TIME and name not in self._counted:
+                    self.warn(FIRST_TIME[name])
                 self._counted[name] = total
 
     def close(self) -> None:
@@ -102,10 +134,11 @@ class CameraNode(Node):
             driver.close()
 
 
-def camera_info(camera: str, about: Any, stamp_ns: int) -> CameraInfo:
-    """The latched description of a device; the intrinsics are zero: not calibrated."""
-    sensor = {"name": about.name, "serial": about.serial, "sensor": about.sensor, "encoding": about.encoding}
-    return CameraInfo(
-        Header(stamp_ns, clock=about.clock), np.zeros((3, 3)), np.zeros(0), name=camera,
-        width=about.width, height=about.height, clock=about.clock, sensor=sensor | about.details,
-    )
+def configure_usb(driver: UsbDriver, params: Mapping[str, Any]) -> None:
+    """The node's parameters and the camera's own settings to an open driver. Raises ValueError."""
+    from nodes.camera.driver import parse_settings
+
+    kind = driver.settings_type()
+    common = {"packet_ms": params["packet_ms"], "raw": params["raw"], "reconnect": params["reconnect"]}
+    given = parse_settings(kind, params["settings"])
+    driver.configure(dataclasses.replace(kind.of({**common, **given})))

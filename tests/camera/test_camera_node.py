@@ -87,7 +87,11 @@ def test_boundaries(suffix, tmp_path):
     runtime = play(Runtime(), file=str(write(tmp_path / f"a{suffix}", t)), pace="fast")
     packets = runtime.messages["events"]
     assert [(p.t0_ns // MS, p.header.stamp_ns // MS, len(p.t)) for p in packets] == [
-        (0, 10, 1), (10, 20, 2), (20, 30, 0), (30, 40, 0), (40, 50, 1),
+        (0, 10, 1),
+        (10, 20, 2),
+        (20, 30, 0),
+        (30, 40, 0),
+        (40, 50, 1),
     ]
 
 
@@ -142,7 +146,8 @@ def test_a_file_without_events_ends_at_once(tmp_path):
     [
         ({}, OSError, "no event camera found.*file:="),
         ({"serial": "123"}, OSError, "no camera 123 found"),
-        ({"file": "a", "emulate": "b"}, ValueError, "file and emulate are given"),
+        ({"file": "a", "emulate": "b.raw"}, ValueError, "file and emulate are given"),
+        ({"file": "a", "emulate": "evk44"}, ValueError, "no camera model 'evk44'; did you mean evk4"),
         ({"file": "/nonexistent/a.raw"}, ValueError, "no such file"),
         ({"file": "a.raw", "pace": "slow"}, ParamError, "pace is 'slow', must be realtime, fast"),
         ({"file": "a.raw", "pace": "-1"}, ParamError, "pace is '-1'"),

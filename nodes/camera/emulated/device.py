@@ -1,0 +1,184 @@
+"""What all emulated cameras share: descriptors, the data endpoint with its faults, unplugging."""
+
+from __future__ import annotations
+
+import abc
+import errno
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+import numpy as np
+import usb.core
+
+from nodes.camera.emulated.faults import Faults
+from nodes.camera.emulated.feed import Feed
+
+PACKET = 512
+GARBAGE = bytes((37 * i + 11) & 0xFF for i in range(64))
+LANGUAGE = 0x0409
+
+
+@dataclass
+class Identity:
+    """What the descriptors say. endpoints in the order of the interface."""
+
+    vendor: int
+    product: int
+    bcd_device: int
+    name: str
+    serial: str
+    endpoints: tuple[int, ...]
+    subclass: int = 0
+    maker: str = "emulated"
+
+
+def stall() -> NoReturn:
+    """A request that the device does not know."""
+    raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
+
+
+def timeout() -> NoReturn:
+    """Nothing came."""
+    raise usb.core.USBTimeoutError("Operation timed out", -7, errno.ETIMEDOUT)
+
+
+class EmulatedDevice(abc.ABC):
+    """A device on the emulated bus. Subclasses answer requests and say whether their registers let the sensor send."""
+
+    DATA: int
+
+    def __init__(self, identity: Identity, feed: Feed, faults: Faults, address: int = 1) -> None:
+        self.identity, self.feed, self.faults, self.address = identity, feed, faults, address
+        self.claimed = False
+        self.halted: set[int] = set()
+        self.sent = 0
+        self._reads = 0
+        self._unplugged = False
+        self._stalled_at = -1
+
+    # -- families ------------------------------------------------------------------------------------------------------
+
+    @abc.abstractmethod
+    def streaming(self) -> bool:
+        """The registers are as they must be for the sensor to send."""
+
+    @abc.abstractmethod
+    def vendor_in(self, request: int, value: int, index: int) -> bytes:
+        """Answer to a vendor request."""
+
+    @abc.abstractmethod
+    def vendor_out(self, request: int, value: int, index: int, data: bytes) -> None:
+        """A vendor request with data."""
+
+    def command(self, data: bytes) -> None:
+        """Bytes on the command endpoint, where the device has one."""
+        stall()
+
+    def answer(self) -> bytes:
+        """What waits on the answer endpoint; empty for nothing."""
+        return b""
+
+    @abc.abstractmethod
+    def power_up(self) -> None:
+        """The state after it was plugged in."""
+
+    # -- presence ------------------------------------------------------------------------------------------------------
+
+    def present(self) -> bool:
+        """On the bus. An unplugged device that is to be plugged in again comes back with the next look."""
+        if self._unplugged and self.faults.replug:
+            self._unplugged = False
+            self.faults.unplug_after = 0
+            self.address += 1
+            self.halted.clear()
+            self.power_up()
+        return not (self.faults.absent or self._unplugged)
+
+    def check_present(self) -> None:
+        """Raise as libusb does when the device is gone."""
+        if self.faults.absent or self._unplugged:
+            raise usb.core.USBError("No such device (it may have been disconnected)", -4, errno.ENODEV)
+
+    def check_claimed(self) -> None:
+        """Endpoints belong to who claimed the interface."""
+        self.check_present()
+        if not self.claimed:
+            raise usb.core.USBError("Input/Output Error", -1, errno.EIO)
+
+    # -- requests ------------------------------------------------------------------------------------------------------
+
+    def request_in(self, kind: int, request: int, value: int, index: int) -> bytes:
+        """A control request from the device."""
+        if kind == 0x80 and request == 6 and value >> 8 == 3:
+            return self._string(value & 0xFF)
+        if kind & 0x60 != 0x40:
+            stall()
+        if self.faults.control_timeout:
+            timeout()
+        return self.vendor_in(request, value, index)
+
+    def request_out(self, kind: int, request: int, value: int, index: int, data: bytes) -> int:
+        """A control request to the device."""
+        if kind & 0x60 != 0x40:
+            stall()
+        if self.faults.control_timeout:
+            timeout()
+        self.vendor_out(request, value, index, data)
+        return len(data)
+
+    def _string(self, index: int) -> bytes:
+        if index == 0:
+            return bytes([4, 3]) + LANGUAGE.to_bytes(2, "little")
+        texts = {1: self.identity.maker, 2: self.identity.name, 3: self.identity.serial}
+        if not texts.get(index):
+            stall()
+        body = texts[index].encode("utf-16-le")
+        return bytes([len(body) + 2, 3]) + body
+
+    # -- endpoints -----------------------------------------------------------------------------------------------------
+
+    def bulk_out(self, endpoint: int, data: bytes) -> int:
+        """Command endpoint."""
+        if self.faults.control_timeout:
+            timeout()
+        self.command(data)
+        return len(data)
+
+    def bulk_in(self, endpoint: int, buffer: Any, timeout_s: float) -> int:
+        """Bytes of an endpoint into `buffer`; how many."""
+        if endpoint != self.DATA:
+            data: bytes | memoryview = self.answer()
+            if not data:
+                timeout()
+        else:
+            data = self._stream(len(buffer), timeout_s)
+        np.frombuffer(buffer, np.uint8)[: len(data)] = np.frombuffer(data, np.uint8)
+        return len(data)
+
+    def _stream(self, size: int, timeout_s: float) -> bytes | memoryview:
+        f = self.faults
+        if self.DATA in self.halted:
+            stall()
+        if not self.streaming():
+            timeout()
+        if f.unplug_after and self.sent >= f.unplug_after:
+            self._unplugged = True
+            self.check_present()
+        self._reads += 1
+        if f.stall_every and self._reads % f.stall_every == 0:
+            self.halted.add(self.DATA)
+            stall()
+        if f.timeout_every and self._reads % f.timeout_every == 0:
+            timeout()
+        if f.garbage_every and self._reads % f.garbage_every == 0:
+            return GARBAGE
+        try:
+            if f.lose_every and self._reads % f.lose_every == 0:
+                self.feed.read(PACKET, 0)
+            data = self.feed.read(min(size, f.short) if f.short else size, timeout_s)
+        except EOFError:
+            raise usb.core.USBError("End of the recording", None, errno.ENODATA) from None
+        if not len(data):
+            timeout()
+        self.sent += len(data)
+        return data

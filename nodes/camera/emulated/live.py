@@ -1,0 +1,99 @@
+"""The simulator behind an emulated USB camera: /events -> wire words -> emulated device -> real driver -> /events."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from evis.node import Input, Node, Output
+from evis.params import Param
+from evis.streams.events import Events
+from msgs.camera import EventPacket
+from msgs.header import Message
+from nodes.camera.messages import camera_info, packets
+
+WAIT_S = 10.0
+"""Longest wait for the bytes of one packet to come back from the reader thread [s]."""
+
+
+class EmulatedCameraNode(Node):
+    """One packet out per packet in, with the same stamp. Times become whole us, as a sensor counts: an event of t ns
+    comes out with t - t % 1000, all else and the order unchanged (a DVXplorer Mini may put events of one us in another
+    order)."""
+
+    PARAMS: ClassVar[Mapping[str, Param]] = {
+        "source": Param(str, "cam0", "simulated camera whose events are sent"),
+        "camera": Param(str, "usb0", "name of the USB camera"),
+        "emulate": Param(str, "davis346", "model of the emulated camera"),
+        "raw": Param(bool, False, "packets carry the wire bytes too"),
+        "decoder": Param(str, "numpy", "of the driver", choices=("numpy", "warp")),
+    }
+    INPUTS: ClassVar[Mapping[str, Input]] = {"simulated": Input("/{source}/events")}
+    OUTPUTS: ClassVar[Mapping[str, Output]] = {
+        "events": Output("/{camera}/events"),
+        "trigger": Output("/{camera}/trigger"),
+        "info": Output("/{camera}/info"),
+    }
+
+    def setup(self) -> None:
+        from nodes.camera.emulated.bus import driver_on
+        from nodes.camera.emulated.feed import LiveFeed
+        from nodes.camera.usb.models import model_named
+
+        p = self.params
+        self.model = model_named(p["emulate"])
+        self.feed = LiveFeed()
+        self.driver = driver_on(self.model, self.feed, live=False)
+        self.driver.open()
+        kind = self.driver.settings_type()
+        self.driver.configure(kind.of({"raw": p["raw"], "decoder": p["decoder"]}))
+        self._episode: int | None = None
+        self._counted: dict[str, int] = {}
+        self.publish("info", camera_info(p["camera"], self.driver.info(), 0))
+
+    def update(self, inputs: Mapping[str, Message]) -> None:
+        packet: Any = inputs["simulated"]
+        if packet.header.episode != self._episode:
+            self._begin(packet.header.episode)
+        data = self.encoder.encode(self._events(packet))
+        self.feed.put(data)
+        reading = self.driver.read_bytes(len(data), packet.t0_ns, packet.header.stamp_ns, WAIT_S)
+        self._count_new({**self.driver.counters(), **self.encoder.counts})
+        for port, message in packets(reading, self.driver.info(), packet.header.episode, self.wants):
+            self.publish(port, message)
+
+    def _begin(self, episode: int) -> None:
+        """Times start anew: so do the camera, its encoder and its decoder."""
+        from nodes.camera.emulated.reencode import Reencoder
+
+        self.driver.stop()
+        self.encoder = Reencoder(self.model)
+        self.driver.start()
+        self._episode = episode
+
+    def _events(self, packet: EventPacket) -> Events:
+        """The packet's events. Raises ValueError for what no camera has."""
+        if len(packet.env_offsets) > 2:
+            raise ValueError(f"{self.name}: a camera sees one world, not {len(packet.env_offsets) - 1}; use envs 1")
+        if packet.width > self.model.width or packet.height > self.model.height:
+            raise ValueError(
+                f"{self.name}: events of {packet.width}x{packet.height} px do not fit on the {self.model.title} "
+                f"({self.model.width}x{self.model.height}); choose another camera or a smaller width and height"
+            )
+        if packet.t is None or packet.x is None or packet.y is None or packet.p is None:
+            raise ValueError(f"{self.name}: /{self.params['source']}/events holds no decoded events")
+        return Events(np.asarray(packet.t), np.asarray(packet.x), np.asarray(packet.y), np.asarray(packet.p))
+
+    def _count_new(self, counters: Mapping[str, int]) -> None:
+        for name, total in counters.items():
+            if total != self._counted.get(name, 0):
+                self.count(name, total - self._counted.get(name, 0))
+                self._counted[name] = total
+
+    def close(self) -> None:
+        driver = getattr(self, "driver", None)
+        if driver is not None:
+            driver.stop()
+            driver.close()

@@ -1,0 +1,97 @@
+"""Events from anywhere as the wire words of a camera model."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+
+import numpy as np
+
+from evis.streams.encoder import encoder_for
+from evis.streams.events import Events, Triggers
+from nodes.camera.usb.models import Model
+
+UNORDERED = ("evt2", "evt21", "evt3")
+"""Encodings whose times may step back by a little; the others run forward only."""
+ONE_READOUT = "dvxplorer_mini"
+"""Two readouts of this wire cannot have the same time: a stretch that begins in the us of the last is moved by 1 us."""
+PULSE = 2
+"""Trigger channel of iniVation cameras that has only the value 1."""
+
+
+class Reencoder:
+    """An encoder that takes what the model can send and counts what it cannot.
+
+    Times become whole us, as sensors count. shift_ns is subtracted first. counts: triggers of channels that the model
+    lacks, frames and inertial samples of models without them, events put in order of time for wires that run forward.
+    """
+
+    def __init__(self, model: Model, shift_ns: int = 0) -> None:
+        self.model, self._shift = model, shift_ns
+        self._encoder = encoder_for(model.encoding)
+        self._last_us = -1
+        self.counts: Counter[str] = Counter()
+
+    def encode(self, events: Events) -> bytes:
+        """The words of a stretch of the stream. Raises ValueError for what cannot be put on the wire at all."""
+        return self._encoder.encode(self._fit(events))
+
+    def advance(self, t_ns: int) -> bytes:
+        """Time words up to t_ns, as a sensor that sees nothing sends them."""
+        return self._encoder.advance(t_ns - self._shift)
+
+    def _fit(self, events: Events) -> Events:
+        events = moved(events, -self._shift)
+        edges = events.triggers
+        keep = edges.id < self._encoder.channels
+        if self.model.encoding not in UNORDERED:
+            keep &= (edges.id != PULSE) | (edges.value == 1)
+        frames, imu = events.frames, events.imu
+        if not keep.all():
+            self.counts["triggers_left_out"] += int((~keep).sum())
+            edges = Triggers(edges.t[keep], edges.id[keep], edges.value[keep])
+        if frames and self.model.encoding != "davis346":
+            self.counts["frames_left_out"] += len(frames)
+            frames = []
+        if len(imu) and self.model.encoding not in ("davis346", "dvxplorer"):
+            self.counts["imu_left_out"] += len(imu)
+            imu = type(imu)()
+        events = dataclasses.replace(events, c=None, triggers=edges, frames=frames, imu=imu)
+        return events if self.model.encoding in UNORDERED else self._ordered(events)
+
+    def _ordered(self, events: Events) -> Events:
+        """In order of time; events of equal times stay as they came."""
+        steps = np.diff(events.t) < 0
+        if steps.any():
+            self.counts["events_reordered"] += int(steps.sum())
+            order = np.argsort(events.t, kind="stable")
+            events = dataclasses.replace(
+                events, t=events.t[order], x=events.x[order], y=events.y[order], p=events.p[order]
+            )
+        if self.model.encoding == ONE_READOUT and len(events):
+            late = int(np.searchsorted(events.t, (self._last_us + 1) * 1000))
+            if late:  # a readout has one time, and the next has another
+                self.counts["events_delayed_us"] += late
+                events = dataclasses.replace(events, t=np.maximum(events.t, (self._last_us + 1) * 1000))
+            self._last_us = int(events.t[-1]) // 1000
+        return events
+
+
+def moved(events: Events, by_ns: int) -> Events:
+    """The same events, triggers, samples and frames at other times."""
+    if not by_ns:
+        return events
+    frames = [
+        dataclasses.replace(
+            f, t_ns=f.t_ns + by_ns, end_ns=f.end_ns + by_ns,
+            exposure_start_ns=f.exposure_start_ns + by_ns, exposure_end_ns=f.exposure_end_ns + by_ns,
+        )
+        for f in events.frames
+    ]  # fmt: skip
+    return dataclasses.replace(
+        events,
+        t=events.t + by_ns,
+        frames=frames,
+        triggers=dataclasses.replace(events.triggers, t=events.triggers.t + by_ns),
+        imu=dataclasses.replace(events.imu, t=events.imu.t + by_ns),
+    )

@@ -1,0 +1,169 @@
+"""iniVation DAVIS346: 346x260 events, frames, inertial samples and triggers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, ClassVar
+
+import numpy as np
+
+from nodes.camera.driver import Configuration, DeviceInfo, setting
+from nodes.camera.inivation.fx3 import APS, CHIP, DVS, IMU, INPUT, Fx3Camera, sequences
+from nodes.camera.usb.access import label
+from nodes.camera.usb.driver import UsbSettings
+
+WIDTH, HEIGHT = 346, 260
+FX3, OLDEST_FX3, OLDEST_FX2 = 0x841A, 6, 4
+COARSE_PA = np.array([11, 94, 756, 6054, 48437, 387500, 3.1e6, 24.8e6])
+"""Current of each coarse step [pA]; a bias is COARSE_PA[coarse] * fine / 255."""
+N_TYPE, P_TYPE, CASCODE_N = 0xF, 0xD, 0xE
+"""Low bits of a bias word: enable, transistor type, normal, normal level."""
+FILTER_TICK_US = 250
+
+BIASES = {
+    "localbufbn": (8, 5, 164, N_TYPE),
+    "padfollbn": (9, 7, 215, CASCODE_N),
+    "diffbn": (10, 4, 39, N_TYPE),
+    "onbn": (11, 5, 255, N_TYPE),
+    "offbn": (12, 4, 1, N_TYPE),
+    "pixinvbn": (13, 6, 144, N_TYPE),
+    "prbp": (14, 2, 58, P_TYPE),
+    "prsfbp": (15, 1, 16, P_TYPE),
+    "refrbp": (16, 4, 25, P_TYPE),
+    "readoutbufbp": (17, 6, 20, P_TYPE),
+    "apsrosfbn": (18, 6, 219, N_TYPE),
+    "adccompbp": (19, 5, 20, P_TYPE),
+    "colsellowbn": (20, 0, 1, N_TYPE),
+    "dacbufbp": (21, 6, 60, P_TYPE),
+    "lcoltimeoutbn": (22, 5, 49, N_TYPE),
+    "aepdbn": (23, 6, 91, N_TYPE),
+    "aepuxbp": (24, 4, 80, P_TYPE),
+    "aepuybp": (25, 7, 152, P_TYPE),
+    "ifrefrbn": (26, 5, 255, N_TYPE),
+    "ifthrbn": (27, 5, 255, N_TYPE),
+    "biasbuffer": (34, 5, 254, N_TYPE),
+}
+"""Parameter in the chip's module, coarse and fine of the default, type bits."""
+
+
+def bias_word(coarse: int, fine: int, kind: int) -> int:
+    """The register value of a coarse-fine bias."""
+    return kind | fine << 4 | coarse << 12
+
+
+def current_pa(coarse: int, fine: int) -> float:
+    """The current of a bias [pA]."""
+    return float(COARSE_PA[coarse] * fine / 255)
+
+
+@cache
+def _table() -> np.ndarray:
+    return COARSE_PA[:, None] * np.arange(256) / 255
+
+
+def nearest_bias(picoampere: float) -> tuple[int, int]:
+    """(coarse, fine) of the current nearest to the given one [pA] in ratio."""
+    with np.errstate(divide="ignore"):
+        distance = np.abs(np.log(_table()) - np.log(picoampere))
+    coarse, fine = np.unravel_index(int(np.argmin(distance)), distance.shape)
+    return int(coarse), int(fine)
+
+
+def bias_setting(name: str, help: str) -> Any:
+    """A setting of a current with the camera's default."""
+    _, coarse, fine, _ = BIASES[name]
+    return setting(round(current_pa(coarse, fine), 6), help, "pA", 0.05, 24.8e6)
+
+
+@dataclass
+class Davis346Settings(UsbSettings):
+    """Biases are currents; the nearest of the 2041 that the chip can make is set."""
+
+    bias_diff: float = bias_setting("diffbn", "reference of the thresholds")
+    bias_on: float = bias_setting("onbn", "contrast threshold ON: higher above diff is less sensitive")
+    bias_off: float = bias_setting("offbn", "contrast threshold OFF: lower below diff is less sensitive")
+    bias_pr: float = bias_setting("prbp", "photoreceptor bandwidth")
+    bias_sf: float = bias_setting("prsfbp", "source follower bandwidth")
+    bias_refr: float = bias_setting("refrbp", "refractory period: higher is shorter")
+    roi_x: int = setting(0, "left column of the region of interest", "px", 0, WIDTH - 1)
+    roi_y: int = setting(0, "top row of the region of interest", "px", 0, HEIGHT - 1)
+    roi_width: int = setting(0, "its width; 0 = to the right edge", "px", 0, WIDTH)
+    roi_height: int = setting(0, "its height; 0 = to the bottom edge", "px", 0, HEIGHT)
+    background_filter_us: float = setting(
+        0.0, "drop events without a neighbour in this time, in the camera; 0 = off", "us", 0, 1e6
+    )
+    refractory_filter_us: float = setting(0.0, "drop a pixel's events within this time; 0 = off", "us", 0, 1e6)
+    frames: bool = setting(True, "send frames")
+    exposure_us: float = setting(4000.0, "exposure of a frame", "us", 1, 1e6)
+    frame_interval_us: float = setting(40_000.0, "time between frames", "us", 1000, 8e6)
+    imu: bool = setting(True, "send inertial samples")
+    trigger_in: bool = setting(False, "report edges of the trigger input")
+
+
+class Camera(Fx3Camera):
+    """A DAVIS346 with FX3 or FX2."""
+
+    SETTINGS: ClassVar[type[Configuration]] = Davis346Settings
+
+    def _connect(self) -> DeviceInfo:
+        details = self._take(OLDEST_FX3 if self.device.idProduct == FX3 else OLDEST_FX2)
+        details["logic"] = self._check_logic(1)
+        r, m = self.registers, self.model
+        self._clocks = r.clocks()
+        self._lists = sequences("davis346")
+        self._global_shutter = r.read(APS, 6)
+        details |= {"usb": label(self.device), "chip": r.read(6, 1), "aps_orientation": r.read(APS, 2)}
+        details["dvs_orientation"] = r.read(DVS, 2)
+        return DeviceInfo(
+            m.name, self.serial, m.sensor, m.width, m.height, m.encoding, f"device:{self.serial}", details
+        )
+
+    def _apply(self, settings: Davis346Settings) -> None:
+        s = settings
+        if s.roi_x + (s.roi_width or 1) > WIDTH or s.roi_y + (s.roi_height or 1) > HEIGHT:
+            raise ValueError(
+                f"roi {s.roi_x},{s.roi_y} {s.roi_width}x{s.roi_height} px does not lie inside {WIDTH}x{HEIGHT}"
+            )
+
+    def _configuration(self) -> None:
+        """The part of the start that the settings decide."""
+        s, r = self._settings, self.registers
+        chosen = {
+            "diffbn": s.bias_diff, "onbn": s.bias_on, "offbn": s.bias_off,
+            "prbp": s.bias_pr, "prsfbp": s.bias_sf, "refrbp": s.bias_refr,
+        }  # fmt: skip
+        for name, (parameter, coarse, fine, kind) in BIASES.items():
+            if name in chosen:
+                coarse, fine = nearest_bias(chosen[name])
+            r.write(CHIP, parameter, bias_word(coarse, fine, kind))
+        for enable, value in ((31, s.background_filter_us), (33, s.refractory_filter_us)):
+            r.write(DVS, enable, int(value > 0))
+            r.write(DVS, enable + 1, max(1, round(value / FILTER_TICK_US)))
+        right = s.roi_x + s.roi_width - 1 if s.roi_width else WIDTH - 1
+        bottom = s.roi_y + s.roi_height - 1 if s.roi_height else HEIGHT - 1
+        for parameter, value in ((41, s.roi_x), (42, s.roi_y), (43, right), (44, bottom)):
+            r.write(DVS, parameter, value)
+        r.write(APS, 12, round(s.exposure_us * self._clocks["AC"]))
+        r.write(APS, 13, round(s.frame_interval_us * self._clocks["AC"]))
+
+    def _begin(self) -> None:
+        hooks = {"halt": self._halt, "configuration": self._configuration}
+        self.registers.run(self._lists["start"], {**self._clocks, "GS": self._global_shutter}, hooks)
+        s = self._settings
+        if not s.frames:
+            self.registers.write(APS, 4, 0)
+        if not s.imu:
+            for parameter in (2, 3, 4):
+                self.registers.write(IMU, parameter, 0)
+        if s.trigger_in:
+            for parameter in (1, 2, 0):
+                self.registers.write(INPUT, parameter, 1)
+
+    def _prepare(self, decoder: Any) -> None:
+        assert self._info is not None
+        decoder.aps_orientation = self._info.details["aps_orientation"]
+        decoder.reset()
+
+    def _end(self) -> None:
+        self.registers.run(self._lists["stop"], {}, {})

@@ -1,0 +1,109 @@
+"""The register protocol of iniVation's FX3 cameras: 32-bit registers by module and parameter, over vendor requests.
+
+Facts from the public sources of libcaer (BSD-2-Clause).
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from nodes.camera.usb.access import CONTROL_MS, claim, text
+from nodes.camera.usb.driver import UsbDriver
+
+DATA_IN = 0x82
+REGISTER = 0xBF
+OUT, IN = 0x40, 0xC0
+MULTIPLEXER, DVS, APS, IMU, INPUT, CHIP, SYSTEM, USB = 0, 1, 2, 3, 4, 5, 6, 9
+LOGIC_VERSION = 18
+DRAIN_READS = 64
+_WRITE = re.compile(r"(\d+),(\d+)=(\d+|(?:(\d+)\*)?(LC|UC|GS))|d(\d+)")
+
+
+class Registers:
+    """Registers of one camera. sleep [s]."""
+
+    def __init__(self, device: Any, sleep: Callable[[float], None]) -> None:
+        self._device, self._sleep = device, sleep
+
+    def read(self, module: int, parameter: int) -> int:
+        """One register. Raises usb.core.USBError, OSError for an answer that is too short."""
+        body = bytes(self._device.ctrl_transfer(IN, REGISTER, module, parameter, 4, CONTROL_MS))
+        if len(body) != 4:
+            raise OSError(f"register {module},{parameter}: an answer of {len(body)} bytes, not 4")
+        return int(struct.unpack(">I", body)[0])
+
+    def write(self, module: int, parameter: int, value: int) -> None:
+        """One register."""
+        self._device.ctrl_transfer(OUT, REGISTER, module, parameter, struct.pack(">I", value), CONTROL_MS)
+
+    def run(self, words: tuple[str, ...], values: Mapping[str, float], hooks: Mapping[str, Callable[[], None]]) -> None:
+        """A sequence: writes, waits, and named steps (`halt`, `configuration`). values: clocks in MHz (LC, UC), GS."""
+        for word in words:
+            if word in hooks:
+                hooks[word]()
+                continue
+            found = _WRITE.fullmatch(word)
+            if found is None:
+                raise ValueError(f"no register write: {word}")
+            module, parameter, value, factor, name, wait = found.groups()
+            if wait:
+                self._sleep(int(wait) / 1e6)
+            else:
+                number = round(int(factor or 1) * values[name]) if name else int(value)
+                self.write(int(module), int(parameter), number)
+
+    def clocks(self) -> dict[str, float]:
+        """Logic, ADC and USB clock [MHz]."""
+        deviation = self.read(SYSTEM, 6) / 1000
+        return {name: self.read(SYSTEM, p) * deviation for name, p in (("LC", 3), ("AC", 4), ("UC", 5))}
+
+
+@cache
+def sequences(name: str) -> dict[str, tuple[str, ...]]:
+    """The phases of a camera from sequences/<name>.txt."""
+    sections = (Path(__file__).parent / "sequences" / f"{name}.txt").read_text().split("[")[1:]
+    return {s.partition("]")[0]: tuple(s.partition("]")[2].split()) for s in sections}
+
+
+class Fx3Camera(UsbDriver):
+    """What DAVIS346 and DVXplorer share."""
+
+    ENDPOINT = DATA_IN
+    registers: Registers
+
+    def _take(self, oldest: int) -> dict[str, Any]:
+        """Claim the device and check its firmware; gives the first details. Raises OSError."""
+        claim(self.device, 0)
+        self.registers = Registers(self.device, self.bus.sleep)
+        firmware = self.device.bcdDevice & 0xFF
+        if firmware < oldest:
+            raise OSError(f"{self.name}: unknown firmware {firmware}; {oldest} or later is needed: update it with DV")
+        self.serial = text(self.device, self.device.iSerialNumber)
+        product = text(self.device, self.device.iProduct)
+        return {"firmware": str(firmware), "product": product}
+
+    def _check_logic(self, least_patch: int) -> str:
+        """Raise OSError unless the FPGA's logic is one we know; gives its version."""
+        version, patch = self.registers.read(SYSTEM, 0), self.registers.read(SYSTEM, 7)
+        if version != LOGIC_VERSION or patch < least_patch:
+            raise OSError(
+                f"{self.name}: unknown firmware: logic {version}.{patch}; {LOGIC_VERSION}.{least_patch} is needed: "
+                "update it with DV"
+            )
+        return f"{version}.{patch}"
+
+    def _halt(self) -> None:
+        """Clear the data endpoint, and drop what an earlier program left in the camera's buffers."""
+        import usb.core
+
+        self.device.clear_halt(DATA_IN)
+        for _ in range(DRAIN_READS):
+            try:
+                self.device.read(DATA_IN, 1 << 14, 10)
+            except usb.core.USBTimeoutError:
+                return

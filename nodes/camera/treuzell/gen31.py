@@ -1,0 +1,107 @@
+"""Prophesee Gen3.1 VGA (SilkyEvCam EvC3A, EVK3 Gen3.1): 640x480, EVT3."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from nodes.camera.driver import setting
+from nodes.camera.treuzell.sensor import Registers, expect, roi_span, span_words
+from nodes.camera.usb.driver import UsbSettings
+
+WIDTH, HEIGHT = 640, 480
+BIAS = {
+    "diff_off": (0x34C, "voltage"),
+    "diff_on": (0x350, "voltage"),
+    "diff": (0x354, "voltage"),
+    "fo": (0x358, "fo"),
+    "pr": (0x35C, "pr"),
+    "refr": (0x360, "refr"),
+    "hpf": (0x364, "pr"),
+}
+"""Register and table of each bias; a voltage has its code in bits 0-7, a current in bits 8-20."""
+VOLTAGE_MASK, CURRENT_MASK = 0xFF, 0x1F_FF00
+
+
+@dataclass
+class Gen31Settings(UsbSettings):
+    """Biases in mV as Prophesee's tools give them. Only those that differ from the start list are written.
+
+    pr and hpf go down to 1158 mV: below, the maker's tables change the circuit's mode and not only the code.
+    """
+
+    bias_diff: int = setting(299, "reference of the thresholds", "mV", 200, 400)
+    bias_diff_on: int = setting(384, "contrast threshold ON, at least 75 above diff", "mV", 275, 400)
+    bias_diff_off: int = setting(221, "contrast threshold OFF, at least 65 below diff", "mV", 100, 335)
+    bias_fo: int = setting(1477, "low-pass corner of the photoreceptor", "mV", 1250, 1800)
+    bias_hpf: int = setting(1499, "high-pass corner", "mV", 1158, 1800)
+    bias_pr: int = setting(1250, "photoreceptor", "mV", 1158, 1800)
+    bias_refr: int = setting(1500, "refractory period", "mV", 1300, 1800)
+    roi_x: int = setting(0, "left column of the region of interest", "px", 0, WIDTH - 1)
+    roi_y: int = setting(0, "top row of the region of interest", "px", 0, HEIGHT - 1)
+    roi_width: int = setting(0, "its width; 0 = to the right edge", "px", 0, WIDTH)
+    roi_height: int = setting(0, "its height; 0 = to the bottom edge", "px", 0, HEIGHT)
+    trigger_in: bool = setting(False, "report edges of the trigger input")
+    legacy_writes: bool = setting(False, "write registers by the older FPGA command (for a board that stays silent)")
+
+    def check(self) -> None:
+        super().check()
+        low = self.bias_fo < 1350
+        on, off = (95, 85) if low else (75, 65)
+        if self.bias_diff_on < self.bias_diff + on or self.bias_diff_off > self.bias_diff - off:
+            raise ValueError(
+                f"bias_diff_on {self.bias_diff_on} mV must lie {on} mV above and bias_diff_off {self.bias_diff_off} mV "
+                f"{off} mV below bias_diff {self.bias_diff} mV"
+            )
+        if self.bias_fo < 1400 and self.bias_refr < 1350:
+            raise ValueError(f"bias_refr {self.bias_refr} mV must be at least 1350 mV while bias_fo is below 1400 mV")
+
+
+@cache
+def tables() -> dict[str, tuple[int, np.ndarray]]:
+    """Code tables: name -> first value [mV], codes of each mV from there."""
+    result = {}
+    text = (Path(__file__).parent / "sequences" / "gen31_bias.txt").read_text()
+    for section in text.split("[")[1:]:
+        head, _, body = section.partition("]")
+        name, first = head.split()
+        runs = [word.partition("*") for word in body.split()]
+        codes = np.repeat([int(code) for code, _, _ in runs], [int(count or 1) for _, _, count in runs])
+        result[name] = (int(first), codes)
+    return result
+
+
+def code_of(table: str, millivolt: int) -> int:
+    """The code of a bias [mV]."""
+    first, codes = tables()[table]
+    return int(codes[millivolt - first])
+
+
+def check_chip(registers: Registers) -> None:
+    """Raise TreuzellError unless this is a Gen3.1 behind its FPGA; the chip id can be read only after init."""
+    expect(registers, "Gen3.1", 0x800, 0xFF, 0x28)
+
+
+def apply(registers: Registers, settings: Gen31Settings) -> None:
+    """Biases, region of interest, trigger."""
+    standard = Gen31Settings()
+    for name, (address, table) in BIAS.items():
+        value = getattr(settings, f"bias_{name}")
+        if value == getattr(standard, f"bias_{name}"):
+            continue
+        code = code_of(table, value)
+        if table == "voltage":
+            registers.modify(address, VOLTAGE_MASK, code)
+        else:
+            registers.modify(address, CURRENT_MASK, code << 8)
+    region = roi_span(settings, WIDTH, HEIGHT)
+    if region is not None:
+        x, y, w, h = region
+        registers.write(0x400, *span_words(x, w, 20))
+        registers.write(0x500, *span_words(y, h, 15))
+        for value in (0, 1 << 5):  # the change of this bit applies the masks
+            registers.modify(0x204, 1 << 5, value)
+    registers.modify(0x1A0, 1, int(settings.trigger_in))

@@ -1,0 +1,147 @@
+"""Sony/Prophesee IMX636 (EVK4, EVK3 HD, SilkyEvCam HD) and, with the same register map, Gen4.1: 1280x720, EVT3."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from nodes.camera.driver import setting
+from nodes.camera.treuzell.sensor import Registers, expect, roi_span, span_words
+from nodes.camera.usb.driver import UsbSettings
+
+WIDTH, HEIGHT = 1280, 720
+BIAS = {
+    "pr": 0x1000,
+    "fo": 0x1004,
+    "hpf": 0x100C,
+    "diff_on": 0x1010,
+    "diff": 0x1014,
+    "diff_off": 0x1018,
+    "refr": 0x1020,
+}
+CODES = "codes from the factory's"
+BIAS_MODE = 0x11A1_0000
+"""Enable, buffer and multiplexer bits that go with every bias code."""
+ERC_PERIOD_US = 200
+TRIGGER_ENABLE = 1 << 10
+
+
+@dataclass
+class Imx636Settings(UsbSettings):
+    """Biases are offsets to the code that the factory set, as Prophesee's tools give them."""
+
+    bias_fo: int = setting(0, "low-pass corner of the photoreceptor", CODES, -35, 55)
+    bias_hpf: int = setting(0, "high-pass corner", CODES, 0, 120)
+    bias_diff_on: int = setting(0, "contrast threshold ON: higher is less sensitive", CODES, -85, 140)
+    bias_diff_off: int = setting(0, "contrast threshold OFF: higher is less sensitive", CODES, -35, 190)
+    bias_refr: int = setting(0, "refractory period: higher is shorter", CODES, -20, 235)
+    roi_x: int = setting(0, "left column of the region of interest", "px", 0, WIDTH - 1)
+    roi_y: int = setting(0, "top row of the region of interest", "px", 0, HEIGHT - 1)
+    roi_width: int = setting(0, "its width; 0 = to the right edge", "px", 0, WIDTH)
+    roi_height: int = setting(0, "its height; 0 = to the bottom edge", "px", 0, HEIGHT)
+    event_rate_limit: float = setting(0.0, "most events per second that the sensor sends; 0 = all", "1/s", 0, 1e9)
+    trigger_in: bool = setting(False, "report edges of the trigger input")
+
+
+def check_chip(registers: Registers) -> None:
+    """Raise TreuzellError unless this is an IMX636."""
+    expect(registers, "IMX636", 0x14, 0xFFFF_FFFF, 0xA040_1806)
+    expect(registers, "IMX636", 0xF128, 3, 0)
+
+
+def check_gen41(registers: Registers) -> None:
+    """Raise TreuzellError unless this is a Gen4.1."""
+    expect(registers, "Gen4.1", 0x14, 0xFFFF_FFFF, 0xA030_1002, 0xA030_1003)
+
+
+def apply(registers: Registers, settings: Imx636Settings) -> None:
+    """Biases, region of interest, event rate limit, trigger."""
+    for name in ("fo", "hpf", "diff_on", "diff_off", "refr"):
+        offset = getattr(settings, f"bias_{name}")
+        if offset:
+            code = (registers.read(BIAS[name]) & 0xFF) + offset
+            if not 0 <= code <= 255:
+                raise ValueError(
+                    f"bias_{name} is {offset}; with this camera's factory code it would be {code}, not 0 to 255"
+                )
+            registers.write(BIAS[name], BIAS_MODE | code)
+    common(registers, settings)
+
+
+def common(registers: Registers, settings: Imx636Settings | Gen41Settings) -> None:
+    """What IMX636 and Gen4.1 share."""
+    region = roi_span(settings, WIDTH, HEIGHT)
+    if region is not None:
+        x, y, w, h = region
+        # rows count from the bottom; a set bit lets a line through
+        registers.write(0x2000, *span_words(x, w, 40))
+        registers.write(0x4000, *span_words(HEIGHT - y - h, h, 23))
+        registers.modify(0x4, 1 << 5, 1 << 5)
+    if settings.event_rate_limit:
+        rate_control(registers, settings.event_rate_limit)
+    registers.modify(0x7004, TRIGGER_ENABLE, TRIGGER_ENABLE if settings.trigger_in else 0)
+
+
+def rate_control(registers: Registers, events_per_s: float) -> None:
+    """The event rate controller: at most so many events in each 200 us; what is above is dropped in the sensor."""
+    target = max(1, math.floor(events_per_s * ERC_PERIOD_US / 1e6))
+    registers.write(0x6000, 0x155400)
+    registers.write(0x6008, ERC_PERIOD_US)
+    registers.write(0x600C, min(target, (1 << 22) - 1))
+    registers.write(0x602C, 1)
+    for i in range(230):
+        registers.write(0x6800 + 4 * i, 0x0808_0808)
+    registers.write(0x602C, 2)
+    for i in range(256):
+        registers.write(0x6400 + 4 * i, (2 * i + 1) << 16 | 2 * i)
+    registers.write(0x6050, 0)
+    registers.write(0x6060, 0)
+    registers.write(0x6070, 0)
+    registers.write(0x6004, 1)
+    registers.write(0x6028, 3)
+    registers.write(0x6000, 0x155401)
+
+
+def temperature_c(registers: Registers) -> float | None:
+    """Die temperature [deg C]; None when the converter does not answer."""
+    registers.modify(0x4C, 1 << 2, 1 << 2)
+    for _ in range(5):
+        value = registers.read(0x50)
+        if value & 1 << 11:
+            return 0.19 * (value & 0x3FF) - 56
+        registers.wait(0.001)
+    return None
+
+
+@dataclass
+class Gen41Settings(UsbSettings):
+    """Biases are the codes themselves."""
+
+    bias_pr: int = setting(0x69, "photoreceptor", "code", 0, 255)
+    bias_fo: int = setting(0x4A, "low-pass corner of the photoreceptor", "code", 0x2D, 0x6E)
+    bias_hpf: int = setting(0, "high-pass corner", "code", 0, 0x78)
+    bias_diff_on: int = setting(0x73, "contrast threshold ON, at least 15 above diff", "code", 0x5F, 255)
+    bias_diff: int = setting(0x50, "reference of the thresholds", "code", 0x34, 0x64)
+    bias_diff_off: int = setting(0x34, "contrast threshold OFF, at least 15 below diff", "code", 0x19, 0x55)
+    bias_refr: int = setting(0x44, "refractory period", "code", 0x14, 0x64)
+    roi_x: int = setting(0, "left column of the region of interest", "px", 0, WIDTH - 1)
+    roi_y: int = setting(0, "top row of the region of interest", "px", 0, HEIGHT - 1)
+    roi_width: int = setting(0, "its width; 0 = to the right edge", "px", 0, WIDTH)
+    roi_height: int = setting(0, "its height; 0 = to the bottom edge", "px", 0, HEIGHT)
+    event_rate_limit: float = setting(0.0, "most events per second that the sensor sends; 0 = all", "1/s", 0, 1e9)
+    trigger_in: bool = setting(False, "report edges of the trigger input")
+
+    def check(self) -> None:
+        super().check()
+        if self.bias_diff_on < self.bias_diff + 15 or self.bias_diff_off > self.bias_diff - 15:
+            raise ValueError(
+                f"bias_diff_on {self.bias_diff_on} and bias_diff_off {self.bias_diff_off} must lie at least 15 codes "
+                f"above and below bias_diff {self.bias_diff}"
+            )
+
+
+def apply_gen41(registers: Registers, settings: Gen41Settings) -> None:
+    """Biases, region of interest, event rate limit, trigger."""
+    for name, address in BIAS.items():
+        registers.write(address, BIAS_MODE | getattr(settings, f"bias_{name}"))
+    common(registers, settings)

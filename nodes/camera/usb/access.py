@@ -1,0 +1,129 @@
+"""Getting hold of a USB device through pyusb, and what to tell a person when that fails."""
+
+from __future__ import annotations
+
+import errno
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+RULES_FILE = "/etc/udev/rules.d/65-event-cameras.rules"
+PERMISSION = (
+    f"no permission to open it: run `evis camera udev | sudo tee {RULES_FILE}`, then "
+    "`sudo udevadm control --reload && sudo udevadm trigger`, and plug it in again"
+)
+NO_LIBUSB = "libusb-1.0 was not found: `pip install evis[usb]` brings it, or install your system's libusb-1.0"
+CONTROL_MS = 1000
+"""Longest wait for a control request or a command's answer [ms]."""
+
+
+class Unplugged(OSError):
+    """The device is gone."""
+
+
+class StreamEnd(OSError):
+    """An emulated device has sent all of its recording."""
+
+
+@dataclass
+class Bus:
+    """Where devices are looked for: a pyusb backend. An emulated one brings its own `sleep` [s], which may not wait."""
+
+    backend: Any
+    sleep: Callable[[float], None] = time.sleep
+    emulated: bool = False
+
+    def devices(self, ids: Iterable[tuple[int, int]]) -> list[Any]:
+        """All usb.core.Device with one of these (vendor, product) pairs. Raises OSError."""
+        import usb.core
+
+        wanted = set(ids)
+        try:
+            found = usb.core.find(
+                find_all=True, backend=self.backend, custom_match=lambda d: (d.idVendor, d.idProduct) in wanted
+            )
+            return list(found or ())
+        except usb.core.USBError as e:
+            raise OSError(f"USB cannot be searched: {e.strerror or e}") from None
+
+
+def usb_bus() -> Bus:
+    """The machine's own USB, with libusb from the `libusb-package` wheel or from the system. Raises OSError."""
+    import usb.backend.libusb1
+
+    try:
+        import libusb_package
+
+        backend = libusb_package.get_libusb1_backend()
+    except ImportError:
+        backend = None
+    backend = backend or usb.backend.libusb1.get_backend()
+    if backend is None:
+        raise OSError(NO_LIBUSB)
+    return Bus(backend)
+
+
+def label(device: Any) -> str:
+    """`04b4:00f5 on bus 1 address 7`."""
+    return f"{device.idVendor:04x}:{device.idProduct:04x} on bus {device.bus} address {device.address}"
+
+
+def explained(error: Exception, what: str) -> OSError:
+    """One line for a person from a USB error; `what` names the camera."""
+    import usb.core
+
+    code = getattr(error, "errno", None)
+    if isinstance(error, usb.core.USBTimeoutError) or code == errno.ETIMEDOUT:
+        return OSError(f"{what}: no answer in {CONTROL_MS / 1000:g} s; unplug it and plug it in again")
+    if code in (errno.EACCES, errno.EPERM):
+        return OSError(f"{what}: {PERMISSION}")
+    if code == errno.EBUSY:
+        return OSError(f"{what}: busy: another program has it open; close that program first")
+    if code == errno.ENODATA:
+        return StreamEnd(f"{what}: end of the recording")
+    if code in (errno.ENODEV, errno.ENOENT):
+        return Unplugged(f"{what}: it was unplugged")
+    return OSError(f"{what}: USB failed: {getattr(error, 'strerror', None) or error}")
+
+
+def claim(device: Any, interface: int, set_alternate: bool = True) -> None:
+    """Take an interface for this program, from a kernel driver too. Raises usb.core.USBError."""
+    import usb.core
+    import usb.util
+
+    try:
+        if device.is_kernel_driver_active(interface):
+            device.detach_kernel_driver(interface)
+    except NotImplementedError:
+        pass
+    try:
+        device.get_active_configuration()
+    except usb.core.USBError:
+        device.set_configuration()
+    usb.util.claim_interface(device, interface)
+    if set_alternate:
+        device.set_interface_altsetting(interface, 0)
+
+
+def release(device: Any) -> None:
+    """Give everything back; a device that is gone needs none of it."""
+    import usb.core
+    import usb.util
+
+    try:
+        usb.util.dispose_resources(device)
+    except usb.core.USBError:
+        pass
+
+
+def text(device: Any, index: int) -> str:
+    """A string descriptor, empty where there is none. Raises usb.core.USBError for a device that cannot be opened."""
+    import usb.util
+
+    if not index:
+        return ""
+    try:
+        return (usb.util.get_string(device, index) or "").strip("\x00 ")
+    except ValueError:  # the device has no languages
+        return ""

@@ -1,0 +1,337 @@
+"""What all USB drivers share: open, stream, counters, unplugging and coming back."""
+
+from __future__ import annotations
+
+import abc
+import contextlib
+import dataclasses
+import errno
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from nodes.camera.driver import Configuration, DeviceInfo, Driver, Reading, setting
+from nodes.camera.usb.access import Bus, StreamEnd, Unplugged, explained, label, release
+from nodes.camera.usb.models import Model
+from nodes.camera.usb.reader import Reader
+from nodes.camera.usb.stream import Stream
+
+if TYPE_CHECKING:
+    from evis.streams.decoder import Decoder
+
+RETRY_S = 0.5
+"""Interval of the search for a camera that was unplugged [s]."""
+
+
+@dataclass
+class UsbSettings(Configuration):
+    """How any USB camera is read. Families add their own settings."""
+
+    packet_ms: float = setting(10.0, "length of a packet's interval, device time", "ms", 0.01, 10_000)
+    raw: bool = setting(False, "packets carry the wire bytes too")
+    buffers: int = setting(64, "buffers between USB and decoder", "", 4, 4096)
+    buffer_kib: int = setting(128, "size of one buffer", "KiB", 16, 8192)
+    reconnect: bool = setting(False, "wait for a camera that was unplugged to come back")
+    transfers: str = setting("queued", "queued: several reads wait at the endpoint at once; single: one at a time")
+    decoder: str = setting("warp", "warp (fast; compiled once) or numpy")
+
+
+class UsbDriver(Driver):
+    """A camera on USB. Families say how it is asked, configured, started and stopped.
+
+    live: the stream runs with the device's clock (real devices, emulated ones at real pace); wait_when_full: see
+    Reader.
+    """
+
+    SETTINGS: ClassVar[type[Configuration]] = UsbSettings
+    ENDPOINT: ClassVar[int]
+
+    def __init__(self, bus: Bus, device: Any, model: Model, live: bool = True, wait_when_full: bool = False) -> None:
+        self.bus, self.device, self.model = bus, device, model
+        self._live, self.wait_when_full = live, wait_when_full
+        self._settings: Any = None
+        self._info: DeviceInfo | None = None
+        self._stream: Stream | None = None
+        self._before: Counter[str] = Counter()
+        self._gone_at = 0.0
+        self._retry_at = 0.0
+        self._bytes = 0
+        self.emulated: Any = None
+        """The emulated device behind it, for whoever feeds or inspects it; None for a real one."""
+
+    # -- families ------------------------------------------------------------------------------------------------------
+
+    @abc.abstractmethod
+    def _connect(self) -> DeviceInfo:
+        """Claim the device, check that it is one of ours, ask it who it is; change nothing."""
+
+    def _initialise(self) -> None:
+        """Bring the sensor into the state from which it can be configured and started."""
+
+    @abc.abstractmethod
+    def _apply(self, settings: Any) -> None:
+        """Write the settings to the device."""
+
+    @abc.abstractmethod
+    def _begin(self) -> None:
+        """Let the sensor send."""
+
+    @abc.abstractmethod
+    def _end(self) -> None:
+        """Let the sensor be silent."""
+
+    def _prepare(self, decoder: Decoder) -> None:
+        """Tell the decoder what only this device knows."""
+
+    def _disconnect(self) -> None:
+        """Leave the device as it wants to be left."""
+
+    def temperature_c(self) -> float | None:
+        """Of the sensor or the board [deg C]; None where the camera has no such thing."""
+        return None
+
+    # -- Driver --------------------------------------------------------------------------------------------------------
+
+    @property
+    def name(self) -> str:
+        """For messages: model, and serial once known."""
+        serial = self._info.serial if self._info else ""
+        return f"{self.model.title} {serial}".strip() if serial else f"{self.model.title} ({label(self.device)})"
+
+    def open(self) -> None:
+        self._open(self._initialise)
+
+    def identify(self) -> DeviceInfo:
+        """Who it is, without touching the sensor; the device is given back at once. Raises OSError."""
+        self._open(lambda: None)
+        assert self._info is not None
+        info, self._info = self._info, None
+        release(self.device)
+        return info
+
+    def _open(self, then: Callable[[], None]) -> None:
+        import usb.core
+
+        try:
+            info = self._connect()
+            then()
+            self._info = info
+        except usb.core.USBError as e:
+            release(self.device)
+            raise explained(e, self.name) from None
+        except BaseException:
+            release(self.device)
+            raise
+        if self._settings is None:
+            self._settings = self.settings_type()()
+
+    def info(self) -> DeviceInfo:
+        if self._info is None:
+            raise ValueError(f"{self.model.title}: not open")
+        with contextlib.suppress(OSError):  # a reading that fails leaves the last one
+            temperature = self.temperature_c()
+            if temperature is not None:
+                self._info.details["temperature_c"] = round(temperature, 1)
+        if self._stream is not None and self._live and self._stream.clock.known:
+            clock = self._stream.clock
+            self._info.details["clock_offset_ns"] = clock.offset_ns
+            self._info.details["clock_drift_ppm"] = round(clock.drift_ppm, 3)
+        return self._info
+
+    def configure(self, configuration: Configuration) -> None:
+        import usb.core
+
+        if self._stream is not None:
+            raise ValueError(f"{self.name}: settings can be changed only before start")
+        if type(configuration) is not self.settings_type():
+            wanted, given = self.settings_type().__name__, type(configuration).__name__
+            raise ValueError(f"{self.name} takes {wanted}, not {given}")
+        configuration.check()
+        self._settings = dataclasses.replace(configuration)  # type: ignore[type-var]
+        for name, choices in (("decoder", ("warp", "numpy")), ("transfers", ("queued", "single"))):
+            if getattr(self._settings, name) not in choices:
+                raise ValueError(f"{name} is '{getattr(self._settings, name)}', must be {' or '.join(choices)}")
+        try:
+            self._apply(self._settings)
+        except usb.core.USBError as e:
+            raise explained(e, self.name) from None
+
+    def start(self) -> None:
+        import usb.core
+
+        from evis.streams.decoder import decoder_for
+
+        s, model = self._settings, self.model
+        if self._info is None:
+            raise ValueError(f"{self.model.title}: not open")
+        decoder = decoder_for(model.encoding, model.width, model.height, s.decoder)
+        self._prepare(decoder)
+        try:
+            self._begin()
+        except usb.core.USBError as e:
+            raise explained(e, self.name) from None
+        reader = self._make_reader()
+        packet_ns = round(s.packet_ms * 1e6)
+        feed = self.emulated.feed if self.emulated is not None else None
+        # a recording behind an emulated device may come late, its quiet intervals close when the next event is there
+        live = self._live and not self.wait_when_full
+        self._stream = Stream(reader, decoder, packet_ns, s.raw, live, feed.shift_ns if feed else 0)
+        first = feed.first_ns if feed else None
+        self.t0_ns = 0 if first is None else (first - 1) // packet_ns * packet_ns
+        reader.start()
+
+    def _make_reader(self) -> Reader:
+        """Emulated devices know no queue of transfers: they are read one transfer at a time."""
+        from nodes.camera.usb.queue import QueuedReader, available
+
+        s = self._settings
+        if s.transfers == "queued" and available(self.device):
+            return QueuedReader(self.device, self.ENDPOINT, self._recover, s.buffers, s.buffer_kib << 10)
+        return Reader(self._bulk, self._recover, s.buffers, s.buffer_kib << 10, self.wait_when_full)
+
+    def _bulk(self, buffer: Any, timeout_ms: int) -> int:
+        import usb.core
+
+        try:
+            size: int = self.device.read(self.ENDPOINT, buffer, timeout_ms)
+        except usb.core.USBError as e:
+            if e.errno == errno.ENODATA:
+                raise StreamEnd(f"{self.name}: end of the recording") from None
+            raise
+        return size
+
+    def _recover(self) -> None:
+        self.device.clear_halt(self.ENDPOINT)
+
+    def read(self, timeout_s: float) -> Reading | None:
+        if self._gone_at:
+            self._come_back(timeout_s)
+            return None
+        try:
+            return self._running().read(timeout_s)
+        except OSError as error:
+            self._failed(error)
+            return None
+
+    def read_bytes(self, count: int, t0_ns: int, stamp_ns: int, timeout_s: float) -> Reading:
+        """See Stream.read_bytes."""
+        return self._running().read_bytes(count, t0_ns, stamp_ns, timeout_s)
+
+    def _running(self) -> Stream:
+        if self._stream is None:
+            raise ValueError(f"{self.name}: read before start")
+        return self._stream
+
+    def _failed(self, error: OSError) -> None:
+        """The stream broke: say why, or begin to wait for the camera."""
+        cause = explained(error, self.name) if type(error).__module__.startswith("usb") else error
+        if not isinstance(cause, Unplugged):
+            raise cause
+        if not self._settings.reconnect:
+            raise OSError(
+                f"{self.name}: unplugged in mid-stream after {self._running().reader.bytes} bytes; "
+                "with reconnect:=true it is waited for"
+            ) from None
+        self._before["unplugged"] += 1
+        self._let_go()
+        self._gone_at = time.monotonic()
+
+    def _let_go(self) -> None:
+        """Close what is left of a stream and a device, keeping the counters."""
+        if self._stream is not None:
+            self._stream.reader.close()
+            self._before += Counter(self._stream_counts())
+            self._bytes += self._stream.reader.bytes
+        self._stream = None
+        release(self.device)
+
+    def _come_back(self, timeout_s: float) -> None:
+        """Look for the camera by its serial and take the stream up again; device time starts anew: a new episode."""
+        if time.monotonic() < self._retry_at:
+            self.bus.sleep(min(timeout_s, RETRY_S))
+            return
+        self._retry_at = time.monotonic() + (0.0 if self.bus.emulated else RETRY_S)
+        before = self._info
+        assert before is not None
+        for device in self.bus.devices(self.model.ids):
+            self.device = device
+            try:
+                if self.identify().serial != before.serial:
+                    continue
+                self.open()
+                self.configure(self._settings)
+                self.start()
+            except OSError:  # not ready yet: the next look may find it so
+                self._let_go()
+                continue
+            finally:
+                self._info = self._info or before
+            self.episode += 1
+            self._before["reconnected"] += 1
+            self._gone_at = 0.0
+            return
+
+    @property
+    def ended(self) -> bool:
+        return self._stream is not None and self._stream.ended
+
+    @property
+    def read_at_ns(self) -> int:
+        """When the newest bulk read that is in the last reading returned [ns, monotonic clock]."""
+        return self._stream.read_at_ns if self._stream else 0
+
+    @property
+    def longest_pause_ns(self) -> int:
+        """Longest time in which no read waited at the endpoint of the running stream [ns]."""
+        return self._stream.reader.longest_pause_ns if self._stream else 0
+
+    @property
+    def stream_bytes(self) -> int:
+        """Bytes taken from the endpoint and handed to the decoder since the driver was made."""
+        return self._bytes + (self._stream.reader.bytes if self._stream else 0)
+
+    def _stream_counts(self) -> dict[str, int]:
+        assert self._stream is not None
+        named = {"outside": "events_outside", "untimed": "words_before_time", "unknown": "words_unknown"}
+        decoded = {named.get(k, k): v for k, v in self._stream.decoder.counts.items()}
+        return {**self._stream.reader.counts, **self._stream.counts, **decoded}
+
+    def counters(self) -> dict[str, int]:
+        total = Counter(self._before)
+        if self._stream is not None:
+            total.update(self._stream_counts())
+        if self.emulated is not None:
+            total.update(self.emulated.feed.counters())
+        return {k: v for k, v in total.items() if v}
+
+    def stop(self) -> None:
+        import usb.core
+
+        if self._stream is None:
+            return
+        stream, self._stream = self._stream, None
+        try:
+            self._end()
+        except (usb.core.USBError, OSError):
+            pass  # a camera that is gone is silent
+        stream.reader.close()
+        self._stream = stream
+        self._before += Counter(self._stream_counts())
+        self._bytes += stream.reader.bytes
+        self._stream = None
+
+    def close(self) -> None:
+        import usb.core
+
+        if self._info is None:
+            return
+        try:
+            self._disconnect()
+        except (usb.core.USBError, OSError):
+            pass
+        release(self.device)
+        self._info = None
+        if self.emulated is not None:
+            self.emulated.feed.close()

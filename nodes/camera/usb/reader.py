@@ -1,0 +1,196 @@
+"""The thread that empties a camera's bulk endpoint into preallocated buffers.
+
+A camera cannot be told to wait. When all buffers are full the thread goes on reading into a spare one, counts what it
+throws away, and marks the next good buffer, so that the decoder knows that bytes are missing before it. A read that
+brought little is copied out, so that a quiet camera's many short transfers do not use up the buffers: the bound is on
+bytes.
+"""
+
+from __future__ import annotations
+
+import array
+import errno
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+TIMEOUT_MS = 100
+"""Longest single read [ms]; what has arrived by then is handed over."""
+RESUME_SHARE = 4
+"""After an overflow reading goes on when one in so many buffers is free."""
+MAX_FAULTS = 20
+"""Reads that fail one after the other (stalls, transfer errors) before the stream is given up."""
+
+FAULTS = {errno.EPIPE: "stalls", errno.EOVERFLOW: "usb_overflows", errno.EIO: "transfer_errors"}
+"""Failures after which the stream goes on, with the names of their counters."""
+
+
+class Chunk:
+    """One buffer: `data` (uint8 view of what was read), host time of its arrival [ns], bytes lost before it.
+
+    gap: something is missing before it even where `lost` cannot say how much (a stall in the middle of the stream).
+    """
+
+    __slots__ = ("buffer", "data", "gap", "lost", "t_host_ns", "whole")
+
+    def __init__(self, size: int) -> None:
+        self.buffer = array.array("B", bytes(size))
+        self.whole = np.frombuffer(self.buffer, np.uint8) if size else np.empty(0, np.uint8)
+        self.data = self.whole[:0]
+        self.lost, self.gap, self.t_host_ns = 0, False, 0
+
+
+class Reader:
+    """Reads until `close`. read(buffer, timeout_ms) -> bytes; recover() clears a stalled endpoint.
+
+    wait_when_full: do not read while all buffers are full. For sources that can wait (an emulated device playing a
+    file as fast as it is read); a real one would overflow inside instead, uncounted.
+    """
+
+    def __init__(
+        self,
+        read: Callable[[Any, int], int],
+        recover: Callable[[], None],
+        buffers: int,
+        size: int,
+        wait_when_full: bool = False,
+    ) -> None:
+        self._read, self._recover, self._wait = read, recover, wait_when_full
+        self._free = deque(Chunk(size) for _ in range(buffers))
+        self._spare = Chunk(size)
+        self._full: deque[Chunk] = deque()
+        self._small, self._small_limit, self._little = 0, buffers * size, size // 8
+        self._changed = threading.Condition()
+        self._resume, self._dropping = max(1, buffers // RESUME_SHARE), False
+        self._stop = False
+        self._failure: Exception | None = None
+        self._lost, self._gap, self._faults = 0, False, 0
+        self.counts: Counter[str] = Counter()
+        self.bytes = 0
+        self.longest_pause_ns = 0
+        """Longest time between the end of one read and the start of the next: nothing waited at the endpoint."""
+        self._read_end_ns = 0
+        self._thread = threading.Thread(target=self._run, name="usb-reader", daemon=True)
+
+    def start(self) -> None:
+        """Let it run."""
+        self._thread.start()
+
+    def get(self, timeout_s: float) -> Chunk | None:
+        """The next filled buffer, None after the timeout. Raises what ended the stream, after its last buffer."""
+        with self._changed:
+            if not self._full and self._failure is None:
+                self._changed.wait(timeout_s)
+            if self._full:
+                return self._full.popleft()
+            if self._failure is not None:
+                raise self._failure
+            return None
+
+    @property
+    def empty(self) -> bool:
+        """Nothing is waiting to be taken."""
+        return not self._full
+
+    def give_back(self, chunk: Chunk) -> None:
+        """The chunk's memory may be written again."""
+        with self._changed:
+            if len(chunk.whole):
+                self._free.append(chunk)
+            else:
+                self._small -= len(chunk.data)
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """End the thread."""
+        with self._changed:
+            self._stop = True
+            self._changed.notify_all()
+        if self._thread.is_alive():
+            self._thread.join(5.0)
+
+    # -- the thread ---------------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            while not self._stop:
+                with self._changed:
+                    chunk = self._free.popleft() if self._room() else None
+                    if chunk is None and self._wait:
+                        self._changed.wait(0.05)
+                        continue
+                self._fill(chunk or self._spare, chunk is None)
+        except Exception as error:
+            with self._changed:
+                self._failure = error
+                self._changed.notify_all()
+
+    def _fill(self, chunk: Chunk, overflow: bool) -> None:
+        size = self._once(chunk)
+        self._read_end_ns = time.monotonic_ns()
+        with self._changed:
+            if overflow:
+                self._lose(size)
+            elif size:
+                self._store(chunk, size)
+            else:
+                self._free.appendleft(chunk)
+
+    def _room(self) -> bool:
+        """There is a free buffer; after an overflow, a share of them: one long gap costs less than many short ones,
+        each of which the decoder leaves only at the next time word."""
+        self._dropping = len(self._free) < (self._resume if self._dropping else 1)
+        return not self._dropping
+
+    def _lose(self, size: int) -> None:
+        """Nobody has room for what a read brought."""
+        if size:
+            self._lost += size
+            self._gap = True
+            self.counts["buffers_overflowed"] += 1
+            self.counts["bytes_lost"] += size
+
+    def _is_small(self, size: int) -> bool:
+        """So little that it is copied out."""
+        return size <= self._little and self._small + size <= self._small_limit
+
+    def _store(self, chunk: Chunk, size: int) -> None:
+        """Queue what a read brought; a chunk that was copied out is free again at once."""
+        self.bytes += size
+        data = chunk.whole[:size]
+        if self._is_small(size):
+            self._free.appendleft(chunk)
+            chunk, data = Chunk(0), data.copy()
+            self._small += size
+        chunk.data, chunk.t_host_ns = data, time.monotonic_ns()
+        chunk.lost, chunk.gap = self._lost, self._gap
+        self._lost, self._gap = 0, False
+        self._full.append(chunk)
+        self._changed.notify_all()
+
+    def _once(self, chunk: Chunk) -> int:
+        """One read: bytes, 0 when nothing came. Stalls are cleared and marked; other failures go up."""
+        import usb.core
+
+        if self._read_end_ns:
+            self.longest_pause_ns = max(self.longest_pause_ns, time.monotonic_ns() - self._read_end_ns)
+        try:
+            size = self._read(chunk.buffer, TIMEOUT_MS)
+        except usb.core.USBTimeoutError:
+            return 0
+        except usb.core.USBError as error:
+            name = FAULTS.get(error.errno or 0)
+            self._faults += 1
+            if name is None or self._faults > MAX_FAULTS:
+                raise
+            self.counts[name] += 1
+            self._gap = True
+            if error.errno == errno.EPIPE:
+                self._recover()
+            return 0
+        self._faults = 0
+        return size

@@ -1,0 +1,198 @@
+"""The camera node on emulated USB devices, the simulator behind one, and `evis camera` with them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from camera_rig import Runtime, play
+from camera_rig import joined as all_events
+from usb_rig import DATA, random_recording, same
+
+from evis.cli import camera
+from evis.streams import Events, open_recording
+from msgs.camera import EventPacket
+from msgs.header import Header
+from nodes.camera.emulated.live import EmulatedCameraNode
+from nodes.camera.usb.models import MODELS
+
+MS = 1_000_000
+FAST = {"pace": "fast", "settings": ["decoder=numpy"]}
+
+
+def test_node_publishes_the_stream(tmp_path):
+    """Events, a trigger message per packet, and who the camera is; the clock is named everywhere."""
+    sent = random_recording(tmp_path / "a.raw", 640, 480)
+    runtime = play(Runtime("events", "info", "trigger"), emulate="silkyevcam", file=str(tmp_path / "a.raw"), **FAST)
+    packets = runtime.messages["events"]
+    assert same(all_events(packets), sent)
+    (info,) = runtime.messages["info"]
+    assert (info.width, info.height, info.sensor["firmware"]) == (640, 480, "3.9.0")
+    stamps = [m.header.stamp_ns for m in packets]
+    assert [m.header.stamp_ns for m in runtime.messages["trigger"]] == stamps
+    assert {m.header.clock for m in [*packets, info]} == {"device:0000e915"}
+    assert not runtime.counters and not runtime.warnings
+
+
+def test_node_publishes_frames_and_samples():
+    """DAVIS: an Imu message per packet, an Image per frame at the middle of its exposure."""
+    path = DATA / "aedat4" / "aestream_davis.aedat4"
+    if not path.exists():
+        pytest.skip(f"no recording {path} (set EVIS_TEST_DATA)")
+    runtime = play(Runtime("events", "imu", "image"), emulate="davis346", file=str(path), **FAST)
+    with open_recording(path) as recording:
+        sent = recording.read()
+    images = runtime.messages["image"]
+    assert [m.header.stamp_ns for m in images] == [(f.exposure_start_ns + f.exposure_end_ns) // 2 for f in sent.frames]
+    assert {(m.encoding, m.data.shape) for m in images} == {("mono16", (260, 346, 1))}
+    assert np.concatenate([m.t for m in runtime.messages["imu"]]).tolist() == sent.imu.t.tolist()
+
+
+def test_node_reconnects_in_a_new_episode(tmp_path):
+    """Unplugged and plugged in again: a warning, a new episode, the stream goes on."""
+    random_recording(tmp_path / "a.npz", 346, 260)
+    runtime = play(
+        Runtime(), emulate="davis346", file=str(tmp_path / "a.npz"), reconnect=True,
+        faults="short=1024,unplug_after=20000,replug", **FAST,
+    )  # fmt: skip
+    assert {m.header.episode for m in runtime.messages["events"]} == {0, 1}
+    assert runtime.counters["unplugged"] == runtime.counters["reconnected"] == 1
+    assert any("unplugged" in w for w in runtime.warnings) and any("is back" in w for w in runtime.warnings)
+
+
+def simulated(episode: int, seed: int, width: int, height: int) -> list[EventPacket]:
+    """Packets as the event sensor publishes them: sorted, ns, in (t0, stamp]; the first is empty."""
+    rng, packets = np.random.default_rng(seed), []
+    for k in range(12):
+        stamp, t0 = round(k * 1e9 / 30), round(max(k - 1, 0) * 1e9 / 30)
+        n = 0 if k in (0, 5) else int(rng.integers(1, 3000))
+        t = np.sort(rng.integers(t0 + 1, stamp + 1, n)) if n else np.empty(0, np.int64)
+        x, y = rng.integers(0, width, n, np.uint16), rng.integers(0, height, n, np.uint16)
+        p = rng.integers(0, 2, n, np.uint8)
+        packets.append(
+            EventPacket(
+                Header(stamp, episode=episode), np.array([0, n]), t, x, y, p, width=width, height=height, t0_ns=t0
+            )
+        )
+    return packets
+
+
+@pytest.mark.parametrize("name", [n for n in MODELS if n != "dvxplorer_mini"])
+def test_simulator_behind_a_usb_camera(name):
+    """sim -> encoder -> emulated device -> driver: the simulator's events, times cut to whole us, over a reset too."""
+    model = MODELS[name]
+    node = EmulatedCameraNode("usb", {"emulate": name})
+    node.runtime = runtime = Runtime()  # type: ignore[assignment]
+    node.setup()
+    sent = simulated(0, 1, model.width, model.height) + simulated(1, 2, model.width, model.height)
+    try:
+        for packet in sent:
+            node.update({"simulated": packet})
+    finally:
+        node.close()
+    got = runtime.messages["events"]
+    assert [(m.header.stamp_ns, m.t0_ns, m.header.episode) for m in got] == [
+        (m.header.stamp_ns, m.t0_ns, m.header.episode) for m in sent
+    ]
+    for a, b in zip(sent, got):
+        assert same(Events(a.t // 1000 * 1000, a.x, a.y, a.p), Events(b.t, b.x, b.y, b.p))
+
+
+def test_simulator_behind_a_mini():
+    """All events; of one us and column the order may change, and a us that two packets share is moved by 1 us."""
+    node = EmulatedCameraNode("usb", {"emulate": "dvxplorer_mini"})
+    node.runtime = runtime = Runtime()  # type: ignore[assignment]
+    node.setup()
+    sent = simulated(0, 1, 640, 480)
+    try:
+        for packet in sent:
+            node.update({"simulated": packet})
+    finally:
+        node.close()
+    got = runtime.messages["events"]
+    for a, b in zip(sent, got):
+        late = b.t - np.sort(a.t // 1000 * 1000)
+        assert len(a.t) == len(b.t) and ((late == 0) | (late == 1000)).all()
+        key = lambda m: np.sort(m.x.astype(np.int64) << 12 | m.y.astype(np.int64) << 1 | m.p)
+        assert (key(a) == key(b)).all()
+
+
+def test_simulator_that_does_not_fit():
+    """Larger than the camera, or several worlds: one line with the remedy."""
+    node = EmulatedCameraNode("usb", {"emulate": "dvs128"})
+    node.runtime = Runtime()  # type: ignore[assignment]
+    node.setup()
+    packet = simulated(0, 1, 346, 260)[1]
+    try:
+        with pytest.raises(ValueError, match=r"346x260 px do not fit on the iniVation DVS128 \(128x128\)"):
+            node.update({"simulated": packet})
+        packet.env_offsets = np.array([0, 1, len(packet.t)])
+        with pytest.raises(ValueError, match="one world, not 2"):
+            node.update({"simulated": packet})
+    finally:
+        node.close()
+
+
+def call(capsys, *arguments: str) -> str:
+    parser = argparse.ArgumentParser()
+    camera.add_arguments(parser)
+    assert camera.run(parser.parse_args(arguments)) == 0
+    return capsys.readouterr().out
+
+
+def test_command_on_emulated_cameras(capsys, tmp_path):
+    """info, its settings, stream with faults and a setting, udev."""
+    about = json.loads(call(capsys, "info", "--emulate", "evk4", "--settings", "--json"))
+    assert (about["name"], about["width"], about["settings"]["bias_fo"]["maximum"]) == ("evk4", 1280, 55)
+    assert "background_filter_us" in call(capsys, "info", "--emulate", "davis346", "--settings")
+    random_recording(tmp_path / "a.raw", 640, 480)
+    arguments = ["stream", "--emulate", "silkyevcam", "--file", str(tmp_path / "a.raw"), "--pace", "fast"]
+    arguments += ["--set", "decoder=numpy", "--set", "bias_fo=1500", "--json"]
+    assert json.loads(call(capsys, *arguments))["events"] == 20_000
+    stalled = json.loads(call(capsys, *arguments, "--faults", "short=512,stall_every=9"))
+    assert stalled["stalls"] > 0 and stalled["gaps"] > 0
+    assert "31f7" in call(capsys, "udev")
+
+
+def test_wrong_use_of_the_command():
+    """One line that names what is wrong."""
+    parser = argparse.ArgumentParser()
+    camera.add_arguments(parser)
+    for arguments, text in (
+        (["info", "--emulate", "evk5"], "no camera model 'evk5'; did you mean evk"),
+        (["stream", "--emulate", "evk4"], "an emulated evk4 sends a recording: give it with"),
+        (["info", "--emulate", "evk4", "--serial", "1"], "emulate and serial are given"),
+        (["stream", "--emulate", "evk4", "--file", "/none/a.raw"], "no such file"),
+        (["info", "--emulate", "evk4", "--faults", "bussy"], "did you mean busy"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            camera.run(parser.parse_args(arguments))
+
+
+def test_launch_streams_a_recording_through_the_driver(tmp_path):
+    """`evis launch camera.yaml emulate:=... file:=...` as a user starts it: everything arrives, it ends by itself."""
+    random_recording(tmp_path / "a.raw", 640, 480)
+    command = [
+        sys.executable,
+        "-m",
+        "evis.cli",
+        "launch",
+        "camera",
+        "emulate:=silkyevcam",
+        f"file:={tmp_path / 'a.raw'}",
+    ]
+    command += ["settings:=decoder=numpy", "--record", str(tmp_path / "a.mcap"), "--no-view", "--json"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert result.returncode == 0, result.stderr
+    summary = json.loads(result.stdout.strip().splitlines()[-1])
+    assert (summary["events"], summary["drops"]) == (20_000, 0)
+    missing = subprocess.run(
+        [*command[:5], "emulate:=silkyevkam", "--no-view"], capture_output=True, text=True, timeout=60
+    )
+    assert (
+        missing.returncode == 1 and "did you mean silkyevcam?" in missing.stderr and "\n" not in missing.stderr.strip()
+    )
