@@ -4,21 +4,36 @@ from __future__ import annotations
 
 import abc
 import importlib
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from evis.streams.events import Events, Triggers
+from evis.streams.events import Events
+from evis.streams.launcher import WarpLauncher
 
 FOREVER = 2**62
-"""A limit [us] later than every time stamp."""
-_SCRATCH = 1 << 19
-"""Events that one kernel launch may give: 6.8 MB of scratch."""
-_TRIGGERS = 1 << 14
+"""A limit (in ticks of any codec) later than every time stamp."""
+_BLOCK = 1 << 16
+"""Words that numpy decodes at a time: what it makes of them stays in the cache."""
 NUMPY_BYTES = 16 << 20
 """Below this size numpy (5-10 Mev/s) is done before Warp would have been imported (about 1 s)."""
 
-CODECS = {"evt2": "evis.streams.evt2", "evt3": "evis.streams.evt3"}
+CODECS = {
+    "evt2": "evis.streams.evt2",
+    "evt21": "evis.streams.evt21",
+    "evt21_legacy": "evis.streams.evt21_legacy",
+    "evt3": "evis.streams.evt3",
+    "davis346": "evis.streams.davis",
+    "dvxplorer": "evis.streams.dvxplorer",
+    "dvxplorer_mini": "evis.streams.dvxplorer_mini",
+    "dvs128": "evis.streams.dvs128",
+    "libcaer": "evis.streams.ecm_libcaer",
+    "libcaer_cmp": "evis.streams.ecm_libcaer_cmp",
+    "mono": "evis.streams.ecm_mono",
+    "trigger": "evis.streams.ecm_trigger",
+}
+"""Encodings and their modules, each with a `Decoder` and an `Encoder`: words of cameras, and the payloads of
+event_camera_msgs (`evt3` is both)."""
 
 
 def backend_for(size: int) -> str:
@@ -26,36 +41,74 @@ def backend_for(size: int) -> str:
     return "numpy" if size <= NUMPY_BYTES else "warp"
 
 
-def make_decoder(encoding: str, width: int = 0, height: int = 0, backend: str = "numpy") -> Decoder:
+def decoder_for(encoding: str, width: int = 0, height: int = 0, backend: str = "numpy") -> Decoder:
     """The decoder for `encoding`. Raises ValueError that lists the known ones."""
     if encoding not in CODECS:
         raise ValueError(f"the event encoding '{encoding}' is not supported; supported are {', '.join(sorted(CODECS))}")
     return importlib.import_module(CODECS[encoding]).Decoder(width, height, backend)
 
 
+make_decoder = decoder_for
+
+
+def count_until(which: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """How many words of a kind there are up to each word `at`. which: bool, for all words.
+
+    Two to four times as fast as searchsorted for words that come in blocks.
+    """
+    return np.cumsum(which, dtype=np.int32)[at]
+
+
 class Decoder(abc.ABC):
     """Words of one sensor to events. Feed bytes as they come, cut anywhere, also inside a word.
 
-    width, height: events outside are dropped and counted in `outside`; 0 = unknown, nothing is dropped.
-    backend: `numpy` or `warp` (a sequential CPU kernel); results and state are bit-equal.
+    width, height: events outside are dropped and counted; 0 = the device's own (`geometry`), or where the encoding has
+    none, unknown: then nothing is dropped. backend: `numpy` or `warp` (a sequential CPU kernel); results and state are
+    bit-equal. Times are the device's: ns since its last timestamp reset, turns of the counter counted from 0.
     """
 
     encoding: ClassVar[str]
-    word: ClassVar[np.dtype]
+    word: ClassVar[np.dtype[Any]]
     wrap_ns: ClassVar[int]
     """The counter on the wire starts again after this time [ns]; the decoder counts the turns."""
+    tick_ns: ClassVar[int] = 1000
+    """Unit of the limits and times of `decode_words`."""
     state_size: ClassVar[int]
+    counters: ClassVar[dict[str, int]]
+    """What is dropped or odd -> its place in `state`."""
+    geometry: ClassVar[tuple[int, int]] = (0, 0)
+    kernel: ClassVar[str] = ""
+    """`module:function` of the Warp kernel; empty where records of fixed size are read with numpy alone."""
+    has_side: ClassVar[bool] = False
+    """The kernel also gives the words of other parts of the sensor, each with its time, for `_assemble`."""
 
     def __init__(self, width: int = 0, height: int = 0, backend: str = "numpy") -> None:
         if backend not in ("numpy", "warp"):
             raise ValueError(f"decoder backend is '{backend}', must be numpy or warp")
-        self.width, self.height, self.backend = width, height, backend
+        self.width, self.height = width or self.geometry[0], height or self.geometry[1]
+        self.backend = backend if self.kernel else "numpy"
         self._launcher: WarpLauncher | None = None
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything; needed after bytes were lost: events are dropped until the next TIME_HIGH."""
+        """Forget everything, the turns of the counter and `counts` too."""
         self.state = np.zeros(self.state_size, np.int64)
+        self._begin()
+        self._drop_pending()
+
+    def resync(self) -> None:
+        """Go on after bytes were lost: what is half read is dropped, and all words up to the next one with a time.
+
+        The turns of the counter are kept, so that times go on; turns inside the gap are missed. `counts` goes on.
+        """
+        self.state[0] = -1 if self.state[0] else 0
+        self._begin()
+        self._drop_pending()
+
+    def _begin(self) -> None:  # noqa: B027 (most codecs keep nothing)
+        """Forget what codecs keep besides `state`, and addresses in `state` (after a gap they belong to nothing)."""
+
+    def _drop_pending(self) -> None:
         self._bytes: bytes | bytearray | memoryview = b""
         self._words = np.empty(0, self.word)
         self._at = 0
@@ -66,14 +119,19 @@ class Decoder(abc.ABC):
     # -- counters ----------------------------------------------------------------------------------------------------
 
     @property
-    @abc.abstractmethod
     def outside(self) -> int:
         """Events dropped because they lie outside width x height."""
+        return int(self.state[self.counters["outside"]])
 
     @property
-    @abc.abstractmethod
     def untimed(self) -> int:
         """Words dropped because no time had been sent yet."""
+        return int(self.state[self.counters["untimed"]]) if "untimed" in self.counters else 0
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What was dropped or odd so far, by kind (`outside`, `untimed`, `unknown`, ...); only what is not 0."""
+        return {kind: int(self.state[place]) for kind, place in self.counters.items() if self.state[place]}
 
     @property
     def pending(self) -> int:
@@ -100,7 +158,11 @@ class Decoder(abc.ABC):
         if left:
             data = bytes(memoryview(self._bytes)[len(self._bytes) - left :]) + bytes(data)
         self._bytes, self._at, self._fresh = data, 0, True
-        self._words = np.frombuffer(data, self.word, len(data) // self.word.itemsize)
+        self._words = self._view(np.frombuffer(data, self.word, len(data) // self.word.itemsize))
+
+    def _view(self, words: np.ndarray) -> np.ndarray:
+        """The words as the kernel reads them."""
+        return words
 
     def decode(self, data: bytes | bytearray | memoryview | np.ndarray = b"") -> Events:
         """All events of what is pending and of `data`."""
@@ -111,64 +173,52 @@ class Decoder(abc.ABC):
     def decode_until(self, t_ns: int) -> Events:
         """The pending events up to the first one later than t_ns, which stays for the next call.
 
-        Triggers are cut alike. Afterwards `at_cut` tells whether something later was met (`next_t_ns` is its time) or
-        more bytes are needed. A sensor's times may step back by some us, so an event <= t_ns may still follow the cut:
-        the order is kept.
+        Triggers and other samples are cut alike. Afterwards `at_cut` tells whether something later was met
+        (`next_t_ns` is its time) or more bytes are needed. A sensor's times may step back by some us, so an event
+        <= t_ns may still follow the cut: the order is kept.
         """
-        return self._decode(t_ns // 1000)
+        return self._decode(t_ns // self.tick_ns)
 
-    def _decode(self, limit_us: int) -> Events:
+    def feed_packet(self, data: bytes | bytearray | memoryview | np.ndarray, time_base_ns: int = 0) -> None:
+        """Add the payload of one event_camera_msgs/EventPacket. Camera words simply go on; the base is not used."""
+        self.feed(data)
+
+    def decode_packet(self, data: bytes | bytearray | memoryview | np.ndarray, time_base_ns: int = 0) -> Events:
+        """All events of one event_camera_msgs/EventPacket."""
+        self.feed_packet(data, time_base_ns)
+        return self.decode()
+
+    def _decode(self, limit: int) -> Events:
         begin = self._at * self.word.itemsize
-        parts = []
-        if self.backend == "numpy":
-            events, used, next_us = self.decode_words(self._words[self._at :], limit_us)
-            self._at += used
+        parts, following = [], -1
+        while self._at < len(self._words) and following < 0:
+            if self.backend == "numpy":
+                events, used, following = self.decode_words(self._words[self._at : self._at + _BLOCK], limit)
+                self._at += used
+            else:
+                events, following = self._launch(limit)
             parts.append(events)
-        else:
-            next_us = -1
-            while self._at < len(self._words) and next_us < 0:
-                events, next_us = self._launch(limit_us)
-                parts.append(events)
-        self.next_t_ns = next_us * 1000 if self.at_cut else None
+        self.next_t_ns = following * self.tick_ns if self.at_cut else None
         self._taken = (begin, self._at * self.word.itemsize)
         return Events.concatenate(parts) if parts else Events.empty()
 
     @abc.abstractmethod
-    def decode_words(self, words: np.ndarray, limit_us: int) -> tuple[Events, int, int]:
-        """Reference in numpy: events, words used, and the time [us] of the event at the cut or -1. Updates `state`."""
+    def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
+        """Reference in numpy: events, words used, and the time [ticks] of the event at the cut or -1.
 
-    def _launch(self, limit_us: int) -> tuple[Events, int]:
+        Updates `state`.
+        """
+
+    def _assemble(self, events: Events, t: np.ndarray, words: np.ndarray) -> None:  # noqa: B027 (has_side only)
+        """Put what the side words (t int64 [us], words) complete into `events`."""
+
+    def _launch(self, limit: int) -> tuple[Events, int]:
         if self._launcher is None:
-            self._launcher = WarpLauncher(self.encoding)
+            self._launcher = WarpLauncher(self.kernel, self.has_side)
         if self._fresh:
             self._launcher.load(self._words)
             self._fresh = False
-        events, self._at, next_us = self._launcher.run(self._at, limit_us, self.width, self.height, self.state)
-        return events, next_us
-
-
-class WarpLauncher:
-    """Runs one codec's kernel over a buffer, at most `_SCRATCH` events at a time."""
-
-    def __init__(self, encoding: str) -> None:
-        from evis.streams import kernels
-
-        self._kernels, self._kernel = kernels, kernels.DECODE[encoding]
-        self._out = np.zeros(4, np.int64)
-        self._scratch = [np.empty(_SCRATCH, d) for d in (np.int64, np.uint16, np.uint16, np.uint8)]
-        self._edges = [np.empty(_TRIGGERS, d) for d in (np.int64, np.uint8, np.uint8)]
-        self._outputs = [kernels.view(a) for a in (self._out, *self._scratch, *self._edges)]
-        self._words: np.ndarray | None = None
-
-    def load(self, words: np.ndarray) -> None:
-        """The buffer that the next runs read; kept alive here. Unaligned buffers are copied."""
-        self._words = np.require(words, requirements=["A"])
-        self._input = self._kernels.view(self._words)
-
-    def run(self, at: int, limit_us: int, width: int, height: int, state: np.ndarray) -> tuple[Events, int, int]:
-        """Decode from word `at`: events, the word to go on with, and the time [us] of the event at the cut or -1."""
-        self._kernels.launch(self._kernel, [self._input, at, limit_us, width, height], [state, *self._outputs])
-        at, n, m, next_us = (int(v) for v in self._out)
-        t, x, y, p = (a[:n].copy() for a in self._scratch)
-        triggers = Triggers(*(a[:m].copy() for a in self._edges)) if m else Triggers()
-        return Events(t, x, y, p, triggers=triggers), at, next_us
+        events, side, self._at, following = self._launcher.run(self._at, limit, self.width, self.height, self.state)
+        if len(side[0]):
+            self._assemble(events, *side)
+        return events, following

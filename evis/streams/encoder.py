@@ -1,13 +1,15 @@
-"""What the Prophesee encoders share: one sequence of events and triggers, and the words that carry the time."""
+"""What the encoders share, and the time words of the Prophesee ones: TIME_HIGH, low part, turns of the counter."""
 
 from __future__ import annotations
 
 import abc
+import importlib
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
+from evis.streams.decoder import CODECS
 from evis.streams.events import Events
 
 MAX_TURNS = 10_000
@@ -44,32 +46,96 @@ def scatter(out: np.ndarray, at: np.ndarray, where: np.ndarray, words: np.ndarra
     return at + where
 
 
+def find_groups(t_us: np.ndarray, events: Events) -> tuple[np.ndarray, np.ndarray]:
+    """First events of the runs that one mask of eight rows can hold in their order, and the masks."""
+    x, y, p = events.x, events.y.astype(np.int64), events.p
+    joins = np.zeros(len(x), bool)
+    joins[1:] = (t_us[1:] == t_us[:-1]) & (x[1:] == x[:-1]) & (p[1:] == p[:-1])
+    joins[1:] &= (y[1:] >> 3 == y[:-1] >> 3) & (y[1:] > y[:-1])
+    heads = np.flatnonzero(~joins)
+    return heads, np.add.reduceat(1 << (y & 7), heads) if len(heads) else np.empty(0, np.int64)
+
+
+def encoder_for(encoding: str, width: int = 0, height: int = 0, resync: bool = False) -> Encoder:
+    """The encoder for `encoding`. Raises ValueError that lists the known ones.
+
+    width, height: the sensor, where the words depend on it (0 = the device's own).
+    """
+    if encoding not in CODECS:
+        raise ValueError(f"the event encoding '{encoding}' is not supported; supported are {', '.join(sorted(CODECS))}")
+    codec = importlib.import_module(CODECS[encoding]).Encoder(resync)
+    codec.width, codec.height = width or codec.width, height or codec.height
+    return codec
+
+
 class Encoder(abc.ABC):
-    """Events to wire words, with state carried from call to call. Times are rounded down to whole us.
+    """Events to wire words, with state carried from call to call. Times are rounded down to the wire's unit.
 
     resync: every call starts with time and address words, so that its bytes decode alone (up to turns of the counter).
     """
 
     encoding: ClassVar[str]
-    word: ClassVar[np.dtype]
-    high_bits: ClassVar[int]
-    low_bits: ClassVar[int]
+    word: ClassVar[np.dtype[Any]]
     columns: ClassVar[int]
     rows: ClassVar[int]
     channels: ClassVar[int]
+    """Addresses and trigger channels that the words can hold; 0 channels: no triggers."""
+    width, height = 0, 0
+    """The sensor, for words that depend on it."""
 
     def __init__(self, resync: bool = False) -> None:
         self.resync = resync
+
+    @abc.abstractmethod
+    def encode(self, events: Events) -> bytes:
+        """The bytes of these events and triggers.
+
+        Raises ValueError for what the words cannot hold: colour, addresses outside the range, frames and inertial
+        samples that the device has not, times that are negative, that start far beyond 0 or step back too far.
+        """
+
+    def advance(self, t_ns: int) -> bytes:
+        """Time words alone, as a sensor that sees nothing sends them, up to t_ns; nothing where there are none."""
+        return b""
+
+    def encode_packets(self, events: Events) -> list[tuple[int, bytes]]:
+        """Payloads of event_camera_msgs/EventPacket, as (time_base_ns, bytes)."""
+        return [(int(events.t[0]) if len(events) else 0, self.encode(events))]
+
+    def _check(self, events: Events) -> None:
+        if events.c is not None:
+            raise ValueError(f"{self.encoding} has no colour channel; write .npz")
+        for name, values, limit in (("x", events.x, self.columns), ("y", events.y, self.rows)):
+            if len(values) and int(values.max()) >= limit:
+                raise ValueError(f"{self.encoding} holds {name} up to {limit - 1}, not {values.max()}")
+        if len(events.triggers) and not self.channels:
+            raise ValueError(f"{self.encoding} has no triggers")
+        if len(events.triggers) and int(events.triggers.id.max()) >= self.channels:
+            raise ValueError(f"{self.encoding} holds trigger channels up to {self.channels - 1}")
+        self._check_samples(events)
+        for t in (events.t, events.triggers.t):
+            if len(t) and int(t.min()) < 0:
+                raise ValueError(f"{self.encoding} cannot hold the negative time {t.min()} ns; use --rebase or .npz")
+
+    def _check_samples(self, events: Events) -> None:
+        if len(events.imu) or events.frames:
+            raise ValueError(f"{self.encoding} holds events and triggers alone, no inertial samples or frames")
+
+
+class PropheseeEncoder(Encoder):
+    """Encoders whose time has a TIME_HIGH word and a low part."""
+
+    high_bits: ClassVar[int]
+    low_bits: ClassVar[int]
+
+    def __init__(self, resync: bool = False) -> None:
+        super().__init__(resync)
         self._high: int | None = None
         self._low = -1
         self._row = -1
 
     def encode(self, events: Events) -> bytes:
-        """The bytes of these events and triggers.
-
-        Raises ValueError for what the words cannot hold: colour, addresses outside the range, times that are negative,
-        that start far beyond 0 or that step back by more than half a turn of the counter.
-        """
+        """The bytes of these events and triggers; see `Encoder.encode`."""
         self._check(events)
         if not len(events) and not len(events.triggers):
             return b""
@@ -84,6 +150,9 @@ class Encoder(abc.ABC):
         steps = {int(i): self._steps(int(before[i]), int(high[i])) for i in self._jumps(before, high)}
         words = self._write(item, new_high, {i: w for i, w in steps.items() if len(w)})
         self._high = int(high[-1])
+        return self._pack(words)
+
+    def _pack(self, words: np.ndarray) -> bytes:
         return words.astype(self.word).tobytes()
 
     def _jumps(self, before: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -102,7 +171,7 @@ class Encoder(abc.ABC):
                     f"{self.encoding} cannot hold times that step back by {(before - high) * turn / 2 / half:.3g} s "
                     "(half a turn of its counter, or over a turn); sort the events by time or write .npz"
                 )
-            return np.empty(0, np.int64)
+            return np.empty(0, self.word)
         if (high - before) >> self.high_bits > MAX_TURNS:
             raise ValueError(
                 f"{self.encoding} counts from 0 in turns of {turn:.4g} s; a jump to {high * turn / 2 / half:.6g} s is "
@@ -120,17 +189,16 @@ class Encoder(abc.ABC):
         """Time in which the counter on the wire turns once [s]."""
         return (1 << self.high_bits + self.low_bits) / 1e6
 
-    def _check(self, events: Events) -> None:
-        if events.c is not None:
-            raise ValueError(f"{self.encoding} has no colour channel; write .npz")
-        for name, values, limit in (("x", events.x, self.columns), ("y", events.y, self.rows)):
-            if len(values) and int(values.max()) >= limit:
-                raise ValueError(f"{self.encoding} holds {name} up to {limit - 1}, not {values.max()}")
-        if len(events.triggers) and int(events.triggers.id.max()) >= self.channels:
-            raise ValueError(f"{self.encoding} holds trigger channels up to {self.channels - 1}")
-        for t in (events.t, events.triggers.t):
-            if len(t) and int(t.min()) < 0:
-                raise ValueError(f"{self.encoding} cannot hold the negative time {t.min()} ns; use --rebase or .npz")
+    def advance(self, t_ns: int) -> bytes:
+        """The TIME_HIGH words up to t_ns, as a sensor that sees nothing sends them."""
+        high = t_ns // 1000 >> self.low_bits
+        before = -1 if self._high is None else self._high
+        if high <= before:
+            return b""
+        far = high >> self.high_bits != before >> self.high_bits and high - before > 1 << self.high_bits - 1
+        steps = self._steps(before, high) if far else np.empty(0, self.word)
+        self._high, self._low = high, 0
+        return self._pack(np.append(steps, self.time_high_words(np.array([high]))))
 
     @abc.abstractmethod
     def time_high_words(self, high: np.ndarray) -> np.ndarray:

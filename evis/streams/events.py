@@ -22,11 +22,49 @@ class Triggers:
 
 
 @dataclass(slots=True)
+class Imu:
+    """Inertial samples in the camera's frame, gravity included; what a sensor did not send is NaN.
+
+    t int64 [n, ns], acceleration float64 [n, 3, m/s^2], angular_velocity float64 [n, 3, rad/s], temperature float64
+    [n, deg C].
+    """
+
+    t: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
+    acceleration: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    angular_velocity: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    temperature: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(slots=True)
+class Frame:
+    """One image of the sensor: pixels uint8 or uint16 [h, w] (grey) or [h, w, 3] (RGB), times in ns.
+
+    t_ns: start of the readout; end_ns: its end. x0, y0: place of a region of interest on the sensor.
+    """
+
+    t_ns: int
+    pixels: np.ndarray
+    exposure_start_ns: int
+    exposure_end_ns: int
+    x0: int = 0
+    y0: int = 0
+    end_ns: int = 0
+
+    @property
+    def exposure_ns(self) -> int:
+        """Length of the exposure."""
+        return self.exposure_end_ns - self.exposure_start_ns
+
+
+@dataclass(slots=True)
 class Events:
     """Events in the order in which the sensor sent them.
 
     t int64 [ns], x uint16 (column), y uint16 (row), p uint8 (1 = ON, 0 = OFF), c uint8 or None (0 R, 1 G, 2 B); all of
-    shape [n]. Triggers have their own times; their place among the events is not kept.
+    shape [n]. Triggers, inertial samples and frames have their own times; their place among the events is not kept.
     """
 
     t: np.ndarray
@@ -35,12 +73,14 @@ class Events:
     p: np.ndarray
     c: np.ndarray | None = None
     triggers: Triggers = field(default_factory=Triggers)
+    imu: Imu = field(default_factory=Imu)
+    frames: list[Frame] = field(default_factory=list)
 
     def __len__(self) -> int:
         return len(self.t)
 
-    def __getitem__(self, part: slice) -> Events:
-        """The events of a slice, as views, without triggers."""
+    def __getitem__(self, part: slice | np.ndarray) -> Events:
+        """The events of a slice, as views, or of an index, without triggers, inertial samples and frames."""
         c = None if self.c is None else self.c[part]
         return Events(self.t[part], self.x[part], self.y[part], self.p[part], c)
 
@@ -84,6 +124,11 @@ class Events:
         edges = [e.triggers for e in parts if len(e.triggers)]
         if edges:
             result.triggers = Triggers(*(np.concatenate([getattr(g, n) for g in edges]) for n in ("t", "id", "value")))
+        samples = [e.imu for e in parts if len(e.imu)]
+        if samples:
+            names = ("t", "acceleration", "angular_velocity", "temperature")
+            result.imu = Imu(*(np.concatenate([getattr(m, n) for m in samples]) for n in names))
+        result.frames = [frame for e in parts for frame in e.frames]
         return result
 
 

@@ -6,78 +6,82 @@ by half its range or more.
 
 from __future__ import annotations
 
+from typing import Any, ClassVar
+
 import numpy as np
 
 from evis.streams import decoder
-from evis.streams.encoder import Encoder as _Encoder
-from evis.streams.encoder import Item, scatter
+from evis.streams.encoder import Item, PropheseeEncoder, scatter
 from evis.streams.events import Events, Triggers
 
 OFF, ON, TIME_HIGH, TRIGGER = 0, 1, 8, 10
 
+MAX_LOOP = 1 << 18
+"""Turns that are counted: 143 years, far beyond which int64 ns would overflow."""
+
+_KNOWN = np.isin(np.arange(16), [OFF, ON, TIME_HIGH, TRIGGER, 14, 15])
+
 # places in the state vector, shared with the kernel
-_TIMED, _HIGH, _LOOP, _OUTSIDE, _UNTIMED = range(5)
+_TIMED, _HIGH, _LOOP, _OUTSIDE, _UNTIMED, _UNKNOWN = range(6)
 
 
 class Decoder(decoder.Decoder):
     """EVT2 words to events. See `evis.streams.decoder.Decoder`."""
 
     encoding = "evt2"
-    word = np.dtype("<u4")
+    word: ClassVar[np.dtype[Any]] = np.dtype("<u4")
     wrap_ns = 1000 << 34
-    state_size = 5
+    state_size = 6
+    counters = {"outside": _OUTSIDE, "untimed": _UNTIMED, "unknown": _UNKNOWN}
+    kernel = "evis.streams.kernels_evt2:decode_evt2"
 
-    @property
-    def outside(self) -> int:
-        """Events dropped because they lie outside width x height."""
-        return int(self.state[_OUTSIDE])
-
-    @property
-    def untimed(self) -> int:
-        """Words dropped because no TIME_HIGH had come yet."""
-        return int(self.state[_UNTIMED])
-
-    def decode_words(self, words: np.ndarray, limit_us: int) -> tuple[Events, int, int]:
+    def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
         """The vectorised reference."""
         state, skipped = self.state, 0
-        kind = words >> 28
-        if not state[_TIMED]:
+        heads = self._heads(words)
+        kind = heads >> 28
+        if state[_TIMED] <= 0:
             first = np.flatnonzero(kind == TIME_HIGH)
             skipped = int(first[0]) if len(first) else len(words)
             state[_UNTIMED] += skipped
-            words, kind = words[skipped:], kind[skipped:]
+            words, heads, kind = words[skipped:], heads[skipped:], kind[skipped:]
         if not len(words):
             return Events.empty(), skipped, -1
         highs = np.flatnonzero(kind == TIME_HIGH)
-        value = (words[highs] & 0xFFFFFFF).astype(np.int64)
+        value = (heads[highs] & 0xFFFFFFF).astype(np.int64)
         before = np.concatenate([state[_HIGH : _HIGH + 1] if state[_TIMED] else value[:1], value])
-        loop = state[_LOOP] + np.concatenate([[0], np.cumsum(before[:-1] >= value + (1 << 27))])
+        turns = np.concatenate([[0], np.cumsum(before[:-1] >= value + (1 << 27))])
+        loop = np.minimum(state[_LOOP] + turns, MAX_LOOP)
         if not state[_TIMED]:
             before[0] = 0
         base = (loop << 34) + (before << 6)
 
         timed = np.flatnonzero((kind <= ON) | (kind == TRIGGER))
-        word = words[timed]
-        times = base[np.searchsorted(highs, timed)] + (word >> 22 & 63).astype(np.int64)
-        late = times > limit_us
+        times = base[decoder.count_until(kind == TIME_HIGH, timed)] + (heads[timed] >> 22 & 63).astype(np.int64)
+        late = times > limit
         next_us, cut = -1, len(words)
         if late.any():
             first_late = int(np.argmax(late))
             next_us, cut = int(times[first_late]), int(timed[first_late])
-            timed, word, times = timed[:first_late], word[:first_late], times[:first_late]
+            timed, times = timed[:first_late], times[:first_late]
         h = int(np.searchsorted(highs, cut))
-        state[_TIMED] |= h > 0
+        state[_TIMED] = int(state[_TIMED] > 0 or h > 0)
+        state[_UNKNOWN] += np.count_nonzero(~_KNOWN[kind[:cut]])
         state[_HIGH], state[_LOOP] = before[h], loop[h]
-        return self._events(kind[timed], word, times), skipped + cut, next_us
+        return self._events(words[timed], kind[timed], times), skipped + cut, next_us
 
-    def _events(self, kind: np.ndarray, word: np.ndarray, times: np.ndarray) -> Events:
+    def _heads(self, words: np.ndarray) -> np.ndarray:
+        """Type, low time and address of each word, as an EVT2 word."""
+        return words
+
+    def _events(self, word: np.ndarray, kind: np.ndarray, times: np.ndarray) -> Events:
         edge = kind == TRIGGER
         triggers = Triggers()
         if edge.any():
-            bits = word[edge]
+            bits = self._heads(word[edge])
             triggers = Triggers(times[edge] * 1000, (bits >> 8 & 31).astype(np.uint8), (bits & 1).astype(np.uint8))
             kind, word, times = kind[~edge], word[~edge], times[~edge]
-        x, y = (word >> 11 & 0x7FF).astype(np.uint16), (word & 0x7FF).astype(np.uint16)
+        x, y, of = self._addresses(word)
         keep = np.ones(len(x), bool)
         if self.height:
             keep &= y < self.height
@@ -85,11 +89,17 @@ class Decoder(decoder.Decoder):
             keep &= x < self.width
         if not keep.all():
             self.state[_OUTSIDE] += np.count_nonzero(~keep)
-            x, y, kind, times = x[keep], y[keep], kind[keep], times[keep]
+            x, y, of = x[keep], y[keep], np.arange(len(keep))[keep] if of is None else of[keep]
+        if of is not None:
+            kind, times = kind[of], times[of]
         return Events(times * 1000, x, y, kind.astype(np.uint8), triggers=triggers)
 
+    def _addresses(self, word: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """x, y and the word of each event; None for the last where each word is one event."""
+        return (word >> 11 & 0x7FF).astype(np.uint16), (word & 0x7FF).astype(np.uint16), None
 
-class Encoder(_Encoder):
+
+class Encoder(PropheseeEncoder):
     """Events to EVT2, one word each."""
 
     encoding = "evt2"

@@ -9,20 +9,20 @@ from __future__ import annotations
 import numpy as np
 
 from evis.streams import decoder
-from evis.streams.encoder import Encoder as _Encoder
-from evis.streams.encoder import Item, scatter
+from evis.streams.encoder import Item, PropheseeEncoder, scatter
 from evis.streams.events import Events, Triggers
 
 ADDR_Y, ADDR_X, VECT_BASE_X, VECT_12, VECT_8, TIME_LOW, TIME_HIGH, TRIGGER = 0, 2, 3, 4, 5, 6, 8, 10
 
 # places in the state vector, shared with the kernel
-_TIMED, _HIGH, _LOW, _LOOP, _Y, _BASE, _SIGN, _OUTSIDE, _UNTIMED = range(9)
+_TIMED, _HIGH, _LOW, _LOOP, _Y, _BASE, _SIGN, _OUTSIDE, _UNTIMED, _UNKNOWN = range(10)
 
 # what each word type is worth to the decoder, by type
 _WIDTHS = np.zeros(16, np.int64)
 _WIDTHS[VECT_12], _WIDTHS[VECT_8] = 12, 8
 _TIMES = np.zeros(16, bool)
 _TIMES[[ADDR_X, VECT_12, VECT_8, TRIGGER]] = True
+_NOT_KNOWN = np.isin(np.arange(16), [1, 9, 11, 12, 13])
 
 
 class Decoder(decoder.Decoder):
@@ -31,22 +31,17 @@ class Decoder(decoder.Decoder):
     encoding = "evt3"
     word = np.dtype("<u2")
     wrap_ns = 1000 << 24
-    state_size = 9
+    state_size = 10
+    counters = {"outside": _OUTSIDE, "untimed": _UNTIMED, "unknown": _UNKNOWN}
+    kernel = "evis.streams.kernels_evt3:decode_evt3"
 
-    @property
-    def outside(self) -> int:
-        """Events dropped because they lie outside width x height."""
-        return int(self.state[_OUTSIDE])
+    def _begin(self) -> None:
+        self.state[[_LOW, _Y, _BASE, _SIGN]] = 0
 
-    @property
-    def untimed(self) -> int:
-        """Words dropped because no TIME_HIGH had come yet."""
-        return int(self.state[_UNTIMED])
-
-    def decode_words(self, words: np.ndarray, limit_us: int) -> tuple[Events, int, int]:
-        """The vectorised reference: positions of each kind of word, the last one before each event by searchsorted."""
+    def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
+        """The vectorised reference: positions of each kind of word, how many came before each event."""
         state, skipped = self.state, 0
-        if not state[_TIMED]:
+        if state[_TIMED] <= 0:
             highs = np.flatnonzero(words >> 12 == TIME_HIGH)
             skipped = int(highs[0]) if len(highs) else len(words)
             state[_UNTIMED] += skipped
@@ -57,13 +52,14 @@ class Decoder(decoder.Decoder):
         timed = np.flatnonzero(_TIMES[kind])
         clock = _Clock(state, kind, value)
         times = clock.at(timed)
-        late = times > limit_us
+        late = times > limit
         next_us, cut = -1, len(words)
         if late.any():
             first = int(np.argmax(late))
             next_us, cut = int(times[first]), int(timed[first])
             kind, value, timed, times = kind[:cut], value[:cut], timed[:first], times[:first]
         clock.store(state, cut)
+        state[_UNKNOWN] += np.count_nonzero(_NOT_KNOWN[kind])
         is_trigger = kind[timed] == TRIGGER
         events = self._events(kind, value, timed[~is_trigger], times[~is_trigger])
         if is_trigger.any():
@@ -88,7 +84,7 @@ class Decoder(decoder.Decoder):
 
         single = kind[at] == ADDR_X
         word = value[at].astype(np.int64)
-        base = np.searchsorted(bases, at)
+        base = decoder.count_until(kind == VECT_BASE_X, at)
         column = np.where(single, word & 0x7FF, base_values[base] + moved[at] - moved_at_base[base])
         sign = np.where(single, word >> 11, sign_values[base])
         mask = np.where(single, 1, np.where(kind[at] == VECT_8, word & 0xFF, word)).astype("<u2")
@@ -100,7 +96,7 @@ class Decoder(decoder.Decoder):
         flat = np.flatnonzero(bits.reshape(-1).view(bool))
         of = flat >> 4
         x = (column[of] + (flat & 15)) & 0xFFFF
-        y = y_values[np.searchsorted(rows, at)][of]
+        y = y_values[decoder.count_until(kind == ADDR_Y, at)][of]
         t, p = times[of] * 1000, sign[of]
         keep = np.ones(len(x), bool)
         if self.height:
@@ -117,6 +113,7 @@ class _Clock:
     """The time in force at each word."""
 
     def __init__(self, state: np.ndarray, kind: np.ndarray, value: np.ndarray) -> None:
+        self.kind = kind
         self.highs = np.flatnonzero(kind == TIME_HIGH)
         high = value[self.highs].astype(np.int64)
         first = state[_HIGH] if state[_TIMED] or not len(high) else high[0]
@@ -124,29 +121,29 @@ class _Clock:
         turns = np.cumsum(before[:-1] >= high + 2048)
         self.high = before if state[_TIMED] else np.concatenate([[0], high])
         self.loop = state[_LOOP] + np.concatenate([[0], turns])
-        changed = self.highs[high != before[:-1]]
-        lows = np.flatnonzero(kind == TIME_LOW)
-        # a change of TIME_HIGH is a TIME_LOW of 0
-        at = np.concatenate([lows, changed])
-        order = np.argsort(at, kind="stable")
-        low = np.concatenate([value[lows].astype(np.int64), np.zeros(len(changed), np.int64)])[order]
-        self.lows, self.low = at[order], np.concatenate([state[_LOW : _LOW + 1], low])
-        self.any = bool(state[_TIMED])
+        self.lows = np.flatnonzero(kind == TIME_LOW)
+        self.low = np.append(state[_LOW], value[self.lows])
+        # a change of TIME_HIGH is a TIME_LOW of 0: it counts where it is the later one of the two
+        place = np.where(high != before[:-1], self.highs, -1)
+        self.changed = np.append(-1, np.maximum.accumulate(place))
+        self.set = np.append(-1, self.lows)
+        self.any = state[_TIMED] > 0
 
     def at(self, words: np.ndarray) -> np.ndarray:
         """Time [us] at the given word positions, int64."""
-        h = np.searchsorted(self.highs, words)
-        return (self.loop[h] << 24) + (self.high[h] << 12) + self.low[np.searchsorted(self.lows, words)]
+        h, l = decoder.count_until(self.kind == TIME_HIGH, words), decoder.count_until(self.kind == TIME_LOW, words)
+        low = np.where(self.changed[h] > self.set[l], 0, self.low[l])
+        return (self.loop[h] << 24) + (self.high[h] << 12) + low
 
     def store(self, state: np.ndarray, cut: int) -> None:
         """The state before word `cut`."""
-        h = int(np.searchsorted(self.highs, cut))
+        h, l = int(np.searchsorted(self.highs, cut)), int(np.searchsorted(self.lows, cut))
         state[_TIMED] = int(self.any or h > 0)
         state[_HIGH], state[_LOOP] = self.high[h], self.loop[h]
-        state[_LOW] = self.low[np.searchsorted(self.lows, cut)]
+        state[_LOW] = 0 if self.changed[h] > self.set[l] else self.low[l]
 
 
-class Encoder(_Encoder):
+class Encoder(PropheseeEncoder):
     """Events to EVT3. Runs of five or more pixels of one time, row and polarity in an aligned block of 32 columns
     become vectors (12 + 12 + 8 bits, always together, as the sensors send them); others single words."""
 
@@ -171,7 +168,7 @@ class Encoder(_Encoder):
         before = np.where(previous >= 0, row[previous], self._row)
         new_row = events & (row != before)
 
-        heads, size = _vectors(item, new_high | new_low | new_row)
+        heads, size = find_vectors(item, new_high | new_low | new_row)
         member = np.repeat(heads, size)
         big = np.repeat(size >= 5, size)
         head = np.zeros(n, bool)
@@ -203,7 +200,7 @@ class Encoder(_Encoder):
         return out
 
 
-def _vectors(item: Item, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def find_vectors(item: Item, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First items and sizes of the runs that one vector of 32 aligned columns can hold in their order."""
     n = len(item.t_us)
     joins = np.zeros(n, bool)

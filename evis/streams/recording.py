@@ -10,39 +10,63 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType, TracebackType
+from typing import ClassVar
 
 import numpy as np
 
 from evis.streams.events import Events
 
-FORMATS = ("evis.streams.raw", "evis.streams.npz")
-"""Modules with `NAME`, `matches(head)` and `open_file(path, backend)`; recognised by content, in this order."""
+_FILES = (
+    "dat", "raw", "zip_text", "npz", "hdf5", "aedat2", "aedat3", "aedat4", "es", "rosbag1", "rosbag_db3",
+    "rosbag_mcap", "text", "nmnist",
+)  # fmt: skip
+FORMATS = tuple(f"evis.streams.files.{name}" for name in _FILES)
+"""Modules with `NAME`, `matches(head, path)` and `open_file(path, options)`; recognised by content, in this order."""
 WRITERS = {
-    ".raw": "evis.streams.raw",
-    ".npz": "evis.streams.npz",
-    ".csv": "evis.streams.text",
-    ".txt": "evis.streams.text",
+    ".raw": "evis.streams.files.raw",
+    ".npz": "evis.streams.files.npz",
+    ".csv": "evis.streams.files.text_writer",
+    ".txt": "evis.streams.files.text_writer",
+    ".dat": "evis.streams.files.dat",
+    ".es": "evis.streams.files.es_writer",
+    ".aedat4": "evis.streams.files.aedat4_writer",
+    ".h5": "evis.streams.files.hdf5_writer",
+    ".hdf5": "evis.streams.files.hdf5_writer",
 }
 """Modules with `create(path, width, height, encoding)`, by extension."""
 
-_OTHERS = {
-    b"% Data file": "a Prophesee DAT recording",
-    b"#!AER-DAT": "an AEDAT recording",
-    b"Event Stream": "an Event Stream recording",
-    b"\x89HDF": "an HDF5 file",
-    b"\x89MCAP": "an MCAP bag (see `evis bag info`)",
-    b"#ROSBAG": "a ROS 1 bag",
-    b"SQLite format 3": "an SQLite file, perhaps a ROS 2 bag",
-}
+HEAD = 4096
+"""Bytes of a file that `matches` of a format sees."""
 
 
 class RecordingError(ValueError):
     """A recording that is missing, damaged or of an unknown kind. The text names the file and the remedy."""
 
+    def __init__(self, text: str) -> None:
+        # names inside a file can hold anything; the error is one line
+        super().__init__("".join(c if c.isprintable() else "?" for c in text))
+
+
+@dataclass(frozen=True)
+class OpenOptions:
+    """What a user may say about a file that the file does not say itself.
+
+    backend: `numpy`, `warp` or `auto` (by size); same results. size: (width, height), in place of what the file says.
+    topic: of a bag or an HDF5 file with several event streams, the one to read.
+    """
+
+    backend: str = "auto"
+    size: tuple[int, int] | None = None
+    topic: str = ""
+
 
 @dataclass
 class RecordingInfo:
-    """What a file says about itself. `geometry_from`: header, system_ID, file or events (largest coordinates)."""
+    """What a file says about itself.
+
+    geometry_from: option, header, system_ID, file, sensor (size of the sensor that the format belongs to) or events
+    (largest coordinates).
+    """
 
     path: str
     format: str
@@ -55,12 +79,17 @@ class RecordingInfo:
     sensor: str = ""
     header: dict[str, str] = field(default_factory=dict)
     truncated: bool = False
-    """The file ends inside a word: all events before the cut are given."""
+    """The file is cut: all events before the cut are given. Known at the end of reading at the latest."""
     warnings: list[str] = field(default_factory=list)
+
+    def warn(self, text: str) -> None:
+        """Say something once."""
+        if text not in self.warnings:
+            self.warnings.append(text)
 
 
 class Recording(abc.ABC):
-    """An open recording, read once from start to end. A context manager; times as stored, in ns."""
+    """An open recording, read from start to end. A context manager; times as stored, in ns."""
 
     info: RecordingInfo
 
@@ -71,6 +100,13 @@ class Recording(abc.ABC):
     @abc.abstractmethod
     def read_until(self, t_ns: int) -> Events:
         """The next events in file order, up to the first one later than t_ns."""
+
+    @abc.abstractmethod
+    def seek(self, t_ns: int) -> None:
+        """Go on with the first event or trigger, in file order, that is not earlier than t_ns. Backwards too.
+
+        By an index or bisection where the format allows it, otherwise by reading up to there.
+        """
 
     @property
     @abc.abstractmethod
@@ -106,50 +142,13 @@ class Recording(abc.ABC):
         self.close()
 
 
-class BlockRecording(Recording):
-    """A recording whose format gives blocks of events: `_load` yields them, this class cuts them by time."""
-
-    def __init__(self) -> None:
-        self._source = self._load()
-        self._block = Events.empty()
-        self._at = 0
-
-    @abc.abstractmethod
-    def _load(self) -> Iterator[Events]:
-        """The file's events in blocks."""
-
-    def _more(self) -> bool:
-        """Make the current block one with unread events; False at the end."""
-        while self._at >= len(self._block):
-            block = next(self._source, None)
-            if block is None:
-                return False
-            self._block, self._at = block, 0
-        return True
-
-    def blocks(self) -> Iterator[Events]:
-        while self._more():
-            part, self._at = self._block[self._at :], len(self._block)
-            yield part
-
-    def read_until(self, t_ns: int) -> Events:
-        parts = [Events.empty()]
-        while self._more():
-            late = self._block.t[self._at :] > t_ns
-            n = int(np.argmax(late)) if late.any() else len(late)
-            parts.append(self._block[self._at : self._at + n])
-            self._at += n
-            if n < len(late):
-                break
-        return Events.concatenate(parts)
-
-    @property
-    def next_t_ns(self) -> int | None:
-        return int(self._block.t[self._at]) if self._more() else None
-
-
 class Writer(abc.ABC):
-    """Writes events to a file, which appears under its name only when it is complete. A context manager."""
+    """Writes events to a file, which appears under its name only when it is complete. A context manager.
+
+    keeps: what the format holds besides events, of triggers, imu and frames; the rest of a block is left out.
+    """
+
+    keeps: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
@@ -189,43 +188,55 @@ class Writer(abc.ABC):
             raise RecordingError(f"{self.path}: writing failed: {error.strerror}") from None
 
 
-def open_recording(path: str | os.PathLike[str], backend: str = "auto") -> Recording:
+def open_recording(
+    path: str | os.PathLike[str], backend: str = "auto", *, size: tuple[int, int] | None = None, topic: str = ""
+) -> Recording:
     """Open a recording, whatever its name says: the content decides.
 
-    backend: `numpy`, `warp` or `auto` (by size); same results. Raises RecordingError with one line that names the file.
+    backend, size, topic: as in `OpenOptions`. Raises RecordingError with one line that names the file.
     """
     path = Path(path)
     if not path.exists():
         names = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
         near = difflib.get_close_matches(path.name, names, n=1)
         raise RecordingError(f"{path}: no such file" + (f"; did you mean {near[0]}?" if near else ""))
+    if path.is_dir() and (bags := _bags_in(path)):
+        path = bags[0]
     if not path.is_file():
         raise RecordingError(f"{path}: not a file")
+    if size is not None and not (0 < size[0] <= 65535 and 0 < size[1] <= 65535):
+        raise RecordingError(f"{path}: a size of {size[0]}x{size[1]} is not possible (1 to 65535)")
     try:
         with path.open("rb") as file:
-            head = file.read(4096)
+            head = file.read(HEAD)
     except OSError as e:
         raise RecordingError(f"{path}: cannot be read: {e.strerror}") from None
     if not head:
         raise RecordingError(f"{path}: the file is empty")
-    modules = [importlib.import_module(name) for name in FORMATS]
-    for module in modules:
-        if module.matches(head):
-            return module.open_file(path, backend)
-    raise RecordingError(f"{path}: {_what_is(head)}; supported are {', '.join(m.NAME for m in modules)}")
+    modules = []
+    for name in FORMATS:
+        modules.append(importlib.import_module(name))
+        if modules[-1].matches(head, path):
+            return modules[-1].open_file(path, OpenOptions(backend, size, topic))
+    names = ", ".join(dict.fromkeys(m.NAME for m in modules))
+    raise RecordingError(f"{path}: not a recording of a known format; known are {names}")
+
+
+def _bags_in(folder: Path) -> list[Path]:
+    """ROS 2 keeps a bag as a folder of a metadata.yaml and its files."""
+    if not (folder / "metadata.yaml").is_file():
+        return []
+    return sorted(p for p in folder.iterdir() if p.suffix in (".db3", ".mcap"))
 
 
 def open_writer(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> Writer:
-    """A writer for the format of the path's extension. encoding: evt3 (default) or evt2, for .raw only."""
+    """A writer for the format of the path's extension.
+
+    encoding, where the format has a choice: .raw evt3 (default), evt21, evt21_legacy, evt2; .aedat4 zstd (default),
+    lz4, none; .h5 and .hdf5 ecf (default), plain.
+    """
     suffix = Path(path).suffix.lower()
     if suffix not in WRITERS:
         raise RecordingError(f"{path}: cannot write '{suffix}'; the extensions are {', '.join(WRITERS)}")
     module: ModuleType = importlib.import_module(WRITERS[suffix])
     return module.create(path, width, height, encoding)
-
-
-def _what_is(head: bytes) -> str:
-    for magic, name in _OTHERS.items():
-        if head.startswith(magic):
-            return f"this is {name}, which is not supported here"
-    return "not a recording of a known format"

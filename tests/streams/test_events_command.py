@@ -49,6 +49,47 @@ def test_convert_chain_keeps_every_event(capsys, tmp_path, truth, recording_path
         assert sha256_us(recording.read()) == truth[name]["sha256"]
 
 
+@pytest.mark.parametrize("suffix", [".dat", ".es", ".aedat4", ".h5", ".npz", ".txt", ".csv"])
+def test_convert_through_every_format_that_is_written(suffix, capsys, tmp_path, truth, recording_path):
+    """EVT2.1 -> the format -> EVT3: the hash stays that of other readers."""
+    name = "derived/hd_from_evt3_sample_evt21_little.raw"
+    source = recording_path(name)
+    with open_recording(source) as recording:
+        steps_back = bool((np.diff(recording.read().t) < 0).any())
+    if steps_back and suffix == ".es":
+        with pytest.raises(ValueError, match="step back"):
+            command.run(parse("convert", source, tmp_path / "a.es"))
+        return
+    assert call(capsys, "convert", source, tmp_path / f"a{suffix}")["events"] == truth[name]["n"]
+    call(capsys, "convert", tmp_path / f"a{suffix}", tmp_path / "b.raw", "--encoding", "evt3")
+    with open_recording(tmp_path / "b.raw") as recording:
+        assert sha256_us(recording.read()) == truth[name]["sha256"]
+
+
+def test_convert_keeps_frames_and_imu_or_says_so(capsys, tmp_path, recording_path):
+    """A DAVIS recording into AEDAT 4, with times from 0, and into RAW."""
+    source = recording_path("aedat4/aestream_davis.aedat4")
+    result = call(capsys, "convert", source, tmp_path / "a.aedat4", "--rebase")
+    assert (result["events"], result["triggers"], result["imu"], result["frames"]) == (117667, 15, 130, 3)
+    info = call(capsys, "info", tmp_path / "a.aedat4")
+    assert (info["triggers"], info["imu_samples"], info["frames"]) == (15, 130, 3)
+    assert info["t_last_ns"] - info["t_first_ns"] == 129_999_000
+    result = call(capsys, "convert", tmp_path / "a.aedat4", tmp_path / "a.raw")
+    assert (result["triggers"], result["imu_left_out"], result["frames_left_out"]) == (15, 130, 3)
+
+
+def test_topic_and_size_on_the_command_line(capsys, tmp_path, recording_path):
+    """A size is taken and told; one that is none is wrong usage; an unknown topic is an error with the right ones."""
+    source = recording_path("prophesee/faery_evt2.raw")
+    info = call(capsys, "info", source, "--size", "640x100")
+    assert (info["height"], info["geometry_from"]) == (100, "option") and info["events_outside"] > 0
+    with pytest.raises(SystemExit) as end:
+        parse("info", source, "--size", "big")
+    assert end.value.code == 2
+    with pytest.raises(ValueError, match="no events on '/x'; they are on /event_camera/events"):
+        command.run(parse("info", recording_path("ros/event_camera_py_test_events_1.bag"), "--topic", "/x"))
+
+
 def test_convert_tells_what_is_lost(capsys, tmp_path):
     """Times below a us in RAW, triggers in .npz."""
     with open_writer(tmp_path / "a.npz", 9, 9) as writer:

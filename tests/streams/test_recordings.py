@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from stream_cases import random_events, same, sha256_us
 
 from evis.streams import Events, RecordingError, evt2, evt3, open_recording, open_writer
-from evis.streams.raw import guess_encoding
+from evis.streams.files.raw import guess_encoding
 
 REAL = ["derived/gen31_vga_from_bag1.raw", "prophesee/faery_evt2.raw"]
 CODECS = {"evt2": evt2, "evt3": evt3}
@@ -134,11 +134,11 @@ def test_encoding_is_found_in_the_words(codec, tmp_path):
     [
         (b"", "empty"),
         (b"hello, world", "not a recording"),
-        (b"#!AER-DAT4.0\r\n", "AEDAT"),
-        (b"% Data file containing CD events.\n% Version 2\n", "DAT"),
         (b"\x89HDF\r\n\x1a\n", "HDF5"),
+        (b"SQLite format 3\0" + bytes(200), "SQLite"),
+        (b"#ROSBAG V1.2\n", "another version"),
         (b"% nothing known\n% end\n\0\0", "damaged RAW header"),
-        (b"% evt 2.1\n% end\n\0\0", "evt21 is not supported"),
+        (b"% evt 4.0\n% end\n\0\0", "evt4 is not supported"),
         (b"% serial_number 1\n% end\n" + bytes(range(256)) * 8, "no encoding"),
         (b"PK\x03\x04garbage", "damaged or truncated"),
         (b"PK\x05\x06" + bytes(18), "no array t, x, y, p"),

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.lib import format as npy
 
 from evis.streams.events import Events
-from evis.streams.recording import BlockRecording, RecordingError, RecordingInfo, Writer
+from evis.streams.files.blocks import BlockRecording
+from evis.streams.recording import OpenOptions, RecordingError, RecordingInfo, Writer
 
 NAME = "NumPy .npz of t, x, y, p"
 
@@ -27,7 +28,7 @@ _TYPES: dict[str, Any] = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np
 _DATE = (1980, 1, 1, 0, 0, 0)
 
 
-def matches(head: bytes) -> bool:
+def matches(head: bytes, path: Path) -> bool:
     """A zip archive."""
     return head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
 
@@ -35,20 +36,20 @@ def matches(head: bytes) -> bool:
 class NpzRecording(BlockRecording):
     """An archive of event arrays. Only the current block is in memory, also where the archive is compressed."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path, self._read = path, 0
         try:
             self._zip = zipfile.ZipFile(path)
         except (zipfile.BadZipFile, OSError, NotImplementedError) as e:
             raise RecordingError(f"{path}: damaged or truncated .npz archive ({e})") from None
         try:
-            self._check()
+            self._check(options)
         except BaseException:
             self._zip.close()
             raise
         super().__init__()
 
-    def _check(self) -> None:
+    def _check(self, options: OpenOptions) -> None:
         path, names = self._path, {n.removesuffix(".npy") for n in self._zip.namelist()}
         missing = [n for n in "txyp" if n not in names]
         if missing:
@@ -69,6 +70,8 @@ class NpzRecording(BlockRecording):
         self._n = lengths["t"]
         width, height = self._scalar("width", names), self._scalar("height", names)
         source, warnings = "file", []
+        if options.size:
+            (width, height), source = options.size, "option"
         if not (width and height):
             width, height, source = self._largest("x"), self._largest("y"), "events"
             warnings.append(f"no width and height in the archive: {width}x{height} are the largest coordinates")
@@ -142,9 +145,9 @@ class _Member:
         self._file.close()
 
 
-def open_file(path: Path, backend: str = "auto") -> NpzRecording:
+def open_file(path: Path, options: OpenOptions) -> NpzRecording:
     """Open an archive. Raises RecordingError."""
-    return NpzRecording(path)
+    return NpzRecording(path, options)
 
 
 class NpzWriter(Writer):

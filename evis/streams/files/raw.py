@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from evis.streams.decoder import CODECS, backend_for, make_decoder
-from evis.streams.encoder import Encoder
+from evis.streams.decoder import backend_for, decoder_for
+from evis.streams.encoder import Encoder, encoder_for
 from evis.streams.events import Events
-from evis.streams.recording import Recording, RecordingError, RecordingInfo, Writer
+from evis.streams.files.blocks import take_size
+from evis.streams.recording import OpenOptions, Recording, RecordingError, RecordingInfo, Writer
 
-NAME = "Prophesee RAW (EVT2, EVT3)"
+NAME = "Prophesee RAW (EVT2, EVT2.1, EVT3)"
 
 SYSTEMS = {
     0x15: ("Gen3", 640, 480),
@@ -33,7 +33,16 @@ SYSTEMS = {
 
 _EVT = {"2.0": "evt2", "2.1": "evt21", "3.0": "evt3", "4.0": "evt4"}
 _KEYS = {"evt", "format", "geometry", "system_id", "serial_number", "sensor_generation", "sensor_name", "plugin_name"}
-_LEGAL = {"evt2": ((0, 1, 8, 10, 14, 15), 28), "evt3": ((0, 2, 3, 4, 5, 6, 7, 8, 10, 14, 15), 12)}
+# legal word types, bits of TIME_HIGH's value in them, and by how much the types are shifted, in words of the dtype
+_LEGAL = {
+    "evt3": ("<u2", (0, 2, 3, 4, 5, 6, 7, 8, 10, 14, 15), 12, 0),
+    "evt2": ("<u4", (0, 1, 8, 10, 14, 15), 28, 0),
+    "evt21": ("<u8", (0, 1, 8, 10, 14, 15), 60, 32),
+    "evt21_legacy": ("<u8", (0, 1, 8, 10, 14, 15), 28, 0),
+}
+_NAMES = {"evt2": "2.0", "evt21": "2.1", "evt21_legacy": "2.1", "evt3": "3.0"}
+_COUNTERS = {"outside": "events_outside", "untimed": "words_before_time", "unknown": "words_unknown"}
+_MARK_BYTES = 4 << 20
 _MAX_HEADER = 1 << 20
 _MAX_LINE = 4096
 _PRINTABLE = re.compile(rb"[\t\x20-\x7e]*")
@@ -42,9 +51,9 @@ _BLOCK = {"numpy": 1 << 19, "warp": 1 << 22}
 _WINDOW_BLOCK = {"numpy": 1 << 15, "warp": 1 << 22}
 
 
-def matches(head: bytes) -> bool:
-    """A header line, and not the one of the DAT format."""
-    return head.startswith(b"% ") and not head.startswith(b"% Data file")
+def matches(head: bytes, path: Path) -> bool:
+    """A header line; DAT files, which have such too, come before."""
+    return head.startswith(b"% ")
 
 
 def read_header(file: BinaryIO) -> tuple[dict[str, str], int]:
@@ -68,18 +77,26 @@ def read_header(file: BinaryIO) -> tuple[dict[str, str], int]:
     return header, position
 
 
+class _Mark(NamedTuple):
+    """The decoder's state at a word; t_ns: the latest time before it."""
+
+    place: int
+    t_ns: int
+    state: np.ndarray
+
+
 class RawRecording(Recording):
     """A RAW file. Nothing but the current block is in memory."""
 
-    def __init__(self, path: Path, backend: str = "auto") -> None:
+    def __init__(self, path: Path, options: OpenOptions) -> None:
         self._file = path.open("rb")
         try:
-            self._open(path, backend)
+            self._open(path, options)
         except BaseException:
             self._file.close()
             raise
 
-    def _open(self, path: Path, backend: str) -> None:
+    def _open(self, path: Path, options: OpenOptions) -> None:
         header, self._start = read_header(self._file)
         size = os.fstat(self._file.fileno()).st_size
         if not _KEYS & header.keys():
@@ -88,28 +105,31 @@ class RawRecording(Recording):
         if not encoding:
             encoding = guess_encoding(self._file.read(1 << 16))
             self._file.seek(self._start)
-        if encoding not in CODECS:
+        if encoding not in _NAMES:
             what = f"its encoding {encoding} is not supported" if encoding else "no encoding in the header or the data"
-            raise RecordingError(f"{path}: {what}; supported are {', '.join(CODECS)}")
+            raise RecordingError(f"{path}: {what}; supported are {', '.join(_NAMES)}")
         self._size = size
-        self._backend = backend_for(size) if backend == "auto" else backend
+        self._backend = backend_for(size) if options.backend == "auto" else options.backend
         self.info = RecordingInfo(str(path), "raw", encoding, 0, 0, "", size, header=header)
         self.info.serial = header.get("serial_number", "")
         self.info.sensor = header.get("sensor_name", header.get("sensor_generation", ""))
-        self._decoder = make_decoder(encoding, 0, 0, self._backend)
+        self._decoder = decoder_for(encoding, 0, 0, self._backend)
         rest = (size - self._start) % self._decoder.word.itemsize
         if rest:
             self.info.truncated = True
             self.info.warnings.append(f"cut inside a word: the last {rest} bytes hold no event")
         if size == self._start:
             self.info.warnings.append("no data after the header")
-        self._set_geometry(header)
-        self._decoder = make_decoder(encoding, self.info.width, self.info.height, self._backend)
         self._raw: list[np.ndarray] = []
         self._ahead: list[np.ndarray] = []
+        self._marks: list[_Mark] = []
+        self._set_geometry(header, options)
+        self._decoder = decoder_for(encoding, self.info.width, self.info.height, self._backend)
 
-    def _set_geometry(self, header: dict[str, str]) -> None:
+    def _set_geometry(self, header: dict[str, str], options: OpenOptions) -> None:
         info = self.info
+        if take_size(info, options):
+            return
         info.width, info.height = _geometry(header, info.warnings)
         info.geometry_from = "header"
         if info.width:
@@ -140,8 +160,35 @@ class RawRecording(Recording):
     def blocks(self) -> Iterator[Events]:
         more = self._decoder.pending >= self._decoder.word.itemsize or self._feed(_BLOCK[self._backend])
         while more:
-            yield self._decoder.decode()
+            events = self._decoder.decode()
+            self._mark(events)
+            yield events
             more = self._feed(_BLOCK[self._backend])
+
+    def _mark(self, events: Events) -> None:
+        """Remember the decoder's state at some places, so that a later `seek` can start from there."""
+        place = self._file.tell() - self._decoder.pending
+        if len(events) and (not self._marks or place >= self._marks[-1].place + _MARK_BYTES):
+            t_ns = int(events.t.max())
+            if self._marks:
+                t_ns = max(t_ns, self._marks[-1].t_ns)
+            self._marks.append(_Mark(place, t_ns, self._decoder.state.copy()))
+
+    def seek(self, t_ns: int) -> None:
+        """By the places seen so far, then word by word: the turns of the time counter must be counted."""
+        earlier = [m for m in self._marks if m.t_ns < t_ns]
+        self._decoder.reset()
+        self._raw, self._ahead = [], []
+        if earlier:
+            self._decoder.state[:] = earlier[-1].state
+        self._file.seek(earlier[-1].place if earlier else self._start)
+        while True:
+            events = self._decoder.decode_until(t_ns - 1)
+            if self._decoder.at_cut:
+                return
+            self._mark(events)
+            if not self._feed(_WINDOW_BLOCK[self._backend]):
+                return
 
     def read_until(self, t_ns: int) -> Events:
         parts, self._raw, self._ahead = [], self._ahead, []
@@ -165,8 +212,7 @@ class RawRecording(Recording):
         return np.concatenate(self._raw) if self._raw else np.empty(0, np.uint8)
 
     def counters(self) -> dict[str, int]:
-        named = {"events_outside": self._decoder.outside, "words_before_time": self._decoder.untimed}
-        return {k: v for k, v in named.items() if v}
+        return {_COUNTERS.get(k, k): v for k, v in self._decoder.counts.items() if v}
 
     @property
     def position(self) -> float:
@@ -176,15 +222,22 @@ class RawRecording(Recording):
         self._file.close()
 
 
-def open_file(path: Path, backend: str = "auto") -> RawRecording:
+def open_file(path: Path, options: OpenOptions) -> RawRecording:
     """Open a RAW file. Raises RecordingError."""
-    return RawRecording(path, backend)
+    return RawRecording(path, options)
 
 
 def _encoding(header: dict[str, str]) -> str:
     """`evt3`, ... from `format EVT3;...` or `evt 3.0`; empty where the header does not say."""
     name = header.get("format", "").partition(";")[0].strip().lower().replace(".", "")
-    return name or _EVT.get(header.get("evt", ""), "evt" + header["evt"] if header.get("evt") else "")
+    name = name or _EVT.get(header.get("evt", ""), "evt" + header["evt"] if header.get("evt") else "")
+    order = header.get("endianness", "") or _value(header, "endianness")
+    return "evt21_legacy" if name == "evt21" and order == "legacy" else name
+
+
+def _value(header: dict[str, str], name: str) -> str:
+    """What `format EVT21;endianness=legacy;...` says of one name."""
+    return dict(re.findall(r";(\w+)=(\w+)", header.get("format", ""))).get(name, "")
 
 
 def _geometry(header: dict[str, str], warnings: list[str]) -> tuple[int, int]:
@@ -202,16 +255,17 @@ def _geometry(header: dict[str, str], warnings: list[str]) -> tuple[int, int]:
 
 
 def guess_encoding(data: bytes) -> str:
-    """`evt2` or `evt3` by which word types are there and whether the time runs forward; empty when neither fits."""
+    """The encoding whose word types are there and whose time runs forward; empty when none fits."""
     best, result = 0.9, ""
-    for encoding, (legal, bits) in _LEGAL.items():
-        word = make_decoder(encoding).word
-        words = np.frombuffer(data, word, len(data) // word.itemsize)
-        kind = words >> bits
-        highs = (words[kind == 8] & (1 << bits) - 1).astype(np.int64)
+    for encoding, (word, legal, shift, low) in _LEGAL.items():
+        words = np.frombuffer(data, word, len(data) // np.dtype(word).itemsize)
+        kind = words >> shift & 15
+        bits = shift - low
+        highs = (words[kind == 8] >> low & (1 << bits) - 1).astype(np.int64)
         if len(highs) < 2:
             continue
         step = np.diff(highs)
+        # the counter goes on, by little, or turns
         forward = np.count_nonzero((step >= 0) & (step < 1 << bits - 2) | (step < -(1 << bits - 1))) / len(step)
         score = min(np.isin(kind, legal).mean(), forward)
         if score > best:
@@ -222,18 +276,23 @@ def guess_encoding(data: bytes) -> str:
 class RawWriter(Writer):
     """Writes RAW with a header that openeb and the other readers know."""
 
+    keeps = frozenset({"triggers"})
+
     def __init__(self, path: str | os.PathLike[str], width: int, height: int, encoder: Encoder) -> None:
         super().__init__(path)
         self._encoder = encoder
-        name = encoder.encoding.upper()
+        name, _, order = encoder.encoding.partition("_")
+        lines = [f"evt {_NAMES[name]}", f"format {name.upper()};height={height};width={width}"]
+        if name == "evt21":
+            order = order or "little"
+            lines = [lines[0], f"format EVT21;endianness={order};height={height};width={width}", f"endianness {order}"]
+        lines += [f"geometry {width}x{height}", "integrator_name EVIS", "end"]
         self._file = self.partial.open("wb")
-        self._file.write(
-            f"% evt {name[3]}.0\n% format {name};height={height};width={width}\n"
-            f"% geometry {width}x{height}\n% integrator_name EVIS\n% end\n".encode()
-        )
+        self._file.write("".join(f"% {line}\n" for line in lines).encode())
 
     def write(self, events: Events) -> None:
-        self._file.write(self._encoder.encode(events))
+        kept = Events(events.t, events.x, events.y, events.p, events.c, events.triggers)
+        self._file.write(self._encoder.encode(kept))
 
     def _finish(self) -> None:
         self._file.close()
@@ -246,8 +305,8 @@ class RawWriter(Writer):
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> RawWriter:
     """A RAW file of the given encoding (evt3 unless given). Raises RecordingError."""
     encoding = encoding or "evt3"
-    if encoding not in CODECS:
-        raise RecordingError(f"{path}: cannot write the encoding '{encoding}'; known are {', '.join(CODECS)}")
+    if encoding not in _NAMES:
+        raise RecordingError(f"{path}: cannot write the encoding '{encoding}'; known are {', '.join(_NAMES)}")
     if not (0 < width <= 2048 and 0 < height <= 2048):
         raise RecordingError(f"{path}: RAW holds sensors of 1 to 2048 pixels a side, not {width}x{height}")
-    return RawWriter(path, width, height, importlib.import_module(CODECS[encoding]).Encoder())
+    return RawWriter(path, width, height, encoder_for(encoding, width, height))

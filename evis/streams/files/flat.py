@@ -1,0 +1,107 @@
+"""A reader of flatbuffers that believes nothing: every offset is checked against the bytes that are there."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+from evis.streams.files.inflate import DamagedError
+
+_READERS = {code: struct.Struct(code) for code in ("<b", "<h", "<H", "<i", "<I", "<q", "<f")}
+
+
+class Table:
+    """One table of a buffer; fields by their number in the schema."""
+
+    def __init__(self, data: bytes | memoryview, at: int) -> None:
+        self.data, self.at = data, at
+        vtable = at - _get("<i", data, at)
+        size = _get("<H", data, vtable)
+        if size < 4 or vtable < 0 or vtable + size > len(data):
+            raise DamagedError("a flatbuffer table is damaged")
+        self._fields = struct.unpack_from(f"<{(size - 4) // 2}H", data, vtable + 4)
+
+    @staticmethod
+    def root(data: bytes | memoryview, identifier: bytes, prefixed: bool = True) -> Table:
+        """The root table of a buffer with this identifier, size-prefixed or not."""
+        at = 4 if prefixed else 0
+        if bytes(data[at + 4 : at + 8]) != identifier:
+            raise DamagedError(f"it does not hold {identifier.decode()}")
+        return Table(data, at + _get("<I", data, at))
+
+    def place(self, field: int) -> int:
+        """Where a field's bytes begin, 0 where the table does not have it."""
+        offset = self._fields[field] if field < len(self._fields) else 0
+        return self.at + offset if offset else 0
+
+    def number(self, field: int, code: str, default: float = 0) -> int | float:
+        """A number; code as in `struct`."""
+        place = self.place(field)
+        return _get("<" + code, self.data, place) if place else default
+
+    def integer(self, field: int, code: str, default: int = 0) -> int:
+        """A whole number."""
+        return int(self.number(field, code, default))
+
+    def vector(self, field: int, dtype: np.dtype, cut: bool = False) -> np.ndarray:
+        """A vector of numbers or structs, not copied. cut: of a buffer that ends early, what is there."""
+        place = self.place(field)
+        if not place:
+            return np.empty(0, dtype)
+        place += _get("<I", self.data, place)
+        n = _get("<I", self.data, place)
+        there = (len(self.data) - place - 4) // dtype.itemsize
+        if n > there and not cut:
+            raise DamagedError("a flatbuffer vector is longer than its buffer")
+        n = min(n, there)
+        return np.frombuffer(self.data, dtype, n, place + 4)
+
+    def text(self, field: int) -> str:
+        """A string."""
+        return self.vector(field, np.dtype(np.uint8)).tobytes().decode(errors="replace")
+
+    def tables(self, field: int, cut: bool = False) -> list[Table]:
+        """A vector of tables. cut: of a buffer that ends early, those that are there."""
+        place = self.place(field)
+        if not place:
+            return []
+        start = place + _get("<I", self.data, place) + 4
+        offsets = self.vector(field, np.dtype("<u4"), cut).tolist()
+        tables = []
+        for i, offset in enumerate(offsets):
+            try:
+                tables.append(Table(self.data, start + 4 * i + offset))
+            except DamagedError:
+                if not cut:
+                    raise
+        return tables
+
+    def columns(self, field: int, wanted: dict[int, str], cut: bool = False) -> list[np.ndarray]:
+        """Numbers of a vector of tables, an array for each wanted field (its number -> code); 0 where it is absent."""
+        place = self.place(field)
+        start = place + _get("<I", self.data, place) + 4 if place else 0
+        readers = [(i, _READERS["<" + code].unpack_from) for i, code in wanted.items()]
+        known: dict[int, list[int]] = {}  # where the wanted fields are in a table, by its vtable
+        rows = []
+        try:
+            for k, offset in enumerate(self.vector(field, np.dtype("<u4"), cut).tolist()):
+                at = start + 4 * k + offset
+                vtable = at - _get("<i", self.data, at)
+                if vtable not in known:
+                    table = Table(self.data, at)
+                    known[vtable] = [p - at if (p := table.place(i)) else 0 for i, _ in readers]
+                rows.append([read(self.data, at + o)[0] if o else 0 for o, (_, read) in zip(known[vtable], readers)])
+        except (struct.error, DamagedError):
+            if not cut:
+                raise DamagedError("a flatbuffer table is damaged") from None
+        return [
+            np.array(column, "<" + c) for column, c in zip(zip(*rows) if rows else [[]] * len(wanted), wanted.values())
+        ]
+
+
+def _get(code: str, data: bytes | memoryview, at: int) -> int:
+    reader = _READERS[code]
+    if at < 0 or at + reader.size > len(data):
+        raise DamagedError("a flatbuffer points outside of its buffer")
+    return reader.unpack_from(data, at)[0]

@@ -1,0 +1,90 @@
+"""Decompression of data that may be damaged, cut or hostile: memory is bounded by a limit, not by what a file says."""
+
+from __future__ import annotations
+
+import bz2
+from typing import Any
+
+LIMIT = 1 << 30
+"""Most bytes that one packet or chunk may unpack to."""
+_STEP = 16 << 20
+
+
+class DamagedError(ValueError):
+    """A packet or chunk that cannot be unpacked or read. `partial`: what came out before, where that was asked for."""
+
+
+class MissingError(ValueError):
+    """A compression whose library is not installed; the text names the remedy."""
+
+
+def inflate(kind: str, data: bytes | memoryview, limit: int = LIMIT, partial: bool = False) -> bytes:
+    """Unpack `data`. kind: "" or none, lz4 (frame format), zstd, bz2.
+
+    partial: data that ends early, or is damaged, gives what comes before; otherwise it raises DamagedError. So does
+    what unpacks to more than `limit` bytes.
+    """
+    if kind in ("", "none"):
+        return bytes(data)
+    unpacker = _unpacker(kind)
+    parts: list[bytes] = []
+    total, whole = 0, False
+    try:
+        for part, done in unpacker(bytes(data)):
+            parts.append(part)
+            whole = done
+            total += len(part)
+            if total > limit:
+                raise DamagedError(f"it unpacks to more than {limit} bytes")
+    except DamagedError:
+        raise
+    except Exception as error:  # each library has its own
+        if not partial:
+            raise DamagedError(f"it cannot be unpacked ({kind}: {str(error)[:80]})") from None
+    if not whole and not partial:
+        raise DamagedError(f"its {kind} data end early")
+    return parts[0] if len(parts) == 1 else b"".join(parts)
+
+
+def _unpacker(kind: str) -> Any:
+    if kind == "bz2":
+        return _bz2
+    if kind == "zstd":
+        return _zstd
+    if kind != "lz4":
+        raise DamagedError(f"its compression '{kind[:20]}' is not known")
+    try:
+        import lz4.frame  # noqa: F401
+    except ImportError:
+        raise MissingError("LZ4 data need the package lz4: pip install 'evis[files]'") from None
+    return _lz4
+
+
+def _lz4(data: bytes) -> Any:
+    import lz4.frame
+
+    unpacker = lz4.frame.LZ4FrameDecompressor()
+    yield unpacker.decompress(data, max_length=_STEP), unpacker.eof
+    while not unpacker.eof and not unpacker.needs_input:
+        yield unpacker.decompress(b"", max_length=_STEP), unpacker.eof
+
+
+def _bz2(data: bytes) -> Any:
+    unpacker = bz2.BZ2Decompressor()
+    yield unpacker.decompress(data, _STEP), unpacker.eof
+    while not unpacker.eof and not unpacker.needs_input:
+        yield unpacker.decompress(b"", _STEP), unpacker.eof
+
+
+def _zstd(data: bytes) -> Any:
+    import zstandard
+
+    # the reader does not tell a cut frame from a whole one: the size in the frame's header does, where it is there
+    reader = zstandard.ZstdDecompressor(max_window_size=1 << 27).stream_reader(data)
+    known = zstandard.get_frame_parameters(data).content_size
+    total = 0
+    while part := reader.read(_STEP):
+        total += len(part)
+        yield part, known == zstandard.CONTENTSIZE_UNKNOWN or total == known
+    if not total:
+        yield b"", known == 0

@@ -1,0 +1,148 @@
+"""Events as text, one a line: `t x y p` of the RPG data sets and E2VID, Prophesee's `x,y,p,t`, or as a header says."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+from evis.streams.events import Events
+from evis.streams.files.blocks import BlockRecording, take_size
+from evis.streams.files.text_format import Format, find_format
+from evis.streams.files.text_numbers import parse_lines
+from evis.streams.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
+
+NAME = "text (t x y p)"
+
+_BLOCK = 1 << 20
+_ARCHIVE_ERRORS = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError)
+
+
+def matches(head: bytes, path: Path) -> bool:
+    """Lines of four numbers, perhaps behind a line with the size or the names of the columns."""
+    return find_format(head) is not None
+
+
+class TextRecording(BlockRecording):
+    """A text file, or the one of a zip archive. Times exactly as written; lines that hold no event are counted."""
+
+    def __init__(self, path: Path, options: OpenOptions) -> None:
+        self._path, self._read = path, 0
+        self._zip: zipfile.ZipFile | None = None
+        try:
+            try:
+                self._zip = zipfile.ZipFile(path) if zipfile.is_zipfile(path) else None
+                self._file, size = self._open()
+                head = self._file.read(HEAD)
+            except _ARCHIVE_ERRORS as error:
+                raise RecordingError(f"{path}: cannot be read ({error})") from None
+            form = find_format(head)
+            if form is None:
+                raise RecordingError(f"{path}: not events as text: lines of t x y p, perhaps behind a line of the size")
+            self._form: Format = form
+            kind = "text.zip" if self._zip else "text"
+            self.info = RecordingInfo(str(path), kind, form.name, 0, 0, "header", path.stat().st_size)
+            self._total = size
+            if form.assumed:
+                self.info.warn(form.assumed)
+            if not take_size(self.info, options):
+                self.info.width, self.info.height = form.size
+                if not (form.size[0] and form.size[1]):
+                    self._size_from_events()
+        except BaseException:
+            self.close()
+            raise
+        super().__init__()
+
+    def _open(self) -> tuple[IO[bytes], int]:
+        if self._zip is None:
+            file: IO[bytes] = self._path.open("rb")
+            return file, self._path.stat().st_size
+        members = [m for m in self._zip.infolist() if m.filename.lower().endswith((".txt", ".csv"))]
+        if len(members) != 1:
+            raise RecordingError(f"{self._path}: an archive of {len(members)} text files; it must have one")
+        return self._zip.open(members[0]), members[0].file_size
+
+    def _load(self) -> Iterator[Events]:
+        yield from self._load_at(self._form.begin)
+
+    def _load_at(self, at: int) -> Iterator[Events]:
+        try:
+            self._file.seek(at)
+            rest = b""
+            while data := self._file.read(_BLOCK):
+                self._read = self._file.tell()
+                # a carriage return alone ends no line
+                cut = data.rfind(b"\n") + 1
+                lines, rest = rest + data[:cut], (rest if not cut else b"") + data[cut:]
+                if len(rest) > _BLOCK:
+                    raise RecordingError(f"{self._path}: a line of more than {_BLOCK} characters is no event")
+                if cut:
+                    yield self._events(lines)
+            if rest:
+                yield self._last(rest)
+        except _ARCHIVE_ERRORS as error:
+            self.info.truncated = True
+            self.info.warn(f"cut or damaged: what follows cannot be read ({error})")
+
+    def _last(self, line: bytes) -> Events:
+        """A file that does not end with a new line: its last line may be cut inside a number."""
+        events = self._events(line + b"\n", count=False)
+        if len(events) and len(self._form.columns) == 4 and not self._form.time_last:
+            return events  # the last character is the polarity's, which has only one
+        self.info.truncated = True
+        self.info.warn("the last line is cut and was left out")
+        return Events.empty()
+
+    def _events(self, lines: bytes, count: bool = True) -> Events:
+        t, x, y, p, bad = parse_lines(lines, self._form)
+        if bad and count:
+            self.count("lines_left_out", bad)
+            self.info.warn("lines that are no event were left out")
+        return Events(t, x, y, p)
+
+    def _load_from(self, t_ns: int) -> Iterator[Events]:
+        """Bisection by byte in a file, whose times are taken to go up; an archive is read from its start."""
+        low, high = self._form.begin, self._total
+        while self._zip is None and high - low > _BLOCK:
+            middle = (low + high) // 2
+            self._file.seek(middle)
+            self._file.readline()
+            line = self._file.readline()
+            t, *_ = parse_lines(line, self._form)
+            if len(t) and int(t[0]) < t_ns:
+                low = middle
+            else:
+                high = middle
+        if low > self._form.begin:
+            self._file.seek(low)
+            self._file.readline()
+            low = self._file.tell()
+        return self._load_at(low)
+
+    @property
+    def position(self) -> float:
+        return min(1.0, self._read / self._total) if self._total else 1.0
+
+    def close(self) -> None:
+        for file in (getattr(self, "_file", io.BytesIO()), self._zip):
+            if file is not None:
+                file.close()
+
+
+def open_file(path: Path, options: OpenOptions) -> TextRecording:
+    """Open a text file. Raises RecordingError."""
+    return TextRecording(path, options)
+
+
+def is_text_archive(path: Path) -> bool:
+    """A zip archive with a text file and no arrays."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = [n.lower() for n in archive.namelist()]
+    except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError):
+        return False
+    return any(n.endswith((".txt", ".csv")) for n in names) and not any(n.endswith(".npy") for n in names)

@@ -1,0 +1,75 @@
+"""DVS128 words to events, one after the other; the twin of `evis.streams.dvs128.Decoder.decode_words`."""
+
+import warp as wp
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def decode_dvs128(
+    # in
+    words: wp.array(dtype=wp.uint32),
+    start: wp.int64,
+    limit_us: wp.int64,
+    width: int,
+    height: int,
+    # out
+    state: wp.array(dtype=wp.int64),
+    out: wp.array(dtype=wp.int64),
+    t: wp.array(dtype=wp.int64),
+    x: wp.array(dtype=wp.uint16),
+    y: wp.array(dtype=wp.uint16),
+    p: wp.array(dtype=wp.uint8),
+    trigger_t: wp.array(dtype=wp.int64),
+    trigger_id: wp.array(dtype=wp.uint8),
+    trigger_value: wp.array(dtype=wp.uint8),
+):
+    offset = state[1]
+    outside = state[2]
+    resets = state[3]
+    last = t.shape[0]
+    last_trigger = trigger_t.shape[0]
+    n = wp.int32(0)
+    m = wp.int32(0)
+    next_us = wp.int64(-1)
+    i = int(start)
+    end = words.shape[0]
+    while i < end:
+        word = words[i]
+        if (word >> wp.uint32(31)) != wp.uint32(0):
+            offset = wp.min(offset + wp.int64(16384), wp.int64(4503599627370496))
+        elif (word >> wp.uint32(30)) != wp.uint32(0):
+            offset = wp.int64(0)
+            resets += wp.int64(1)
+        else:
+            now = offset + wp.int64(word >> wp.uint32(16))
+            if now > limit_us:
+                next_us = now
+                break
+            address = int(word & wp.uint32(0xFFFF))
+            if address >= 0x8000:
+                if m >= last_trigger:
+                    break
+                trigger_t[m] = now * wp.int64(1000)
+                trigger_id[m] = wp.uint8(0)
+                trigger_value[m] = wp.uint8(1)
+                m += 1
+            else:
+                if n >= last:
+                    break
+                column = 127 - ((address >> 1) & 127)
+                row = 127 - (address >> 8)
+                if row >= height or column >= width:
+                    outside += wp.int64(1)
+                else:
+                    t[n] = now * wp.int64(1000)
+                    x[n] = wp.uint16(column)
+                    y[n] = wp.uint16(row)
+                    p[n] = wp.uint8(1 - (address & 1))
+                    n += 1
+        i += 1
+    state[1] = offset
+    state[2] = outside
+    state[3] = resets
+    out[0] = wp.int64(i)
+    out[1] = wp.int64(n)
+    out[2] = wp.int64(m)
+    out[3] = next_us

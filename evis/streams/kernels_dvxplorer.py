@@ -1,0 +1,146 @@
+"""DVXplorer words to events, one after the other; the twin of `evis.streams.dvxplorer.Decoder.decode_words`."""
+
+import warp as wp
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def decode_dvxplorer(
+    # in
+    words: wp.array(dtype=wp.uint16),
+    start: wp.int64,
+    limit_us: wp.int64,
+    width: int,
+    height: int,
+    # out
+    state: wp.array(dtype=wp.int64),
+    out: wp.array(dtype=wp.int64),
+    t: wp.array(dtype=wp.int64),
+    x: wp.array(dtype=wp.uint16),
+    y: wp.array(dtype=wp.uint16),
+    p: wp.array(dtype=wp.uint8),
+    trigger_t: wp.array(dtype=wp.int64),
+    trigger_id: wp.array(dtype=wp.uint8),
+    trigger_value: wp.array(dtype=wp.uint8),
+    side_t: wp.array(dtype=wp.int64),
+    side_word: wp.array(dtype=wp.uint16),
+):
+    timed = state[0]
+    offset = state[1]
+    now = state[2]
+    outside = state[3]
+    untimed = state[4]
+    unknown = state[5]
+    resets = state[6]
+    column = int(state[9])
+    row1 = int(state[10])
+    row2 = int(state[11])
+    now_ns = now * wp.int64(1000)
+    # a word gives up to 8 events: stop while they still fit
+    last = t.shape[0] - 8
+    last_trigger = trigger_t.shape[0]
+    last_side = side_t.shape[0]
+    n = wp.int32(0)
+    m = wp.int32(0)
+    k = wp.int32(0)
+    next_us = wp.int64(-1)
+    i = int(start)
+    end = words.shape[0]
+    while timed <= wp.int64(0) and i < end:
+        word = int(words[i])
+        if word >= 0x7000 or word == 1:
+            timed = wp.int64(1)
+        else:
+            untimed += wp.int64(1)
+            i += 1
+    while i < end:
+        word = int(words[i])
+        code = word >> 12
+        value = word & 0xFFF
+        if code >= 8:
+            now = offset + wp.int64(word & 0x7FFF)
+            now_ns = now * wp.int64(1000)
+        elif code == 1:
+            column = value & 0x3FF
+        elif code == 4:
+            row1 = value & 0x3F
+            row2 = row1 + ((value >> 6) & 31)
+            if (value & 0x800) != 0:
+                row2 = row1 - ((value >> 6) & 31)
+            row1 = row1 * 8
+            row2 = row2 * 8
+        elif code == 7:
+            offset = wp.min(offset + wp.int64(value << 15), wp.int64(4503599627370496))
+            now = offset
+            now_ns = now * wp.int64(1000)
+        elif word == 1:
+            if k >= last_side:
+                break
+            offset = wp.int64(0)
+            now = wp.int64(0)
+            now_ns = wp.int64(0)
+            resets += wp.int64(1)
+            side_t[k] = now
+            side_word[k] = words[i]
+            k += 1
+        elif now > limit_us:
+            next_us = now
+            break
+        elif code == 2 or code == 3:
+            if n > last:
+                break
+            row = row1
+            if code == 2:
+                row = row2
+            sign = wp.uint8(1 - ((value >> 8) & 1))
+            mask = value & 0xFF
+            while mask != 0:
+                if (mask & 1) != 0:
+                    if row < 0 or row >= height or column >= width:
+                        outside += wp.int64(1)
+                    else:
+                        t[n] = now_ns
+                        x[n] = wp.uint16(column)
+                        y[n] = wp.uint16(row)
+                        p[n] = sign
+                        n += 1
+                mask = mask >> 1
+                row += 1
+        elif code == 0 and ((value >= 2 and value <= 4) or value == 16 or value == 17):
+            if m >= last_trigger:
+                break
+            trigger_t[m] = now_ns
+            channel = 0
+            if value == 4:
+                channel = 2
+            elif value >= 16:
+                channel = 1
+            rises = 0
+            if value == 3 or value == 4 or value == 17:
+                rises = 1
+            trigger_id[m] = wp.uint8(channel)
+            trigger_value[m] = wp.uint8(rises)
+            m += 1
+        elif word == 5 or word == 7 or (word >> 8) == 0x50 or (word >> 8) == 0x53:
+            if k >= last_side:
+                break
+            side_t[k] = now
+            side_word[k] = words[i]
+            k += 1
+        else:
+            unknown += wp.int64(1)
+        i += 1
+    state[0] = timed
+    state[1] = offset
+    state[2] = now
+    state[3] = outside
+    state[4] = untimed
+    state[5] = unknown
+    state[6] = resets
+    state[9] = wp.int64(column)
+    state[10] = wp.int64(row1)
+    state[11] = wp.int64(row2)
+    out[0] = wp.int64(i)
+    out[1] = wp.int64(n)
+    out[2] = wp.int64(m)
+    out[3] = next_us
+    out[4] = wp.int64(k)

@@ -1,0 +1,208 @@
+"""HDF5: the three modes of ECF, the layouts of the data sets, damaged chunks and cut files."""
+
+from __future__ import annotations
+
+import struct
+
+import h5py
+import numpy as np
+import pytest
+from file_cases import save, small_events
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from stream_cases import same
+
+from evis.streams import Events, RecordingError, open_recording, open_writer
+from evis.streams.files import ecf
+from evis.streams.files.inflate import DamagedError
+
+MODES = ["yxp", "xp", "masked"]
+
+
+def runs(values, most, code, shift):
+    """Run lengths, one value at a time: value << shift | count, the largest count says that a u16 follows."""
+    out, i = b"", 0
+    while i < len(values):
+        n = 1
+        while i + n < len(values) and values[i + n] == values[i]:
+            n += 1
+        word = int(values[i]) << shift | min(n, most)
+        out += struct.pack(code, word) + (struct.pack("<H", n) if n >= most else b"")
+        i += n
+    return out
+
+
+def chunk(t, x, y, p, mode) -> bytes:
+    """A chunk by the format's description, one event at a time, in each of its modes."""
+    n = len(t)
+    out = struct.pack("<Iq", n << 2 | {"yxp": 2, "xp": 1, "masked": 0}[mode], t[0])
+    now, i = t[0], 0
+    while i < n:
+        count = 1
+        while i + count < n and t[i + count] == t[i]:
+            count += 1
+        step = t[i] - now
+        if step >= 15:
+            while step:
+                out += bytes([0xF0 | step & 15])
+                step >>= 4
+        out += bytes([step << 4 | min(count, 15)]) + (struct.pack("<H", count) if count >= 15 else b"")
+        now, i = t[i], i + count
+    if mode == "yxp":
+        bits = [y[k] << 12 | x[k] << 1 | p[k] for k in range(n)] + [0] * (-n % 4)
+        for k in range(0, len(bits), 4):
+            a, b, c, d = bits[k : k + 4]
+            out += struct.pack("<III", a << 8 | b & 0xFF, b >> 8 << 16 | c & 0xFFFF, c >> 16 << 24 | d)
+        return out
+    out += runs(y, 31, "<H", 5)
+    if mode == "xp":
+        bits = [x[k] << 1 | p[k] for k in range(n)] + [0] * (-n % 4)
+        for k in range(0, len(bits), 4):
+            a, b, c, d = bits[k : k + 4]
+            out += struct.pack("<HHH", a << 4 | b & 15, b >> 4 << 8 | c & 0xFF, c >> 8 << 12 | d)
+        return out
+    k = 0
+    while k < n:
+        first, mask = x[k], 0
+        k += 1
+        while k < n and x[k - 1] < x[k] <= first + 5:
+            mask |= 1 << 5 - (x[k] - first)
+            k += 1
+        out += struct.pack("<H", first << 5 | mask)
+    return out + runs(p, 127, "B", 7)
+
+
+@st.composite
+def bursts(draw):
+    """Rows that fire together, runs of equal times and polarities, jumps in time of all sizes."""
+    n = draw(st.integers(1, 300))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    longest = draw(st.sampled_from([1, 3, 40, 200]))
+    repeat = lambda values: np.repeat(values, rng.integers(1, longest + 1, n))[:n]
+    t = np.cumsum(repeat(rng.choice([0, 1, 14, 15, 16, 255, 70000, 10**9], n)) * (rng.random(n) < 0.5))
+    x = (repeat(rng.integers(0, 2040, n)) + rng.integers(0, 6, n)) % 2048
+    return [
+        c.astype(np.int64).tolist() for c in (t, x, repeat(rng.integers(0, 2048, n)), repeat(rng.integers(0, 2, n)))
+    ]
+
+
+@settings(max_examples=150, deadline=None)
+@given(columns=bursts(), mode=st.sampled_from(MODES))
+def test_ecf_decodes_what_the_description_says(columns, mode):
+    """Both decoders, on chunks from a plain encoder; and every chunk that is cut is refused."""
+    data = chunk(*columns, mode)
+    for backend in ("numpy", "warp"):
+        for got, expected in zip(ecf.decode(data, backend), columns):
+            np.testing.assert_array_equal(got, expected)
+        with pytest.raises(DamagedError):
+            ecf.decode(data[: 4 + len(data) // 2], backend)
+
+
+@settings(max_examples=100, deadline=None)
+@given(columns=bursts())
+def test_ecf_encoder(columns):
+    """What is encoded decodes to the same."""
+    t, x, y, p = (np.array(c, d) for c, d in zip(columns, (np.int64, np.uint16, np.uint16, np.uint8)))
+    for got, expected in zip(ecf.decode(ecf.encode(t, x, y, p)), (t, x, y, p)):
+        np.testing.assert_array_equal(got, expected)
+
+
+@settings(max_examples=300, deadline=None)
+@given(data=st.binary(max_size=200), n=st.integers(0, 80), mode=st.integers(0, 3))
+def test_ecf_of_garbage(data, n, mode):
+    """The loop and the kernel agree on any bytes: the same events, or both refuse."""
+    data = struct.pack("<Iq", n << 2 | mode, 7) + data
+    results = []
+    for backend in ("numpy", "warp"):
+        try:
+            results.append(ecf.decode(data, backend))
+        except DamagedError:
+            results.append(None)
+    assert (results[0] is None) == (results[1] is None)
+    for a, b in zip(*[r or [] for r in results]):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_damaged_chunk_is_left_out_alone(tmp_path):
+    """Of four chunks the second is destroyed: the events of the others come, the loss is counted and named."""
+    events = small_events(60_000, 640, 480)
+    with open_writer(tmp_path / "a.h5", 640, 480, "ecf") as writer:
+        writer.write(events)
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file["CD/events"].id.write_direct_chunk((16384,), b"\xff" * 50, 0)
+    with open_recording(tmp_path / "a.h5") as recording:
+        left = recording.read()
+        assert recording.counters() == {"chunks_damaged": 1}
+        assert "event 16384" in recording.info.warnings[0]
+    np.testing.assert_array_equal(left.t, np.delete(events.t, slice(16384, 32768)))
+
+
+def test_a_cut_file_gives_the_chunks_that_are_there(tmp_path):
+    """The library refuses cut files: here it sees zeros behind the cut. What it finds are the first events."""
+    events = small_events(100_000, 640, 480)
+    with open_writer(tmp_path / "a.h5", 640, 480, "plain") as writer:
+        writer.write(events)
+    data, most = (tmp_path / "a.h5").read_bytes(), 0
+    for cut in range(1000, len(data), len(data) // 12):
+        try:
+            with open_recording(save(tmp_path / "b.h5", data[:cut])) as recording:
+                left = recording.read()
+                assert recording.info.truncated and "cut" in recording.info.warnings[0]
+        except RecordingError as error:
+            assert "b.h5: cut" in str(error)
+            continue
+        n = int(np.argmax(left.t != events.t[: len(left)])) or len(left)
+        most = max(most, n)
+    assert most > 30_000
+
+
+def test_dsec_and_tum_vie(tmp_path):
+    """Columns in us with an offset (DSEC) and without (TUM-VIE), compressed as theirs; the index tells them apart."""
+    plugin = pytest.importorskip("hdf5plugin")
+    events = small_events(5000, 640, 480)
+    for name, offset in (("dsec", 51_648_500_652), ("tum-vie", None)):
+        with h5py.File(tmp_path / f"{name}.h5", "w") as file:
+            for column, dtype in (("x", "u2"), ("y", "u2"), ("p", "u1")):
+                data = getattr(events, column).astype(dtype)
+                file.create_dataset(f"events/{column}", data=data, chunks=(1000,), **plugin.Blosc(cname="zstd"))
+            file["events/t"] = (events.t // 1000).astype("u4" if offset else "i8")
+            file["ms_to_idx" if offset else "events/ms_to_idx"] = np.zeros(5, "u8")
+            if offset:
+                file["t_offset"] = np.int64(offset)
+        with open_recording(tmp_path / f"{name}.h5") as recording:
+            assert recording.info.encoding == name and recording.info.geometry_from == "sensor"
+            assert recording.info.width == (640 if offset else 1280)
+            got = recording.read()
+            np.testing.assert_array_equal(got.t, events.t + (offset or 0) * 1000)
+            same(got[:], Events(got.t, events.x, events.y, events.p))
+            recording.seek(int(got.t[3000]))
+            assert recording.next_t_ns == int(got.t[3000])
+
+
+def test_mvsec_has_two_cameras(tmp_path):
+    """Rows of x, y, t in seconds since 1970 as float64 (exact to 0.24 us), and polarity -1 or 1."""
+    events = small_events(500, 346, 260)
+    seconds = 1.5e9 + events.t / 1e9
+    rows = np.stack([events.x, events.y, seconds, np.where(events.p == 1, 1, -1)], 1).astype(np.float64)
+    with h5py.File(tmp_path / "a.hdf5", "w") as file:
+        file["davis/left/events"], file["davis/right/events"] = rows, rows[:100]
+        file["davis/left/imu"] = np.zeros((3, 6))
+    with open_recording(tmp_path / "a.hdf5") as recording:
+        assert (recording.info.width, recording.info.height, recording.info.encoding) == (346, 260, "mvsec")
+        got = recording.read()
+        np.testing.assert_allclose(got.t - 1_500_000_000_000_000_000, events.t, atol=240)
+        np.testing.assert_array_equal(got.p, events.p)
+        np.testing.assert_array_equal(got.x, events.x)
+        assert "davis/right/events" in recording.info.warnings[0]
+    with open_recording(tmp_path / "a.hdf5", topic="davis/right/events") as recording:
+        assert len(recording.read()) == 100
+
+
+def test_other_hdf5_files_are_named(tmp_path):
+    """No events in it; no such group; and a file that is no HDF5 behind its signature."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["weights"] = np.zeros(3)
+    with pytest.raises(RecordingError, match="without events"):
+        open_recording(tmp_path / "a.h5")
+    with pytest.raises(RecordingError, match="HDF5"):
+        open_recording(save(tmp_path / "b.h5", b"\x89HDF\r\n\x1a\n" + bytes(200)))
