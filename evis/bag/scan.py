@@ -146,8 +146,10 @@ class Scanner:
             return None
 
     def _read_summary(self) -> Layout | None:
+        if self.size < 2 * len(MAGIC) + _FOOTER_BYTES:
+            return None
         tail = self._read(self.size - _FOOTER_BYTES - len(MAGIC), _FOOTER_BYTES + len(MAGIC))
-        if self.size < 2 * len(MAGIC) + _FOOTER_BYTES or tail[-8:] != MAGIC or tail[0] != Opcode.FOOTER:
+        if tail[-8:] != MAGIC or tail[0] != Opcode.FOOTER:
             return None
         footer = parse(Opcode.FOOTER, tail[9:-8])
         start, end = footer.summary_start, self.size - _FOOTER_BYTES - len(MAGIC)

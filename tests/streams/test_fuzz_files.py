@@ -119,7 +119,7 @@ def test_damaged_files_at_length(name, whole, tmp_path):
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("name", ["hdf5 ecf", "hdf5 plain"])
 def test_damaged_hdf5_at_length(name, whole, tmp_path):
-    """In a process of its own, as the HDF5 library itself may not survive: then the number of its deaths is bounded."""
+    """In processes of their own, as the HDF5 library itself may crash or hang: how often is bounded."""
     (tmp_path / "whole.h5").write_bytes(whole(name))
     code = (
         "import sys, pathlib, numpy as np\n"
@@ -134,11 +134,14 @@ def test_damaged_hdf5_at_length(name, whole, tmp_path):
     )
     first, deaths = 0, 0
     while first < LONG // 10:
-        arguments = [sys.executable, "-c", code, os.path.dirname(__file__), str(tmp_path), str(first), str(LONG // 10)]
-        done = subprocess.run(arguments, capture_output=True, text=True, timeout=3600)
-        if not done.returncode:
-            break
-        assert done.returncode < 0, done.stderr  # a signal: the library's; an exception would be ours
-        deaths += 1
-        first = int((tmp_path / "seed").read_text()) + 1
-    assert deaths <= LONG // 1000
+        last = min(first + 200, LONG // 10)
+        arguments = [sys.executable, "-c", code, os.path.dirname(__file__), str(tmp_path), str(first), str(last)]
+        try:
+            done = subprocess.run(arguments, capture_output=True, text=True, timeout=120)
+            assert done.returncode <= 0, done.stderr  # a signal is the library's; an exception would be ours
+            died = done.returncode < 0
+        except subprocess.TimeoutExpired:
+            died = True  # endless loops in its own code, seen in the reading of attributes
+        deaths += died
+        first = int((tmp_path / "seed").read_text()) + 1 if died else last
+    assert deaths <= max(LONG // 2000, 2)

@@ -198,6 +198,20 @@ def test_mvsec_has_two_cameras(tmp_path):
         assert len(recording.read()) == 100
 
 
+def test_a_length_that_cannot_be_is_refused(tmp_path):
+    """2^60 events in a file of a few kB, with and without compression: an error, not an endless stream of zeros."""
+    kind = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("CD/events", (2**60,), kind, chunks=(16384,))
+        file["CD/events"][:100] = np.zeros(100, kind)
+    with h5py.File(tmp_path / "b.h5", "w") as file:
+        for name in "xytp":
+            file.create_dataset(f"events/{name}", (2**60,), "i8", chunks=(16384,), compression="gzip")
+    for name in ("a.h5", "b.h5"):
+        with pytest.raises(RecordingError, match="damaged: 1152921504606846976 events in"):
+            open_recording(tmp_path / name)
+
+
 def test_other_hdf5_files_are_named(tmp_path):
     """No events in it; no such group; and a file that is no HDF5 behind its signature."""
     with h5py.File(tmp_path / "a.h5", "w") as file:

@@ -92,7 +92,11 @@ def test_whole_files(name, tmp_path):
         for path, n in ((small, 10), (large, 25_000_000)):
             with h5py.File(path, "w") as file:
                 file.attrs["geometry"] = "640x480"
-                file.create_dataset("CD/events", (n,), kind, chunks=(16384,), maxshape=(None,))  # chunks not written
+                creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+                creation.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+                creation.set_fill_time(h5py.h5d.FILL_TIME_NEVER)  # a hole of the file system
+                group, rows = file.create_group("CD"), h5py.h5s.create_simple((n,))
+                h5py.h5d.create(group.id, b"events", h5py.h5t.py_create(kind, logical=True), rows, creation)
         expected = 25_000_000
     count, truncated = read_small(large, small)
     assert count == expected and not truncated

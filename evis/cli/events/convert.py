@@ -3,43 +3,58 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from collections import Counter
+from typing import TYPE_CHECKING, Any
 
-from evis.cli.events.files import add_output, is_raw, percent, rounded
+from evis.cli.events.files import add_input, add_output, holds_whole_us, open_input, percent, rounded
 
-HELP = "write a recording in another format: .raw, .npz, .csv or .txt"
+if TYPE_CHECKING:
+    from evis.streams import Events
+
+HELP = "write a recording in another format"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the action's arguments."""
-    parser.add_argument("source", metavar="IN", help="a .raw or .npz recording")
+    add_input(parser, "source", "IN")
     add_output(parser)
     parser.add_argument("--rebase", action="store_true", help="let the times count from the first one")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Copy block by block."""
-    from evis.streams import open_recording, open_writer
+    from evis.streams import open_writer
 
-    n = off_grid = triggers = 0
-    with open_recording(args.source) as recording, percent(recording, "converting") as step:
+    counts: Counter[str] = Counter(events=0)
+    with open_input(args, args.source) as recording, percent(recording, "converting") as step:
         about = recording.info
         if not about.width:
             raise ValueError(f"{args.source}: holds no events and no sensor size; there is nothing to convert")
         shift = (recording.next_t_ns or 0) if args.rebase else 0
-        raw = is_raw(args.out)
         with open_writer(args.out, about.width, about.height, args.encoding) as writer:
             for events in recording.blocks():
                 if shift:
-                    events.t, events.triggers.t = events.t - shift, events.triggers.t - shift
+                    _shift(events, shift)
                 writer.write(events)
-                n, triggers = n + len(events), triggers + len(events.triggers)
-                off_grid += rounded(events) if raw else 0
+                counts["events"] += len(events)
+                counts["times_rounded_to_us"] += rounded(events) if holds_whole_us(args.out) else 0
+                for name, n in (
+                    ("triggers", len(events.triggers)),
+                    ("imu", len(events.imu)),
+                    ("frames", len(events.frames)),
+                ):
+                    counts[name if name in writer.keeps else f"{name}_left_out"] += n
                 step()
         lost = recording.counters()
-    result: dict[str, Any] = {"out": args.out, "events": n, **lost}
-    if off_grid:
-        result["times_rounded_to_us"] = off_grid
-    if triggers:
-        result["triggers" if raw else "triggers_left_out"] = triggers
-    return result
+    result: dict[str, Any] = {"out": args.out, "events": counts.pop("events"), **lost}
+    result |= {name: n for name, n in counts.items() if n}
+    if about.truncated:
+        result["truncated"] = True
+    return result | ({"warnings": about.warnings} if about.warnings else {})
+
+
+def _shift(events: Events, ns: int) -> None:
+    events.t, events.triggers.t, events.imu.t = events.t - ns, events.triggers.t - ns, events.imu.t - ns
+    for frame in events.frames:
+        frame.t_ns, frame.end_ns = frame.t_ns - ns, frame.end_ns - ns
+        frame.exposure_start_ns, frame.exposure_end_ns = frame.exposure_start_ns - ns, frame.exposure_end_ns - ns

@@ -1,8 +1,9 @@
-"""What the actions on files share: the output's arguments, and progress on a terminal."""
+"""What the actions on files share: the arguments for input and output, and progress on a terminal."""
 
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,19 +13,53 @@ if TYPE_CHECKING:
     from evis.streams import Events, Recording
 
 
+OUTPUTS = ".raw, .npz, .csv, .txt, .dat, .es, .aedat4, .h5 or .hdf5"
+_WHOLE_US = (".raw", ".dat", ".es", ".aedat4", ".h5", ".hdf5")
+_ENCODINGS = ("evt2", "evt21", "evt21_legacy", "evt3", "zstd", "lz4", "none", "ecf", "plain")
+
+
+def add_input(parser: argparse.ArgumentParser, name: str = "recording", metavar: str = "REC") -> None:
+    """The recording, and what the user may say about it."""
+    parser.add_argument(name, metavar=metavar, help="a recording in any format; its content decides which")
+    parser.add_argument("--topic", default="", metavar="NAME", help="of a file with several event streams (the first)")
+    parser.add_argument("--size", type=size, metavar="WxH", help="of the sensor, in place of what the file says")
+
+
+def size(text: str) -> tuple[int, int]:
+    """`640x480` -> (640, 480)."""
+    found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
+    if not found or not (0 < int(found[1]) < 65536 and 0 < int(found[2]) < 65536):
+        raise argparse.ArgumentTypeError(f"'{text}' is no size; write it as 640x480")
+    return int(found[1]), int(found[2])
+
+
+def open_input(args: argparse.Namespace, path: str) -> Recording:
+    """The recording that `add_input` describes."""
+    from evis.streams import open_recording
+
+    return open_recording(path, size=args.size, topic=args.topic)
+
+
 def add_output(parser: argparse.ArgumentParser) -> None:
     """OUT and --encoding."""
-    parser.add_argument("out", metavar="OUT", help="a file to write: .raw, .npz, .csv or .txt")
-    parser.add_argument("--encoding", default="", choices=["evt2", "evt3"], help="of a .raw file (evt3)")
+    parser.add_argument("out", metavar="OUT", help=f"a file to write: {OUTPUTS}")
+    parser.add_argument(
+        "--encoding",
+        default="",
+        choices=_ENCODINGS,
+        metavar="NAME",
+        help="of .raw: evt3 (default), evt21, evt21_legacy, evt2; of .aedat4: zstd (default), lz4, none; of .h5 and "
+        ".hdf5: ecf (default), plain",
+    )
 
 
-def is_raw(path: str) -> bool:
-    """Whether a file by this name is written as RAW."""
-    return path.lower().endswith(".raw")
+def holds_whole_us(path: str) -> bool:
+    """Whether a file by this name is written in a format that rounds times to whole us."""
+    return path.lower().endswith(_WHOLE_US)
 
 
 def rounded(events: Events) -> int:
-    """Events whose time RAW rounds, as it holds whole us."""
+    """Events whose time such a format rounds."""
     return int((events.t % 1000 != 0).sum())
 
 

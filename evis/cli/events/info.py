@@ -6,7 +6,7 @@ import argparse
 import sys
 from typing import Any
 
-from evis.cli.events.files import percent
+from evis.cli.events.files import add_input, open_input, percent
 from evis.cli.events.rate import RateHistogram
 
 HELP = "what a recording holds; times as stored, in ns"
@@ -16,29 +16,29 @@ _PLAIN_BARS = "_.-:=+*#"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the action's arguments."""
-    parser.add_argument("recording", metavar="REC", help="a .raw or .npz recording")
+    add_input(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Read it once and report."""
-    from evis.streams import open_recording
-
-    n = on = triggers = 0
+    n = on = triggers = imu = frames = 0
     first: int | None = None
     last: int | None = None
     rate = RateHistogram()
-    with open_recording(args.recording) as recording, percent(recording, "reading") as step:
+    with open_input(args, args.recording) as recording, percent(recording, "reading") as step:
         for events in recording.blocks():
             if len(events):
                 first = int(events.t[0]) if first is None else first
                 last = int(events.t[-1])
             n, on, triggers = n + len(events), on + int(events.p.sum(dtype=int)), triggers + len(events.triggers)
+            imu, frames = imu + len(events.imu), frames + len(events.frames)
             rate.add(events.t)
             step()
         about, dropped = recording.info, recording.counters()
     return {
         "format": about.format, "encoding": about.encoding, "width": about.width, "height": about.height,
         "events": n, "t_first_ns": first, "t_last_ns": last, "on": on, "off": n - on, "triggers": triggers,
+        "imu_samples": imu, "frames": frames,
         "rate_histogram": {"bin_ns": rate.bin_ns, "counts": rate.counts()},
         "geometry_from": about.geometry_from, "serial": about.serial, "sensor": about.sensor,
         "truncated": about.truncated, "warnings": about.warnings, **dropped,
@@ -52,7 +52,7 @@ def for_people(result: dict[str, Any]) -> dict[str, Any]:
     shown = {}
     for name, value in result.items():
         shown[name] = value
-        if name == "triggers":
+        if name == "frames":
             shown["rate"] = _bars(histogram["counts"], histogram["bin_ns"])
     return shown
 

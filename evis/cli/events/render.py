@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator
 from typing import Any
 
-from evis.cli.events.files import percent
+from evis.cli.events.files import add_input, open_input, percent
 
 HELP = "draw a recording: an animation (.gif, .mp4) or a sheet of pictures (.png)"
 MAX_PICTURES = 3000
@@ -14,7 +14,7 @@ MAX_PICTURES = 3000
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the action's arguments."""
-    parser.add_argument("recording", metavar="REC", help="a .raw or .npz recording")
+    add_input(parser)
     parser.add_argument("out", metavar="OUT", help="a file to write: .gif, .mp4 or .png")
     parser.add_argument(
         "--style",
@@ -30,7 +30,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Draw window by window."""
-    from evis.streams import open_recording
     from evis.streams.export import save_gif, save_mp4, save_sheet
     from evis.streams.picture import TimeSurface, draw, windows
 
@@ -43,7 +42,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     dt_ns, from_ns = round(args.dt * 1e6), round(args.start * 1e9)
     to_ns = None if args.stop is None else round(args.stop * 1e9)
     count = 0
-    with open_recording(args.recording) as recording, percent(recording, "drawing") as step:
+    with open_input(args, args.recording) as recording, percent(recording, "drawing") as step:
         about = recording.info
         first_ns = recording.next_t_ns or 0
         surface = TimeSurface(about.width, about.height, round((args.tau or 30.0) * 1e6)) if surface_wanted else None

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from evis.cli.events.files import add_output, counted, is_raw, rounded
+from evis.cli.events.files import add_output, counted, holds_whole_us, rounded
 from evis.cli.events.sensor_options import add_sensor_options, sensor_values
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ class _Tally:
     """What was written, and what the file's format could not keep."""
 
     def __init__(self, out: str) -> None:
-        self._out, self._raw, self._npz = out, is_raw(out), out.lower().endswith(".npz")
+        self._out, self._raw, self._npz = out, holds_whole_us(out), out.lower().endswith(".npz")
         self._events = self._rounded = self._colourless = 0
 
     def add(self, events: Any) -> None:

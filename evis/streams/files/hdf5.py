@@ -30,7 +30,10 @@ def matches(head: bytes, path: Path) -> bool:
 
 
 class Hdf5Recording(BlockRecording):
-    """An HDF5 file of one of the layouts of `hdf5_layouts`. Of a file that is cut, what its library still finds."""
+    """An HDF5 file of one of the layouts of `hdf5_layouts`. Of a file that is cut, what its library still finds.
+
+    The library checks little: on a file damaged on purpose it can itself hang or crash.
+    """
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         from evis.streams.files.hdf5_layouts import find_layout
@@ -67,7 +70,7 @@ class Hdf5Recording(BlockRecording):
             self._source_file = None
         try:
             return h5py.File(self._source_file or self._path, "r")
-        except (OSError, RuntimeError, ValueError) as error:
+        except (OSError, RuntimeError, ValueError, OverflowError) as error:
             what = "cut before its table of contents" if self.info.truncated else f"damaged HDF5 file ({_short(error)})"
             raise RecordingError(f"{self._path}: {what}; there is no event to be had") from None
 
@@ -78,7 +81,7 @@ class Hdf5Recording(BlockRecording):
             yield
         except RecordingError:
             raise
-        except (OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError) as error:
+        except (OSError, RuntimeError, KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             if type(error).__module__.startswith("warp"):
                 raise
             missing = "can't open directory" in str(error) or "filter" in str(error)
@@ -171,7 +174,7 @@ class _Padded(io.RawIOBase):
     def readinto(self, buffer: Any) -> int:
         view = memoryview(buffer).cast("B")
         n = max(min(len(view), self._size - self._at), 0)
-        data = os.pread(self._descriptor, n, self._at)
+        data = os.pread(self._descriptor, n, self._at) if 0 <= self._at < 1 << 62 else b""
         view[: len(data)] = data
         view[len(data) : n] = bytes(n - len(data))
         self._at += n

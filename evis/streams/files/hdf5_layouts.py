@@ -18,6 +18,7 @@ from evis.streams.recording import RecordingError, RecordingInfo
 
 _COLUMNS = (("x", "y", "t", "p"), ("xs", "ys", "ts", "ps"))
 _MAX_CHUNK = 1 << 26
+_MOST_EVENTS_A_BYTE = 4096
 
 
 @dataclass
@@ -105,6 +106,7 @@ def _prophesee(file: h5py.File, table: h5py.Dataset, backend: str) -> Layout:
             rows["t"].astype(np.int64) * 1000, rows["id"].astype(np.uint8), (rows["p"] > 0).astype(np.uint8)
         )
 
+    _check_claim(table.shape[0], [table])
     name = "ecf" if ecf.FILTER in filters else "compound"
     return Layout(name, table.shape[0], whole, time_at, size, triggers, chunk if ecf.FILTER in filters else 0)
 
@@ -136,6 +138,7 @@ def _columns(file: h5py.File, group: h5py.Group) -> Layout:
     indexed = any(isinstance(_get(g, "ms_to_idx"), h5py.Dataset) for g in (file, group))
     name = ("dsec" if offset is not None else "tum-vie") if indexed else "columns"
     count = min(d.shape[0] if d.ndim == 1 else 0 for d in (x, y, t, p))
+    _check_claim(count, [x, y, t, p])
 
     def times(values: np.ndarray) -> np.ndarray:
         if values.dtype.kind == "f":
@@ -177,7 +180,15 @@ def _table(table: h5py.Dataset) -> Layout:
         fits = "davis" in table.name and n and (table[:n, :2].max(0) < (346, 260)).all()
         return (346, 260, "sensor") if fits else (0, 0, "")
 
+    _check_claim(table.shape[0], [table])
     return Layout("mvsec", table.shape[0], read, lambda i: int(times(table[i : i + 1, 2])[0]), size)
+
+
+def _check_claim(count: int, tables: list[h5py.Dataset]) -> None:
+    """No compression makes this little of so many events: a damaged number must not keep a reader busy for ever."""
+    stored = sum(table.id.get_storage_size() for table in tables)
+    if count > _MOST_EVENTS_A_BYTE * stored:
+        raise ValueError(f"damaged: {count} events in {stored} bytes")
 
 
 def _events(t: Any, x: Any, y: Any, p: Any, unit: int) -> Events:
