@@ -19,7 +19,7 @@ from bench import disk
 from bench.alignment import align
 from bench.metrics import Stream
 from bench.peers import DISK, QUOTED, SINUSOIDS, esim_core
-from bench.signals import FORMS, SECOND, Recording, Sinusoids, stamps
+from bench.signals import FORMS, Recording, Sinusoids, stamps
 from nodes.event_sensor.models import make_model
 from nodes.event_sensor.models.v2e import NOISY
 from nodes.event_sensor.parameters import CROSSINGS
@@ -203,28 +203,35 @@ def _speed_row(name: str, frames: int, spent: list[float], events: Stream, truth
 
 
 def edges(quick: bool) -> dict[str, Any]:
-    """Hard edges: the disk sampled at lower rates against its own dense rendering, every method."""
-    end = 24_000_000
-    dense = 8_000 if quick else 16_000
-    width, height = (320, 260) if quick else (640, 480)
-    sections = {}
-    for name, soft in (("edges", 1.0), ("point_samples", 0.0)):
-        t = stamps(dense, end / SECOND)
-        everything = disk.record(t, soft, width, height)
+    """Hard edges: the disk sampled at lower rates against its own dense rendering, every method.
+
+    The reference spreads an edge over its own step, so the highest rates have one of 64 kHz, of the picture's middle.
+    """
+    size = (320, 260) if quick else (640, 480)
+    sections: dict[str, Any] = {}
+    for soft, rates, dense, milliseconds, shape in (
+        (1.0, (250, 1000) if quick else (125, 250, 500, 1000, 2000), 16_000, 24, size),
+        (0.0, (250, 1000) if quick else (125, 250, 500, 1000, 2000), 16_000, 24, size),
+        (1.0, (4000,) if quick else (4000, 8000), 64_000, 8, (160, 130)),
+        (0.0, (4000,) if quick else (4000, 8000), 64_000, 8, (160, 130)),
+    ):
+        t = stamps(dense, milliseconds * 1e-3)
+        everything = disk.record(t, soft, *shape)
         truth = disk.reference_events(everything.luminance, t, C)
         rows = []
-        for rate in (250, 1000, 4000) if quick else (125, 250, 500, 1000, 2000, 4000, 8000):
-            every = dense // rate
-            part = Recording(*(a[::every] for a in (everything.luminance, everything.dlog_dt, t)))
-            part = Recording(*(np.ascontiguousarray(a) for a in (part.luminance, part.dlog_dt, part.t)))
+        for rate in rates:
+            part = Recording(
+                *(np.ascontiguousarray(a[:: dense // rate]) for a in (everything.luminance, everything.dlog_dt, t))
+            )
             for method, (make, slopes) in crossings().items():
                 events, _ = sense(make, part, slopes)
                 rows.append({"frames [Hz]": rate, "method": method} | align(events, truth).figures())
         how = "edges one pixel wide (box filter)" if soft else "edges without width (point samples)"
+        name = ("edges" if soft else "point_samples") + ("_fine" if dense == 64_000 else "")
         sections[name] = _section(
             f"Hard edges: the disk against its own rendering at {dense} Hz, {how}",
             rows,
-            f"{width} x {height}, {end / 1e6:g} ms, {len(truth.t)} events in the reference (linear, float64). "
+            f"{shape[0]} x {shape[1]}, {milliseconds} ms, {len(truth.t)} events in the reference (linear, float64). "
             "hermite is given dL/dt of the picture, which is 0 inside a patch.",
         )
     return sections
@@ -257,7 +264,7 @@ def _section(title: str, rows: list[dict[str, Any]], note: str) -> dict[str, Any
 
 def measure(quick: bool = False) -> dict[str, Any]:
     """All tables; quick: fewer pixels, frames and repetitions."""
-    sections = {}
+    sections: dict[str, Any] = {}
     for table in (sinusoids, closed_forms, speed, edges, omissions):
         sections |= table(quick)
     return sections

@@ -1,31 +1,40 @@
 """What the pure parts cost on a CUDA device, arrays staying there: renderer, splat and event sensor.
 
-`python -m bench.gpu [--quick]`. Wall milliseconds per call with the device idle before and after, medians; the host's
-share (poses to matrices, launches) is in them.
+`python -m bench.gpu [--quick] [--only sensor] [--out FILE]`. Of the renderer, wall milliseconds per call with the
+device idle before and after, medians; the host's share (poses to matrices, launches) is in them. The event sensor's
+tables are explained in bench/event_sensor_gpu.py.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import statistics
-import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from bench import disk
-from bench.signals import SECOND
+from bench import event_sensor_gpu
 from evis.scene import load_scene
-from nodes.event_sensor.sensor import EventSensor
 from nodes.renderer.renderer import OUTPUTS, Renderer
 from nodes.renderer.visibility import Visibility
 
 DEVICE = "cuda:0"
 STEP_NS = 4_000_000
 """Between two keyframes of a measurement: everything that can move does."""
+RENDERED = (
+    ("warehouse", 1, (640, 480)),
+    ("warehouse", 64, (128, 128)),
+    ("spinning_disk", 1, (346, 260)),
+    ("spinning_disk", 64, (128, 128)),
+    ("spinning_disk", 1024, (128, 128)),
+    ("drone", 1, (640, 480)),
+)
+"""Scene, environments, size."""
 
 
 def milliseconds(call: Callable[[int], object], count: int) -> float:
@@ -68,51 +77,42 @@ def renderer_row(name: str, envs: int, size: tuple[int, int], count: int) -> dic
     return row
 
 
-def sensor_row(k: int, count: int) -> dict[str, Any]:
-    """Frames of the HDR disk, already on the device, K a call; events sorted but not read out."""
-    t = (np.arange(k * (count + 3), dtype=np.int64) + 1) * (SECOND // 1000)
-    frames = disk.record(t, soft=1.0).luminance
-    sensor = EventSensor(480, 640, device=DEVICE)
-    images = [wp.array(frames[i : i + k][None], dtype=wp.float32, device=DEVICE) for i in range(0, len(t), k)]
-    events = 0
-
-    def sense(i: int) -> None:
-        nonlocal events
-        events += sensor.advance(images[i], t[i * k : (i + 1) * k], np.zeros(1, np.int32))
-
-    ms = milliseconds(sense, count)
-    return {
-        "frames a call": k,
-        "ms a call": ms,
-        "frames/s": round(1e3 * k / ms),
-        "Mev/s": round(events / (count + 3) / ms / 1e3, 1),
-    }
-
-
-def measure(quick: bool = False) -> dict[str, Any]:
-    """Raises RuntimeError where there is no CUDA device."""
+def measure(quick: bool = False, only: str = "") -> dict[str, Any]:
+    """Tables whose names begin with `only`. Raises RuntimeError where there is no CUDA device."""
     wp.init()
     if not wp.is_cuda_available():
         raise RuntimeError("there is no CUDA device here; this subject measures nothing else")
-    count = 10 if quick else 40
-    name = wp.get_device(DEVICE).name
-    sizes = [("warehouse", 1, (640, 480)), ("warehouse", 64, (128, 128)), ("spinning_disk", 1, (346, 260)),
-             ("spinning_disk", 64, (128, 128)), ("spinning_disk", 1024, (128, 128)), ("drone", 1, (640, 480))]
-    return {
-        "renderer": {
-            "title": f"Renderer on {name}, every image anew",
-            "command": "python -m bench.gpu",
-            "rows": [renderer_row(*row, count=count) for row in sizes],
+    tables: dict[str, Any] = {}
+    if "renderer".startswith(only):
+        tables["renderer"] = {
+            "title": f"Renderer on {wp.get_device(DEVICE).name}, every image anew",
+            "rows": [renderer_row(*row, count=10 if quick else 40) for row in RENDERED],
             "note": "",
-        },
-        "sensor": {
-            "title": f"Event sensor on {name}, HDR disk, 640x480 at 1 kHz",
-            "command": "python -m bench.gpu",
-            "rows": [sensor_row(k, count) for k in (1, 8, 50)],
-            "note": "Plain model, sorting included, events stay on the device.",
-        },
-    }
+        }
+    tables |= event_sensor_gpu.measure(quick, only)
+    return {name: table | {"command": "python -m bench.gpu"} for name, table in tables.items()}
+
+
+def text(table: dict[str, Any]) -> str:
+    """A table for a terminal."""
+    rows = [list(table["rows"][0]), *([str(v) for v in row.values()] for row in table["rows"])]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths)) for row in rows]
+    return "\n".join([table["title"], *lines, table["note"], ""])
+
+
+def main() -> None:
+    """Print the tables; write them as JSON where --out says."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="fewer repetitions")
+    parser.add_argument("--only", default="", help="what the wanted tables' names begin with, for example sensor")
+    parser.add_argument("--out", type=Path, help="JSON file to write")
+    args = parser.parse_args()
+    tables = measure(args.quick, args.only)
+    print("\n".join(text(table) for table in tables.values()))
+    if args.out:
+        args.out.write_text(json.dumps(tables, indent=1))
 
 
 if __name__ == "__main__":
-    print(json.dumps(measure("--quick" in sys.argv), indent=1))
+    main()

@@ -54,35 +54,32 @@ class Defocus:
         weights = np.exp(-0.5 * (np.arange(radius + 1) / sigma) ** 2)
         weights /= weights[0] + 2.0 * weights[1:].sum()
         self._weights: wp.array = wp.array(weights.astype(np.float32), device=device)
-        self._buffers: tuple[wp.array, wp.array] | None = None
+        self._blurred: wp.array | None = None
+        self._rows: wp.array = wp.empty(0, dtype=wp.float32, device=device)
         self._device = wp.get_device(device)
 
     def __call__(self, images: wp.array) -> wp.array:
         """float32 [N, H, W, C] -> the same, blurred, in a buffer that the next call overwrites."""
-        if self._buffers is None or self._buffers[0].shape != images.shape:
-            self._buffers = (
-                wp.empty(images.shape, dtype=wp.float32, device=self._device),
-                wp.empty(images.shape, dtype=wp.float32, device=self._device),
-            )
         count, height, width, channels = images.shape
         row = width * channels
-        source = images.flatten()
-        between, blurred = (buffer.flatten() for buffer in self._buffers)
+        ring = 2 * len(self._weights) - 1
+        if self._blurred is None or self._blurred.shape != images.shape:
+            # On a GPU whole images between the two passes, on a CPU the rows that the next one needs.
+            room = images.size if self._device.is_cuda else ring * row
+            self._blurred = wp.empty(images.shape, dtype=wp.float32, device=self._device)
+            self._rows = wp.empty(room, dtype=wp.float32, device=self._device)
+        source, blurred, rows = images.flatten(), self._blurred.flatten(), self._rows
         if self._device.is_cuda:
-            for shape, a, b in (((count * height, width, channels), source, between),
-                                ((count, height, row), between, blurred)):  # fmt: skip
+            for shape, a, b in (((count * height, width, channels), source, rows),
+                                ((count, height, row), rows, blurred)):  # fmt: skip
                 wp.launch(
                     kernels.each_sample, shape, [self._weights, a, *shape[1:]], [b], device=self._device
                 )  # fmt: skip
         else:
-            runs, between_runs, blurred_runs = (_runs(a) for a in (source, between, blurred))
-            rows = [self._weights, source, runs, width, channels]
-            wp.launch(kernels.along_rows, count * height, rows, [between, between_runs], device=self._device)
-            columns = [self._weights, between, between_runs, height, row]
-            wp.launch(
-                kernels.down_columns, (count, height), columns, [blurred, blurred_runs], device=self._device
-            )  # fmt: skip
-        return self._buffers[1]
+            inputs = [self._weights, source, _runs(source), height, width, channels]
+            outputs = [a for samples in (rows, blurred) for a in (samples, _runs(samples))]
+            wp.launch(kernels.blur_rows, (count, height), inputs, outputs, device=self._device)
+        return self._blurred
 
 
 def _runs(samples: wp.array) -> wp.array:

@@ -4,11 +4,13 @@
 weights: of the distances 0, 1, ... radius; the samples at the ends of a line are repeated. On a CPU a thread is a row
 of the image, which it filters RUN samples at a time: `runs` arrays are views in which element i is the RUN samples from
 i on, so that the compiler makes vector instructions of them at any place.
+
+Products and sums are rounded apart, in one order: all devices blur to the same bits.
 """
 
 import warp as wp
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 RUN = 16
 Run = wp.types.vector(length=RUN, dtype=wp.float32)
@@ -34,22 +36,24 @@ def filtered(
     return total
 
 
-@wp.kernel
-def along_rows(
+@wp.func
+def row_filtered(
     # in
     weights: wp.array(dtype=wp.float32),
     image: wp.array(dtype=wp.float32),
     runs: wp.array(dtype=Run),
+    start: wp.int32,
     width: wp.int32,
     channels: wp.int32,
+    to: wp.int32,
     # out
-    blurred: wp.array(dtype=wp.float32),
-    blurred_runs: wp.array(dtype=Run),
+    rows: wp.array(dtype=wp.float32),
+    rows_runs: wp.array(dtype=Run),
 ):
-    """Filter along x; a thread is a row."""
+    """Filter the row that starts at `start` along x, to `rows` from `to` on."""
     row = width * channels
-    start = wp.tid() * row
-    margin = wp.min((weights.shape[0] - 1) * channels, row)
+    taps = weights.shape[0]
+    margin = wp.min((taps - 1) * channels, row)
     end = row - margin  # of what needs no clamp
     if end - margin < wp.static(RUN):
         margin = row
@@ -58,51 +62,77 @@ def along_rows(
     while i < row:
         if i == margin:
             i = end
-        blurred[start + i] = filtered(weights, image, start + i, i // channels, width, channels)
+        if i < row:
+            rows[to + i] = filtered(weights, image, start + i, i // channels, width, channels)
         i += 1
     i = margin
     while i < end:
         # The last run reaches back over the one before.
         i = wp.min(i, end - wp.static(RUN))
         total = weights[0] * runs[start + i]
+        before = start + i
+        after = start + i
         j = int(1)
-        while j < weights.shape[0]:
-            total += weights[j] * (runs[start + i - j * channels] + runs[start + i + j * channels])
+        while j < taps:
+            before -= channels
+            after += channels
+            total += weights[j] * (runs[before] + runs[after])
             j += 1
-        blurred_runs[start + i] = total
+        rows_runs[to + i] = total
         i += wp.static(RUN)
 
 
 @wp.kernel
-def down_columns(
+def blur_rows(
     # in
     weights: wp.array(dtype=wp.float32),
     image: wp.array(dtype=wp.float32),
     runs: wp.array(dtype=Run),
     height: wp.int32,
-    row: wp.int32,
+    width: wp.int32,
+    channels: wp.int32,
+    # in and out
+    rows: wp.array(dtype=wp.float32),
+    rows_runs: wp.array(dtype=Run),
     # out
     blurred: wp.array(dtype=wp.float32),
     blurred_runs: wp.array(dtype=Run),
 ):
-    """Filter along y; a thread is a row of `row` samples."""
+    """One row of the result per thread, in order; `rows` keeps the 2 radius + 1 rows filtered along x that it needs."""
     n, y = wp.tid()
-    start = (n * height + y) * row
+    row = width * channels
+    radius = weights.shape[0] - 1
+    ring = 2 * radius + 1
+    image_at = n * height * row
+    ready = y + radius  # rows up to here have been filtered along x
+    first = wp.where(y == 0, 0, ready)
+    while first <= wp.min(ready, height - 1):
+        row_filtered(weights, image, runs, image_at + first * row, width, channels, first % ring * row, rows, rows_runs)
+        first += 1
+    here = y % ring * row
+    out = image_at + y * row
     i = int(0)
     if row < wp.static(RUN):
         while i < row:
-            blurred[start + i] = filtered(weights, image, start + i, y, height, row)
+            sample = weights[0] * rows[here + i]
+            j = int(1)
+            while j <= radius:
+                above = wp.max(y - j, 0) % ring * row
+                below = wp.min(y + j, height - 1) % ring * row
+                sample += weights[j] * (rows[above + i] + rows[below + i])
+                j += 1
+            blurred[out + i] = sample
             i += 1
     while i < row:
         i = wp.min(i, row - wp.static(RUN))
-        total = weights[0] * runs[start + i]
+        total = weights[0] * rows_runs[here + i]
         j = int(1)
-        while j < weights.shape[0]:
-            before = wp.min(j, y)
-            after = wp.min(j, height - 1 - y)
-            total += weights[j] * (runs[start + i - before * row] + runs[start + i + after * row])
+        while j <= radius:
+            above = wp.max(y - j, 0) % ring * row
+            below = wp.min(y + j, height - 1) % ring * row
+            total += weights[j] * (rows_runs[above + i] + rows_runs[below + i])
             j += 1
-        blurred_runs[start + i] = total
+        blurred_runs[out + i] = total
         i += wp.static(RUN)
 
 

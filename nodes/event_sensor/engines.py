@@ -1,14 +1,15 @@
-"""The three kernels behind the sensor, their state and how they are launched.
+"""The kernels behind the sensor, their state and how they are launched.
 
-Every engine reads the state before a message and writes the state after it, so that a launch can be made again with a
-longer buffer when the events did not fit. `swap` makes the new state the present one.
+An engine changes its state in place and goes on where the events ran out of room, or it reads the state before a
+message and writes the state after it, so that a launch can be made again; `swap` then makes the new state the present
+one.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ import warp as wp
 from nodes.event_sensor import kernels, kernels_paper, noise
 from nodes.event_sensor.kernels_plain import plain_kernels
 from nodes.event_sensor.kernels_quiet import Quiet, arrays_of, quiet_state, runs_of
-from nodes.event_sensor.kernels_state import Cold, Features, Warm
+from nodes.event_sensor.kernels_state import Cold, Features
 from nodes.event_sensor.kernels_threads import full_kernels
 from nodes.event_sensor.packet import KeyLayout
 
@@ -28,21 +29,37 @@ would otherwise answer a black pixel with infinitely many events."""
 
 @dataclass
 class Batch:
-    """Frames on their way into a kernel. images, slopes: flat, of [E, frames, H, W, C]; the first `count` settle now.
+    """Frames on their way into a kernel. images, slopes: [E, frames, H, W, C]; the first `count` settle now.
 
     t: int64 [frames]. t_base, t_before: the stamp before t[0] and the one before that. begin: int32 [E], bit k set
-    where frame k (0 or 1) begins an episode. episodes: int32 [2, E], of frame 0 and of the later ones.
+    where frame k (0 or 1) begins an episode. episodes: int32 [2, E], of frame 0 and of the later ones. These three are
+    of numpy (or rows of it); after `on` they are Warp arrays, and images and slopes are flat.
     """
 
     images: wp.array
     slopes: wp.array
-    t: wp.array
+    t: Any
     frames: int
     count: int
     t_base: int
     t_before: int
-    begin: wp.array
-    episodes: wp.array
+    begin: Any
+    episodes: Any
+
+    def on(self, device: Any) -> Batch:
+        """The same with everything on the device."""
+
+        def there(values: np.ndarray, dtype: Any) -> wp.array:
+            return wp.array(np.ascontiguousarray(values), dtype=dtype, device=device, copy=False)
+
+        return replace(
+            self,
+            images=self.images.flatten(),
+            slopes=self.slopes.flatten(),
+            t=there(self.t, wp.int64),
+            begin=there(self.begin.astype(np.int32), wp.int32),
+            episodes=there(np.stack(self.episodes), wp.int32),
+        )
 
 
 @dataclass(frozen=True)
@@ -65,37 +82,29 @@ class Size:
 
 
 class Plain:
-    """Linear or frame stamps, no fault."""
+    """Linear or frame stamps, no fault, on a CPU; nodes.event_sensor.cuda.plain is the same on a GPU."""
 
-    def __init__(self, size: Size, frame: bool, device: Any) -> None:
+    def __init__(self, size: Size, frame: bool) -> None:
         total = size.envs * size.pixels
-        self._kernel = plain_kernels(frame)[device.is_cuda]
-        self._size, self._device, self.in_place = size, device, not device.is_cuda
-        self._before = quiet_state(total, False, device), wp.zeros(total, dtype=wp.vec2i, device=device)
-        self._after = self._before
-        if not self.in_place:
-            self._after = quiet_state(total, False, device), wp.zeros(total, dtype=wp.vec2i, device=device)
-        self._base: wp.array = wp.zeros(total, dtype=wp.float64, device=device)
+        self._kernel = plain_kernels(frame)[0]
+        self._size = size
+        self._quiet = quiet_state(total, False, False, "cpu")
+        self._counts: wp.array = wp.zeros(total, dtype=wp.vec2i, device="cpu")
+        self._base: wp.array = wp.zeros(total, dtype=wp.float64, device="cpu")
 
     def arrays(self) -> tuple[wp.array, ...]:
         """Everything that is kept per pixel."""
-        states = (self._before,) if self.in_place else (self._before, self._after)
-        return *(a for quiet, counts in states for a in (*arrays_of(quiet), counts)), self._base
+        return *arrays_of(self._quiet), self._counts, self._base
 
     def launch(self, sensor: kernels.Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
-        """Events of a batch to `keys`, as many as fit. In place: from pixel `resume` to the first without room."""
+        """Events of a batch to `keys`, from pixel `resume` to the first without room."""
         b = batch
-        times = [b.t, b.t_base, b.begin]
-        if self.in_place:
-            inputs = [sensor, b.images, runs_of(b.images), *times, resume]
-            outputs = [*self._before, self._base, keys, counters]
-        else:
-            inputs = [sensor, b.images, *times, *self._before]
-            outputs = [*self._after, self._base, keys, counters]
-        wp.launch(self._kernel, self._size.threads(not self.in_place), inputs, outputs, device=self._device)
+        inputs = [sensor, b.images, runs_of(b.images), b.t, b.t_base, b.begin, resume]
+        outputs = [self._quiet, self._counts, self._base, keys, counters]
+        wp.launch(self._kernel, self._size.threads(False), inputs, outputs, device="cpu")
 
     def swap(self) -> None:
-        self._before, self._after = self._after, self._before
+        """The state is changed in place."""
 
 
 def pattern_of(size: Size, seed: int, p: Mapping[str, Any]) -> tuple[np.ndarray, ...]:
@@ -131,12 +140,12 @@ class Full:
     def __init__(self, size: Size, seed: int, p: Mapping[str, Any], device: Any) -> None:
         total = size.envs * size.pixels
         features = features_of(p)
-        timed = features.leak or features.noise or features.refractory
         self._kernel = full_kernels(features)[device.is_cuda]
         self._size, self._device, self.in_place = size, device, not device.is_cuda
 
         def state() -> tuple[Quiet, wp.array]:
-            return quiet_state(total, timed, device), wp.zeros(total, dtype=Warm, device=device)
+            side: wp.array = wp.zeros(0 if self.in_place else total, dtype=wp.int32, device=device)
+            return quiet_state(total, features.timed, features.curved, device), side
 
         self._before = state()
         self._after = self._before if self.in_place else state()
@@ -150,18 +159,19 @@ class Full:
     def arrays(self) -> tuple[wp.array, ...]:
         """Everything that is kept per pixel."""
         states = (self._before,) if self.in_place else (self._before, self._after)
-        kept = (a for quiet, warm in states for a in (*arrays_of(quiet), warm))
+        kept = (a for quiet, side in states for a in (*arrays_of(quiet), side))
         return *kept, self._colds
 
     def launch(self, sensor: kernels.Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
         """Events of a batch to `keys`, as many as fit. In place: from pixel `resume` to the first without room."""
         b = batch
-        steps = [b.slopes, b.frames, b.count, b.t, b.t_base, b.t_before]
+        steps = [b.frames, b.count, b.t, b.t_base, b.t_before]
         if self.in_place:
-            inputs = [sensor, b.begin, b.episodes, b.images, runs_of(b.images), *steps, resume]
+            frames = [b.images, runs_of(b.images), b.slopes, runs_of(b.slopes)]
+            inputs = [sensor, b.begin, b.episodes, *frames, *steps, resume]
             outputs = [*self._before, self._colds, keys, counters]
         else:
-            inputs = [sensor, b.begin, b.episodes, b.images, *steps, *self._before]
+            inputs = [sensor, b.begin, b.episodes, b.images, b.slopes, *steps, *self._before]
             outputs = [*self._after, self._colds, keys, counters]
         wp.launch(self._kernel, self._size.threads(not self.in_place), inputs, outputs, device=self._device)
 
@@ -200,13 +210,18 @@ class Paper:
         self._before, self._after = self._after, self._before
 
 
-def make_engine(size: Size, seed: int, p: Mapping[str, Any], device: Any) -> Plain | Full | Paper:
+def make_engine(size: Size, seed: int, p: Mapping[str, Any], device: Any) -> Any:
     """The engine for resolved parameters: the plain one unless a curve or a fault is asked for."""
     if p["model"] == "evis-paper":
         return Paper(size, seed, p, device)
-    if features_of(p) in (Features("linear"), Features("frame")):
-        return Plain(size, p["crossing"] == "frame", device)
-    return Full(size, seed, p, device)
+    if features_of(p) not in (Features("linear"), Features("frame")):
+        return Full(size, seed, p, device)
+    frame = p["crossing"] == "frame"
+    if device.is_cuda:
+        from nodes.event_sensor.cuda.plain import PlainPasses
+
+        return PlainPasses(size.envs * size.pixels, size.pixels, frame, device)
+    return Plain(size, frame)
 
 
 def sensor_struct(p: Mapping[str, Any], shape: tuple[int, int, int], layout: KeyLayout, seed: int) -> kernels.Sensor:

@@ -13,22 +13,12 @@ from typing import Any
 import warp as wp
 
 from nodes.event_sensor import kernels_step as pieces
-from nodes.event_sensor.kernels import (
-    EVENTS,
-    LARGEST,
-    NONFINITE,
-    TOLERANCE,
-    Sensor,
-    count_clipped,
-    key_head,
-    key_tail,
-    log_level,
-    valid,
-)
-from nodes.event_sensor.kernels_curve import at, crossing, turning_points
+from nodes.event_sensor.kernels import EVENTS, LARGEST, NONFINITE, Sensor, count_clipped, key_head, key_tail, valid
+from nodes.event_sensor.kernels_curve import turning_points
+from nodes.event_sensor.kernels_emit import crossings_fired, curve_value, emit
 from nodes.event_sensor.kernels_noise import NEVER, draw, waiting_time
 from nodes.event_sensor.kernels_quiet import Quiet
-from nodes.event_sensor.kernels_state import ALIVE, NOWHERE, Cold, Features, Warm, emit, unknown_levels
+from nodes.event_sensor.kernels_state import ALIVE, NOWHERE, Cold, Features, cold_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -41,6 +31,7 @@ def sense_pixel(features: Features) -> Any:
     leak, coin, noise = features.leak, features.coin, features.noise
     refractory, mismatch, cap = features.refractory, features.mismatch, features.cap
     spontaneous = noise or coin
+    value, fire = curve_value(features), crossings_fired(features)
     curve, curve_quiet, rest = pieces.step_curve(features), pieces.surely_quiet(features), pieces.band_left(features)
 
     @wp.func
@@ -61,10 +52,10 @@ def sense_pixel(features: Features) -> Any:
         t_base: wp.int64,
         t_before: wp.int64,
         before: Quiet,
-        warm_before: wp.array(dtype=Warm),
+        side_before: wp.array(dtype=wp.int32),
         # out
         after: Quiet,
-        warm_after: wp.array(dtype=Warm),
+        side_after: wp.array(dtype=wp.int32),
         colds: wp.array2d(dtype=Cold),
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
@@ -77,10 +68,10 @@ def sense_pixel(features: Features) -> Any:
         first = wp.int64(env) * wp.int64(frames) * wp.int64(size) + wp.int64(inner)
         stride = wp.int64(size)
         two_sided = colds.shape[0] == 2
-        warm = Warm()
-        if wp.static(curved) or two_sided:
-            warm = warm_before[index]
-        hot = pieces.take(before, warm, index)
+        side = int(0)
+        if two_sided:
+            side = side_before[index]
+        hot = pieces.take(before, index)
         start = t_base
         start_before = t_before
         k = int(0)
@@ -101,20 +92,35 @@ def sense_pixel(features: Features) -> Any:
                 if k == count:
                     pieces.put(after, index, hot)
                     if two_sided:
-                        warm_after[index] = warm
+                        side_after[index] = side
                     return
                 if k > 0:
                     start = t[k - 1]
-        cold = Cold()
+        # The fields of Cold one by one: a struct that is set in a branch would go through memory.
         loaded = bool(False)
+        base = wp.float64(0.0)
+        net = wp.int32(0)
+        n_off = wp.int32(0)
+        origin = wp.int64(0)
+        dead = wp.int64(0)
+        candidate = wp.int64(0)
+        draws = wp.int64(0)
+        own_on = wp.float32(0.0)
+        own_off = wp.float32(0.0)
+        own_leak = wp.float32(0.0)
+        own_hot = wp.float32(0.0)
         c_on = sensor.threshold_on
         c_off = sensor.threshold_off
-        drift = zero  # of S [1/ns]
+        drift = wp.float64(0.0)  # of S [1/ns]
         rate = sensor.shot_rate
-        hot_share = zero
+        hot_share = wp.float64(0.0)
         stream = wp.uint64(0)
         named = bool(False)  # the stream is known
-        levels = unknown_levels(NOWHERE)
+        # L of the samples earlier, early, last and next, where known.
+        l_earlier = NOWHERE + zero
+        l_early = NOWHERE + zero
+        l_last = NOWHERE + zero
+        l_next = NOWHERE + zero
         while k < count:
             v = luminance[first + wp.int64(k) * stride]
             now = t[k]
@@ -142,34 +148,52 @@ def sense_pixel(features: Features) -> Any:
                     if not named:
                         stream = pieces.stream_here(sensor, env, inner, episodes, k)
                         named = True
-                    coin_at = pieces.coin_time(stream, colds[warm.side, index].leak, start, now)
+                    coin_at = pieces.coin_time(stream, colds[side, index].leak, start, now)
                     quiet = quiet and coin_at == NEVER
             if not quiet:
                 held = not valid(sensor, v)
                 if held:
                     wp.atomic_add(counters, NONFINITE, wp.int64(1))
                 if not loaded:
-                    cold = colds[warm.side, index]
                     loaded = True
+                    base = colds[side, index].base
+                    net = colds[side, index].net
+                    n_off = colds[side, index].n_off
+                    origin = colds[side, index].origin
+                    dead = colds[side, index].dead
+                    candidate = colds[side, index].next
+                    draws = colds[side, index].draws
+                    own_on = colds[side, index].c_on
+                    own_off = colds[side, index].c_off
+                    own_leak = colds[side, index].leak
+                    own_hot = colds[side, index].hot
                     if wp.static(mismatch):
-                        c_on = wp.float64(cold.c_on)
-                        c_off = wp.float64(cold.c_off)
+                        c_on = wp.float64(own_on)
+                        c_off = wp.float64(own_off)
                     if wp.static(leak):
-                        drift = wp.float64(cold.leak) * c_on * wp.float64(1.0e-9)
+                        drift = wp.float64(own_leak) * c_on * wp.float64(1.0e-9)
                     if wp.static(noise):
-                        rate = rate + wp.float64(cold.hot)
-                        hot_share = wp.float64(cold.hot) / wp.max(rate, wp.float64(1.0e-300))
+                        rate = rate + wp.float64(own_hot)
+                        hot_share = wp.float64(own_hot) / wp.max(rate, wp.float64(1.0e-300))
                 if hot.low > LARGEST:
                     if not held:
                         count_clipped(sensor, v, counters)
+                        base = pieces.log_level(sensor, v)
+                        net = 0
+                        n_off = 0
+                        origin = now
+                        dead = ALIVE
                         candidate = NEVER
+                        draws = wp.int64(0)
                         if wp.static(noise):
                             stream = pieces.stream_here(sensor, env, inner, episodes, k)
                             named = True
                             if rate > zero:
                                 candidate = now + waiting_time(draw(stream, wp.int64(0)), rate)
-                        cold = pieces.first_reference(sensor, cold, v, now, candidate)
-                        levels = unknown_levels(cold.base)
+                        l_earlier = NOWHERE
+                        l_early = NOWHERE
+                        l_last = base
+                        l_next = NOWHERE
                         hot.last = v
                         hot.low = 0.0
                         if wp.static(ahead):
@@ -186,28 +210,29 @@ def sense_pixel(features: Features) -> Any:
                     length = now - start
                     h = wp.float64(length)
                     # The curve S(u), u in [0, 1].
-                    if levels.last == NOWHERE:
-                        levels.last = log_level(sensor, hot.last)
-                    l1 = levels.next
+                    if l_last == NOWHERE:
+                        l_last = pieces.log_level(sensor, hot.last)
+                    l1 = l_next
                     if l1 == NOWHERE:
-                        l1 = log_level(sensor, v)
-                    s = wp.vec4d(levels.last, wp.where(wp.static(frame), zero, l1 - levels.last), zero, zero)
+                        l1 = pieces.log_level(sensor, v)
+                    s = wp.vec4d(l_last, wp.where(wp.static(frame), zero, l1 - l_last), zero, zero)
                     if wp.static(curved):
                         h_before = wp.float64(start - start_before)
                         h_after = one
                         if has_next:
                             h_after = wp.float64(t[k + 1] - now)
-                        s, levels = curve(
-                            sensor, hot, levels, l1, slope, following, has_next, h, h_before, h_after, counters
-                        )
-                    s[0] = s[0] + drift * wp.float64(start - cold.origin)
+                        s, l_earlier, l_early, l_next = curve(
+                            sensor, hot, l_earlier, l_early, l_last, l1, slope, following, has_next, h, h_before,
+                            h_after, counters,
+                        )  # fmt: skip
+                    s[0] = s[0] + drift * wp.float64(start - origin)
                     if wp.static(leak):
                         s[1] = s[1] + drift * h
                     turns = wp.vec2d(wp.float64(2.0), wp.float64(2.0))
                     if wp.static(curved):
                         turns = turning_points(s)
                     # -- the happenings ---------------------------------------------------------------------------
-                    reference = pieces.reference_of(cold.base, cold.net, cold.n_off, c_on, c_off)
+                    reference = pieces.reference_of(base, net, n_off, c_on, c_off)
                     head = key_head(sensor, env)
                     tail_on = key_tail(sensor, y, x, c, True)
                     tail_off = key_tail(sensor, y, x, c, False)
@@ -217,38 +242,34 @@ def sense_pixel(features: Features) -> Any:
                     going = bool(True)
                     while going:
                         if wp.static(refractory):
-                            if cold.dead != ALIVE:
-                                if cold.dead > now:
+                            if dead != ALIVE:
+                                if dead > now:
                                     break
                                 # Released: the pixel was held in reset, so its reference is what it sees now.
-                                here = wp.max(cold.dead, start)
-                                cold.dead = ALIVE
+                                here = wp.max(dead, start)
+                                dead = ALIVE
                                 u = wp.float64(here - start) / h
-                                cold.base = at(s, u)
+                                base = value(s, u)
                                 if wp.static(frame):
                                     if here == now:
-                                        cold.base = l1 + drift * wp.float64(now - cold.origin)
-                                cold.net = 0
-                                cold.n_off = 0
-                                reference = cold.base
+                                        base = l1 + drift * wp.float64(now - origin)
+                                net = 0
+                                n_off = 0
+                                reference = base
                                 if wp.static(noise):
-                                    if cold.next <= here:
-                                        if not named:
-                                            stream = pieces.stream_here(sensor, env, inner, episodes, k)
-                                            named = True
-                                        while cold.next <= here:
-                                            cold.draws = cold.draws + wp.int64(1)
-                                            bits = draw(stream, wp.int64(2) * cold.draws)
-                                            cold.next = cold.next + waiting_time(bits, rate)
+                                    if candidate <= here:
+                                        stream = pieces.stream_here(sensor, env, inner, episodes, k)
+                                        named = True
+                                        candidate, draws = pieces.candidate_after(here, stream, candidate, draws, rate)
                                 if wp.static(coin):
                                     if coin_at <= here:
                                         coin_at = NEVER
                         until = now
                         by_noise = bool(False)
                         if wp.static(spontaneous):
-                            candidate = wp.min(cold.next, coin_at)
-                            if candidate <= now:
-                                until = candidate
+                            soonest = wp.min(candidate, coin_at)
+                            if soonest <= now:
+                                until = soonest
                                 by_noise = True
                         u_end = one
                         if by_noise:
@@ -261,35 +282,20 @@ def sense_pixel(features: Features) -> Any:
                                     piece = turns[1]
                                 if turns[0] > u and turns[0] < piece:
                                     piece = turns[0]
-                            delta = at(s, piece) - reference
+                            delta = value(s, piece) - reference
                             on = delta > zero
-                            step = wp.where(on, c_on, c_off)
-                            n = wp.int32((wp.abs(delta) + TOLERANCE) / step)
+                            n, signed = pieces.crossed(delta, c_on, c_off, wp.static(refractory))
                             if n > 0:
-                                signed = wp.where(on, step, -step)
                                 tail = wp.where(on, tail_on, tail_off)
-                                if wp.static(refractory):
-                                    n = wp.min(n, 1)
-                                j = int(0)
-                                while j < n:
-                                    level = reference + wp.float64(j + 1) * signed
-                                    if wp.static(curved):
-                                        root = crossing(s, level, u, piece)
-                                    else:
-                                        root = piece
-                                        if s[1] != zero:
-                                            root = wp.clamp((level - s[0]) / s[1], u, piece)
-                                    ns = start + wp.max(wp.int64(root * h + wp.float64(0.5)), wp.int64(1))
-                                    here = wp.clamp(ns, here, until)
-                                    key = head | ((here - t_base) << sensor.shift_t) | tail
-                                    emit(sensor, key, fired, wp.static(cap), keys, counters)
-                                    fired += 1
-                                    j += 1
-                                cold.net = cold.net + wp.where(on, n, -n)
-                                cold.n_off = cold.n_off + wp.where(on, 0, n)
+                                here, fired = fire(
+                                    sensor, s, reference, signed, n, u, piece, start, until, h, t_base, head | tail,
+                                    here, fired, keys, counters,
+                                )  # fmt: skip
+                                net = net + wp.where(on, n, -n)
+                                n_off = n_off + wp.where(on, 0, n)
                                 reference = reference + wp.float64(n) * signed
                                 if wp.static(refractory):
-                                    cold.dead = here + sensor.dead_ns
+                                    dead = here + sensor.dead_ns
                                     died = True
                             u = piece
                         if not died:
@@ -311,60 +317,57 @@ def sense_pixel(features: Features) -> Any:
                                         if wp.static(not frame):
                                             light += u * (wp.float64(v) - light)
                                         fires, on, wait = pieces.noise_candidate(
-                                            sensor, stream, cold.draws, rate, hot_share, light
+                                            sensor, stream, draws, rate, hot_share, light
                                         )
-                                        cold.draws = cold.draws + wp.int64(1)
-                                        cold.next = until + wait
+                                        draws = draws + wp.int64(1)
+                                        candidate = until + wait
                                     if fires:
                                         key = head | ((until - t_base) << sensor.shift_t)
                                         key = key | wp.where(on, tail_on, tail_off)
                                         emit(sensor, key, fired, wp.static(cap), keys, counters)
                                         fired += 1
-                                        cold.base = at(s, u)
+                                        base = value(s, u)
                                         if wp.static(frame):
                                             if until == now:
-                                                cold.base = l1 + drift * wp.float64(now - cold.origin)
-                                        cold.net = 0
-                                        cold.n_off = 0
-                                        reference = cold.base
+                                                base = l1 + drift * wp.float64(now - origin)
+                                        net = 0
+                                        n_off = 0
+                                        reference = base
                                         if wp.static(refractory):
-                                            cold.dead = until + sensor.dead_ns
+                                            dead = until + sensor.dead_ns
                     if wp.static(frame):
                         # The signal jumps at the frame's stamp.
-                        if cold.dead <= now:
-                            delta = l1 + drift * wp.float64(now - cold.origin) - reference
+                        if dead <= now:
+                            delta = l1 + drift * wp.float64(now - origin) - reference
                             on = delta > zero
-                            step = wp.where(on, c_on, c_off)
-                            n = wp.int32((wp.abs(delta) + TOLERANCE) / step)
-                            if wp.static(refractory):
-                                n = wp.min(n, 1)
-                            key = head | ((now - t_base) << sensor.shift_t) | wp.where(on, tail_on, tail_off)
-                            j = int(0)
-                            while j < n:
-                                emit(sensor, key, fired, wp.static(cap), keys, counters)
-                                fired += 1
-                                j += 1
-                            cold.net = cold.net + wp.where(on, n, -n)
-                            cold.n_off = cold.n_off + wp.where(on, 0, n)
+                            n, signed = pieces.crossed(delta, c_on, c_off, wp.static(refractory))
+                            place = head | wp.where(on, tail_on, tail_off)
+                            jump = wp.vec4d(l1, zero, zero, zero)
+                            here, fired = fire(
+                                sensor, jump, reference, signed, n, one, one, start, now, h, t_base, place, now,
+                                fired, keys, counters,
+                            )  # fmt: skip
+                            net = net + wp.where(on, n, -n)
+                            n_off = n_off + wp.where(on, 0, n)
                             if wp.static(refractory):
                                 if n > 0:
-                                    cold.dead = now + sensor.dead_ns
+                                    dead = now + sensor.dead_ns
                     if wp.static(ahead):
                         hot.earlier = hot.early
                         hot.early = hot.last
-                        levels.earlier = levels.early
-                        levels.early = levels.last
+                        l_earlier = l_early
+                        l_early = l_last
                     if wp.static(hermite):
                         hot.earlier = hot.early
                         hot.early = slope
                     hot.last = v
-                    levels.last = l1
+                    l_last = l1
                 # -- the band in which nothing can happen before hot.wake -----------------------------------------
                 if hot.low <= LARGEST:
-                    reference = pieces.reference_of(cold.base, cold.net, cold.n_off, c_on, c_off)
-                    reference = reference - drift * wp.float64(now - cold.origin)
+                    reference = pieces.reference_of(base, net, n_off, c_on, c_off)
+                    reference = reference - drift * wp.float64(now - origin)
                     low, high, wake = rest(
-                        sensor, reference, c_on, c_off, drift, now, levels.last, cold.next, cold.dead
+                        sensor, reference, c_on, c_off, drift, now, now - start, l_last, candidate, dead
                     )
                     hot.low = low
                     hot.high = high
@@ -374,20 +377,22 @@ def sense_pixel(features: Features) -> Any:
                     hot.earlier = hot.early
                     hot.early = wp.where(wp.static(hermite), slope, hot.last)
                 hot.last = v
-                levels = unknown_levels(NOWHERE)
+                l_earlier = NOWHERE
+                l_early = NOWHERE
+                l_last = NOWHERE
+                l_next = NOWHERE
             start_before = start
             start = now
             k += 1
         if counters[EVENTS] <= sensor.capacity:
             if loaded:
                 if two_sided:
-                    warm.side = 1 - warm.side
-                colds[warm.side, index] = cold
+                    side = 1 - side
+                colds[side, index] = cold_of(
+                    base, net, n_off, origin, dead, candidate, draws, own_on, own_off, own_leak, own_hot
+                )
             pieces.put(after, index, hot)
-            if wp.static(curved):
-                warm.early = hot.early
-                warm.earlier = hot.earlier
-            if wp.static(curved) or two_sided:
-                warm_after[index] = warm
+            if two_sided:
+                side_after[index] = side
 
     return sense

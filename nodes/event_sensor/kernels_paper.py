@@ -5,6 +5,10 @@ n = floor(|L - L_ref| / C) events of one polarity per step, all at the frame's s
 noise and hot pixels fire with probability rate x step, at most once a step, and leave L_ref alone. An event is
 suppressed while t - t_last is less than the refractory period, so that of several events of a step the first remains;
 L_ref moves anyway.
+
+A signal that returns to its old value stands exactly at a threshold here, where the last bit of L decides about an
+event. So that all devices agree, the logarithm is made of operations whose rounding is prescribed, and no product is
+contracted with a sum.
 """
 
 import warp as wp
@@ -17,12 +21,20 @@ from nodes.event_sensor.kernels import (
     count_clipped,
     key_head,
     key_tail,
-    log_level,
     valid,
 )
 from nodes.event_sensor.kernels_noise import draw, mix, stream_of, uniform
 
-wp.set_module_options({"enable_backward": False})
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+LN2_HIGH = wp.constant(wp.float64(0.6931471803691238))
+"""32 bits of ln 2, so that its product with an exponent is exact."""
+LN2_LOW = wp.constant(wp.float64(1.9082149292705877e-10))
+ROOT2 = wp.constant(wp.float64(1.4142135623730951))
+MANTISSA = wp.constant(wp.int64((1 << 52) - 1))
+ONE = wp.constant(wp.int64(1023 << 52))
+"""Bits of 1.0."""
+TERMS = 12
 
 
 @wp.struct
@@ -33,6 +45,27 @@ class PaperPixel:
     t_last: wp.int64
     last: wp.float32
     fired: wp.int32
+
+
+@wp.func
+def log_level(sensor: Sensor, intensity: wp.float32):
+    """L = ln(I + I_dark) = e ln 2 + 2 artanh((m - 1) / (m + 1)) with I + I_dark = m 2^e, to 2 units in the last place.
+
+    The series of artanh(s), |s| < 0.172, is cut where it is below 1e-19.
+    """
+    x = wp.max(wp.float64(intensity) + sensor.dark, wp.float64(sensor.floor))
+    bits = wp.cast(x, wp.int64)
+    e = (bits >> wp.int64(52)) - wp.int64(1023)
+    m = wp.cast((bits & MANTISSA) | ONE, wp.float64)
+    if m > ROOT2:
+        m = m * wp.float64(0.5)
+        e += wp.int64(1)
+    s = (m - wp.float64(1.0)) / (m + wp.float64(1.0))
+    z = s * s
+    rest = wp.float64(0.0)
+    for i in range(wp.static(TERMS)):
+        rest = (rest + wp.float64(wp.static(2.0 / (2 * (TERMS - i) + 1)))) * z
+    return wp.float64(e) * LN2_HIGH + (s * rest + (wp.float64(e) * LN2_LOW + wp.float64(2.0) * s))
 
 
 @wp.func

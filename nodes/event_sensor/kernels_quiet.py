@@ -15,6 +15,7 @@ from nodes.event_sensor.kernels import EVENTS, LEFT, Sensor
 wp.set_module_options({"enable_backward": False})
 
 RUN = 16
+LOOK_BACK = ("early", "earlier")
 Run = wp.types.vector(length=RUN, dtype=wp.float32)
 Stamps = wp.types.vector(length=RUN, dtype=wp.int64)
 
@@ -23,16 +24,21 @@ Stamps = wp.types.vector(length=RUN, dtype=wp.int64)
 class Quiet:
     """Per pixel and channel. Intensities in [low, high] cannot fire before `wake` [ns]; low infinite: no reference yet.
 
-    Element i of the arrays of runs is the RUN values from i on.
+    early, earlier: what a curve looks back at, see Hot. Element i of the arrays of runs is the RUN values from i on.
+    wake is empty where nothing is timed, early and earlier where there is no curve.
     """
 
     last: wp.array(dtype=wp.float32)
     low: wp.array(dtype=wp.float32)
     high: wp.array(dtype=wp.float32)
+    early: wp.array(dtype=wp.float32)
+    earlier: wp.array(dtype=wp.float32)
     wake: wp.array(dtype=wp.int64)
     last_runs: wp.array(dtype=Run)
     low_runs: wp.array(dtype=Run)
     high_runs: wp.array(dtype=Run)
+    early_runs: wp.array(dtype=Run)
+    earlier_runs: wp.array(dtype=Run)
     wake_runs: wp.array(dtype=Stamps)
 
 
@@ -82,11 +88,16 @@ def runs_of(values: wp.array, run: Any = Run) -> wp.array:
     return wp.array(ptr=values.ptr, dtype=run, shape=length, strides=values.strides, device=values.device)
 
 
-def quiet_state(total: int, timed: bool, device: Any) -> Quiet:
+def quiet_state(total: int, timed: bool, curved: bool, device: Any) -> Quiet:
     """State of `total` pixels that have no reference yet."""
     quiet = Quiet()
-    for name in ("last", "low", "high"):
-        values = wp.full(total, float("inf") if name == "low" else 0.0, dtype=wp.float32, device=device)
+    for name in ("last", "low", "high", "early", "earlier"):
+        values = wp.full(
+            0 if name in LOOK_BACK and not curved else total,
+            float("inf") if name == "low" else 0.0,
+            dtype=wp.float32,
+            device=device,
+        )
         setattr(quiet, name, values)
         setattr(quiet, f"{name}_runs", runs_of(values))
     quiet.wake = wp.zeros(total if timed else 0, dtype=wp.int64, device=device)
@@ -96,4 +107,4 @@ def quiet_state(total: int, timed: bool, device: Any) -> Quiet:
 
 def arrays_of(quiet: Quiet) -> tuple[wp.array, ...]:
     """Its arrays, without the views."""
-    return quiet.last, quiet.low, quiet.high, quiet.wake
+    return quiet.last, quiet.low, quiet.high, quiet.early, quiet.earlier, quiet.wake

@@ -1,10 +1,8 @@
-"""What a pixel with a curve or a fault keeps, and how it makes an event."""
+"""What a pixel with a curve or a fault keeps, and what is compiled for it."""
 
 from dataclasses import dataclass
 
 import warp as wp
-
-from nodes.event_sensor.kernels import DROPPED, EVENTS, Sensor
 
 wp.set_module_options({"enable_backward": False})
 
@@ -47,21 +45,12 @@ class Features:
 
 
 @wp.struct
-class Warm:
-    """What a step looks at if something may happen in it, or if it has a curve.
+class Hot:
+    """One pixel of Quiet.
 
     early, earlier: the samples before the last one (cubic, monotone; negative: unknown), or the slopes dL/dt [1/s] at
-    the last and before (hermite). side: which of the cold states is this one's.
+    the last and before (hermite).
     """
-
-    early: wp.float32
-    earlier: wp.float32
-    side: wp.int32
-
-
-@wp.struct
-class Hot:
-    """One pixel of Quiet, and its Warm."""
 
     last: wp.float32
     low: wp.float32
@@ -88,40 +77,22 @@ class Cold:
     hot: wp.float32  # and rate as a hot pixel [Hz]
 
 
-@wp.struct
-class Levels:
-    """L at the samples earlier, early, last and next; NOWHERE where not yet computed."""
-
-    earlier: wp.float64
-    early: wp.float64
-    last: wp.float64
-    next: wp.float64
-
-
 @wp.func
-def unknown_levels(last: wp.float64):
-    """No L but the last."""
-    levels = Levels()
-    levels.earlier = NOWHERE
-    levels.early = NOWHERE
-    levels.last = last
-    levels.next = NOWHERE
-    return levels
-
-
-@wp.func
-def emit(
-    sensor: Sensor,
-    key: wp.int64,
-    written: wp.int32,
-    cap: wp.bool,
-    keys: wp.array(dtype=wp.int64),
-    counters: wp.array(dtype=wp.int64),
-):
-    """One event. written: events of this pixel in this step so far."""
-    if cap and written >= sensor.cap:
-        wp.atomic_add(counters, DROPPED, wp.int64(1))
-    else:
-        slot = wp.atomic_add(counters, EVENTS, wp.int64(1))
-        if slot < sensor.capacity:
-            keys[slot] = key
+def cold_of(
+    base: wp.float64, net: wp.int32, n_off: wp.int32, origin: wp.int64, dead: wp.int64, following: wp.int64,
+    draws: wp.int64, c_on: wp.float32, c_off: wp.float32, leak: wp.float32, hot: wp.float32,
+):  # fmt: skip
+    """A Cold of its fields."""
+    cold = Cold()
+    cold.base = base
+    cold.net = net
+    cold.n_off = n_off
+    cold.origin = origin
+    cold.dead = dead
+    cold.next = following
+    cold.draws = draws
+    cold.c_on = c_on
+    cold.c_off = c_off
+    cold.leak = leak
+    cold.hot = hot
+    return cold

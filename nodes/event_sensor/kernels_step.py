@@ -6,13 +6,18 @@ from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.kernels import LARGEST, UNKNOWN_SLOPES, Sensor, band, least, log_level, valid
-from nodes.event_sensor.kernels_curve import butland, cubic_slopes, known_slopes, parabola_bend, to_square
-from nodes.event_sensor.kernels_noise import NEVER, draw, mix, stream_of, uniform, waiting_time
+from nodes.event_sensor.kernels import LARGEST, TOLERANCE, UNKNOWN_SLOPES, Sensor, band, least, log_level, valid
+from nodes.event_sensor.kernels_curve import SHARPNESS, butland, cubic_slopes, end_slopes, known_slopes, parabola_bend
+from nodes.event_sensor.kernels_noise import LONGEST, NEVER, draw, mix, stream_of, uniform, waiting_time
 from nodes.event_sensor.kernels_quiet import Quiet
-from nodes.event_sensor.kernels_state import ALIVE, NOWHERE, Cold, Features, Hot, Levels, Warm
+from nodes.event_sensor.kernels_state import NOWHERE, Features, Hot
 
 wp.set_module_options({"enable_backward": False})
+
+REST = wp.constant(wp.float64(64.0))
+"""Steps that a leaking pixel shall rest for, where the threshold is far enough."""
+LEAST_SHARE = wp.constant(wp.float64(1.0 / 16.0))
+"""Of the way to the threshold, left to the leak at least."""
 
 
 @wp.func
@@ -65,16 +70,26 @@ def coin_time(stream: wp.uint64, leak: wp.float32, start: wp.int64, now: wp.int6
 
 
 @wp.func
-def first_reference(sensor: Sensor, cold: Cold, v: wp.float32, now: wp.int64, first_candidate: wp.int64):
-    """The state of a pixel whose episode begins with v."""
-    cold.base = log_level(sensor, v)
-    cold.net = 0
-    cold.n_off = 0
-    cold.origin = now
-    cold.dead = ALIVE
-    cold.next = first_candidate
-    cold.draws = wp.int64(0)
-    return cold
+def candidate_after(
+    here: wp.int64, stream: wp.uint64, candidate: wp.int64, draws: wp.int64, rate: wp.float64
+):  # fmt: skip
+    """The first candidate of the noise that is later than `here`, and its number."""
+    following = candidate
+    number = draws
+    while following <= here:
+        number = number + wp.int64(1)
+        following = following + waiting_time(draw(stream, wp.int64(2) * number), rate)
+    return following, number
+
+
+@wp.func
+def crossed(delta: wp.float64, c_on: wp.float64, c_off: wp.float64, one: wp.bool):
+    """How many thresholds lie within `delta` of the reference, at most 1 where `one`; the threshold with its sign."""
+    signed = wp.where(delta > wp.float64(0.0), c_on, -c_off)
+    n = wp.int32((wp.abs(delta) + TOLERANCE) / wp.abs(signed))
+    if one:
+        n = wp.min(n, 1)
+    return n, signed
 
 
 @wp.func
@@ -83,32 +98,36 @@ def reference_of(base: wp.float64, net: wp.int32, n_off: wp.int32, c_on: wp.floa
 
 
 @wp.func
-def take(quiet: Quiet, warm: Warm, index: wp.int32):
+def take(quiet: Quiet, index: wp.int32):
     """A pixel's state."""
     hot = Hot()
     hot.last = quiet.last[index]
     hot.low = quiet.low[index]
     hot.high = quiet.high[index]
+    if index < quiet.early.shape[0]:
+        hot.early = quiet.early[index]
+        hot.earlier = quiet.earlier[index]
     if index < quiet.wake.shape[0]:
         hot.wake = quiet.wake[index]
-    hot.early = warm.early
-    hot.earlier = warm.earlier
     return hot
 
 
 @wp.func
 def put(quiet: Quiet, index: wp.int32, hot: Hot):
-    """Store a pixel's quiet band; wake has no room where nothing is timed."""
+    """Store a pixel's state, as far as there is room for it."""
     quiet.last[index] = hot.last
     quiet.low[index] = hot.low
     quiet.high[index] = hot.high
+    if index < quiet.early.shape[0]:
+        quiet.early[index] = hot.early
+        quiet.earlier[index] = hot.earlier
     if index < quiet.wake.shape[0]:
         quiet.wake[index] = hot.wake
 
 
 @lru_cache
 def step_curve(features: Features) -> Any:
-    """Function: the curve L(u), u in [0, 1], of a step, and the levels it took."""
+    """Function: the curve L(u), u in [0, 1], of a step, and L of the samples earlier, early, next as far as known."""
     cubic, hermite = features.crossing == "cubic", features.crossing == "hermite"
     ahead = features.ahead
 
@@ -117,7 +136,9 @@ def step_curve(features: Features) -> Any:
         # in
         sensor: Sensor,
         hot: Hot,
-        levels: Levels,
+        l_earlier: wp.float64,
+        l_early: wp.float64,
+        l0: wp.float64,
         l1: wp.float64,
         slope: wp.float32,
         following: wp.float32,
@@ -128,10 +149,9 @@ def step_curve(features: Features) -> Any:
         # out
         counters: wp.array(dtype=wp.int64),
     ):
-        """l1: L at the end. h, h_before, h_after: lengths of the step and of its neighbours [ns]."""
+        """l0, l1: L at both ends. h, h_before, h_after: lengths of the step and of its neighbours [ns]."""
         zero = wp.float64(0.0)
-        l0 = levels.last
-        levels.next = NOWHERE
+        l_next = NOWHERE
         d = l1 - l0
         s = wp.vec4d(l0, d, zero, zero)
         m = wp.vec2d(d, d)
@@ -144,53 +164,43 @@ def step_curve(features: Features) -> Any:
                 g1 = d
             if not wp.isfinite(g0):
                 g0 = d
-            if not wp.isfinite(g_before):
-                g_before = g0
             m = known_slopes(g_before, g0, g1, d)
         if wp.static(ahead):
             has_early = hot.early >= 0.0
             d_before = zero
             if has_early:
-                if levels.early == NOWHERE:
-                    levels.early = log_level(sensor, hot.early)
-                d_before = l0 - levels.early
+                if l_early == NOWHERE:
+                    l_early = log_level(sensor, hot.early)
+                d_before = l0 - l_early
             d_after = zero
             if has_next:
-                levels.next = l1
+                l_next = l1
                 if valid(sensor, following):
-                    levels.next = log_level(sensor, following)
-                d_after = levels.next - l1
+                    l_next = log_level(sensor, following)
+                d_after = l_next - l1
+            if has_early:
+                m[0] = h * butland(d_before, d, h_before, h)
+            if has_next:
+                m[1] = h * butland(d, d_after, h, h_after)
             if wp.static(cubic):
-                bend0 = zero
-                bend1 = zero
-                bend_before = zero
-                if has_early:
+                sharp = SHARPNESS * m + (wp.float64(1.0) - SHARPNESS) * wp.vec2d(d, d)
+                if has_early and has_next:
                     bend0 = parabola_bend(d_before, d, h_before, h)
                     # What came before is unknown at an episode's start; take it for a corner.
                     bend_before = -bend0
                     if hot.earlier >= 0.0:
-                        if levels.earlier == NOWHERE:
-                            levels.earlier = log_level(sensor, hot.earlier)
-                        bend_before = d_before - (levels.early - levels.earlier)
-                if has_next:
-                    bend1 = parabola_bend(-d_after, -d, h_after, h)
-                # At either end of what is known the curve is the other end's parabola, kept monotone.
-                if not has_early:
-                    bend0 = bend1
-                if not has_next:
-                    bend1 = bend0
-                m = cubic_slopes(bend_before, bend0, bend1, d)
-                if not (has_early and has_next):
-                    m = wp.vec2d(to_square(m[0], d), to_square(m[1], d))
-            else:
-                if has_early:
-                    m[0] = h * butland(d_before, d, h_before, h)
-                if has_next:
-                    m[1] = h * butland(d, d_after, h, h_after)
+                        if l_earlier == NOWHERE:
+                            l_earlier = log_level(sensor, hot.earlier)
+                        bend_before = d_before - (l_early - l_earlier)
+                    m = cubic_slopes(bend_before, bend0, parabola_bend(-d_after, -d, h_after, h), d_before, d, sharp)
+                elif has_early:
+                    m = end_slopes(parabola_bend(d_before, d, h_before, h), d, sharp)
+                elif has_next:
+                    m = end_slopes(parabola_bend(-d_after, -d, h_after, h), d, sharp)
         s[1] = m[0]
         s[2] = wp.float64(3.0) * d - wp.float64(2.0) * m[0] - m[1]
         s[3] = m[0] + m[1] - wp.float64(2.0) * d
-        return s, levels
+        return s, l_earlier, l_early, l_next
 
     return curve
 
@@ -238,21 +248,25 @@ def band_left(features: Features) -> Any:
         c_off: wp.float64,
         drift: wp.float64,
         now: wp.int64,
+        length: wp.int64,
         l_last: wp.float64,
         following: wp.int64,
         dead: wp.int64,
     ):
-        """reference: less the drift up to now. following: next candidate of the noise. Returns low, high, wake."""
+        """reference: less the drift up to now. length: of the step [ns]. following: next candidate of the noise.
+
+        Returns low, high, wake.
+        """
         zero = wp.float64(0.0)
         top = reference + c_on
         wake = NEVER
         if wp.static(leak):
             gap = top - l_last
             if drift > zero and gap > zero:
-                # Half of the way to the threshold is left to the drift, half to the signal.
-                wait = wp.min(wp.float64(0.5) * gap / drift, wp.float64(4.0e18))
-                wake = now + wp.int64(wait)
-                top = top - wp.float64(0.5) * gap
+                # Some of the way to the threshold is left to the drift, the rest to the signal.
+                share = wp.clamp(drift * REST * wp.float64(length), LEAST_SHARE * gap, wp.float64(0.5) * gap)
+                wake = now + wp.int64(wp.min(share / drift, LONGEST))
+                top = top - share
         if wp.static(noise):
             wake = wp.min(wake, following)
         limits = band(sensor, wp.exp(wp.float32(reference - c_off)), wp.exp(wp.float32(top)))

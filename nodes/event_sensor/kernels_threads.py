@@ -8,8 +8,9 @@ import warp as wp
 
 from nodes.event_sensor.kernels import LEFT, Sensor
 from nodes.event_sensor.kernels_full import sense_pixel
-from nodes.event_sensor.kernels_quiet import RUN, Quiet, Run, left_over, quiet_margins, saved
-from nodes.event_sensor.kernels_state import Cold, Features, Warm
+from nodes.event_sensor.kernels_quiet import RUN, Quiet, Run, left_over, saved
+from nodes.event_sensor.kernels_runs import passed, run_margins
+from nodes.event_sensor.kernels_state import Cold, Features
 
 wp.set_module_options({"enable_backward": False})
 
@@ -18,7 +19,8 @@ wp.set_module_options({"enable_backward": False})
 def full_kernels(features: Features) -> tuple[Any, Any]:
     """(kernel over rows, kernel over pixels) with just these features."""
     sense = sense_pixel(features)
-    hasty, timed = features.hasty, features.timed
+    margins_of, (run_passes, pixel_passes) = run_margins(features), passed(features)
+    looked_over, looks_on = not features.coin, features.crossing == "cubic"
 
     @wp.kernel(module="unique")
     def sense_rows(
@@ -29,6 +31,7 @@ def full_kernels(features: Features) -> tuple[Any, Any]:
         luminance: wp.array(dtype=wp.float32),
         luminance_runs: wp.array(dtype=Run),
         dlog_dt: wp.array(dtype=wp.float32),
+        slope_runs: wp.array(dtype=Run),
         frames: wp.int32,
         count: wp.int32,
         t: wp.array(dtype=wp.int64),
@@ -37,7 +40,7 @@ def full_kernels(features: Features) -> tuple[Any, Any]:
         resume: wp.int32,
         # in and out
         quiet: Quiet,
-        warm: wp.array(dtype=Warm),
+        side: wp.array(dtype=wp.int32),
         # out
         colds: wp.array2d(dtype=Cold),
         keys: wp.array(dtype=wp.int64),
@@ -52,38 +55,44 @@ def full_kernels(features: Features) -> tuple[Any, Any]:
         start = env * size + y * row
         at_first = wp.int64(env) * wp.int64(frames) * wp.int64(size) + wp.int64(y * row)
         at_end = at_first + wp.int64(count - 1) * wp.int64(size)
-        begins = begin[env]
+        # Environments that begin here have no band yet, and a cubic without the frame after has another curve.
+        whole = begin[env] == 0 and not (wp.static(looks_on) and frames == count)
         t_end = t[count - 1]
+        longest = wp.float32(t[0] - t_base)
+        k = int(1)
+        while k < count:
+            longest = wp.max(longest, wp.float32(t[k] - t[k - 1]))
+            k += 1
         i = wp.max(resume - start, 0)
         margins = Run()
         while i < row:
             lanes = wp.min(row - i, wp.static(RUN))
             margins = Run(-1.0)
-            if wp.static(hasty):
-                if begins == 0 and lanes == wp.static(RUN):
-                    margins = quiet_margins(
-                        quiet, luminance_runs, start + i, at_first + wp.int64(i), wp.int64(size), count
-                    )
-                    if wp.static(timed):
-                        wakes = quiet.wake_runs[start + i]
-                        if wp.min(wakes) <= t_end:
-                            for lane in range(wp.static(RUN)):
-                                if wakes[lane] <= t_end:
-                                    margins[lane] = -1.0
+            if wp.static(looked_over):
+                if whole and lanes == wp.static(RUN):
+                    margins = margins_of(
+                        sensor, quiet, luminance_runs, slope_runs, start + i, at_first + wp.int64(i), wp.int64(size),
+                        count, longest, t_end,
+                    )  # fmt: skip
                     if wp.min(margins) >= 0.0:
-                        quiet.last_runs[start + i] = luminance_runs[at_end + wp.int64(i)]
+                        run_passes(
+                            sensor, luminance, luminance_runs, dlog_dt, slope_runs, start + i, at_end + wp.int64(i),
+                            wp.int64(size), count, quiet,
+                        )  # fmt: skip
                         i += wp.static(RUN)
                         continue
             lane = int(0)
             while lane < lanes:
                 if margins[lane] >= 0.0:
-                    quiet.last[start + i] = luminance[at_end + wp.int64(i)]
+                    pixel_passes(
+                        sensor, luminance, dlog_dt, start + i, at_end + wp.int64(i), wp.int64(size), count, quiet
+                    )  # fmt: skip
                 else:
                     kept = saved(counters)
                     sense(
-                        sensor, env, y, i // sensor.channels, i % sensor.channels, begins, episodes, luminance, dlog_dt,
-                        frames, count, t, t_base, t_before,
-                        quiet, warm, quiet, warm, colds, keys, counters,
+                        sensor, env, y, i // sensor.channels, i % sensor.channels, begin[env], episodes, luminance,
+                        dlog_dt, frames, count, t, t_base, t_before,
+                        quiet, side, quiet, side, colds, keys, counters,
                     )  # fmt: skip
                     if left_over(sensor, kept, start + i, counters):
                         return
@@ -104,10 +113,10 @@ def full_kernels(features: Features) -> tuple[Any, Any]:
         t_base: wp.int64,
         t_before: wp.int64,
         before: Quiet,
-        warm_before: wp.array(dtype=Warm),
+        side_before: wp.array(dtype=wp.int32),
         # out
         after: Quiet,
-        warm_after: wp.array(dtype=Warm),
+        side_after: wp.array(dtype=wp.int32),
         colds: wp.array2d(dtype=Cold),
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
@@ -117,7 +126,7 @@ def full_kernels(features: Features) -> tuple[Any, Any]:
         sense(
             sensor, env, y, column // sensor.channels, column % sensor.channels, begin[env], episodes, luminance,
             dlog_dt, frames, count, t, t_base, t_before,
-            before, warm_before, after, warm_after, colds, keys, counters,
+            before, side_before, after, side_after, colds, keys, counters,
         )  # fmt: skip
 
     return sense_rows, sense_pixels

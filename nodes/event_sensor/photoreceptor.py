@@ -21,6 +21,7 @@ import numpy as np
 import warp as wp
 
 from nodes.event_sensor import photoreceptor_kernels as kernels
+from nodes.event_sensor.kernels_quiet import runs_of
 
 
 class Photoreceptor:
@@ -51,10 +52,10 @@ class Photoreceptor:
         if poles not in (1, 2):
             raise ValueError(f"bandwidth_poles {poles} must be 1 or 2")
         self._device = wp.get_device(device)
-        self._kernel = kernels.low_pass(poles, bandwidth_level > 0)
+        make = kernels.low_pass_gpu if self._device.is_cuda else kernels.low_pass
+        self._kernel = make(poles, bandwidth_level > 0)
         self._envs, self._size = envs, height * width * channels
-        # On a CPU a thread is a row of the image; on a GPU neighbouring threads read neighbouring pixels.
-        self._run = 1 if self._device.is_cuda else width * channels
+        self._run = width * channels  # a thread on a CPU is a row of the image, on a GPU a pixel
         self._rate = 2.0 * math.pi * bandwidth_hz
         values = {
             "size": self._size,
@@ -91,17 +92,17 @@ class Photoreceptor:
         device = self._device
         gaps = np.diff(np.asarray(t, np.int64), prepend=np.int64(t_base))
         seconds: wp.array = wp.array(np.maximum(gaps, 0) * 1e-9, dtype=wp.float64, device=device)
-        steps: wp.array = wp.empty(count, dtype=wp.vec4d, device=device)
+        steps: wp.array = wp.empty(count, dtype=wp.vec2d, device=device)
         wp.launch(kernels.responses, count, [self._rate, seconds], [steps], device=device)
         if self._filtered is None or self._filtered.shape != images.shape:
             self._filtered = wp.empty(images.shape, dtype=wp.float32, device=device)
         starts: wp.array = wp.array(np.asarray(fresh, np.int32), device=device)
-        chunks = -(-self._size // self._run)
-        wp.launch(
-            self._kernel,
-            (self._envs, chunks),
-            [self._receptor, starts, seconds, steps, images.flatten(), self._last, self._first, self._second],
-            [self._filtered.flatten()],
-            device=device,
-        )
+        samples, filtered = [images.flatten()], [self._filtered.flatten()]
+        threads = (self._envs, self._size)
+        if not device.is_cuda:
+            threads = (self._envs, -(-self._size // self._run))
+            samples, filtered = ([*a, runs_of(a[0])] for a in (samples, filtered))
+        state = [self._last, self._first, self._second]
+        inputs = [self._receptor, starts, seconds, steps, *samples, *state]
+        wp.launch(self._kernel, threads, inputs, filtered, device=device)
         return self._filtered

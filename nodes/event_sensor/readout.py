@@ -23,9 +23,14 @@ import numpy as np
 import warp as wp
 
 from nodes.event_sensor import readout_kernels as kernels
+from nodes.event_sensor.kernels import Sensor
+from nodes.event_sensor.packet import KeyLayout, sort_keys, unpack
 
 SPAN_BITS = 62
 """The queue's clock counts up to 2^62 units after a packet's start."""
+
+NONE = np.zeros(0, np.uint8)
+"""The colour channel of events without one."""
 
 
 class Readout:
@@ -55,7 +60,6 @@ class Readout:
             raise ValueError(f"timestamp_jitter_us {timestamp_jitter_us:g} must lie in 0 to 1e6")
         if queue < 0:
             raise ValueError(f"queue {queue} must be 0 (no limit) or a number of events")
-        self._size = (width, height)
         self._envs = envs
         self._sigma = 1e3 * timestamp_jitter_us
         service = 1e9 / readout_rate if readout_rate else 0.0
@@ -73,6 +77,12 @@ class Readout:
         self._queue = kernels.Queue()
         for name, value in values.items():
             setattr(self._queue, name, value)
+        self._layout = KeyLayout.of(height, width, envs)
+        self._shifts = Sensor()
+        for name in ("x", "y", "t", "env"):
+            setattr(self._shifts, f"shift_{name}", getattr(self._layout, name))
+        self._keys: wp.array = wp.empty(0, dtype=wp.int64, device="cpu")
+        self._spare = self._keys
         self._free = np.zeros(envs, np.int64)
         self._base = 0
         self._held: dict[str, np.ndarray] | None = None
@@ -107,20 +117,39 @@ class Readout:
             raise ValueError(f"a packet of {stamp - t_base} ns is too long for the readout; it takes {longest:.3g} s")
         self._start(t_base, fresh)
         stamps = self._serve(columns, np.ascontiguousarray(env_offsets, np.int64), t_base)
-        new = {**columns, "t": stamps, "env": np.repeat(np.arange(self._envs, dtype=np.int32), np.diff(env_offsets))}
+        env = np.repeat(np.arange(self._envs, dtype=np.int32), np.diff(env_offsets))
+        new = {**columns, "t": stamps, "env": env}
+        if stamps.size and stamps.min() < 0:
+            new = {name: column[stamps >= 0] for name, column in new.items()}
         if self.waiting and self._held is not None:
             new = {name: np.concatenate((self._held[name], column)) for name, column in new.items()}
-        gone = new["t"] < 0
-        later = new["t"] > stamp
-        self._held = {name: column[later] for name, column in new.items()} if later.any() else None
-        if later.any() or gone.any():
-            new = {name: column[~(later | gone)] for name, column in new.items()}
-        return self._sorted(new, t_base)
+        ordered, offsets = self._sorted(new, t_base)
+        return self._left_by(ordered, offsets, stamp)
 
     def flush(self) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
         """Events still held, at the end of a stream, as `apply` gives them; None when there are none."""
         held, self._held = self._held, None
         return None if held is None else self._sorted(held, int(held["t"].min()) - 1)
+
+    def _left_by(
+        self, events: dict[str, np.ndarray], offsets: np.ndarray, stamp: int
+    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Sorted events up to `stamp`; later ones are held."""
+        ends = [
+            offsets[e] + np.searchsorted(events["t"][offsets[e] : offsets[e + 1]], stamp, "right")
+            for e in range(self._envs)
+        ]
+        rest = offsets[1:] - ends
+        self._held = None
+        if rest.any():
+            tails = [slice(a, b) for a, b in zip(ends, offsets[1:])]
+            self._held = {name: np.concatenate([c[part] for part in tails]) for name, c in events.items()}
+            self._held["env"] = np.repeat(np.arange(self._envs, dtype=np.int32), rest)
+            heads = [slice(a, b) for a, b in zip(offsets[:-1], ends)]
+            one = self._envs == 1
+            events = {n: c[heads[0]] if one else np.concatenate([c[part] for part in heads]) for n, c in events.items()}
+            offsets = offsets - np.append(0, np.cumsum(rest))
+        return events, offsets
 
     def counts(self) -> dict[str, int]:
         """Counters that only go up, by name."""
@@ -145,8 +174,7 @@ class Readout:
         if not len(stamps):
             return stamps
         statistics = np.zeros((self._envs, 4), np.int64)
-        none = np.zeros(0, np.uint8)
-        given = [offsets, *(np.ascontiguousarray(columns[n]) for n in ("t", "x", "y", "p")), columns.get("c", none)]
+        given = [offsets, *(np.ascontiguousarray(columns[n]) for n in ("t", "x", "y", "p")), columns.get("c", NONE)]
         arrays: list[wp.array] = [
             wp.array(a, copy=False, device="cpu") for a in (*given, self._free, stamps, statistics)
         ]  # fmt: skip
@@ -161,29 +189,26 @@ class Readout:
 
     def _sorted(self, events: dict[str, np.ndarray], t_base: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """By environment, t, y, x, channel, polarity; offsets of the environments."""
-        env = events.pop("env")
-        order = self._order(events, env, t_base)
-        if order is not None:
-            events = {name: column[order] for name, column in events.items()}
-            env = env[order]
-        return events, np.searchsorted(env, np.arange(self._envs + 1)).astype(np.int64)
-
-    def _order(self, events: dict[str, np.ndarray], env: np.ndarray, t_base: int) -> np.ndarray | None:
-        """Indices that sort; None where nothing is to do."""
-        t = events["t"]
-        if not len(t):
-            return None
-        channel = events.get("c", np.zeros(1, np.uint8))
-        bits_x, bits_y, bits_env = ((n - 1).bit_length() for n in (*self._size, self._envs))
-        shift = 3 + bits_x + bits_y
-        room = 63 - shift - bits_env
-        if int(t.max()) - t_base >> room:
-            return np.lexsort((events["p"], np.broadcast_to(channel, t.shape), events["x"], events["y"], t, env))
-        key = (t - t_base) << shift
-        key |= events["y"].astype(np.int64) << (3 + bits_x)
-        key |= events["x"].astype(np.int64) << 3
-        key |= channel.astype(np.int64) << 1
-        key |= events["p"]
-        if self._envs > 1:
-            key |= env.astype(np.int64) << (63 - bits_env)
-        return None if np.all(key[1:] >= key[:-1]) else np.argsort(key, kind="stable")
+        env, t = events.pop("env"), events["t"]
+        offsets = np.append(0, np.cumsum(np.bincount(env, minlength=self._envs))).astype(np.int64)
+        if not t.size:
+            return events, offsets
+        span = int(t.max()) - t_base
+        if span >> (self._layout.env - self._layout.t):
+            order = np.lexsort((events["p"], events.get("c", np.zeros(t.shape)), events["x"], events["y"], t, env))
+            return {name: column[order] for name, column in events.items()}, offsets
+        if self._keys.size < t.size:
+            self._keys, self._spare = (wp.empty(t.size + t.size // 4, dtype=wp.int64, device="cpu") for _ in range(2))
+        blocks = -(-t.size // kernels.BLOCK)
+        ascending = np.ones(1, np.int32)
+        given = [env, *(np.ascontiguousarray(events[n]) for n in ("t", "x", "y", "p")), events.get("c", NONE)]
+        arrays: list[wp.array] = [wp.array(a, copy=False, device="cpu") for a in given]
+        found: wp.array = wp.array(ascending, copy=False, device="cpu")
+        wp.launch(kernels.pack, blocks, [self._shifts, t_base, *arrays], [self._keys, found], device="cpu")
+        if ascending[0]:
+            return events, offsets
+        keys = sort_keys(self._keys, self._spare, t.size, self._layout, span)
+        wp.launch(kernels.tidy, 1, [t.size], [wp.array(keys, copy=False, device="cpu")], device="cpu")
+        out = {name: np.empty(t.size, column.dtype) for name, column in events.items()}
+        unpack(keys, self._shifts, t_base, out)
+        return out, offsets

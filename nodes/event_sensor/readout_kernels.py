@@ -1,6 +1,9 @@
+# ruff: noqa: RUF046, UP018 - int(0) is how a Warp kernel declares a variable that changes
 """Kernel of the readout: a single-server queue, and counter-based Gaussian delays."""
 
 import warp as wp
+
+from nodes.event_sensor.kernels import BLOCK, Sensor, key_head, key_tail
 
 wp.set_module_options({"enable_backward": False})
 
@@ -95,3 +98,59 @@ def serve(
             stamps[i] = stamp
         i += wp.int64(1)
     free[env] = ready
+
+
+@wp.kernel
+def pack(
+    # in
+    sensor: Sensor,
+    t_base: wp.int64,
+    env: wp.array(dtype=wp.int32),
+    t: wp.array(dtype=wp.int64),
+    x: wp.array(dtype=wp.uint16),
+    y: wp.array(dtype=wp.uint16),
+    p: wp.array(dtype=wp.uint8),
+    c: wp.array(dtype=wp.uint8),
+    # out: keys, and 0 where they do not ascend
+    keys: wp.array(dtype=wp.int64),
+    ascending: wp.array(dtype=wp.int32),
+):
+    """Columns to keys as in packet.KeyLayout, BLOCK of them a thread."""
+    first = wp.tid() * BLOCK
+    i = wp.int32(first)
+    end = wp.min(first + BLOCK, t.shape[0])
+    before = wp.int64(-1)
+    if i > 0:
+        before = keys[i - 1]
+    rising = bool(True)
+    while i < end:
+        channel = wp.int32(0)
+        if c.shape[0] > 0:
+            channel = wp.int32(c[i])
+        key = key_head(sensor, env[i]) | ((t[i] - t_base) << sensor.shift_t)
+        key = key | key_tail(sensor, wp.int32(y[i]), wp.int32(x[i]), channel, p[i] != wp.uint8(0))
+        rising = rising and key >= before
+        keys[i] = key
+        before = key
+        i += 1
+    if not rising:
+        ascending[0] = 0
+
+
+@wp.kernel
+def tidy(
+    # in
+    count: wp.int32,
+    # in and out
+    keys: wp.array(dtype=wp.int64),
+):
+    """Insertion sort of keys that are in order but for those of one time; one thread."""
+    i = int(1)
+    while i < count:
+        key = keys[i]
+        j = i
+        while j > 0 and keys[wp.max(j - 1, 0)] > key:
+            keys[j] = keys[j - 1]
+            j -= 1
+        keys[j] = key
+        i += 1

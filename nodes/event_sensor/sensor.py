@@ -23,15 +23,21 @@ import numpy as np
 import warp as wp
 
 from nodes.event_sensor import kernels
-from nodes.event_sensor.defocus import Defocus
+from nodes.event_sensor.arrays import on_device, shape_of
+from nodes.event_sensor.device_events import DeviceEvents, Pending, Ready
 from nodes.event_sensor.engines import FLOOR as FLOOR
 from nodes.event_sensor.engines import Batch, Size, make_engine, sensor_struct
+from nodes.event_sensor.listing import Listing
+from nodes.event_sensor.optics import Optics
 from nodes.event_sensor.packet import Events as Events
-from nodes.event_sensor.packet import KeyLayout, env_offsets, merged, sort_keys, unpack
+from nodes.event_sensor.packet import KeyLayout, merged
 from nodes.event_sensor.parameters import resolve_sensor
 from nodes.interpolator.keyframe import device_named
 
 wp.config.log_level = wp.LOG_WARNING
+
+Frames = np.ndarray | wp.array | Any
+"""Images in memory: numpy, Warp, or anything with __cuda_array_interface__."""
 
 LOOK_AHEAD = ("monotone", "cubic")
 """Crossing methods whose curve needs the frame after the step."""
@@ -52,8 +58,9 @@ class EventSensor:
 
     parameters: those of nodes.event_sensor.parameters.SENSOR, over those of `preset`. channels: 1 for luminance, 3 for
     colour, each channel an independent sensor. seed: environment e has the random numbers of a single sensor with seed
-    + e. State per pixel and channel on a CPU (on a GPU): 28 (48) bytes for the ideal sensor, 88 (176) with a curve or a
-    fault, 8 (16) more where something can happen without light, 4 more for a frame of look-ahead; 48 for evis-paper.
+    + e. State per pixel and channel on a CPU (on a GPU): 28 (36) bytes for the ideal sensor, 76 (160) with a
+    fault, 8 (16) more with a curve, 8 (16) more where something can happen without light, 4 more for a frame of
+    look-ahead; 48 for evis-paper.
 
     With look-ahead (crossing monotone or cubic) a step's events come one frame later, at the end of it by `flush`.
     """
@@ -92,56 +99,35 @@ class EventSensor:
         self._size = size.pixels
         self._ahead = p["model"] == "evis" and p["crossing"] in LOOK_AHEAD
         self._hermite = p["model"] == "evis" and p["crossing"] == "hermite"
-        self._optics(seed)
-        device = self._device
-        self._nothing: wp.array = wp.zeros(0, dtype=wp.float32, device=device)
-        self._counters: wp.array = wp.zeros(len(kernels.COUNTERS) + 1, dtype=wp.int64, device=device)
-        self._keys: wp.array = wp.empty(0, dtype=wp.int64, device=device)
-        self._spare = self._keys
-        self._grow(max(2 * envs * size.pixels, 4096))
-        self._total = np.zeros(len(kernels.COUNTERS), np.int64)
-        self._episodes: np.ndarray | None = None
-        self._last_stamp = self._settled = self._settled_before = 0
-        self._held: Held | None = None
-        self._sorted = np.zeros(0, np.int64)
-        self._left: tuple[dict[str, np.ndarray], np.ndarray] | None = None
-
-    def _optics(self, seed: int) -> None:
-        """What comes before and after the kernel; not constructed where it does nothing."""
-        p = self.parameters
-        self._defocus = self._defocus_slopes = self._photoreceptor = self._readout = None
-        if p["defocus_px"] > 0:
-            self._defocus = Defocus(p["defocus_px"], str(self._device))
-            if self._hermite:
-                self._defocus_slopes = Defocus(p["defocus_px"], str(self._device))
-        if p["bandwidth_hz"] > 0:
-            from nodes.event_sensor.photoreceptor import Photoreceptor
-
-            self._photoreceptor = Photoreceptor(
-                self.height,
-                self.width,
-                self.envs,
-                self.channels,
-                bandwidth_hz=p["bandwidth_hz"],
-                bandwidth_level=p["bandwidth_level"],
-                poles=p["bandwidth_poles"],
-                dark_level=p["dark_level"],
-                device=str(self._device),
-            )
+        self._optics = Optics(height, width, envs, channels, p, self._hermite, self._device)
+        self._readout: Any = None
         if p["readout_rate"] > 0 or p["timestamp_jitter_us"] > 0:
             from nodes.event_sensor.readout import Readout
 
-            self._readout = Readout(
-                self.width, self.height, self.envs, p["readout_rate"], p["timestamp_jitter_us"], seed=seed
-            )
+            self._readout = Readout(width, height, envs, p["readout_rate"], p["timestamp_jitter_us"], seed=seed)
+        self._nothing: wp.array = wp.zeros(0, dtype=wp.float32, device=self._device)
+        self._total = np.zeros(len(kernels.COUNTERS), np.int64)
+        self._side: Any = self._make_side(size)
+        self._pipelined = self._device.is_cuda and self._side.pipelined and self._optics.clear and not self._readout
+        self._episodes: np.ndarray | None = None
+        self._going_on = np.zeros(envs, bool)
+        self._last_stamp = self._settled = self._settled_before = 0
+        self._held: Held | None = None
+        self._left: tuple[dict[str, np.ndarray], np.ndarray] | None = None
 
-    def _grow(self, capacity: int) -> None:
-        """Room for `capacity` events; a GPU's radix sort needs the array to be twice as long."""
-        length = 2 * capacity if self._device.is_cuda else capacity
-        self._keys = wp.empty(length, dtype=wp.int64, device=self._device)
-        self._spare = wp.empty(capacity, dtype=wp.int64, device=self._device) if length == capacity else self._keys
-        self._capacity = capacity
-        self._sensor.capacity = wp.int64(capacity)
+    def _make_side(self, size: Size) -> Any:
+        """Where events are listed and sorted: on the host or on a GPU."""
+        total = size.envs * size.pixels
+        if not self._device.is_cuda:
+            return Listing(self._engine, self._sensor, self._layout, size.envs, total, self._count)
+        from nodes.event_sensor.cuda.side import DeviceSide
+
+        stamped = self.parameters["model"] == "evis-paper" or self.parameters["crossing"] == "frame"
+        shape = (size.envs, total, size.channels == 3)
+        return DeviceSide(self._engine, self._sensor, self._layout, shape, stamped, self._device, self._count)
+
+    def _count(self, found: np.ndarray) -> None:
+        self._total += found
 
     @property
     def state_bytes(self) -> int:
@@ -156,13 +142,37 @@ class EventSensor:
 
     def process(
         self,
-        luminance: np.ndarray | wp.array,
+        luminance: Frames,
         t: np.ndarray,
         episodes: np.ndarray,
-        dlog_dt: np.ndarray | wp.array | None = None,
+        dlog_dt: Frames | None = None,
     ) -> Events:
         """Events of K frames: `advance`, then `read` into new arrays."""
         return self._events(self.advance(luminance, t, episodes, dlog_dt))
+
+    def process_async(
+        self,
+        luminance: Frames,
+        t: np.ndarray,
+        episodes: np.ndarray,
+        dlog_dt: Frames | None = None,
+    ) -> Pending | Ready:
+        """Events of K frames, which stay on the sensor's device; `result()` of what this returns gives them.
+
+        On a CUDA device the ideal sensor has up to CALLS calls in flight: this launches the work and returns, and
+        result() waits for it. The frames must stay unchanged until then. A call for which there is no room any more,
+        because the results of earlier ones were not taken, raises ValueError. Other sensors are done at once.
+        """
+        batch, begins = self._take(luminance, t, episodes, dlog_dt)
+        if self._pipelined:
+            self._left = None
+            pending: Pending = self._side.submit(batch, self._settled, defer=True)
+            return pending
+        n = self._settle(batch, begins)
+        if self._device.is_cuda and self._left is None:
+            return Ready(self._side.events)
+        span = (batch.t_base, self._settled)
+        return Ready(DeviceEvents.of(self._events(n), self._device, span))
 
     def flush(self) -> Events:
         """What is still held back, at the end of a stream: `finish`, then `read` into new arrays."""
@@ -182,41 +192,54 @@ class EventSensor:
 
     def advance(
         self,
-        luminance: np.ndarray | wp.array,
+        luminance: Frames,
         t: np.ndarray,
         episodes: np.ndarray,
-        dlog_dt: np.ndarray | wp.array | None = None,
+        dlog_dt: Frames | None = None,
     ) -> int:
         """Take K frames and return how many events they make; `read` gives them.
 
-        luminance: float32 [E, K, H, W] or, with three channels, [E, K, H, W, 3], linear; numpy, or Warp on the sensor's
-        device. t: int64 [K] ns, ascending, after the stamps seen before. episodes: int [E]; where it differs from the
-        last call's, the first frame sets the reference and fires nothing. dlog_dt: float32, of luminance's shape, d ln
-        I/dt [1/s], for crossing=hermite, NaN where it is not known. Events lie in (t_base, stamp], which is (previous
-        stamp, t[-1]] without look-ahead; with it, each bound is the frame before. Raises ValueError.
+        luminance: float32 [E, K, H, W] or, with three channels, [E, K, H, W, 3], linear: numpy, Warp (colour as vec3f
+        [E, K, H, W]) or whatever has __cuda_array_interface__, such as PyTorch. It is not copied where it is on the
+        sensor's device, and must have been written there on Warp's stream, the default stream, or one that is
+        synchronised. t: int64 [K] ns, ascending, after the stamps seen before. episodes: int [E]; where it differs from
+        the last call's, the first frame sets the reference and fires nothing. dlog_dt: float32, of luminance's shape,
+        d ln I/dt [1/s], for crossing=hermite, NaN where it is not known. Events lie in (t_base, stamp], which is
+        (previous stamp, t[-1]] without look-ahead; with it, each bound is the frame before. Raises ValueError.
         """
+        return self._settle(*self._take(luminance, t, episodes, dlog_dt))
+
+    def _take(self, luminance: Any, t: np.ndarray, episodes: np.ndarray, dlog_dt: Any) -> tuple[Batch, np.ndarray]:
+        """A message, checked, seen through the optics, joined to the frame that is held; and where episodes begin."""
         t = np.ascontiguousarray(t, dtype=np.int64)
-        episodes = np.asarray(episodes)
-        fresh = self._fresh(luminance.shape, t, episodes)
-        if self._hermite and (dlog_dt is None or tuple(dlog_dt.shape) != tuple(luminance.shape)):
+        episodes = np.asarray(episodes, dtype=np.int32)
+        fresh = self._fresh(shape_of(luminance), t, episodes)
+        again = fresh is not self._going_on and bool(fresh.all())
+        if self._hermite and (dlog_dt is None or shape_of(dlog_dt) != shape_of(luminance)):
             raise ValueError("crossing=hermite needs dlog_dt of the luminance's shape; without it take crossing=cubic")
-        if self._held is not None and fresh.all() and t[0] <= self._last_stamp:
+        if self._held is not None and again and t[0] <= self._last_stamp:
             raise ValueError(f"time goes back to {t[0]} ns; flush() first gives the events that are held back")
-        begun = self._held is not None or not fresh.all()
+        begun = self._held is not None or not again
         t_base = self._settled if begun else int(t[0])
         self._layout.check_span(int(t[-1]) - t_base)
-        images = self._seen(self._on_device(luminance), t, fresh, t_base)
-        slopes = self._nothing
-        if self._hermite and dlog_dt is not None:
-            slopes = self._slopes(self._on_device(dlog_dt), self._on_device(luminance), images)
+        images, slopes = on_device(luminance, self._device), self._nothing
+        if not self._optics.clear:
+            sharp = images
+            images = self._optics.seen(sharp, t, int(t[0]) if again else self._last_stamp, fresh)
+        if self._hermite:
+            slopes = on_device(dlog_dt, self._device)
+            if not self._optics.clear:
+                slopes = self._optics.slopes(slopes, sharp, images)
         if not begun:
             self._settled_before = t_base
-        self._episodes, self._last_stamp = episodes.astype(np.int32), int(t[-1])
+        if self._episodes is None or fresh is not self._going_on:
+            self._episodes = episodes.copy()
+        episodes, self._last_stamp = self._episodes, int(t[-1])
         if not self._ahead:
-            return self._settle(images, slopes, t, len(t), t_base, [fresh], [self._episodes])
-        begins, of, old = [fresh], [self._episodes], self._held
+            return self._batch(images, slopes, t, len(t), t_base, [fresh], [episodes]), fresh
+        begins, of, old = [fresh], [episodes], self._held
         if old is not None:
-            begins, of = [old.begins, fresh], [old.episodes, self._episodes]
+            begins, of = [old.begins, fresh], [old.episodes, episodes]
             t = np.concatenate(([old.stamp], t))
         new = images.reshape((self.envs, -1, self._size))
         rest = begins[len(t) - 1] if len(t) <= len(begins) else np.zeros(self.envs, bool)
@@ -227,67 +250,48 @@ class EventSensor:
             joined: wp.array = wp.empty((self.envs, len(t), self._size), dtype=wp.float32, device=self._device)
             _copy(joined[:, 0], old.images)
             _copy(joined[:, 1:], new)
-            images = joined.flatten()
-        return self._settle(images, slopes, t, len(t) - 1, t_base, begins, of)
+            images = joined
+        return self._batch(images, slopes, t, len(t) - 1, t_base, begins, of), begins[0]
 
     def finish(self) -> int:
         """Take no more frames; returns how many events were held back. `advance` may go on afterwards."""
         held, self._held = self._held, None
         if held is None:
             self.t_base = self._settled
-            self._sorted = np.zeros(0, np.int64)
+            self._side.clear()
             self._left = ({n: np.zeros(0, d) for n, d in self.columns().items()}, np.zeros(self.envs + 1, np.int64))
         else:
             stamp = np.array([held.stamp], np.int64)
-            self._settle(held.images.flatten(), self._nothing, stamp, 1, self._settled, [held.begins], [held.episodes])
+            begins, of = [held.begins], [held.episodes]
+            batch = self._batch(held.images, self._nothing, stamp, 1, self._settled, begins, of)
+            self._settle(batch, held.begins)
         if self._readout is not None:
             assert self._left is not None
             rest = self._readout.flush()
             if rest is not None:
                 self._left = merged(self._left, rest, self.envs)
-        return len(self._sorted) if self._left is None else len(self._left[0]["t"])
-
-    def _on_device(self, values: np.ndarray | wp.array) -> wp.array:
-        if isinstance(values, wp.array):
-            return values.flatten()
-        flat = np.ascontiguousarray(np.reshape(values, -1), dtype=np.float32)
-        return wp.array(flat, dtype=wp.float32, device=self._device, copy=False)
-
-    def _seen(self, images: wp.array, t: np.ndarray, fresh: np.ndarray, t_base: int) -> wp.array:
-        """Through lens and photoreceptor."""
-        if self._defocus is not None:
-            images = self._defocus(images.reshape((-1, self.height, self.width, self.channels))).flatten()
-        if self._photoreceptor is not None:
-            before = self._last_stamp if not fresh.all() else int(t[0])
-            images = self._photoreceptor.advance(images, t, before, fresh).flatten()
-        return images
-
-    def _slopes(self, slopes: wp.array, sharp: wp.array, seen: wp.array) -> wp.array:
-        """d ln I/dt of what is seen: the blur is linear in I, so it is (blur of I times slope) / (blur of I)."""
-        if self._defocus_slopes is None:
-            return slopes
-        change: wp.array = wp.empty_like(slopes)
-        wp.launch(kernels.product, len(slopes), [slopes, sharp], [change], device=self._device)
-        blurred = self._defocus_slopes(change.reshape((-1, self.height, self.width, self.channels))).flatten()
-        wp.launch(kernels.quotient, len(slopes), [blurred, seen], [change], device=self._device)
-        return change
+        return len(self._side) if self._left is None else len(self._left[0]["t"])
 
     def _fresh(self, shape: tuple[int, ...], t: np.ndarray, episodes: np.ndarray) -> np.ndarray:
         expected = (self.envs, len(t), self.height, self.width) + ((3,) if self.channels == 3 else ())
-        if tuple(shape) != expected or len(t) == 0:
+        if shape != expected or len(t) == 0:
             raise ValueError(f"event sensor got luminance {tuple(shape)} with {len(t)} stamps, expected {expected}")
         if math.prod(shape) >= 1 << 31:
             raise ValueError(f"event sensor got {tuple(shape)} samples in one message, 2^31 are too many")
         if episodes.shape != (self.envs,):
             raise ValueError(f"event sensor got episodes of shape {episodes.shape}, expected ({self.envs},)")
-        if np.any(t[1:] <= t[:-1]):
+        if len(t) > 1 and (t[1:] <= t[:-1]).any():
             raise ValueError("event sensor got stamps that do not ascend")
-        fresh = np.ones(self.envs, bool) if self._episodes is None else episodes != self._episodes
-        if not fresh.all() and t[0] <= self._last_stamp:
+        if self._episodes is None:
+            return np.ones(self.envs, bool)
+        # Mostly no episode begins: no arithmetic for that.
+        same = episodes.tobytes() == self._episodes.tobytes()
+        fresh = self._going_on if same else episodes != self._episodes
+        if (same or not fresh.all()) and t[0] <= self._last_stamp:
             raise ValueError(f"event sensor got a frame at {t[0]} ns after one at {self._last_stamp} ns of the episode")
         return fresh
 
-    def _settle(
+    def _batch(
         self,
         images: wp.array,
         slopes: wp.array,
@@ -296,61 +300,30 @@ class EventSensor:
         t_base: int,
         begins: list[np.ndarray],
         episodes: list[np.ndarray],
-    ) -> int:
-        """Events of the first `count` frames, sorted; later frames are only looked at."""
+    ) -> Batch:
+        """The first `count` frames, after which the sensor's time is; later frames are only looked at."""
         self.t_base = t_base
-        flags = np.sum([np.asarray(b, np.int32) << k for k, b in enumerate(begins)], 0)
-        device = self._device
-        batch = Batch(
-            images,
-            slopes,
-            wp.array(t, dtype=wp.int64, device=device, copy=False),
-            len(t),
-            count,
-            t_base,
-            self._settled_before,
-            wp.array(flags, dtype=wp.int32, device=device, copy=False),
-            wp.array(np.stack((episodes[0], episodes[-1])), dtype=wp.int32, device=device, copy=False),
-        )
-        found = self._launch(batch) if count else np.zeros(len(kernels.COUNTERS), np.int64)
-        self._total += found
-        stamp = int(t[count - 1]) if count else t_base
-        if stamp != t_base or count:
-            before = int(t[count - 2]) if count > 1 else t_base
-            self._settled_before, self._settled = before, stamp
+        flags = begins[0]
+        for k, more in enumerate(begins[1:], 1):
+            flags = flags | (more.astype(np.int64) << k)
+        of = (episodes[0], episodes[-1])
+        batch = Batch(images, slopes, t, len(t), count, t_base, self._settled_before, flags, of)
+        if count:
+            self._settled_before, self._settled = int(t[count - 2]) if count > 1 else t_base, int(t[count - 1])
         else:
             self._settled = t_base
-        self._sorted = sort_keys(self._keys, self._spare, int(found[0]), self._layout, stamp - t_base)
+        return batch
+
+    def _settle(self, batch: Batch, begins: np.ndarray) -> int:
+        """Events of a batch, sorted."""
+        self._side.fill(batch, self._settled)
         self._left = None
         if self._readout is None:
-            return len(self._sorted)
-        out: dict[str, np.ndarray] = {n: np.empty(len(self._sorted), d) for n, d in self.columns().items()}
-        unpack(self._sorted, self._sensor, t_base, out)
-        offsets = env_offsets(self._sorted, self._layout, self.envs)
-        self._left = self._readout.apply(out, offsets, t_base, stamp, begins[0])
+            return len(self._side)
+        out: dict[str, np.ndarray] = {n: np.empty(len(self._side), d) for n, d in self.columns().items()}
+        self._side.read(out)
+        self._left = self._readout.apply(out, self._side.env_offsets(), batch.t_base, self._settled, begins)
         return len(self._left[0]["t"])
-
-    def _launch(self, batch: Batch) -> np.ndarray:
-        """Run the kernel; on, or again, with a longer buffer when the events did not fit. Returns the counters."""
-        self._counters.zero_()
-        resume = 0
-        while True:
-            self._engine.launch(self._sensor, batch, self._keys, self._counters, resume)
-            found = np.array(self._counters.numpy())
-            count, left = int(found[0]), int(found[-1])
-            if not left and count <= self._capacity:
-                self._engine.swap()
-                return found[:-1]
-            if max(count, left and 2 * self._capacity) >= 1 << 31:
-                raise ValueError(f"{count} events in one message; raise the contrast threshold or keyframe_rate")
-            keys = self._keys
-            self._grow(2 * self._capacity if left else count + count // 4)
-            if left:
-                self._keys.numpy()[:count] = keys.numpy()[:count]
-                self._counters.numpy()[-1] = 0
-                resume = left - 1
-            else:
-                self._counters.zero_()
 
     def counts(self) -> dict[str, int]:
         """What was set aside so far.
@@ -379,14 +352,14 @@ class EventSensor:
     def read(self, out: dict[str, np.ndarray]) -> None:
         """Write the events of the last `advance` or `finish` to arrays of `columns()`."""
         if self._left is None:
-            unpack(self._sorted, self._sensor, self.t_base, out)
+            self._side.read(out)
         else:
             for name, column in self._left[0].items():
                 out[name][:] = column
 
     def env_offsets(self) -> np.ndarray:
         """int64 [E + 1] of the last `advance` or `finish`."""
-        return env_offsets(self._sorted, self._layout, self.envs) if self._left is None else self._left[1]
+        return self._side.env_offsets() if self._left is None else self._left[1]
 
 
 def _copy(to: wp.array, source: wp.array) -> None:

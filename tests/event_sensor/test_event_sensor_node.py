@@ -118,10 +118,12 @@ def test_look_ahead_holds_one_step_back_and_finish_brings_it(video, crossing):
     assert len(packets[3].t) > 0
 
 
-def test_known_slopes_come_with_the_frames(video):
-    slopes = np.random.default_rng(1).normal(0, 99, video.shape).astype(np.float32)
-    node = start(crossing="hermite")
+def test_known_slopes_come_with_the_frames():
+    """ln I = sin(2 pi 60 Hz t + phase): a curve, with which slopes that belong to it move the times."""
     t = np.arange(17, dtype=np.int64) * MS
+    angle = 2 * np.pi * 60 * 1e-9 * t[:, None, None] + np.linspace(0, 6, 48).reshape(6, 8)
+    video, slopes = (a.astype(np.float32) for a in (np.exp(np.sin(angle)), 2 * np.pi * 60 * np.cos(angle)))
+    node = start(crossing="hermite")
     node.update({"frames": frames(t, video, dlog_dt=slopes[None])})
     whole = simulate_frames(video, t, slopes, crossing="hermite")
     assert node.runtime.sent[0].t.tolist() == whole["t"].tolist() != simulate_frames(video, t)["t"].tolist()

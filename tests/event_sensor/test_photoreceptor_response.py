@@ -299,3 +299,20 @@ def test_the_sensor_counts_and_skips_what_the_photoreceptor_marks():
     packet = sensor.process(frames, t, np.zeros(1, np.int32))
     assert sensor.counts()["nonfinite"] == 1
     assert np.bincount(packet.x, minlength=2).tolist() == [7, 7], "ln 4.5 / 0.2 = 7.5"
+
+
+@pytest.mark.parametrize("level", [0.0, 30.0])
+@pytest.mark.parametrize("poles", [1, 2])
+@pytest.mark.parametrize("hz", [0.5, 50.0, 3000.0])
+def test_pixels_in_a_row_are_filtered_as_single_ones(hz, poles, level):
+    """Rows go through series good to 1e-9, single pixels through libm: the same float32 but for its last bit."""
+    rng = np.random.default_rng(4)
+    steps = rng.normal(0, rng.choice([1e-3, 0.1, 0.7], 50), (30, 50))
+    luminance = (20 * np.exp(np.cumsum(steps, 0))).astype(np.float32)
+    luminance[rng.random(luminance.shape) < 0.01] = np.nan
+    t = np.cumsum(rng.integers(100_000, 2_000_000, 30))
+    row = Photoreceptor(1, 50, 1, 1, hz, level, poles, 0.1)
+    together = filtered(row, luminance, t, [1, 5, 17])
+    for x in range(50):
+        alone = filtered(Photoreceptor(1, 1, 1, 1, hz, level, poles, 0.1), luminance[:, x : x + 1], t)
+        np.testing.assert_allclose(together[:, x : x + 1], alone, rtol=2e-7, atol=2e-8)

@@ -236,10 +236,11 @@ def test_state_bytes_are_as_the_docstring_says():
     sizes = {
         (): 28,
         (("crossing", "frame"),): 28,
-        (("crossing", "hermite"),): 88,
-        (("crossing", "cubic"),): 92,
-        (("refractory_us", 10),): 96,
-        (("threshold_mismatch", 0.02), ("leak_rate", 1), ("shot_rate", 1)): 96,
+        (("crossing", "hermite"),): 84,
+        (("crossing", "cubic"),): 88,
+        (("event_cap", 5),): 76,
+        (("refractory_us", 10),): 84,
+        (("threshold_mismatch", 0.02), ("leak_rate", 1), ("shot_rate", 1)): 84,
         (("model", "evis-paper"),): 48,
     }
     for parameters, size in sizes.items():

@@ -1,0 +1,85 @@
+"""Where a call's events are put in order, and the buffers for it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from nodes.event_sensor.cuda import kernels_order
+from nodes.event_sensor.kernels import Sensor
+from nodes.event_sensor.packet import KeyLayout
+
+BUCKETS = 1 << 10
+"""To begin with."""
+MOST_BUCKETS = 1 << 12
+CROWD = 96
+"""Events of a bucket, on average, from which more buckets are worth their cost,"""
+OFTEN = 3
+"""if so many calls in a row have them."""
+THREADS = 1 << 16
+BLOCK = 256
+
+
+class Order:
+    """Sorts up to what is in `keys` by environment, t, y, x. stamped: most events have the stamp of their frame."""
+
+    def __init__(self, envs: int, stamped: bool, device: Any) -> None:
+        self._envs, self._stamped, self._device = envs, stamped, device
+        self._crowds = 0
+        self._make(max(BUCKETS // envs, 1))
+
+    def _make(self, of_env: int) -> None:
+        self._of_env, self._length = of_env, self._envs * of_env
+        room = self._length * kernels_order.BUCKET
+        # Two of each: a call's events are put in order while the next call's are listed.
+        self.filled = [wp.zeros(self._length, dtype=wp.int32, device=self._device) for _ in range(2)]
+        self._buckets = [wp.empty(room, dtype=wp.int64, device=self._device) for _ in range(2)]
+
+    def launch(
+        self, sensor: Sensor, call: wp.array, frames: int, keys: wp.array, counters: wp.array, following: wp.array,
+        head: wp.array, columns: Any, side: int,
+    ) -> None:  # fmt: skip
+        """Put the listed events in order, write the columns, and the head.
+
+        following: counters that are made ready. side: which buckets, 0 or 1.
+        """
+        filled, buckets = self.filled[side], self._buckets[side]
+        threads = min(THREADS, max(keys.size, 1))
+        wp.launch(
+            kernels_order.to_buckets,
+            threads,
+            [sensor, call, frames, self._stamped, self._of_env, threads, keys, counters],
+            [filled, buckets],
+            device=self._device,
+        )
+        wp.launch_tiled(
+            kernels_order.in_order,
+            dim=[self._length],
+            inputs=[sensor, call, self._of_env, filled, buckets, counters],
+            outputs=[following, head, columns],
+            block_dim=BLOCK,
+            device=self._device,
+        )
+
+    def sort(
+        self, sensor: Sensor, layout: KeyLayout, span: tuple[int, int], keys: wp.array, count: int, columns: Any
+    ) -> None:
+        """The same by a radix sort of the list, whose length the host knows: for times that crowd together."""
+        pairs: wp.array = wp.empty(2 * count, dtype=wp.int64, device=self._device)
+        wp.copy(pairs, keys, count=count)
+        nothing: wp.array = wp.empty(2 * count, dtype=wp.int32, device=self._device)
+        end = layout.t + (span[1] - span[0]).bit_length()
+        wp.utils.radix_sort_pairs(pairs, nothing, count, 0, end)
+        if self._envs > 1:
+            wp.utils.radix_sort_pairs(pairs, nothing, count, layout.env, 63)
+        inputs = [sensor, span[0], pairs]
+        wp.launch(kernels_order.unpack_all, count, inputs, [columns], device=self._device)
+
+    def widen(self, count: int) -> bool:
+        """Told the events of a call: more buckets where they were many, often. True when their arrays are new."""
+        self._crowds = self._crowds + 1 if count > self._length * CROWD else 0
+        if self._crowds < OFTEN or 2 * self._length > MOST_BUCKETS:
+            return False
+        self._make(2 * self._of_env)
+        return True

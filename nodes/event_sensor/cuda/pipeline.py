@@ -1,0 +1,308 @@
+"""Calls of the sensor on a device: parameters in, graph launched, events and counts out, several calls in flight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+import warp as wp
+
+from nodes.event_sensor.cuda import kernels_call, kernels_order
+from nodes.event_sensor.cuda.order import Order
+from nodes.event_sensor.device_events import DeviceEvents, Pending
+from nodes.event_sensor.kernels import COUNTERS, Sensor
+from nodes.event_sensor.packet import KeyLayout
+
+FIRST_CAPACITY = 1 << 20
+"""Most events for which there is room before a call has needed more."""
+GRAPHS = 16
+"""Different numbers of frames a call for which graphs are kept."""
+
+
+class Source(Protocol):
+    """What lists the events of a call.
+
+    repeats: it lists all of them again where they did not fit, and not only those that did not. records: its launches
+    may be recorded.
+    """
+
+    repeats: bool
+    records: bool
+
+    def find(
+        self, sensor: Sensor, call: wp.array, frames: int, filled: wp.array, counters: wp.array, before: wp.array
+    ) -> None:
+        """What comes once, and empties the buckets. before: the counters of the call before."""
+
+    def sense(self, sensor: Sensor, call: wp.array, frames: int, keys: wp.array, counters: wp.array) -> None:
+        """List the events; and again, with more room, where they did not fit."""
+
+    def done(self) -> None:
+        """All events of the call are listed."""
+
+
+@dataclass(eq=False)
+class Lane:
+    """A call's parameters of one length: on the host (pinned), on the device, and the graphs that read them."""
+
+    frames: int
+    host: np.ndarray
+    staging: wp.array
+    call: wp.array
+    graphs: dict[Any, Any] = field(default_factory=dict)
+
+
+@dataclass(eq=False)
+class Slot:
+    """Where one call's results go. number: its place among the slots."""
+
+    number: int
+    counters: wp.array
+    head: wp.array
+    host: wp.array
+    view: np.ndarray
+    event: Any
+    keys: Any = None
+    columns: Any = None
+    named: dict[str, wp.array] = field(default_factory=dict)
+    lanes: dict[int, Lane] = field(default_factory=dict)
+    pending: Pending | None = None
+    serial: int = -1
+
+    @property
+    def lane(self) -> Lane:
+        """Of the call that it holds."""
+        assert self.pending is not None
+        return self.lanes[self.pending.frames]
+
+
+class Pipeline:
+    """`calls` calls in flight at most. found: called with the counters of every completed call, in order.
+
+    records: a call of a length that was there before launches a graph.
+    """
+
+    def __init__(
+        self, source: Source, sensor: Sensor, layout: KeyLayout, total: int, envs: int, colour: bool, stamped: bool,
+        calls: int, device: Any, found: Callable[[np.ndarray], None],
+    ) -> None:  # fmt: skip
+        self._source, self._sensor, self._layout, self._found = source, sensor, layout, found
+        self._envs, self._colour, self._device, self._calls = envs, colour, device, calls
+        self._order = Order(envs, stamped, device)
+        self.records = device.is_cuda and source.records
+        self._serial = self._collected = 0
+        self._slots = [self._slot(number) for number in range(calls)]
+        self._unordered: Slot | None = None
+        self._aside: Any = None
+        if self.records:
+            self._aside, self._fork, self._join = wp.Stream(device), wp.Event(device), wp.Event(device)
+        self.grow(min(max(2 * total, 4096), FIRST_CAPACITY))
+
+    def _slot(self, number: int) -> Slot:
+        cuda, length = self._device.is_cuda, kernels_call.OFFSETS + self._envs + 1
+        host: wp.array = wp.zeros(length, dtype=wp.int64, device="cpu", pinned=cuda)
+        # The device writes to the host's memory itself.
+        head: wp.array = wp.array(ptr=host.ptr, shape=(length,), dtype=wp.int64, device=self._device)
+        counters: wp.array = wp.array(fresh_counters(), dtype=wp.int64, device=self._device)
+        return Slot(number, counters, head, host, host.numpy(), wp.Event(self._device) if cuda else None)
+
+    def grow(self, capacity: int) -> None:
+        """Room for so many events in a call. Events given out keep the arrays that they have."""
+        if capacity >= 1 << 31:
+            raise ValueError(f"{capacity} events in one message; raise the contrast threshold or keyframe_rate")
+        self._sensor.capacity = wp.int64(capacity)
+        for slot in self._slots:
+            slot.keys = wp.empty(capacity, dtype=wp.int64, device=self._device)
+            slot.columns, slot.named = self._columns(capacity)
+        self._forget()
+
+    def _columns(self, capacity: int) -> tuple[Any, dict[str, wp.array]]:
+        columns = kernels_order.Columns()
+        types = {"t": wp.int64, "x": wp.uint16, "y": wp.uint16, "p": wp.uint8, "c": wp.uint8}
+        named = {}
+        for name, dtype in types.items():
+            length = capacity if name != "c" or self._colour else 0
+            array: wp.array = wp.empty(length, dtype=dtype, device=self._device)
+            setattr(columns, name, array)
+            if length:
+                named[name] = array
+        return columns, named
+
+    def _forget(self) -> None:
+        """The graphs, whose arrays are not the present ones any more."""
+        for slot in self._slots:
+            for lane in slot.lanes.values():
+                lane.graphs.clear()
+
+    def parameters(self, frames: int) -> np.ndarray:
+        """int64 [3 + K + E] of the next call, to be filled: see nodes.event_sensor.cuda.kernels_call.
+
+        Raises ValueError where too many calls are in flight.
+        """
+        slot = self._slots[self._serial % self._calls]
+        if slot.pending is not None and slot.pending.events is None:
+            raise ValueError(f"{self._calls} calls are in flight; take the result() of the first before the next")
+        lane = slot.lanes.get(frames)
+        if lane is None:
+            if len(slot.lanes) >= GRAPHS:
+                slot.lanes.clear()
+            length = kernels_call.STAMPS + frames + self._envs
+            staging: wp.array = wp.zeros(length, dtype=wp.int64, device="cpu", pinned=self._device.is_cuda)
+            call: wp.array = wp.zeros(length, dtype=wp.int64, device=self._device)
+            lane = slot.lanes[frames] = Lane(frames, staging.numpy(), staging, call)
+        return lane.host
+
+    def submit(self, frames: int, span: tuple[int, int], keep: Any = None, defer: bool = False) -> Pending:
+        """Launch the call whose `parameters` are filled. keep: what must live until it is done.
+
+        defer: its events are put in order beside the listing of the next call's, or when somebody wants them.
+        """
+        slot = self._slots[self._serial % self._calls]
+        slot.serial = self._serial
+        slot.pending = pending = Pending(self._collect, self._serial, frames, span, keep)
+        self._serial += 1
+        if not defer:
+            self._put_in_order()
+            self._launch(slot)
+            return pending
+        slot.view[kernels_call.STATUS] = kernels_call.DONE
+        before, self._unordered = self._unordered, slot
+        if before is None:
+            self._replay(slot.lane, "list", lambda: self._list(slot))
+        else:
+            other = before
+            self._replay(slot.lane, other.lane, lambda: self._list_beside(slot, other))
+            self._mark(other)
+        return pending
+
+    def _launch(self, slot: Slot) -> None:
+        """All of a call."""
+        slot.view[kernels_call.STATUS] = kernels_call.DONE
+        self._replay(slot.lane, "all", lambda: self._list_and_order(slot))
+        self._mark(slot)
+
+    def _put_in_order(self) -> None:
+        """What is still to be done of the last call."""
+        slot, self._unordered = self._unordered, None
+        if slot is not None:
+            self._replay(slot.lane, "order", lambda: self._order_events(slot))
+            self._mark(slot)
+
+    def _mark(self, slot: Slot) -> None:
+        """Behind what has been launched, its events are in order."""
+        if slot.event is not None:
+            self._device.stream.record_event(slot.event)
+
+    def _replay(self, lane: Lane, name: Any, enqueue: Callable[[], Any]) -> None:
+        """Enqueue it the first time, record it the second, and launch the graph from then on."""
+        if not self.records or name not in lane.graphs:
+            enqueue()
+            lane.graphs[name] = None
+            return
+        if lane.graphs[name] is None:
+            with wp.ScopedCapture(self._device) as capture:
+                enqueue()
+            lane.graphs[name] = capture.graph
+        wp.capture_launch(lane.graphs[name], self._device.stream)
+
+    def _list(self, slot: Slot) -> None:
+        lane, filled = slot.lane, self._order.filled[slot.number % 2]
+        before = self._slots[slot.number - 1].counters
+        wp.copy(lane.call, lane.staging)
+        self._source.find(self._sensor, lane.call, lane.frames, filled, slot.counters, before)
+        self._source.sense(self._sensor, lane.call, lane.frames, slot.keys, slot.counters)
+
+    def _order_events(self, slot: Slot) -> None:
+        # The next call's counters are in use where its events are listed already.
+        following = self._slots[(slot.number + 2) % self._calls].counters
+        self._order.launch(
+            self._sensor, slot.lane.call, slot.lane.frames, slot.keys, slot.counters, following, slot.head,
+            slot.columns, slot.number % 2,
+        )  # fmt: skip
+
+    def _list_and_order(self, slot: Slot) -> None:
+        self._list(slot)
+        self._order_events(slot)
+
+    def _list_beside(self, slot: Slot, other: Slot) -> None:
+        """The events of one call are listed while those of another are put in order."""
+        if self._aside is None:
+            self._order_events(other)
+            self._list(slot)
+            return
+        stream = self._device.stream
+        self._aside.wait_event(stream.record_event(self._fork))
+        with wp.ScopedStream(self._aside, sync_enter=False):
+            self._order_events(other)
+        self._list(slot)
+        stream.wait_event(self._aside.record_event(self._join))
+
+    def _collect(self, pending: Pending) -> DeviceEvents:
+        """Complete every call up to this one."""
+        while self._collected <= pending.serial:
+            slot = self._slots[self._collected % self._calls]
+            assert slot.pending is not None
+            if slot is self._unordered:
+                self._put_in_order()
+            if slot.event is not None:
+                wp.synchronize_event(slot.event)
+            if slot.view[kernels_call.STATUS] != kernels_call.DONE:
+                self._mend(slot, slot.pending)
+            self._finish(slot, slot.pending)
+            self._collected += 1
+        assert pending.events is not None
+        return pending.events
+
+    def _finish(self, slot: Slot, pending: Pending) -> None:
+        head, serial = slot.view, slot.serial
+        offsets = head[kernels_call.OFFSETS :].copy()
+        self._source.done()
+        self._found(head[: len(COUNTERS)])
+        if self._order.widen(int(head[0])):
+            self._forget()
+        pending.events = DeviceEvents(
+            slot.named, int(head[0]), offsets, pending.span, lambda: slot.serial == serial
+        )  # fmt: skip
+        pending.keep = None
+
+    def _mend(self, slot: Slot, pending: Pending) -> None:
+        """A call that did not end on the device: more room, or another sort."""
+        outgrown = slot.view[kernels_call.STATUS] == kernels_call.OUTGROWN
+        if outgrown:
+            self._put_in_order()
+        while slot.view[kernels_call.STATUS] == kernels_call.OUTGROWN:
+            self._make_room(slot)
+        if slot.view[kernels_call.STATUS] == kernels_call.CROWDED:
+            count = int(slot.view[0])
+            self._order.sort(self._sensor, self._layout, pending.span, slot.keys, count, slot.columns)
+        if outgrown:
+            # Those after it did nothing.
+            for serial in range(pending.serial + 1, self._serial):
+                self._launch(self._slots[serial % self._calls])
+
+    def _make_room(self, slot: Slot) -> None:
+        """A longer list, and the call gone on with."""
+        wp.synchronize_device(self._device)
+        # A call after it, in doing nothing, may have written over the counters themselves.
+        counters, keys = slot.view[: kernels_call.COUNTS].copy(), slot.keys
+        wanted, kept = int(counters[0]), min(int(counters[kernels_call.FULL_FROM]), keys.size)
+        self.grow(wanted + max(wanted // 4, 4096))
+        if self._source.repeats:
+            counters, kept = fresh_counters(), 0
+        wp.copy(slot.keys, keys, count=kept)
+        counters[0], counters[kernels_call.FULL_FROM] = kept, kernels_call.NOWHERE
+        slot.counters.assign(counters)
+        slot.view[kernels_call.STATUS] = kernels_call.DONE
+        self._order.filled[slot.number % 2].zero_()
+        self._source.sense(self._sensor, slot.lane.call, slot.lane.frames, slot.keys, slot.counters)
+        self._order_events(slot)
+        wp.synchronize_device(self._device)
+
+
+def fresh_counters() -> np.ndarray:
+    """What a call begins with."""
+    counters = np.zeros(kernels_call.COUNTS, np.int64)
+    counters[kernels_call.FULL_FROM] = kernels_call.NOWHERE
+    return counters

@@ -1,0 +1,35 @@
+"""The engines with curves, faults or the paper's equations as a source of events on a GPU."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from nodes.event_sensor.kernels import Sensor
+
+
+class Relaunched:
+    """An engine that keeps the state before a call apart, so that the call can be made again with more room."""
+
+    repeats = True
+    records = False
+
+    def __init__(self, engine: Any) -> None:
+        self._engine = engine
+        self.batch: Any = None
+
+    def find(
+        self, sensor: Sensor, call: wp.array, frames: int, filled: wp.array, counters: wp.array, before: wp.array
+    ) -> None:
+        """Empty the buckets."""
+        filled.zero_()
+
+    def sense(self, sensor: Sensor, call: wp.array, frames: int, keys: wp.array, counters: wp.array) -> None:
+        """List all events of `batch`."""
+        self._engine.launch(sensor, self.batch, keys, counters, 0)
+
+    def done(self) -> None:
+        """The state after the call is the present one."""
+        self._engine.swap()
+        self.batch = None

@@ -1,0 +1,75 @@
+"""The events of a sensor on a CUDA device: what nodes.event_sensor.listing is on a CPU, and calls in flight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from nodes.event_sensor.cuda.kernels_call import IMAGES, SPAN, STAMPS, T_BASE
+from nodes.event_sensor.cuda.pipeline import Pipeline
+from nodes.event_sensor.cuda.plain import PlainPasses
+from nodes.event_sensor.cuda.relaunched import Relaunched
+from nodes.event_sensor.device_events import CALLS, DeviceEvents, Pending
+from nodes.event_sensor.kernels import Sensor
+from nodes.event_sensor.packet import KeyLayout
+
+
+class DeviceSide:
+    """Of the last call. stamped: most events have their frame's stamp. found: called with the counters of each call."""
+
+    def __init__(
+        self, engine: Any, sensor: Sensor, layout: KeyLayout, shape: tuple[int, int, bool], stamped: bool, device: Any,
+        found: Callable[[np.ndarray], None],
+    ) -> None:  # fmt: skip
+        """shape: environments, pixels of all of them, colour."""
+        envs, total, colour = shape
+        self._relaunched = None if isinstance(engine, PlainPasses) else Relaunched(engine)
+        self._device, self._found = device, found
+        self.pipeline = Pipeline(
+            self._relaunched or engine, sensor, layout, total, envs, colour, stamped, CALLS, device, found
+        )
+        self._none = self._nothing(envs, colour)
+        self.events = self._none
+
+    def _nothing(self, envs: int, colour: bool) -> DeviceEvents:
+        types = {"t": wp.int64, "x": wp.uint16, "y": wp.uint16, "p": wp.uint8} | ({"c": wp.uint8} if colour else {})
+        columns = {name: wp.empty(0, dtype=dtype, device=self._device) for name, dtype in types.items()}
+        return DeviceEvents(columns, 0, np.zeros(envs + 1, np.int64), (0, 0))
+
+    @property
+    def pipelined(self) -> bool:
+        """Several calls may be in flight."""
+        return self._relaunched is None
+
+    def submit(self, batch: Any, stamp: int, defer: bool = False) -> Pending:
+        """Launch a batch that ends at `stamp`; its frames must stay as they are until the result is there."""
+        count = batch.count
+        call = self.pipeline.parameters(count)
+        call[IMAGES], call[T_BASE], call[SPAN] = batch.images.ptr, batch.t_base, stamp - batch.t_base
+        call[STAMPS : STAMPS + count] = batch.t[:count]
+        call[STAMPS + count :] = batch.begin
+        if self._relaunched is not None:
+            self._relaunched.batch = batch.on(self._device)
+        return self.pipeline.submit(count, (batch.t_base, stamp), batch.images, defer)
+
+    def fill(self, batch: Any, stamp: int) -> None:
+        """`submit`, and wait for the events."""
+        self.events = self.submit(batch, stamp).result() if batch.count else self._none
+
+    def clear(self) -> None:
+        """No events."""
+        self.events = self._none
+
+    def __len__(self) -> int:
+        return self.events.count
+
+    def read(self, out: dict[str, np.ndarray]) -> None:
+        """Write the events to columns of their length."""
+        self.events.read(out)
+
+    def env_offsets(self) -> np.ndarray:
+        """int64 [E + 1]: where each environment's events begin."""
+        return self.events.env_offsets
