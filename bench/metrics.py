@@ -6,6 +6,7 @@ Streams are (t int64 ns, x, y, p) arrays, sorted by t. All errors are 0 for equa
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -23,6 +24,10 @@ class Stream:
 
     def trains(self) -> tuple[np.ndarray, np.ndarray]:
         """Times grouped by pixel and polarity, and offsets int64 [2 H W + 1] of the groups ((y W + x) 2 + p)."""
+        return self._trains
+
+    @cached_property
+    def _trains(self) -> tuple[np.ndarray, np.ndarray]:
         group = (self.y.astype(np.int64) * self.width + self.x) * 2 + self.p
         order = np.lexsort((self.t, group))
         counts = np.bincount(group, minlength=2 * self.width * self.height)
@@ -98,3 +103,15 @@ def time_error(test: Stream, reference: Stream) -> tuple[float, float]:
     before = np.abs(ta[np.maximum(at - 1, low)] - tb)
     error = np.minimum(after, before) / 1e3
     return float(np.quantile(error, 0.5)), float(np.quantile(error, 0.9))
+
+
+def log_error(frames: np.ndarray, reference: np.ndarray, threshold: float) -> float:
+    """Root mean square of ln I - ln I_ref over the pixels of both where the reference is lit, in thresholds.
+
+    frames and reference: linear luminance of one shape. A pixel that is dark (0, negative, not finite) in the frames
+    alone has no finite error and makes the whole not finite.
+    """
+    lit = (reference > 0) & np.isfinite(reference)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = np.log(frames[lit].astype(np.float64)) - np.log(reference[lit].astype(np.float64))
+    return float(np.sqrt(np.mean(error**2)) / threshold) if error.size else 0.0

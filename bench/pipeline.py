@@ -3,78 +3,158 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from bench.metrics import Stream
+from bench.metrics import Stream, log_error
+from bench.world import World
 from evis.clock import keyframe_count, keyframe_stamp
-from evis.scene import load_scene
 from nodes.event_sensor.sensor import EventSensor
-from nodes.interpolator.interpolator import Interpolator
+from nodes.interpolator.interpolator import NEEDS, Interpolator
+from nodes.interpolator.keyframe import States
+from nodes.interpolator.luminance import luminance_of
 from nodes.renderer.renderer import Renderer
+
+THRESHOLD = 0.2
 
 
 @dataclass
 class Run:
-    """Events of a run, and the wall time [s] of its stages (set-up and compilation excluded)."""
+    """Events of a run by crossing method, and the CPU time [s] of its stages (set-up and compilation excluded).
 
-    stream: Stream
-    render_s: float
-    interpolate_s: float
-    sense_s: float
+    shaded: pixels that were shaded, in keyframes and between them. frame_error: root mean square of ln I against
+    dense rendering over the sub-frames that were compared, in thresholds. reshaded, filled: pixels of sub-frames.
+    """
+
+    streams: dict[str, Stream]
+    sense_s: dict[str, float]
+    render_s: float = 0.0
+    interpolate_s: float = 0.0
+    shaded: int = 0
+    reshaded: int = 0
+    filled: int = 0
+    samples: int = 0
+    frame_errors: list[float] = field(default_factory=list)
+
+    def seconds(self, crossing: str) -> float:
+        """All three stages."""
+        return self.render_s + self.interpolate_s + self.sense_s[crossing]
 
     @property
-    def wall_s(self) -> float:
-        """All three stages."""
-        return self.render_s + self.interpolate_s + self.sense_s
+    def frame_error(self) -> float:
+        """Over all compared sub-frames."""
+        return float(np.sqrt(np.mean(np.square(self.frame_errors)))) if self.frame_errors else 0.0
+
+
+class Sensors:
+    """Event sensors that differ in their crossing method, on the same frames."""
+
+    def __init__(self, height: int, width: int, crossings: Sequence[str]) -> None:
+        self._size = (width, height)
+        self._sensors = {c: EventSensor(height, width, threshold=THRESHOLD, crossing=c) for c in crossings}
+        self._parts: dict[str, list] = {c: [] for c in crossings}
+        self.seconds = dict.fromkeys(crossings, 0.0)
+
+    def process(self, frames: np.ndarray, t: np.ndarray, counted: bool = True) -> None:
+        """Frames float32 [1, K, H, W] at stamps int64 [K] ns."""
+        for crossing, sensor in self._sensors.items():
+            start = time.process_time()
+            self._parts[crossing].append(sensor.process(frames, t, np.zeros(1, np.int32)))
+            self.seconds[crossing] += (time.process_time() - start) * counted
+
+    def streams(self) -> dict[str, Stream]:
+        """All events, what look-ahead held back included."""
+        result = {}
+        for crossing, sensor in self._sensors.items():
+            parts = [*self._parts[crossing], sensor.flush()]
+            fields = (np.concatenate([getattr(e, name) for e in parts]) for name in "txyp")
+            result[crossing] = Stream(*fields, *self._size)
+        return result
 
 
 def simulate(
-    scene_name: str,
-    overrides: dict[str, object],
+    world: World,
     method: str,
     keyframe_rate: float,
     upsampling: int,
-    duration_s: float,
-    threshold: float = 0.2,
-    camera_name: str = "cam0",
+    duration_ns: int,
+    crossings: Sequence[str] = ("linear",),
+    truth: Mapping[int, np.ndarray] | None = None,
+    light_samples: int = 16,
 ) -> Run:
-    """One environment of a scene with prescribed motion, from t = 0 for duration_s."""
-    scene = load_scene(scene_name, overrides)
-    camera = scene.camera(camera_name)
-    renderer = Renderer(scene, camera)
-    interpolator = Interpolator(method, upsampling)
-    sensor = EventSensor(camera.height, camera.width, threshold_on=threshold, threshold_off=threshold)
-    outputs = {"radiance"} if method == "none" else {"radiance", "depth", "motion"}
+    """One environment of a scene from t = 0 for duration_ns, seen by cam0.
+
+    truth: luminance float32 [H, W] by stamp, of dense rendering; sub-frames at these stamps are compared with it.
+    """
+    scene = world.scene
+    camera = scene.camera("cam0")
+    renderer = Renderer(scene, camera, light_samples=light_samples)
+    interpolator = Interpolator(method, upsampling, scene=scene, camera=camera, light_samples=light_samples)
+    sensors = Sensors(camera.height, camera.width, crossings)
+    needs = NEEDS[method]
+    outputs = {"radiance"} | (needs & {"depth", "motion"})
+    renderer.prepare(outputs)
     interpolator.warm_up()
+    run = Run({}, sensors.seconds)
     episodes = np.zeros(1, np.int32)
-    previous, parts = None, []
-    spent = np.zeros(3)
-    for k in range(keyframe_count(round(duration_s * 1e9), keyframe_rate)):
+    before = 0
+    previous = None
+    for k in range(keyframe_count(duration_ns, keyframe_rate)):
         stamp = keyframe_stamp(k, keyframe_rate)
-        at = np.array([stamp])
-        poses = np.stack([b.trajectory.pose(at)[0] for b in scene.bodies if b.trajectory is not None])[None]
-        clock = [time.perf_counter()]
-        images = renderer.render(poses, previous, outputs, {})
-        clock.append(time.perf_counter())
-        t, frames = interpolator.push(
-            stamp, episodes, images["radiance"].copy(), _own(images, "depth"), _own(images, "motion"), 0, _allocate
-        )
-        clock.append(time.perf_counter())
-        parts.append(sensor.process(frames, t, episodes))
-        clock.append(time.perf_counter())
+        poses = world.poses(stamp)
+        states = States(*world.states(before, stamp)) if "states" in needs else None
+        clock = [time.process_time()]
+        images = renderer.render(poses, previous, outputs, {}, stamp)
+        clock.append(time.process_time())
+        radiance, depth, motion = (_own(images, name) for name in ("radiance", "depth", "motion"))
+        assert radiance is not None
+        given = {"states": states} if states is not None else {}
+        t, frames = interpolator.push(stamp, episodes, radiance, depth, motion, **given)
+        clock.append(time.process_time())
         if k:  # the first keyframe compiles and only sets the reference
-            spent += np.diff(clock)
-        previous = poses
-    fields = (np.concatenate([getattr(e, name) for e in parts]) for name in "txyp")
-    return Run(Stream(*fields, camera.width, camera.height), *spent)
+            run.render_s += clock[1] - clock[0]
+            run.interpolate_s += clock[2] - clock[1]
+            report = interpolator.report
+            run.shaded += camera.height * camera.width + report.reshaded
+            run.reshaded += report.reshaded
+            run.filled += report.filled
+            run.samples += frames.size
+        sensors.process(frames, t, counted=k > 0)
+        for i, at in enumerate(t.tolist()):
+            if truth is not None and at in truth:
+                run.frame_errors.append(log_error(frames[0, i], truth[at], THRESHOLD))
+        previous, before = poses, stamp
+    run.streams = sensors.streams()
+    return run
 
 
-def _own(images: dict[str, np.ndarray], name: str) -> np.ndarray | None:
+def reference(
+    world: World, rate: float, duration_ns: int, keep_every_ns: int, light_samples: int = 16
+) -> tuple[Stream, Stream, dict[int, np.ndarray]]:
+    """Events of dense rendering at `rate` and, of every second of its frames, at half of it; and frames by stamp.
+
+    Frames are kept where the stamp is a multiple of keep_every_ns. Crossing times are linear, for at these rates they
+    are the same by any method.
+    """
+    camera = world.scene.camera("cam0")
+    renderer = Renderer(world.scene, camera, light_samples=light_samples)
+    full, half = (Sensors(camera.height, camera.width, ["linear"]) for _ in range(2))
+    kept = {}
+    for k in range(keyframe_count(duration_ns, rate)):
+        stamp = keyframe_stamp(k, rate)
+        radiance = renderer.render(world.poses(stamp), None, {"radiance"}, {}, stamp)["radiance"]
+        frame = luminance_of(radiance, renderer.device).numpy()[:, None]
+        t = np.array([stamp])
+        full.process(frame, t)
+        if k % 2 == 0:
+            half.process(frame, t)
+        if stamp % keep_every_ns == 0:
+            kept[stamp] = frame[0, 0].copy()
+    return full.streams()["linear"], half.streams()["linear"], kept
+
+
+def _own(images: Mapping[str, np.ndarray], name: str) -> np.ndarray | None:
     """A copy: the renderer writes its next image into the same memory, and the interpolator remembers this one."""
     return images[name].copy() if name in images else None
-
-
-def _allocate(shape: tuple[int, ...]) -> np.ndarray:
-    return np.empty(shape, np.float32)

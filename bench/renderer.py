@@ -90,23 +90,28 @@ def stage_times(scene: Scene, poses: list[np.ndarray], repeats: int) -> dict[str
     """Stages of keyframes at poses [repeats + 2], each after the one before."""
     r = Renderer(scene, scene.cameras[0])
     v = r.visibility
-    frames = [v.frames(p) for p in poses]
     out = {name: np.empty(*r.array_shape(name)) for name in ("radiance", "depth", "motion")}
     targets = {name: wp.empty(r.shape, dtype=r.types[name], device="cpu") for name in out}
 
+    def place(k: int) -> None:
+        v.place(v.frames(poses[k + 1]), poses[k])
+
+    def geometric(k: int) -> None:
+        place(k)
+        r.geometric(targets)
+
     def shade(k: int) -> None:
-        v.update(frames[k])
-        r.shading.update(frames[k])
+        r.shading.update(v.update(poses[k]))
         r.shading.shade(targets["radiance"])
 
-    raster = milliseconds(lambda k: v.update(frames[k]), repeats)
-    geometric = milliseconds(lambda k: r.geometric(frames[k + 1], frames[k], targets), repeats)
+    placed = milliseconds(place, repeats)
+    raster = milliseconds(lambda k: v.update(poses[k]), repeats)
     return {
         "triangles": len(v.geometry.triangles),
         "keyframe [ms]": round(milliseconds(lambda k: r.render(poses[k + 1], poses[k], out, out), repeats), 2),
-        "matrices [ms]": round(milliseconds(lambda k: v.frames(poses[k]), repeats), 2),
+        "poses [ms]": round(placed, 2),
         "raster [ms]": round(raster, 2),
-        "depth and motion [ms]": round(geometric, 2),
+        "depth and motion [ms]": round(milliseconds(geometric, repeats) - placed, 2),
         "shading [ms]": round(milliseconds(shade, repeats) - raster, 2),
         "nothing moves [ms]": round(milliseconds(lambda k: r.render(poses[0], poses[0], out, out), repeats), 2),
     }

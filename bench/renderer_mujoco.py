@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +24,13 @@ def drawing(scene: Scene, poses: np.ndarray, depth: bool) -> Callable[[], np.nda
     try:
         import mujoco
 
-        spec = mujoco.MjSpec()
-        _fill(mujoco, spec, scene, poses)
-        model = spec.compile()
+        model = compiled(scene, poses)
         data = mujoco.MjData(model)
         camera = scene.cameras[0]
         renderer = mujoco.Renderer(model, camera.height, camera.width, max_geom=len(scene.instances) + 100)
     except (ImportError, AttributeError, RuntimeError, OSError):
+        # What else imports MuJoCo shall not look for OpenGL again.
+        os.environ["MUJOCO_GL"] = "disabled"
         return None
     if depth:
         renderer.enable_depth_rendering()
@@ -42,6 +43,17 @@ def drawing(scene: Scene, poses: np.ndarray, depth: bool) -> Callable[[], np.nda
         return np.asarray(renderer.render(out=image))
 
     return draw
+
+
+def compiled(scene: Scene, poses: np.ndarray) -> Any:
+    """The scene at `poses` [N, 7] as a MuJoCo model. Raises ImportError without MuJoCo."""
+    import mujoco
+
+    spec = mujoco.MjSpec()
+    # Thin things stay as they are: nothing is simulated.
+    spec.compiler.balanceinertia = True
+    _fill(mujoco, spec, scene, poses)
+    return spec.compile()
 
 
 def _fill(mujoco, spec, scene: Scene, poses: np.ndarray) -> None:  # type: ignore[no-untyped-def]

@@ -14,14 +14,17 @@ from pathlib import Path
 from typing import Any
 
 SUBJECTS = {
-    "error": "error against run time, every method and keyframe rate, against a dense reference",
+    "interpolation": "error against run time, every method and keyframe rate, against dense rendering",
     "bus": "cost of a message between processes, against plain ZeroMQ",
     "graph": "real-time factor, where the time goes, overhead, what omissions save",
     "event_sensor": "time error against closed forms, speed against the models of other simulators, cost of each fault",
     "renderer": "milliseconds per keyframe and stage, raster against rays",
+    "renderer_paths": "milliseconds of path tracing, and how still its noise is",
+    "renderer_peers": "the renderer beside MuJoCo's, MuJoCo Warp's and Mitsuba 3, those that are installed",
     "interpolation_speed": "nanoseconds per pixel and sub-frame of interpolator and sensor",
     "streams": "decoding speed, against other libraries",
     "bag": "recording speed",
+    "camera": "camera node on emulated USB: sustained rate, losses, CPU share, latency",
 }
 """Name of the module in bench/ -> what it measures."""
 
@@ -87,7 +90,8 @@ OMISSIONS = (
     "The interpolator has the paper's splat and dense rendering; exact rigid warping is not there yet, so interpolated "
     "motion is straight between keyframes: 2 px off at 125 Hz on the disk at 50 rad/s, tens of pixels at 30 Hz.",
     "Real cameras over USB are not there yet; recordings are.",
-    "Light is direct only: no reflections between surfaces, no shadow from the sky, no emissive surface as a light.",
+    "Light is direct unless bounces or sky_occlusion ask for paths: no reflections between surfaces, no shadow from "
+    "the sky, no emissive surface as a light.",
     "A light that flickers faster than the keyframes is not seen between them.",
     "Simulators that need PyTorch, ROS or Isaac Sim are quoted, not run; the ESIM core runs beside ours where "
     "EVIS_PEERS names a checkout of it.",

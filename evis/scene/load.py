@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +76,7 @@ def _document(path: Path) -> Table:
         table["mjcf"] = path.name
         return table
     try:
-        table = read(path, "scene file")
+        table = _read(path)
     except LaunchError as error:
         raise SceneError(str(error)) from None
     included = table.get("include")
@@ -95,10 +96,25 @@ def _document(path: Path) -> Table:
     return table
 
 
+def _read(path: Path) -> Table:
+    """The file's map, parsed once for as long as the file is as it was: planning asks for a scene many times."""
+    stat = path.stat()
+    parsed = _parsed(path, stat.st_mtime_ns, stat.st_size)
+    table = Table(parsed.file, parsed.line)
+    table.update(parsed)
+    table.lines = dict(parsed.lines)
+    return table
+
+
+@lru_cache(maxsize=16)
+def _parsed(path: Path, mtime_ns: int, size: int) -> Table:
+    return read(path, "scene file")
+
+
 def read_part(path: Path) -> Table:
     """A file for `include:`, which holds what several scenes share. Raises SceneError."""
     try:
-        table = read(path, "scene file")
+        table = _read(path)
         table.check_keys((*_SECTIONS, "description", "environment", "environment_map"), "an included scene file")
     except LaunchError as error:
         raise SceneError(str(error)) from None

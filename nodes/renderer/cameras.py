@@ -58,8 +58,11 @@ def make_view(camera: Camera, margin: int, device: Any) -> View:
         far_x = max(view.cx + margin, view.width - 1 - margin - view.cx) / view.fx
         far_y = max(view.cy + margin, view.height - 1 - margin - view.cy) / view.fy
         view.reach = float(np.hypot(np.hypot(far_x, far_y), 1.0))
+        view.columns = wp.array(_slopes(view.width, margin, view.fx, view.cx), dtype=wp.float32, device=device)
+        view.rows = wp.array(_slopes(view.height, margin, view.fy, view.cy), dtype=wp.float32, device=device)
         view.rays = wp.empty((0, 0), dtype=wp.vec3, device=device)
         return view
+    view.columns = view.rows = wp.empty(0, dtype=wp.float32, device=device)
     rays = unproject(k, lens, pinhole.pixel_grid(view.width, view.height) - margin)
     angle = np.arccos(np.clip(rays[..., 2], -1.0, 1.0))
     widest = float(np.nanmax(angle, initial=0.0)) + 1e-5
@@ -72,3 +75,8 @@ def make_view(camera: Camera, margin: int, device: Any) -> View:
     view.bounded = min(lens.domain, widest + BEYOND)
     view.bulge = curvature_bound(k, lens, view.bounded)
     return view
+
+
+def _slopes(count: int, margin: int, focal: float, centre: float) -> np.ndarray:
+    """(i - margin - centre) / focal for i < count, in float32."""
+    return (np.arange(count, dtype=np.float32) - np.float32(margin) - np.float32(centre)) / np.float32(focal)

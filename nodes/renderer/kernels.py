@@ -39,6 +39,11 @@ class View:
     margin: int
     distorted: int
     """1: rays come from the table, `near` is a distance from the camera, and `lens` bends directions."""
+    local: int
+    """1: vertices are [1, V] in the frames of their instances; 0: [E, V] in the camera's, of what may be seen."""
+    columns: wp.array(dtype=float)
+    rows: wp.array(dtype=float)
+    """x of a pinhole's rays in every column and y in every row: loaded sooner than divided for; empty for a lens."""
     rays: wp.array2d(dtype=wp.vec3)
     """[height, width] unit rays, 0 where the lens sees nothing; empty for a pinhole."""
     lens: Lens
@@ -76,11 +81,7 @@ def pixel_ray(view: View, x: int, y: int):
     """The ray d of a pixel; the branch goes one way for a whole launch and costs nothing that could be measured."""
     if view.distorted == 1:
         return view.rays[y, x]
-    return wp.vec3(
-        (float(x - view.margin) - view.cx) / view.fx,
-        (float(y - view.margin) - view.cy) / view.fy,
-        1.0,
-    )
+    return wp.vec3(view.columns[x], view.rows[y], 1.0)
 
 
 @wp.func
@@ -107,6 +108,14 @@ def depth_of(packed: wp.uint64):
 
 
 @wp.func
+def corner(view: View, vertices: wp.array2d(dtype=wp.vec3), turn: wp.mat33, place: wp.vec3, env: int, k: int):
+    """Vertex k in the camera frame; turn, place: the pose of the instance that it belongs to."""
+    if view.local == 1:
+        return turn * vertices[0, k] + place
+    return vertices[env, k]
+
+
+@wp.func
 def edge_normal(a: wp.vec3, b: wp.vec3):
     """a x b, as a x (b - a) to keep the digits of a short edge."""
     return wp.cross(a, b - a)
@@ -115,15 +124,16 @@ def edge_normal(a: wp.vec3, b: wp.vec3):
 @wp.func
 def edge_slack(view: View, a: wp.vec3, b: wp.vec3):
     """Bound of the rounding of edge_normal(a, b) . d over the image; it widens a triangle by some 1e-4 px."""
-    return 6.0e-7 * wp.length(a) * wp.length(b - a) * view.reach
+    return 6.0e-7 * wp.sqrt(wp.dot(a, a) * wp.dot(b - a, b - a)) * view.reach
 
 
 @wp.func
 def grow(view: View, box: wp.vec4, p: wp.vec3, slack: float):
     """Image bounds (x min, x max, y min, y max) with the projection of p, kept inside what an int can hold."""
     m = float(view.margin)
-    x = view.fx * p[0] / p[2] + view.cx + m
-    y = view.fy * p[1] / p[2] + view.cy + m
+    nearness = 1.0 / p[2]
+    x = view.fx * p[0] * nearness + view.cx + m
+    y = view.fy * p[1] * nearness + view.cy + m
     w = float(view.width)
     h = float(view.height)
     return wp.vec4(
@@ -210,6 +220,13 @@ def bounds(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 
 @wp.func
+def holds_pixel(view: View, box: wp.vec4):
+    """Whether any pixel centre of the image lies in these bounds."""
+    wide = wp.max(wp.ceil(box[0]), 0.0) <= wp.min(wp.floor(box[1]), float(view.width - 1))
+    return wide and wp.max(wp.ceil(box[2]), 0.0) <= wp.min(wp.floor(box[3]), float(view.height - 1))
+
+
+@wp.func
 def set_up(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3, box: wp.vec4):
     """A triangle within `box`; x1 < x0 where that holds no pixel centre of the image."""
     s = Setup()
@@ -239,14 +256,56 @@ def set_up(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3, box: wp.vec4):
 
 
 @wp.func
-def narrow(view: View, edge: wp.vec3, row: float, span: wp.vec2):
-    """The columns of a row that an edge may leave, one pixel more than exact; an edge along the row leaves all."""
+def run_of(view: View, edge: wp.vec3):
+    """Columns that an edge goes on for a unit of its function; 0 for one along the rows, which narrows none of them."""
     if wp.abs(edge[0]) <= 1.0e-5 * (wp.abs(edge[1]) + wp.abs(edge[2])):
-        return span
-    x = view.cx + float(view.margin) - row / edge[0] * view.fx
-    if edge[0] > 0.0:
+        return 0.0
+    return view.fx / edge[0]
+
+
+@wp.func
+def narrow(run: float, row: float, centre: float, span: wp.vec2):
+    """The columns of a row that an edge may leave, one pixel more than exact."""
+    x = centre - row * run
+    if run > 0.0:
         return wp.vec2(wp.max(span[0], x - 1.0), span[1])
-    return wp.vec2(span[0], wp.min(span[1], x + 1.0))
+    if run < 0.0:
+        return wp.vec2(span[0], wp.min(span[1], x + 1.0))
+    return span
+
+
+@wp.func
+def cover(
+    view: View,
+    s: Setup,
+    r: wp.vec4,
+    x: int,
+    y: int,
+    env: int,
+    triangle: int,
+    packed: wp.array3d(dtype=wp.uint64),
+):
+    """Write a pixel of a triangle into the z-buffer if it covers it; r: the row's share of edges and plane."""
+    dx = view.columns[x]
+    if s.e0[0] * dx + r[0] >= 0.0 and s.e1[0] * dx + r[1] >= 0.0 and s.e2[0] * dx + r[2] >= 0.0:
+        z = s.offset / (s.normal[0] * dx + r[3])
+        # The depth range bounds what rounding can do to a triangle seen almost edge-on.
+        if z >= view.near:
+            z = wp.clamp(z, s.z_min, s.z_max)
+            bits = wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)
+            wp.atomic_min(packed, env, y, x, bits | wp.uint64(triangle))
+
+
+@wp.func
+def row_share(view: View, s: Setup, y: int):
+    """What of the edge functions and the plane's is the same for a row of pixels."""
+    dy = view.rows[y]
+    return wp.vec4(
+        s.e0[1] * dy + s.e0[2] + s.slack[0],
+        s.e1[1] * dy + s.e1[2] + s.slack[1],
+        s.e2[1] * dy + s.e2[2] + s.slack[2],
+        s.normal[1] * dy + s.normal[2],
+    )
 
 
 @wp.func
@@ -262,26 +321,37 @@ def walk(
     packed: wp.array3d(dtype=wp.uint64),
 ):
     """Write the pixels of a triangle inside x0..x1, y0..y1 into the z-buffer."""
-    low = wp.uint64(triangle)
+    centre = view.cx + float(view.margin)
+    run = wp.vec3(0.0, 0.0, 0.0)
+    # A few pixels are tried sooner than the edges' ends are computed.
+    if x1 - x0 >= NARROW:
+        run = wp.vec3(run_of(view, s.e0), run_of(view, s.e1), run_of(view, s.e2))
     for y in range(y0, y1 + 1):
-        dy = (float(y - view.margin) - view.cy) / view.fy
-        r0 = s.e0[1] * dy + s.e0[2] + s.slack[0]
-        r1 = s.e1[1] * dy + s.e1[2] + s.slack[1]
-        r2 = s.e2[1] * dy + s.e2[2] + s.slack[2]
-        rn = s.normal[1] * dy + s.normal[2]
+        r = row_share(view, s, y)
         span = wp.vec2(float(x0), float(x1))
-        # A few pixels are tried sooner than the edges' ends are computed.
         if x1 - x0 >= NARROW:
-            span = narrow(view, s.e0, r0, span)
-            span = narrow(view, s.e1, r1, span)
-            span = narrow(view, s.e2, r2, span)
+            span = narrow(run[0], r[0], centre, span)
+            span = narrow(run[1], r[1], centre, span)
+            span = narrow(run[2], r[2], centre, span)
         if span[0] <= span[1]:
             for x in range(int(wp.ceil(span[0])), int(span[1]) + 1):
-                dx = (float(x - view.margin) - view.cx) / view.fx
-                if s.e0[0] * dx + r0 >= 0.0 and s.e1[0] * dx + r1 >= 0.0 and s.e2[0] * dx + r2 >= 0.0:
-                    z = s.offset / (s.normal[0] * dx + rn)
-                    # The depth range bounds what rounding can do to a triangle seen almost edge-on.
-                    if z >= view.near:
-                        z = wp.clamp(z, s.z_min, s.z_max)
-                        bits = wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)
-                        wp.atomic_min(packed, env, y, x, bits | low)
+                cover(view, s, r, x, y, env, triangle, packed)
+
+
+@wp.func
+def walk_all(
+    view: View,
+    s: Setup,
+    x0: int,
+    x1: int,
+    y0: int,
+    y1: int,
+    env: int,
+    triangle: int,
+    packed: wp.array3d(dtype=wp.uint64),
+):
+    """The same where there are few pixels."""
+    for y in range(y0, y1 + 1):
+        r = row_share(view, s, y)
+        for x in range(x0, x1 + 1):
+            cover(view, s, r, x, y, env, triangle, packed)

@@ -9,8 +9,7 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import WORLD, Light, Scene, Waveform
-from nodes.renderer import lights_kernels
-from nodes.renderer.poses import Frames
+from nodes.renderer import lights_kernels, lights_place_kernels
 from nodes.renderer.visibility import Visibility, store
 
 KINDS = {
@@ -39,35 +38,46 @@ class LightSet:
         self.kinds = {light.kind for light in scene.lights}
         self.flickers = any(light.waveform is not None for light in scene.lights)
         self._colour = np.array([l.colour for l in scene.lights], np.float64).reshape(-1, 3)
-        self._strength = np.array([waveform_strength(l.waveform, 0) for l in scene.lights])
+        at_start = np.array([waveform_strength(l.waveform, 0) for l in scene.lights])
+        self._strength = np.tile(at_start, (visibility.envs, 1))
+        self._visibility = visibility
+        self._fixed = [
+            put(np.array([l.body for l in scene.lights], np.int32), wp.int32),
+            put(np.array([l.kind != "directional" for l in scene.lights], np.int32), wp.int32),
+            put(fixed_vectors(scene.lights), wp.vec3d),
+        ]
         shape = (visibility.envs, len(scene.lights))
         self.kernel: Any = lights_kernels.Lights()
         self.kernel.kind = put(np.array([KINDS[l.kind] for l in scene.lights], np.int32), wp.int32)
-        self.kernel.colour = put(self._colour * self._strength[:, None], wp.vec3)
+        self.kernel.colour = put(self._colour * self._strength[..., None], wp.vec3)
         self.kernel.shadow = put(np.array([l.shadows for l in scene.lights], np.int32), wp.int32)
         self.kernel.cone = put(np.array([_cone(l) for l in scene.lights]).reshape(-1, 2), wp.vec2)
         for name in ("vector", "axis", "half_u", "half_v"):
             setattr(self.kernel, name, visibility.empty(shape, wp.vec3))
         self.kernel.side = self.side
 
-    def set_time(self, t_ns: int) -> bool:
-        """Strengths to those of an instant; True where one has changed."""
+    def set_times(self, t_ns: np.ndarray) -> bool:
+        """Flickering lights as they are at int64 [E] ns, one instant for each environment; True where one differs."""
         if not self.flickers:
             return False
-        strength = np.array([waveform_strength(l.waveform, t_ns) for l in self.lights])
+        instants, which = np.unique(np.asarray(t_ns, np.int64), return_inverse=True)
+        each = np.array([[waveform_strength(l.waveform, int(t)) for l in self.lights] for t in instants])
+        strength = each[np.broadcast_to(which.reshape(-1), len(self._strength))]
         if np.array_equal(strength, self._strength):
             return False
         self._strength = strength
-        store(self.kernel.colour, self._colour * strength[:, None])
+        store(self.kernel.colour, self._colour * strength[..., None])
         return True
 
-    def place(self, frames: Frames) -> np.ndarray:
-        """Write where the lights are; gives it too, float64 [E, 4 L, 3]."""
-        vectors = light_vectors(self.lights, frames)
-        if self.lights:
-            for name, values in zip(("vector", "axis", "half_u", "half_v"), vectors):
-                store(getattr(self.kernel, name), values)
-        return np.concatenate(list(vectors), 1)
+    def launch(self) -> None:
+        """Write where the lights are, for the poses that the visibility has on the device: a launch only."""
+        if not self.lights:
+            return
+        v, k = self._visibility, self.kernel
+        inputs = [v.poses, v.camera_body, *self._fixed]
+        outputs = [k.vector, k.axis, k.half_u, k.half_v]
+        dim = (v.envs, len(self.lights))
+        wp.launch(lights_place_kernels.place_lights, dim=dim, inputs=inputs, outputs=outputs, device=v.device)
 
 
 def waveform_strength(waveform: Waveform | None, t_ns: int) -> float:
@@ -87,25 +97,24 @@ def waveform_strength(waveform: Waveform | None, t_ns: int) -> float:
     return 1.0 - waveform.depth
 
 
-def light_vectors(lights: list[Light], frames: Frames) -> np.ndarray:
-    """float64 [4, E, L, 3] in the camera frame: place, axis, half_u, half_v; 0 where a light has none.
+def fixed_vectors(lights: list[Light]) -> np.ndarray:
+    """float64 [4, L, 3] in the frames of the lights' bodies: place, axis, half_u, half_v; 0 where a light has none.
 
     Place: unit vector towards a directional light, position of any other. Axis: unit vector along which a spot shines.
     """
-    vectors = np.zeros((4, len(frames.camera), len(lights), 3))
+    vectors = np.zeros((4, len(lights), 3))
     for index, light in enumerate(lights):
-        rotation, position = frames.body(light.body)
         vector = np.asarray(light.vector, np.float64)
         if light.kind == "directional":
-            vectors[0, :, index] = -(rotation @ (vector / np.linalg.norm(vector)))
+            vectors[0, index] = -vector / np.linalg.norm(vector)
             continue
-        vectors[0, :, index] = rotation @ vector + position
+        vectors[0, index] = vector
         if light.kind == "spot":
             direction = np.asarray(light.direction, np.float64)
-            vectors[1, :, index] = rotation @ (direction / np.linalg.norm(direction))
+            vectors[1, index] = direction / np.linalg.norm(direction)
         elif light.kind == "area":
-            vectors[2, :, index] = rotation @ np.asarray(light.half_u, np.float64)
-            vectors[3, :, index] = rotation @ np.asarray(light.half_v, np.float64)
+            vectors[2, index] = np.asarray(light.half_u, np.float64)
+            vectors[3, index] = np.asarray(light.half_v, np.float64)
     return vectors
 
 

@@ -20,14 +20,14 @@ FAR = wp.constant(1.0e30)
 
 @wp.struct
 class Lights:
-    """colour (as it is now), kind, shadow, cone [L]; the others [E, L] in the camera frame.
+    """kind, shadow, cone [L]; colour [E, L] as it is now; the others [E, L] in the camera frame.
 
     vector: towards a directional light, or the position. axis: of a spot light. cone: (1 - cos outer angle,
     1 / (cos inner - cos outer)). half_u, half_v: of an area light, which has `side`^2 shadow rays.
     """
 
     kind: wp.array(dtype=int)
-    colour: wp.array(dtype=wp.vec3)
+    colour: wp.array2d(dtype=wp.vec3)
     shadow: wp.array(dtype=int)
     cone: wp.array(dtype=wp.vec2)
     vector: wp.array2d(dtype=wp.vec3)
@@ -67,6 +67,14 @@ def spot_falloff(lights: Lights, env: int, l: int, ray: wp.vec3):
     return t * t * (3.0 - 2.0 * t)
 
 
+@wp.func
+def out_of_cone(lights: Lights, env: int, l: int, vector: wp.vec3):
+    """Whether a point lies outside a spot's cone for certain; vector: from it to the light. Needs no root."""
+    edge = 1.0 - lights.cone[l][0] - 1.0e-5
+    along = -wp.dot(lights.axis[env, l], vector)
+    return edge > 0.0 and (along <= 0.0 or along * along < edge * edge * wp.dot(vector, vector))
+
+
 def make_lighting(
     directional: bool, point: bool, spot: bool, area: Any, shadows: bool, trees: bool, cache: bool, gloss: bool
 ) -> tuple[Any, Any]:
@@ -94,6 +102,22 @@ def make_lighting(
             if lights.kind[l] == SPOT:
                 strength *= spot_falloff(lights, env, l, ray)
         return ray, length, strength
+
+    @wp.func
+    def idle(lights: Lights, env: int, l: int, s: SurfacePoint):
+        """Whether a light is below the surface, or the surface out of its cone: most are, and this is soon known."""
+        vector = lights.vector[env, l]
+        if wp.static(both):
+            if lights.kind[l] != DIRECTIONAL:
+                vector = vector - s.position
+        elif wp.static(positional):
+            vector = vector - s.position
+        if wp.dot(s.facing, vector) <= 0.0 or wp.dot(s.normal, vector) <= 0.0:
+            return True
+        if wp.static(spot):
+            if lights.kind[l] == SPOT:
+                return out_of_cone(lights, env, l, vector)
+        return False
 
     @wp.func
     def unhidden(
@@ -154,7 +178,7 @@ def make_lighting(
                         passes, full, still, full_shine, still_shine = area(
                             lights, casters, rotation, translation, env, l, s, moved, last
                         )
-                        colour = lights.colour[l]
+                        colour = lights.colour[env, l]
                         irradiance += full * colour
                         unblocked += still * colour
                         if wp.static(gloss):
@@ -164,10 +188,12 @@ def make_lighting(
                             bits = bits | bit
                     continue
             if wp.static(delta):
+                if idle(lights, env, l, s):
+                    continue
                 ray, length, strength = towards(lights, env, l, s.position)
                 cosine = wp.dot(s.facing, ray)
                 if cosine > 0.0 and wp.dot(s.normal, ray) > 0.0 and strength > 0.0:
-                    share = (cosine * strength) * lights.colour[l]
+                    share = (cosine * strength) * lights.colour[env, l]
                     open = wp.bool(True)
                     free = wp.bool(True)
                     if wp.static(shadows):

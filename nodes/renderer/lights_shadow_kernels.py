@@ -2,7 +2,8 @@
 
 Few instances are tried one by one. Many still ones lie in a tree in the world's frame that is built once, many moving
 ones in a tree in the camera's frame, a group of it for each environment, that is refitted. The trees leave out only
-what the test of a single instance would, so the result does not depend on them.
+what the test of a single instance would, so the result does not depend on them. Rays that start far enough from their
+surface for the rounding of the world's frame go through all triangles of the still ones at once instead.
 """
 
 from functools import cache
@@ -11,6 +12,10 @@ from typing import Any
 import warp as wp
 
 wp.set_module_options({"enable_backward": False})
+
+
+LIFT = wp.constant(4.0e-6)
+"""Start of a shadow ray above its surface, of the distance plus the instance's size: tens of float32 roundings."""
 
 
 @wp.struct
@@ -30,8 +35,22 @@ class Casters:
     turn: wp.array(dtype=wp.mat33)
     """[E] camera to the still tree's frame, with `shift`."""
     shift: wp.array(dtype=wp.vec3)
-    pad: float
-    """How much wider than a ray the trees are searched [m]: the rounding of positions in their frames."""
+    merged: wp.uint64
+    """All triangles of order[0 .. still) in the still tree's frame, or 0 for none."""
+    merged_instance: wp.array(dtype=int)
+    merged_face: wp.array(dtype=int)
+    """Of each merged triangle."""
+    pad: wp.array(dtype=float)
+    """[E] how much wider than a ray the trees are searched [m]: the rounding of positions in their frames."""
+
+
+@wp.func
+def merged_holds(casters: Casters, env: int, origin: wp.vec3):
+    """Whether a ray from a surface may use the merged mesh, which cannot leave out that surface.
+
+    It starts LIFT times the distance above it, at least. pad is some ten times the rounding of a place in that mesh.
+    """
+    return casters.merged != wp.uint64(0) and LIFT * wp.length(origin) >= 0.1 * casters.pad[env]
 
 
 @wp.func
@@ -92,7 +111,8 @@ def occluded_in_still_tree(
 ):
     """As `occluded` for all still casters."""
     turn = casters.turn[env]
-    query = wp.bvh_query_capsule(casters.still_tree, turn * origin + casters.shift[env], turn * direction, casters.pad)
+    start = turn * origin + casters.shift[env]
+    query = wp.bvh_query_capsule(casters.still_tree, start, turn * direction, casters.pad[env])
     k = wp.int32(0)
     while wp.bvh_query_next(query, k, length):
         i = casters.order[k]
@@ -115,7 +135,7 @@ def occluded_in_moving_tree(
 ):
     """As `occluded` for all moving casters."""
     root = wp.bvh_get_group_root(casters.moving_tree, env)
-    query = wp.bvh_query_capsule(casters.moving_tree, origin, direction, casters.pad, root)
+    query = wp.bvh_query_capsule(casters.moving_tree, origin, direction, casters.pad[env], root)
     base = casters.still - env * (casters.order.shape[0] - casters.still)
     k = wp.int32(0)
     while wp.bvh_query_next(query, k, length):
@@ -140,7 +160,7 @@ def crossed_in_still_tree(
     """As `crossed` for all still casters."""
     turn = casters.turn[env]
     start = turn * origin + casters.shift[env]
-    query = wp.bvh_query_capsule(casters.still_tree, start, turn * direction, casters.pad + extent)
+    query = wp.bvh_query_capsule(casters.still_tree, start, turn * direction, casters.pad[env] + extent)
     k = wp.int32(0)
     while wp.bvh_query_next(query, k, length + extent):
         i = casters.order[k]
@@ -163,7 +183,7 @@ def crossed_in_moving_tree(
 ):
     """As `crossed` for all moving casters."""
     root = wp.bvh_get_group_root(casters.moving_tree, env)
-    query = wp.bvh_query_capsule(casters.moving_tree, origin, direction, casters.pad + extent, root)
+    query = wp.bvh_query_capsule(casters.moving_tree, origin, direction, casters.pad[env] + extent, root)
     base = casters.still - env * (casters.order.shape[0] - casters.still)
     k = wp.int32(0)
     while wp.bvh_query_next(query, k, length + extent):
@@ -197,7 +217,12 @@ def make_occlusion(trees: bool) -> tuple[Any, Any]:
         if wp.static(trees):
             if casters.still_tree != wp.uint64(0) and first == 0 and last >= casters.still:
                 begin = casters.still
-                if occluded_in_still_tree(casters, rotation, translation, env, skip, origin, direction, length):
+                if merged_holds(casters, env, origin):
+                    turn = casters.turn[env]
+                    start = turn * origin + casters.shift[env]
+                    if wp.mesh_query_ray_anyhit(casters.merged, start, turn * direction, length):
+                        return True
+                elif occluded_in_still_tree(casters, rotation, translation, env, skip, origin, direction, length):
                     return True
             if casters.moving_tree != wp.uint64(0) and last > casters.still:
                 end = casters.still

@@ -28,7 +28,7 @@ def make_sky(visibility: Visibility, gloss: bool) -> Any:
     check_colour(scene, "environment", scene.environment)
     sky = lights_sky_kernels.Sky()
     sky.uniform = wp.vec3(*(float(v) for v in scene.environment))
-    sky.camera = visibility.empty(visibility.envs, wp.mat33)
+    sky.camera = visibility.eye
     levels, diffuse = [np.zeros((0, 0, 3))], np.zeros((0, 0, 3))
     if scene.environment_map is not None:
         radiance = _checked(scene)

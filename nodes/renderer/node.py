@@ -36,7 +36,12 @@ class RendererNode(Node):
         "threads": Param(int, 1, "CPU threads", minimum=1, maximum=256),
         "half": Param(bool, False, "radiance as float16, clipped at 65504"),
         "supersampling": Param(int, 0, "samples per pixel and axis, averaged; 0 = the camera's", minimum=0, maximum=16),
+        "samples_apart": Param(bool, False, "keyframes hold the samples, for an interpolator to average what it moved"),
         "light_samples": Param(int, 16, "shadow rays for an area light and pixel, a square", minimum=1, maximum=4096),
+        "bounces": Param(int, 0, "surfaces beyond the seen one over which light may come, by paths", "", 0, 63),
+        "sky_occlusion": Param(bool, False, "by paths too: light of the sky that things hide, and of glowing surfaces"),
+        "path_samples": Param(int, 16, "paths per pixel, where there are any", minimum=1, maximum=65536),
+        "roulette": Param(bool, False, "from the second bounce on, end paths at random that carry little"),
         "keyframe_rate": Param(float, 30.0, "rate of the states, told to readers in /info", "Hz", 0),
     }
     INPUTS = {"state": Input("/state")}
@@ -83,12 +88,17 @@ class RendererNode(Node):
             camera = self.scene.camera(p["camera"])
         except KeyError as error:
             raise ValueError(error.args[0]) from None
-        how = (p["envs"], p["margin"], p["device"], p["threads"], p["half"], p["light_samples"])
+        how = {key: p[key] for key in ("envs", "margin", "device", "threads", "half", "light_samples")}
+        if p["bounces"] or p["sky_occlusion"]:
+            from nodes.renderer.path import PathOptions
+
+            how["paths"] = PathOptions(p["bounces"], p["path_samples"], p["roulette"])
         samples = p["supersampling"] or camera.supersampling
+        self._fineness = samples if p["samples_apart"] else 1
         if samples > 1:
-            self.renderer = SupersampledRenderer(self.scene, camera, samples, *how)
+            self.renderer = SupersampledRenderer(self.scene, camera, samples, **how, apart=p["samples_apart"])
         else:
-            self.renderer = Renderer(self.scene, camera, *how)
+            self.renderer = Renderer(self.scene, camera, **how)
         self.renderer.prepare([PORTS[port] for port in PORTS if self.wants(port)])
         self._names = [body.name for body in self.scene.bodies]
         self._previous: np.ndarray | None = None
@@ -126,13 +136,15 @@ class RendererNode(Node):
         for port in wanted:
             self.publish(port, self._message(port, state, out[PORTS[port]]))
 
-    def _before(self, poses: np.ndarray, episodes: np.ndarray) -> np.ndarray:
+    def _before(self, poses: np.ndarray, episodes: np.ndarray) -> np.ndarray | str:
         """Poses of the previous keyframe; this one's where an environment's episode begins."""
-        before = self._previous
-        if before is None:
+        from nodes.renderer.renderer import LAST
+
+        before: np.ndarray | str = LAST
+        if self._previous is None:
             before = poses
         elif not np.array_equal(episodes, self._episodes):
-            before = np.where((episodes == self._episodes)[:, None, None], before, poses)
+            before = np.where((episodes == self._episodes)[:, None, None], self._previous, poses)
         self._previous, self._episodes = poses, np.array(episodes)
         return before
 
@@ -150,5 +162,6 @@ class RendererNode(Node):
         header = Header(state.header.stamp_ns, clock=state.header.clock, episode=state.header.episode)
         margin = self.params["margin"]
         if port == "keyframe":
-            return Keyframe(header, radiance=image, episodes=np.array(state.episodes), margin=margin)
+            episodes = np.array(state.episodes)
+            return Keyframe(header, radiance=image, episodes=episodes, margin=margin * self._fineness)
         return MESSAGES[port](header, **{PORTS[port]: image, "margin": margin})

@@ -8,9 +8,11 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Mesh
+from nodes.renderer import occlusion_kernels
 from nodes.renderer.lights_shadow_kernels import Casters
+from nodes.renderer.occlusion_merged import MergedMesh, mergeable
 from nodes.renderer.poses import Frames
-from nodes.renderer.visibility import Visibility, store
+from nodes.renderer.visibility import Visibility
 
 TREE_FROM = 16
 """Instances from which on a tree is faster than trying each one's bounding sphere."""
@@ -18,14 +20,25 @@ TREE_FROM = 16
 WORN = 0.5
 """Movers that have gone on average this many times their size since the tree was built let it be built anew."""
 
+CHECKED = 8
+"""Images after which that is looked at again."""
+
 
 class Occluders:
-    """`casters`, for lights_shadow_kernels, of a visibility's instances; call `update` with every new frames.
+    """`casters`, for lights_shadow_kernels, of a visibility's instances; `update` and `launch` for every new image.
 
-    still: bool [I]. active: False leaves all meshes out. trees: None for trees from TREE_FROM instances on.
+    still: bool [I]. active: False leaves all meshes out. trees: None for trees from TREE_FROM instances on. merged:
+    whether the triangles under the tree of still instances are joined too, which on a GPU is faster for paths.
     """
 
-    def __init__(self, visibility: Visibility, still: np.ndarray, active: bool, trees: bool | None = None) -> None:
+    def __init__(
+        self,
+        visibility: Visibility,
+        still: np.ndarray,
+        active: bool,
+        trees: bool | None = None,
+        merged: bool = False,
+    ) -> None:
         geometry, put = visibility.geometry, visibility.put
         self._visibility = visibility
         self._blas: dict[int, wp.Mesh] = {}
@@ -39,75 +52,87 @@ class Occluders:
         casters.mesh, casters.order = put(ids, wp.uint64), put(order, wp.int32)
         casters.radius, casters.shell = put(geometry.radius, wp.float32), put(geometry.shell, wp.int32)
         casters.still, casters.is_still = count, put(still.astype(np.int32), wp.int32)
-        casters.turn = visibility.empty(visibility.envs, wp.mat33)
+        casters.turn = visibility.eye
         casters.shift = visibility.empty(visibility.envs, wp.vec3)
+        casters.pad = wp.zeros(visibility.envs, dtype=wp.float32, device=visibility.device)
         self._with_still, self._with_moving = (
             len(part) > 0 and (len(part) >= TREE_FROM if trees is None else trees)
             for part in (self._still, self._moving)
         )
         self.trees = self._with_still or self._with_moving
+        self._merge = merged
+        self._merged: MergedMesh | None = None
+        casters.merged_instance = casters.merged_face = visibility.empty(0, wp.int32)
+        self._middle, self._size = np.zeros(3), 0.0
         self._still_tree: wp.Bvh | None = None
         self._moving_tree: wp.Bvh | None = None
-        self._lower = self._upper = self.casters.shift
-        self._built = np.zeros(0)
+        self._built, self._age = np.zeros((0, 3)), 0
+        boxes = (visibility.envs, len(self._moving) if self._with_moving else 0)
+        self._lower, self._upper = visibility.empty(boxes, wp.vec3), visibility.empty(boxes, wp.vec3)
+        self._pad_bits = casters.pad.view(wp.int32)
+        self._boxed = [put(self._moving, wp.int32), put(self._half, wp.vec3)]
 
     def update(self, frames: Frames) -> None:
-        """The trees for the instances where they are now."""
-        pads = [0.0]
-        if self._with_still:
-            pads.append(self._place_still(frames))
+        """Build the trees that are not there yet, and anew where instances have moved far; poses are placed already."""
+        if self._with_still and self._still_tree is None:
+            self._build_still(frames)
         if self._with_moving:
-            pads.append(self._place_moving(frames))
-        self.casters.pad = 4e-6 * max(pads)
+            self._age += 1
+            if self._moving_tree is None or self._age >= CHECKED:
+                self._age = 0
+                self._build_moving(frames)
 
-    def _place_still(self, frames: Frames) -> float:
-        """The tree of still instances, built about their middle at the first call. Gives the size of its frame [m]."""
+    def launch(self) -> None:
+        """Place the trees for what is in the visibility's `poses`: launches only."""
+        v = self._visibility
+        if self.trees:
+            inputs = [v.poses, v.camera_body, wp.vec3d(*self._middle), self._size]
+            outputs = [self.casters.shift, self.casters.pad]
+            wp.launch(occlusion_kernels.place_trees, v.envs, inputs, outputs, device=v.device)
+        if self._moving_tree is not None:
+            self._place_boxes()
+            self._moving_tree.refit()
+
+    def _place_boxes(self) -> None:
+        v = self._visibility
+        inputs, outputs = [*self._boxed, v.rotation, v.translation], [self._lower, self._upper, self._pad_bits]
+        wp.launch(occlusion_kernels.place_boxes, self._lower.shape, inputs, outputs, device=v.device)
+
+    def _build_still(self, frames: Frames) -> None:
+        """The tree of still instances in the world's axes, about their middle."""
         rotation, translation = frames.body(-1)
-        if self._still_tree is None:
-            to_world = np.swapaxes(rotation[0], -1, -2)
-            turn = to_world @ frames.rotation[0, self._still]
-            centre = (frames.translation[0, self._still] - translation[0]) @ to_world.T
-            self._middle = (centre.min(0) + centre.max(0)) / 2
-            half = (np.abs(turn) @ self._half[self._still, :, None])[..., 0]
-            box = centre - self._middle - half, centre - self._middle + half
-            self._size = float(np.abs(box).max())
-            lower, upper = (self._visibility.put(b, wp.vec3) for b in box)
-            self._still_tree = wp.Bvh(lower, upper, constructor="sah")
-            self.casters.still_tree = self._still_tree.id
-        back = np.swapaxes(rotation, -1, -2)
-        shift = -(back @ translation[..., None])[..., 0] - self._middle
-        store(self.casters.turn, back)
-        store(self.casters.shift, shift)
-        return self._size + float(np.linalg.norm(shift, axis=-1).max())
+        to_world = np.swapaxes(rotation[0], -1, -2)
+        turn = to_world @ frames.rotation[0, self._still]
+        centre = (frames.translation[0, self._still] - translation[0]) @ to_world.T
+        self._middle = (centre.min(0) + centre.max(0)) / 2
+        half = (np.abs(turn) @ self._half[self._still, :, None])[..., 0]
+        box = centre - self._middle - half, centre - self._middle + half
+        self._size = float(np.abs(box).max())
+        lower, upper = (self._visibility.put(b, wp.vec3) for b in box)
+        self._still_tree = wp.Bvh(lower, upper, constructor="sah")
+        self.casters.still_tree = self._still_tree.id
+        if self._merge and mergeable(self._visibility, self._still):
+            self._merged = merged = MergedMesh(self._visibility, self._still, turn, centre - self._middle)
+            self.casters.merged, self.casters.merged_instance = merged.mesh.id, merged.instance
+            self.casters.merged_face = merged.face
 
-    def _place_moving(self, frames: Frames) -> float:
-        """The tree of moving instances, refitted, or built anew where it fits badly. Gives the frame's size [m]."""
-        centre = frames.translation[:, self._moving]
-        half = (np.abs(frames.rotation[:, self._moving]) @ self._half[self._moving, :, None])[..., 0]
-        centre, half = centre.reshape(-1, 3), half.reshape(-1, 3)
-        lower, upper = centre - half, centre + half
-        fits = False
+    def _build_moving(self, frames: Frames) -> None:
+        """The tree of moving instances, if there is none or it fits badly."""
+        v = self._visibility
+        places = frames.bodies[:, np.maximum(v.geometry.body[self._moving], 0), :3].reshape(-1, 3)
         if self._moving_tree is not None:
-            gone = np.linalg.norm((centre - self._built) - (centre - self._built).mean(0), axis=1).mean()
-            fits = gone <= WORN * np.linalg.norm(half, axis=1).mean()
-        if self._moving_tree is not None:
-            store(self._lower, lower)
-            store(self._upper, upper)
-            if fits:
-                self._moving_tree.refit()
-        if not fits:
-            self._build_moving(lower, upper)
-            self._built = centre
-        return float(np.abs(centre).max() + half.max())
-
-    def _build_moving(self, lower: np.ndarray, upper: np.ndarray) -> None:
+            gone = places - self._built
+            worn = np.linalg.norm(gone - gone.mean(0), axis=1).mean()
+            if worn <= WORN * np.linalg.norm(self._half[self._moving], axis=1).mean():
+                return
+        self._built = places
+        v.place_instances()
+        self._place_boxes()
         if self._moving_tree is not None:
             self._moving_tree.rebuild()
             return
-        put, envs = self._visibility.put, self._visibility.envs
-        self._lower, self._upper = put(lower, wp.vec3), put(upper, wp.vec3)
-        groups = put(np.repeat(np.arange(envs), len(self._moving)), wp.int32)
-        self._moving_tree = wp.Bvh(self._lower, self._upper, groups=groups)
+        groups = v.put(np.repeat(np.arange(v.envs), len(self._moving)), wp.int32)
+        self._moving_tree = wp.Bvh(self._lower.flatten(), self._upper.flatten(), groups=groups)
         self.casters.moving_tree = self._moving_tree.id
 
     def _mesh(self, mesh: Mesh) -> int:

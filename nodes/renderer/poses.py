@@ -1,72 +1,131 @@
-"""Poses to camera-relative matrices, in float64 on the host, so that nothing is lost far from the origin."""
+"""Body poses: checked, brought to the device once per instant, and as matrices on the host for who wants them."""
 
 from __future__ import annotations
 
+from functools import cached_property
+from itertools import cycle, pairwise
+from typing import Any
+
 import numpy as np
+import warp as wp
 
 from evis.geometry import se3
+
+PIECE = 1 << 19
+"""Bytes that are copied to a GPU at once."""
 
 
 def check_poses(poses: np.ndarray, envs: int, names: list[str]) -> np.ndarray:
     """`poses` as float64 [E, N, 7]. Raises ValueError naming the body and environment of the first bad one."""
-    poses = np.asarray(poses, np.float64)
+    poses = np.ascontiguousarray(poses, np.float64)
     if poses.shape != (envs, len(names), 7):
         raise ValueError(
             f"poses have shape {poses.shape}; {envs} environment(s) of {len(names)} bodies need {(envs, len(names), 7)}"
         )
-    good = np.isfinite(poses).all(-1) & (np.abs(poses[..., 3:]).max(-1) > 0)
+    flat = poses.reshape(-1)
+    with np.errstate(all="ignore"):
+        # The common case, told by one pass over all numbers and one over those that are not 0 but for half turns.
+        if np.isfinite(flat @ flat) and np.abs(poses[..., 6]).min(initial=1.0) > 1e-100:
+            return poses
+        length = np.sqrt(np.einsum("eni,eni->en", poses[..., 3:], poses[..., 3:]))
+    good = np.isfinite(poses).all(-1) & np.isfinite(length) & (length > 0.0)
     if not good.all():
         env, body = np.argwhere(~good)[0]
-        fault = "has a quaternion of length 0" if np.isfinite(poses[env, body]).all() else "is not finite"
+        whole = np.isfinite(poses[env, body]).all()
+        fault = f"has a quaternion of length {length[env, body]:g}" if whole else "is not finite"
         raise ValueError(f"pose of body '{names[body]}' {fault} (environment {env}): {poses[env, body].tolist()}")
     return poses
 
 
-class Frames:
-    """Where everything is, seen from the camera, at one instant.
+def same_bytes(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two contiguous float64 arrays are the same to the last bit; most often the first item tells."""
+    if a.shape != b.shape:
+        return False
+    a, b = a.view(np.int64), b.view(np.int64)
+    return np.array_equal(a[0], b[0]) and np.array_equal(a[1:], b[1:])
 
-    bodies: poses float64 [E, N, 7]; camera: index of its body; on: body of each instance int64 [I] (-1 = world);
-    rotation float64 [I, 3, 3] and translation float64 [I, 3]: the instance in its body's frame.
-    Gives `rotation` [E, I, 3, 3] and `translation` [E, I, 3], instance to camera; `camera` [E, 3, 3], camera to world.
+
+class Staging:
+    """Host poses to device arrays: through pinned buffers on a GPU, so that nobody waits for the copy."""
+
+    def __init__(self, envs: int, bodies: int, device: Any) -> None:
+        self._device, shape = device, (envs, bodies)
+        self.now = wp.zeros(shape, dtype=wp.transformd, device=device)
+        self.before = wp.zeros(shape, dtype=wp.transformd, device=device)
+        self.last: np.ndarray | None = None
+        """What `now` holds, float64 [E, N, 7]."""
+        self._views = {id(a): a.numpy() for a in (self.now, self.before)} if device.is_cpu else {}
+        slots = []
+        # An instant takes two at most, so that `last` is not written over before the next one is compared with it.
+        for _ in range(0 if device.is_cpu else 4):
+            buffer = wp.empty(shape, dtype=wp.transformd, device="cpu", pinned=True)
+            slots.append((buffer, buffer.numpy(), wp.Event(device)))
+            device.stream.record_event(slots[-1][2])
+        self._slots = cycle(slots)
+
+    def put(self, poses: np.ndarray) -> None:
+        """Checked poses into `now`."""
+        self.last = self._write(self.now, poses)
+
+    def put_before(self, poses: np.ndarray) -> None:
+        """Checked poses into `before`."""
+        self._write(self.before, poses)
+
+    def _write(self, target: wp.array, poses: np.ndarray) -> np.ndarray:
+        if self._views:
+            view = self._views[id(target)]
+            view[...] = poses
+            return view
+        buffer, view, sent = next(self._slots)
+        wp.synchronize_event(sent)
+        # In pieces, so that one is on its way while the next is written.
+        parts = min(len(poses), 1 + poses.nbytes // PIECE)
+        edges = [len(poses) * k // parts for k in range(parts + 1)]
+        for first, last in pairwise(edges):
+            view[first:last] = poses[first:last]
+            start, count = first * poses.shape[1], (last - first) * poses.shape[1]
+            wp.copy(target, buffer, start, start, count)
+        self._device.stream.record_event(sent)
+        return view
+
+
+class Frames:
+    """Where everything is, seen from the camera, at one instant, in float64 on the host; computed when it is asked for.
+
+    bodies: poses float64 [E, N, 7]; index: of the camera's body; on: body of each instance int64 [I] (-1 = world);
+    rest: rotations float64 [I, 3, 3] and translations float64 [I, 3] of the instances in their bodies' frames.
     """
 
-    def __init__(
-        self, bodies: np.ndarray, camera: int, on: np.ndarray, rotation: np.ndarray, translation: np.ndarray
-    ) -> None:
-        envs = len(bodies)
-        self.bodies = np.array(bodies)
-        turn = se3.to_matrix(se3.normalize(bodies[..., 3:]))
-        self.camera = turn[:, camera]
-        to_camera = np.swapaxes(self.camera, -1, -2)[:, None]
-        # The world is one more body, found by the index -1. Subtracting the camera's position first keeps all digits.
-        turn = np.concatenate([turn, np.broadcast_to(np.eye(3), (envs, 1, 3, 3))], 1)
-        place = np.concatenate([bodies[..., :3], np.zeros((envs, 1, 3))], 1) - bodies[:, camera, None, :3]
-        self._turn = to_camera @ turn
-        self._place = (to_camera @ place[..., None])[..., 0]
-        self.rotation = self._turn[:, on] @ rotation
-        self.translation = self._place[:, on] + (self._turn[:, on] @ translation[..., None])[..., 0]
+    def __init__(self, bodies: np.ndarray, index: int, on: np.ndarray, rest: tuple[np.ndarray, np.ndarray]) -> None:
+        self.bodies, self._index, self._on, self._rest = bodies, index, on, rest
+
+    @cached_property
+    def camera(self) -> np.ndarray:
+        """[E, 3, 3] camera to world."""
+        return se3.to_matrix(se3.normalize(self.bodies[:, self._index, 3:]))
+
+    @cached_property
+    def rotation(self) -> np.ndarray:
+        """[E, I, 3, 3] instance to camera."""
+        return self._all[0][:, self._on] @ self._rest[0]
+
+    @cached_property
+    def translation(self) -> np.ndarray:
+        """[E, I, 3] instance to camera [m]."""
+        turn, place = self._all
+        return place[:, self._on] + (turn[:, self._on] @ self._rest[1][..., None])[..., 0]
 
     def body(self, index: int) -> tuple[np.ndarray, np.ndarray]:
         """Rotation [E, 3, 3] and translation [E, 3] of a body (-1 = world) to the camera."""
-        return self._turn[:, index], self._place[:, index]
+        to_camera = np.swapaxes(self.camera, -1, -2)
+        eye = self.bodies[:, self._index, :3]
+        if index < 0:
+            return to_camera, (to_camera @ -eye[..., None])[..., 0]
+        turn = to_camera @ se3.to_matrix(se3.normalize(self.bodies[:, index, 3:]))
+        return turn, (to_camera @ (self.bodies[:, index, :3] - eye)[..., None])[..., 0]
 
-    def same(self, other: Frames) -> bool:
-        """True when every body is where it was, to the last bit."""
-        return np.array_equal(self.bodies, other.bodies)
-
-    def displacement(self, previous: Frames) -> tuple[np.ndarray, np.ndarray]:
-        """D - 1 of the map D from a thing's point in this camera frame to the same point in the previous one.
-
-        [E, I + 1, 3, 3] and [E, I + 1, 3]; entry I is the sky, which only turns. Exactly zero for what is where it was.
-        """
-        envs, count = self.rotation.shape[:2]
-        turn, shift = np.zeros((envs, count + 1, 3, 3)), np.zeros((envs, count + 1, 3))
-        back = previous.rotation @ np.swapaxes(self.rotation, -1, -2)
-        turn[:, :count] = back - np.eye(3)
-        shift[:, :count] = previous.translation - (back @ self.translation[..., None])[..., 0]
-        turn[:, count] = np.swapaxes(previous.camera, -1, -2) @ self.camera - np.eye(3)
-        still = (self.rotation == previous.rotation).all((-1, -2)) & (self.translation == previous.translation).all(-1)
-        turn[:, :count][still] = 0.0
-        shift[:, :count][still] = 0.0
-        turn[:, count][(self.camera == previous.camera).all((-1, -2))] = 0.0
-        return turn, shift
+    @cached_property
+    def _all(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of all bodies and, as the last one, the world."""
+        each = [self.body(k) for k in (*range(self.bodies.shape[1]), -1)]
+        return np.stack([turn for turn, _ in each], 1), np.stack([place for _, place in each], 1)

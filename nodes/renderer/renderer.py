@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
@@ -13,12 +13,19 @@ from evis.geometry import se3
 from evis.scene.model import Camera, Scene
 from nodes.renderer import output_kernels
 from nodes.renderer.cameras import finer
-from nodes.renderer.poses import Frames
+from nodes.renderer.poses import Frames, same_bytes
+from nodes.renderer.recording import Recording
 from nodes.renderer.shading import Shading
-from nodes.renderer.visibility import Visibility, store
+from nodes.renderer.visibility import Visibility
+
+if TYPE_CHECKING:
+    from nodes.renderer.path import PathOptions
 
 BEHIND = float(output_kernels.BEHIND)
 """Motion [px] in x and y of a point that lay behind the previous camera: finite, and outside every image."""
+
+LAST = "last"
+"""For `previous`: the poses of the last call, which need not be compared with anything then."""
 
 OUTPUTS = ("radiance", "depth", "motion", "ids", "normal")
 
@@ -33,8 +40,11 @@ class Renderer:
     threads with the same result, bit for bit.
 
     Lighting: see `Shading`; direct light of all kinds of lights with shadows, emission, and the sky, uniform or a map,
-    not occluded. light_samples: shadow rays for each area light and pixel, a square number. Counters of the last
-    `render`: `not_finite` pixels (set to 0, or to the largest float where infinite) and `clipped` ones (half only).
+    not occluded. light_samples: shadow rays for each area light and pixel, a square number. Pixels that are not finite
+    are counted, and set to 0, or to the largest float where infinite.
+
+    paths: light from the sky that things hide, from glowing surfaces and over other surfaces, see `path.PathOptions`;
+    None leaves it out.
 
     supersampling: n renders n x n samples for each pixel, side by side: every image, the margin and the unit of motion
     are then those of a camera with n times as many pixels along each side.
@@ -51,16 +61,16 @@ class Renderer:
         half: bool = False,
         light_samples: int = 16,
         supersampling: int = 1,
+        paths: PathOptions | None = None,
     ) -> None:
         n = supersampling
         self.visibility = Visibility(scene, finer(camera, n), envs, margin * n, device, threads)
-        self.shading = Shading(self.visibility, half, light_samples)
+        self.shading = Shading(self.visibility, half, light_samples, paths)
         self.normals = self.shading.normals
         self.device, self.shape = self.visibility.device, self.visibility.shape
         count = len(scene.instances)
         self._turn = wp.zeros((envs, count + 1), dtype=wp.mat33, device=self.device)
         self._shift = wp.zeros((envs, count + 1), dtype=wp.vec3, device=self.device)
-        self._camera = wp.zeros(envs, dtype=wp.mat33, device=self.device)
         self.types: dict[str, Any] = {
             "radiance": self.shading.pixel,
             "depth": wp.float32,
@@ -72,8 +82,18 @@ class Renderer:
         self._still: dict[str, wp.array] = {}
         """Copies of the images of a scene in which nothing moves."""
         self._nothing = {n: wp.empty((0, 0, 0), dtype=t, device=self.device) for n, t in self.types.items()}
-        self._last: Frames | None = None
-        self.not_finite = self.clipped = 0
+        self._drawn = self._at_rest = False
+        self._recording = Recording(self.device)
+
+    @property
+    def not_finite(self) -> int:
+        """Pixels of the last drawn radiance that were not finite; waits for it."""
+        return self.shading.counts()[0]
+
+    @property
+    def clipped(self) -> int:
+        """Pixels of the last drawn radiance that were clipped to float16; waits for it."""
+        return self.shading.counts()[1]
 
     def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:
         """Shape and dtype of an output."""
@@ -86,28 +106,29 @@ class Renderer:
         """Compile and load the kernels that `outputs` need, so that the first image takes no longer than the others."""
         poses = np.tile(se3.IDENTITY, (self.shape[0], len(self.visibility.names), 1))
         self.render(poses, None, outputs)
-        self._last, self._still = None, {}
+        self._drawn, self._still = False, {}
 
     def render(
         self,
         poses: np.ndarray,
-        previous: np.ndarray | None = None,
+        previous: np.ndarray | str | None = None,
         outputs: Iterable[str] = ("radiance",),
         out: Mapping[str, Any] | None = None,
         t_ns: int = 0,
-    ) -> dict[str, np.ndarray]:
+    ) -> dict[str, Any]:
         """The wanted images for body poses float64 [E, N, 7].
 
         radiance [E, H, W, 3] W/(sr m^2); depth float32 [E, H, W] m along the optical axis, +inf = sky; ids int32
         [E, H, W], 0 = background, else instance index + 1; normal float32 [E, H, W, 3] geometric, world frame, towards
         the camera, 0 = sky; motion float32 [E, H, W, 2] px: where the surface point was at `previous` (poses of the
-        previous keyframe) minus where it is; (BEHIND, BEHIND) where it was behind the camera, or where its lens has no
-        image; 0 without `previous`. The sky moves as directions do, with the camera's rotation.
+        previous keyframe, or LAST) minus where it is; (BEHIND, BEHIND) where it was behind the camera, or where its
+        lens has no image; 0 without `previous`. The sky moves as directions do, with the camera's rotation.
 
         t_ns: the instant, at which lights with a waveform are as strong as they are then.
         out: numpy arrays, or Warp arrays of the renderer's device, to write into (on the CPU without a copy); what it
-        lacks comes in the renderer's own buffers, valid until the next call. Raises ValueError for poses that are not
-        finite, naming the body.
+        lacks comes in the renderer's own buffers, valid until the next call. What is given as a Warp array is given
+        back as it is, and nobody waits for a GPU to have written it; all else is numpy. Raises ValueError for poses
+        that are not finite, naming the body.
         """
         wanted = tuple(name for name in OUTPUTS if name in set(outputs))
         unknown = set(outputs) - set(OUTPUTS)
@@ -115,25 +136,42 @@ class Renderer:
             raise ValueError(f"the renderer has no output '{min(unknown)}'; it has {', '.join(OUTPUTS)}")
         targets = {name: self.target(name, (out or {}).get(name)) for name in wanted}
         frames = self.visibility.frames(poses)
-        before = self.visibility.frames(previous) if previous is not None and "motion" in wanted else None
-        if before is not None and before.same(frames):
-            before = None
+        before = None
+        if isinstance(previous, str):
+            before = self.visibility.last if "motion" in wanted and self._drawn else None
+        elif previous is not None and "motion" in wanted:
+            before = np.ascontiguousarray(previous, np.float64)
         if "radiance" in targets and self.shading.set_time(t_ns):
             self._still.pop("radiance", None)
-        if before is None and self._last is not None and frames.same(self._last):
+        same = self._drawn and self.visibility.same(frames)
+        if same and (before is None or same_bytes(before, frames.bodies)):
             self._repeat(frames, targets)
         else:
             self._still = {}
             self._draw(frames, before, targets)
-        self._last = frames
+        self._drawn = True
         return {name: self.on_host(target, (out or {}).get(name)) for name, target in targets.items()}
 
-    def _draw(self, frames: Frames, before: Frames | None, targets: Mapping[str, wp.array]) -> None:
-        self.visibility.update(frames)
-        self.geometric(frames, before, targets)
+    def _draw(self, frames: Frames, before: np.ndarray | None, targets: Mapping[str, wp.array]) -> None:
+        v = self.visibility
+        v.place(frames, before)
         if "radiance" in targets:
             self.shading.update(frames)
-            self.not_finite, self.clipped = self.shading.shade(targets["radiance"])
+        everything = False
+        if "motion" in targets:
+            # What is at rest has zeros already, unless it was not at the last call.
+            everything = v.still_displaced or not self._at_rest
+            self._at_rest = not v.still_displaced
+        written = tuple((name, target.ptr) for name, target in targets.items())
+        self._recording.run((v.still_moved, v.moved, everything, written), lambda: self._launch(targets, everything))
+        v.drawn()
+
+    def _launch(self, targets: Mapping[str, wp.array], everything: bool) -> None:
+        """The images of what is placed: launches only, told apart by the key that they are recorded under."""
+        self.visibility.draw()
+        self.geometric(targets, everything)
+        if "radiance" in targets:
+            self.shading.shade(targets["radiance"])
 
     def _repeat(self, frames: Frames, targets: Mapping[str, wp.array]) -> None:
         """Nothing moved since the last call: what has been drawn of this instant is copied."""
@@ -144,20 +182,19 @@ class Renderer:
         for name in targets.keys() - missing.keys():
             wp.copy(targets[name], self._still[name])
 
-    def geometric(self, frames: Frames, before: Frames | None, targets: Mapping[str, wp.array]) -> None:
-        """Depth, motion, ids and normals of the z-buffer into `targets`; before: None for no motion."""
+    def geometric(self, targets: Mapping[str, wp.array], everything: bool = True) -> None:
+        """Depth, motion, ids and normals of the z-buffer into `targets`; everything: still instances may have moved."""
         if not targets.keys() - {"radiance"}:
             return
         v = self.visibility
-        if "motion" in targets:
-            turn, shift = frames.displacement(frames if before is None else before)
-            store(self._turn, turn)
-            store(self._shift, shift)
-        if "normal" in targets:
-            store(self._camera, frames.camera)
+        if "motion" in targets and v.moved:
+            v.displace(everything, self._turn, self._shift)
+        elif "motion" in targets:
+            self._turn.zero_()
+            self._shift.zero_()
         kernel = make_outputs(*(name in targets for name in OUTPUTS[1:]), lens=v.lens)
         arrays = [targets.get(name, self._nothing[name]) for name in OUTPUTS[1:]]
-        shared = [v.packed, v.triangle_instance, self.normals, v.rotation, self._camera, self._turn, self._shift]
+        shared = [v.packed, v.triangle_instance, self.normals, v.rotation, v.eye, self._turn, self._shift]
         envs, _, width = self.shape
 
         def arguments(row0: int, row1: int) -> tuple[tuple[int, ...], list[Any]]:
@@ -183,9 +220,11 @@ class Renderer:
             self._own[name] = wp.empty(self.shape, dtype=self.types[name], device=self.device)
         return self._own[name]
 
-    def on_host(self, target: wp.array, given: Any) -> np.ndarray:
+    def on_host(self, target: wp.array, given: Any) -> Any:
         """The image on the host: in the given array if there is one, which on the CPU holds it already."""
-        if not isinstance(given, np.ndarray):
+        if isinstance(given, wp.array):
+            return given
+        if given is None:
             return target.numpy()
         if self.device.is_cuda:
             host: wp.array = wp.array(given, dtype=target.dtype, shape=target.shape, copy=False, device="cpu")

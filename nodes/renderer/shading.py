@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
@@ -16,10 +17,16 @@ from nodes.renderer.lights_sky import make_sky
 from nodes.renderer.occlusion import Occluders
 from nodes.renderer.poses import Frames
 from nodes.renderer.textures import pack
-from nodes.renderer.visibility import Visibility, store
+from nodes.renderer.visibility import Visibility
 
 CACHED_LIGHTS = 32
 """Most lights, one bit each, under which still surfaces are remembered."""
+
+if TYPE_CHECKING:
+    from nodes.renderer.path import PathOptions, Paths
+
+LIST_WORKERS = 1 << 17
+"""Threads that share a list of pixels on a GPU."""
 
 make_shade = cache(shading_kernels.make_shade)
 
@@ -34,10 +41,20 @@ class Shading:
     A material of roughness 1 without metal is plain diffuse, any other the GGX of glTF 2.0; emission, lights' `colour`
     and the sky are as in `evis.scene.model`. Area lights are unseen themselves, cast soft shadows by `light_samples`
     rays with random numbers that belong to the surface (none where nothing can be in the way), and need materials that
-    glow in their place to be seen. Surfaces that emit light nothing else, and nothing hides the sky.
+    glow in their place to be seen. Without `paths`, surfaces that emit light nothing else, and nothing hides the sky;
+    with them, see `Paths`.
+
+    remember: False for `shade_list`, which never sees all of an image.
     """
 
-    def __init__(self, visibility: Visibility, half: bool = False, light_samples: int = 16) -> None:
+    def __init__(
+        self,
+        visibility: Visibility,
+        half: bool = False,
+        light_samples: int = 16,
+        paths: PathOptions | None = None,
+        remember: bool = True,
+    ) -> None:
         scene, geometry = visibility.scene, visibility.geometry
         self.visibility, self.scene, self.device = visibility, scene, visibility.device
         self.pixel: Any = wp.vec3h if half else wp.vec3f
@@ -48,65 +65,106 @@ class Shading:
         gloss = any(not is_plain(scene.materials[i.material]) for i in scene.instances)
         self.sky = make_sky(visibility, gloss)
         shadows = any(light.shadows for light in scene.lights) and len(geometry.triangles) > 0
-        self.occluders = Occluders(visibility, self._still, shadows)
-        self._cached = cached = self._cacheable()
+        rays = paths is not None and len(geometry.triangles) > 0
+        merged = rays and self.device.is_cuda
+        self.occluders = Occluders(visibility, geometry.static, shadows or rays, merged=merged)
+        self._cached = cached = remember and self._cacheable()
+        self._still_place = -1
         shape = visibility.shape if cached else (0, 0, 0)
         self._cached_triangle = wp.full(shape, -1, dtype=wp.int32, device=self.device)
         self._cached_lit = wp.zeros(shape, dtype=wp.uint32, device=self.device)
         self._cached_colour = wp.zeros(shape, dtype=wp.vec3, device=self.device)
-        self._basis: tuple[np.ndarray, ...] | None = None
         bands = len(visibility.bands.rows)
         self._not_finite = wp.zeros(bands, dtype=wp.int32, device=self.device)
         self._clipped = wp.zeros(bands, dtype=wp.int32, device=self.device)
         kinds = self.lights.kinds
-        self._kernel = make_shade(
-            textures=textured,
-            smooth=geometry.smooth is not None,
+        looks = {"textures": textured, "smooth": geometry.smooth is not None, "gloss": gloss}
+        self._kernel, self._list_kernel = make_shade(
+            **looks,
             directional="directional" in kinds,
             point="point" in kinds,
             spot="spot" in kinds,
             area="area" in kinds,
-            gloss=gloss,
             mapped=scene.environment_map is not None,
             flicker=self.lights.flickers,
             shadows=shadows,
             trees=self.occluders.trees,
-            cache=cached,
-            half=half,
+            cached=cached,
+            half=half and not rays,
+            ambience=not rays,
         )
+        self.paths: Paths | None = None
+        if rays and paths is not None:
+            from nodes.renderer.path import Paths
+
+            trees = self.occluders.trees
+            self.paths = Paths(visibility, paths, half, trees=trees, lit=bool(kinds), **looks)
 
     def update(self, frames: Frames) -> None:
         """Lights to the camera frame; what was remembered is forgotten if the camera or a still body has moved."""
-        vectors = self.lights.place(frames)
-        store(self.sky.camera, frames.camera)
         self.occluders.update(frames)
-        if self._cached:
-            still = np.flatnonzero(self._still)
-            basis = (frames.rotation[:, still], frames.translation[:, still], vectors)
-            if self._basis is None or not all(map(np.array_equal, basis, self._basis)):
-                self._cached_triangle.fill_(-1)
-                self._basis = basis
+        if self._cached and self._still_place != self.visibility.still_place:
+            self._still_place = self.visibility.still_place
+            self._cached_triangle.fill_(-1)
 
     def set_time(self, t_ns: int) -> bool:
         """Flickering lights as they are at an instant; True where one is not as it was."""
-        return self.lights.set_time(t_ns)
+        return self.set_times(np.full(self.visibility.envs, t_ns, np.int64))
 
-    def shade(self, radiance: wp.array) -> tuple[int, int]:
-        """Write [E, H, W] radiance. Gives how many pixels were not finite, and how many were clipped to float16."""
+    def set_times(self, t_ns: np.ndarray) -> bool:
+        """The same with an instant for each environment, int64 [E] ns."""
+        return self.lights.set_times(t_ns)
+
+    def shade(self, radiance: wp.array) -> None:
+        """Write [E, H, W] radiance: launches only, that a graph may hold."""
         v = self.visibility
-        self._not_finite.zero_()
-        self._clipped.zero_()
-        shared = [v.packed, v.vertices, v.rotation, v.translation, self.surfaces, self.lights.kernel]
-        shared += [self.sky, self.occluders.casters]
-        shared += [self._cached_triangle, self._cached_lit, self._cached_colour]
-        shared += [radiance, self._not_finite, self._clipped]
         envs, _, width = v.shape
         bands = {row0: k for k, (row0, _) in enumerate(v.bands.rows)}
 
-        def arguments(row0: int, row1: int) -> tuple[tuple[int, ...], list[Any]]:
-            return (envs, row1 - row0, width // v.span), [v.view, row0, bands[row0], v.span, *shared]
+        def launch(kernel: wp.Kernel, shared: list[Any]) -> None:
+            def arguments(row0: int, row1: int) -> tuple[tuple[int, ...], list[Any]]:
+                return (envs, row1 - row0, width // v.span), [v.view, row0, bands[row0], v.span, *shared]
 
-        v.bands.launch(self._kernel, arguments, self.device)
+            v.bands.launch(kernel, arguments, self.device)
+
+        self._run(launch, radiance, False)
+
+    def shade_list(self, radiance: wp.array, pixels: wp.array, count: wp.array, firsts: list[int]) -> None:
+        """Write only the pixels of a list, int32 indices into [E, H, W]; `radiance` as in `shade`.
+
+        Band b has count[b] of them from pixels[firsts[b]] on; count is read where the kernel runs.
+        """
+        v = self.visibility
+        workers = 1 if self.device.is_cpu else LIST_WORKERS
+        bands = {row0: k for k, (row0, _) in enumerate(v.bands.rows)}
+
+        def launch(kernel: wp.Kernel, shared: list[Any]) -> None:
+            def arguments(row0: int, row1: int) -> tuple[int, list[Any]]:
+                k = bands[row0]
+                return workers, [v.view, workers, firsts[k], k, pixels, count, *shared]
+
+            v.bands.launch(kernel, arguments, self.device)
+
+        self._run(launch, radiance, True)
+
+    def _run(self, launch: Callable[[wp.Kernel, list[Any]], None], radiance: wp.array, listed: bool) -> None:
+        """Launch what shades a whole image, or a list of its pixels."""
+        v = self.visibility
+        self.occluders.launch()
+        self.lights.launch()
+        self._not_finite.zero_()
+        self._clipped.zero_()
+        place = [v.packed, v.vertices, v.rotation, v.translation]
+        light = [self.surfaces, self.lights.kernel, self.sky, self.occluders.casters]
+        cached = [self._cached_triangle, self._cached_lit, self._cached_colour]
+        counters = [self._not_finite, self._clipped]
+        direct = radiance if self.paths is None else self.paths.direct
+        launch(self._list_kernel if listed else self._kernel, [*place, *light, *cached, direct, *counters])
+        if self.paths is not None:
+            launch(self.paths.kernel(listed), self.paths.arguments(light, radiance, counters))
+
+    def counts(self) -> tuple[int, int]:
+        """How many pixels of the last image were not finite, and how many were clipped to float16; waits for it."""
         return int(self._not_finite.numpy().sum()), int(self._clipped.numpy().sum())
 
     def _cacheable(self) -> bool:

@@ -1,21 +1,21 @@
 """Radiance of the pixels that a z-buffer has found: what surfaces emit, and reflect of the lights and the sky."""
 
+from functools import cache
+from typing import Any
+
 import warp as wp
 
-from nodes.renderer.kernels import MISS, View, depth_of, edge_normal, pixel_ray, ray_steps, triangle_of
+from nodes.renderer.kernels import MISS, View, corner, depth_of, edge_normal, pixel_ray, ray_steps, triangle_of
 from nodes.renderer.lights_area_kernels import frozen_key, make_area
 from nodes.renderer.lights_kernels import Lights, SurfacePoint, make_lighting
-from nodes.renderer.lights_shadow_kernels import Casters
-from nodes.renderer.lights_sky_kernels import DIELECTRIC, Sky, make_sky
+from nodes.renderer.lights_shadow_kernels import LIFT, Casters
+from nodes.renderer.lights_sky_kernels import DIELECTRIC, Sky, make_sky, reflectances
 from nodes.renderer.texture_kernels import Textures, filtered
 
 wp.set_module_options({"enable_backward": False})
 
 CONVEX = wp.constant(1)
 PLANAR = wp.constant(2)
-
-OFFSET = wp.constant(4.0e-6)
-"""Start of a shadow ray above its surface, of the distance plus the instance's size: tens of float32 roundings."""
 
 LARGEST_HALF = wp.constant(65504.0)
 """The largest float16."""
@@ -47,33 +47,9 @@ def finite(value: float, largest: float):
     return wp.where(value > 0.0, largest, 0.0)
 
 
-def make_shade(
-    textures: bool,
-    smooth: bool,
-    directional: bool,
-    point: bool,
-    spot: bool,
-    area: bool,
-    gloss: bool,
-    mapped: bool,
-    flicker: bool,
-    shadows: bool,
-    trees: bool,
-    cache: bool,
-    half: bool,
-) -> wp.Kernel:
-    """The shading kernel with only what a scene has.
-
-    cache: of a still surface under still lights, the radiance without moving casters is remembered with a bit for each
-    light that then reaches it; while none of these is hidden by a moving caster, that radiance is the result. flicker:
-    strengths change, so of these only the bits are used.
-    """
-    pixel = wp.vec3h if half else wp.vec3f
-    largest = 65504.0 if half else 3.0e38
-    lit = directional or point or spot or area
-    area_light = make_area(shadows, trees, gloss) if area else None
-    unhidden, gather = make_lighting(directional, point, spot, area_light, shadows, trees, cache, gloss)
-    background, ambient, sky_gloss = make_sky(mapped)
+@cache
+def make_surface(textures: bool, smooth: bool) -> Any:
+    """The function of a seen point's albedo and shading normal."""
 
     @wp.func
     def surface(
@@ -87,6 +63,7 @@ def make_shade(
         i: int,
         d: wp.vec3,
         turn: wp.mat33,
+        centre: wp.vec3,
         side: float,
         normal: wp.vec3,
     ):
@@ -95,9 +72,9 @@ def make_shade(
         facing = normal
         if wp.static(textures or smooth):
             k = surfaces.triangles[t]
-            a = vertices[env, k[0]]
-            b = vertices[env, k[1]]
-            c = vertices[env, k[2]]
+            a = corner(view, vertices, turn, centre, env, k[0])
+            b = corner(view, vertices, turn, centre, env, k[1])
+            c = corner(view, vertices, turn, centre, env, k[2])
             e0 = edge_normal(b, c)
             e1 = edge_normal(c, a)
             e2 = edge_normal(a, b)
@@ -126,6 +103,71 @@ def make_shade(
                 if wp.dot(n, n) > 0.0:
                     facing = side * wp.normalize(turn * n)
         return albedo, facing
+
+    return surface
+
+
+@cache
+def make_write(half: bool) -> Any:
+    """The function that writes a pixel; half: as float16, clipped and counted at its largest."""
+    pixel = wp.vec3h if half else wp.vec3f
+    largest = 65504.0 if half else 3.0e38
+
+    @wp.func
+    def write(
+        env: int,
+        y: int,
+        x: int,
+        band: int,
+        value: wp.vec3,
+        radiance: wp.array3d(dtype=pixel),
+        not_finite: wp.array(dtype=int),
+        clipped: wp.array(dtype=int),
+    ):
+        colour = value
+        if not (wp.isfinite(colour[0]) and wp.isfinite(colour[1]) and wp.isfinite(colour[2])):
+            wp.atomic_add(not_finite, band, 1)
+            most = wp.static(largest)
+            colour = wp.vec3(finite(colour[0], most), finite(colour[1], most), finite(colour[2], most))
+        if wp.static(half):
+            if wp.max(colour) > LARGEST_HALF:
+                wp.atomic_add(clipped, band, 1)
+                colour = wp.min(colour, wp.vec3(LARGEST_HALF, LARGEST_HALF, LARGEST_HALF))
+            radiance[env, y, x] = wp.vec3h(wp.float16(colour[0]), wp.float16(colour[1]), wp.float16(colour[2]))
+        else:
+            radiance[env, y, x] = colour
+
+    return write
+
+
+def make_shade(
+    textures: bool,
+    smooth: bool,
+    directional: bool,
+    point: bool,
+    spot: bool,
+    area: bool,
+    gloss: bool,
+    mapped: bool,
+    flicker: bool,
+    shadows: bool,
+    trees: bool,
+    cached: bool,
+    half: bool,
+    ambience: bool,
+) -> tuple[wp.Kernel, wp.Kernel]:
+    """The shading kernels, of all pixels and of a list of them, with only what a scene has.
+
+    cached: of a still surface under still lights, the radiance without moving casters is remembered with a bit for each
+    light that then reaches it; while none of these is hidden by a moving caster, that radiance is the result. flicker:
+    strengths change, so of these only the bits are used. ambience: with the sky's light, which nothing hides.
+    """
+    pixel = wp.vec3h if half else wp.vec3f
+    surface, write = make_surface(textures, smooth), make_write(half)
+    lit = directional or point or spot or area
+    area_light = make_area(shadows, trees, gloss) if area else None
+    unhidden, gather = make_lighting(directional, point, spot, area_light, shadows, trees, cached, gloss)
+    background, ambient, sky_gloss = make_sky(mapped)
 
     @wp.func
     def shade_pixel(
@@ -177,9 +219,9 @@ def make_shade(
                 shell = casters.shell[i]
                 if shell == PLANAR or (shell == CONVEX and side > 0.0):
                     s.alone = i
-                s.lift = s.position + (OFFSET * (wp.length(s.position) + casters.radius[i])) * s.normal
+                s.lift = s.position + (LIFT * (wp.length(s.position) + casters.radius[i])) * s.normal
                 last = casters.order.shape[0]
-            if wp.static(cache):
+            if wp.static(cached):
                 moved = casters.still
                 known = cached_triangle[env, y, x] == t
                 if known:
@@ -191,22 +233,31 @@ def make_shade(
             if reached:
                 colour = cached_colour[env, y, x]
             else:
-                albedo, facing = surface(view, y, x, vertices, surfaces, env, t, i, d, turn, side, s.normal)
+                albedo, facing = surface(
+                    view, y, x, vertices, surfaces, env, t, i, d, turn, translation[env, i], side, s.normal
+                )
                 s.facing = facing
                 m = surfaces.material[i]
                 shine = wp.vec3(0.0, 0.0, 0.0)
                 if wp.static(gloss):
                     s.alpha = surfaces.gloss[m][0]
-                glow = wp.cw_mul(albedo, ambient(sky, env, facing))
+                glow = wp.vec3(0.0, 0.0, 0.0)
+                if wp.static(ambience):
+                    glow = wp.cw_mul(albedo, ambient(sky, env, facing))
                 if wp.static(gloss):
                     if s.alpha >= 0.0:
                         metallic = surfaces.gloss[m][1]
                         s.view = -wp.normalize(d)
                         s.f0 = DIELECTRIC * (1.0 - metallic) * wp.vec3(1.0, 1.0, 1.0) + metallic * albedo
-                        mirrored, left = sky_gloss(sky, env, facing, s.view, s.alpha, s.f0)
-                        left *= 1.0 - metallic
+                        left = wp.float32(0.0)
+                        if wp.static(ambience):
+                            mirrored, left = sky_gloss(sky, env, facing, s.view, s.alpha, s.f0)
+                            left *= 1.0 - metallic
+                            glow = mirrored + left * glow
+                        else:
+                            r = reflectances(sky, s.alpha, wp.dot(facing, s.view))
+                            left = (1.0 - DIELECTRIC * r[0] - r[1]) * (1.0 - metallic)
                         albedo = left * albedo
-                        glow = mirrored + left * glow
                 glow = surfaces.emission[m] + glow
                 if wp.static(area):
                     q = wp.transpose(turn) * (s.position - translation[env, i])
@@ -222,7 +273,7 @@ def make_shade(
                 colour = glow + wp.cw_mul(albedo, irradiance) / PI
                 if wp.static(gloss):
                     colour += shine
-                if wp.static(cache):
+                if wp.static(cached):
                     if not known:
                         cached_triangle[env, y, x] = wp.where(casters.is_still[i] == 1, t, MISS)
                         cached_lit[env, y, x] = bits
@@ -231,17 +282,7 @@ def make_shade(
                             if wp.static(gloss):
                                 unhid += still_shine
                             cached_colour[env, y, x] = unhid
-        if not (wp.isfinite(colour[0]) and wp.isfinite(colour[1]) and wp.isfinite(colour[2])):
-            wp.atomic_add(not_finite, band, 1)
-            most = wp.static(largest)
-            colour = wp.vec3(finite(colour[0], most), finite(colour[1], most), finite(colour[2], most))
-        if wp.static(half):
-            if wp.max(colour) > LARGEST_HALF:
-                wp.atomic_add(clipped, band, 1)
-                colour = wp.min(colour, wp.vec3(LARGEST_HALF, LARGEST_HALF, LARGEST_HALF))
-            radiance[env, y, x] = wp.vec3h(wp.float16(colour[0]), wp.float16(colour[1]), wp.float16(colour[2]))
-        else:
-            radiance[env, y, x] = colour
+        write(env, y, x, band, colour, radiance, not_finite, clipped)
 
     @wp.kernel(module="unique", enable_backward=False)
     def shade(
@@ -274,4 +315,40 @@ def make_shade(
                 cached_triangle, cached_lit, cached_colour, radiance, not_finite, clipped,
             )  # fmt: skip
 
-    return shade
+    @wp.kernel(module="unique", enable_backward=False)
+    def shade_list(
+        # in
+        view: View,
+        workers: int,
+        first: int,
+        band: int,
+        pixels: wp.array(dtype=int),
+        count: wp.array(dtype=int),
+        packed: wp.array3d(dtype=wp.uint64),
+        vertices: wp.array2d(dtype=wp.vec3),
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        surfaces: Surfaces,
+        lights: Lights,
+        sky: Sky,
+        casters: Casters,
+        # in and out
+        cached_triangle: wp.array3d(dtype=int),
+        cached_lit: wp.array3d(dtype=wp.uint32),
+        cached_colour: wp.array3d(dtype=wp.vec3),
+        # out
+        radiance: wp.array3d(dtype=pixel),
+        not_finite: wp.array(dtype=int),
+        clipped: wp.array(dtype=int),
+    ):
+        j = wp.tid()
+        while j < count[band]:
+            at = pixels[first + j]
+            shade_pixel(
+                view, at // (view.width * view.height), at // view.width % view.height, at % view.width, band,
+                packed, vertices, rotation, translation, surfaces, lights, sky, casters,
+                cached_triangle, cached_lit, cached_colour, radiance, not_finite, clipped,
+            )  # fmt: skip
+            j += workers
+
+    return shade, shade_list

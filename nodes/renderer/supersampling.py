@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
@@ -13,6 +13,9 @@ from evis.scene.model import Camera, Scene
 from nodes.renderer import output_kernels
 from nodes.renderer.renderer import Renderer
 
+if TYPE_CHECKING:
+    from nodes.renderer.path import PathOptions
+
 make_mean = cache(output_kernels.make_mean)
 
 
@@ -20,8 +23,8 @@ class SupersampledRenderer:
     """As Renderer, with every pixel's radiance the mean of samples x samples samples that cover it evenly.
 
     Depth, ids, normals and motion belong to the pixel's centre: where a pixel covers two surfaces its radiance is a mix
-    of both. An interpolator that moves pixels by their motion smears such mixed pixels; to move the samples before the
-    mean is taken, use Renderer(supersampling=n), which keeps them apart.
+    of both. An interpolator that moves pixels by their motion smears such mixed pixels; for one that moves samples
+    before the mean is taken, apart=True gives the samples themselves, as Renderer(supersampling=n) does.
     """
 
     def __init__(
@@ -35,18 +38,31 @@ class SupersampledRenderer:
         threads: int = 1,
         half: bool = False,
         light_samples: int = 16,
+        paths: PathOptions | None = None,
+        apart: bool = False,
     ) -> None:
         self.plain = Renderer(scene, camera, envs, margin, device, threads, half)
         self.fine = Renderer(
-            scene, camera, envs, margin, device, threads, light_samples=light_samples, supersampling=samples
+            scene, camera, envs, margin, device, threads, half and apart, light_samples, samples, paths
         )
-        self.samples, self.half = samples, half
+        self.samples, self.half, self.apart = samples, half, apart
         self._clipped = wp.zeros(1, dtype=wp.int32, device=self.plain.device)
-        self.not_finite = self.clipped = 0
+
+    @property
+    def not_finite(self) -> int:
+        """Samples of the last drawn radiance that were not finite; waits for it."""
+        return self.fine.not_finite
+
+    @property
+    def clipped(self) -> int:
+        """Pixels of the last drawn radiance that were clipped to float16; waits for it."""
+        if self.apart:
+            return self.fine.clipped
+        return int(self._clipped.numpy()[0])
 
     def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:
         """Shape and dtype of an output."""
-        return self.plain.array_shape(name)
+        return (self.fine if self.apart and name == "radiance" else self.plain).array_shape(name)
 
     def prepare(self, outputs: Iterable[str]) -> None:
         """Compile and load the kernels that `outputs` need."""
@@ -57,16 +73,18 @@ class SupersampledRenderer:
     def render(
         self,
         poses: np.ndarray,
-        previous: np.ndarray | None = None,
+        previous: np.ndarray | str | None = None,
         outputs: Iterable[str] = ("radiance",),
         out: Mapping[str, Any] | None = None,
         t_ns: int = 0,
-    ) -> dict[str, np.ndarray]:
+    ) -> dict[str, Any]:
         """As Renderer.render."""
         wanted, given = set(outputs), out or {}
         images = self.plain.render(poses, previous, wanted - {"radiance"}, out)
         if "radiance" not in wanted:
             return images
+        if self.apart:
+            return images | self.fine.render(poses, None, ("radiance",), out, t_ns)
         device = self.fine.device
         fine = self.fine.target("radiance", None)
         self.fine.render(poses, None, ("radiance",), {"radiance": fine}, t_ns)
@@ -74,5 +92,4 @@ class SupersampledRenderer:
         self._clipped.zero_()
         inputs = [self.samples, fine, target, self._clipped]
         wp.launch(make_mean(self.half), dim=self.plain.shape, inputs=inputs, device=device)
-        self.not_finite, self.clipped = self.fine.not_finite, int(self._clipped.numpy()[0])
         return images | {"radiance": self.plain.on_host(target, given.get("radiance"))}

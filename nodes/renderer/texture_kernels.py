@@ -23,8 +23,12 @@ class Textures:
 
 @wp.func
 def wrap(i: int, n: int):
-    r = i % n
-    return wp.where(r < 0, r + n, r)
+    """Texel -1 ... n of a row of n; a remainder would take longer than all the rest of a sample."""
+    if i < 0:
+        return i + n
+    if i >= n:
+        return i - n
+    return i
 
 
 @wp.func

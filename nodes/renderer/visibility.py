@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from evis.scene.model import Camera, Scene
-from nodes.renderer import clusters, output_kernels, raster_kernels
+from nodes.renderer import output_kernels, pose_kernels
+from nodes.renderer.bands import Bands
 from nodes.renderer.cameras import lens_of, make_view
 from nodes.renderer.geometry import flatten, is_static
-from nodes.renderer.poses import Frames, check_poses
+from nodes.renderer.poses import Frames, Staging, check_poses, same_bytes
+from nodes.renderer.raster import BandRaster, PooledRaster
+from nodes.renderer.recording import Recording
 
 wp.config.log_level = wp.LOG_WARNING
-
-TILE_WORKERS = 1 << 17
-"""Threads that share the tiles of large triangles on a GPU."""
-
-make_raster = cache(raster_kernels.make_raster)
-make_raster_tiles = cache(raster_kernels.make_raster_tiles)
 
 
 class Visibility:
@@ -30,12 +24,14 @@ class Visibility:
 
     packed: Warp uint64 [E, H, W] on the device, float32 z-depth bits << 32 | triangle index, all ones where nothing is
     hit; for a distorted camera, the distance along the pixel's ray in place of the depth. H and W include `margin`
-    pixels on every side. threads: row bands run in parallel on the CPU; the result does not depend on it. split: None
-    splits large triangles among threads on a GPU and not on the CPU.
+    pixels on every side. threads: row bands run in parallel on the CPU; the result does not depend on it. pooled: None
+    has a GPU's threads share all triangles (PooledRaster) and a CPU's own their rows (BandRaster).
 
     While a still camera sees still instances where they were, these are kept as a layer and only the others are drawn
-    over it; the z-buffer is the same, bit for bit. layered=False draws everything anew. `vertices` holds those of
-    instances that may be seen.
+    over it; the z-buffer is the same, bit for bit. layered=False draws everything anew.
+
+    On the device, for other kernels: `poses` transformd [E, N]; `eye` mat33 [E], camera to world; `rotation` mat33 and
+    `translation` vec3 [E, I], instance to camera; `vertices` for kernels.corner.
     """
 
     def __init__(
@@ -46,7 +42,7 @@ class Visibility:
         margin: int = 0,
         device: str = "cpu",
         threads: int = 1,
-        split: bool | None = None,
+        pooled: bool | None = None,
         layered: bool = True,
     ) -> None:
         self.scene, self.camera, self.envs, self.margin = scene, camera, envs, margin
@@ -60,75 +56,124 @@ class Visibility:
         self.camera_body = scene.body_index(camera.name)
         self.bands = Bands(self.shape[1], threads if self.device.is_cpu else 1)
         two_sided = np.array([scene.materials[i.material].two_sided for i in scene.instances], bool)
-        count, vertices, triangles = len(two_sided), len(geometry.vertices), len(geometry.triangles)
+        count = len(two_sided)
         self.points = self.put(geometry.vertices, wp.vec3)
         self.triangles = self.put(geometry.triangles, wp.vec3i)
         self.triangle_instance = self.put(geometry.triangle_instance, wp.int32)
         self.two_sided = self.put(two_sided, wp.int32)
-        self.vertices = self.empty((envs, vertices), wp.vec3)
         self.rotation = self.empty((envs, count), wp.mat33)
         self.translation = self.empty((envs, count), wp.vec3)
+        self.eye = self.empty(envs, wp.mat33)
         self.packed = self.empty(self.shape, wp.uint64)
         still = geometry.static & is_static(scene, self.camera_body)
-        pieces = clusters.triangle_blocks(geometry, still, two_sided), clusters.vertex_blocks(geometry, still)
-        self._blocks = [(self._put_blocks(p), p.still, len(p.instance)) for p in pieces]
-        self._still = np.flatnonzero(still)
-        self._layered = layered and 0 < pieces[0].still
+        self._layered = layered and bool(still[geometry.triangle_instance].any())
+        self.moved = self.still_displaced = False
+        self.still_place = 0
+        self._still_drawn = -1
         self._layer = self.empty(self.shape if self._layered else (0, 0, 0), wp.uint64)
-        self._basis: tuple[np.ndarray, ...] | None = None
-        self._split = self.device.is_cuda if split is None else split
-        listed = envs * triangles if self._split else 0
-        self._counter = wp.zeros(1, dtype=wp.uint64, device=self.device)
-        self._large = self.empty(listed, wp.vec2i)
-        self._large_start = self.empty(listed, wp.int64)
-        self._rest = [self.put(geometry.rotation, wp.mat33), self.put(geometry.translation, wp.vec3)]
-        self._lanes = 1 if self.device.is_cpu else clusters.SIZE
-        self._raster = make_raster(self._split, self.lens)
+        self._staging = Staging(envs, len(self.names), self.device)
+        self.poses = self._staging.now
+        self._still_bodies = np.array([is_static(scene, k) for k in range(len(self.names))], bool)
+        order = np.concatenate([np.argsort(~still, kind="stable"), [count]])
+        self._still_count = int(still.sum())
+        self._instances = [
+            self.put(order, wp.int32),
+            self.put(geometry.body, wp.int32),
+            self.put(geometry.rotation, wp.mat33d),
+            self.put(geometry.translation, wp.vec3d),
+        ]
+        pooled = self.device.is_cuda if pooled is None else pooled
+        self.raster = (PooledRaster if pooled else BandRaster)(self, still, two_sided)
+        self.vertices, self.view.local = self.raster.vertices, int(self.raster.local)
+        self._recording = Recording(self.device)
 
     def frames(self, poses: np.ndarray) -> Frames:
-        """Checked float64 camera-relative matrices of all instances. Raises ValueError naming a body."""
+        """Poses float64 [E, N, 7], checked. Raises ValueError naming a body."""
         geometry = self.geometry
         poses = check_poses(poses, self.envs, self.names)
-        return Frames(poses, self.camera_body, geometry.body, geometry.rotation, geometry.translation)
+        return Frames(poses, self.camera_body, geometry.body, (geometry.rotation, geometry.translation))
 
     def update(self, poses: np.ndarray | Frames) -> Frames:
-        """Fill `packed` for body poses float64 [E, N, 7]."""
+        """Fill `packed` for body poses float64 [E, N, 7]. On a GPU nothing is waited for."""
         frames = poses if isinstance(poses, Frames) else self.frames(poses)
-        store(self.rotation, frames.rotation)
-        store(self.translation, frames.translation)
-        if not self._layered:
-            self.packed.view(wp.int64).fill_(-1)
-            self._draw(self.packed, True, True)
-            return frames
-        basis = (frames.rotation[:, self._still], frames.translation[:, self._still])
-        if self._basis is None or not all(map(np.array_equal, basis, self._basis)):
-            self._layer.view(wp.int64).fill_(-1)
-            self._draw(self._layer, True, False)
-            self._basis = basis
-        wp.copy(self.packed, self._layer)
-        self._draw(self.packed, False, True)
+        self.place(frames)
+        self._recording.run(self.still_moved, self.draw)
+        self.drawn()
         return frames
 
-    def _draw(self, packed: wp.array, still: bool, moving: bool) -> None:
-        """Add the still blocks, the others, or both to a z-buffer. Bands own their rows: no two threads share one."""
-        (blocks, first, count), (points, first_points, count_points) = self._blocks
-        start, end = (0 if still else first), (count if moving else first)
-        start_points, end_points = (0 if still else first_points), (count_points if moving else first_points)
-        if end <= start:
+    def place(self, frames: Frames, previous: np.ndarray | None = None) -> None:
+        """Bring poses to the device for `draw`, and those of the previous keyframe for `displace`.
+
+        Counts in `still_place` how often still bodies or the camera have been elsewhere. Sets `moved`: anything is not
+        where it was at `previous`; `still_displaced`: the same of still bodies and the camera.
+        """
+        staging, now = self._staging, frames.bodies
+        last = staging.last
+        still_same = last is not None and self._still_same(last, now)
+        self.still_place += not still_same
+        self.moved = self.still_displaced = False
+        if previous is not None and not same_bytes(previous, now):
+            self.moved = True
+            if last is not None and (previous is last or same_bytes(previous, last)):
+                self.still_displaced = not still_same
+                wp.copy(staging.before, staging.now)
+            else:
+                previous = check_poses(previous, self.envs, self.names)
+                self.still_displaced = not self._still_same(previous, now)
+                staging.put_before(previous)
+        staging.put(now)
+
+    @property
+    def last(self) -> np.ndarray | None:
+        """Poses of the last update float64 [E, N, 7], valid until the next one."""
+        return self._staging.last
+
+    def same(self, frames: Frames) -> bool:
+        """True when every body is where it was at the last update, to the last bit."""
+        return self._staging.last is not None and same_bytes(self._staging.last, frames.bodies)
+
+    @property
+    def still_moved(self) -> bool:
+        """Whether still bodies or the camera are not where they were when they were last drawn."""
+        return self._still_drawn != self.still_place
+
+    def drawn(self) -> None:
+        """To be called after `draw`, or what was recorded of it."""
+        self._still_drawn = self.still_place
+
+    def draw(self) -> None:
+        """Fill `packed` for what is in `poses`: launches only, all arguments of which depend on `still_moved` alone."""
+        self.place_instances()
+        if not self._layered:
+            self.packed.view(wp.int64).fill_(-1)
+            self.raster.draw(self.packed, True, True)
             return
-        place = [self.rotation, self.translation]
-        inputs = [self.view, start_points, self._lanes, points, self.points, *place, self.vertices]
-        dim = (self.envs, end_points - start_points, self._lanes)
-        wp.launch(raster_kernels.to_camera, dim=dim, inputs=inputs, device=self.device)
-        shared = [start, self._lanes, blocks, self.two_sided, *place, self.vertices, self.triangles, packed]
-        large = [self._counter, self._large, self._large_start]
-        dim = (self.envs, end - start, self._lanes)
-        if self._split:
-            self._counter.zero_()
-        self.bands.launch(self._raster, lambda row0, row1: (dim, [self.view, row0, row1, *shared, *large]), self.device)
-        if self._split:
-            inputs = [self.view, TILE_WORKERS, self.vertices, self.triangles, *large, packed]
-            wp.launch(make_raster_tiles(self.lens), dim=TILE_WORKERS, inputs=inputs, device=self.device)
+        if self.still_moved:
+            self._layer.view(wp.int64).fill_(-1)
+            self.raster.draw(self._layer, True, False)
+        wp.copy(self.packed, self._layer)
+        self.raster.draw(self.packed, False, True)
+
+    def place_instances(self) -> None:
+        """`rotation`, `translation` and `eye` for what is in `poses`."""
+        start = 0 if self.still_moved or not self._layered else self._still_count
+        first = [self.poses, self.camera_body, start, *self._instances]
+        dim = (self.envs, len(self.geometry.body) + 1 - start)
+        outputs = [self.rotation, self.translation, self.eye]
+        wp.launch(pose_kernels.place_instances, dim=dim, inputs=first, outputs=outputs, device=self.device)
+
+    def displace(self, everything: bool, turn: wp.array, shift: wp.array) -> None:
+        """Displacements [E, I + 1] since the previous keyframe (pose_kernels.displace_instances), of all instances or
+        of the moving ones."""
+        start = 0 if everything or not self._layered else self._still_count
+        first = [self.poses, self._staging.before, self.camera_body, start, *self._instances]
+        dim = (self.envs, len(self.geometry.body) + 1 - start)
+        wp.launch(pose_kernels.displace_instances, dim=dim, inputs=first, outputs=[turn, shift], device=self.device)
+
+    def _still_same(self, a: np.ndarray, b: np.ndarray) -> bool:
+        """Whether the still bodies, in a scene with a layer, are at the same poses."""
+        still = self._still_bodies
+        return self._layered and (same_bytes(a, b) or np.array_equal(a[:, still], b[:, still]))
 
     def hits(self) -> dict[str, np.ndarray]:
         """What `packed` says, as numpy.
@@ -137,18 +182,10 @@ class Visibility:
         instance int32 [E, H, W], -1 = nothing; point float32 [E, H, W, 3] m in the frame of the instance's body.
         """
         out = [self.empty(self.shape, wp.int32), self.empty(self.shape, wp.int32), self.empty(self.shape, wp.vec3)]
-        inputs = [self.view, self.packed, self.triangle_instance, self.rotation, self.translation, *self._rest, *out]
+        rest = [self.put(self.geometry.rotation, wp.mat33), self.put(self.geometry.translation, wp.vec3)]
+        inputs = [self.view, self.packed, self.triangle_instance, self.rotation, self.translation, *rest, *out]
         wp.launch(output_kernels.body_points, dim=self.shape, inputs=inputs, device=self.device)
         return dict(zip(("triangle", "instance", "point"), (a.numpy() for a in out)))
-
-    def _put_blocks(self, blocks: clusters.Blocks) -> Any:
-        put = raster_kernels.Blocks()
-        for name in ("instance", "first", "last"):
-            setattr(put, name, self.put(getattr(blocks, name), wp.int32))
-        put.centre, put.axis = self.put(blocks.centre, wp.vec3), self.put(blocks.axis, wp.vec3)
-        for name in ("radius", "extent", "cosine"):
-            setattr(put, name, self.put(getattr(blocks, name), wp.float32))
-        return put
 
     def put(self, array: np.ndarray, dtype: Any) -> wp.array:
         """A device copy of a numpy array, rounded to float32 where the Warp type is."""
@@ -159,28 +196,6 @@ class Visibility:
     def empty(self, shape: Any, dtype: Any) -> wp.array:
         """A device array to be written."""
         return wp.empty(shape, dtype=dtype, device=self.device)
-
-
-class Bands:
-    """Rows split over threads, for kernels that write only the rows they are given."""
-
-    def __init__(self, height: int, threads: int) -> None:
-        count = max(1, min(threads, height))
-        edges = [height * k // count for k in range(count + 1)]
-        self.rows = list(pairwise(edges))
-        self._pool = ThreadPoolExecutor(count) if count > 1 else None
-
-    def launch(self, kernel: wp.Kernel, arguments: Any, device: Any) -> None:
-        """Run `kernel` once per band; arguments(row0, row1) gives its launch dimensions and inputs."""
-        commands = []
-        for row0, row1 in self.rows:
-            dim, inputs = arguments(row0, row1)
-            if self._pool is None:
-                wp.launch(kernel, dim=dim, inputs=inputs, device=device)
-            else:
-                commands.append(wp.launch(kernel, dim=dim, inputs=inputs, device=device, record_cmd=True))
-        if self._pool is not None:
-            list(self._pool.map(lambda command: command.launch(), commands))
 
 
 def store(target: wp.array, values: np.ndarray) -> None:

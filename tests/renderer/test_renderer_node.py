@@ -115,7 +115,7 @@ def test_keyframe_in_half_precision_and_lost_range_is_counted(disk):
     node.update({"state": state(disk, 0.0)})
     radiance = bus.take()["keyframe"].radiance
     assert radiance.dtype == np.float16 and radiance.max() > 100 and not bus.counts
-    node.renderer.not_finite, node.renderer.clipped = 3, 2
+    node.renderer.shading.counts = lambda: (3, 2)
     node._report()
     assert bus.counts == {"nonfinite_pixels": 3, "clipped_pixels": 2}
 

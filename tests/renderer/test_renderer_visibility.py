@@ -43,12 +43,12 @@ def check_against_rays(view, triangles, two_sided, hits, depth):
 
 @pytest.mark.parametrize("two_sided", [True, False])
 @pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("split", [False, True])
-def test_soup_around_the_camera(seed, two_sided, split):
+@pytest.mark.parametrize("pooled", [False, True])
+def test_soup_around_the_camera(seed, two_sided, pooled):
     mesh, triangles = soup(seed)
     view = camera(near=0.05)
     world = scene([(mesh, -1, 0)], materials=[Material("m", np.ones(3), two_sided=two_sided)], view=view)
-    visibility = Visibility(world, view, split=split)
+    visibility = Visibility(world, view, pooled=pooled)
     visibility.update(poses(at(0, 0, 0)))
     depth = Renderer(world, view).render(poses(at(0, 0, 0)), None, GEOMETRIC)["depth"]
     crossing = (triangles[..., 2].min(1) < view.near) & (triangles[..., 2].max(1) > view.near)
@@ -56,12 +56,12 @@ def test_soup_around_the_camera(seed, two_sided, split):
     check_against_rays(view, triangles, two_sided, visibility.hits(), depth)
 
 
-def test_split_and_threads_change_no_bit():
+def test_pools_and_threads_change_no_bit():
     mesh, _ = soup(3, count=400)
     view = camera(160, 120, 90.0)
     world = scene([(mesh, -1, 0)], view=view)
     images = []
-    for arguments in ({}, {"split": True}, {"threads": 3}):
+    for arguments in ({}, {"pooled": True}, {"threads": 3}):
         visibility = Visibility(world, view, **arguments)
         visibility.update(poses(at(0, 0, 0)))
         images.append(visibility.packed.numpy())

@@ -41,13 +41,14 @@ def crowd(movers=20, still=40, still_camera=True, seed=0, lights=LAMPS):
     return world, np.array(instants)
 
 
+@pytest.mark.parametrize("pooled", [False, True])
 @pytest.mark.parametrize("still_camera", [True, False])
-def test_culling_leaves_out_only_what_is_not_seen(still_camera):
+def test_culling_leaves_out_only_what_is_not_seen(still_camera, pooled):
     """Against blocks that are never culled: spheres of infinite size and no cone of normals."""
     world, instants = crowd(still_camera=still_camera)
-    culled = Visibility(world, world.cameras[0], layered=False)
+    culled = Visibility(world, world.cameras[0], layered=False, pooled=pooled)
     complete = Visibility(world, world.cameras[0], layered=False)
-    for blocks, _, _ in complete._blocks:
+    for blocks in complete.raster.blocks:
         blocks.radius.fill_(1e9)
         blocks.extent.fill_(1e9)
         blocks.cosine.fill_(0.0)
@@ -100,7 +101,7 @@ def test_the_layer_of_every_environment_is_its_own():
 
 
 def radiances(world, instants, trees, monkeypatch, envs=1):
-    build = lambda *arguments: Occluders(*arguments, trees=trees)
+    build = lambda *arguments, **options: Occluders(*arguments, **{**options, "trees": trees})
     monkeypatch.setattr("nodes.renderer.shading.Occluders", build)
     renderer = Renderer(world, world.cameras[0], envs)
     assert renderer.shading.occluders.trees == trees

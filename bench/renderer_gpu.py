@@ -1,0 +1,125 @@
+"""The renderer on a CUDA device, stage by stage: the host's milliseconds, the device's, and those of every kernel.
+
+`python -m bench.renderer_gpu [--quick]`. Images stay on the device. Everything that can move does from one call to the
+next, so nothing is copied from the last image.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import sys
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from evis.scene import load_scene
+from nodes.renderer.renderer import LAST, OUTPUTS, Renderer
+from nodes.renderer.visibility import Visibility
+
+DEVICE = "cuda:0"
+COMMAND = "python -m bench.renderer_gpu"
+STEP_NS = 4_000_000
+"""Between two keyframes."""
+
+CASES = (
+    ("warehouse", 1, (640, 480)),
+    ("warehouse", 64, (128, 128)),
+    ("spinning_disk", 1, (346, 260)),
+    ("spinning_disk", 64, (128, 128)),
+    ("spinning_disk", 1024, (128, 128)),
+)
+
+
+def poses_of(scene: Any, count: int, envs: int) -> np.ndarray:
+    """Poses [count, E, N, 7] of a scene with prescribed motion, STEP_NS apart."""
+    t = np.arange(count, dtype=np.int64) * STEP_NS
+    one = np.stack([b.trajectory.pose(t) for b in scene.bodies], axis=1)
+    return np.repeat(one[:, None], envs, axis=1)
+
+
+def timed(call: Callable[[int], object], count: int) -> dict[str, float]:
+    """Medians [ms] of call(i): until it returns, until the device is done, and between its ends on the device."""
+    host, wall, device = [], [], []
+    begin, end = (wp.Event(DEVICE, enable_timing=True) for _ in range(2))
+    stream = wp.get_stream(DEVICE)
+    for i in range(count + 4):
+        wp.synchronize_device(DEVICE)
+        start = time.perf_counter()
+        stream.record_event(begin)
+        call(i)
+        stream.record_event(end)
+        host.append(1e3 * (time.perf_counter() - start))
+        wp.synchronize_device(DEVICE)
+        wall.append(1e3 * (time.perf_counter() - start))
+        device.append(wp.get_event_elapsed_time(begin, end))
+    # The first calls load kernels and record graphs.
+    return {k: round(statistics.median(v[4:]), 3) for k, v in (("host", host), ("wall", wall), ("device", device))}
+
+
+def kernels(launch: Callable[[], object], count: int) -> dict[str, float]:
+    """Device milliseconds of every kernel, copy and fill that `launch` starts, medians."""
+    seen: dict[str, list[float]] = {}
+    for _ in range(count):
+        wp.timing_begin(cuda_filter=wp.TIMING_ALL)
+        launch()
+        one: dict[str, float] = {}
+        for result in wp.timing_end():
+            name = result.name.removeprefix("forward kernel ")
+            one[name] = one.get(name, 0.0) + result.elapsed
+        for name, elapsed in one.items():
+            seen.setdefault(name, []).append(elapsed)
+    return {name: round(statistics.median(values), 4) for name, values in seen.items()}
+
+
+def rows_of(name: str, envs: int, size: tuple[int, int], count: int) -> Iterable[dict[str, Any]]:
+    """Visibility alone, and all outputs with and without shadow rays."""
+    scene = load_scene(name, {"width": size[0], "height": size[1]})
+    poses = poses_of(scene, count + 5, envs)
+    case = f"{envs} x {name} {size[0]}x{size[1]}"
+    visibility = Visibility(scene, scene.cameras[0], envs, 0, DEVICE)
+    row = {"case": case, "what": "visibility", **timed(lambda i: visibility.update(poses[i]), count)}
+    yield {**row, "kernels": kernels(visibility.draw, count)}
+    checked = timed(lambda i: visibility.place(visibility.frames(poses[i])), count)
+    yield {"case": case, "what": "poses checked and uploaded", **checked}
+    for what, shadows in (("all outputs, shadows", True), ("all outputs, no shadows", False)):
+        for light in scene.lights:
+            light.shadows = light.shadows and shadows
+        renderer = Renderer(scene, scene.cameras[0], envs, device=DEVICE)
+        out = {n: wp.empty(renderer.shape, dtype=renderer.types[n], device=DEVICE) for n in OUTPUTS}
+
+        def render(i: int, renderer: Renderer = renderer, out: dict[str, Any] = out) -> None:
+            renderer.render(poses[i], LAST, OUTPUTS, out)
+
+        def launch(renderer: Renderer = renderer, out: dict[str, Any] = out) -> None:
+            renderer.geometric(out)
+            renderer.shading.shade(out["radiance"])
+
+        yield {"case": case, "what": what, **timed(render, count), "kernels": kernels(launch, count)}
+
+
+def measure(quick: bool = False) -> dict[str, Any]:
+    """Raises RuntimeError where there is no CUDA device."""
+    wp.init()
+    if not wp.is_cuda_available():
+        raise RuntimeError("there is no CUDA device here; this subject measures nothing else")
+    count = 10 if quick else 40
+    return {
+        "stages": {
+            "title": f"Renderer on {wp.get_device(DEVICE).name}, milliseconds a call",
+            "command": COMMAND,
+            "rows": [row for case in CASES for row in rows_of(*case, count=count)],
+            "note": "host: until the call returns, the device idle before. wall: until the images are there. device: "
+            "from the first to the last thing that the device does. kernels: of one image, launched one by one.",
+        },
+    }
+
+
+if __name__ == "__main__":
+    for section in measure("--quick" in sys.argv[1:]).values():
+        print(section["title"])
+        for line in section["rows"]:
+            print(" ", json.dumps(line))

@@ -1,0 +1,211 @@
+"""The raster for thousands of threads: every step lists what the next one has to do, so that none waits for others.
+
+Blocks that may be seen are listed, then their triangles that may cover a pixel, then the tiles of large ones. A fixed
+number of threads shares a list, so that the host need not know how long it is. The places of a list are handed out by
+several counters, each for a region of it, for one alone would be waited for. Corners are turned to the camera where
+they are needed: reading them for every environment would cost more.
+"""
+
+import warp as wp
+
+from nodes.renderer.distortion_kernels import make_bounds, walk_rays
+from nodes.renderer.kernels import Setup, View, bounds, corner, facing, holds_pixel, set_up, walk, walk_all
+from nodes.renderer.raster_kernels import Blocks, before_near, unseen
+
+wp.set_module_options({"enable_backward": False})
+
+LANES = wp.constant(64)
+"""Threads that share a block: one for each of its triangles."""
+
+GROUP = wp.constant(32)
+"""Threads that share a region of a list at a time, and rows of a tile of a large triangle, one for each."""
+
+WIDE = wp.constant(64)
+"""Columns of a tile."""
+
+SMALL_REGIONS = wp.constant(256)
+LARGE_REGIONS = wp.constant(16)
+
+SMALL = wp.constant(1)
+LARGE = wp.constant(257)
+COUNTERS = 273
+"""The first counter is that of the blocks, then come those of the triangles' regions and of the large ones'."""
+
+
+@wp.kernel
+def list_blocks(
+    # in
+    view: View,
+    env0: int,
+    block0: int,
+    blocks: Blocks,
+    rotation: wp.array2d(dtype=wp.mat33),
+    translation: wp.array2d(dtype=wp.vec3),
+    # out
+    counters: wp.array(dtype=int),
+    listed: wp.array(dtype=wp.vec2i),
+):
+    """(environment, block) of what may be seen, in any order."""
+    index, block = wp.tid()
+    env = env0 + index
+    n = block0 + block
+    i = blocks.instance[n]
+    if not unseen(view, 0, view.height, blocks, n, rotation[env, i], translation[env, i]):
+        listed[wp.atomic_add(counters, 0, 1)] = wp.vec2i(env, n)
+
+
+@wp.func
+def beside(e: wp.vec3, slack: float, left: float, right: float, top: float, bottom: float):
+    """Whether an edge has all of a tile outside: the pixel that lies most inside, by the sums that walking takes."""
+    x = wp.where(e[0] > 0.0, right, left)
+    y = wp.where(e[1] > 0.0, bottom, top)
+    return e[0] * x + (e[1] * y + e[2] + slack) < 0.0
+
+
+@wp.func
+def missed(view: View, s: Setup, x0: int, x1: int, y0: int, y1: int):
+    """Whether a triangle of a pinhole's image leaves out all of a tile, which is so for most tiles of a thin one."""
+    left = view.columns[x0]
+    right = view.columns[x1]
+    top = view.rows[y0]
+    bottom = view.rows[y1]
+    return (
+        beside(s.e0, s.slack[0], left, right, top, bottom)
+        or beside(s.e1, s.slack[1], left, right, top, bottom)
+        or beside(s.e2, s.slack[2], left, right, top, bottom)
+    )
+
+
+def make_pooled(lens: str, area: int) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
+    """The kernels `list_triangles`, `raster` and `raster_tiles`.
+
+    area: bounding box [px] above which a triangle is cut into tiles.
+    """
+    bounds_of = make_bounds(lens) if lens != "none" else bounds
+    walk_over, walk_row = (walk_rays, walk_rays) if lens != "none" else (walk_all, walk)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def list_triangles(
+        # in
+        view: View,
+        workers: int,
+        blocks: Blocks,
+        two_sided: wp.array(dtype=int),
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        vertices: wp.array2d(dtype=wp.vec3),
+        triangles: wp.array(dtype=wp.vec3i),
+        listed: wp.array(dtype=wp.vec2i),
+        # in and out
+        counters: wp.array(dtype=int),
+        # out
+        small: wp.array2d(dtype=wp.vec2i),
+    ):
+        """(environment, triangle) of what faces the camera and has a pixel centre in its bounds."""
+        tid = wp.tid()
+        item = tid // LANES
+        count = counters[0]
+        while item < count:
+            env = listed[item][0]
+            n = listed[item][1]
+            t = blocks.first[n] + tid % LANES
+            if t < blocks.last[n]:
+                i = blocks.instance[n]
+                turn = rotation[env, i]
+                place = translation[env, i]
+                k = triangles[t]
+                a = corner(view, vertices, turn, place, env, k[0])
+                b = corner(view, vertices, turn, place, env, k[1])
+                c = corner(view, vertices, turn, place, env, k[2])
+                if facing(a, b, c, two_sided[i]) and before_near(view, a, b, c):
+                    box = bounds_of(view, a, b, c)
+                    if holds_pixel(view, box):
+                        region = item % SMALL_REGIONS
+                        small[region, wp.atomic_add(counters, SMALL + region, 1)] = wp.vec2i(env, t)
+            item += workers // LANES
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def raster(
+        # in
+        view: View,
+        workers: int,
+        instance: wp.array(dtype=int),
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        vertices: wp.array2d(dtype=wp.vec3),
+        triangles: wp.array(dtype=wp.vec3i),
+        small: wp.array2d(dtype=wp.vec2i),
+        # in and out
+        counters: wp.array(dtype=int),
+        # out
+        large: wp.array2d(dtype=wp.vec4i),
+        setups: wp.array2d(dtype=Setup),
+        packed: wp.array3d(dtype=wp.uint64),
+    ):
+        """The listed triangles; large ones are listed in turn."""
+        tid = wp.tid()
+        region = (tid // GROUP) % SMALL_REGIONS
+        at = tid // (GROUP * SMALL_REGIONS) * GROUP + tid % GROUP
+        count = counters[SMALL + region]
+        while at < count:
+            env = small[region, at][0]
+            t = small[region, at][1]
+            i = instance[t]
+            turn = rotation[env, i]
+            place = translation[env, i]
+            k = triangles[t]
+            a = corner(view, vertices, turn, place, env, k[0])
+            b = corner(view, vertices, turn, place, env, k[1])
+            c = corner(view, vertices, turn, place, env, k[2])
+            s = set_up(view, a, b, c, bounds_of(view, a, b, c))
+            mine = wp.bool(True)
+            if (s.x1 - s.x0 + 1) * (s.y1 - s.y0 + 1) > wp.static(area):
+                tiles = ((s.x1 - s.x0) // WIDE + 1) * ((s.y1 - s.y0) // GROUP + 1)
+                there = (t + 7 * env) % LARGE_REGIONS
+                first = wp.atomic_add(counters, LARGE + there, tiles)
+                # What the list has no room for is walked at once.
+                mine = first + tiles > large.shape[1]
+                if not mine:
+                    setups[there, first] = s
+                for n in range(tiles):
+                    if first + n < large.shape[1]:
+                        large[there, first + n] = wp.vec4i(env, wp.where(mine, -1, t), n, first)
+            if mine:
+                walk_over(view, s, s.x0, s.x1, s.y0, s.y1, env, t, packed)
+            at += workers // SMALL_REGIONS
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def raster_tiles(
+        # in
+        view: View,
+        workers: int,
+        counters: wp.array(dtype=int),
+        large: wp.array2d(dtype=wp.vec4i),
+        setups: wp.array2d(dtype=Setup),
+        # out
+        packed: wp.array3d(dtype=wp.uint64),
+    ):
+        """The tiles of large triangles, a thread for each row: neighbouring rows of a triangle are about as long."""
+        tid = wp.tid()
+        region = (tid // GROUP) % LARGE_REGIONS
+        at = tid // (GROUP * LARGE_REGIONS)
+        count = wp.min(counters[LARGE + region], large.shape[1])
+        while at < count:
+            env = large[region, at][0]
+            t = large[region, at][1]
+            if t >= 0:
+                s = setups[region, large[region, at][3]]
+                columns = (s.x1 - s.x0) // WIDE + 1
+                x0 = s.x0 + large[region, at][2] % columns * WIDE
+                x1 = wp.min(x0 + WIDE - 1, s.x1)
+                y0 = s.y0 + large[region, at][2] // columns * GROUP
+                y1 = wp.min(y0 + GROUP - 1, s.y1)
+                y = y0 + tid % GROUP
+                met = wp.bool(True)
+                if wp.static(lens == "none"):
+                    met = not missed(view, s, x0, x1, y0, y1)
+                if met and y <= y1:
+                    walk_row(view, s, x0, x1, y, y, env, t, packed)
+            at += workers // (GROUP * LARGE_REGIONS)
+
+    return list_triangles, raster, raster_tiles

@@ -1,0 +1,120 @@
+"""Two ways to draw a scene's triangles into a z-buffer, with the same result: by rows on a CPU, by lists on a GPU."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+
+from nodes.renderer import clusters, pooled_kernels, raster_kernels
+from nodes.renderer.kernels import Setup
+
+if TYPE_CHECKING:
+    from nodes.renderer.visibility import Visibility
+
+WORKERS = 1 << 18
+"""Threads that share a list; as many as a GPU runs at once."""
+
+SPLIT_AREA = 32
+"""Bounding box [px] above which a triangle is cut into tiles: who walks many pixels holds up its neighbours."""
+
+AT_ONCE = 1 << 25
+"""Most triangles that are gone through at once; more environments than have so many take turns."""
+
+LARGE, MOST_LARGE = 1 << 15, 1 << 20
+"""Tiles that there is room for per environment, and in all."""
+
+make_raster = cache(raster_kernels.make_raster)
+make_pooled = cache(pooled_kernels.make_pooled)
+
+
+class BandRaster:
+    """Corners are turned to the camera once; then every thread draws all triangles into the rows that it owns."""
+
+    local = False
+
+    def __init__(self, visibility: Visibility, still: np.ndarray, two_sided: np.ndarray) -> None:
+        v = self._v = visibility
+        pieces = clusters.triangle_blocks(v.geometry, still, two_sided), clusters.vertex_blocks(v.geometry, still)
+        self.blocks = [put_blocks(p, v.put) for p in pieces]
+        self._sizes = [(p.still, len(p.instance)) for p in pieces]
+        self.vertices = v.empty((v.envs, len(v.geometry.vertices)), wp.vec3)
+        self._raster = make_raster(v.lens)
+
+    def draw(self, packed: wp.array, still: bool, moving: bool) -> None:
+        """Add the still blocks, the others, or both to a z-buffer."""
+        v = self._v
+        blocks, points = self.blocks
+        (start, count), (start_points, count_points) = (part_of(*sizes, still, moving) for sizes in self._sizes)
+        if not count:
+            return
+        place = [v.rotation, v.translation]
+        inputs = [v.view, start_points, points, v.points, *place, self.vertices]
+        wp.launch(raster_kernels.to_camera, dim=(v.envs, count_points), inputs=inputs, device=v.device)
+        shared = [start, blocks, v.two_sided, *place, self.vertices, v.triangles, packed]
+        v.bands.launch(self._raster, lambda row0, row1: ((v.envs, count), [v.view, row0, row1, *shared]), v.device)
+
+
+class PooledRaster:
+    """What may be seen is listed step by step, and threads share the lists; see pooled_kernels."""
+
+    local = True
+
+    def __init__(self, visibility: Visibility, still: np.ndarray, two_sided: np.ndarray) -> None:
+        v = self._v = visibility
+        pieces = clusters.triangle_blocks(v.geometry, still, two_sided)
+        self._blocks, self._still, self._count = put_blocks(pieces, v.put), pieces.still, len(pieces.instance)
+        self.vertices = v.points.reshape((1, -1))
+        self._counters = wp.zeros(pooled_kernels.COUNTERS, dtype=wp.int32, device=v.device)
+        lanes, regions = int(pooled_kernels.LANES), int(pooled_kernels.SMALL_REGIONS)
+        self._envs = min(v.envs, max(1, AT_ONCE // max(1, self._count * lanes)))
+        listed = self._envs * self._count
+        self._listed = v.empty(listed, wp.vec2i)
+        self._small = v.empty((regions, -(-listed // regions) * lanes), wp.vec2i)
+        # Room for a few triangles as large as the image in any case.
+        regions = int(pooled_kernels.LARGE_REGIONS)
+        full = (v.shape[2] // int(pooled_kernels.WIDE) + 1) * (v.shape[1] // int(pooled_kernels.GROUP) + 1)
+        places = min(self._envs * min(2 * len(v.geometry.triangles), LARGE), MOST_LARGE) // regions + 4 * full
+        self._large, self._setups = v.empty((regions, places), wp.vec4i), v.empty((regions, places), Setup)
+        self._list, self._raster, self._tiles = make_pooled(v.lens, SPLIT_AREA)
+
+    def draw(self, packed: wp.array, still: bool, moving: bool) -> None:
+        """Add the still blocks, the others, or both to a z-buffer."""
+        start, count = part_of(self._still, self._count, still, moving)
+        if count:
+            for first in range(0, self._v.envs, self._envs):
+                self._draw(packed, start, count, first, min(self._envs, self._v.envs - first))
+
+    def _draw(self, packed: wp.array, start: int, count: int, first: int, envs: int) -> None:
+        v, counters, listed = self._v, self._counters, self._listed
+        place = [v.rotation, v.translation]
+        corners = [*place, self.vertices, v.triangles]
+        large = [counters, self._large, self._setups, packed]
+        workers = min(WORKERS, envs * count * int(pooled_kernels.LANES))
+        counters.zero_()
+        inputs = [v.view, first, start, self._blocks, *place, counters, listed]
+        wp.launch(pooled_kernels.list_blocks, dim=(envs, count), inputs=inputs, device=v.device)
+        inputs = [v.view, workers, self._blocks, v.two_sided, *corners, listed, counters, self._small]
+        wp.launch(self._list, dim=workers, inputs=inputs, device=v.device)
+        inputs = [v.view, WORKERS, v.triangle_instance, *corners, self._small, *large]
+        wp.launch(self._raster, dim=WORKERS, inputs=inputs, device=v.device)
+        wp.launch(self._tiles, dim=WORKERS, inputs=[v.view, WORKERS, *large], device=v.device)
+
+
+def part_of(first_moving: int, count: int, still: bool, moving: bool) -> tuple[int, int]:
+    """Start and number of the still items, which come first, of the others, or of both."""
+    start = 0 if still else first_moving
+    return start, (count if moving else first_moving) - start
+
+
+def put_blocks(blocks: clusters.Blocks, put: Any) -> Any:
+    """Blocks on the device. put: as Visibility.put."""
+    there = raster_kernels.Blocks()
+    for name in ("instance", "first", "last"):
+        setattr(there, name, put(getattr(blocks, name), wp.int32))
+    there.centre, there.axis = put(blocks.centre, wp.vec3), put(blocks.axis, wp.vec3)
+    for name in ("radius", "extent", "cosine"):
+        setattr(there, name, put(getattr(blocks, name), wp.float32))
+    return there
