@@ -40,7 +40,11 @@ class CameraInfo(Message):
 
 @dataclass
 class Keyframe(Message):
-    """Scene-linear radiance at header.stamp_ns, Rec. 709 primaries."""
+    """Scene-linear radiance at header.stamp_ns, Rec. 709 primaries.
+
+    A supersampled one whose samples are to be moved before they are averaged is larger than the camera by a whole
+    number of times, its margin too.
+    """
 
     header: Header
     radiance: np.ndarray = array("float32|float16", "E H W 3", "[W/(sr m^2)], linear")
@@ -99,6 +103,8 @@ class Frames(Message):
     dlog_dt: np.ndarray | None = array("float32", "E K H W", "d ln(luminance)/dt [1/s] where known", optional=True)
     filled: int = 0
     """Pixels that no keyframe saw and that were filled from a neighbouring surface."""
+    reshaded: int = 0
+    """Pixels that were shaded at their own time, for the keyframes do not show them in full."""
 
 
 @dataclass

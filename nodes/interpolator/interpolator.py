@@ -3,20 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
 
 from evis.clock import subframe_stamps
-from nodes.interpolator import splat
-from nodes.interpolator.keyframe import Method, Report, View, device_named
-from nodes.interpolator.luminance import luminance_of
+from evis.geometry import se3
+from evis.scene.model import Camera, Scene
+from nodes.interpolator import kernels, splat
+from nodes.interpolator.keyframe import Method, Report, States, View, device_named
+from nodes.interpolator.luminance import luminance_of, scalars
 from nodes.interpolator.passthrough import Passthrough, crop
+from nodes.renderer.cameras import finer
 
-NEEDS: dict[str, frozenset[str]] = {"splat": splat.NEEDS, "none": frozenset()}
-"""Images of a keyframe that a method uses besides the radiance."""
+if TYPE_CHECKING:
+    from nodes.renderer.path import PathOptions
 
-Allocate = Callable[[tuple[int, ...]], np.ndarray]
+NEEDS: dict[str, frozenset[str]] = {
+    "rigid": frozenset({"states"}),
+    "splat": splat.NEEDS,
+    "splat-forward": splat.NEEDS | {"states"},
+    "none": frozenset(),
+}
+"""What a method uses of a keyframe besides the radiance."""
+
+Image = np.ndarray | wp.array
+"""Of numpy, or on a device, where its vectors may be elements: [E, H, W] of vec3 in place of [E, H, W, 3]."""
+
+Allocate = Callable[[tuple[int, ...]], np.ndarray | wp.array]
+"""Gives the memory for frames of a shape: numpy's, or on the device, [E, K, h, w] of float32 or, in colour, vec3."""
 
 
 def new_frames(shape: tuple[int, ...]) -> np.ndarray:
@@ -28,11 +44,32 @@ class Interpolator:
     """The stream of one camera's keyframes. It remembers the last one; the caller keeps that one's arrays valid."""
 
     def __init__(
-        self, method: str, upsampling: int, *, colour: bool = False, device: str = "cpu", threads: int = 1
+        self,
+        method: str,
+        upsampling: int,
+        *,
+        colour: bool = False,
+        device: str = "cpu",
+        threads: int = 1,
+        scene: Scene | None = None,
+        camera: Camera | None = None,
+        light_samples: int = 16,
+        paths: PathOptions | None = None,
+        tolerance: float = 0.1,
     ) -> None:
-        """method: `splat` or `none`. upsampling: K. colour: frames are linear RGB instead of luminance."""
+        """method: a key of NEEDS. upsampling: K. colour: frames are linear RGB instead of luminance.
+
+        scene, camera, light_samples, paths: those of the renderer, for methods that use the bodies' states. Raises
+        ValueError where these have none. tolerance: error of log radiance that `rigid` looks for, to shade anew.
+        """
         if method not in NEEDS or upsampling < 1:
-            raise ValueError(f"interpolator method '{method}' with upsampling {upsampling}: splat or none, 1 or more")
+            names = ", ".join(NEEDS)
+            raise ValueError(f"interpolator method '{method}' with upsampling {upsampling}: {names}; 1 or more")
+        if "states" in NEEDS[method] and (scene is None or camera is None):
+            raise ValueError(f"the {method} interpolator needs the scene and its camera; without them use splat")
+        self._name = method
+        self._scene, self._camera = scene, camera
+        self._light: dict[str, Any] = {"light_samples": light_samples, "paths": paths, "tolerance": tolerance}
         self.upsampling = 1 if method == "none" else upsampling
         self._needs = NEEDS[method]
         self._colour = colour
@@ -43,76 +80,171 @@ class Interpolator:
         self._last: View | None = None
         self._stamp = 0
         self._episodes = np.zeros(0, np.int32)
+        self._samples = 1
+        self._made: Any = new_frames((0,))
         self.report = Report()
 
     def push(
         self,
         stamp_ns: int,
         episodes: np.ndarray,
-        radiance: np.ndarray,
-        depth: np.ndarray | None,
-        motion: np.ndarray | None,
+        radiance: Image,
+        depth: Image | None,
+        motion: Image | None,
         margin: int = 0,
         allocate: Allocate = new_frames,
-    ) -> tuple[np.ndarray, np.ndarray]:
+        states: States | None = None,
+    ) -> tuple[np.ndarray, Any]:
         """Frames of the gap that ends with this keyframe.
 
-        radiance: float32 or float16 [E, H, W, 3]. depth: float32 [E, H, W] m. motion: float32 [E, H, W, 2] px. margin:
-        pixels beyond the image on every side. allocate: gives the array of a shape to write the frames into.
+        radiance: float32 or float16 [E, H, W, 3]. depth: float32 [E, H, W] m. motion: float32 [E, H, W, 2] px; all of
+        numpy or on the device, where they must stay as they are until the next call but one. margin:
+        pixels beyond the image on every side. allocate: gives the array of a shape to write the frames into. states: of
+        the bodies, from the keyframe before to this one. Of depth, motion and states only what the method uses is read.
         Returns (stamps int64 [K] ns, frames float32 [E, K, h, w] or, in colour, [E, K, h, w, 3]); K = 1 where all
         environments begin an episode. Environments that begin one while others go on hold this keyframe in all K
-        frames. `report` tells what was filled. Raises ValueError.
+        frames. Where the camera is known and keyframes, margin included, are n times its size, they hold n x n samples
+        of every pixel apart, which are averaged in the frames. `report` tells what was filled. Raises ValueError.
         """
-        envs, height, width, _ = radiance.shape
+        envs, height, width = radiance.shape[:3]
         if min(height, width) <= 2 * margin:
             raise ValueError(f"keyframe of {width}x{height} px is no larger than its margin of {margin} px per side")
-        if self._size not in (None, (radiance.shape, margin)):
-            raise ValueError(f"keyframe is {radiance.shape} with margin {margin}, before it was {self._size}")
-        self._size = (radiance.shape, margin)
-        view = View(self._image(radiance), self._use("depth", depth), self._use("motion", motion))
+        size = (envs, height, width), margin
+        if self._size not in (None, size):
+            raise ValueError(f"keyframe is {size[0]} with margin {margin}, before it was {self._size}")
+        if self._size is None:
+            self._samples = self._samples_of(height, width, margin)
+        self._size = size
+        view = View(self._image(radiance), self._use("depth", depth), self._use("motion", motion), stamp_ns=stamp_ns)
+        view.states = self._check(states)
         held = np.ones(envs, bool) if self._last is None else np.asarray(episodes) != self._episodes
         begins = bool(held.all())
         stamps = np.array([stamp_ns]) if begins else subframe_stamps(self._stamp, stamp_ns, self.upsampling)
         if not begins and stamp_ns <= self._stamp:
             raise ValueError(f"keyframe at {stamp_ns} ns came after the one at {self._stamp} ns of the same episode")
         tail = (3,) if self._colour else ()
-        out = allocate((envs, len(stamps), height - 2 * margin, width - 2 * margin, *tail))
+        n = self._samples
+        out = allocate((envs, len(stamps), height // n - 2 * margin // n, width // n - 2 * margin // n, *tail))
+        fine = envs, len(stamps), height - 2 * margin, width - 2 * margin, *tail
+        made = out if n == 1 else self._fine(fine, isinstance(out, wp.array))
         if begins or self._last is None:
-            crop(view, margin, out)
+            crop(view, margin, made)
             self.report = Report()
         else:
             if self._method is None:
                 self._method = self._build(envs, height, width, margin)
-            self.report = self._method.between(self._last, view, held, out)
+            self.report = self._method.between(self._last, view, held, made)
+        if n > 1:
+            self._average(made, out)
         self._last, self._stamp, self._episodes = view, stamp_ns, np.array(episodes)
         return stamps, out
 
+    def _samples_of(self, height: int, width: int, margin: int) -> int:
+        """Samples per pixel and axis that keyframes of a size hold apart. Raises ValueError for any other size."""
+        camera = self._camera
+        if camera is None:
+            return 1
+        n = (height - 2 * margin) // camera.height
+        if (height - 2 * margin, width - 2 * margin) != (n * camera.height, n * camera.width) or margin % max(n, 1):
+            raise ValueError(
+                f"keyframes are {width}x{height} px with a margin of {margin} px, camera '{camera.name}' is "
+                f"{camera.width}x{camera.height} px; give renderer and interpolator the same scene and size"
+            )
+        return n
+
+    def _fine(self, shape: tuple[int, ...], on_device: bool) -> Any:
+        """Memory for the frames before their samples are averaged."""
+        if tuple(self._made.shape[:4]) != shape[:4]:
+            pixel: Any = wp.vec3 if self._colour else wp.float32
+            self._made = wp.empty(shape[:4], dtype=pixel, device=self._device) if on_device else new_frames(shape)
+        return self._made
+
+    def _average(self, fine: Any, out: Any) -> None:
+        """Frames as the means of their samples."""
+        channels = 3 if self._colour else 1
+        arrays: list[wp.array] = []
+        for image in (fine, out):
+            shape = (image.shape[0] * image.shape[1], image.shape[2], image.shape[3] * channels)
+            if isinstance(image, wp.array):
+                arrays.append(image.flatten().view(wp.float32).reshape(shape))
+            else:
+                arrays.append(wp.array(image, dtype=wp.float32, shape=shape, copy=False, device="cpu"))
+        dim, device = arrays[1].shape[:2], arrays[1].device
+        wp.launch(kernels.mean, dim, [self._samples, channels, arrays[0]], [arrays[1]], device=device)
+
     def warm_up(self) -> None:
         """Compile the kernels now rather than at the first keyframe."""
-        tiny = Interpolator("splat" if self._needs else "none", 2, colour=self._colour, device=str(self._device))
+        if "states" in self._needs:
+            self._warm_up_in_scene()
+            return
+        tiny = Interpolator(self._name, 2, colour=self._colour, device=str(self._device))
         for stamp in (0, 2):
             for dtype in (np.float16, np.float32):
                 tiny._image(np.ones((1, 4, 4, 3), dtype))
             radiance, depth, motion = (np.ones((1, 4, 4, *tail), np.float32) for tail in ((3,), (), (2,)))
             tiny.push(stamp, np.zeros(1, np.int32), radiance, depth, motion)
 
-    def _build(self, envs: int, height: int, width: int, margin: int) -> Method:
-        if not self._needs:
-            return Passthrough(margin)
-        channels = 3 if self._colour else 1
-        return splat.make_splat(
-            height, width, envs, self.upsampling, margin, channels, str(self._device), self._threads
+    def _warm_up_in_scene(self) -> None:
+        """A gap of the scene itself, for its kernels depend on what there is in it."""
+        assert self._scene is not None and self._camera is not None
+        camera, bodies = self._camera, len(self._scene.bodies)
+        tiny = Interpolator(
+            self._name, 2, colour=self._colour, device=str(self._device), scene=self._scene, camera=camera,
+            **self._light,
         )  # fmt: skip
+        pose = np.tile(se3.IDENTITY, (1, 2, bodies, 1))
+        for stamp in (0, 2):
+            for dtype in (np.float16, np.float32):
+                radiance = np.ones((1, camera.height, camera.width, 3), dtype)
+                tiny._image(radiance)
+            # The camera turns a little, or nothing would be looked up.
+            pose[:, :, :, 3] = 0.5e-3 * stamp
+            states = States(np.array([stamp - 2, stamp]), pose.copy(), np.zeros((1, 2, bodies, 6)))
+            depth, motion = (np.ones((1, camera.height, camera.width, *tail), np.float32) for tail in ((), (2,)))
+            tiny.push(stamp, np.zeros(1, np.int32), radiance, depth, motion, states=states)
 
-    def _use(self, name: str, image: np.ndarray | None) -> wp.array | None:
+    def _build(self, envs: int, height: int, width: int, margin: int) -> Method:
+        channels, device = 3 if self._colour else 1, str(self._device)
+        if self._name == "none":
+            return Passthrough(margin)
+        if self._name == "splat":
+            return splat.make_splat(height, width, envs, self.upsampling, margin, channels, device, self._threads)
+        assert self._scene is not None and self._camera is not None
+        camera = finer(self._camera, self._samples)
+        how = (self._scene, camera, envs, self.upsampling, margin, channels, device, self._threads)
+        if self._name == "splat-forward":
+            from nodes.interpolator.forward import SplatForward
+
+            return SplatForward(*how)
+        from nodes.interpolator.rigid import Rigid
+
+        return Rigid(*how, **self._light)
+
+    def _check(self, states: States | None) -> States | None:
+        """The states that the method uses, or None. Raises ValueError where they do not fit the scene or the gap."""
+        if "states" not in self._needs or self._scene is None:
+            return None
+        if states is None:
+            raise ValueError(f"the {self._name} interpolator needs the bodies' states with every keyframe")
+        bodies = len(self._scene.bodies)
+        if states.pose.shape[2] != bodies:
+            raise ValueError(f"the states have {states.pose.shape[2]} bodies, scene {self._scene.name} has {bodies}")
+        return states
+
+    def _use(self, name: str, image: Image | None) -> wp.array | None:
         if name not in self._needs:
             return None
         if image is None:
-            raise ValueError(f"the splat interpolator needs {name} with every keyframe")
-        return wp.array(image, dtype=wp.float32, device=self._device, copy=False)
+            raise ValueError(f"the {self._name} interpolator needs {name} with every keyframe")
+        return scalars(image, self._device)
 
-    def _image(self, radiance: np.ndarray) -> wp.array:
+    def _image(self, radiance: Image) -> wp.array:
         """What is warped: luminance, or RGB, in float32 on the device."""
         if self._colour:
-            return wp.array(radiance.astype(np.float32, copy=False), dtype=wp.float32, device=self._device, copy=False)
+            image = scalars(radiance, self._device)
+            if image.dtype is wp.float32:
+                return image
+            single = wp.empty(image.shape, dtype=wp.float32, device=self._device)
+            wp.utils.array_cast(image.flatten(), single.flatten())
+            return single
         return luminance_of(radiance, self._device)

@@ -59,6 +59,39 @@ def luminance(
     image[i] = 0.2126 * r + 0.7152 * g + 0.0722 * b
 
 
+@wp.kernel
+def negated(
+    # in
+    values: wp.array(dtype=wp.float32),
+    # out
+    result: wp.array(dtype=wp.float32),
+):
+    i = wp.tid()
+    result[i] = -values[i]
+
+
+@wp.kernel
+def mean(
+    # in
+    samples: int,
+    channels: int,
+    fine: wp.array3d(dtype=wp.float32),
+    # out
+    frames: wp.array3d(dtype=wp.float32),
+):
+    """Frames [R, h, w C] of C channels: means of samples x samples pixels of fine [R, samples h, samples w C]."""
+    row, y = wp.tid()
+    x = wp.int32(0)
+    while x < frames.shape[2]:
+        first = x // channels * channels * samples + x % channels
+        total = wp.float32(0.0)
+        for j in range(samples):
+            for i in range(samples):
+                total += fine[row, y * samples + j, first + i * channels]
+        frames[row, y, x] = total / float(samples * samples)
+        x += 1
+
+
 @wp.func
 def displaced_depth(depth: wp.array3d(dtype=wp.float32), env: int, x: wp.float32, y: wp.float32, own: wp.float32):
     """Depth of the nearest pixel to (x, y) in the other keyframe; `own` where that is outside or sky."""

@@ -23,31 +23,55 @@ def device_named(name: str) -> Any:
 
 
 @dataclass
+class States:
+    """Where the bodies are over the interval that ends with a keyframe.
+
+    t: int64 [S] ns, ascending, from the keyframe before to this one. pose: float64 [E, S, N, 7]. twist: float64
+    [E, S, N, 6], world frame.
+    """
+
+    t: np.ndarray
+    pose: np.ndarray
+    twist: np.ndarray
+
+
+@dataclass
 class View:
     """One keyframe of E environments, margin included, as a method sees it.
 
     image: float32 [E, H, W] luminance or [E, H, W, 3] linear RGB. depth: float32 [E, H, W] m, +inf = sky. motion:
-    float32 [E, H, W, 2] px, backward. depth and motion are None for a method that does not use them.
+    float32 [E, H, W, 2] px, backward. stamp_ns: its time. What a method does not use is None.
     """
 
     image: wp.array
     depth: wp.array | None = None
     motion: wp.array | None = None
+    states: States | None = None
+    stamp_ns: int = 0
 
 
 @dataclass
 class Report:
-    """Counts of one gap: pixels that no keyframe saw, and sources dropped because their motion is not finite."""
+    """Counts of one gap, pixels of sub-frames but for the last.
+
+    filled: seen by no keyframe and guessed from a neighbour. nonfinite: sources dropped because their motion or their
+    radiance is not finite. reshaded: shaded anew at their own time. samples: all pixels of the sub-frames that were
+    made.
+    """
 
     filled: int = 0
     nonfinite: int = 0
+    reshaded: int = 0
+    samples: int = 0
 
 
 class Method(Protocol):
     """Makes the frames of the gap between two keyframes."""
 
-    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray) -> Report:
+    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
         """Write frames i = 1 .. K of the gap into out, float32 [E, K, h, w(, 3)] without margin; the last is b itself.
+
+        out: numpy, or an array of the method's device.
 
         held: bool [E], environments that begin a new episode with b; all their frames are b.
         """

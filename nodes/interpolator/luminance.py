@@ -10,9 +10,21 @@ import warp as wp
 from nodes.interpolator import kernels
 
 
-def luminance_of(radiance: np.ndarray, device: Any = "cpu") -> wp.array:
+def luminance_of(radiance: np.ndarray | wp.array, device: Any = "cpu") -> wp.array:
     """float32 [...] Rec. 709 luminance of linear radiance [..., 3] in float32 or float16, on the device."""
-    pixels: wp.array = wp.array(radiance.reshape(-1, 3), device=device, copy=False)
-    image = wp.empty(radiance.shape[:-1], dtype=wp.float32, device=device)
-    wp.launch(kernels.luminance, pixels.shape[0], [pixels], [image.flatten()], device=device)
+    pixels = scalars(radiance, device)
+    image = wp.empty(pixels.shape[:-1], dtype=wp.float32, device=device)
+    wp.launch(kernels.luminance, image.size, [pixels.reshape((-1, 3))], [image.flatten()], device=device)
     return image
+
+
+def scalars(image: np.ndarray | wp.array, device: Any) -> wp.array:
+    """An image on the device, without a copy where it is there, its vectors as one more axis."""
+    if not isinstance(image, wp.array):
+        return wp.array(image, device=device, copy=False)
+    length = getattr(image.dtype, "_length_", 1)
+    if length > 1:
+        scalar: Any = getattr(image.dtype, "_wp_scalar_type_", None)
+        image = image.view(scalar).reshape((*image.shape, length))
+    there: Any = image
+    return there.to(device)

@@ -11,9 +11,26 @@ from evis.node import Input, Node, Output
 from evis.params import Param
 from msgs.camera import Depth, Frames, Keyframe, Motion
 from msgs.header import Header, Message
+from msgs.world import WorldState
 
 if TYPE_CHECKING:
+    from evis.scene.model import Scene
     from nodes.interpolator.interpolator import Interpolator
+    from nodes.interpolator.keyframe import States
+
+
+READS: dict[str, frozenset[str]] = {
+    "rigid": frozenset({"state"}),
+    "splat": frozenset({"depth", "motion"}),
+    "splat-forward": frozenset({"depth", "motion", "state"}),
+    "none": frozenset(),
+}
+"""Inputs that a method reads besides the keyframe."""
+
+
+def usable(params: Mapping[str, Any]) -> str:
+    """The method asked for, or splat where there is no scene to know the bodies from."""
+    return "splat" if "state" in READS[params["method"]] and not params.get("scene") else params["method"]
 
 
 class InterpolatorNode(Node):
@@ -21,35 +38,73 @@ class InterpolatorNode(Node):
 
     PARAMS = {
         "camera": Param(str, "cam0", "which camera of the scene"),
-        "method": Param(str, "splat", "splat: warp by motion and depth; none: pass on", choices=("splat", "none")),
+        "method": Param(
+            str, "rigid",
+            "rigid: exact geometry from body poses; splat: warp by motion and depth; splat-forward: the same with the "
+            "true motion of the first keyframe; none: pass on",
+            choices=tuple(READS),
+        ),
+        "scene": Param(str, None, "scene by name, or its file, for rigid", optional=True),
+        "scene_args": Param(str, "", "the scene's own arguments, key=value,key=value"),
+        "width": Param(int, 0, "image width, 0 = the scene's", "px", 0, 8192),
+        "height": Param(int, 0, "image height, 0 = the scene's", "px", 0, 8192),
+        "tolerance": Param(
+            float, 0.1, "error of ln I that rigid looks for, to shade anew; less costs more", minimum=0.001, maximum=10
+        ),
+        "light_samples": Param(int, 16, "the renderer's shadow rays for an area light", minimum=1, maximum=4096),
+        "bounces": Param(int, 0, "the renderer's bounces of light", "", 0, 63),
+        "sky_occlusion": Param(bool, False, "whether the renderer has light of the sky that things hide"),
+        "path_samples": Param(int, 16, "the renderer's paths per pixel", minimum=1, maximum=65536),
+        "roulette": Param(bool, False, "whether the renderer ends paths at random"),
         "upsampling": Param(int, 8, "frames per gap (K)", minimum=1, maximum=4096),
         "device": Param(str, "cpu", "cpu, cuda or cuda:N"),
         "colour": Param(bool, False, "frames are linear RGB, for colour events, instead of luminance"),
         "threads": Param(int, 1, "CPU threads, which share the frames of a gap", minimum=1, maximum=256),
-    }
+    }  # fmt: skip
     INPUTS = {
         "keyframe": Input("/{camera}/keyframe"),
         "depth": Input("/{camera}/depth"),
         "motion": Input("/{camera}/motion"),
+        "state": Input("/state"),
     }
     OUTPUTS = {"frames": Output("/{camera}/frames")}
     interpolator: Interpolator
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """Depth and motion only for a method that warps."""
-        return frozenset(cls.INPUTS) if params["method"] == "splat" else frozenset({"keyframe"})
+        """Depth and motion only for the method that warps by them, states for the one that knows the bodies."""
+        return frozenset({"keyframe"}) | READS[usable(params)]
 
     def setup(self) -> None:
         from nodes.interpolator.interpolator import Interpolator
 
         p = self.params
-        self.interpolator = Interpolator(
-            p["method"], p["upsampling"], colour=p["colour"], device=p["device"], threads=p["threads"]
-        )
+        self._method = method = usable(p)
+        if method != p["method"]:
+            self.warn(f"method {p['method']} needs the scene that was rendered (scene:=NAME); {method} is used instead")
+        scene = self._scene() if "state" in READS[method] else None
+        try:
+            camera = scene.camera(p["camera"]) if scene else None
+        except KeyError as error:
+            raise ValueError(error.args[0]) from None
+        self._names = [body.name for body in scene.bodies] if scene else []
+        light = {"light_samples": p["light_samples"]}
+        if scene and (p["bounces"] or p["sky_occlusion"]):
+            from nodes.renderer.path import PathOptions
+
+            light["paths"] = PathOptions(p["bounces"], p["path_samples"], p["roulette"])
+        how = {key: p[key] for key in ("colour", "device", "threads", "tolerance")}
+        self.interpolator = Interpolator(method, p["upsampling"], scene=scene, camera=camera, **how, **light)
         self.interpolator.warm_up()
         self._field = "rgb" if p["colour"] else "luminance"
         self._kept: list[Message] = []
+
+    def _scene(self) -> Scene:
+        from evis.scene.load import load_scene, parse_args
+
+        p = self.params
+        size = {key: p[key] for key in ("width", "height") if p[key]}
+        return load_scene(p["scene"], {**parse_args(p["scene_args"]), **size})
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         key = inputs["keyframe"]
@@ -63,6 +118,7 @@ class InterpolatorNode(Node):
             motion.motion if isinstance(motion, Motion) else None,
             key.margin,
             self._allocate,
+            self._states(inputs.get("state")),
         )
         # The arrays of this keyframe are those of A in the next gap.
         for message in inputs.values():
@@ -70,12 +126,29 @@ class InterpolatorNode(Node):
         self._release()
         self._kept = list(inputs.values())
         report = self.interpolator.report
-        for name, amount in (("filled_pixels", report.filled), ("nonfinite_motion", report.nonfinite)):
+        counts = {"filled_pixels": report.filled, "reshaded_pixels": report.reshaded}
+        counts["nonfinite_pixels" if self._method == "rigid" else "nonfinite_motion"] = report.nonfinite
+        for name, amount in counts.items():
             if amount:
                 self.count(name, amount)
         header = Header(key.header.stamp_ns, clock=key.header.clock, episode=key.header.episode)
         images: dict[str, Any] = {self._field: frames}
-        self.publish("frames", Frames(header, t=t, episodes=np.array(key.episodes), filled=report.filled, **images))
+        message = Frames(header, t=t, episodes=np.array(key.episodes), filled=report.filled, **images)
+        message.reshaded = report.reshaded
+        self.publish("frames", message)
+
+    def _states(self, state: Message | None) -> States | None:
+        """What the method gets of /state. Raises ValueError where that is of another scene."""
+        if not isinstance(state, WorldState):
+            return None
+        from nodes.interpolator.keyframe import States
+
+        if self._names and state.names != self._names:
+            raise ValueError(
+                f"{self.name}: /state has bodies {', '.join(state.names)}, the scene has {', '.join(self._names)}; "
+                "give both nodes the same scene and scene_args"
+            )
+        return States(state.t, state.pose, state.twist)
 
     def _allocate(self, shape: tuple[int, ...]) -> np.ndarray:
         return self.loan("frames", **{self._field: (shape, np.float32)})[self._field]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import warp as wp
 
 from nodes.interpolator.keyframe import Report, View
 
@@ -15,13 +16,20 @@ class Passthrough:
     def __init__(self, margin: int) -> None:
         self._margin = margin
 
-    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray) -> Report:
+    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
         """See Method; out has K = 1."""
         crop(b, self._margin, out)
         return Report()
 
 
-def crop(view: View, margin: int, out: np.ndarray) -> None:
-    """The keyframe without its margin as every frame of out."""
-    image = view.image.numpy()
-    out[:] = image[:, None, margin : image.shape[1] - margin, margin : image.shape[2] - margin]
+def crop(view: View, margin: int, out: np.ndarray | wp.array) -> None:
+    """The keyframe without its margin as the one frame of out."""
+    height, width = view.image.shape[1:3]
+    image = view.image[:, margin : height - margin, margin : width - margin]
+    if isinstance(out, wp.array):
+        if image.ndim == 4:
+            whole = view.image.view(wp.vec3).reshape(view.image.shape[:3])
+            image = whole[:, margin : height - margin, margin : width - margin]
+        wp.copy(out[:, 0], image)
+    else:
+        out[:, 0] = image.numpy()

@@ -17,7 +17,7 @@ from evis.geometry import interpolate, se3
 from evis.scene.model import Scene
 from nodes.physics.contacts import contacts_of, gather
 from nodes.physics.interval import Interval
-from nodes.physics.prescribed import prescribed_states
+from nodes.physics.prescribed import PrescribedStates
 from nodes.physics.watchdog import Watchdog
 
 MAX_STEP_NS = 1_000_000
@@ -64,6 +64,7 @@ class MujocoEngine:
         self._moved = [n for n, body in enumerate(scene.bodies) if body.trajectory is None and body.mount is None]
         if self._moved and self._moved[-1] >= self.model.nbody - 1:
             raise ValueError(f"scene {scene.name}: body '{scene.bodies[self._moved[-1]].name}' has no motion")
+        self._prescribed = PrescribedStates(scene)
         self._stamp, self._grid = 0, 0
         for k in range(envs):
             self._reset(k)
@@ -188,7 +189,7 @@ class MujocoEngine:
 
     def _interval(self, t: np.ndarray, states: list[dict[str, Any]], faults: list[tuple[int, str]]) -> Interval:
         """The engine's bodies, the prescribed ones and the mounted ones, put together."""
-        pose, twist = (np.tile(a, (self.envs, 1, 1, 1)) for a in prescribed_states(self.scene, t))
+        pose, twist = (np.tile(a, (self.envs, 1, 1, 1)) for a in self._prescribed.at(t))
         moved = self._moved
         pose[:, :, moved] = np.stack([s["pose"][:, moved] for s in states], axis=1)
         twist[:, :, moved] = np.stack([s["twist"][:, moved] for s in states], axis=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from evis.scene.model import Scene
+from evis.scene.model import Scene, Trajectory
 from nodes.physics.interval import Interval, grid_inside
 
 
@@ -15,6 +15,7 @@ class PrescribedEngine:
 
     def __init__(self, scene: Scene, envs: int = 1) -> None:
         self.scene = scene
+        self._states = PrescribedStates(scene)
         self.envs = envs
         self._now = 0
 
@@ -29,16 +30,37 @@ class PrescribedEngine:
         return self._at(t)
 
     def _at(self, t: np.ndarray) -> Interval:
-        pose, twist = prescribed_states(self.scene, t)
+        pose, twist = self._states.at(t)
         return Interval(
             t, np.broadcast_to(pose, (self.envs, *pose.shape)), np.broadcast_to(twist, (self.envs, *twist.shape))
         )
 
 
+class PrescribedStates:
+    """Closed-form states of a scene's bodies; those that never move are looked at once."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._rest = np.full((len(scene.bodies), 7), np.nan)
+        self._still = np.zeros(len(scene.bodies), bool)
+        self._moving: list[tuple[int, Trajectory]] = []
+        for n, body in enumerate(scene.bodies):
+            if body.trajectory is None:
+                continue
+            self._still[n] = body.trajectory.is_static()
+            if self._still[n]:
+                self._rest[n] = body.trajectory.pose(np.zeros(1, np.int64))[0]
+            else:
+                self._moving.append((n, body.trajectory))
+
+    def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Poses [S, N, 7] and twists [S, N, 6] at times int64 [S] ns; NaN for bodies that the physics engine moves."""
+        pose, twist = np.tile(self._rest, (len(t), 1, 1)), np.full((len(t), len(self._rest), 6), np.nan)
+        twist[:, self._still] = 0.0
+        for n, trajectory in self._moving:
+            pose[:, n], twist[:, n] = trajectory.pose(t), trajectory.twist(t)
+        return pose, twist
+
+
 def prescribed_states(scene: Scene, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Poses [S, N, 7] and twists [S, N, 6] at times int64 [S] ns; NaN for bodies that the physics engine moves."""
-    pose, twist = np.full((len(t), len(scene.bodies), 7), np.nan), np.full((len(t), len(scene.bodies), 6), np.nan)
-    for n, body in enumerate(scene.bodies):
-        if body.trajectory is not None:
-            pose[:, n], twist[:, n] = body.trajectory.pose(t), body.trajectory.twist(t)
-    return pose, twist
+    """As PrescribedStates.at, for once."""
+    return PrescribedStates(scene).at(t)

@@ -31,6 +31,9 @@ class Recorder:
         parameters = {name: node.params for name, node in plan.nodes.items()}
         run = {"name": plan.name, "run_id": plan.run_id, "mode": plan.mode, "seed": plan.seed}
         arguments = {f"arg.{key}": value for key, value in plan.args.items()}
+        # A launch file may make the scene's arguments from its own.
+        given = [params["scene_args"] for params in parameters.values() if params.get("scene_args")]
+        arguments |= {"arg.scene_args": given[0]} if given else {}
         metadata = describe_run(plan.launch_text, parameters, **run, **arguments)
         self.writer = BagWriter(path, metadata, event_encoding=encoding)
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.metrics import Stream, count_error, event_frame_error, time_error, victor_purpura
+from bench.metrics import Stream, count_error, event_frame_error, log_error, time_error, victor_purpura
 
 
 def stream(*events: tuple[float, int, int, int]) -> Stream:
@@ -77,3 +77,12 @@ def test_time_error_by_hand() -> None:
     median, most = time_error(test, BASE)
     assert median == pytest.approx(10.0) and 10.0 < most <= 30.0
     assert time_error(stream((0, 3, 2, 1)), BASE) == (0.0, 0.0)
+
+
+def test_log_error_by_hand() -> None:
+    """Two of four lit pixels are e times too bright: rms of (1, 1, 0, 0) over a threshold of 0.5; sky is left out."""
+    reference = np.array([[2.0, 3.0, 0.5, 1e-3, 0.0]], np.float32)
+    frames = reference * np.array([np.e, 1 / np.e, 1, 1, 1], np.float32)
+    assert log_error(frames, reference, 0.5) == pytest.approx(np.sqrt(0.5) / 0.5, rel=1e-6)
+    assert log_error(reference, reference, 0.5) == 0.0
+    assert not np.isfinite(log_error(np.zeros_like(reference), reference, 0.5))

@@ -6,6 +6,7 @@ import pytest
 from evis.params import ParamError
 from msgs.camera import Depth, Frames, Keyframe, Motion
 from msgs.header import Header
+from msgs.world import WorldState
 from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.node import InterpolatorNode
 
@@ -16,7 +17,7 @@ class Bus:
     """Stands for the executor: takes what is published, counts, and poisons a loan that is written no more."""
 
     def __init__(self):
-        self.sent, self.counted = [], {}
+        self.sent, self.counted, self.said = [], {}, []
 
     def loan(self, node, port, arrays):
         return {name: np.full(shape, np.nan, dtype) for name, (shape, dtype) in arrays.items()}
@@ -24,6 +25,9 @@ class Bus:
     def publish(self, node, port, message):
         message.check()
         self.sent.append(message)
+
+    def diagnose(self, node, level, text):
+        self.said.append((level, text))
 
     def count(self, node, name, amount):
         self.counted[name] = self.counted.get(name, 0) + amount
@@ -47,7 +51,7 @@ class Slot:
 
 
 def start(**params):
-    node = InterpolatorNode("interpolator", params)
+    node = InterpolatorNode("interpolator", {"method": "splat", **params})
     node.runtime = Bus()
     node.setup()
     return node
@@ -186,3 +190,53 @@ def test_node_module_is_light():
 
     code = "import sys, nodes.interpolator.node, nodes.event_sensor.node; sys.exit('warp' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0
+
+
+def test_each_method_asks_for_what_it_reads():
+    frames = frozenset({"frames"})
+    asked = lambda **given: InterpolatorNode.needs({"method": "rigid", "scene": None, **given}, frames)
+    assert asked(scene="spinning_disk") == {"keyframe", "state"}
+    assert asked(method="splat", scene="spinning_disk") == {"keyframe", "depth", "motion"}
+    assert asked(method="splat-forward", scene="spinning_disk") == {"keyframe", "depth", "motion", "state"}
+    assert asked(method="none") == {"keyframe"}
+    assert asked() == {"keyframe", "depth", "motion"}, "without a scene there is only splat"
+
+
+def test_rigid_without_a_scene_says_that_it_is_splat():
+    rng = np.random.default_rng(1)
+    node = start(method="rigid", upsampling=4)
+    assert node.runtime.said == [
+        ("warning", "method rigid needs the scene that was rendered (scene:=NAME); splat is used instead")
+    ]
+    for k in range(2):
+        deliver(node, inputs(k, rng))
+    assert node.runtime.sent[-1].luminance.shape == (1, 4, H, W)
+
+
+def test_rigid_from_keyframes_and_states_alone():
+    """The disk of the scene, rendered here; what is shaded anew is counted, and a foreign state is refused."""
+    from evis.scene import load_scene
+    from nodes.renderer.renderer import Renderer
+
+    scene = load_scene("spinning_disk", {"width": 64, "height": 48})
+    names = [body.name for body in scene.bodies]
+    renderer = Renderer(scene, scene.camera("cam0"))
+    node = start(method="rigid", upsampling=4, scene="spinning_disk", width=64, height=48)
+    for k in range(2):
+        t = np.arange(max(k - 1, 0) * 10, k * 10 + 1) * 1_000_000
+        pose = np.stack([body.trajectory.pose(t) for body in scene.bodies], 1)[None]
+        twist = np.stack([body.trajectory.twist(t) for body in scene.bodies], 1)[None]
+        header = Header(k * 10_000_000, clock="sim")
+        radiance = renderer.render(pose[:, -1])["radiance"].copy()
+        state = WorldState(header, t, pose, twist, np.zeros(1, np.int32), names=names)
+        messages = {"keyframe": Keyframe(header, radiance, np.zeros(1, np.int32)), "state": state}
+        for message in messages.values():
+            message._slot = Slot([])
+        deliver(node, messages)
+    frames = node.runtime.sent[-1]
+    assert frames.luminance.shape == (1, 4, 48, 64) and frames.t.tolist() == [2500000, 5000000, 7500000, 10000000]
+    assert node.runtime.counted["reshaded_pixels"] == frames.reshaded > 0 == frames.filled
+    np.testing.assert_allclose(frames.luminance[:, -1], radiance @ [0.2126, 0.7152, 0.0722], rtol=1e-6)
+    messages["state"].names = ["moon", "cam0"]
+    with pytest.raises(ValueError, match="/state has bodies moon, cam0, the scene has"):
+        node.update(messages)

@@ -18,7 +18,7 @@ from evis.plan import Plan
 
 STANDARD = {
     "scene": None, "seed": 0, "device": "cpu", "envs": 1, "width": 346, "height": 260, "keyframe_rate": 30,
-    "upsampling": 8, "interpolator": "splat", "threshold": None, "preset": "ideal",
+    "upsampling": 8, "interpolator": "rigid", "threshold": None, "preset": "ideal",
 }  # fmt: skip
 
 
@@ -64,7 +64,7 @@ def test_the_disk_leaves_out_what_it_does_not_need() -> None:
     assert groups.pop("sensor") == ["interpolator", "event_sensor"]
     assert groups == {name: [name] for name in ("physics", "renderer", "visualizer")}
     kinds = {(e.node, t.name): e.kind for t in made.topics.values() for e in t.edges}
-    assert kinds[("interpolator", "/cam0/motion")] == "lockstep"
+    assert kinds[("interpolator", "/state")] == "lockstep"
 
 
 def test_without_upsampling_there_is_no_interpolator() -> None:
@@ -182,5 +182,7 @@ def test_two_worlds_run_side_by_side_in_namespaces(tmp_path: Path) -> None:
         )
     )
     made = plan(str(path))
-    assert [e.node for e in made.topics["/two/state"].edges] == ["two/renderer", "two/labeler", "two/imu"]
+    assert [e.node for e in made.topics["/two/state"].edges] == [
+        "two/renderer", "two/interpolator", "two/labeler", "two/imu",
+    ]  # fmt: skip
     assert {n.process for n in made.nodes.values()} >= {"one.physics", "two.physics", "one.sensor", "two.sensor"}

@@ -251,10 +251,11 @@ def test_the_wire_format_is_what_the_docstring_says():
     """Read without our decoder, by msgpack and numpy alone."""
     t, luminance = np.array([5, 9]), np.arange(12, dtype=np.float32).reshape(1, 2, 2, 3)
     message = Frames(Header(9, 3, "sim", 1), t=t, episodes=np.array([1], np.int32), luminance=luminance, filled=4)
+    message.reshaded = 6
     head, *buffers = frames_of(message)
     body = msgpack.unpackb(head)
     assert body["type"] == "Frames" and body["version"] == 1 and body["header"] == [9, 3, "sim", 1]
-    assert body["scalars"] == {"filled": 4}
+    assert body["scalars"] == {"filled": 4, "reshaded": 6}
     assert body["arrays"] == [["t", "int64", [2]], ["episodes", "int32", [1]], ["luminance", "float32", [1, 2, 2, 3]]]
     assert np.array_equal(np.frombuffer(buffers[2], "<f4").reshape(1, 2, 2, 3), luminance)
     assert np.array_equal(np.frombuffer(buffers[0], "<i8"), t)

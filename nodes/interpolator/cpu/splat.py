@@ -51,8 +51,9 @@ class SplatCpu:
         size = (envs, upsampling, height, width) + ((3,) if channels == 3 else ())
         self._frames = np.empty(size, np.float32) if margin else None
 
-    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray) -> Report:
+    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
         """See Method."""
+        out = out.numpy() if isinstance(out, wp.array) else out
         envs, height, width = self._shape
         stays: wp.array = wp.array(np.asarray(held, np.int32), device="cpu")
         for index, sign, here, there in ((1, 1.0, b, a), (0, -1.0, a, b)):

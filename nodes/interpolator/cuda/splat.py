@@ -40,7 +40,7 @@ class SplatCuda:
             self._frames = wp.empty((envs * upsampling, pixels, channels), dtype=wp.float32)
             self._counters = [wp.zeros(1, dtype=wp.int32) for _ in range(2)]
 
-    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray) -> Report:
+    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
         """See Method."""
         envs, height, width = self._shape
         filled, lost = self._counters
@@ -55,9 +55,13 @@ class SplatCuda:
         wp.copy(by_env[:, self._upsampling - 1], images[1])
         for first, rows in self._portions:
             self._warp(first, rows, images, filled)
-        m = self._margin
-        frames = self._frames.numpy().reshape((envs, self._upsampling, height, width, self._channels))
-        out[:] = frames[:, :, m : height - m, m : width - m].reshape(out.shape)
+        m, channels = self._margin, self._channels
+        frames = self._frames.reshape((envs * self._upsampling, height, width * channels))
+        inner = frames[:, m : height - m, m * channels : (width - m) * channels]
+        if isinstance(out, wp.array):
+            wp.copy(out.flatten().view(wp.float32).reshape(inner.shape), inner)
+        else:
+            out[:] = inner.numpy().reshape(out.shape)
         return Report(int(filled.numpy()[0]), int(lost.numpy()[0]))
 
     def _warp(self, first: int, rows: int, images: list[wp.array], filled: wp.array) -> None:

@@ -1,0 +1,105 @@
+"""`auto`: which method, keyframe rate and K, from what each was found to cost and how far off its events are.
+
+The rule, over all candidates that the user's own keyframe rate and K leave:
+
+- with a wanted error, the cheapest one that keeps it; with a wanted real-time factor, the one with the least error
+  that keeps that; with both, the cheapest that keeps both;
+- with neither, the cheapest one whose error is at most SLACK times the least that BASE_RATE frames per second reach;
+- where nothing keeps what is wanted, the one that comes nearest to it, which `met` and `why` say; of two wishes the
+  real-time factor counts first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+BASE_RATE = 1000.0
+"""Frames per second that a run is measured against when nothing else is wanted [Hz]."""
+SLACK = 1.2
+"""Error over the least one up to which the cheaper candidate is taken."""
+EVEN = 1.02
+"""Errors and costs within this factor of each other are the same: measurements do not tell them apart."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One way to run a scene and what was found about it.
+
+    error: of the events, spike-train distance to dense rendering (0 ... 1). seconds: run time per simulated second.
+    """
+
+    method: str
+    keyframe_rate: float
+    upsampling: int
+    error: float
+    seconds: float
+
+    @property
+    def frame_rate(self) -> float:
+        """Frames per second that the sensor sees [Hz]."""
+        return self.keyframe_rate * self.upsampling
+
+    def __str__(self) -> str:
+        return f"{self.method}, {self.keyframe_rate:g} keyframes per second x {self.upsampling}"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What was chosen, the reason in one line, and whether it keeps what was wanted."""
+
+    candidate: Candidate
+    why: str
+    met: bool = True
+
+
+def choose(
+    candidates: Sequence[Candidate], wanted_error: float | None = None, wanted_rtf: float | None = None
+) -> Choice:
+    """The best of the candidates by the module's rule. Raises ValueError where there are none."""
+    if not candidates:
+        raise ValueError("interpolator auto has nothing to choose from: no keyframe rate and K fit the run")
+    for name, value in (("wanted_error", wanted_error), ("wanted_rtf", wanted_rtf)):
+        if value is not None and not value > 0:
+            raise ValueError(f"{name} is {value:g}, it must be more than 0")
+    if wanted_error is None and wanted_rtf is None:
+        return _by_slack(candidates)
+    fast = [c for c in candidates if wanted_rtf is None or c.seconds * wanted_rtf <= 1]
+    exact = [c for c in fast if wanted_error is None or c.error <= wanted_error]
+    if not fast:
+        best = _least(candidates, _cost, _error)
+        return Choice(best, f"nothing reaches a real-time factor of {wanted_rtf:g}: the fastest", False)
+    if wanted_error is None:
+        best = _least(fast, _error, _cost)
+        return Choice(best, f"the least error at a real-time factor of {wanted_rtf:g} or more")
+    within = f" at a real-time factor of {wanted_rtf:g} or more" if wanted_rtf is not None else ""
+    if not exact:
+        best = _least(fast, _error, _cost)
+        return Choice(best, f"nothing keeps an error of {wanted_error:g}{within}: the least error", False)
+    return Choice(_least(exact, _cost, _error), f"the cheapest with an error of {wanted_error:g} or less{within}")
+
+
+def _by_slack(candidates: Sequence[Candidate]) -> Choice:
+    base = [c for c in candidates if c.frame_rate <= 1.001 * BASE_RATE] or list(candidates)
+    least = min(c.error for c in base)
+    best = _least([c for c in candidates if c.error <= SLACK * least], _cost, _error)
+    return Choice(
+        best,
+        f"the cheapest with an error of at most {SLACK:g} times {least:.4g}, the least at {BASE_RATE:g} frames per second",
+    )
+
+
+def _cost(candidate: Candidate) -> float:
+    return candidate.seconds
+
+
+def _error(candidate: Candidate) -> float:
+    return candidate.error
+
+
+def _least(
+    candidates: Sequence[Candidate], first: Callable[[Candidate], float], then: Callable[[Candidate], float]
+) -> Candidate:
+    """The least by `first`; among those that are as good within EVEN, by `then`, and at last by rate and method."""
+    bound = min(first(c) for c in candidates) * EVEN
+    return min((c for c in candidates if first(c) <= bound), key=lambda c: (then(c), c.keyframe_rate, c.method))

@@ -1,0 +1,5 @@
+"""`rigid`: exact geometry at every sub-frame, shading taken from the keyframes."""
+
+from nodes.interpolator.rigid.method import Rigid
+
+__all__ = ["Rigid"]

@@ -1,0 +1,194 @@
+"""What of a keyframe is looked up at every sub-frame: log radiance, patches, inverse distances, where all is whole."""
+
+from typing import Any
+
+import warp as wp
+
+from nodes.renderer.kernels import MISS, depth_of, triangle_of
+
+wp.set_module_options({"enable_backward": False})
+
+DARKEST = wp.constant(1.0e-30)
+"""Radiance below which the logarithm is that of this one."""
+UNUSABLE = wp.constant(-1)
+"""Patch of a pixel whose radiance is not finite."""
+JUMP = wp.constant(3.0e-3)
+"""Second difference of the inverse distance, of the inverse distance, from which on a patch hides a part of itself.
+
+Over a plane the inverse distance is linear in the pixel; over a sphere of radius R at z it bends by z / (f^2 R)."""
+
+
+@wp.func
+def log_of(value: wp.float32):
+    return wp.log(wp.max(value, DARKEST))
+
+
+@wp.func
+def log_of(value: wp.vec3):  # noqa: F811 - overloaded by its type
+    return wp.vec3(
+        wp.log(wp.max(value[0], DARKEST)), wp.log(wp.max(value[1], DARKEST)), wp.log(wp.max(value[2], DARKEST))
+    )
+
+
+@wp.func
+def usable(value: wp.float32):
+    return wp.isfinite(value)
+
+
+@wp.func
+def usable(value: wp.vec3):  # noqa: F811 - overloaded by its type
+    return wp.isfinite(value[0]) and wp.isfinite(value[1]) and wp.isfinite(value[2])
+
+
+@wp.kernel
+def take_in(
+    # in
+    span: int,
+    packed: wp.array3d(dtype=wp.uint64),
+    patch_of: wp.array(dtype=int),
+    image: wp.array3d(dtype=Any),
+    # out
+    logs: wp.array3d(dtype=Any),
+    patch: wp.array3d(dtype=int),
+    inverse: wp.array3d(dtype=float),
+    nonfinite: wp.array(dtype=int),
+):
+    """Log radiance, patch (0 = sky) and inverse distance [1/m] (0 = sky) of every pixel; `span` pixels a thread."""
+    env, y, part = wp.tid()
+    for x in range(part * span, wp.min(part * span + span, packed.shape[2])):
+        hit = packed[env, y, x]
+        t = triangle_of(hit)
+        p = wp.int32(0)
+        w = wp.float32(0.0)
+        if t != MISS:
+            p = patch_of[t]
+            w = 1.0 / depth_of(hit)
+        value = image[env, y, x]
+        if not usable(value):
+            p = UNUSABLE
+            wp.atomic_add(nonfinite, 0, 1)
+        logs[env, y, x] = log_of(value)
+        patch[env, y, x] = p
+        inverse[env, y, x] = w
+
+
+@wp.func
+def bends(a: float, b: float, c: float):
+    """Whether three inverse distances in a row are too far from linear."""
+    return wp.abs(a - 2.0 * b + c) > JUMP * b
+
+
+@wp.func
+def one_patch(patch: wp.array3d(dtype=int), env: int, y: int, x: int):
+    """Whether the 4 x 4 pixels from (x - 1, y - 1) on belong to one patch."""
+    p = patch[env, y, x]
+    for r in range(-1, 3):
+        if patch[env, y + r, x - 1] != p or patch[env, y + r, x] != p:
+            return False
+        if patch[env, y + r, x + 1] != p or patch[env, y + r, x + 2] != p:
+            return False
+    return True
+
+
+@wp.func
+def one_sheet(w: wp.array3d(dtype=float), env: int, y: int, x: int):
+    """Whether the inverse distance changes smoothly over the 4 x 4 pixels from (x - 1, y - 1) on."""
+    for r in range(-1, 3):
+        j = y + r
+        if bends(w[env, j, x - 1], w[env, j, x], w[env, j, x + 1]) or bends(
+            w[env, j, x], w[env, j, x + 1], w[env, j, x + 2]
+        ):
+            return False
+        i = x + r
+        if bends(w[env, y - 1, i], w[env, y, i], w[env, y + 1, i]) or bends(
+            w[env, y, i], w[env, y + 1, i], w[env, y + 2, i]
+        ):
+            return False
+    return True
+
+
+@wp.kernel
+def find_support(
+    # in
+    span: int,
+    moving: wp.array(dtype=int),
+    patch: wp.array3d(dtype=int),
+    inverse: wp.array3d(dtype=float),
+    # out
+    support: wp.array3d(dtype=int),
+):
+    """What of a patch is seen about a place between the pixels x, x + 1 and y, y + 1.
+
+    2 patch + 1 where all of the 4 x 4 pixels from (x - 1, y - 1) on belong to it and it hides no part of itself there,
+    2 patch where these four do, else UNUSABLE. Of what never moves nothing is looked for between the pixels.
+    """
+    env, y, part = wp.tid()
+    height = patch.shape[1]
+    width = patch.shape[2]
+    for x in range(part * span, wp.min(part * span + span, width)):
+        code = UNUSABLE
+        if x >= 1 and y >= 1 and x + 2 < width and y + 2 < height:
+            p = patch[env, y, x]
+            if (
+                p >= 0
+                and moving[wp.max(p, 0)] == 1
+                and patch[env, y, x + 1] == p
+                and patch[env, y + 1, x] == p
+                and patch[env, y + 1, x + 1] == p
+            ):
+                code = 2 * p
+                if one_patch(patch, env, y, x) and (p == 0 or one_sheet(inverse, env, y, x)):
+                    code += 1
+        support[env, y, x] = code
+
+
+NEVER = wp.constant(wp.uint64(0))
+"""A z-buffer entry that is never written: depth 0."""
+
+HELD = wp.constant(2)
+
+
+@wp.func
+def equal(a: wp.float32, b: wp.float32):
+    return a == b
+
+
+@wp.func
+def equal(a: wp.vec3, b: wp.vec3):  # noqa: F811 - overloaded by its type
+    return a[0] == b[0] and a[1] == b[1] and a[2] == b[2]
+
+
+@wp.kernel
+def find_quiet(
+    # in
+    span: int,
+    packed_a: wp.array3d(dtype=wp.uint64),
+    packed_b: wp.array3d(dtype=wp.uint64),
+    image_a: wp.array3d(dtype=Any),
+    image_b: wp.array3d(dtype=Any),
+    instance_of: wp.array(dtype=int),
+    body_of: wp.array(dtype=int),
+    still: wp.array2d(dtype=int),
+    # out
+    quiet: wp.array3d(dtype=wp.uint64),
+):
+    """The z-buffer entry with which a pixel shows what it does in both keyframes, or NEVER where that has changed.
+
+    still [E, N + 2]: 1 for bodies, the world and the sky that do not move against the camera at any sub-frame of the
+    gap; HELD for all of an environment that is to be B throughout.
+    """
+    env, y, part = wp.tid()
+    sky = still.shape[1] - 1
+    for x in range(part * span, wp.min(part * span + span, packed_b.shape[2])):
+        hit = packed_b[env, y, x]
+        entry = NEVER
+        if still[env, sky] == HELD:
+            entry = hit
+        elif hit == packed_a[env, y, x] and equal(image_a[env, y, x], image_b[env, y, x]):
+            t = triangle_of(hit)
+            body = sky
+            if t != MISS:
+                body = body_of[instance_of[t]]
+            if still[env, body] == 1:
+                entry = hit
+        quiet[env, y, x] = entry

@@ -1,0 +1,62 @@
+"""A keyframe as the sub-frames look things up in it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from nodes.interpolator.rigid import gather_kernels, keyframe_kernels
+from nodes.renderer.visibility import Visibility
+
+
+class Prepared:
+    """Device arrays of one keyframe of E environments, written by `take` and `fill`.
+
+    image: its luminance or RGB; packed: its z-buffer; logs: its logarithm; patch, support int32 and inverse float32
+    [E, H, W] as in keyframe_kernels; poses: wp.transformd [E, N].
+    """
+
+    def __init__(self, shape: tuple[int, int, int], bodies: int, channels: int, device: Any) -> None:
+        self.pixel: Any = wp.float32 if channels == 1 else wp.vec3
+        self._shape = shape
+        self._device = device
+        # Pixels that one thread does; on the CPU a row, for starting one costs more.
+        self._span = shape[2] if device.is_cpu else 1
+        with wp.ScopedDevice(device):
+            self.image = wp.empty(shape, dtype=self.pixel)
+            self.packed = wp.empty(shape, dtype=wp.uint64)
+            self.logs = wp.empty(shape, dtype=self.pixel)
+            self.patch = wp.empty(shape, dtype=wp.int32)
+            self.support = wp.empty(shape, dtype=wp.int32)
+            self.inverse = wp.empty(shape, dtype=wp.float32)
+            self.poses = wp.empty((shape[0], bodies), dtype=wp.transformd)
+
+    def take(self, image: wp.array) -> None:
+        """The keyframe's image, float32 [E, H, W] or [E, H, W, 3]."""
+        wp.copy(self.image, image.view(wp.vec3).reshape(self._shape) if image.ndim == 4 else image)
+
+    def fill(
+        self, visibility: Visibility, envs: int, patch_of: wp.array, moving: wp.array, nonfinite: wp.array
+    ) -> None:
+        """The rest, from the image and the first `envs` environments of what is visible: launches only.
+
+        patch_of int32 [T]; moving int32 of each patch: whether it may move. nonfinite int32 [1]: has the number of
+        pixels added whose radiance is not finite; they are not used.
+        """
+        wp.copy(self.poses, visibility.poses[:envs])
+        wp.copy(self.packed, visibility.packed[:envs])
+        dim = (*self._shape[:2], self._shape[2] // self._span)
+        given = [self._span, self.packed, patch_of, self.image]
+        made = [self.logs, self.patch, self.inverse, nonfinite]
+        wp.launch(keyframe_kernels.take_in, dim, given, made, device=self._device)
+        given = [self._span, moving, self.patch, self.inverse]
+        wp.launch(keyframe_kernels.find_support, dim, given, [self.support], device=self._device)
+
+    def seen_from(self, turn: wp.array, shift: wp.array) -> Any:
+        """The struct that the gather reads, with the bodies' displacement [P E, N + 2] since."""
+        key: Any = gather_kernels.KEYFRAMES[1 if self.pixel is wp.float32 else 3]()
+        key.image, key.turn, key.shift = self.image, turn, shift
+        for name in ("patch", "support", "inverse", "logs"):
+            setattr(key, name, getattr(self, name).flatten())
+        return key

@@ -1,0 +1,274 @@
+"""A surface point looked up in a keyframe: where it is there, whether it is seen, and its log radiance."""
+
+from functools import cache
+
+import warp as wp
+
+from nodes.renderer.distortion_kernels import angle_of, make_distorted
+from nodes.renderer.kernels import View
+
+wp.set_module_options({"enable_backward": False})
+
+SAME_POINT = wp.constant(3.0e-3)
+"""Difference of inverse distances, of the inverse distance, up to which a keyframe shows the point that is looked for
+and not one before or behind it on the same patch."""
+SAME_SHEET = wp.constant(3.0e-2)
+"""The same, for the pixels about it: a surface seen at a slant is as much nearer from one to the next."""
+STEEP = wp.constant(3.0)
+"""Differences of log radiance, in tolerances, between neighbours beside which a patch must be seen in full."""
+ENOUGH = wp.constant(5)
+"""Pixels about a place, of 16, that tell how even a patch is there."""
+HIDDEN = wp.constant(0)
+SEEN = wp.constant(1)
+HARD = wp.constant(2)
+FAR_AWAY = wp.constant(1.0e6)
+"""Displacement [px] of what a keyframe's camera cannot see."""
+
+
+@wp.func
+def weights(f: float):
+    """Cubic convolution (Keys 1981, a = -1/2) at the fraction f between the middle two of four samples."""
+    return wp.vec4(
+        ((1.0 - 0.5 * f) * f - 0.5) * f,
+        (1.5 * f - 2.5) * f * f + 1.0,
+        ((2.0 - 1.5 * f) * f + 0.5) * f,
+        (0.5 * f - 0.5) * f * f,
+    )
+
+
+@wp.func
+def exp_of(value: wp.float32):
+    return wp.exp(value)
+
+
+@wp.func
+def exp_of(value: wp.vec3):  # noqa: F811 - overloaded by its type
+    return wp.vec3(wp.exp(value[0]), wp.exp(value[1]), wp.exp(value[2]))
+
+
+@wp.func
+def apart(a: wp.float32, b: wp.float32):
+    return wp.abs(a - b)
+
+
+@wp.func
+def apart(a: wp.vec3, b: wp.vec3):  # noqa: F811 - overloaded by its type
+    return wp.max(wp.abs(a - b))
+
+
+@wp.func
+def least(a: wp.float32, b: wp.float32):
+    return wp.min(a, b)
+
+
+@wp.func
+def least(a: wp.vec3, b: wp.vec3):  # noqa: F811 - overloaded by its type
+    return wp.min(a, b)
+
+
+@wp.func
+def most(a: wp.float32, b: wp.float32):
+    return wp.max(a, b)
+
+
+@wp.func
+def most(a: wp.vec3, b: wp.vec3):  # noqa: F811 - overloaded by its type
+    return wp.max(a, b)
+
+
+@wp.func
+def within(value: wp.float32, low: wp.float32, high: wp.float32):
+    return wp.clamp(value, low, high)
+
+
+@wp.func
+def within(value: wp.vec3, low: wp.vec3, high: wp.vec3):  # noqa: F811 - overloaded by its type
+    return wp.min(wp.max(value, low), high)
+
+
+@cache
+def make_look_up(lens: str, channels: int, careful: bool) -> wp.Function:
+    """lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). careful: also where a patch is not seen
+    in full."""
+    bent = lens != "none"
+    distorted = make_distorted(lens) if bent else None
+    pixel = wp.float32 if channels == 1 else wp.vec3
+
+    @wp.func
+    def displacement(view: View, d: wp.vec3, p: wp.vec3, m: wp.vec3, near: float):
+        """Pixels from where the point p on ray d is to where p + m is; FAR_AWAY where the camera has no image of it."""
+        v = wp.vec2(FAR_AWAY, FAR_AWAY)
+        if wp.static(bent):
+            q = wp.vec3d(p) + wp.vec3d(m)
+            if angle_of(q) < wp.float64(view.domain) and wp.length(q) >= wp.float64(near):
+                v = wp.vec2(distorted(view, q) - distorted(view, wp.vec3d(p)))
+        else:
+            q_z = p[2] + m[2]
+            if q_z >= near:
+                v = wp.vec2(view.fx * (m[0] - d[0] * m[2]) / q_z, view.fy * (m[1] - d[1] * m[2]) / q_z)
+        return v
+
+    @wp.func
+    def cubic_row(logs: wp.array(dtype=pixel), at: int, w: wp.vec4):
+        return w[0] * logs[at - 1] + w[1] * logs[at] + w[2] * logs[at + 1] + w[3] * logs[at + 2]
+
+    @wp.func
+    def sample(
+        at: int,
+        p: int,
+        w: float,
+        patch: wp.array(dtype=int),
+        inverse: wp.array(dtype=float),
+        logs: wp.array(dtype=pixel),
+        instead: pixel,
+    ):
+        """Log radiance of a pixel of patch p at about the inverse distance w; `instead` where something else."""
+        if patch[at] == p and wp.abs(inverse[at] - w) <= SAME_SHEET * w:
+            return logs[at]
+        return instead
+
+    @wp.func
+    def masked(
+        width: int,
+        at: int,
+        p: int,
+        w: float,
+        wx: wp.vec4,
+        wy: wp.vec4,
+        patch: wp.array(dtype=int),
+        inverse: wp.array(dtype=float),
+        logs: wp.array(dtype=pixel),
+    ):
+        """Cubic convolution where only the middle four of the 4 x 4 pixels are sure to belong to the patch: each of the
+        others that does not is replaced by the next one of the middle."""
+        value = pixel(0.0)
+        j = wp.int32(0)
+        # A loop that is not unrolled: this is rarely gone through, and less code makes all else faster.
+        while j < 4:
+            row = at + (j - 1) * width
+            core = at + wp.clamp(j - 1, 0, 1) * width
+            a = sample(row, p, w, patch, inverse, logs, logs[core])
+            b = sample(row + 1, p, w, patch, inverse, logs, logs[core + 1])
+            left = sample(row - 1, p, w, patch, inverse, logs, a)
+            right = sample(row + 2, p, w, patch, inverse, logs, b)
+            share = wp.where(j == 0, wy[0], wp.where(j == 1, wy[1], wp.where(j == 2, wy[2], wy[3])))
+            value += share * (wx[0] * left + wx[1] * a + wx[2] * b + wx[3] * right)
+            j += 1
+        return value
+
+    @wp.func
+    def edge(
+        width: int,
+        at: int,
+        p: int,
+        w: float,
+        fx: float,
+        fy: float,
+        tolerance: float,
+        patch: wp.array(dtype=int),
+        inverse: wp.array(dtype=float),
+        logs: wp.array(dtype=pixel),
+    ):
+        """(state, log radiance) where not even the middle four all belong to the patch: the bilinear mean of those that
+        do, if the patch is so even here, over ENOUGH of the 4 x 4 pixels or more, that it cannot be far off."""
+        total = pixel(0.0)
+        weight = wp.float32(0.0)
+        low = pixel(1.0e30)
+        high = pixel(-1.0e30)
+        count = wp.int32(0)
+        tap = wp.int32(0)
+        while tap < 16:
+            i = tap % 4
+            j = tap // 4
+            here = at + (j - 1) * width + i - 1
+            if patch[here] == p and wp.abs(inverse[here] - w) <= SAME_SHEET * w:
+                value = logs[here]
+                low = least(low, value)
+                high = most(high, value)
+                count += 1
+                if i >= 1 and i <= 2 and j >= 1 and j <= 2:
+                    share = wp.where(i == 1, 1.0 - fx, fx) * wp.where(j == 1, 1.0 - fy, fy)
+                    total += share * value
+                    weight += share
+            tap += 1
+        if count >= ENOUGH and weight > 0.01 and apart(low, high) <= tolerance:
+            return SEEN, total / weight
+        return HIDDEN, total
+
+    @wp.func
+    def look_up(
+        view: View,
+        base: int,
+        y: int,
+        x: int,
+        p: int,
+        sky: bool,
+        d: wp.vec3,
+        point: wp.vec3,
+        m: wp.vec3,
+        tolerance: float,
+        patch: wp.array(dtype=int),
+        support: wp.array(dtype=int),
+        inverse: wp.array(dtype=float),
+        logs: wp.array(dtype=pixel),
+    ):
+        """(state, log radiance) of the point in a keyframe, m away from where it is in its camera frame. base: index of
+        the environment's first pixel. State: SEEN, HIDDEN, or HARD where only a careful look would tell."""
+        seen = wp.int32(HIDDEN)
+        value = pixel(0.0)
+        if m[0] == 0.0 and m[1] == 0.0 and m[2] == 0.0:
+            # Where it was: this very pixel, if nothing hid it.
+            at = base + y * view.width + x
+            if patch[at] == p:
+                w = wp.float32(0.0)
+                if not sky:
+                    w = 1.0 / wp.where(wp.static(bent), wp.length(point), point[2])
+                if wp.abs(inverse[at] - w) <= SAME_POINT * w:
+                    seen = wp.int32(SEEN)
+                    value = logs[at]
+            return seen, value
+        near = wp.where(sky, 1.0e-6, view.near)
+        v = displacement(view, d, point, m, near)
+        fx = wp.floor(v[0])
+        fy = wp.floor(v[1])
+        if wp.abs(fx) < 65536.0 and wp.abs(fy) < 65536.0:
+            ix = x + int(fx)
+            iy = y + int(fy)
+            if ix >= 1 and iy >= 1 and ix + 2 < view.width and iy + 2 < view.height:
+                at = base + iy * view.width + ix
+                code = support[at]
+                below = at + view.width
+                fx = v[0] - fx
+                fy = v[1] - fy
+                w = wp.float32(0.0)
+                if not sky:
+                    q = point + m
+                    w = 1.0 / wp.where(wp.static(bent), wp.length(q), q[2])
+                if (code >> 1) == p and code >= 0:
+                    upper = inverse[at] * (1.0 - fx) + inverse[at + 1] * fx
+                    lower = inverse[below] * (1.0 - fx) + inverse[below + 1] * fx
+                    low = least(least(logs[at], logs[at + 1]), least(logs[below], logs[below + 1]))
+                    high = most(most(logs[at], logs[at + 1]), most(logs[below], logs[below + 1]))
+                    near_enough = wp.abs(upper * (1.0 - fy) + lower * fy - w) <= SAME_POINT * w
+                    if near_enough and (code & 1) == 1:
+                        seen = wp.int32(SEEN)
+                        wx = weights(fx)
+                        wy = weights(fy)
+                        value = wy[0] * cubic_row(logs, at - view.width, wx) + wy[1] * cubic_row(logs, at, wx)
+                        value += wy[2] * cubic_row(logs, below, wx)
+                        value += wy[3] * cubic_row(logs, below + view.width, wx)
+                    if near_enough and (code & 1) == 0 and apart(low, high) <= STEEP * tolerance:
+                        seen = wp.int32(HARD)
+                        if wp.static(careful):
+                            seen = wp.int32(SEEN)
+                            value = masked(view.width, at, p, w, weights(fx), weights(fy), patch, inverse, logs)
+                    # A step into the black, of many thresholds, must not overshoot by one.
+                    beyond = pixel(tolerance)
+                    value = within(value, low - beyond, high + beyond)
+                elif patch[at] == p or patch[at + 1] == p or patch[below] == p or patch[below + 1] == p:
+                    seen = wp.int32(HARD)
+                    if wp.static(careful):
+                        seen, value = edge(view.width, at, p, w, fx, fy, tolerance, patch, inverse, logs)
+        return seen, value
+
+    return look_up

@@ -1,0 +1,83 @@
+"""Pieces of surface whose shading has no step inside: triangles that meet without a crease.
+
+What is fetched from a keyframe must not mix two such pieces: neither two bodies at a silhouette nor two sides of a box
+at an edge.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evis.scene.model import Mesh, Scene
+
+CREASE = np.cos(np.deg2rad(15.0))
+"""Cosine of the angle between shading normals from which on an edge is a crease; a sphere of 24 segments has none."""
+
+
+def patches_of(scene: Scene) -> tuple[np.ndarray, int]:
+    """Patch int32 [T] of every triangle of all instances, in their order, numbered from 1 (0 is the sky); their count.
+
+    Patches of different instances are different.
+    """
+    known: dict[int, np.ndarray] = {}
+    parts, count = [], 1
+    for instance in scene.instances:
+        mesh = instance.mesh
+        if id(mesh) not in known:
+            known[id(mesh)] = mesh_patches(mesh)
+        own = known[id(mesh)]
+        parts.append(own + count)
+        count += int(own.max(initial=-1)) + 1
+    return (np.concatenate(parts) if parts else np.zeros(0, np.int64)).astype(np.int32), count
+
+
+def mesh_patches(mesh: Mesh) -> np.ndarray:
+    """Patch int64 [F] of each face, numbered from 0: faces joined over edges that are no crease."""
+    faces = np.asarray(mesh.faces, np.int64).reshape(-1, 3)
+    if not len(faces):
+        return np.zeros(0, np.int64)
+    pairs = _smooth_edges(mesh, _welded(np.asarray(mesh.vertices), faces))
+    label = np.arange(len(faces))
+    # Each round takes over the smallest label of the neighbours and then follows labels to their own.
+    while True:
+        before = label.copy()
+        low = np.minimum(label[pairs[:, 0]], label[pairs[:, 1]])
+        for side in (0, 1):
+            np.minimum.at(label, label[pairs[:, side]], low)
+        while not np.array_equal(label, label[label]):
+            label = label[label]
+        if np.array_equal(label, before):
+            return np.unique(label, return_inverse=True)[1].reshape(-1)
+
+
+def _welded(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Faces by vertices that differ in place: a mesh may have several of the same, with other texture coordinates."""
+    points = np.ascontiguousarray(vertices, np.float32) + np.float32(0.0)
+    keys = points.view([("x", np.float32), ("y", np.float32), ("z", np.float32)]).reshape(-1)
+    return np.unique(keys, return_inverse=True)[1].reshape(-1)[faces]
+
+
+def _smooth_edges(mesh: Mesh, faces: np.ndarray) -> np.ndarray:
+    """Pairs of faces [P, 2] that share an edge across which the shading normal does not jump."""
+    count = len(faces)
+    corners = np.asarray(mesh.vertices, np.float64)[np.asarray(mesh.faces, np.int64).reshape(-1, 3)]
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = np.repeat(flat[:, None], 3, axis=1)
+    if mesh.normals is not None:
+        given = np.asarray(mesh.normals, np.float64).reshape(count, 3, 3)
+        normal = np.where(np.any(given, axis=-1, keepdims=True), given, normal)
+    length = np.linalg.norm(normal, axis=-1, keepdims=True)
+    normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
+    ends, sides = np.array([[0, 1], [1, 2], [2, 0]]), []
+    for end in ends:
+        a, b = faces[:, end[0]], faces[:, end[1]]
+        swap = (a > b)[:, None]
+        first, second = normal[:, end[0]], normal[:, end[1]]
+        sides.append((np.minimum(a, b), np.maximum(a, b), np.where(swap, second, first), np.where(swap, first, second)))
+    low, high, at_low, at_high = (np.concatenate(part) for part in zip(*sides))
+    face = np.tile(np.arange(count), 3)
+    order = np.lexsort((high, low))
+    same = (low[order][1:] == low[order][:-1]) & (high[order][1:] == high[order][:-1])
+    left, right = order[:-1][same], order[1:][same]
+    smooth = ((at_low[left] * at_low[right]).sum(1) >= CREASE) & ((at_high[left] * at_high[right]).sum(1) >= CREASE)
+    return np.stack((face[left][smooth], face[right][smooth]), axis=1)
