@@ -10,15 +10,15 @@ from nodes.event_sensor.cuda import kernels_order
 from nodes.event_sensor.kernels import Sensor
 from nodes.event_sensor.packet import KeyLayout
 
-BUCKETS = 1 << 10
+BUCKETS = 1 << 9
 """To begin with."""
 MOST_BUCKETS = 1 << 12
-CROWD = 96
+CROWD = 512
 """Events of a bucket, on average, from which more buckets are worth their cost,"""
 OFTEN = 3
 """if so many calls in a row have them."""
 THREADS = 1 << 16
-BLOCK = 256
+BLOCK = 512
 
 
 class Order:
