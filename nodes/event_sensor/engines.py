@@ -16,7 +16,7 @@ import numpy as np
 import warp as wp
 
 from nodes.event_sensor import kernels, kernels_paper, noise
-from nodes.event_sensor.kernels_plain import plain_kernels
+from nodes.event_sensor.kernels_plain import plain_kernel
 from nodes.event_sensor.kernels_quiet import Quiet, arrays_of, quiet_state, runs_of
 from nodes.event_sensor.kernels_state import Cold, Features
 from nodes.event_sensor.kernels_threads import full_kernels
@@ -86,7 +86,7 @@ class Plain:
 
     def __init__(self, size: Size, frame: bool) -> None:
         total = size.envs * size.pixels
-        self._kernel = plain_kernels(frame)[0]
+        self._kernel = plain_kernel(frame)
         self._size = size
         self._quiet = quiet_state(total, False, False, "cpu")
         self._counts: wp.array = wp.zeros(total, dtype=wp.vec2i, device="cpu")

@@ -2,7 +2,6 @@
 """The ideal sensor: straight lines in L between frames, no fault. What others pay for is not in this kernel."""
 
 from functools import lru_cache
-from typing import Any
 
 import warp as wp
 
@@ -40,8 +39,8 @@ def quiet_band(sensor: Sensor, reference: wp.float64, pixel: Pixel):
 
 
 @lru_cache
-def plain_kernels(frame: bool) -> tuple[Any, Any]:
-    """(kernel over rows, kernel over pixels). frame: events carry the stamp of their frame, not of their crossing."""
+def plain_kernel(frame: bool) -> wp.Kernel:
+    """The kernel, a row a thread. frame: events carry the stamp of their frame, not of their crossing."""
 
     @wp.func
     def sense(
@@ -55,11 +54,9 @@ def plain_kernels(frame: bool) -> tuple[Any, Any]:
         luminance: wp.array(dtype=wp.float32),
         t: wp.array(dtype=wp.int64),
         t_base: wp.int64,
-        before: Quiet,
-        counts_before: wp.array(dtype=wp.vec2i),
         # out
-        after: Quiet,
-        counts_after: wp.array(dtype=wp.vec2i),
+        quiet: Quiet,
+        counts: wp.array(dtype=wp.vec2i),
         base: wp.array(dtype=wp.float64),
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
@@ -72,11 +69,11 @@ def plain_kernels(frame: bool) -> tuple[Any, Any]:
         at = wp.int64(env) * wp.int64(count) * wp.int64(size) + wp.int64(inner)
         stride = wp.int64(size)
         pixel = Pixel()
-        pixel.last = before.last[index]
-        pixel.low = before.low[index]
-        pixel.high = before.high[index]
-        pixel.net = counts_before[index][0]
-        pixel.n_off = counts_before[index][1]
+        pixel.last = quiet.last[index]
+        pixel.low = quiet.low[index]
+        pixel.high = quiet.high[index]
+        pixel.net = counts[index][0]
+        pixel.n_off = counts[index][1]
         if fresh != 0:
             pixel.low = float(wp.inf)
         first = int(0)
@@ -154,10 +151,10 @@ def plain_kernels(frame: bool) -> tuple[Any, Any]:
             start = t[k]
             k += 1
         if counters[EVENTS] <= sensor.capacity:
-            after.last[index] = pixel.last
-            after.low[index] = pixel.low
-            after.high[index] = pixel.high
-            counts_after[index] = wp.vec2i(pixel.net, pixel.n_off)
+            quiet.last[index] = pixel.last
+            quiet.low[index] = pixel.low
+            quiet.high[index] = pixel.high
+            counts[index] = wp.vec2i(pixel.net, pixel.n_off)
 
     @wp.kernel(module="unique")
     def sense_rows(
@@ -208,35 +205,11 @@ def plain_kernels(frame: bool) -> tuple[Any, Any]:
                     kept = saved(counters)
                     sense(
                         sensor, env, y, i // sensor.channels, i % sensor.channels, begins, luminance, t, t_base,
-                        quiet, counts, quiet, counts, base, keys, counters,
+                        quiet, counts, base, keys, counters,
                     )  # fmt: skip
                     if left_over(sensor, kept, start + i, counters):
                         return
                 i += 1
                 lane += 1
 
-    @wp.kernel(module="unique")
-    def sense_pixels(
-        # in
-        sensor: Sensor,
-        luminance: wp.array(dtype=wp.float32),
-        t: wp.array(dtype=wp.int64),
-        t_base: wp.int64,
-        fresh: wp.array(dtype=wp.int32),
-        before: Quiet,
-        counts_before: wp.array(dtype=wp.vec2i),
-        # out
-        after: Quiet,
-        counts_after: wp.array(dtype=wp.vec2i),
-        base: wp.array(dtype=wp.float64),
-        keys: wp.array(dtype=wp.int64),
-        counters: wp.array(dtype=wp.int64),
-    ):
-        """One pixel and channel per thread, for a GPU; keys come out in any order and are sorted afterwards."""
-        env, y, column = wp.tid()
-        sense(
-            sensor, env, y, column // sensor.channels, column % sensor.channels, fresh[env], luminance, t, t_base,
-            before, counts_before, after, counts_after, base, keys, counters,
-        )  # fmt: skip
-
-    return sense_rows, sense_pixels
+    return sense_rows
