@@ -77,19 +77,12 @@ class FloodCameraNode(CameraNode):
         self.driver.allocate = self.columns
         self.meter = Meter(self.driver.emulated.bulk_in)
         self.driver.emulated.bulk_in = self.meter
-        self._warm()
         self._counted: dict[str, float] = {}
         self._interval_ns = round(p["packet_ms"] * 1e6)
         self._episode, self._ends_at, self._count_at, self._status_at = 0, 0, 0.0, time.monotonic() + 1e9
         self.about = self.driver.info()
         self._latency: list[int] = []
         self._began = 0.0
-
-    def _warm(self) -> None:
-        """Compile and load the decoder's kernel before the clock starts."""
-        from evis.streams.decoder import decoder_for
-
-        decoder_for("evt3", WIDTH, HEIGHT, "warp").decode(self._words)
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
         if not self._began:

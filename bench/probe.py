@@ -27,7 +27,7 @@ from evis.scene.model import Camera, Scene
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.choice import BASE_RATE, Candidate
 from nodes.interpolator.interpolator import NEEDS, Interpolator
-from nodes.interpolator.keyframe import States
+from nodes.interpolator.keyframe import States, device_named
 from nodes.interpolator.luminance import luminance_of
 from nodes.renderer.renderer import Renderer
 from nodes.renderer.supersampling import SupersampledRenderer
@@ -38,10 +38,10 @@ RATES = {"none": (250.0,), "splat": (31.25, 62.5, 125.0, 250.0), "rigid": (31.25
 FRAME_RATES = (500, 1000, 2000, 4000)
 """Frames per second, about, that are tried with every keyframe rate; for dense rendering also half and a quarter."""
 DEAR_S = 0.02
-"""Cost of a keyframe from which on the reference has half the rate, and there are two windows instead of three [s]."""
+"""Cost of a keyframe from which on the reference has half the rate [s]."""
 REFERENCE_HZ = {False: 8000, True: 4000}
-WINDOWS = {False: 3, True: 2}
-CUT = (96, 72)
+WINDOWS = 2
+CUT = (80, 60)
 """Width and height of the cut-out [px]."""
 MARGIN = 12
 """Pixels about the cut-out that keyframes have, so that what enters is known as it is inside the whole image."""
@@ -50,6 +50,8 @@ GAP_FRAMES = 8
 
 MIDDLE_RATE = 62.5
 """Its keyframe rate [Hz]."""
+MOST = 0.7
+"""Share of a method's error that must be dense rendering's for more frames to help."""
 
 ORIGIN = NS
 """Start of the windows' common time [ns], late enough that there is time before it."""
@@ -65,7 +67,7 @@ class Setting:
     """How a scene is going to be run: what of it decides cost and error.
 
     keyframe_rate, upsampling: the user's own, or None. sensor: parameters of EventSensor without noise. light: options
-    of the renderer (light_samples, paths).
+    of the renderer (light_samples, paths). tolerance: that of `rigid`.
     """
 
     scene: Scene
@@ -80,6 +82,7 @@ class Setting:
     upsampling: int | None = None
     sensor: dict[str, Any] = field(default_factory=dict)
     light: dict[str, Any] = field(default_factory=dict)
+    tolerance: float = 0.1
 
     def clock(self) -> float:
         """CPU time where one thread does all the work, for others may be at work here; else wall time [s]."""
@@ -151,11 +154,11 @@ def probe(setting: Setting, say: Say = lambda line: None) -> list[Candidate]:
     world = World(setting.scene, end, setting.seed)
     moving = (setting.clock() - started) / (end / NS) if setting.scene.dynamic else 0.0
     say("costs at full size")
-    full = FullSize(setting, world, starts_of(setting, end - length, WINDOWS[False]), length)
+    starts = starts_of(setting, end - length)
+    full = FullSize(setting, world, starts, length)
     costs = full.measure() | {"moving": moving}
     dear = costs["key none"] > DEAR_S
     grid = Grid.of(setting, dear)
-    starts = starts_of(setting, end - length, WINDOWS[dear])
     say("dense frames")
     windows = Windows(setting, world, grid, starts, full.cut())
     low = [way for way in grid.ways if way[0] == "none" or way[1] * way[2] <= 1.5 * BASE_RATE]
@@ -168,10 +171,10 @@ def probe(setting: Setting, say: Say = lambda line: None) -> list[Candidate]:
     return found
 
 
-def starts_of(setting: Setting, last: int, count: int) -> list[int]:
+def starts_of(setting: Setting, last: int) -> list[int]:
     """Where windows begin, evenly from 0 to `last` [ns]: at sub-steps, for an impact lies between two of them."""
     step = setting.scene.timestep_ns
-    return sorted({round(t) // step * step for t in np.linspace(0, last, count)})
+    return sorted({round(t) // step * step for t in np.linspace(0, last, WINDOWS)})
 
 
 def _candidate(setting: Setting, way: Way, windows: Windows, costs: dict[str, float]) -> Candidate:
@@ -190,17 +193,15 @@ def _candidate(setting: Setting, way: Way, windows: Windows, costs: dict[str, fl
 
 
 def _worth(way: Way, found: list[Candidate]) -> bool:
-    """Whether a method at a keyframe rate may gain from more frames: it has so far, and dense rendering at the cost of
-    its best frame rate until now is worse."""
+    """Whether a method at a keyframe rate may gain from more frames: most of its error until now is that of dense
+    rendering of as many frames, and dense rendering at the same cost is worse."""
     method, rate, _ = way
-    own = sorted((c for c in found if (c.method, c.keyframe_rate) == (method, rate)), key=lambda c: c.upsampling)
-    if len(own) < 2:
-        return True
-    if own[-1].error > 0.75 * own[-2].error:
-        return False
+    last = max((c for c in found if (c.method, c.keyframe_rate) == (method, rate)), key=lambda c: c.upsampling)
     dense = sorted((c for c in found if c.method == "none"), key=lambda c: c.seconds)
+    same = [c.error for c in dense if abs(c.frame_rate / last.frame_rate - 1) < 0.01]
+    if same and same[0] < MOST * last.error:
+        return False
     cost, error = (np.log([max(v, 1e-9) for v in values]) for values in zip(*((c.seconds, c.error) for c in dense)))
-    last = own[-1]
     return last.seconds < dense[0].seconds or last.error < np.exp(np.interp(np.log(last.seconds), cost, error))
 
 
@@ -235,7 +236,7 @@ class FullSize:
                     images = renderer.render(self._poses(stamp), self._poses(start), outputs, {}, stamp)
                     took.append(s.clock() - began)
                     if method == "none":
-                        pairs.append(luminance_of(images["radiance"].copy(), renderer.device).numpy()[inner])
+                        pairs.append(luminance_of(images["radiance"].copy(), device_named(s.device)).numpy()[inner])
             # The first drawing compiles and places what stands still.
             costs["key " + method] = costs["key none"] if alike else float(np.mean(took[1:])) / s.envs
             if method == "none":
@@ -275,7 +276,14 @@ class FullSize:
         s = self._setting
         gap = min(round(NS / MIDDLE_RATE), self._length)
         interpolator = Interpolator(
-            method, GAP_FRAMES, scene=s.scene, camera=s.camera, device=s.device, threads=s.threads, **s.light
+            method,
+            GAP_FRAMES,
+            scene=s.scene,
+            camera=s.camera,
+            device=s.device,
+            threads=s.threads,
+            tolerance=s.tolerance,
+            **s.light,
         )
         took = []
         start = self._starts[len(self._starts) // 2]
@@ -327,16 +335,16 @@ class Windows:
     Each window is an environment; all have the stamps of a window that starts at ORIGIN.
     """
 
-    def __init__(
-        self, s: Setting, world: World, grid: Grid, starts: list[int], cut: tuple[int, int, int, int]
-    ) -> None:
+    def __init__(self, s: Setting, world: World, grid: Grid, starts: list[int], cut: tuple[int, int, int, int]) -> None:
         left, top, width, height = cut
         k = np.array(s.camera.k, np.float64)
         k[0, 2] -= left
         k[1, 2] -= top
         self._camera = replace(s.camera, width=width, height=height, k=k)
         # Times are shifted, so that poses come from the states alone and not from the bodies' paths.
-        bodies = [b if b.trajectory and b.trajectory.is_static() else replace(b, trajectory=None) for b in s.scene.bodies]
+        bodies = [
+            b if b.trajectory and b.trajectory.is_static() else replace(b, trajectory=None) for b in s.scene.bodies
+        ]
         self._setting = s = replace(s, scene=replace(s.scene, bodies=bodies))
         self._world, self._grid, self._starts = world, grid, starts
         self._steps = grid.gap
@@ -345,7 +353,7 @@ class Windows:
         self._dense = {}
         for step in range(self._steps + 1):
             images = renderer.render(self._poses(step), None, {"radiance"}, {}, grid.stamp(ORIGIN, step))
-            self._dense[step] = luminance_of(images["radiance"], renderer.device).numpy().copy()
+            self._dense[step] = luminance_of(images["radiance"], device_named(s.device)).numpy().copy()
         self._truth = self._events(self._dense, 1)
         self.error: dict[Way, float] = {}
         """Spike-train distance to the reference."""
@@ -368,7 +376,14 @@ class Windows:
         s, apart, envs = self._setting, round(self._grid.base / rate), len(self._starts)
         renderer = make_renderer(s, self._camera, method, margin=MARGIN, **self._how)
         interpolator = Interpolator(
-            method, k, scene=s.scene, camera=self._camera, device=s.device, threads=s.threads, **s.light
+            method,
+            k,
+            scene=s.scene,
+            camera=self._camera,
+            device=s.device,
+            threads=s.threads,
+            tolerance=s.tolerance,
+            **s.light,
         )
         outputs = {"radiance"} | (NEEDS[method] & {"depth", "motion"})
         frames: dict[int, np.ndarray] = {}
@@ -404,7 +419,9 @@ class Windows:
         t = np.linspace(start, end, 2 + (end - start) // SUBSTEP_NS).round().astype(np.int64)
         found = []
         for window in self._starts:
-            found.append(state_at(np.maximum(t - ORIGIN + window, 0), self._world.t, self._world.pose, self._world.twist))
+            found.append(
+                state_at(np.maximum(t - ORIGIN + window, 0), self._world.t, self._world.pose, self._world.twist)
+            )
         return States(t, *(np.concatenate(parts) for parts in zip(*found)))
 
     def _events(self, frames: dict[int, np.ndarray], stride: int) -> Stream:

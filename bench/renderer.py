@@ -98,6 +98,7 @@ def stage_times(scene: Scene, poses: list[np.ndarray], repeats: int) -> dict[str
 
     def geometric(k: int) -> None:
         place(k)
+        r.displace(targets)
         r.geometric(targets)
 
     def shade(k: int) -> None:

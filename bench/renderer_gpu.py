@@ -76,7 +76,7 @@ def kernels(launch: Callable[[], object], count: int) -> dict[str, float]:
 
 
 def rows_of(name: str, envs: int, size: tuple[int, int], count: int) -> Iterable[dict[str, Any]]:
-    """Visibility alone, and all outputs with and without shadow rays."""
+    """Visibility alone, and all outputs with the shadows of all lights that cast them, of one such light, and none."""
     scene = load_scene(name, {"width": size[0], "height": size[1]})
     poses = poses_of(scene, count + 5, envs)
     case = f"{envs} x {name} {size[0]}x{size[1]}"
@@ -85,9 +85,11 @@ def rows_of(name: str, envs: int, size: tuple[int, int], count: int) -> Iterable
     yield {**row, "kernels": kernels(visibility.draw, count)}
     checked = timed(lambda i: visibility.place(visibility.frames(poses[i])), count)
     yield {"case": case, "what": "poses checked and uploaded", **checked}
-    for what, shadows in (("all outputs, shadows", True), ("all outputs, no shadows", False)):
-        for light in scene.lights:
-            light.shadows = light.shadows and shadows
+    casting = [light for light in scene.lights if light.shadows]
+    for rays in dict.fromkeys((len(casting), min(len(casting), 1), 0)):
+        for light in casting[rays:]:
+            light.shadows = False
+        what = f"all outputs, shadows of {rays} light{'s' * (rays != 1)}" if rays else "all outputs, no shadows"
         renderer = Renderer(scene, scene.cameras[0], envs, device=DEVICE)
         out = {n: wp.empty(renderer.shape, dtype=renderer.types[n], device=DEVICE) for n in OUTPUTS}
 
@@ -95,6 +97,7 @@ def rows_of(name: str, envs: int, size: tuple[int, int], count: int) -> Iterable
             renderer.render(poses[i], LAST, OUTPUTS, out)
 
         def launch(renderer: Renderer = renderer, out: dict[str, Any] = out) -> None:
+            renderer.displace(out)
             renderer.geometric(out)
             renderer.shading.shade(out["radiance"])
 

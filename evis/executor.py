@@ -105,9 +105,7 @@ class Executor:
             self._close_nodes()
 
     def _finished(self) -> bool:
-        return all(h.ended for h in self._hosts.values()) and all(
-            s.ended for s in self._subscriptions if s.declared
-        )
+        return all(h.ended for h in self._hosts.values()) and all(s.ended for s in self._subscriptions if s.declared)
 
     def stop(self) -> None:
         """End the sources and services of this process; what they sent still flows through."""

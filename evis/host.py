@@ -184,8 +184,14 @@ class Wiring:
                     remote.append(f"{edge.node}:{edge.port}")
             row = find_topic(topic)
             host.publishers[topic] = Publisher(
-                self.context, topic, host.name, endpoints_for(self.plan.directory, topic), remote,
-                message_type=row.type, window=self.plan.window, latched=row.latched,
+                self.context,
+                topic,
+                host.name,
+                endpoints_for(self.plan.directory, topic),
+                remote,
+                message_type=row.type,
+                window=self.plan.window,
+                latched=row.latched,
                 tap_hz=EVENT_TAP_HZ if row.type is EventPacket else TAP_HZ,
             )
 
@@ -219,8 +225,14 @@ class Wiring:
         row = find_topic(topic)
         return [
             Subscriber(
-                self.context, topic, node, port, endpoints_for(self.plan.directory, name),
-                message_type=row.type, tap=tap, window=self.plan.window,
+                self.context,
+                topic,
+                node,
+                port,
+                endpoints_for(self.plan.directory, name),
+                message_type=row.type,
+                tap=tap,
+                window=self.plan.window,
             )
             for name in self._endpoint_names(topic)
         ]

@@ -99,6 +99,5 @@ def resolve(owner: str, declared: Mapping[str, Param], given: Mapping[str, Any])
             hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(sorted(declared)) or 'none'}"
             raise ParamError(f"{owner} has no parameter '{key}'; {hint}")
     return {
-        key: param.convert(owner, key, given[key]) if key in given else param.default
-        for key, param in declared.items()
+        key: param.convert(owner, key, given[key]) if key in given else param.default for key, param in declared.items()
     }

@@ -77,6 +77,9 @@ class Plan:
     launch_text: str = ""
     """The launch file with every argument filled in, as YAML; goes into the bag."""
 
+    chosen: dict[str, Any] = field(default_factory=dict)
+    """Arguments that were chosen for the user (interpolator:=auto), and `why`; empty when there are none."""
+
     def processes(self) -> dict[str, list[NodePlan]]:
         """Process name -> its nodes in data-flow order, dormant ones left out."""
         result: dict[str, list[NodePlan]] = {}
@@ -94,8 +97,6 @@ class Plan:
         """Read what `save` wrote."""
         raw = json.loads(path.read_text())
         nodes = {k: NodePlan(**v) for k, v in raw.pop("nodes").items()}
-        topics = {
-            k: TopicPlan(**{**v, "edges": [Edge(**e) for e in v["edges"]]}) for k, v in raw.pop("topics").items()
-        }
+        topics = {k: TopicPlan(**{**v, "edges": [Edge(**e) for e in v["edges"]]}) for k, v in raw.pop("topics").items()}
         left_out = [LeftOut(**v) for v in raw.pop("left_out")]
         return Plan(nodes=nodes, topics=topics, left_out=left_out, **raw)

@@ -31,8 +31,13 @@ class Telemetry:
         self._sent_at = time.monotonic()
         self.publishers = {
             topic: Publisher(
-                context, topic, process, endpoints_for(plan.directory, system_topic(topic, process)), [],
-                message_type=find_topic(topic).type, tap_hz=TAP_HZ,
+                context,
+                topic,
+                process,
+                endpoints_for(plan.directory, system_topic(topic, process)),
+                [],
+                message_type=find_topic(topic).type,
+                tap_hz=TAP_HZ,
             )
             for topic in SYSTEM_TOPICS
         }

@@ -105,8 +105,9 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
         return 0
     about |= about.pop("details")
     settings = about.pop("settings", {})
+    width = max(map(len, about))
     for name, value in about.items():
-        print(f"{name:14}{value if value not in ('', [], {}) else '-'}")
+        print(f"{name:{width}}  {value if value not in ('', [], {}) else '-'}")
     for name, facts in settings.items():
         low, high = facts["minimum"], facts["maximum"]
         span = "" if low is None else f", {low:g} to {high:g}" if high is not None else f", at least {low:g}"

@@ -85,6 +85,8 @@ def run(args: argparse.Namespace) -> int:
         return 0
     from evis.cli.progress import Progress
 
+    if plan.chosen:
+        print(f"interpolator auto: {plan.chosen['summary']}", file=sys.stderr, flush=True)
     with Progress(plan.duration_s) as progress:
         report = Supervisor(plan, say=progress.say, tick=progress.tick, debug=args.debug).run()
     if report.failure is not None:
@@ -130,7 +132,11 @@ def make_plan(args: argparse.Namespace) -> Any:
     )
     if options.record_topics and not options.record:
         raise UsageError("--record-topics needs --record BAG")
+    from evis.cli.auto import resolve_auto
+
+    given, chosen = resolve_auto(launch, given, options)
     plan = plan_launch(launch, given, options)
+    plan.chosen = chosen
     if preset:
         plan.name = preset["scene"]
     return plan

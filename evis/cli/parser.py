@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 
-class UsageError(Exception):
+class UsageError(ValueError):
     """A command line that is understood but wrong: exit status 2."""
 
 

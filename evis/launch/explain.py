@@ -13,6 +13,8 @@ def as_text(plan: Plan) -> str:
     lines = [f"{plan.name}: {plan.mode}" + (f", {plan.duration_s:g} s" if plan.duration_s else "")]
     if plan.args:
         lines += ["", "arguments", *(f"  {k} = {_shown(v)}" for k, v in plan.args.items() if v is not None)]
+    if plan.chosen:
+        lines += ["", "chosen", *(f"  {k}: {_shown(v)}" for k, v in plan.chosen.items())]
     lines += ["", "processes"]
     for process, nodes in plan.processes().items():
         lines.append(f"  {process}")

@@ -58,6 +58,8 @@ def summarise(
         "rss_mb": round(sum(part.get("rss_mb", 0.0) for part in parts), 1),
         "args": plan.args,
     }
+    if plan.chosen:
+        summary["chosen"] = plan.chosen
     if failure is not None:
         summary["error"] = failure
     return Report(summary, failure, interrupted)

@@ -62,17 +62,13 @@ SUBSTEP_NS = 1_000_000
 """Sub-step of /state unless the scene says otherwise [ns]: the 1 kHz that controllers and inertial sensors use."""
 
 
-def build(
-    table: Table, path: Path, arguments: Mapping[str, Any], textures: bool = True, visuals: bool = True
-) -> Scene:
+def build(table: Table, path: Path, arguments: Mapping[str, Any], textures: bool = True, visuals: bool = True) -> Scene:
     """The Scene of a checked argument set. textures, visuals: as in `load_scene`. Raises SceneError."""
     return _Builder(table, path, arguments, textures, visuals).scene
 
 
 class _Builder:
-    def __init__(
-        self, table: Table, path: Path, arguments: Mapping[str, Any], textures: bool, visuals: bool
-    ) -> None:
+    def __init__(self, table: Table, path: Path, arguments: Mapping[str, Any], textures: bool, visuals: bool) -> None:
         self.top = Fields(table, f"scene {path.stem}", arguments)
         self.arguments, self.folder, self.textures, self.visuals = arguments, path.parent, textures, visuals
         self.scene = Scene(path.stem, [], [], [], [], [], np.zeros(3, np.float32))

@@ -8,11 +8,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from evis.streams.buffer import EventBuffer
 from evis.streams.events import Events
 from evis.streams.launcher import WarpLauncher
 
 FOREVER = 2**62
 """A limit (in ticks of any codec) later than every time stamp."""
+_SCRATCH = 1 << 19
+"""Events that one launch gives where its caller has no place for them: 6.8 MB of scratch."""
 _BLOCK = 1 << 16
 """Words that numpy decodes at a time: what it makes of them stays in the cache."""
 NUMPY_BYTES = 16 << 20
@@ -59,6 +62,13 @@ def count_until(which: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.cumsum(which, dtype=np.int32)[at]
 
 
+def _without_events(part: Events) -> Events:
+    """What else came: triggers, inertial samples, frames."""
+    other = Events.empty()
+    other.triggers, other.imu, other.frames = part.triggers, part.imu, part.frames
+    return other
+
+
 class Decoder(abc.ABC):
     """Words of one sensor to events. Feed bytes as they come, cut anywhere, also inside a word.
 
@@ -88,6 +98,7 @@ class Decoder(abc.ABC):
         self.width, self.height = width or self.geometry[0], height or self.geometry[1]
         self.backend = backend if self.kernel else "numpy"
         self._launcher: WarpLauncher | None = None
+        self._scratch: EventBuffer | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -95,6 +106,13 @@ class Decoder(abc.ABC):
         self.state = np.zeros(self.state_size, np.int64)
         self._begin()
         self._drop_pending()
+
+    def prepare(self) -> None:
+        """Compile and load the kernel now (up to seconds) and not with the first bytes."""
+        if self.backend == "warp" and self._launcher is None:
+            self._launcher = WarpLauncher(self.kernel, self.has_side)
+            self._launcher.load(np.zeros(1, self._words.dtype))
+            self._launcher.run(1, FOREVER, self.width, self.height, self.state.copy(), EventBuffer(0))
 
     def resync(self) -> None:
         """Go on after bytes were lost: what is half read is dropped, and all words up to the next one with a time.
@@ -179,6 +197,30 @@ class Decoder(abc.ABC):
         """
         return self._decode(t_ns // self.tick_ns)
 
+    def decode_into(self, buffer: EventBuffer, t_ns: int | None = None) -> list[Events]:
+        """As `decode_until` (None: all that is pending), the events to the end of `buffer`, which grows as needed.
+
+        Returns what else came (triggers, inertial samples, frames), in parts without events; mostly none.
+        """
+        limit = FOREVER if t_ns is None else t_ns // self.tick_ns
+        begin = self._at * self.word.itemsize
+        others: list[Events] = []
+        following = -1
+        while self._at < len(self._words) and following < 0:
+            before = self._at
+            if self.backend == "numpy":
+                part, self._at, following = self._block(limit)
+                buffer.append(part)
+                other: Events | None = _without_events(part)
+            else:
+                other, following = self._launch(limit, buffer)
+                if self._at == before and following < 0:
+                    buffer.grow()
+            if other is not None and (len(other.triggers) or len(other.imu) or other.frames):
+                others.append(other)
+        self._note(begin, following)
+        return others
+
     def feed_packet(self, data: bytes | bytearray | memoryview | np.ndarray, time_base_ns: int = 0) -> None:
         """Add the payload of one event_camera_msgs/EventPacket. Camera words simply go on; the base is not used."""
         self.feed(data)
@@ -193,14 +235,22 @@ class Decoder(abc.ABC):
         parts, following = [], -1
         while self._at < len(self._words) and following < 0:
             if self.backend == "numpy":
-                events, used, following = self.decode_words(self._words[self._at : self._at + _BLOCK], limit)
-                self._at += used
+                part, self._at, following = self._block(limit)
             else:
-                events, following = self._launch(limit)
-            parts.append(events)
+                part, following = self._scratched(limit)
+            parts.append(part)
+        self._note(begin, following)
+        return Events.concatenate(parts) if parts else Events.empty()
+
+    def _note(self, begin: int, following: int) -> None:
+        """Where a call stopped; it had begun at byte `begin`."""
         self.next_t_ns = following * self.tick_ns if self.at_cut else None
         self._taken = (begin, self._at * self.word.itemsize)
-        return Events.concatenate(parts) if parts else Events.empty()
+
+    def _block(self, limit: int) -> tuple[Events, int, int]:
+        """A block by numpy: events, the word to go on with, time at the cut or -1."""
+        events, used, following = self.decode_words(self._words[self._at : self._at + _BLOCK], limit)
+        return events, self._at + used, following
 
     @abc.abstractmethod
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
@@ -212,13 +262,33 @@ class Decoder(abc.ABC):
     def _assemble(self, events: Events, t: np.ndarray, words: np.ndarray) -> None:  # noqa: B027 (has_side only)
         """Put what the side words (t int64 [us], words) complete into `events`."""
 
-    def _launch(self, limit: int) -> tuple[Events, int]:
+    def _scratched(self, limit: int) -> tuple[Events, int]:
+        """A launch whose events get memory of their own."""
+        if self._scratch is None:
+            self._scratch = EventBuffer(_SCRATCH)
+        self._scratch.n = 0
+        other, following = self._launch(limit, self._scratch)
+        part = self._scratch.events()
+        events = Events(part.t.copy(), part.x.copy(), part.y.copy(), part.p.copy())
+        if other is not None:
+            events.triggers, events.imu, events.frames = other.triggers, other.imu, other.frames
+        return events, following
+
+    def _launch(self, limit: int, buffer: EventBuffer) -> tuple[Events | None, int]:
+        """A launch to the end of `buffer`: what else came, and the time at the cut or -1."""
         if self._launcher is None:
             self._launcher = WarpLauncher(self.kernel, self.has_side)
         if self._fresh:
             self._launcher.load(self._words)
             self._fresh = False
-        events, side, self._at, following = self._launcher.run(self._at, limit, self.width, self.height, self.state)
-        if len(side[0]):
-            self._assemble(events, *side)
-        return events, following
+        triggers, side, self._at, following = self._launcher.run(
+            self._at, limit, self.width, self.height, self.state, buffer
+        )
+        if triggers is None and side is None:
+            return None, following
+        other = Events.empty()
+        if triggers is not None:
+            other.triggers = triggers
+        if side is not None:
+            self._assemble(other, *side)
+        return other, following

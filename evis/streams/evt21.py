@@ -21,7 +21,7 @@ class Decoder(evt2.Decoder):
 
     encoding = "evt21"
     word: ClassVar[np.dtype[Any]] = np.dtype("<u8")
-    kernel = "evis.streams.kernels_evt21:decode_evt21"
+    kernel = "evis.streams.kernels_evt2:decode_evt21"
 
     def _heads(self, words: np.ndarray) -> np.ndarray:
         return (words >> np.uint64(32)).astype(np.uint32)

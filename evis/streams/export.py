@@ -1,4 +1,4 @@
-"""Writes sequences of pictures: animations with Pillow or ffmpeg, and sheets."""
+"""Writes sequences of pictures: animations with Pillow, ffmpeg or PyAV, and sheets."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterator
+from fractions import Fraction
 
 import numpy as np
 
@@ -41,14 +42,40 @@ def save_gif(path: str, pictures: Pictures, dt_ms: float) -> None:
 
 
 def save_mp4(path: str, pictures: Pictures, dt_ms: float) -> None:
-    """H.264 through the ffmpeg program. Raises ValueError where it is not installed or fails."""
+    """H.264 through the ffmpeg program, or PyAV. Raises ValueError where neither is installed or ffmpeg fails."""
+    rate = Fraction(min(1000 / dt_ms, 1000 / _LEAST_MS)).limit_denominator(1_000_000)
     program = shutil.which("ffmpeg")
     if program is None:
-        raise ValueError(f"{path}: .mp4 needs the program ffmpeg; install it, or write .gif")
+        _save_by_pyav(path, pictures, rate)
+    else:
+        _save_by_program(program, path, pictures, rate)
+
+
+def _save_by_pyav(path: str, pictures: Pictures, rate: Fraction) -> None:
+    try:
+        import av
+    except ImportError:
+        raise ValueError(
+            f"{path}: .mp4 needs the program ffmpeg or `pip install 'evis[video]'`; install one, or write .gif"
+        ) from None
+
     _, first = _first(path, pictures)
     height, width = first.shape[:2]
-    rate = min(1000 / dt_ms, 1000 / _LEAST_MS)
-    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate:.6f}", "-i", "-"]
+    with av.open(os.fspath(path), "w", format="mp4") as film:
+        stream = film.add_stream("libx264", rate=rate)
+        # most players want even sizes and this pixel format
+        stream.width, stream.height, stream.pix_fmt = width + width % 2, height + height % 2, "yuv420p"
+        for _, picture in itertools.chain([(0, first)], pictures):
+            even = np.full((stream.height, stream.width, 3), 255, np.uint8)
+            even[:height, :width] = picture
+            film.mux(stream.encode(av.VideoFrame.from_ndarray(even, format="rgb24")))
+        film.mux(stream.encode())
+
+
+def _save_by_program(program: str, path: str, pictures: Pictures, rate: Fraction) -> None:
+    _, first = _first(path, pictures)
+    height, width = first.shape[:2]
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate), "-i", "-"]
     # most players want even sizes and this pixel format
     target = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:0:0:white", "-pix_fmt", "yuv420p", "-f", "mp4", os.fspath(path)]
     command = [program, "-y", "-loglevel", "error", *source, *target]

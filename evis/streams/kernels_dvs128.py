@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from evis.streams.kernels_writing import put_event, put_trigger, report
+
 
 @wp.kernel(module="unique", enable_backward=False)
 def decode_dvs128(
@@ -48,9 +50,7 @@ def decode_dvs128(
             if address >= 0x8000:
                 if m >= last_trigger:
                     break
-                trigger_t[m] = now * wp.int64(1000)
-                trigger_id[m] = wp.uint8(0)
-                trigger_value[m] = wp.uint8(1)
+                put_trigger(m, now * wp.int64(1000), 0, 1, trigger_t, trigger_id, trigger_value)
                 m += 1
             else:
                 if n >= last:
@@ -60,16 +60,10 @@ def decode_dvs128(
                 if row >= height or column >= width:
                     outside += wp.int64(1)
                 else:
-                    t[n] = now * wp.int64(1000)
-                    x[n] = wp.uint16(column)
-                    y[n] = wp.uint16(row)
-                    p[n] = wp.uint8(1 - (address & 1))
+                    put_event(n, now * wp.int64(1000), column, row, wp.uint8(1 - (address & 1)), t, x, y, p)
                     n += 1
         i += 1
     state[1] = offset
     state[2] = outside
     state[3] = resets
-    out[0] = wp.int64(i)
-    out[1] = wp.int64(n)
-    out[2] = wp.int64(m)
-    out[3] = next_us
+    report(i, n, m, next_us, out)

@@ -2,6 +2,9 @@
 
 import warp as wp
 
+from evis.streams.kernels_inivation import first_timed, is_trigger, trigger_channel, trigger_rises, wrapped
+from evis.streams.kernels_writing import put_event, put_trigger, report
+
 
 @wp.kernel(module="unique", enable_backward=False)
 def decode_dvxplorer(
@@ -45,13 +48,12 @@ def decode_dvxplorer(
     next_us = wp.int64(-1)
     i = int(start)
     end = words.shape[0]
-    while timed <= wp.int64(0) and i < end:
-        word = int(words[i])
-        if word >= 0x7000 or word == 1:
+    if timed <= wp.int64(0):
+        first = first_timed(words, i)
+        untimed += wp.int64(first - i)
+        if first < end:
             timed = wp.int64(1)
-        else:
-            untimed += wp.int64(1)
-            i += 1
+        i = first
     while i < end:
         word = int(words[i])
         code = word >> 12
@@ -69,7 +71,7 @@ def decode_dvxplorer(
             row1 = row1 * 8
             row2 = row2 * 8
         elif code == 7:
-            offset = wp.min(offset + wp.int64(value << 15), wp.int64(4503599627370496))
+            offset = wrapped(offset, value)
             now = offset
             now_ns = now * wp.int64(1000)
         elif word == 1:
@@ -98,27 +100,14 @@ def decode_dvxplorer(
                     if row < 0 or row >= height or column >= width:
                         outside += wp.int64(1)
                     else:
-                        t[n] = now_ns
-                        x[n] = wp.uint16(column)
-                        y[n] = wp.uint16(row)
-                        p[n] = sign
+                        put_event(n, now_ns, column, row, sign, t, x, y, p)
                         n += 1
                 mask = mask >> 1
                 row += 1
-        elif code == 0 and ((value >= 2 and value <= 4) or value == 16 or value == 17):
+        elif code == 0 and is_trigger(value):
             if m >= last_trigger:
                 break
-            trigger_t[m] = now_ns
-            channel = 0
-            if value == 4:
-                channel = 2
-            elif value >= 16:
-                channel = 1
-            rises = 0
-            if value == 3 or value == 4 or value == 17:
-                rises = 1
-            trigger_id[m] = wp.uint8(channel)
-            trigger_value[m] = wp.uint8(rises)
+            put_trigger(m, now_ns, trigger_channel(value), trigger_rises(value), trigger_t, trigger_id, trigger_value)
             m += 1
         elif word == 5 or word == 7 or (word >> 8) == 0x50 or (word >> 8) == 0x53:
             if k >= last_side:
@@ -139,8 +128,5 @@ def decode_dvxplorer(
     state[9] = wp.int64(column)
     state[10] = wp.int64(row1)
     state[11] = wp.int64(row2)
-    out[0] = wp.int64(i)
-    out[1] = wp.int64(n)
-    out[2] = wp.int64(m)
-    out[3] = next_us
+    report(i, n, m, next_us, out)
     out[4] = wp.int64(k)

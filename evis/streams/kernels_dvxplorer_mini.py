@@ -4,6 +4,8 @@ The twin of `evis.streams.dvxplorer_mini.Decoder.decode_words`."""
 
 import warp as wp
 
+from evis.streams.kernels_writing import put_event, report
+
 
 @wp.kernel(module="unique", enable_backward=False)
 def decode_dvxplorer_mini(
@@ -67,10 +69,7 @@ def decode_dvxplorer_mini(
                             if pixel >= height or column >= width:
                                 outside += wp.int64(1)
                             else:
-                                t[n] = now * wp.int64(1000)
-                                x[n] = wp.uint16(column)
-                                y[n] = wp.uint16(pixel)
-                                p[n] = sign
+                                put_event(n, now * wp.int64(1000), column, pixel, sign, t, x, y, p)
                                 n += 1
                         mask = mask >> 1
                         pixel += 1
@@ -123,7 +122,4 @@ def decode_dvxplorer_mini(
     state[10] = unknown
     state[11] = lost_time
     state[12] = lost_column
-    out[0] = wp.int64(i)
-    out[1] = wp.int64(n)
-    out[2] = wp.int64(0)
-    out[3] = next_us
+    report(i, n, 0, next_us, out)

@@ -1,94 +1,130 @@
-"""EVT2 words to events, one after the other; the twin of `evis.streams.evt2.Decoder.decode_words`."""
+"""EVT2 and EVT2.1 words to events, one after the other; the twins of `evis.streams.evt2.Decoder.decode_words`."""
 
 import warp as wp
 
+from evis.streams.kernels_writing import bound_of, put_event, put_trigger, report
 
-@wp.kernel(module="unique", enable_backward=False)
-def decode_evt2(
-    # in
-    words: wp.array(dtype=wp.uint32),
-    start: wp.int64,
-    limit_us: wp.int64,
-    width: int,
-    height: int,
-    # out
-    state: wp.array(dtype=wp.int64),
-    out: wp.array(dtype=wp.int64),
-    t: wp.array(dtype=wp.int64),
-    x: wp.array(dtype=wp.uint16),
-    y: wp.array(dtype=wp.uint16),
-    p: wp.array(dtype=wp.uint8),
-    trigger_t: wp.array(dtype=wp.int64),
-    trigger_id: wp.array(dtype=wp.uint8),
-    trigger_value: wp.array(dtype=wp.uint8),
-):
-    timed = state[0]
-    high = state[1]
-    loop = state[2]
-    outside = state[3]
-    untimed = state[4]
-    unknown = state[5]
-    base = (loop << wp.int64(34)) + (high << wp.int64(6))
-    capacity = t.shape[0]
-    last_trigger = trigger_t.shape[0]
-    n = wp.int32(0)
-    m = wp.int32(0)
-    next_us = wp.int64(-1)
-    i = int(start)
-    end = words.shape[0]
-    while i < end:
-        word = words[i]
-        kind = int(word >> wp.uint32(28))
-        if timed <= wp.int64(0) and kind != 8:
-            untimed += wp.int64(1)
-        elif kind < 2:
-            if n >= capacity:
-                break
-            now = base + wp.int64((word >> wp.uint32(22)) & wp.uint32(63))
-            if now > limit_us:
-                next_us = now
-                break
-            column = int((word >> wp.uint32(11)) & wp.uint32(0x7FF))
-            row = int(word & wp.uint32(0x7FF))
-            if (height > 0 and row >= height) or (width > 0 and column >= width):
-                outside += wp.int64(1)
-            else:
-                t[n] = now * wp.int64(1000)
-                x[n] = wp.uint16(column)
-                y[n] = wp.uint16(row)
-                p[n] = wp.uint8(kind)
-                n += 1
-        elif kind == 8:
-            value = wp.int64(word & wp.uint32(0xFFFFFFF))
-            # after a gap (-1) the time before it still counts, for the turns
-            if timed == wp.int64(0):
-                high = value
-            timed = wp.int64(1)
-            if high >= value + (wp.int64(1) << wp.int64(27)) and loop < wp.int64(262144):
-                loop += wp.int64(1)
-            high = value
-            base = (loop << wp.int64(34)) + (high << wp.int64(6))
-        elif kind == 10:
-            if m >= last_trigger:
-                break
-            now = base + wp.int64((word >> wp.uint32(22)) & wp.uint32(63))
-            if now > limit_us:
-                next_us = now
-                break
-            trigger_t[m] = now * wp.int64(1000)
-            trigger_id[m] = wp.uint8((word >> wp.uint32(8)) & wp.uint32(31))
-            trigger_value[m] = wp.uint8(word & wp.uint32(1))
-            m += 1
-        elif kind < 14:
-            unknown += wp.int64(1)
-        i += 1
-    state[0] = timed
-    state[1] = high
-    state[2] = loop
-    state[3] = outside
-    state[4] = untimed
-    state[5] = unknown
-    out[0] = wp.int64(i)
-    out[1] = wp.int64(n)
-    out[2] = wp.int64(m)
-    out[3] = next_us
+
+@wp.func
+def time_of(loop: wp.int64, high: wp.int64):
+    """Time [us] of a TIME_HIGH word, after `loop` turns of its 28 bits."""
+    return (loop << wp.int64(34)) + (high << wp.int64(6))
+
+
+def make_decode(vectors: bool) -> wp.Kernel:
+    """vectors: EVT2.1, whose 64-bit words are an EVT2 word above a mask of 32 pixels; else EVT2."""
+    word_type = wp.uint64 if vectors else wp.uint32
+    per_word = 32 if vectors else 1
+
+    @wp.func
+    def head_of(word: word_type):
+        """The part of a word that is an EVT2 word."""
+        if wp.static(vectors):
+            return wp.uint32(word >> wp.uint64(32))
+        else:
+            return word
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def decode(
+        # in
+        words: wp.array(dtype=word_type),
+        start: wp.int64,
+        limit_us: wp.int64,
+        width: int,
+        height: int,
+        # out
+        state: wp.array(dtype=wp.int64),
+        out: wp.array(dtype=wp.int64),
+        t: wp.array(dtype=wp.int64),
+        x: wp.array(dtype=wp.uint16),
+        y: wp.array(dtype=wp.uint16),
+        p: wp.array(dtype=wp.uint8),
+        trigger_t: wp.array(dtype=wp.int64),
+        trigger_id: wp.array(dtype=wp.uint8),
+        trigger_value: wp.array(dtype=wp.uint8),
+    ):
+        timed = state[0]
+        high = state[1]
+        loop = state[2]
+        outside = state[3]
+        untimed = state[4]
+        unknown = state[5]
+        base = time_of(loop, high)
+        # stop while the events of a word still fit
+        last = t.shape[0] - wp.static(per_word)
+        last_trigger = trigger_t.shape[0]
+        n = wp.int32(0)
+        m = wp.int32(0)
+        next_us = wp.int64(-1)
+        i = int(start)
+        end = words.shape[0]
+        columns = bound_of(width)
+        rows = bound_of(height)
+        while i < end:
+            head = head_of(words[i])
+            kind = int(head >> wp.uint32(28))
+            if timed <= wp.int64(0) and kind != 8:
+                untimed += wp.int64(1)
+            elif kind < 2:
+                if n > last:
+                    break
+                now = base + wp.int64((head >> wp.uint32(22)) & wp.uint32(63))
+                if now > limit_us:
+                    next_us = now
+                    break
+                now_ns = now * wp.int64(1000)
+                column = int((head >> wp.uint32(11)) & wp.uint32(0x7FF))
+                row = int(head & wp.uint32(0x7FF))
+                if wp.static(vectors):
+                    mask = wp.uint32(words[i] & wp.uint64(0xFFFFFFFF))
+                    while mask != wp.uint32(0):
+                        if (mask & wp.uint32(1)) != wp.uint32(0):
+                            if row >= rows or column >= columns:
+                                outside += wp.int64(1)
+                            else:
+                                put_event(n, now_ns, column, row, wp.uint8(kind), t, x, y, p)
+                                n += 1
+                        mask = mask >> wp.uint32(1)
+                        column += 1
+                elif row >= rows or column >= columns:
+                    outside += wp.int64(1)
+                else:
+                    put_event(n, now_ns, column, row, wp.uint8(kind), t, x, y, p)
+                    n += 1
+            elif kind == 8:
+                newest = wp.int64(head & wp.uint32(0xFFFFFFF))
+                # after a gap (-1) the time before it still counts, for the turns
+                if timed == wp.int64(0):
+                    high = newest
+                timed = wp.int64(1)
+                if high >= newest + (wp.int64(1) << wp.int64(27)) and loop < wp.int64(262144):
+                    loop += wp.int64(1)
+                high = newest
+                base = time_of(loop, high)
+            elif kind == 10:
+                if m >= last_trigger:
+                    break
+                now = base + wp.int64((head >> wp.uint32(22)) & wp.uint32(63))
+                if now > limit_us:
+                    next_us = now
+                    break
+                channel = int((head >> wp.uint32(8)) & wp.uint32(31))
+                value = int(head & wp.uint32(1))
+                put_trigger(m, now * wp.int64(1000), channel, value, trigger_t, trigger_id, trigger_value)
+                m += 1
+            elif kind < 14:
+                unknown += wp.int64(1)
+            i += 1
+        state[0] = timed
+        state[1] = high
+        state[2] = loop
+        state[3] = outside
+        state[4] = untimed
+        state[5] = unknown
+        report(i, n, m, next_us, out)
+
+    return decode
+
+
+decode_evt2 = make_decode(vectors=False)
+decode_evt21 = make_decode(vectors=True)

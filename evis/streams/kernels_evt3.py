@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from evis.streams.kernels_writing import bound_of, put_event, put_trigger, report
+
 
 @wp.kernel(module="unique", enable_backward=False)
 def decode_evt3(
@@ -42,12 +44,8 @@ def decode_evt3(
     next_us = wp.int64(-1)
     i = int(start)
     end = words.shape[0]
-    columns = width
-    if width == 0:
-        columns = 65536
-    rows = height
-    if height == 0:
-        rows = 65536
+    columns = bound_of(width)
+    rows = bound_of(height)
     while timed <= wp.int64(0) and i < end:
         if (int(words[i]) >> 12) == 8:
             # after a gap (-1) the time before it still counts, for the turns
@@ -72,10 +70,7 @@ def decode_evt3(
                 if row >= rows or column >= columns:
                     outside += wp.int64(1)
                 else:
-                    t[n] = now_ns
-                    x[n] = wp.uint16(column)
-                    y[n] = wp.uint16(row)
-                    p[n] = wp.uint8(value >> 11)
+                    put_event(n, now_ns, column, row, wp.uint8(value >> 11), t, x, y, p)
                     n += 1
             else:
                 pixels = 12
@@ -89,10 +84,7 @@ def decode_evt3(
                         if row >= rows or pixel >= columns:
                             outside += wp.int64(1)
                         else:
-                            t[n] = now_ns
-                            x[n] = wp.uint16(pixel)
-                            y[n] = wp.uint16(row)
-                            p[n] = sign
+                            put_event(n, now_ns, pixel, row, sign, t, x, y, p)
                             n += 1
                     value = value >> 1
                     column += 1
@@ -120,9 +112,7 @@ def decode_evt3(
             if now > limit_us:
                 next_us = now
                 break
-            trigger_t[m] = now_ns
-            trigger_id[m] = wp.uint8((value >> 8) & 15)
-            trigger_value[m] = wp.uint8(value & 1)
+            put_trigger(m, now_ns, (value >> 8) & 15, value & 1, trigger_t, trigger_id, trigger_value)
             m += 1
         elif kind != 7 and kind < 14:
             unknown += wp.int64(1)
@@ -137,7 +127,4 @@ def decode_evt3(
     state[7] = outside
     state[8] = untimed
     state[9] = unknown
-    out[0] = wp.int64(i)
-    out[1] = wp.int64(n)
-    out[2] = wp.int64(m)
-    out[3] = next_us
+    report(i, n, m, next_us, out)

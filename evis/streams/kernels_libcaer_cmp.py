@@ -2,6 +2,8 @@
 
 import warp as wp
 
+from evis.streams.kernels_writing import bound_of, put_event, report
+
 
 @wp.kernel(module="unique", enable_backward=False)
 def decode_libcaer_cmp(
@@ -37,12 +39,8 @@ def decode_libcaer_cmp(
     next_us = wp.int64(-1)
     i = int(start)
     end = words.shape[0]
-    columns = width
-    if width == 0:
-        columns = 65536
-    rows = height
-    if height == 0:
-        rows = 65536
+    columns = bound_of(width)
+    rows = bound_of(height)
     while i < end:
         word = int(words[i])
         kind = word >> 12
@@ -68,10 +66,7 @@ def decode_libcaer_cmp(
                     if pixel >= rows or column >= columns:
                         outside += wp.int64(1)
                     else:
-                        t[n] = now * wp.int64(1000)
-                        x[n] = wp.uint16(column)
-                        y[n] = wp.uint16(pixel)
-                        p[n] = wp.uint8(polarity)
+                        put_event(n, now * wp.int64(1000), column, pixel, wp.uint8(polarity), t, x, y, p)
                         n += 1
                 mask = mask >> 1
                 row += 1
@@ -96,7 +91,4 @@ def decode_libcaer_cmp(
     state[7] = wp.int64(base)
     state[8] = wp.int64(sign)
     state[9] = unknown
-    out[0] = wp.int64(i)
-    out[1] = wp.int64(n)
-    out[2] = wp.int64(0)
-    out[3] = next_us
+    report(i, n, 0, next_us, out)

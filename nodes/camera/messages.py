@@ -60,6 +60,7 @@ def packets(
 def camera_info(camera: str, about: Any, stamp_ns: int) -> CameraInfo:
     """The latched description of a device; the intrinsics are zero: not calibrated."""
     sensor = {"name": about.name, "serial": about.serial, "sensor": about.sensor, "encoding": about.encoding}
+    stamp_ns = max(stamp_ns, 0)  # the interval of an event at 0 begins before, where a bag has no times
     return CameraInfo(
         Header(stamp_ns, clock=about.clock),
         np.zeros((3, 3)),

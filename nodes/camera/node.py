@@ -7,8 +7,11 @@ import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from evis.node import Node, Output
 from evis.params import Param, ParamError
+from evis.streams.buffer import Columns, plain
 from msgs.header import Message
 from nodes.camera.messages import camera_info, packets
 
@@ -21,6 +24,10 @@ STATUS_S = 5.0
 """Interval at which a USB camera's temperature and clock are asked for and published again."""
 FIRST_TIME = {"unplugged": "the camera was unplugged; waiting for it", "gaps": "bytes of the stream were lost"}
 """Counters whose first increment is said as a warning."""
+COUNT_S = 0.1
+"""Interval at which the driver's totals are asked for; also with each packet before which something was lost."""
+LEAST_EVENTS = 1 << 17
+"""Room of the smallest packet in shared memory: what grows from packet to packet has to be reserved anew."""
 GAUGES = ("temperature_c", "clock_drift_ppm")
 
 
@@ -78,10 +85,12 @@ class CameraNode(Node):
             self.driver.configure(FileSettings(p["packet_ms"], speed, p["duration"], p["raw"]))
         else:
             configure_usb(self.driver, p)  # type: ignore[arg-type]
+            if not p["raw"]:  # bytes of unknown size beside the events would make the bus copy both
+                self.driver.allocate = self.columns  # type: ignore[attr-defined]
         self.driver.start()
         self._counted: dict[str, float] = {}
         self._interval_ns = round(p["packet_ms"] * 1e6)
-        self._episode, self._ends_at = 0, 0
+        self._episode, self._ends_at, self._count_at = 0, 0, 0.0
         self._status_at = time.monotonic() + STATUS_S
         about = self.about = self.driver.info()
         for warning in about.details.get("warnings", ()):
@@ -90,8 +99,11 @@ class CameraNode(Node):
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
         reading = self.driver.read(WAIT_S)
-        self._count_new(self.driver.counters())
-        self._watch()
+        now = time.monotonic()
+        if reading is None or reading.lost or now >= self._count_at:
+            self._count_at = now + COUNT_S
+            self._count_new(self.driver.counters())
+            self._watch()
         if reading is None:
             return not self.driver.ended
         if reading.late_ns > self._interval_ns:
@@ -103,6 +115,18 @@ class CameraNode(Node):
             return True  # a recording ends by itself
         self._ends_at = self._ends_at or reading.t0_ns + round(self.params["duration"] * 1e9)
         return reading.stamp_ns < self._ends_at
+
+    def columns(self, n: int) -> Columns:
+        """Where the driver decodes the next packet of at most n events: into the message that will be sent."""
+        if not self.wants("events"):
+            return plain(n)
+        n = max(n, LEAST_EVENTS)
+        kinds = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.uint8}
+        given = self.loan("events", **{name: ((n,), kind) for name, kind in kinds.items()})
+        return given["t"], given["x"], given["y"], given["p"]
+
+    def finish(self) -> None:
+        self._count_new(self.driver.counters())
 
     def _watch(self) -> None:
         """Say when the camera went or came back, and now and then how it is."""

@@ -85,7 +85,8 @@ def _by_slack(candidates: Sequence[Candidate]) -> Choice:
     best = _least([c for c in candidates if c.error <= SLACK * least], _cost, _error)
     return Choice(
         best,
-        f"the cheapest with an error of at most {SLACK:g} times {least:.4g}, the least at {BASE_RATE:g} frames per second",
+        f"the cheapest with an error of at most {SLACK:g} times {least:.4g}, "
+        f"the least at {BASE_RATE:g} frames per second",
     )
 
 

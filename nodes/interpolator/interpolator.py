@@ -12,17 +12,20 @@ from evis.clock import subframe_stamps
 from evis.geometry import se3
 from evis.scene.model import Camera, Scene
 from nodes.interpolator import kernels, splat
+from nodes.interpolator.adaptive import AdaptiveCount
 from nodes.interpolator.keyframe import Method, Report, States, View, device_named
 from nodes.interpolator.luminance import luminance_of, scalars
 from nodes.interpolator.passthrough import Passthrough, crop
 from nodes.renderer.cameras import finer
 
 if TYPE_CHECKING:
+    from nodes.interpolator.quadratic import Bends
     from nodes.renderer.path import PathOptions
 
 NEEDS: dict[str, frozenset[str]] = {
     "rigid": frozenset({"states"}),
     "splat": splat.NEEDS,
+    "splat-quadratic": splat.NEEDS,
     "splat-forward": splat.NEEDS | {"states"},
     "none": frozenset(),
 }
@@ -56,11 +59,14 @@ class Interpolator:
         light_samples: int = 16,
         paths: PathOptions | None = None,
         tolerance: float = 0.1,
+        adaptive_px: float = 0.0,
     ) -> None:
         """method: a key of NEEDS. upsampling: K. colour: frames are linear RGB instead of luminance.
 
         scene, camera, light_samples, paths: those of the renderer, for methods that use the bodies' states. Raises
         ValueError where these have none. tolerance: error of log radiance that `rigid` looks for, to shade anew.
+        adaptive_px: displacement per frame that is allowed: a gap has as many frames as that takes, `upsampling` at
+        most; 0 = always `upsampling`.
         """
         if method not in NEEDS or upsampling < 1:
             names = ", ".join(NEEDS)
@@ -75,7 +81,12 @@ class Interpolator:
         self._colour = colour
         self._device = device_named(device)
         self._threads = threads
-        self._method: Method | None = None
+        self._bends: Bends | None = None
+        # By K.
+        self._methods: dict[int, Method] = {}
+        self._count: AdaptiveCount | None = None
+        if adaptive_px > 0 and self.upsampling > 1:
+            self._count = AdaptiveCount(self.upsampling, adaptive_px, device, scene, camera)
         self._size: tuple[tuple[int, ...], int] | None = None
         self._last: View | None = None
         self._stamp = 0
@@ -119,9 +130,15 @@ class Interpolator:
         view.states = self._check(states)
         held = np.ones(envs, bool) if self._last is None else np.asarray(episodes) != self._episodes
         begins = bool(held.all())
-        stamps = np.array([stamp_ns]) if begins else subframe_stamps(self._stamp, stamp_ns, self.upsampling)
         if not begins and stamp_ns <= self._stamp:
             raise ValueError(f"keyframe at {stamp_ns} ns came after the one at {self._stamp} ns of the same episode")
+        k = self.upsampling
+        if self._count is not None:
+            if begins:
+                self._count.begin()
+            else:
+                k = self._count.of(view, stamp_ns - self._stamp, held)
+        stamps = np.array([stamp_ns]) if begins else subframe_stamps(self._stamp, stamp_ns, k)
         tail = (3,) if self._colour else ()
         n = self._samples
         out = allocate((envs, len(stamps), height // n - 2 * margin // n, width // n - 2 * margin // n, *tail))
@@ -131,9 +148,9 @@ class Interpolator:
             crop(view, margin, made)
             self.report = Report()
         else:
-            if self._method is None:
-                self._method = self._build(envs, height, width, margin)
-            self.report = self._method.between(self._last, view, held, made)
+            if k not in self._methods:
+                self._methods[k] = self._build(k, envs, height, width, margin)
+            self.report = self._methods[k].between(self._last, view, held, made)
         if n > 1:
             self._average(made, out)
         self._last, self._stamp, self._episodes = view, stamp_ns, np.array(episodes)
@@ -203,15 +220,22 @@ class Interpolator:
             depth, motion = (np.ones((1, camera.height, camera.width, *tail), np.float32) for tail in ((), (2,)))
             tiny.push(stamp, np.zeros(1, np.int32), radiance, depth, motion, states=states)
 
-    def _build(self, envs: int, height: int, width: int, margin: int) -> Method:
+    def _build(self, upsampling: int, envs: int, height: int, width: int, margin: int) -> Method:
         channels, device = 3 if self._colour else 1, str(self._device)
         if self._name == "none":
             return Passthrough(margin)
         if self._name == "splat":
-            return splat.make_splat(height, width, envs, self.upsampling, margin, channels, device, self._threads)
+            return splat.make_splat(height, width, envs, upsampling, margin, channels, device, self._threads)
+        if self._name == "splat-quadratic":
+            from nodes.interpolator.quadratic import Bends, SplatQuadratic
+
+            how_flat = (height, width, envs, upsampling, margin, channels, device, self._threads)
+            if self._bends is None:
+                self._bends = Bends((envs, height, width), device)
+            return SplatQuadratic(*how_flat, bends=self._bends)
         assert self._scene is not None and self._camera is not None
         camera = finer(self._camera, self._samples)
-        how = (self._scene, camera, envs, self.upsampling, margin, channels, device, self._threads)
+        how = (self._scene, camera, envs, upsampling, margin, channels, device, self._threads)
         if self._name == "splat-forward":
             from nodes.interpolator.forward import SplatForward
 

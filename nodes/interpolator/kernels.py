@@ -117,6 +117,20 @@ class Target:
 
 
 @wp.func
+def bent(source: Source, a: wp.float32, env: int, bends: wp.array2d(dtype=wp.vec2)):
+    """The source whose straight path is at a where this one's is, p + a d + a (1 - a) bend.
+
+    bends: px [E, H W], or of no elements where all paths are straight.
+    """
+    shifted = source
+    if bends.shape[1] > 0:
+        bend = float(SUBPIXEL) * a * (1.0 - a) * bends[env, source.pixel]
+        shifted.x += bend[0]
+        shifted.y += bend[1]
+    return shifted
+
+
+@wp.func
 def target_of(source: Source, a: wp.float32, width: int, height: int):
     target = Target()
     target.at = -1

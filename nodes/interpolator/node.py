@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 READS: dict[str, frozenset[str]] = {
     "rigid": frozenset({"state"}),
     "splat": frozenset({"depth", "motion"}),
+    "splat-quadratic": frozenset({"depth", "motion"}),
     "splat-forward": frozenset({"depth", "motion", "state"}),
     "none": frozenset(),
 }
@@ -41,7 +42,8 @@ class InterpolatorNode(Node):
         "method": Param(
             str, "rigid",
             "rigid: exact geometry from body poses; splat: warp by motion and depth; splat-forward: the same with the "
-            "true motion of the first keyframe; none: pass on",
+            "true motion of the first keyframe; splat-quadratic: along a parabola through three keyframes; "
+            "none: pass on",
             choices=tuple(READS),
         ),
         "scene": Param(str, None, "scene by name, or its file, for rigid", optional=True),
@@ -57,6 +59,11 @@ class InterpolatorNode(Node):
         "path_samples": Param(int, 16, "the renderer's paths per pixel", minimum=1, maximum=65536),
         "roulette": Param(bool, False, "whether the renderer ends paths at random"),
         "upsampling": Param(int, 8, "frames per gap (K)", minimum=1, maximum=4096),
+        "adaptive_px": Param(
+            float, 0.0,
+            "frames of a gap as its largest displacement takes, this much per frame, at most K; 0 = always K",
+            "px", 0, 1000,
+        ),
         "device": Param(str, "cpu", "cpu, cuda or cuda:N"),
         "colour": Param(bool, False, "frames are linear RGB, for colour events, instead of luminance"),
         "threads": Param(int, 1, "CPU threads, which share the frames of a gap", minimum=1, maximum=256),
@@ -93,7 +100,7 @@ class InterpolatorNode(Node):
             from nodes.renderer.path import PathOptions
 
             light["paths"] = PathOptions(p["bounces"], p["path_samples"], p["roulette"])
-        how = {key: p[key] for key in ("colour", "device", "threads", "tolerance")}
+        how = {key: p[key] for key in ("colour", "device", "threads", "tolerance", "adaptive_px")}
         self.interpolator = Interpolator(method, p["upsampling"], scene=scene, camera=camera, **how, **light)
         self.interpolator.warm_up()
         self._field = "rgb" if p["colour"] else "luminance"

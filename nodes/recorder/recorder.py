@@ -34,6 +34,7 @@ class Recorder:
         # A launch file may make the scene's arguments from its own.
         given = [params["scene_args"] for params in parameters.values() if params.get("scene_args")]
         arguments |= {"arg.scene_args": given[0]} if given else {}
+        arguments |= {f"chosen.{key}": value for key, value in plan.chosen.items()}
         metadata = describe_run(plan.launch_text, parameters, **run, **arguments)
         self.writer = BagWriter(path, metadata, event_encoding=encoding)
 

@@ -98,6 +98,13 @@ def ray_steps(view: View, x: int, y: int):
 
 
 @wp.func
+def tile_pixel(view: View, tile: int, lane: int):
+    """Row and column of a thread's pixel where 32 threads do 8 x 4 of them; some may lie outside the image."""
+    across = (view.width + 7) // 8
+    return tile // across * 4 + lane // 8, tile % across * 8 + lane % 8
+
+
+@wp.func
 def triangle_of(packed: wp.uint64):
     return int(wp.uint32(packed & wp.uint64(0xFFFFFFFF)))
 
@@ -294,6 +301,28 @@ def cover(
             z = wp.clamp(z, s.z_min, s.z_max)
             bits = wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)
             wp.atomic_min(packed, env, y, x, bits | wp.uint64(triangle))
+
+
+@wp.func
+def cover_nearer(
+    view: View,
+    s: Setup,
+    r: wp.vec4,
+    x: int,
+    y: int,
+    env: int,
+    triangle: int,
+    packed: wp.array3d(dtype=wp.uint64),
+):
+    """The same where much is hidden: what was written before may be old, but what is behind that stays hidden."""
+    dx = view.columns[x]
+    if s.e0[0] * dx + r[0] >= 0.0 and s.e1[0] * dx + r[1] >= 0.0 and s.e2[0] * dx + r[2] >= 0.0:
+        z = s.offset / (s.normal[0] * dx + r[3])
+        if z >= view.near:
+            z = wp.clamp(z, s.z_min, s.z_max)
+            bits = (wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)) | wp.uint64(triangle)
+            if bits < packed[env, y, x]:
+                wp.atomic_min(packed, env, y, x, bits)
 
 
 @wp.func

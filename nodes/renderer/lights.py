@@ -55,6 +55,8 @@ class LightSet:
         for name in ("vector", "axis", "half_u", "half_v"):
             setattr(self.kernel, name, visibility.empty(shape, wp.vec3))
         self.kernel.side = self.side
+        self._now = self.kernel.colour
+        self._chosen: dict[str, wp.array] = {}
 
     def set_times(self, t_ns: np.ndarray) -> bool:
         """Flickering lights as they are at int64 [E] ns, one instant for each environment; True where one differs."""
@@ -66,8 +68,20 @@ class LightSet:
         if np.array_equal(strength, self._strength):
             return False
         self._strength = strength
-        store(self.kernel.colour, self._colour * strength[..., None])
+        store(self._now, self._colour * strength[..., None])
         return True
+
+    def select(self, which: str) -> None:
+        """How strong the lights are in launches from now on: `now`, as `set_times` says; `mean`, every waveform at its
+        mean; `steady`, flickering lights off."""
+        if not self._chosen:
+            strengths = {"mean": np.ones(len(self.lights)), "steady": [l.waveform is None for l in self.lights]}
+            tall = np.ones((self._visibility.envs, 1, 1))
+            self._chosen = {"now": self._now}
+            for name, strength in strengths.items():
+                colour = tall * self._colour * np.array(strength, np.float64)[:, None]
+                self._chosen[name] = self._visibility.put(colour, wp.vec3)
+        self.kernel.colour = self._chosen[which]
 
     def launch(self) -> None:
         """Write where the lights are, for the poses that the visibility has on the device: a launch only."""

@@ -1,5 +1,6 @@
 """Direct light on a surface point: directional, point, spot and area lights with their shadows."""
 
+from functools import cache
 from typing import Any
 
 import warp as wp
@@ -75,14 +76,11 @@ def out_of_cone(lights: Lights, env: int, l: int, vector: wp.vec3):
     return edge > 0.0 and (along <= 0.0 or along * along < edge * edge * wp.dot(vector, vector))
 
 
-def make_lighting(
-    directional: bool, point: bool, spot: bool, area: Any, shadows: bool, trees: bool, cache: bool, gloss: bool
-) -> tuple[Any, Any]:
-    """The functions `unhidden` and `gather` with only what a scene has; area: the function of area lights, or None."""
+@cache
+def make_directions(directional: bool, point: bool, spot: bool) -> tuple[Any, Any]:
+    """The functions `towards` and `idle` of point-like lights."""
     positional = point or spot
     both = directional and positional
-    delta = directional or positional
-    occluded, crossed = make_occlusion(trees)
 
     @wp.func
     def towards(lights: Lights, env: int, l: int, p: wp.vec3):
@@ -118,6 +116,28 @@ def make_lighting(
             if lights.kind[l] == SPOT:
                 return out_of_cone(lights, env, l, vector)
         return False
+
+    return towards, idle
+
+
+def make_lighting(
+    directional: bool,
+    point: bool,
+    spot: bool,
+    area: Any,
+    shadows: bool,
+    trees: bool,
+    cache: bool,
+    gloss: bool,
+    masked: bool = False,
+) -> tuple[Any, Any]:
+    """The functions `unhidden` and `gather` with only what a scene has; area: the function of area lights, or None.
+
+    masked: rays to the other lights have been traced, see shadow_kernels.
+    """
+    delta = directional or point or spot
+    occluded, crossed = make_occlusion(trees)
+    towards, idle = make_directions(directional, point, spot)
 
     @wp.func
     def unhidden(
@@ -161,10 +181,12 @@ def make_lighting(
         last: int,
         known: bool,
         bits: wp.uint32,
+        hidden: wp.uint32,
     ):
         """Irradiance for the diffuse term and radiance of the specular one, each also without moving casters.
 
-        Then a bit for each light that still casters let through; if `known`, those are given.
+        Then a bit for each light that still casters let through; if `known`, those are given. hidden: if masked, a bit
+        for each light that is not seen from here.
         """
         irradiance = wp.vec3(0.0, 0.0, 0.0)
         unblocked = wp.vec3(0.0, 0.0, 0.0)
@@ -196,7 +218,9 @@ def make_lighting(
                     share = (cosine * strength) * lights.colour[env, l]
                     open = wp.bool(True)
                     free = wp.bool(True)
-                    if wp.static(shadows):
+                    if wp.static(masked):
+                        free = (hidden & bit) == wp.uint32(0)
+                    elif wp.static(shadows):
                         if lights.shadow[l] == 1:
                             if wp.static(cache):
                                 if known:

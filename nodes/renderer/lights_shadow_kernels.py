@@ -13,6 +13,8 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
+CONVEX = wp.constant(1)
+PLANAR = wp.constant(2)
 
 LIFT = wp.constant(4.0e-6)
 """Start of a shadow ray above its surface, of the distance plus the instance's size: tens of float32 roundings."""
@@ -42,6 +44,15 @@ class Casters:
     """Of each merged triangle."""
     pad: wp.array(dtype=float)
     """[E] how much wider than a ray the trees are searched [m]: the rounding of positions in their frames."""
+
+
+@wp.func
+def shadow_start(casters: Casters, i: int, position: wp.vec3, normal: wp.vec3, front: bool):
+    """Where shadow rays of instance i start, and the instance that they leave out: one that cannot shade itself here."""
+    alone = wp.int32(-1)
+    if casters.shell[i] == PLANAR or (casters.shell[i] == CONVEX and front):
+        alone = i
+    return position + (LIFT * (wp.length(position) + casters.radius[i])) * normal, alone
 
 
 @wp.func

@@ -83,12 +83,15 @@ class Occluders:
                 self._build_moving(frames)
 
     def launch(self) -> None:
-        """Place the trees for what is in the visibility's `poses`: launches only."""
+        """Place the still tree for what is in the visibility's `poses`: launches only."""
         v = self._visibility
         if self.trees:
             inputs = [v.poses, v.camera_body, wp.vec3d(*self._middle), self._size]
             outputs = [self.casters.shift, self.casters.pad]
             wp.launch(occlusion_kernels.place_trees, v.envs, inputs, outputs, device=v.device)
+
+    def launch_moving(self) -> None:
+        """After `launch`, place the moving tree for the visibility's placed instances: launches only."""
         if self._moving_tree is not None:
             self._place_boxes()
             self._moving_tree.refit()

@@ -7,10 +7,10 @@ import warp as wp
 
 from nodes.renderer.ggx_kernels import sample_density, specular
 from nodes.renderer.lights_kernels import SurfacePoint
-from nodes.renderer.lights_shadow_kernels import LIFT, Casters
+from nodes.renderer.lights_shadow_kernels import CONVEX, PLANAR, LIFT, Casters
 from nodes.renderer.lights_sky_kernels import DIELECTRIC, Sky, reflectances
 from nodes.renderer.path_sampling_kernels import PI, luminance
-from nodes.renderer.shading_kernels import CONVEX, PLANAR, Surfaces
+from nodes.renderer.shading_kernels import Surfaces
 from nodes.renderer.texture_kernels import bilinear
 
 wp.set_module_options({"enable_backward": False})

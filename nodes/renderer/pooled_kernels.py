@@ -9,7 +9,20 @@ they are needed: reading them for every environment would cost more.
 import warp as wp
 
 from nodes.renderer.distortion_kernels import make_bounds, walk_rays
-from nodes.renderer.kernels import Setup, View, bounds, corner, facing, holds_pixel, set_up, walk, walk_all
+from nodes.renderer.kernels import (
+    Setup,
+    View,
+    bounds,
+    corner,
+    cover,
+    cover_nearer,
+    facing,
+    holds_pixel,
+    row_share,
+    set_up,
+    walk,
+    walk_all,
+)
 from nodes.renderer.raster_kernels import Blocks, before_near, unseen
 
 wp.set_module_options({"enable_backward": False})
@@ -43,15 +56,15 @@ def list_blocks(
     translation: wp.array2d(dtype=wp.vec3),
     # out
     counters: wp.array(dtype=int),
-    listed: wp.array(dtype=wp.vec2i),
+    listed: wp.array(dtype=wp.vec4i),
 ):
-    """(environment, block) of what may be seen, in any order."""
+    """(environment, instance, first and last triangle) of the blocks that may be seen, in any order."""
     index, block = wp.tid()
     env = env0 + index
     n = block0 + block
     i = blocks.instance[n]
     if not unseen(view, 0, view.height, blocks, n, rotation[env, i], translation[env, i]):
-        listed[wp.atomic_add(counters, 0, 1)] = wp.vec2i(env, n)
+        listed[wp.atomic_add(counters, 0, 1)] = wp.vec4i(env, i, blocks.first[n], blocks.last[n])
 
 
 @wp.func
@@ -76,7 +89,7 @@ def missed(view: View, s: Setup, x0: int, x1: int, y0: int, y1: int):
     )
 
 
-def make_pooled(lens: str, area: int) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
+def make_pooled(lens: str, area: int, by_column: int) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
     """The kernels `list_triangles`, `raster` and `raster_tiles`.
 
     area: bounding box [px] above which a triangle is cut into tiles.
@@ -89,13 +102,12 @@ def make_pooled(lens: str, area: int) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
         # in
         view: View,
         workers: int,
-        blocks: Blocks,
         two_sided: wp.array(dtype=int),
         rotation: wp.array2d(dtype=wp.mat33),
         translation: wp.array2d(dtype=wp.vec3),
         vertices: wp.array2d(dtype=wp.vec3),
         triangles: wp.array(dtype=wp.vec3i),
-        listed: wp.array(dtype=wp.vec2i),
+        listed: wp.array(dtype=wp.vec4i),
         # in and out
         counters: wp.array(dtype=int),
         # out
@@ -106,11 +118,11 @@ def make_pooled(lens: str, area: int) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
         item = tid // LANES
         count = counters[0]
         while item < count:
-            env = listed[item][0]
-            n = listed[item][1]
-            t = blocks.first[n] + tid % LANES
-            if t < blocks.last[n]:
-                i = blocks.instance[n]
+            block = listed[item]
+            env = block[0]
+            i = block[1]
+            t = block[2] + tid % LANES
+            if t < block[3]:
                 turn = rotation[env, i]
                 place = translation[env, i]
                 k = triangles[t]
@@ -204,7 +216,17 @@ def make_pooled(lens: str, area: int) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
                 met = wp.bool(True)
                 if wp.static(lens == "none"):
                     met = not missed(view, s, x0, x1, y0, y1)
-                if met and y <= y1:
+                if wp.static(lens == "none" and by_column > 0):
+                    # A thread for each column, so that neighbours write side by side.
+                    if met:
+                        for x in range(x0 + tid % GROUP, x1 + 1, GROUP):
+                            for row in range(y0, y1 + 1):
+                                share = row_share(view, s, row)
+                                if wp.static(by_column == 2):
+                                    cover_nearer(view, s, share, x, row, env, t, packed)
+                                else:
+                                    cover(view, s, share, x, row, env, t, packed)
+                elif met and y <= y1:
                     walk_row(view, s, x0, x1, y, y, env, t, packed)
             at += workers // (GROUP * LARGE_REGIONS)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 WORKERS = 1 << 18
 """Threads that share a list; as many as a GPU runs at once."""
 
+COLUMNS = 1
 SPLIT_AREA = 32
 """Bounding box [px] above which a triangle is cut into tiles: who walks many pixels holds up its neighbours."""
 
@@ -43,8 +45,9 @@ class BandRaster:
         self.vertices = v.empty((v.envs, len(v.geometry.vertices)), wp.vec3)
         self._raster = make_raster(v.lens)
 
-    def draw(self, packed: wp.array, still: bool, moving: bool) -> None:
-        """Add the still blocks, the others, or both to a z-buffer."""
+    def draw(self, packed: wp.array, still: bool, moving: bool, cleared: Callable[[], None] = lambda: None) -> None:
+        """Add the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
+        cleared()
         v = self._v
         blocks, points = self.blocks
         (start, count), (start_points, count_points) = (part_of(*sizes, still, moving) for sizes in self._sizes)
@@ -71,23 +74,25 @@ class PooledRaster:
         lanes, regions = int(pooled_kernels.LANES), int(pooled_kernels.SMALL_REGIONS)
         self._envs = min(v.envs, max(1, AT_ONCE // max(1, self._count * lanes)))
         listed = self._envs * self._count
-        self._listed = v.empty(listed, wp.vec2i)
+        self._listed = v.empty(listed, wp.vec4i)
         self._small = v.empty((regions, -(-listed // regions) * lanes), wp.vec2i)
         # Room for a few triangles as large as the image in any case.
         regions = int(pooled_kernels.LARGE_REGIONS)
         full = (v.shape[2] // int(pooled_kernels.WIDE) + 1) * (v.shape[1] // int(pooled_kernels.GROUP) + 1)
         places = min(self._envs * min(2 * len(v.geometry.triangles), LARGE), MOST_LARGE) // regions + 4 * full
         self._large, self._setups = v.empty((regions, places), wp.vec4i), v.empty((regions, places), Setup)
-        self._list, self._raster, self._tiles = make_pooled(v.lens, SPLIT_AREA)
+        self._list, self._raster, self._tiles = make_pooled(v.lens, SPLIT_AREA, COLUMNS)
 
-    def draw(self, packed: wp.array, still: bool, moving: bool) -> None:
-        """Add the still blocks, the others, or both to a z-buffer."""
+    def draw(self, packed: wp.array, still: bool, moving: bool, cleared: Callable[[], None] = lambda: None) -> None:
+        """Add the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
         start, count = part_of(self._still, self._count, still, moving)
         if count:
             for first in range(0, self._v.envs, self._envs):
-                self._draw(packed, start, count, first, min(self._envs, self._v.envs - first))
+                self._draw(packed, start, count, first, min(self._envs, self._v.envs - first), cleared)
 
-    def _draw(self, packed: wp.array, start: int, count: int, first: int, envs: int) -> None:
+    def _draw(
+        self, packed: wp.array, start: int, count: int, first: int, envs: int, cleared: Callable[[], None]
+    ) -> None:
         v, counters, listed = self._v, self._counters, self._listed
         place = [v.rotation, v.translation]
         corners = [*place, self.vertices, v.triangles]
@@ -96,8 +101,9 @@ class PooledRaster:
         counters.zero_()
         inputs = [v.view, first, start, self._blocks, *place, counters, listed]
         wp.launch(pooled_kernels.list_blocks, dim=(envs, count), inputs=inputs, device=v.device)
-        inputs = [v.view, workers, self._blocks, v.two_sided, *corners, listed, counters, self._small]
+        inputs = [v.view, workers, v.two_sided, *corners, listed, counters, self._small]
         wp.launch(self._list, dim=workers, inputs=inputs, device=v.device)
+        cleared()
         inputs = [v.view, WORKERS, v.triangle_instance, *corners, self._small, *large]
         wp.launch(self._raster, dim=WORKERS, inputs=inputs, device=v.device)
         wp.launch(self._tiles, dim=WORKERS, inputs=[v.view, WORKERS, *large], device=v.device)

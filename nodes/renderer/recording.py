@@ -2,13 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import warp as wp
 
 MOST = 64
 """Graphs that are kept; who writes into ever new arrays has them recorded anew."""
+
+
+FORK = True
+
+
+class Branch:
+    """Launches beside others, on a stream of its own; a recorded graph keeps that. On a CPU all are in their order."""
+
+    def __init__(self, device: Any) -> None:
+        self._device = device
+        self._stream = wp.Stream(device) if device.is_cuda and FORK else None
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """What is launched in here comes after all before it, and beside all after it until `join`."""
+        if self._stream is None:
+            yield
+            return
+        with wp.ScopedStream(self._stream):
+            yield
+
+    def join(self) -> None:
+        """What follows comes after all that was launched aside."""
+        if self._stream is not None:
+            self._device.stream.wait_stream(self._stream)
 
 
 class Recording:

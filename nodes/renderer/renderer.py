@@ -14,7 +14,7 @@ from evis.scene.model import Camera, Scene
 from nodes.renderer import output_kernels
 from nodes.renderer.cameras import finer
 from nodes.renderer.poses import Frames, same_bytes
-from nodes.renderer.recording import Recording
+from nodes.renderer.recording import Branch, Recording
 from nodes.renderer.shading import Shading
 from nodes.renderer.visibility import Visibility
 
@@ -83,7 +83,7 @@ class Renderer:
         """Copies of the images of a scene in which nothing moves."""
         self._nothing = {n: wp.empty((0, 0, 0), dtype=t, device=self.device) for n, t in self.types.items()}
         self._drawn = self._at_rest = False
-        self._recording = Recording(self.device)
+        self._recording, self._ahead = Recording(self.device), Branch(self.device)
 
     @property
     def not_finite(self) -> int:
@@ -168,10 +168,25 @@ class Renderer:
 
     def _launch(self, targets: Mapping[str, wp.array], everything: bool) -> None:
         """The images of what is placed: launches only, told apart by the key that they are recorded under."""
-        self.visibility.draw()
-        self.geometric(targets, everything)
-        if "radiance" in targets:
-            self.shading.shade(targets["radiance"])
+        lit = "radiance" in targets
+        ahead, shading = self._ahead, self.shading
+        with ahead.aside():
+            self.displace(targets, everything)
+            if lit:
+                shading.place()
+
+        def placed() -> None:
+            with ahead.aside():
+                if lit:
+                    shading.placed()
+
+        self.visibility.draw(placed)
+        ahead.join()
+        with ahead.aside():
+            self.geometric(targets)
+        if lit:
+            shading.shade(targets["radiance"], ready=True)
+        ahead.join()
 
     def _repeat(self, frames: Frames, targets: Mapping[str, wp.array]) -> None:
         """Nothing moved since the last call: what has been drawn of this instant is copied."""
@@ -182,16 +197,20 @@ class Renderer:
         for name in targets.keys() - missing.keys():
             wp.copy(targets[name], self._still[name])
 
-    def geometric(self, targets: Mapping[str, wp.array], everything: bool = True) -> None:
-        """Depth, motion, ids and normals of the z-buffer into `targets`; everything: still instances may have moved."""
-        if not targets.keys() - {"radiance"}:
-            return
+    def displace(self, targets: Mapping[str, wp.array], everything: bool = True) -> None:
+        """What motion needs of the poses; everything: still instances may have moved."""
         v = self.visibility
         if "motion" in targets and v.moved:
             v.displace(everything, self._turn, self._shift)
         elif "motion" in targets:
             self._turn.zero_()
             self._shift.zero_()
+
+    def geometric(self, targets: Mapping[str, wp.array]) -> None:
+        """Depth, motion, ids and normals of the z-buffer into `targets`, after `displace`."""
+        if not targets.keys() - {"radiance"}:
+            return
+        v = self.visibility
         kernel = make_outputs(*(name in targets for name in OUTPUTS[1:]), lens=v.lens)
         arrays = [targets.get(name, self._nothing[name]) for name in OUTPUTS[1:]]
         shared = [v.packed, v.triangle_instance, self.normals, v.rotation, v.eye, self._turn, self._shift]

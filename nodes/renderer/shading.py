@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import warp as wp
 
-from nodes.renderer import shading_kernels
+from nodes.renderer import shading_kernels, shadow_kernels
 from nodes.renderer.geometry import is_static
 from nodes.renderer.ggx import alpha_of, is_plain
 from nodes.renderer.lights import LightSet, check_colour
@@ -25,6 +25,8 @@ CACHED_LIGHTS = 32
 if TYPE_CHECKING:
     from nodes.renderer.path import PathOptions, Paths
 
+import os
+OPTIONS = {"force": False, "masked": True, "tiled": True, "merged": False, "ray_block": 256, "shade_block": 256}
 LIST_WORKERS = 1 << 17
 """Threads that share a list of pixels on a GPU."""
 
@@ -66,7 +68,7 @@ class Shading:
         self.sky = make_sky(visibility, gloss)
         shadows = any(light.shadows for light in scene.lights) and len(geometry.triangles) > 0
         rays = paths is not None and len(geometry.triangles) > 0
-        merged = rays and self.device.is_cuda
+        merged = (rays and self.device.is_cuda) or OPTIONS['merged']
         self.occluders = Occluders(visibility, geometry.static, shadows or rays, merged=merged)
         self._cached = cached = remember and self._cacheable()
         self._still_place = -1
@@ -79,6 +81,16 @@ class Shading:
         self._clipped = wp.zeros(bands, dtype=wp.int32, device=self.device)
         kinds = self.lights.kinds
         looks = {"textures": textured, "smooth": geometry.smooth is not None, "gloss": gloss}
+        shadowed = [l for l, light in enumerate(scene.lights) if light.shadows and light.kind != "area"]
+        few = len(scene.lights) <= shadow_kernels.MOST_LIGHTS
+        masked = OPTIONS["masked"] and (OPTIONS["force"] or self.device.is_cuda) and remember and not cached and shadows and few and bool(shadowed)
+        self._shadowed = visibility.put(np.array(shadowed, np.int32), wp.int32)
+        self._hidden = wp.zeros(visibility.shape if masked else (0, 0, 0), dtype=wp.uint32, device=self.device)
+        self._shadow_rays: wp.Kernel | None = None
+        if masked:
+            delta = {k: k in kinds for k in ("directional", "point", "spot")}
+            self._shadow_rays = shadow_kernels.make_shadow_rays(**delta, trees=self.occluders.trees)
+        self._tiled = OPTIONS["tiled"] and (OPTIONS["force"] or self.device.is_cuda)
         self._kernel, self._list_kernel = make_shade(
             **looks,
             directional="directional" in kinds,
@@ -92,6 +104,8 @@ class Shading:
             cached=cached,
             half=half and not rays,
             ambience=not rays,
+            masked=masked,
+            tiled=self._tiled,
         )
         self.paths: Paths | None = None
         if rays and paths is not None:
@@ -115,15 +129,32 @@ class Shading:
         """The same with an instant for each environment, int64 [E] ns."""
         return self.lights.set_times(t_ns)
 
-    def shade(self, radiance: wp.array) -> None:
-        """Write [E, H, W] radiance: launches only, that a graph may hold."""
+    def place(self) -> None:
+        """What shading needs of the poses alone: launches only, as in `placed` and `shade`."""
+        self.occluders.launch()
+        self.lights.launch()
+        self._not_finite.zero_()
+        self._clipped.zero_()
+        if self._shadow_rays is not None:
+            self._hidden.zero_()
+
+    def placed(self) -> None:
+        """What shading needs of the visibility's placed instances."""
+        self.occluders.launch_moving()
+
+    def shade(self, radiance: wp.array, ready: bool = False) -> None:
+        """Write [E, H, W] radiance: launches only, that a graph may hold. ready: after `place` and `placed`."""
+        if not ready:
+            self.place()
+            self.placed()
         v = self.visibility
         envs, _, width = v.shape
         bands = {row0: k for k, (row0, _) in enumerate(v.bands.rows)}
 
         def launch(kernel: wp.Kernel, shared: list[Any]) -> None:
             def arguments(row0: int, row1: int) -> tuple[tuple[int, ...], list[Any]]:
-                return (envs, row1 - row0, width // v.span), [v.view, row0, bands[row0], v.span, *shared]
+                dim = v.tiles if self._tiled else (envs, row1 - row0, width // v.span)
+                return dim, [v.view, row0, bands[row0], v.span, *shared]
 
             v.bands.launch(kernel, arguments, self.device)
 
@@ -134,6 +165,8 @@ class Shading:
 
         Band b has count[b] of them from pixels[firsts[b]] on; count is read where the kernel runs.
         """
+        self.place()
+        self.placed()
         v = self.visibility
         workers = 1 if self.device.is_cpu else LIST_WORKERS
         bands = {row0: k for k, (row0, _) in enumerate(v.bands.rows)}
@@ -150,16 +183,17 @@ class Shading:
     def _run(self, launch: Callable[[wp.Kernel, list[Any]], None], radiance: wp.array, listed: bool) -> None:
         """Launch what shades a whole image, or a list of its pixels."""
         v = self.visibility
-        self.occluders.launch()
-        self.lights.launch()
-        self._not_finite.zero_()
-        self._clipped.zero_()
         place = [v.packed, v.vertices, v.rotation, v.translation]
         light = [self.surfaces, self.lights.kernel, self.sky, self.occluders.casters]
         cached = [self._cached_triangle, self._cached_lit, self._cached_colour]
         counters = [self._not_finite, self._clipped]
         direct = radiance if self.paths is None else self.paths.direct
-        launch(self._list_kernel if listed else self._kernel, [*place, *light, *cached, direct, *counters])
+        if self._shadow_rays is not None:
+            seen = [v.packed, v.triangle_instance, self.normals, v.rotation, v.translation]
+            inputs = [v.view, *seen, self.lights.kernel, self._shadowed, self.occluders.casters, self._hidden]
+            wp.launch(self._shadow_rays, (len(self._shadowed), *v.tiles), inputs, device=self.device, block_dim=OPTIONS["ray_block"])
+        kernel = self._list_kernel if listed else self._kernel
+        launch(kernel, [*place, *light, self._hidden, *cached, direct, *counters])
         if self.paths is not None:
             launch(self.paths.kernel(listed), self.paths.arguments(light, radiance, counters))
 

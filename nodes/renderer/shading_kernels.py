@@ -5,17 +5,24 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.kernels import MISS, View, corner, depth_of, edge_normal, pixel_ray, ray_steps, triangle_of
+from nodes.renderer.kernels import (
+    MISS,
+    View,
+    corner,
+    depth_of,
+    edge_normal,
+    pixel_ray,
+    ray_steps,
+    tile_pixel,
+    triangle_of,
+)
 from nodes.renderer.lights_area_kernels import frozen_key, make_area
 from nodes.renderer.lights_kernels import Lights, SurfacePoint, make_lighting
-from nodes.renderer.lights_shadow_kernels import LIFT, Casters
+from nodes.renderer.lights_shadow_kernels import Casters, shadow_start
 from nodes.renderer.lights_sky_kernels import DIELECTRIC, Sky, make_sky, reflectances
 from nodes.renderer.texture_kernels import Textures, filtered
 
 wp.set_module_options({"enable_backward": False})
-
-CONVEX = wp.constant(1)
-PLANAR = wp.constant(2)
 
 LARGEST_HALF = wp.constant(65504.0)
 """The largest float16."""
@@ -155,18 +162,21 @@ def make_shade(
     cached: bool,
     half: bool,
     ambience: bool,
+    masked: bool,
+    tiled: bool,
 ) -> tuple[wp.Kernel, wp.Kernel]:
     """The shading kernels, of all pixels and of a list of them, with only what a scene has.
 
     cached: of a still surface under still lights, the radiance without moving casters is remembered with a bit for each
     light that then reaches it; while none of these is hidden by a moving caster, that radiance is the result. flicker:
-    strengths change, so of these only the bits are used. ambience: with the sky's light, which nothing hides.
+    strengths change, so of these only the bits are used. ambience: with the sky's light, which nothing hides. masked:
+    shadow_kernels has been before. tiled: threads that run together have a tile of pixels (kernels.tile_pixel).
     """
     pixel = wp.vec3h if half else wp.vec3f
     surface, write = make_surface(textures, smooth), make_write(half)
     lit = directional or point or spot or area
     area_light = make_area(shadows, trees, gloss) if area else None
-    unhidden, gather = make_lighting(directional, point, spot, area_light, shadows, trees, cached, gloss)
+    unhidden, gather = make_lighting(directional, point, spot, area_light, shadows, trees, cached, gloss, masked)
     background, ambient, sky_gloss = make_sky(mapped)
 
     @wp.func
@@ -187,6 +197,7 @@ def make_shade(
         cached_triangle: wp.array3d(dtype=int),
         cached_lit: wp.array3d(dtype=wp.uint32),
         cached_colour: wp.array3d(dtype=wp.vec3),
+        hidden: wp.array3d(dtype=wp.uint32),
         radiance: wp.array3d(dtype=pixel),
         not_finite: wp.array(dtype=int),
         clipped: wp.array(dtype=int),
@@ -205,9 +216,6 @@ def make_shade(
             normal = turn * surfaces.normals[t]
             side = wp.where(wp.dot(normal, d) > 0.0, -1.0, 1.0)
             s.normal = side * normal
-            # What a shadow ray leaves out: a surface that cannot shade itself on this side.
-            s.alone = wp.int32(-1)
-            s.lift = s.position
             s.alpha = -1.0
             # Casters from this one on may have moved.
             moved = wp.int32(0)
@@ -216,10 +224,9 @@ def make_shade(
             reached = wp.bool(False)
             bits = wp.uint32(0)
             if wp.static(shadows):
-                shell = casters.shell[i]
-                if shell == PLANAR or (shell == CONVEX and side > 0.0):
-                    s.alone = i
-                s.lift = s.position + (LIFT * (wp.length(s.position) + casters.radius[i])) * s.normal
+                lift, alone = shadow_start(casters, i, s.position, s.normal, side > 0.0)
+                s.lift = lift
+                s.alone = alone
                 last = casters.order.shape[0]
             if wp.static(cached):
                 moved = casters.still
@@ -266,9 +273,12 @@ def make_shade(
                 # The same without moving casters.
                 unblocked = wp.vec3(0.0, 0.0, 0.0)
                 still_shine = wp.vec3(0.0, 0.0, 0.0)
+                mask = wp.uint32(0)
+                if wp.static(masked):
+                    mask = hidden[env, y, x]
                 if wp.static(lit):
                     irradiance, unblocked, shine, still_shine, bits = gather(
-                        lights, casters, rotation, translation, env, s, moved, last, known, bits
+                        lights, casters, rotation, translation, env, s, moved, last, known, bits, mask
                     )
                 colour = glow + wp.cw_mul(albedo, irradiance) / PI
                 if wp.static(gloss):
@@ -299,6 +309,7 @@ def make_shade(
         lights: Lights,
         sky: Sky,
         casters: Casters,
+        hidden: wp.array3d(dtype=wp.uint32),
         # in and out
         cached_triangle: wp.array3d(dtype=int),
         cached_lit: wp.array3d(dtype=wp.uint32),
@@ -309,11 +320,20 @@ def make_shade(
         clipped: wp.array(dtype=int),
     ):
         env, row, part = wp.tid()
-        for x in range(part * span, wp.min(part * span + span, view.width)):
-            shade_pixel(
-                view, env, row0 + row, x, band, packed, vertices, rotation, translation, surfaces, lights, sky, casters,
-                cached_triangle, cached_lit, cached_colour, radiance, not_finite, clipped,
-            )  # fmt: skip
+        if wp.static(tiled):
+            y, x = tile_pixel(view, row, part)
+            if y < view.height and x < view.width:
+                shade_pixel(
+                    view, env, y, x, band, packed, vertices, rotation, translation, surfaces, lights, sky, casters,
+                    cached_triangle, cached_lit, cached_colour, hidden, radiance, not_finite, clipped,
+                )  # fmt: skip
+        else:
+            y = row0 + row
+            for x in range(part * span, wp.min(part * span + span, view.width)):
+                shade_pixel(
+                    view, env, y, x, band, packed, vertices, rotation, translation, surfaces, lights, sky, casters,
+                    cached_triangle, cached_lit, cached_colour, hidden, radiance, not_finite, clipped,
+                )  # fmt: skip
 
     @wp.kernel(module="unique", enable_backward=False)
     def shade_list(
@@ -332,6 +352,7 @@ def make_shade(
         lights: Lights,
         sky: Sky,
         casters: Casters,
+        hidden: wp.array3d(dtype=wp.uint32),
         # in and out
         cached_triangle: wp.array3d(dtype=int),
         cached_lit: wp.array3d(dtype=wp.uint32),
@@ -347,7 +368,7 @@ def make_shade(
             shade_pixel(
                 view, at // (view.width * view.height), at // view.width % view.height, at % view.width, band,
                 packed, vertices, rotation, translation, surfaces, lights, sky, casters,
-                cached_triangle, cached_lit, cached_colour, radiance, not_finite, clipped,
+                cached_triangle, cached_lit, cached_colour, hidden, radiance, not_finite, clipped,
             )  # fmt: skip
             j += workers
 

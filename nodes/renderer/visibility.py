@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from nodes.renderer.cameras import lens_of, make_view
 from nodes.renderer.geometry import flatten, is_static
 from nodes.renderer.poses import Frames, Staging, check_poses, same_bytes
 from nodes.renderer.raster import BandRaster, PooledRaster
-from nodes.renderer.recording import Recording
+from nodes.renderer.recording import Branch, Recording
 
 wp.config.log_level = wp.LOG_WARNING
 
@@ -51,6 +52,8 @@ class Visibility:
         self.view, self.lens = make_view(camera, margin, self.device), lens_of(camera)
         # Pixels that one thread of a gather kernel does; on the CPU a row, for starting one costs more.
         self.span = self.shape[2] if self.device.is_cpu else 1
+        # Tiles of pixels and threads of each, see kernels.tile_pixel.
+        self.tiles = (envs, -(-self.shape[1] // 4) * -(-self.shape[2] // 8), 32)
         self.geometry = geometry = flatten(scene)
         self.names = [b.name for b in scene.bodies]
         self.camera_body = scene.body_index(camera.name)
@@ -71,9 +74,9 @@ class Visibility:
         self.still_place = 0
         self._still_drawn = -1
         self._layer = self.empty(self.shape if self._layered else (0, 0, 0), wp.uint64)
-        self._staging = Staging(envs, len(self.names), self.device)
-        self.poses = self._staging.now
         self._still_bodies = np.array([is_static(scene, k) for k in range(len(self.names))], bool)
+        self._staging = Staging(envs, self._still_bodies, self.device)
+        self.poses = self._staging.now
         order = np.concatenate([np.argsort(~still, kind="stable"), [count]])
         self._still_count = int(still.sum())
         self._instances = [
@@ -85,13 +88,16 @@ class Visibility:
         pooled = self.device.is_cuda if pooled is None else pooled
         self.raster = (PooledRaster if pooled else BandRaster)(self, still, two_sided)
         self.vertices, self.view.local = self.raster.vertices, int(self.raster.local)
-        self._recording = Recording(self.device)
+        self._recording, self._cleared = Recording(self.device), Branch(self.device)
 
     def frames(self, poses: np.ndarray) -> Frames:
         """Poses float64 [E, N, 7], checked. Raises ValueError naming a body."""
-        geometry = self.geometry
-        poses = check_poses(poses, self.envs, self.names)
-        return Frames(poses, self.camera_body, geometry.body, (geometry.rotation, geometry.translation))
+        geometry, staging = self.geometry, self._staging
+        poses = np.ascontiguousarray(poses, np.float64)
+        rests = staging.rests(poses)
+        poses = check_poses(poses, self.envs, self.names, staging.moving if rests else None)
+        rest = geometry.rotation, geometry.translation
+        return Frames(poses, self.camera_body, geometry.body, rest, staging.serial if rests else -1)
 
     def update(self, poses: np.ndarray | Frames) -> Frames:
         """Fill `packed` for body poses float64 [E, N, 7]. On a GPU nothing is waited for."""
@@ -109,7 +115,8 @@ class Visibility:
         """
         staging, now = self._staging, frames.bodies
         last = staging.last
-        still_same = last is not None and self._still_same(last, now)
+        rests = frames.resting == staging.serial
+        still_same = last is not None and (self._layered if rests else self._still_same(last, now))
         self.still_place += not still_same
         self.moved = self.still_displaced = False
         if previous is not None and not same_bytes(previous, now):
@@ -121,7 +128,7 @@ class Visibility:
                 previous = check_poses(previous, self.envs, self.names)
                 self.still_displaced = not self._still_same(previous, now)
                 staging.put_before(previous)
-        staging.put(now)
+        staging.put(now, rests)
 
     @property
     def last(self) -> np.ndarray | None:
@@ -141,18 +148,28 @@ class Visibility:
         """To be called after `draw`, or what was recorded of it."""
         self._still_drawn = self.still_place
 
-    def draw(self) -> None:
-        """Fill `packed` for what is in `poses`: launches only, all arguments of which depend on `still_moved` alone."""
+    def draw(self, placed: Callable[[], None] = lambda: None) -> None:
+        """Fill `packed` for what is in `poses`: launches only, all arguments of which depend on `still_moved` alone.
+
+        placed: called where the instances are placed and nothing is drawn yet.
+        """
+        ground, cleared = self._layer if self._layered else self.packed, self._cleared
+        clear = not self._layered or self.still_moved
+        with cleared.aside():
+            if clear:
+                ground.view(wp.int64).fill_(-1)
+            else:
+                wp.copy(self.packed, ground)
         self.place_instances()
-        if not self._layered:
-            self.packed.view(wp.int64).fill_(-1)
-            self.raster.draw(self.packed, True, True)
-            return
-        if self.still_moved:
-            self._layer.view(wp.int64).fill_(-1)
-            self.raster.draw(self._layer, True, False)
-        wp.copy(self.packed, self._layer)
-        self.raster.draw(self.packed, False, True)
+        placed()
+        if clear:
+            self.raster.draw(ground, True, not self._layered, cleared.join)
+        if self._layered and clear:
+            wp.copy(self.packed, ground)
+        if self._layered:
+            self.raster.draw(self.packed, False, True, cleared.join)
+        # Also where there was nothing to draw.
+        cleared.join()
 
     def place_instances(self) -> None:
         """`rotation`, `translation` and `eye` for what is in `poses`."""

@@ -71,6 +71,20 @@ def publisher_on(
     return publisher
 
 
+def subscriber_on(
+    context: zmq.Context, endpoints: Endpoints, name: str = "labeler", kind: type[Message] = Depth, **options: Any
+) -> Subscriber:
+    """A started subscriber to TOPIC."""
+    subscriber = Subscriber(context, TOPIC, name, "in", endpoints, message_type=kind, **options)
+    subscriber.start()
+    return subscriber
+
+
+def meet(publisher: Publisher, *subscribers: Subscriber) -> None:
+    """Wait until all of them are connected, and nobody is missing."""
+    wait_for(lambda: (publisher.pump(), all([s.connected() for s in subscribers]))[1] and not publisher.missing())
+
+
 def read(pipe: Any, endpoints: Endpoints, name: str, options: dict[str, Any]) -> None:
     """A consumer process: reads to the end and reports.
 

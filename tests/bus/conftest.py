@@ -12,7 +12,7 @@ import bus_workers
 import pytest
 import zmq
 
-from evis.bus import Endpoints, endpoints_for
+from evis.bus import Endpoints, Publisher, Subscriber, endpoints_for
 
 
 @pytest.fixture
@@ -28,6 +28,17 @@ def endpoints() -> Iterator[Endpoints]:
     with tempfile.TemporaryDirectory(prefix="evis-") as directory:
         assert Path(directory).stat().st_mode & 0o077 == 0
         yield endpoints_for(directory, bus_workers.TOPIC)
+
+
+@pytest.fixture
+def pair(context: zmq.Context, endpoints: Endpoints) -> Iterator[tuple[Publisher, Subscriber]]:
+    """A publisher and one consumer, in this process, connected."""
+    publisher = bus_workers.publisher_on(context, endpoints, ["labeler:in"])
+    subscriber = bus_workers.subscriber_on(context, endpoints)
+    bus_workers.meet(publisher, subscriber)
+    yield publisher, subscriber
+    subscriber.close()
+    publisher.close()
 
 
 class Child:

@@ -6,28 +6,12 @@ import struct
 
 import numpy as np
 import pytest
-from bus_workers import TOPIC, publisher_on, wait_for
+from bus_workers import TOPIC, meet, publisher_on, subscriber_on
 
-from evis.bus import BusError, Subscriber
+from evis.bus import BusError
 from msgs.camera import Depth, Labels
 from msgs.codec import encode_header
 from msgs.header import Header
-
-
-def subscriber_to(publisher, context, endpoints, kind):
-    subscriber = Subscriber(context, TOPIC, "labeler", "in", endpoints, message_type=kind)
-    subscriber.start()
-    wait_for(lambda: (publisher.pump(), subscriber.connected(), not publisher.missing())[-1])
-    return subscriber
-
-
-@pytest.fixture
-def pair(context, endpoints):
-    publisher = publisher_on(context, endpoints, ["labeler:in"])
-    subscriber = subscriber_to(publisher, context, endpoints, Depth)
-    yield publisher, subscriber
-    subscriber.close()
-    publisher.close()
 
 
 def test_a_header_sent_again_says_only_when(pair):
@@ -53,7 +37,8 @@ def test_a_header_sent_again_says_only_when(pair):
 
 def test_received_lists_are_nobody_elses(context, endpoints):
     publisher = publisher_on(context, endpoints, ["labeler:in"], Labels)
-    subscriber = subscriber_to(publisher, context, endpoints, Labels)
+    subscriber = subscriber_on(context, endpoints, kind=Labels)
+    meet(publisher, subscriber)
     flow = np.ones((1, 100, 100, 2), np.float32)
     for i in range(8):
         publisher.send(Labels(Header(i), flow=flow * i, names=["ball"]), timeout_s=5).unpin()

@@ -8,20 +8,13 @@ import struct
 import numpy as np
 import pytest
 import zmq
-from bus_workers import TOPIC, image, publisher_on, send_stream, truth, wait_for
+from bus_workers import image, meet, publisher_on, send_stream, subscriber_on, truth, wait_for
 
-from evis.bus import END, BusError, Subscriber, pipes
+from evis.bus import END, BusError, pipes
 from evis.bus.wire import Malformed
 from msgs.camera import Depth
 from msgs.header import Header
 from msgs.world import WorldState
-
-
-def connected(context, endpoints, publisher, name="labeler", kind=Depth, **options):
-    subscriber = Subscriber(context, TOPIC, name, "in", endpoints, message_type=kind, **options)
-    subscriber.start()
-    wait_for(lambda: (publisher.pump(), subscriber.connected(), not publisher.missing())[-1])
-    return subscriber
 
 
 def deliver(publisher, subscriber, i):
@@ -38,18 +31,10 @@ def open_files():
     return {os.readlink(path) for path in paths if os.path.lexists(path)}
 
 
-@pytest.fixture
-def pair(context, endpoints):
-    publisher = publisher_on(context, endpoints, ["labeler:in"])
-    subscriber = connected(context, endpoints, publisher)
-    yield publisher, subscriber
-    subscriber.close()
-    publisher.close()
-
-
 def test_neighbours_use_pipes_and_nothing_stays_open(context, endpoints):
     publisher = publisher_on(context, endpoints, ["labeler:in"])
-    subscriber = connected(context, endpoints, publisher)
+    subscriber = subscriber_on(context, endpoints)
+    meet(publisher, subscriber)
     for i in range(20):
         deliver(publisher, subscriber, i)
         assert not subscriber.socket.poll(0)
@@ -137,7 +122,8 @@ def test_credits_of_an_earlier_connection_do_not_count(context, endpoints, pair)
     subscriber.close()
     with pytest.raises(BusError):
         wait_for(publisher.pump)
-    again = connected(context, endpoints, publisher)
+    again = subscriber_on(context, endpoints)
+    meet(publisher, again)
     publisher.send(Depth(Header(0), depth=np.zeros((1, 2, 2), np.float32)))
     again._credits.write_credit(link, b"C", 0)
     wait_for(lambda: (publisher.pump(), publisher.stats()["rejected"] > 0)[1])
@@ -158,7 +144,8 @@ def test_what_is_no_record_is_an_error_and_no_crash(context, endpoints, record):
     outlet.close()
     inbox.close()
     publisher = publisher_on(context, endpoints, ["labeler:in"])
-    subscriber = connected(context, endpoints, publisher)
+    subscriber = subscriber_on(context, endpoints)
+    meet(publisher, subscriber)
     assert publisher._consumers.all["labeler:in"].outlet.write(record)
     with pytest.raises(BusError, match=r"/cam0/depth: labeler:in cannot read what came through its pipe"):
         subscriber.receive(5000)
@@ -201,7 +188,8 @@ def test_without_a_pipe_the_sockets_do_it(context, endpoints, monkeypatch, side)
         raise OSError("no such process")
 
     monkeypatch.setattr(f"evis.bus.{'consumers' if side == 'publisher' else 'subscriber'}.Outlet", refuse)
-    subscriber = connected(context, endpoints, publisher)
+    subscriber = subscriber_on(context, endpoints)
+    meet(publisher, subscriber)
     for i in range(20):
         deliver(publisher, subscriber, i)
     assert subscriber._piped is (side == "consumer")
@@ -214,7 +202,8 @@ def test_without_a_pipe_the_sockets_do_it(context, endpoints, monkeypatch, side)
 
 def test_a_small_message_with_a_long_header_comes_over_the_socket(context, endpoints):
     publisher = publisher_on(context, endpoints, ["labeler:in"], WorldState)
-    subscriber = connected(context, endpoints, publisher, kind=WorldState)
+    subscriber = subscriber_on(context, endpoints, kind=WorldState)
+    meet(publisher, subscriber)
     names = [f"body {i} " + "x" * 50 for i in range(3000)]
     for bodies in (["a"], names, ["b"], names):
         pose, twist = np.zeros((1, 1, 0, 7)), np.zeros((1, 1, 0, 6))

@@ -27,6 +27,9 @@ class Runtime:
     def wants(self, node: Any, port: str) -> bool:
         return port in self.wanted
 
+    def loan(self, node: Any, port: str, arrays: Any) -> dict[str, np.ndarray]:
+        return {name: np.full(shape, 77, dtype) for name, (shape, dtype) in arrays.items()}
+
     def publish(self, node: Any, port: str, message: Any) -> None:
         message.check()
         self.messages.setdefault(port, []).append(message)

@@ -163,7 +163,7 @@ def main() -> None:
     parts = [Events.empty()]
     with driver:
         result["serial"], result["name"] = driver.info().serial, driver.info().name
-        driver.configure(driver.settings_type().of({"decoder": "numpy", "transfers": transfers}))
+        driver.configure(driver.settings_type().of({"decoder": "numpy", "transfers": transfers, "longest_ms": 10.0}))
         driver.start()
         try:
             while True:

@@ -6,6 +6,7 @@ import warp as wp
 from rigid_rig import (
     GAP,
     START,
+    Gap,
     camera,
     closed_form,
     cross,
@@ -24,6 +25,7 @@ from evis.clock import subframe_stamps
 from evis.scene.model import Waveform
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
 from nodes.interpolator.interpolator import Interpolator, new_frames
+from nodes.interpolator.keyframe import View
 from nodes.interpolator.rigid import Rigid
 from nodes.interpolator.rigid.method import TOLERANCE
 from nodes.renderer.renderer import Renderer
@@ -76,14 +78,54 @@ def test_a_light_that_grows_evenly_is_blended():
     assert np.abs(np.log(gap.dense[0] / gap.dense[-1])).max() > 0.01
 
 
-@pytest.mark.parametrize("frequency", [100.0, 730.0])
-def test_a_flickering_light_is_as_strong_as_it_is_at_every_frame(frequency):
-    """100 Hz is the same in both keyframes, 10 ms apart: nothing in them tells of it."""
-    light = lamp(waveform=Waveform("sine", frequency, 0.8, 0.1))
+WAVEFORMS = {
+    "mains, as strong in both keyframes": Waveform("sine", 100.0, 0.8, 0.1),
+    "off in between": Waveform("sine", 50.0, 1.0, 0.25),
+    "not a multiple": Waveform("sine", 730.0, 0.8, 0.1),
+    "PWM": Waveform("square", 730.0, 1.0, 0.05, 0.3),
+}
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("waveform", WAVEFORMS.values(), ids=WAVEFORMS)
+def test_a_flickering_light_is_as_strong_as_it_is_at_every_frame(waveform, channels):
+    """Only what is uncovered is shaded anew: 10 ms apart keyframes tell nothing of 100 Hz, the waveform all."""
+    light = lamp(waveform=waveform)
     scene = world([wall(), (quad(0.3), plain(0.3), across(15.0))], lights=[light])
+    gap = cross(scene, 8) if channels == 1 else coloured(scene, 8)
+    error = gap.error()
+    # Above the quad, and its shadow is below, there is nothing but the wall.
+    assert error[:, :20].max() < 1e-5
+    # The quad's light changes on its way, by less than is looked for.
+    assert error.max() < TOLERANCE / 4
+    assert np.ptp(np.log(gap.dense), axis=0).max() > 0.3
+    assert 0 < gap.report.reshaded < 0.1 * gap.report.samples
+
+
+def coloured(scene, upsampling):
+    """`cross` in RGB, of which the luminance is compared."""
+    view = scene.cameras[0]
+    renderer = Renderer(scene, view)
+    views, before = [], None
+    for t in (START, START + GAP):
+        states = closed_form(scene, np.array([START, t]))
+        image = renderer.render(states.pose[:, -1], before, ("radiance",), {}, t)["radiance"].copy()
+        views.append(View(wp.array(image, device="cpu"), states=states, stamp_ns=t))
+        before = states.pose[:, -1]
+    out = np.empty((1, upsampling, view.height, view.width, 3), np.float32)
+    report = Rigid(scene, view, 1, upsampling, 0, 3).between(*views, [False], out)
+    stamps = subframe_stamps(START, START + GAP, upsampling)
+    shown = lambda t: renderer.render(closed_form(scene, np.array([t])).pose[:, 0], t_ns=int(t))["radiance"]
+    return Gap(luminance(out[0]), np.array([luminance(shown(t))[0] for t in stamps]), report)
+
+
+def test_lights_that_flicker_each_in_its_own_way_are_shaded_at_every_frame():
+    waves = [Waveform("sine", 100.0, 0.8, phase) for phase in (0.1, 0.6)]
+    scene = world([wall(), (quad(0.3), plain(0.3), across(15.0))], lights=[lamp(waveform=wave) for wave in waves])
+    scene.lights[0].vector[0] = 1.0
     gap = cross(scene, 8)
     assert gap.error().max() < 1e-5
-    assert np.abs(np.log(gap.dense[1] / gap.dense[4])).max() > 0.3
+    assert np.abs(np.log(gap.dense[1] / gap.dense[4])).max() > 0.1
 
 
 def test_a_margin_brings_what_enters():

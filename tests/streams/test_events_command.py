@@ -11,6 +11,7 @@ import pytest
 from stream_cases import random_events, same, sha256_us
 
 from evis.cli import events as command
+from evis.cli.parser import UsageError
 from evis.streams import Events, Triggers, open_recording, open_writer
 
 
@@ -155,8 +156,10 @@ def test_render_mp4_gives_ffmpeg_every_pixel(capsys, tmp_path, monkeypatch):
     with open_writer(tmp_path / "a.npz", 40, 30) as writer:
         writer.write(Events.of([0, 50_000_000], [1, 2], [1, 2], [1, 1]))
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(ValueError, match="needs the program ffmpeg"):
-        command.run(parse("render", tmp_path / "a.npz", tmp_path / "a.mp4"))
+    with monkeypatch.context() as bare:
+        bare.setitem(sys.modules, "av", None)
+        with pytest.raises(ValueError, match="needs the program ffmpeg or .*video"):
+            command.run(parse("render", tmp_path / "a.npz", tmp_path / "a.mp4"))
     stand_in = tmp_path / "ffmpeg"
     stand_in.write_text(f"#!{sys.executable}\nimport sys\nopen(sys.argv[-1], 'wb').write(sys.stdin.buffer.read())\n")
     stand_in.chmod(0o755)
@@ -165,6 +168,38 @@ def test_render_mp4_gives_ffmpeg_every_pixel(capsys, tmp_path, monkeypatch):
     stand_in.write_text(f"#!{sys.executable}\nimport sys\nsys.exit('no such codec')\n")
     with pytest.raises(ValueError, match="no such codec"):
         command.run(parse("render", tmp_path / "a.npz", tmp_path / "a.mp4"))
+
+
+def test_render_mp4_without_ffmpeg_plays(capsys, tmp_path, monkeypatch):
+    """PyAV writes a film of even size, in which each picture shows its event's column of colour."""
+    av = pytest.importorskip("av")
+    with open_writer(tmp_path / "a.npz", 41, 31) as writer:
+        for k in range(3):
+            x = np.full(31, 10 * k + 5)
+            writer.write(Events.of(np.full(31, k * 20_000_000), x, np.arange(31), np.ones(31, int)))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert call(capsys, "render", tmp_path / "a.npz", tmp_path / "a.mp4")["pictures"] == 3
+    with av.open(str(tmp_path / "a.mp4")) as film:
+        frames = [f.to_ndarray(format="rgb24") for f in film.decode(video=0)]
+    assert [f.shape for f in frames] == [(32, 42, 3)] * 3
+    assert [int(f[:31, :41].astype(int).sum((0, 2)).argmin()) for f in frames] == [5, 15, 25]
+
+
+def test_simulate_never_writes_over_its_frames(tmp_path):
+    path = tmp_path / "f.npz"
+    np.savez(path, luminance=np.ones((3, 4, 5), np.float32), t=np.arange(3) * 1_000_000)
+    before = path.read_bytes()
+    (tmp_path / "link.npz").symlink_to(path)
+    for out in (path, tmp_path / "link.npz"):
+        with pytest.raises(UsageError, match="holds the frames and would be lost"):
+            command.run(parse("simulate", path, out))
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("option", [("--threshold", "-0.2"), ("--leak-rate", "nan"), ("--crossing", "circle")])
+def test_simulate_option_out_of_range_is_wrong_usage(tmp_path, option):
+    with pytest.raises(UsageError, match=option[0].strip("-").replace("-", "_")):
+        command.run(parse("simulate", "f.npz", tmp_path / "a.npz", *option))
 
 
 def test_simulate_a_brightening_pixel(capsys, tmp_path):

@@ -15,6 +15,7 @@ EXAMPLES = {
     "info": "evis events info recording.raw --json",
     "convert": "evis events convert recording.raw recording.npz",
     "simulate": "evis events simulate frames.npz events.raw --threshold 0.2",
+    "measure": "evis events measure recording.raw --json",
     "render": "evis events render recording.raw picture.gif --dt 20 --to 1",
 }
 

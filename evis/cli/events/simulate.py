@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from evis.cli.events.files import add_output, counted, holds_whole_us, rounded
 from evis.cli.events.sensor_options import add_sensor_options, sensor_values
+from evis.cli.parser import UsageError
 
 if TYPE_CHECKING:
     from evis.streams.frames import FrameBlock, FrameSource
@@ -46,8 +47,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from evis.streams.frames import FrameOptions, open_frames
     from nodes.event_sensor.simulate import Simulation
 
+    if os.path.exists(args.source) and os.path.exists(args.out) and os.path.samefile(args.source, args.out):
+        raise UsageError(f"{args.out} holds the frames and would be lost; write another file")
     _start_warp(args.device)
-    simulation = Simulation(preset=args.preset, seed=args.seed, device=args.device, **sensor_values(args))
+    try:
+        simulation = Simulation(preset=args.preset, seed=args.seed, device=args.device, **sensor_values(args))
+    except ValueError as error:
+        raise UsageError(str(error)) from None
     hermite = simulation.parameters["crossing"] == "hermite"
     options = FrameOptions(args.colour, hermite, args.fps, args.tone, args.white)
     with open_frames(args.source, options) as source, _finish_on_signal() as asked:
@@ -65,20 +71,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _start_warp(device: str) -> None:
-    """Start the kernel library; that there is no GPU driver is news only to somebody who asks for a GPU."""
+    """Start the kernel library. Raises ValueError where the device is not there."""
     import warp as wp
 
-    if device != "cpu":
-        wp.init()
-        return
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)  # the library's native part writes there itself
-        wp.init()
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
+    from evis.warp_start import start_warp
+
+    start_warp()
+    known = [str(d) for d in wp.get_devices()]
+    if device not in known and not (device == "cuda" and wp.is_cuda_available()):
+        raise ValueError(f"there is no device '{device}' here; there is {', '.join(known)}")
 
 
 def _frames(source: FrameSource, asked: threading.Event, step: Any, rebase: bool) -> Iterator[FrameBlock]:

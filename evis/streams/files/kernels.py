@@ -3,7 +3,9 @@
 import numpy as np
 import warp as wp
 
-wp.config.log_level = wp.LOG_WARNING
+from evis.warp_start import start_warp
+
+start_warp()
 
 
 @wp.kernel(module="unique", enable_backward=False)

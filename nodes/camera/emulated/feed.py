@@ -199,7 +199,7 @@ class FloodFeed(Feed):
 
     def __init__(self, turns: Iterator[np.ndarray], rate: float, fifo: int = 1 << 20, seconds: float = 0.0) -> None:
         self._turns, self._rate, self._fifo, self._seconds = turns, rate, fifo, seconds
-        self._current = np.empty(0, np.uint8)
+        self._current = next(turns)
         self._at = 0
         self._began = 0.0
         self._taken = 0

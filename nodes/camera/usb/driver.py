@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from evis.streams.buffer import Allocate, plain
 from nodes.camera.driver import Configuration, DeviceInfo, Driver, Reading, setting
 from nodes.camera.usb.access import Bus, StreamEnd, Unplugged, explained, label, release
 from nodes.camera.usb.models import Model
@@ -30,8 +31,9 @@ class UsbSettings(Configuration):
     """How any USB camera is read. Families add their own settings."""
 
     packet_ms: float = setting(10.0, "length of a packet's interval, device time", "ms", 0.01, 10_000)
+    longest_ms: float = setting(100.0, "longest packet while the host is behind", "ms", 0.01, 10_000)
     raw: bool = setting(False, "packets carry the wire bytes too")
-    buffers: int = setting(64, "buffers between USB and decoder", "", 4, 4096)
+    buffers: int = setting(256, "buffers between USB and decoder", "", 4, 4096)
     buffer_kib: int = setting(128, "size of one buffer", "KiB", 16, 8192)
     reconnect: bool = setting(False, "wait for a camera that was unplugged to come back")
     transfers: str = setting("queued", "queued: several reads wait at the endpoint at once; single: one at a time")
@@ -58,6 +60,8 @@ class UsbDriver(Driver):
         self._gone_at = 0.0
         self._retry_at = 0.0
         self._bytes = 0
+        self.allocate: Allocate = plain
+        """Where the arrays of readings come from; to be set before start. By default they belong to the reading."""
         self.emulated: Any = None
         """The emulated device behind it, for whoever feeds or inspects it; None for a real one."""
 
@@ -168,6 +172,7 @@ class UsbDriver(Driver):
             raise ValueError(f"{self.model.title}: not open")
         decoder = decoder_for(model.encoding, model.width, model.height, s.decoder)
         self._prepare(decoder)
+        decoder.prepare()
         try:
             self._begin()
         except usb.core.USBError as e:
@@ -177,7 +182,9 @@ class UsbDriver(Driver):
         feed = self.emulated.feed if self.emulated is not None else None
         # a recording behind an emulated device may come late, its quiet intervals close when the next event is there
         live = self._live and not self.wait_when_full
-        self._stream = Stream(reader, decoder, packet_ns, s.raw, live, feed.shift_ns if feed else 0)
+        shift_ns = feed.shift_ns if feed else 0
+        longest_ns = round(s.longest_ms * 1e6)
+        self._stream = Stream(reader, decoder, packet_ns, s.raw, live, shift_ns, longest_ns, self.allocate)
         first = feed.first_ns if feed else None
         self.t0_ns = 0 if first is None else (first - 1) // packet_ns * packet_ns
         reader.start()

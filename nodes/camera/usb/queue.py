@@ -102,7 +102,7 @@ class QueuedReader(Reader):
     def _run(self) -> None:
         try:
             for number in range(IN_FLIGHT):
-                self._submit(number, self._free.popleft())
+                self._submit(number, self._free.pop())
             while not self._stop:
                 self._wait_events()
                 while self._returned:
@@ -154,7 +154,7 @@ class QueuedReader(Reader):
         with self._changed:
             if size and self._room():
                 self._store(chunk, size)
-                chunk = self._free.popleft()
+                chunk = self._free.pop()
             else:
                 self._lose(size)
         self._submit(number, chunk)

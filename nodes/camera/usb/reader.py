@@ -20,7 +20,7 @@ import numpy as np
 
 TIMEOUT_MS = 100
 """Longest single read [ms]; what has arrived by then is handed over."""
-RESUME_SHARE = 4
+RESUME_SHARE = 16
 """After an overflow reading goes on when one in so many buffers is free."""
 MAX_FAULTS = 20
 """Reads that fail one after the other (stalls, transfer errors) before the stream is given up."""
@@ -119,7 +119,8 @@ class Reader:
         try:
             while not self._stop:
                 with self._changed:
-                    chunk = self._free.popleft() if self._room() else None
+                    # the one used last is still in the cache
+                    chunk = self._free.pop() if self._room() else None
                     if chunk is None and self._wait:
                         self._changed.wait(0.05)
                         continue
@@ -138,7 +139,7 @@ class Reader:
             elif size:
                 self._store(chunk, size)
             else:
-                self._free.appendleft(chunk)
+                self._free.append(chunk)
 
     def _room(self) -> bool:
         """There is a free buffer; after an overflow, a share of them: one long gap costs less than many short ones,
@@ -163,7 +164,7 @@ class Reader:
         self.bytes += size
         data = chunk.whole[:size]
         if self._is_small(size):
-            self._free.appendleft(chunk)
+            self._free.append(chunk)
             chunk, data = Chunk(0), data.copy()
             self._small += size
         chunk.data, chunk.t_host_ns = data, time.monotonic_ns()

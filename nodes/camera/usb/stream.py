@@ -7,6 +7,7 @@ from collections import Counter
 
 import numpy as np
 
+from evis.streams.buffer import Allocate, EventBuffer, plain
 from evis.streams.decoder import Decoder
 from evis.streams.events import Events
 from nodes.camera.driver import Reading
@@ -14,11 +15,19 @@ from nodes.camera.usb.access import StreamEnd
 from nodes.camera.usb.clock import ClockMap
 from nodes.camera.usb.reader import Chunk, Reader
 
-NS = 1_000_000_000
+FAR_NS = 2**63 - 1
 LONG_GAP = 100
 """A silence of more packets than this is one empty packet: a jump in device time must not become a flood."""
 GRACE_NS = 20_000_000
 """A quiet interval is closed when the host's clock says that it ended this long ago."""
+LEAST_BEHIND_NS = 1_000_000
+"""The host is behind when a buffer waited for half a packet's interval, and at least this long, and more wait."""
+LEAST_EVENTS = 1024
+"""Room of the first packet's arrays [events]."""
+ROOMY_EVENTS = 1 << 17
+"""In packets of so many events the work per packet no longer counts: a larger one would not be made sooner."""
+SPARE = 1.25
+"""Room of a packet's arrays against the largest packet so far."""
 
 
 class Stream:
@@ -28,10 +37,25 @@ class Stream:
     back stay in their place. After a gap the decoder waits for the next time word, and its time is carried to the turn
     of the counter nearest to where the device's clock must be. live: the host's clock may close a quiet interval; not
     for a source that runs faster or slower than its own clock. origin_ns is added to all times.
+
+    A live source is not made to wait. When its buffers wait for longer than half a packet, the packet at hand
+    takes in the following intervals until the host has caught up, up to longest_ns and as far as its arrays (or
+    ROOMY_EVENTS) have room: fewer, larger packets, whose ends still lie on whole intervals. What is too fast even then
+    is lost in the reader, which counts it.
+
+    allocate: gives the arrays of a packet, which is decoded in place.
     """
 
     def __init__(
-        self, reader: Reader, decoder: Decoder, packet_ns: int, raw: bool, live: bool, origin_ns: int = 0
+        self,
+        reader: Reader,
+        decoder: Decoder,
+        packet_ns: int,
+        raw: bool,
+        live: bool,
+        origin_ns: int = 0,
+        longest_ns: int = 0,
+        allocate: Allocate = plain,
     ) -> None:
         self.reader, self.decoder, self.packet_ns, self._raw, self._live = reader, decoder, packet_ns, raw, live
         self.clock = ClockMap()
@@ -47,7 +71,13 @@ class Stream:
         self._fresh = False
         self._realign = False
         self._lost = 0
-        self._parts: list[Events] = []
+        self._longest_ns = longest_ns if live else 0
+        self._behind_ns = max(packet_ns // 2, LEAST_BEHIND_NS)
+        self._allocate = allocate
+        self._buffer: EventBuffer | None = None
+        self._most = 0
+        self._earliest = FAR_NS
+        self._others: list[Events] = []
         self._bytes: list[np.ndarray] = []
 
     def read(self, timeout_s: float) -> Reading | None:
@@ -88,7 +118,7 @@ class Stream:
             if chunk is not None:
                 self._take(chunk)
                 count -= len(chunk.data) + chunk.lost
-                self._keep(self.decoder.decode())
+                self._decode(None)
         return self._finish()
 
     def _take(self, chunk: Chunk) -> None:
@@ -109,13 +139,15 @@ class Stream:
         if self._chunk is None:
             return None
         if self._t0 is None or self._realign:
-            self._keep(self.decoder.decode_until(-1))
+            self._decode(-1)
             if self.decoder.next_t_ns is None:
                 return None
             self._align(self.decoder.next_t_ns)
-        self._keep(self.decoder.decode_until(self._stamp - self._offset))
-        if self.decoder.at_cut:
-            return self._finish()
+        self._decode(self._stamp - self._offset)
+        while self.decoder.at_cut:
+            if not self._widen():
+                return self._finish()
+            self._decode(self._stamp - self._offset)
         if self._fresh and self._newest is not None:  # this chunk had events
             self.clock.add(self._chunk.t_host_ns, self._newest)
             self._fresh = False
@@ -138,27 +170,59 @@ class Stream:
         """The last packet boundary before an event."""
         return (t_ns - 1) // self.packet_ns * self.packet_ns
 
-    def _keep(self, events: Events) -> None:
+    def _widen(self) -> bool:
+        """Let the packet take in the next interval too, because the host is behind."""
+        assert self._chunk is not None and self._t0 is not None and self._buffer is not None
+        wider = self._stamp + self.packet_ns
+        filled, intervals = self._buffer.n, (self._stamp - self._t0) // self.packet_ns
+        if filled + filled // intervals > max(self._buffer.capacity, ROOMY_EVENTS):
+            return False
+        waited_ns = time.monotonic_ns() - self._chunk.t_host_ns
+        if wider - self._t0 > self._longest_ns or waited_ns < self._behind_ns or self.reader.empty:
+            return False
+        following = self.decoder.next_t_ns
+        if following is None or following + self._offset > wider:  # a silence costs nothing to wait for
+            return False
+        self._stamp = wider
+        self.counts["intervals_joined"] += 1
+        return True
+
+    def _decode(self, until_ns: int | None) -> None:
+        """What was fed, up to a time of the decoder's clock (None: all), to the end of the packet at hand."""
+        buffer = self._buffer
+        if buffer is None:
+            buffer = self._buffer = EventBuffer(max(int(SPARE * self._most), LEAST_EVENTS), self._allocate)
+        before = buffer.n
+        others = self.decoder.decode_into(buffer, until_ns)
         if self._raw:
             self._bytes.append(self.decoder.taken.copy())
+        t = buffer.columns[0]
         if self._offset:
-            _shift(events, self._offset)
-        if len(events):
-            self._newest, self._fresh = int(events.t[-1]), True
-        self._parts.append(events)
+            t[before : buffer.n] += self._offset
+            for part in others:
+                _shift(part, self._offset)
+        if buffer.n > before:
+            self._newest, self._fresh = int(t[buffer.n - 1]), True
+            # now, while the times are in the cache: a packet's whole is read from memory again
+            self._earliest = min(self._earliest, int(t[before : buffer.n].min()))
+        self._others += others
 
     def _finish(self) -> Reading:
         """Close the interval and begin the next one."""
         assert self._t0 is not None
-        filled = [e for e in self._parts if len(e) or len(e.triggers) or len(e.imu) or e.frames]
-        events = Events.concatenate(filled) if filled else Events.empty()
+        events = self._buffer.events() if self._buffer is not None else Events.empty()
+        if self._others:
+            others = Events.concatenate(self._others)
+            events.triggers, events.imu, events.frames = others.triggers, others.imu, others.frames
         raw = None
         if self._raw:
             raw = np.concatenate(self._bytes) if self._bytes else np.empty(0, np.uint8)
         reading = Reading(events, self._t0, self._stamp, raw, self._lost)
-        if len(events) and (back := int((events.t <= self._t0).sum())):
-            self.counts["events_stepped_back"] += back
-        self._parts, self._bytes, self._lost = [], [], 0
+        if self._earliest <= self._t0:
+            self.counts["events_stepped_back"] += int(np.count_nonzero(events.t <= self._t0))
+        self._earliest = FAR_NS
+        self._most = max(self._most, len(events))
+        self._buffer, self._others, self._bytes, self._lost = None, [], [], 0
         if self._chunk is not None:
             self.read_at_ns = self._chunk.t_host_ns
         self._t0 = self._stamp
@@ -185,16 +249,15 @@ class Stream:
         """What is left at the end of the stream."""
         if self._chunk is None or self._t0 is None:
             return None
-        self._keep(self.decoder.decode())
+        self._decode(None)
         self._chunk = None
-        if not any(len(e) or len(e.triggers) or len(e.frames) or len(e.imu) for e in self._parts):
+        if not self._others and not (self._buffer is not None and self._buffer.n):
             return None
         return self._finish()
 
 
 def _shift(events: Events, offset_ns: int) -> None:
-    """Move everything of a decoded block in time."""
-    events.t += offset_ns
+    """Move in time what came besides events."""
     for part in (events.triggers, events.imu):
         if len(part):
             part.t += offset_ns

@@ -3,12 +3,14 @@
 
 import warp as wp
 
+from nodes.event_sensor.kernels import EVENTS, LARGEST, NONFINITE
+
 wp.set_module_options({"enable_backward": False})
 
-LARGEST = wp.constant(3.4028235e38)
 TINY = wp.constant(1.0e-30)
 """Least intensity of which a logarithm is taken."""
 NEVER = wp.constant(wp.int64(-(1 << 62)))
+"""Stamp of the last event of a pixel that has had none."""
 
 
 @wp.struct
@@ -35,9 +37,12 @@ def sample_at(frame: Frame, images: wp.array(dtype=wp.float32), env: wp.int32, p
 
 
 @wp.func
-def valid(intensity: wp.float32):
-    """Finite and not negative; false for NaN."""
-    return intensity >= 0.0 and intensity <= LARGEST
+def usable(intensity: wp.float32, counters: wp.array(dtype=wp.int64)):
+    """Whether a sample is finite and not negative; counted if it is not."""
+    good = intensity >= 0.0 and intensity <= LARGEST
+    if not good:
+        wp.atomic_add(counters, NONFINITE, wp.int64(1))
+    return good
 
 
 @wp.func
@@ -58,7 +63,7 @@ def put(
     counters: wp.array(dtype=wp.int64),
 ):
     """One event, `offset` ns after the frame before; counted even where it does not fit."""
-    slot = wp.atomic_add(counters, 0, wp.int64(1))
+    slot = wp.atomic_add(counters, EVENTS, wp.int64(1))
     if slot < wp.int64(keys.shape[0]):
         t = frame.before - frame.t_base + wp.clamp(offset, wp.int64(1), frame.span)
         key = (wp.int64(env) << frame.shift_env) | (t << frame.shift_t) | (wp.int64(pixel) << wp.int64(1))
@@ -107,9 +112,7 @@ def esim(
         p.log = float(wp.nan)
         p.fired = NEVER
     v = sample_at(frame, images, env, pixel)
-    if not valid(v):
-        wp.atomic_add(counters, 1, wp.int64(1))
-    else:
+    if usable(v, counters):
         now = wp.log(wp.max(v + sensor.dark, TINY))
         if wp.isnan(p.log):
             p.reference = now
@@ -196,9 +199,7 @@ def v2e_levels(
     crossings[index] = 0
     shots[index] = 0
     v = sample_at(frame, images, env, pixel)
-    if not valid(v):
-        wp.atomic_add(counters, 1, wp.int64(1))
-    else:
+    if usable(v, counters):
         dn = wp.min(v * sensor.dn, 255.0)
         bright = (dn + 20.0) / 275.0
         level = float(0.0)
@@ -358,9 +359,7 @@ def dvs_voltmeter(
         p.light = wp.float64(wp.nan)
         p.residual = zero
     v = sample_at(frame, images, env, pixel)
-    if not valid(v):
-        wp.atomic_add(counters, 1, wp.int64(1))
-    else:
+    if usable(v, counters):
         light = wp.float64(v) * sensor.dn
         if not wp.isnan(p.light):
             end = wp.float64(frame.span) * wp.float64(1.0e-3)

@@ -16,6 +16,7 @@ from nodes.interpolator.kernels import (
     Source,
     Target,
     background,
+    bent,
     displaced_depth,
     known_depth,
     padded,
@@ -33,6 +34,7 @@ def collect(
     depth: wp.array3d(dtype=wp.float32),
     other_depth: wp.array3d(dtype=wp.float32),
     motion: wp.array4d(dtype=wp.float32),
+    bends: wp.array2d(dtype=wp.vec2),
     counts_b: wp.array2d(dtype=wp.int32),
     # out
     still: wp.array2d(dtype=wp.float32),
@@ -67,7 +69,11 @@ def collect(
             z = depth[env, y, x]
             own = known_depth(z)
             at = (y + 1) * (width + 2) + x + 1
-            if hold or (dx == 0.0 and dy == 0.0 and z == other_depth[env, y, x]):
+            bend = wp.vec2(0.0, 0.0)
+            if bends.shape[1] > 0:
+                bend = bends[env, y * width + x]
+            straight = bend[0] == 0.0 and bend[1] == 0.0
+            if hold or (straight and dx == 0.0 and dy == 0.0 and z == other_depth[env, y, x]):
                 still[env, at] = own
             else:
                 still[env, at] = EMPTY
@@ -79,10 +85,13 @@ def collect(
                 x1 = wp.max(x1, x)
                 y1 = wp.max(y1, y)
                 if wp.abs(dx) < 1.0e6 and wp.abs(dy) < 1.0e6:
-                    x0 = wp.min(x0, wp.int32(wp.max(fx, 0.0)))
-                    y0 = wp.min(y0, wp.int32(wp.max(fy, 0.0)))
-                    x1 = wp.max(x1, wp.int32(wp.min(fx + 1.0, float(width - 1))))
-                    y1 = wp.max(y1, wp.int32(wp.min(fy + 1.0, float(height - 1))))
+                    # A parabola is at most a quarter of its bend off the straight line.
+                    bx = 0.25 * wp.abs(bend[0])
+                    by = 0.25 * wp.abs(bend[1])
+                    x0 = wp.min(x0, wp.int32(wp.max(wp.min(fx, float(x)) - bx, 0.0)))
+                    y0 = wp.min(y0, wp.int32(wp.max(wp.min(fy, float(y)) - by, 0.0)))
+                    x1 = wp.max(x1, wp.int32(wp.min(wp.max(fx, float(x)) + bx + 1.0, float(width - 1))))
+                    y1 = wp.max(y1, wp.int32(wp.min(wp.max(fy, float(y)) + by + 1.0, float(height - 1))))
                     source = Source()
                     grid = float(SUBPIXEL)
                     source.x = grid * float(x)
@@ -188,21 +197,21 @@ def reset(
 @wp.func
 def splat_b(
     env: int, count: int, a: wp.float32, width: int, height: int,
-    sources: wp.array2d(dtype=Source), image: wp.array2d(dtype=Any),
+    sources: wp.array2d(dtype=Source), bends: wp.array2d(dtype=wp.vec2), image: wp.array2d(dtype=Any),
     nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any),
 ):  # fmt: skip
     """All moving sources: the nearest depth of every target, then the sums of those that are as near."""
     j = int(0)
     while j < count:
         source = sources[env, j]
-        target = target_of(source, a, width, height)
+        target = target_of(bent(source, a, env, bends), a, width, height)
         if target.at >= 0:
             lower_all(nearest, target, source.z + a * source.dz)
         j += 1
     j = int(0)
     while j < count:
         source = sources[env, j]
-        target = target_of(source, a, width, height)
+        target = target_of(bent(source, a, env, bends), a, width, height)
         if target.at >= 0:
             add_all(nearest, sums, target, source.z + a * source.dz, image[env, source.pixel])
         j += 1
@@ -211,7 +220,7 @@ def splat_b(
 @wp.func
 def splat_a(
     env: int, count: int, a: wp.float32, width: int, height: int,
-    sources: wp.array2d(dtype=Source), image: wp.array2d(dtype=Any),
+    sources: wp.array2d(dtype=Source), bends: wp.array2d(dtype=wp.vec2), image: wp.array2d(dtype=Any),
     nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any), hits: wp.array(dtype=wp.int32),
 ):  # fmt: skip
     """As splat_b, for targets that are holes; the others hold depth 0, which nothing is nearer than."""
@@ -219,7 +228,7 @@ def splat_a(
     j = int(0)
     while j < count:
         source = sources[env, j]
-        target = target_of(source, a, width, height)
+        target = target_of(bent(source, a, env, bends), a, width, height)
         if target.at >= 0:
             at = target.at
             here = wp.max(nearest[at], nearest[at + target.right])
@@ -232,7 +241,7 @@ def splat_a(
     h = int(0)
     while h < n:
         source = sources[env, hits[h]]
-        target = target_of(source, a, width, height)
+        target = target_of(bent(source, a, env, bends), a, width, height)
         add_all(nearest, sums, target, source.z + a * source.dz, image[env, source.pixel])
         h += 1
 
@@ -314,6 +323,8 @@ def warp_gap(
     still_b: wp.array2d(dtype=wp.float32),
     sources_a: wp.array2d(dtype=Source),
     sources_b: wp.array2d(dtype=Source),
+    bends_a: wp.array2d(dtype=wp.vec2),
+    bends_b: wp.array2d(dtype=wp.vec2),
     counts_a: wp.array2d(dtype=wp.int32),
     counts_b: wp.array2d(dtype=wp.int32),
     # scratch on the padded grid, then lists of pixels and of sources
@@ -342,7 +353,7 @@ def warp_gap(
         row = env * upsampling + i - 1
         back = float(upsampling - i) / float(upsampling)
         reset(env, box, width, still_b, nearest, sums)
-        splat_b(env, counts_b[env, 0], back, width, height, sources_b, image_b, nearest, sums)
+        splat_b(env, counts_b[env, 0], back, width, height, sources_b, bends_b, image_b, nearest, sums)
         filled[row] = 0
         n = resolve_b(env, row, box, width, still_b, image_b, nearest, sums, holes, frames)
         if n > 0:
@@ -352,7 +363,7 @@ def warp_gap(
                 nearest_a[at] = still_a[env, at]
                 j += 1
             forth = float(i) / float(upsampling)
-            splat_a(env, counts_a[env, 0], forth, width, height, sources_a, image_a, nearest_a, sums, hits)
+            splat_a(env, counts_a[env, 0], forth, width, height, sources_a, bends_a, image_a, nearest_a, sums, hits)
             n = resolve_a(env, row, n, width, still_a, image_a, nearest_a, sums, nearest, holes, frames)
             j = int(0)
             while j < n:

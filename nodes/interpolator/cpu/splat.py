@@ -36,6 +36,7 @@ class SplatCpu:
             self._still = [wp.empty((envs, padded), dtype=wp.float32) for _ in "AB"]
             self._sources = [wp.empty((envs, pixels), dtype=Source) for _ in "AB"]
             self._counts = [wp.zeros((envs, 6), dtype=wp.int32) for _ in "AB"]
+            self._straight = wp.empty((0, 0), dtype=wp.vec2)
             self._filled = wp.zeros(envs * upsampling, dtype=wp.int32)
             self._scratch = [
                 [
@@ -51,23 +52,32 @@ class SplatCpu:
         size = (envs, upsampling, height, width) + ((3,) if channels == 3 else ())
         self._frames = np.empty(size, np.float32) if margin else None
 
-    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
-        """See Method."""
+    def between(
+        self,
+        a: View,
+        b: View,
+        held: Sequence[bool] | np.ndarray,
+        out: np.ndarray | wp.array,
+        bends: tuple[wp.array, wp.array] | None = None,
+    ) -> Report:
+        """See Method. bends: of A's and of B's paths, wp.vec2 [E, H W] px; straight ones without."""
         out = out.numpy() if isinstance(out, wp.array) else out
         envs, height, width = self._shape
         stays: wp.array = wp.array(np.asarray(held, np.int32), device="cpu")
+        bends = bends or (self._straight, self._straight)
         for index, sign, here, there in ((1, 1.0, b, a), (0, -1.0, a, b)):
             wp.launch(
                 kernels.collect,
                 envs,
-                [sign, stays, here.depth, there.depth, here.motion, self._counts[1]],
+                [sign, stays, here.depth, there.depth, here.motion, bends[index], self._counts[1]],
                 [self._still[index], self._sources[index], self._counts[index]],
                 device="cpu",
             )
         frames = out if self._frames is None else self._frames
         frames[:] = b.image.numpy()[:, None]
         keyframes = [self._values(view.image, (envs, -1)) for view in (a, b)]
-        given = [width, height, self._margin, *keyframes, *self._still, *self._sources, *self._counts]
+        given = [width, height, self._margin, *keyframes, *self._still, *self._sources, *bends]
+        given += self._counts
         made = [self._values(wp.array(frames, copy=False, device="cpu"), (envs * self._upsampling, -1)), self._filled]
         launches = [
             wp.launch(

@@ -5,7 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.rigid.look_up_kernels import HARD, SEEN, apart, exp_of, make_look_up
+from nodes.interpolator.rigid.look_up_kernels import HARD, LOGS, SEEN, apart, make_look_up, radiance_of
+from nodes.interpolator.rigid.room_kernels import take_place
 from nodes.renderer.kernels import MISS, View, depth_of, pixel_ray, triangle_of
 
 wp.set_module_options({"enable_backward": False})
@@ -20,44 +21,31 @@ class Scenery:
     body: wp.array(dtype=int)
 
 
-@wp.struct
-class GreyKeyframe:
-    """A keyframe as `Prepared` has it, [E H W] but for image, and how the bodies [P E, N + 2] of the sub-frames have
-    moved since: see displacement_kernels."""
+@cache
+def make_keyframe(channels: int, flicker: bool) -> Any:
+    """The struct of a keyframe as `Prepared` has it, [E H W] but for image, and how the bodies [P E, N + 2] of the
+    sub-frames have moved since: see displacement_kernels. channels, flicker: as of LOGS."""
 
-    image: wp.array3d(dtype=wp.float32)
-    patch: wp.array(dtype=int)
-    support: wp.array(dtype=int)
-    inverse: wp.array(dtype=float)
-    logs: wp.array(dtype=wp.float32)
-    turn: wp.array2d(dtype=wp.mat33)
-    shift: wp.array2d(dtype=wp.vec3)
+    class Keyframe:
+        image: wp.array3d(dtype=LOGS[channels, False])  # type: ignore[valid-type]
+        patch: wp.array(dtype=int)
+        support: wp.array(dtype=int)
+        inverse: wp.array(dtype=float)
+        logs: wp.array(dtype=LOGS[channels, flicker])
+        turn: wp.array2d(dtype=wp.mat33)
+        shift: wp.array2d(dtype=wp.vec3)
 
-
-@wp.struct
-class ColourKeyframe:
-    """As GreyKeyframe, in RGB."""
-
-    image: wp.array3d(dtype=wp.vec3)
-    patch: wp.array(dtype=int)
-    support: wp.array(dtype=int)
-    inverse: wp.array(dtype=float)
-    logs: wp.array(dtype=wp.vec3)
-    turn: wp.array2d(dtype=wp.mat33)
-    shift: wp.array2d(dtype=wp.vec3)
-
-
-KEYFRAMES = {1: GreyKeyframe, 3: ColourKeyframe}
-"""By the number of channels."""
+    Keyframe.__qualname__ = f"Keyframe{channels}{'lit' if flicker else ''}"
+    return wp.struct(Keyframe)
 
 
 @cache
-def make_gather(lens: str, channels: int, listed: bool) -> wp.Kernel:
+def make_gather(lens: str, channels: int, listed: bool, flicker: bool) -> wp.Kernel:
     """lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). listed: does what it is told to do, with
-    care; otherwise all, and leaves the hard ones to one that is."""
-    Keyframe: Any = KEYFRAMES[channels]
+    care; otherwise all, and leaves the hard ones to one that is. flicker: as of LOGS."""
+    Keyframe: Any = make_keyframe(channels, flicker)
     pixel = wp.float32 if channels == 1 else wp.vec3
-    look_up = make_look_up(lens, channels, listed)
+    look_up = make_look_up(lens, channels, listed, flicker)
 
     @wp.kernel(module="unique", enable_backward=False)
     def gather(
@@ -73,6 +61,7 @@ def make_gather(lens: str, channels: int, listed: bool) -> wp.Kernel:
         tolerance: float,
         relight: int,
         index: wp.array(dtype=int),
+        strength: wp.array(dtype=float),
         packed: wp.array3d(dtype=wp.uint64),
         quiet: wp.array3d(dtype=wp.uint64),
         scenery: Scenery,
@@ -86,7 +75,8 @@ def make_gather(lens: str, channels: int, listed: bool) -> wp.Kernel:
         pixels: wp.array(dtype=int),
         count: wp.array(dtype=int),
     ):
-        """Frames [E K, h, w] of the sub-frames in slots slot0.. of `packed` [P E, H, W]; slot s is sub-frame index[s].
+        """Frames [E K, h, w] of the sub-frames in slots slot0.. of `packed` [P E, H, W]; slot s is sub-frame index[s],
+        when lights that flicker have that `strength`.
 
         Listed: `todo` has the pixels to do, as indices into [.., E, h, w] from slot0 on; on a CPU entries first..last -
         1, on a GPU (last < 0) todo_count[band] of them, shared by `workers` threads. Otherwise a thread does one pixel;
@@ -148,14 +138,17 @@ def make_gather(lens: str, channels: int, listed: bool) -> wp.Kernel:
                 difference = wp.float32(0.0)
                 if seen_a and seen_b:
                     difference = apart(value, other)
+                unchanged = wp.bool(False)
+                if wp.static(not flicker):
+                    unchanged = seen_b and difference == 0.0 and m_b[0] == 0.0 and m_b[1] == 0.0 and m_b[2] == 0.0
                 hard = wp.bool(False)
                 if wp.static(not listed):
                     hard = state_a == HARD or state_b == HARD
                 if hard:
-                    todo[wp.atomic_add(todo_count, band, 1)] = at
+                    todo[take_place(todo_count, band)] = at
                 elif relight == 1 and not sky:
-                    pixels[first + wp.atomic_add(count, band, 1)] = (n * view.height + y) * view.width + x
-                elif seen_b and difference == 0.0 and m_b[0] == 0.0 and m_b[1] == 0.0 and m_b[2] == 0.0:
+                    pixels[first + take_place(count, band)] = (n * view.height + y) * view.width + x
+                elif unchanged:
                     # The keyframe's own pixel, to the last bit: nothing has changed.
                     frames[frame, y - m, x - m] = b.image[env, y, x]
                 elif (seen_a or seen_b) and difference <= tolerance:
@@ -163,9 +156,9 @@ def make_gather(lens: str, channels: int, listed: bool) -> wp.Kernel:
                         value = other
                     elif seen_b:
                         value += float(i) / float(upsampling) * (other - value)
-                    frames[frame, y - m, x - m] = exp_of(value)
+                    frames[frame, y - m, x - m] = radiance_of(value, strength[n // envs])
                 else:
-                    pixels[first + wp.atomic_add(count, band, 1)] = (n * view.height + y) * view.width + x
+                    pixels[first + take_place(count, band)] = (n * view.height + y) * view.width + x
             else:
                 frames[frame, y - m, x - m] = b.image[env, y, x]
             j += workers

@@ -4,6 +4,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.rigid.look_up_kernels import SIX
 from nodes.renderer.kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
@@ -40,6 +41,15 @@ def usable(value: wp.vec3):  # noqa: F811 - overloaded by its type
     return wp.isfinite(value[0]) and wp.isfinite(value[1]) and wp.isfinite(value[2])
 
 
+@wp.func
+def patch_at(hit: wp.uint64, patch_of: wp.array(dtype=int)):
+    """Patch (0 = sky) and inverse distance [1/m] (0 = sky) of what a pixel shows."""
+    t = triangle_of(hit)
+    if t == MISS:
+        return 0, 0.0
+    return patch_of[t], 1.0 / depth_of(hit)
+
+
 @wp.kernel
 def take_in(
     # in
@@ -56,18 +66,58 @@ def take_in(
     """Log radiance, patch (0 = sky) and inverse distance [1/m] (0 = sky) of every pixel; `span` pixels a thread."""
     env, y, part = wp.tid()
     for x in range(part * span, wp.min(part * span + span, packed.shape[2])):
-        hit = packed[env, y, x]
-        t = triangle_of(hit)
-        p = wp.int32(0)
-        w = wp.float32(0.0)
-        if t != MISS:
-            p = patch_of[t]
-            w = 1.0 / depth_of(hit)
+        p, w = patch_at(packed[env, y, x], patch_of)
         value = image[env, y, x]
         if not usable(value):
             p = UNUSABLE
             wp.atomic_add(nonfinite, 0, 1)
         logs[env, y, x] = log_of(value)
+        patch[env, y, x] = p
+        inverse[env, y, x] = w
+
+
+@wp.func
+def grey(colour: wp.vec3):
+    """Equation (3)."""
+    return 0.2126 * colour[0] + 0.7152 * colour[1] + 0.0722 * colour[2]
+
+
+@wp.func
+def log_pair(mean: wp.vec3, steady: wp.vec3, like: wp.float32):
+    return wp.vec2(log_of(grey(mean)), log_of(grey(steady)))
+
+
+@wp.func
+def log_pair(mean: wp.vec3, steady: wp.vec3, like: wp.vec3):  # noqa: F811 - overloaded by its type
+    a = log_of(mean)
+    b = log_of(steady)
+    return SIX(a[0], a[1], a[2], b[0], b[1], b[2])
+
+
+@wp.kernel
+def take_in_lights(
+    # in
+    span: int,
+    packed: wp.array3d(dtype=wp.uint64),
+    patch_of: wp.array(dtype=int),
+    image: wp.array3d(dtype=Any),
+    mean: wp.array3d(dtype=wp.vec3),
+    steady: wp.array3d(dtype=wp.vec3),
+    # out
+    logs: wp.array3d(dtype=Any),
+    patch: wp.array3d(dtype=int),
+    inverse: wp.array3d(dtype=float),
+    nonfinite: wp.array(dtype=int),
+):
+    """As take_in, of the radiance with the lights at their mean and of that without the lights that flicker."""
+    env, y, part = wp.tid()
+    for x in range(part * span, wp.min(part * span + span, packed.shape[2])):
+        p, w = patch_at(packed[env, y, x], patch_of)
+        value = image[env, y, x]
+        if not (usable(value) and usable(mean[env, y, x]) and usable(steady[env, y, x])):
+            p = UNUSABLE
+            wp.atomic_add(nonfinite, 0, 1)
+        logs[env, y, x] = log_pair(mean[env, y, x], steady[env, y, x], value)
         patch[env, y, x] = p
         inverse[env, y, x] = w
 

@@ -1,6 +1,7 @@
 """A surface point looked up in a keyframe: where it is there, whether it is seen, and its log radiance."""
 
 from functools import cache
+from typing import Any
 
 import warp as wp
 
@@ -36,14 +37,37 @@ def weights(f: float):
     )
 
 
+SIX = wp.types.vector(length=6, dtype=wp.float32)
+"""Log radiance in RGB under the lights at their mean, then without those that flicker."""
+
+
 @wp.func
-def exp_of(value: wp.float32):
+def radiance_of(value: wp.float32, strength: float):
     return wp.exp(value)
 
 
 @wp.func
-def exp_of(value: wp.vec3):  # noqa: F811 - overloaded by its type
+def radiance_of(value: wp.vec3, strength: float):  # noqa: F811 - overloaded by its type
     return wp.vec3(wp.exp(value[0]), wp.exp(value[1]), wp.exp(value[2]))
+
+
+@wp.func
+def lit(mean: float, steady: float, strength: float):
+    """Radiance from its logarithms with the lights at their mean and without those that flicker."""
+    rest = wp.exp(steady)
+    return rest + strength * wp.max(wp.exp(mean) - rest, 0.0)
+
+
+@wp.func
+def radiance_of(value: wp.vec2, strength: float):  # noqa: F811 - overloaded by its type
+    return lit(value[0], value[1], strength)
+
+
+@wp.func
+def radiance_of(value: SIX, strength: float):  # noqa: F811 - overloaded by its type
+    return wp.vec3(
+        lit(value[0], value[3], strength), lit(value[1], value[4], strength), lit(value[2], value[5], strength)
+    )
 
 
 @wp.func
@@ -57,42 +81,42 @@ def apart(a: wp.vec3, b: wp.vec3):  # noqa: F811 - overloaded by its type
 
 
 @wp.func
-def least(a: wp.float32, b: wp.float32):
+def apart(a: wp.vec2, b: wp.vec2):  # noqa: F811 - overloaded by its type
+    return wp.max(wp.abs(a - b))
+
+
+@wp.func
+def apart(a: SIX, b: SIX):  # noqa: F811 - overloaded by its type
+    return wp.max(wp.abs(a - b))
+
+
+@wp.func
+def least(a: Any, b: Any):
     return wp.min(a, b)
 
 
 @wp.func
-def least(a: wp.vec3, b: wp.vec3):  # noqa: F811 - overloaded by its type
-    return wp.min(a, b)
-
-
-@wp.func
-def most(a: wp.float32, b: wp.float32):
+def most(a: Any, b: Any):
     return wp.max(a, b)
 
 
 @wp.func
-def most(a: wp.vec3, b: wp.vec3):  # noqa: F811 - overloaded by its type
-    return wp.max(a, b)
-
-
-@wp.func
-def within(value: wp.float32, low: wp.float32, high: wp.float32):
-    return wp.clamp(value, low, high)
-
-
-@wp.func
-def within(value: wp.vec3, low: wp.vec3, high: wp.vec3):  # noqa: F811 - overloaded by its type
+def within(value: Any, low: Any, high: Any):
     return wp.min(wp.max(value, low), high)
 
 
+LOGS: dict[tuple[int, bool], Any] = {(1, False): wp.float32, (3, False): wp.vec3, (1, True): wp.vec2, (3, True): SIX}
+"""What is looked up, by the number of channels and whether lights flicker: log radiance under the lights as they are,
+or both of `lit`'s."""
+
+
 @cache
-def make_look_up(lens: str, channels: int, careful: bool) -> wp.Function:
+def make_look_up(lens: str, channels: int, careful: bool, flicker: bool = False) -> wp.Function:
     """lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). careful: also where a patch is not seen
-    in full."""
+    in full. flicker: as of LOGS."""
     bent = lens != "none"
     distorted = make_distorted(lens) if bent else None
-    pixel = wp.float32 if channels == 1 else wp.vec3
+    pixel = LOGS[channels, flicker]
 
     @wp.func
     def displacement(view: View, d: wp.vec3, p: wp.vec3, m: wp.vec3, near: float):

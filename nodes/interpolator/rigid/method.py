@@ -7,8 +7,12 @@ surface, which the keyframe's depth says is this one; where some of the 4 x 4 pi
 only if what is left is so even that it cannot be far off. The values of both keyframes are blended in time,
 log L = (1 - f) log L_A + f log L_B, or that of the one which shows the point is taken. What neither shows well enough
 (it is uncovered, or at a silhouette) and what they disagree about (its light changes) is shaded anew at its own time.
-A shadow that comes and goes between two keyframes leaves no trace in either and is missed. Light with a waveform may
-be alike at both keyframes and differ in between: in a scene that has it every surface is shaded at its own time.
+A shadow that comes and goes between two keyframes leaves no trace in either and is missed.
+
+Light with a waveform may be alike at both keyframes and differ in between. Where all lights that flicker share one, a
+keyframe is shaded once with it at its mean and once without these lights; both are looked up and blended, and added up
+as the waveform is at the sub-frame, L = L_without + w(t) (L_mean - L_without), which is exact. Where waveforms differ
+every surface is shaded at its own time.
 """
 
 from __future__ import annotations
@@ -31,6 +35,7 @@ from nodes.interpolator.rigid.keyframes import Prepared
 from nodes.interpolator.rigid.patches import patches_of
 from nodes.interpolator.rigid.placement import Placement
 from nodes.renderer.geometry import is_static
+from nodes.renderer.lights import waveform_strength
 from nodes.renderer.path import PathOptions
 from nodes.renderer.recording import Recording
 from nodes.renderer.shading import LIST_WORKERS, Shading
@@ -72,7 +77,9 @@ class Rigid:
         pixels = envs * (camera.height + 2 * margin) * (camera.width + 2 * margin)
         cpu = wp.get_device(device).is_cpu
         portions = -(-upsampling // max(1, PORTION[cpu] // pixels))
-        self._flicker = any(light.waveform is not None for light in scene.lights)
+        waveforms = {light.waveform for light in scene.lights if light.waveform is not None}
+        self._flicker = bool(waveforms)
+        self._waveform = waveforms.pop() if len(waveforms) == 1 else None
         self._slots = -(-upsampling // portions)
         self.visibility = Visibility(scene, camera, envs * self._slots, margin, device, threads)
         self.shading = Shading(self.visibility, light_samples=light_samples, paths=paths, remember=False)
@@ -83,8 +90,8 @@ class Rigid:
         # As many as the visibility has, for its bands shade the lists of these.
         self._bands = len(self.visibility.bands.rows)
         self._pool = ThreadPoolExecutor(self._bands) if self._bands > 1 else None
-        bodies = len(scene.bodies)
-        self._a, self._b = (Prepared((envs, *shape[1:]), bodies, channels, self._device) for _ in "AB")
+        bodies, exact = len(scene.bodies), self._waveform is not None
+        self._a, self._b = (Prepared((envs, *shape[1:]), bodies, channels, self._device, exact) for _ in "AB")
         self._at_b: View | None = None
         self._even = True
         self._recording = Recording(self._device)
@@ -112,10 +119,17 @@ class Rigid:
             self._staged = not cpu if staged is None else staged
             self._todo = wp.empty(self._pixels.size if self._staged else 0, dtype=wp.int32)
             self._todo_count = wp.zeros_like(self._count)
+            self._strength = wp.zeros(self._slots if exact else 0, dtype=wp.float32)
+            whole = envs * shape[1] * shape[2] if exact else 0
+            # B's own slot is the first: the pixels of its environments are the first of all.
+            starts = [whole * k // self._bands for k in range(self._bands + 1)]
+            self._all: wp.array = wp.array(np.arange(whole, dtype=np.int32))
+            self._all_count: wp.array = wp.array(np.diff(starts).astype(np.int32))
+            self._all_starts = starts[:-1]
         self._flags = np.zeros(self._still.shape, np.int32)
         self._buffer: wp.array | None = None
-        self._first_look = make_gather(self.visibility.lens, channels, listed=False)
-        self._gather = make_gather(self.visibility.lens, channels, listed=True)
+        self._first_look = make_gather(self.visibility.lens, channels, listed=False, flicker=exact)
+        self._gather = make_gather(self.visibility.lens, channels, listed=True, flicker=exact)
         self._place = make_place(channels)
 
     def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
@@ -142,6 +156,9 @@ class Rigid:
             self.shading.update(placed)
             if self._flicker:
                 self.shading.set_times(np.repeat(stamps[slots], self._envs))
+            if self._waveform is not None:
+                strength = [waveform_strength(self._waveform, int(t)) for t in stamps[slots]]
+                self._strength.assign(np.array(strength, np.float32))
             key = (portion, self._even, self.visibility.still_moved)
             self._recording.run(key, partial(self._launch, portion, frames))
             self.visibility.drawn()
@@ -168,6 +185,8 @@ class Rigid:
         if first:
             self._count.zero_()
             self._todo_count.zero_()
+            if self._waveform is not None:
+                self._b.take_lights(self._lit_by)
             self._b.fill(v, self._envs, self._scenery.patch, self._moving, self._count[-1:])
             self._find_quiet()
         count = len(part) - first
@@ -181,6 +200,13 @@ class Rigid:
             by_env = frames.reshape((self._envs, self._upsampling, *self._size))
             wp.copy(by_env[:, self._upsampling - 1], image[:, m : image.shape[1] - m, m : image.shape[2] - m])
 
+    def _lit_by(self, which: str) -> wp.array:
+        """Radiance of all pixels of the first slot, with the lights so strong."""
+        self.shading.lights.select(which)
+        self.shading.shade_list(self._radiance, self._all, self._all_count, self._all_starts)
+        self.shading.lights.select("now")
+        return self._radiance
+
     def _report(self) -> Report:
         count = self._count.numpy()
         samples = self._envs * (self._upsampling - 1) * self._size[0] * self._size[1]
@@ -190,7 +216,9 @@ class Rigid:
         """Which bodies do not move against the camera in the gap, for `find_quiet`."""
         still = (poses == before).all(axis=(0, 3))
         camera = still[:, self.visibility.camera_body, None] & (not self._flicker)
-        flags = np.concatenate([still & camera, camera, camera], axis=1).astype(np.int32)
+        # What emits no light changes with the lamps, but the sky does not.
+        rests = still[:, self.visibility.camera_body, None]
+        flags = np.concatenate([still & camera, camera, rests], axis=1).astype(np.int32)
         flags[held] = HELD
         if not np.array_equal(flags, self._flags):
             self._flags = flags
@@ -208,8 +236,9 @@ class Rigid:
         v = self.visibility
         a, b = (key.seen_from(*moved) for key, moved in zip((self._a, self._b), zip(self._turn, self._shift)))
         envs, (height, width) = self._envs, self._size
-        how: list[Any] = [first, envs, self._upsampling, self._tolerance, int(self._flicker), self._index[portion]]
-        how += [v.packed, self._quiet, self._scenery, a, b]
+        relight = int(self._flicker and self._waveform is None)
+        how: list[Any] = [first, envs, self._upsampling, self._tolerance, relight, self._index[portion]]
+        how += [self._strength, v.packed, self._quiet, self._scenery, a, b]
         made = [frames, self._pixels, self._count]
         bands = self._bands
         if self._staged:
@@ -256,8 +285,11 @@ class Rigid:
 
     def _prepare(self, view: View, poses: np.ndarray) -> None:
         """A keyframe whose z-buffer is not there from the gap before."""
-        self.visibility.update(np.tile(poses, (self._slots, 1, 1)))
+        placed = self.visibility.update(np.tile(poses, (self._slots, 1, 1)))
         self._b.take(view.image)
+        if self._waveform is not None:
+            self.shading.update(placed)
+            self._b.take_lights(self._lit_by)
         self._b.fill(self.visibility, self._envs, self._scenery.patch, self._moving, self._count[-1:])
 
     def _target(self, out: np.ndarray | wp.array) -> wp.array:

@@ -4,34 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from evis.geometry import se3
 from evis.geometry.interpolate import pose_at
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Prescribed
 from nodes.interpolator.keyframe import States
+from nodes.interpolator.rigid.prescribed import PrescribedPoses
 
 
 class Placement:
-    """Poses of a scene's bodies at any time of a gap."""
+    """Poses of a scene's bodies at any time of a gap. Only those that move are worked out."""
 
     def __init__(self, scene: Scene) -> None:
         paths = [body.trajectory for body in scene.bodies]
         self._driven = np.array([n for n, path in enumerate(paths) if path is None], np.int64)
-        self._alone: list[tuple[int, Trajectory]] = []
-        carried: dict[int, list[int]] = {}
-        for n, path in enumerate(paths):
-            if path is None or path.is_static():
-                continue
-            if isinstance(path, Prescribed) and path.parent is not None and not path.shifts and not path.turns:
-                carried.setdefault(id(path.parent), []).append(n)
-            else:
-                self._alone.append((n, path))
-        # What is fixed to one parent goes where that goes, all of it at once.
-        self._carried: list[tuple[Trajectory, np.ndarray, np.ndarray]] = []
-        for members in carried.values():
-            fixed = [path for n in members if isinstance(path := paths[n], Prescribed)]
-            assert fixed[0].parent is not None
-            self._carried.append((fixed[0].parent, np.array(members), np.stack([path.start for path in fixed])))
+        moving = [(n, path) for n, path in enumerate(paths) if path is not None and not path.is_static()]
+        prescribed = [(n, path) for n, path in moving if isinstance(path, Prescribed)]
+        self._prescribed = PrescribedPoses([path for _, path in prescribed])
+        self._together = np.array([n for n, _ in prescribed], np.int64)
+        self._alone: list[tuple[int, Trajectory]] = [(n, p) for n, p in moving if not isinstance(p, Prescribed)]
 
     def at(self, stamps: np.ndarray, states: States) -> np.ndarray:
         """Poses float64 [K, E, N, 7] at stamps int64 [K] ns within the interval of `states`; the last stamp is its end.
@@ -42,15 +32,21 @@ class Placement:
         poses = np.repeat(last[None], len(stamps), axis=0)
         if len(stamps) == 1:
             return poses
-        # A carrier is most often a body too.
-        known: dict[int, np.ndarray] = {}
+        if len(self._together):
+            poses[:-1, :, self._together] = np.swapaxes(self._prescribed.at(stamps[:-1]), 0, 1)[:, None]
         for n, path in self._alone:
-            known[id(path)] = path.pose(stamps[:-1])[:, None]
-            poses[:-1, :, n] = known[id(path)]
-        for path, members, starts in self._carried:
-            carrier = known[id(path)] if id(path) in known else path.pose(stamps[:-1])[:, None]
-            poses[:-1, :, members] = se3.compose(carrier[:, None], starts)
+            poses[:-1, :, n] = path.pose(stamps[:-1])[:, None]
         if len(self._driven):
-            pose, twist = (np.asarray(a)[:, :, self._driven] for a in (states.pose, states.twist))
-            poses[:-1, :, self._driven] = np.swapaxes(pose_at(stamps[:-1], states.t, pose, twist), 0, 1)
+            self._drive(stamps[:-1], states, poses[:-1])
         return poses
+
+    def _drive(self, stamps: np.ndarray, states: States, poses: np.ndarray) -> None:
+        """The bodies that physics moves: those that do so in this interval, between the sub-steps about the stamps."""
+        driven = self._driven
+        pose, twist = np.asarray(states.pose), np.asarray(states.twist)
+        if pose.shape[1] > 1 and stamps.size and states.t[0] <= stamps.min() and stamps.max() <= states.t[-1]:
+            rests = (pose == pose[:, -1:]).all(axis=(0, 1, 3)) & ~twist.any(axis=(0, 1, 3))
+            driven = driven[~rests[driven]]
+        if len(driven):
+            pose, twist = pose[:, :, driven], twist[:, :, driven]
+            poses[:, :, driven] = np.swapaxes(pose_at(stamps, states.t, pose, twist), 0, 1)

@@ -1,0 +1,190 @@
+"""`interpolator:=auto`: method, keyframe rate and K in its place, by measuring the scene before the graph starts.
+
+What was measured is kept on disk, by what it depends on: the scene's content, the arguments, the machine, and the code
+itself. The choice is made of arguments, so that the plan, the bag and the result hold it like any other.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from bench.probe import Setting
+    from evis.launch.expand import NodeSpec
+    from evis.launch.files import LaunchFile
+    from evis.launch.planner import Options
+    from nodes.interpolator.choice import Candidate
+
+SENSOR = ("threshold", "threshold_on", "threshold_off", "crossing", "dark_level")
+"""The sensor's parameters that count; noise is no matter of how frames are made."""
+LONGEST_S = 2.0
+"""How much of a run's beginning is looked at [s]; of one without an end, 1 s."""
+
+
+def resolve_auto(
+    launch: LaunchFile, given: Mapping[str, Any], options: Options
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The arguments with auto replaced, and what was chosen: {} where nothing is to be chosen.
+
+    Raises ValueError where the scene cannot be measured or a wish makes no sense.
+    """
+    from evis.launch.arguments import ArgumentError, resolve
+    from evis.launch.expand import expand
+
+    if "interpolator" not in launch.arguments or "wanted_error" not in launch.arguments:
+        return dict(given), {}
+    values = resolve(launch.path.name, launch.arguments, given)
+    if values["interpolator"] != "auto":
+        for name in ("wanted_error", "wanted_rtf"):
+            if values[name] is not None:
+                raise ArgumentError(f"{name} is for interpolator:=auto, which chooses by it")
+        return dict(given), {}
+    from nodes.interpolator.choice import choose
+
+    # Any method with frames in between stands for the choice, so that all nodes are there with their parameters.
+    stand_in = {**given, "interpolator": "rigid", "upsampling": 2}
+    nodes = expand(launch, stand_in, options.names()).nodes
+    wishes = {key: values[key] if key in given else None for key in ("keyframe_rate", "upsampling")}
+    setting = setting_of(nodes, options.duration_s, wishes)
+    candidates, cached = measured(setting)
+    choice = choose(candidates, values["wanted_error"], values["wanted_rtf"])
+    best = choice.candidate
+    taken = {
+        "interpolator": best.method,
+        "keyframe_rate": best.keyframe_rate,
+        "upsampling": best.upsampling,
+    }
+    found = {"error": best.error, "seconds_per_simulated_second": best.seconds, "candidates": len(candidates)}
+    cost = f"error {best.error:.3g}, {best.seconds:.3g} s per simulated second"
+    summary = f"{best} ({cost}), {choice.why}"
+    chosen = taken | {"why": choice.why, "wish kept": choice.met, "from cache": cached, **found, "summary": summary}
+    return {**given, **taken}, chosen
+
+
+def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapping[str, Any]) -> Setting:
+    """What is measured: the first renderer of the graph and what follows it. wishes: the user's keyframe_rate and
+    upsampling, or None."""
+    from bench.probe import Setting
+    from evis.scene.load import load_scene, parse_args
+    from nodes.event_sensor.parameters import resolve_sensor
+
+    by_type = {node.type: node.params for node in reversed(nodes)}
+    if not {"renderer", "event_sensor"} <= by_type.keys():
+        raise ValueError("interpolator auto needs a graph with a renderer and an event sensor to measure")
+    p = by_type["renderer"]
+    size = {key: int(p[key]) for key in ("width", "height") if p.get(key)}
+    scene = load_scene(p["scene"], {**parse_args(p.get("scene_args") or ""), **size})
+    try:
+        camera = scene.camera(p.get("camera") or "cam0")
+    except KeyError as error:
+        raise ValueError(error.args[0]) from None
+    given = {k: v for k, v in by_type["event_sensor"].items() if k in SENSOR and v is not None}
+    full = resolve_sensor("event sensor", by_type["event_sensor"].get("preset") or "ideal", given)
+    sensor = {key: full[key] for key in SENSOR if full[key] is not None}
+    # Its curve needs the light's slope, which frames of a warp do not have.
+    sensor["crossing"] = "monotone" if sensor["crossing"] == "hermite" else sensor["crossing"]
+    light: dict[str, Any] = {}
+    if p.get("bounces") or p.get("sky_occlusion"):
+        from nodes.renderer.path import PathOptions
+
+        light["paths"] = PathOptions(p["bounces"], p["path_samples"], bool(p.get("roulette")))
+    return Setting(
+        scene,
+        camera,
+        round(min(duration_s or 1.0, LONGEST_S) * 1e9),
+        seed=by_type.get("physics", {}).get("seed") or 0,
+        sensor=sensor,
+        light=light,
+        **({"tolerance": frames["tolerance"]} if (frames := by_type.get("interpolator", {})).get("tolerance") else {}),
+        **{key: p[key] for key in ("device", "envs", "threads", "margin")},
+        **wishes,
+    )
+
+
+def measured(setting: Setting) -> tuple[list[Candidate], bool]:
+    """What every candidate costs and how far off it is, and whether that was known."""
+    from bench.probe import probe
+    from nodes.interpolator.choice import Candidate
+
+    path = cache_folder() / f"{fingerprint(setting)}.json"
+    try:
+        return [Candidate(**row) for row in json.loads(path.read_text())], True
+    except (OSError, ValueError, TypeError):
+        pass
+    shown = sys.stderr.isatty()
+
+    def say(line: str) -> None:
+        if shown:
+            print(f"\r\033[Kinterpolator auto: {line}", end="", file=sys.stderr, flush=True)
+
+    candidates = probe(setting, say)
+    if shown:
+        print("\r\033[K", end="", file=sys.stderr, flush=True)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_suffix(f".{os.getpid()}")
+        part.write_text(json.dumps([dataclasses.asdict(c) for c in candidates], indent=1))
+        part.replace(path)
+    except OSError as error:
+        print(f"interpolator auto: what was measured is not kept: {error}", file=sys.stderr)
+    return candidates, False
+
+
+def cache_folder() -> Path:
+    """Where what was measured is kept."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "evis" / "auto"
+
+
+def fingerprint(setting: Setting) -> str:
+    """Of all that cost and error depend on."""
+    import bench
+    import evis
+    import nodes
+
+    found = hashlib.sha256()
+    _digest(found, setting)
+    for package, rooms in ((nodes, ("renderer", "interpolator", "event_sensor", "physics")), (bench, ("",))):
+        for room in rooms:
+            for path in sorted((Path(str(package.__file__)).parent / room).rglob("*.py")):
+                found.update(path.read_bytes())
+    import warp
+
+    machine = [platform.node(), platform.machine(), os.cpu_count(), platform.python_version(), warp.config.version]
+    if setting.device.startswith("cuda"):
+        warp.init()
+        machine.append(warp.get_device(setting.device).name)
+    found.update(repr([machine, getattr(evis, "__version__", ""), np.__version__]).encode())
+    return found.hexdigest()[:32]
+
+
+def _digest(found: Any, value: Any) -> None:
+    """Add a value to a hash: what it holds, whatever it is made of."""
+    found.update(type(value).__name__.encode())
+    if isinstance(value, np.ndarray):
+        found.update(repr((value.shape, value.dtype.str)).encode())
+        found.update(np.ascontiguousarray(value).tobytes())
+    elif isinstance(value, Path):
+        found.update(value.read_bytes() if value.is_file() else str(value).encode())
+    elif isinstance(value, Mapping):
+        for key in value:
+            _digest(found, key)
+            _digest(found, value[key])
+    elif isinstance(value, (list, tuple)):
+        for item in value:
+            _digest(found, item)
+    elif callable(value):
+        found.update(value.__qualname__.encode() if hasattr(value, "__qualname__") else b"")
+    elif hasattr(value, "__dict__"):
+        _digest(found, vars(value))
+    else:
+        found.update(repr(value).encode())

@@ -1,0 +1,147 @@
+"""`evis events measure`: rate, rotation speed, noise and sharpness of a recording, a bag's topic or a running graph."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from evis.cli.attach import add_run_option
+from evis.cli.events.files import add_input, open_input, percent
+
+HELP = "event rate, rotation speed, noise and sharpness of a recording or of a topic of a running graph"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the action's arguments."""
+    add_input(parser)
+    action = next(a for a in parser._actions if a.dest == "recording")
+    action.nargs = "?"
+    action.help = "a recording in any format, or a bag; without one --topic is listened to in the running graph"
+    parser.add_argument("--window", type=_window, default=10.0, metavar="MS", help="of rate, noise and sharpness (10)")
+    parser.add_argument("--listen", type=_seconds, default=3.0, metavar="S", help="to a running graph for so long (3)")
+    parser.add_argument(
+        "--no-rotation", action="store_true", help="leave the rotation out, which takes most of the time"
+    )
+    parser.add_argument("--png", metavar="OUT", help="draw speed and rate over time into a file")
+    add_run_option(parser)
+
+
+def _window(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.001 <= value <= 1e6:
+        raise argparse.ArgumentTypeError(f"'{text}' is no window; give milliseconds, 0.001 to 1000000")
+    return value
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < 1e6:
+        raise argparse.ArgumentTypeError(f"'{text}' is no time in seconds")
+    return value
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Measure in one pass."""
+    if args.recording is None and not args.topic:
+        raise ValueError("nothing to measure; name a recording, or --topic of a running graph, as /cam0/events")
+    if args.png:
+        from evis.cli.events.measure_plot import check
+
+        check(args.png)
+    result = _file(args) if args.recording is not None else _topic(args)
+    if args.png:
+        from evis.cli.events.measure_plot import draw
+
+        draw(result, args.png)
+        result["png"] = args.png
+    return result
+
+
+def _file(args: argparse.Namespace) -> dict[str, Any]:
+    from evis.measure import Measurement
+
+    with open_input(args, args.recording) as recording, percent(recording, "measuring") as step:
+        about = recording.info
+        # a file may hold no event and say nothing of a sensor
+        measurement = Measurement(
+            max(about.width, 1), max(about.height, 1), round(args.window * 1e6), not args.no_rotation
+        )
+        for events in recording.blocks():
+            measurement.add(events.t, events.x, events.y, events.p)
+            step()
+        lost = recording.counters()
+    head = {"source": args.recording, "format": about.format, "width": about.width, "height": about.height}
+    result = head | measurement.report() | lost
+    if about.truncated:
+        result["truncated"] = True
+    return result | ({"warnings": about.warnings} if about.warnings else {})
+
+
+def _topic(args: argparse.Namespace) -> dict[str, Any]:
+    from evis.cli.attach import check_topic, find_run, listen
+    from evis.measure import Measurement
+    from evis.streams.decoder import decoder_for
+    from msgs.events import EventPacket
+
+    plan = find_run(args.run)
+    check_topic(plan, args.topic)
+    measurement, decoder, seen, lost, last = None, None, 0, 0, None
+    width = height = 0
+    try:
+        for _, message in listen(plan, args.topic, args.listen):
+            if not isinstance(message, EventPacket):
+                raise ValueError(f"{args.topic} carries {type(message).__name__}, no events")
+            if measurement is None:
+                width, height = message.width, message.height
+                measurement = Measurement(width, height, round(args.window * 1e6), not args.no_rotation)
+            lost += message.lost + (message.header.seq - last - 1 if last is not None else 0)
+            last, seen = message.header.seq, seen + 1
+            if message.t is not None and message.x is not None and message.y is not None and message.p is not None:
+                end = int(message.env_offsets[1]) if len(message.env_offsets) > 1 else len(message.t)
+                measurement.add(message.t[:end], message.x[:end], message.y[:end], message.p[:end])
+            elif message.raw is not None:
+                decoder = decoder or decoder_for(message.encoding, width, height)
+                events = decoder.decode(bytes(message.raw))
+                measurement.add(events.t, events.x, events.y, events.p)
+    except KeyboardInterrupt:
+        pass
+    if measurement is None:
+        raise ValueError(f"{args.topic}: no packet came in {args.listen:g} s")
+    head = {"source": args.topic, "run": plan.run_id, "width": width, "height": height}
+    return head | {"packets": seen, "packets_missed": lost} | measurement.report()
+
+
+def for_people(result: dict[str, Any]) -> dict[str, Any]:
+    """Series and candidates in a few words."""
+    result = dict(result)
+    rate, rotation, noise = result.pop("rate"), result.pop("rotation"), result.pop("noise")
+    if rate:
+        result["rate over time"] = f"median {rate['median_hz']:.4g} /s, peak {rate['peak_hz']:.4g} /s"
+    if rotation:
+        result["omega_rad_s"] = rotation["omega_rad_s"]
+        result["confidence"] = rotation["confidence"]
+        if rotation["omega_rad_s"] is None:
+            result["rotation"] = f"none: {rotation['why']}"
+        else:
+            result["rotation"] = (
+                f"{rotation['direction']}, {'steady' if rotation['steady'] else 'changing'}, by {rotation['method']}, "
+                f"{rotation['revolutions']:g} revolutions about {rotation['pivot_px']}"
+            )
+            speeds = [w for _, w in rotation["series"]]
+            result["speeds"] = f"{min(speeds):.4g} to {max(speeds):.4g} rad/s in {len(speeds)} points"
+            result["ambiguity"] = rotation["ambiguity"]
+        result["peaks"] = [
+            f"{c['frequency_hz']:.4g} Hz ({c['power']:.0%}" + (f", x{c['order']})" if c["order"] else ")")
+            for c in rotation["candidates"]
+        ]
+    hot = noise.pop("hot_pixels")
+    result["noise"] = {name: value for name, value in noise.items()}
+    result["hot_pixels"] = hot["count"] if hot else None
+    result["sharpness"] = result["sharpness"]["dispersion"]
+    return result

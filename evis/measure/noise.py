@@ -1,0 +1,93 @@
+"""Noise of a sensor from any stream: events where all around is quiet, and pixels that never are.
+
+A pixel is observed in a window while none of its eight neighbours has an event in it. The condition says nothing
+about the pixel itself, so that the events it has in the observed time, over that time, are an unbiased estimate of the
+rate of noise that is independent from pixel to pixel (leak, shot noise). What a moving edge causes comes in several
+neighbouring pixels at once and is left out.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+HOT_FACTOR = 10.0
+HOT_LIST = 20
+
+
+class Noise:
+    """Collects windows of events of a sensor of width x height pixels."""
+
+    def __init__(self, width: int, height: int) -> None:
+        self._size = (height, width)
+        self._quiet = np.zeros((2, height, width), np.int64)
+        self._total = np.zeros((height, width), np.int64)
+        self._observed = np.zeros((height, width))
+        self._span = 0.0
+
+    def add(self, x: np.ndarray, y: np.ndarray, p: np.ndarray, length_s: float) -> None:
+        """The events of one window (each [n]), of the given length [s]."""
+        height, width = self._size
+        counts = np.bincount(
+            (p.astype(np.int64) * height + y) * width + x, minlength=2 * height * width
+        ).reshape(2, height, width)  # fmt: skip
+        both = counts.sum(0)
+        self._total += both
+        self._span += length_s
+        quiet = ~neighbours_active(both > 0)
+        self._observed += quiet * length_s
+        self._quiet += counts * quiet
+
+    def idle(self, length_s: float) -> None:
+        """Time without any event."""
+        self._span += length_s
+        self._observed += length_s
+
+    def report(self) -> dict[str, Any]:
+        """rate_hz: noise events per pixel and second, hot pixels left out; None where nothing was ever observed.
+
+        A hot pixel has more than 10 times the mean rate of the others while all around is quiet, and so many events
+        that chance does not explain it (five standard deviations of a Poisson count).
+        """
+        quiet = self._quiet.sum(0)
+        observed = self._observed > 0
+        if not observed.any():
+            return {"rate_hz": None, "on_rate_hz": None, "off_rate_hz": None, "observed_share": 0.0, "hot_pixels": None}
+        hot = np.zeros(self._size, bool)
+        for _ in range(4):  # each turn judges by the mean of what the one before has left
+            kept = observed & ~hot
+            mean = quiet[kept].sum() / max(self._observed[kept].sum(), 1e-12)
+            expected = mean * self._observed
+            found = (quiet > HOT_FACTOR * expected) & (quiet > expected + 5 * np.sqrt(expected) + 5)
+            if (found == hot).all():
+                break
+            hot = found
+        kept = observed & ~hot
+        seconds = self._observed[kept].sum()
+        off, on = (float(part[kept].sum() / seconds) if seconds else None for part in self._quiet)
+        rows, columns = np.nonzero(hot)
+        order = np.argsort(-quiet[rows, columns], kind="stable")[:HOT_LIST]
+        worst = [
+            {
+                "x": int(columns[i]),
+                "y": int(rows[i]),
+                "rate_hz": float(self._total[rows[i], columns[i]] / max(self._span, 1e-12)),
+            }
+            for i in order
+        ]
+        return {
+            "rate_hz": None if on is None or off is None else on + off,
+            "on_rate_hz": on,
+            "off_rate_hz": off,
+            "observed_share": float(self._observed.sum() / max(self._span * hot.size, 1e-12)),
+            "hot_pixels": {"count": int(hot.sum()), "worst": worst},
+        }
+
+
+def neighbours_active(active: np.ndarray) -> np.ndarray:
+    """Whether any of the eight neighbours is active: bool [H, W] -> bool [H, W]."""
+    padded = np.pad(active, 1)
+    rows = padded[:-2] | padded[1:-1] | padded[2:]
+    sides = padded[:-2, 1:-1] | padded[2:, 1:-1]
+    return rows[:, :-2] | rows[:, 2:] | sides

@@ -1,0 +1,77 @@
+"""Descriptors of events about a pivot: histograms of angle per ring, polarity and millisecond, in angular harmonics."""
+
+from __future__ import annotations
+
+import numpy as np
+
+STEP_NS = 1_000_000
+"""Length of one descriptor."""
+ANGLES = 128
+HARMONICS = 40
+RINGS = 5
+
+
+def rings_of(x: np.ndarray, y: np.ndarray, pivot: np.ndarray) -> np.ndarray:
+    """Edges [RINGS + 1, px] that share the events out equally, without the 4 px next to the pivot."""
+    radius = np.hypot(x - pivot[0], y - pivot[1])
+    radius = radius[radius > 4]
+    if len(radius) < RINGS:
+        return np.linspace(4, 40, RINGS + 1)
+    edges = np.quantile(radius, np.linspace(0, 1, RINGS + 1))
+    edges[0], edges[-1] = 4, edges[-1] + 1
+    return np.maximum.accumulate(edges + np.arange(RINGS + 1) * 1e-6)
+
+
+def harmonics_of(
+    step: np.ndarray, steps: int, x: np.ndarray, y: np.ndarray, p: np.ndarray, pivot: np.ndarray, edges: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Fourier coefficients of the angle histograms of each step, and the events in each.
+
+    step: int [n], which of the `steps` descriptors an event belongs to. x, y [px], p: [n]. Returns complex64
+    [HARMONICS, steps, 2 RINGS], orders 1 to HARMONICS, and float [steps]. A turn by a multiplies order m by e^(-i m a).
+    """
+    dx, dy = x - pivot[0], y - pivot[1]
+    ring = np.searchsorted(edges, np.hypot(dx, dy)) - 1
+    angle = np.floor(np.arctan2(dy, dx) * (ANGLES / (2 * np.pi))).astype(np.int64) % ANGLES
+    inside = (ring >= 0) & (ring < RINGS)
+    key = ((step * RINGS + ring) * 2 + p) * ANGLES + angle
+    counts = np.bincount(key[inside], minlength=steps * RINGS * 2 * ANGLES).astype(np.float32)
+    histogram = counts.reshape(steps, 2 * RINGS, ANGLES)
+    coefficients = np.fft.rfft(histogram, axis=2)[:, :, 1 : HARMONICS + 1].transpose(2, 0, 1)
+    return np.ascontiguousarray(coefficients, np.complex64), histogram.sum((1, 2), dtype=np.float64)
+
+
+def order_weights(width: float) -> np.ndarray:
+    """Weights of the orders, a Gaussian of `width` about 0: [HARMONICS]. Narrow is coarse and sure, wide is fine."""
+    return np.exp(-0.5 * (np.arange(1, HARMONICS + 1) / width) ** 2)
+
+
+def time_weights(counts: np.ndarray) -> np.ndarray:
+    """Hann taper over the steps of a window; busy steps weigh little more than quiet ones.
+
+    Without that, a window in which the rotation gathers speed measures its faster end, where most events are.
+    """
+    taper = np.hanning(len(counts) + 2)[1:-1]
+    return taper / (counts + 0.2 * counts.mean() + 1) ** 0.75
+
+
+def contrast(coefficients: np.ndarray, weights: np.ndarray, omegas: np.ndarray, orders: np.ndarray) -> np.ndarray:
+    """Energy of the angle histograms of a window when its steps are turned back at each speed: float [speeds].
+
+    coefficients: [HARMONICS, steps, columns]; weights: [steps]; omegas: [speeds, rad/s]; orders: [HARMONICS].
+    """
+    steps = coefficients.shape[1]
+    tau = (np.arange(steps) - (steps - 1) / 2) * (STEP_NS * 1e-9)
+    m = np.arange(1, len(orders) + 1)
+    turn = (np.exp(1j * m[:, None, None] * omegas[None, :, None] * tau) * weights).astype(np.complex64)
+    return (orders[:, None] * (np.abs(turn @ coefficients) ** 2).sum(2)).sum(0)
+
+
+def peak(at: np.ndarray, values: np.ndarray) -> float:
+    """Place of the largest value, between the samples by a parabola through three; at: equally spaced [n]."""
+    i = int(values.argmax())
+    if not 0 < i < len(values) - 1:
+        return float(at[i])
+    left, middle, right = (float(v) for v in values[i - 1 : i + 2])
+    bend = left - 2 * middle + right
+    return float(at[i] + (0.5 * (left - right) / bend if bend < 0 else 0.0) * (at[1] - at[0]))

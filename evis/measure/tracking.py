@@ -1,0 +1,112 @@
+"""Speed of rotation over time: a coarse search of each window's angles, then the events' own alignment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from evis.measure.alignment import align
+from evis.measure.pivot import STEPS
+from evis.measure.polar import (
+    STEP_NS,
+    contrast,
+    harmonics_of,
+    order_weights,
+    peak,
+    rings_of,
+    time_weights,
+)
+
+POINTS = 250
+"""Points of a series at most; 3 ms apart where that is enough."""
+_SPACING = 3
+_CLEAR = 2.5
+"""How many times the contrast of events at random a window must have."""
+_TURN = 0.6
+"""Half a window is so long that the image turns by this much [rad] ..."""
+_HALF_MS = (10.0, 50.0)
+"""... within these limits."""
+_AGREE = 0.06
+"""Share by which the speed about a fixed pivot and that of the free alignment may differ and count as the same."""
+_SMOOTH_NS = 6_000_000
+
+
+@dataclass(frozen=True)
+class Track:
+    """t_ns int64 [n] and omega [n, rad/s, positive from x to y], the speed of the image about the pivot."""
+
+    t_ns: np.ndarray
+    omega: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+
+def track(
+    t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, pivot: np.ndarray, fastest: float
+) -> tuple[Track, float]:
+    """Speeds over the events (t int64 [n, ns] ascending, x, y float [px], p), and the share of events they cover.
+
+    fastest: largest speed searched for [rad/s].
+    """
+    steps = int((t[-1] - t[0]) // STEP_NS) + 1
+    which = ((t - t[0]) // STEP_NS).astype(np.int64)
+    coefficients, counts = harmonics_of(which, steps, x, y, p, pivot, rings_of(x, y, pivot))
+    orders = order_weights(16)
+    omegas = np.arange(-fastest, fastest + 1, max(1.0, fastest / 60))
+    around = np.convolve(counts, np.ones(STEPS), "same")
+    middles = np.flatnonzero(around >= 60)
+    middles = middles[(middles >= STEPS // 2) & (middles < steps - STEPS // 2)]
+    spacing = max(_SPACING, -(-len(middles) // POINTS))
+    times, turned, aligned, weights = [], [], [], []
+    for middle in middles[middles % spacing == 0].tolist():
+        window = slice(middle - STEPS // 2, middle + STEPS // 2 + 1)
+        taper = time_weights(counts[window])
+        energy = contrast(coefficients[:, window], taper, omegas, orders)
+        chance = orders.sum() * (taper**2 * counts[window]).sum()
+        if energy.max() < _CLEAR * chance:
+            continue
+        omega = peak(omegas, energy)
+        at = int(t[0]) + middle * STEP_NS + STEP_NS // 2
+        half = float(np.clip(_TURN / max(abs(omega), 1) * 1e3, *_HALF_MS)) * 1e-3
+        first, last = np.searchsorted(t, [at - int(half * 1e9), at + int(half * 1e9)])
+        part = slice(first, last)
+        free, _ = align((t[part] - at) * 1e-9, x[part], y[part], p[part], half, omega, pivot)
+        if np.isfinite(free) and abs(free) < 2 * fastest:
+            times.append(at)
+            turned.append(omega)
+            aligned.append(free)
+            weights.append(counts[window].sum())
+    stamps, reach = np.array(times, np.int64), max(_SMOOTH_NS, 3 * spacing * STEP_NS // 2)
+    covered = min(1.0, float(np.sum(weights)) * spacing / STEPS / max(counts.sum(), 1))
+    held, loose = (smooth(Track(stamps, np.array(v)), reach).omega for v in (turned, aligned))
+    # about a pivot that holds, angles tell the speed ten times as exactly; where it gives way, they tell a wrong one
+    agree = np.abs(held - loose) <= _AGREE * np.abs(held) + 0.2
+    return Track(stamps, np.where(agree, held, loose)), covered
+
+
+def smooth(series: Track, reach_ns: int) -> Track:
+    """Median of five against outliers, then a straight line through all within reach."""
+    if len(series) < 3:
+        return series
+    t, omega = series.t_ns, series.omega
+    around = [omega[np.abs(t - at) <= reach_ns] for at in t]
+    middle = np.array([np.median(values) for values in around])
+    spread = np.array([np.median(np.abs(values - m)) for values, m in zip(around, middle)])
+    sane = np.abs(omega - middle) <= 4 * spread + 0.05 * np.abs(middle) + 0.2
+    result = np.empty(len(t))
+    for i, at in enumerate(t):
+        near = sane & (np.abs(t - at) <= reach_ns)
+        tau = (t[near] - at) * 1e-9
+        result[i] = np.polynomial.polynomial.polyfit(tau, omega[near], 1)[0] if near.sum() > 2 else middle[i]
+    return Track(t, result)
+
+
+def consistency(series: Track) -> float:
+    """Share of points that agree with the median of their five neighbours within 20 % and 1 rad/s, 0 to 1."""
+    if len(series) < 5:
+        return 0.0
+    windows = np.lib.stride_tricks.sliding_window_view(series.omega, 5)
+    middle = np.median(windows, axis=1)
+    return float((np.abs(windows[:, 2] - middle) <= 0.2 * np.abs(middle) + 1).mean())

@@ -1,0 +1,62 @@
+"""What the decoders' kernels share: how events, triggers and side words are laid down, and how a launch reports."""
+
+import warp as wp
+
+
+@wp.func
+def put_event(
+    n: wp.int32,
+    time_ns: wp.int64,
+    column: wp.int32,
+    row: wp.int32,
+    polarity: wp.uint8,
+    # out
+    t: wp.array(dtype=wp.int64),
+    x: wp.array(dtype=wp.uint16),
+    y: wp.array(dtype=wp.uint16),
+    p: wp.array(dtype=wp.uint8),
+):
+    """Event n."""
+    t[n] = time_ns
+    x[n] = wp.uint16(column)
+    y[n] = wp.uint16(row)
+    p[n] = polarity
+
+
+@wp.func
+def put_trigger(
+    m: wp.int32,
+    time_ns: wp.int64,
+    channel: wp.int32,
+    value: wp.int32,
+    # out
+    trigger_t: wp.array(dtype=wp.int64),
+    trigger_id: wp.array(dtype=wp.uint8),
+    trigger_value: wp.array(dtype=wp.uint8),
+):
+    """Trigger m."""
+    trigger_t[m] = time_ns
+    trigger_id[m] = wp.uint8(channel)
+    trigger_value[m] = wp.uint8(value)
+
+
+@wp.func
+def bound_of(size: wp.int32):
+    """Columns or rows that are inside; a size of 0 is unknown, and every 16-bit address is inside."""
+    return wp.where(size == 0, 65536, size)
+
+
+@wp.func
+def report(
+    at: wp.int32,
+    events: wp.int32,
+    triggers: wp.int32,
+    next_us: wp.int64,
+    # out
+    out: wp.array(dtype=wp.int64),
+):
+    """The word to go on with, how much was written, and the time of the event at the cut or -1."""
+    out[0] = wp.int64(at)
+    out[1] = wp.int64(events)
+    out[2] = wp.int64(triggers)
+    out[3] = next_us

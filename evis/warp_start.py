@@ -1,0 +1,25 @@
+"""Warp, the kernel library, started without the remarks that its native part prints."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+
+def start_warp() -> None:
+    """Start Warp. That a machine has no GPU driver is news only to who asks for a GPU, and is said then in our words.
+
+    Cheap when Warp runs already. Importing this module does not import Warp.
+    """
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_WARNING
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)  # the native part writes there itself
+        wp.init()
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)

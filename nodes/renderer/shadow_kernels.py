@@ -1,0 +1,70 @@
+"""Rays from what is seen to point-like lights, in a pass of their own.
+
+On a GPU neighbouring pixels' rays to one light go through the same of the trees at the same time, and a kernel that
+does nothing else leaves room for more of them at once than the one that shades.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from nodes.renderer.kernels import MISS, View, depth_of, pixel_ray, tile_pixel, triangle_of
+from nodes.renderer.lights_kernels import Lights, SurfacePoint, make_directions
+from nodes.renderer.lights_shadow_kernels import Casters, make_occlusion, shadow_start
+
+wp.set_module_options({"enable_backward": False})
+
+MOST_LIGHTS = 32
+"""Lights that there are bits for."""
+
+
+@cache
+def make_shadow_rays(directional: bool, point: bool, spot: bool, trees: bool) -> wp.Kernel:
+    """The kernel `shadow_rays` with only what a scene has."""
+    towards, idle = make_directions(directional, point, spot)
+    occluded, _ = make_occlusion(trees)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def shadow_rays(
+        # in
+        view: View,
+        packed: wp.array3d(dtype=wp.uint64),
+        instance: wp.array(dtype=int),
+        normals: wp.array(dtype=wp.vec3),
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        lights: Lights,
+        shadowed: wp.array(dtype=int),
+        casters: Casters,
+        # out
+        hidden: wp.array3d(dtype=wp.uint32),
+    ):
+        """Set bit l of a pixel from which light l, one of those in `shadowed`, is not seen though it might be."""
+        n, env, tile, lane = wp.tid()
+        y, x = tile_pixel(view, tile, lane)
+        if y >= view.height or x >= view.width:
+            return
+        hit = packed[env, y, x]
+        t = triangle_of(hit)
+        if t == MISS:
+            return
+        l = shadowed[n]
+        i = instance[t]
+        d = pixel_ray(view, x, y)
+        s = SurfacePoint()
+        s.position = depth_of(hit) * d
+        normal = rotation[env, i] * normals[t]
+        side = wp.where(wp.dot(normal, d) > 0.0, -1.0, 1.0)
+        s.normal = side * normal
+        # The shading normal is not known here; it can only spare more rays.
+        s.facing = s.normal
+        if idle(lights, env, l, s):
+            return
+        ray, length, strength = towards(lights, env, l, s.position)
+        if wp.dot(s.normal, ray) > 0.0 and strength > 0.0:
+            lift, alone = shadow_start(casters, i, s.position, s.normal, side > 0.0)
+            last = casters.order.shape[0]
+            if occluded(casters, rotation, translation, env, 0, last, alone, lift, ray, length):
+                wp.atomic_or(hidden, env, y, x, wp.uint32(1) << wp.uint32(l))
+
+    return shadow_rays

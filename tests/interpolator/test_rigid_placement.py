@@ -1,0 +1,76 @@
+"""Poses of the bodies at the sub-frames against every trajectory's own closed form, and against physics' sub-steps."""
+
+import numpy as np
+import pytest
+
+from evis.geometry import se3
+from evis.geometry.interpolate import pose_at
+from evis.scene import load_scene
+from evis.scene.model import Body, Scene
+from evis.scene.motion import Linear, Path, Prescribed, Sinusoid, Spin, Swing, Turn
+from evis.scene.spline import Spline
+from nodes.interpolator.keyframe import States
+from nodes.interpolator.rigid.placement import Placement
+
+T = np.array([1_000_000_000, 1_005_000_000, 1_010_000_000])
+
+
+def scene_of(paths):
+    return Scene("test", [Body(f"body{n}", path) for n, path in enumerate(paths)], [], [], [], [], np.zeros(3))
+
+
+def states_of(paths, t=T, envs=1):
+    pose, twist = (np.stack([getattr(path, name)(t) for path in paths], 1) for name in ("pose", "twist"))
+    return States(t, np.repeat(pose[None], envs, 0), np.repeat(twist[None], envs, 0))
+
+
+def every_kind(rng):
+    """Bodies with every motion there is, alone, several at a time, on each other and standing still."""
+    pose = lambda: se3.make_pose(rng.uniform(-1, 1, 3), se3.exp(rng.uniform(-2, 2, 3)))
+    axis = lambda: (lambda a: a / np.linalg.norm(a))(rng.uniform(-1, 1, 3))
+    times, other = np.array([0.0, 0.7, 1.1, 2.0]), np.array([0.0, 1.5, 3.0])
+    path = lambda at, loop: Path(Spline(at, rng.uniform(-1, 1, (len(at), 3)), loop))
+    turn = lambda at, loop: Turn(axis(), Spline(at, rng.uniform(-1, 1, len(at)), loop))
+    carrier = Prescribed(pose(), [Linear(rng.uniform(-1, 1, 3)), Sinusoid(rng.uniform(-1, 1, 3), 3.0, 0.4)])
+    flyer = Prescribed(pose(), [path(times, False), turn(times, False), turn(times, False), turn(other, True)])
+    wheel = Prescribed(pose(), [Spin(axis(), 30.0)], carrier)
+    unlisted = Prescribed(pose(), [Swing(axis(), 0.7, 2.0, 0.3), path(times, True)])
+    return [
+        wheel, Prescribed(pose()), carrier, flyer, Prescribed(pose(), [], flyer),
+        Prescribed(pose(), [Swing(axis(), 0.5, 4.0), Spin(axis(), -7.0)], wheel),
+        Prescribed(pose(), [Sinusoid(rng.uniform(-1, 1, 3), 1.0), Sinusoid(rng.uniform(-1, 1, 3), 2.0)], unlisted),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_bodies_worked_out_together_are_where_each_is_alone(seed):
+    paths = every_kind(np.random.default_rng(seed))
+    stamps = np.linspace(T[0], T[-1], 9).round().astype(np.int64)[1:]
+    poses = Placement(scene_of(paths)).at(stamps, states_of(paths, envs=2))
+    expected = np.stack([path.pose(stamps) for path in paths], 1)
+    # Units in the last place of numbers of a few metres.
+    np.testing.assert_allclose(poses, np.repeat(expected[:, None], 2, 1), rtol=0, atol=1e-14)
+
+
+def test_a_shipped_scene_of_hundreds_of_bodies():
+    scene = load_scene("warehouse", {"width": 32, "height": 24})
+    paths = [body.trajectory for body in scene.bodies]
+    poses = Placement(scene).at(T[1:], states_of(paths))
+    assert len(paths) > 100
+    np.testing.assert_allclose(poses[0, 0], np.stack([p.pose(T[1:2])[0] for p in paths]), rtol=0, atol=1e-13)
+
+
+def test_bodies_of_physics_lie_between_its_sub_steps_and_what_rests_is_left_alone():
+    rng = np.random.default_rng(5)
+    paths = every_kind(rng)
+    states = states_of(paths, np.linspace(T[0], T[-1], 6).astype(np.int64))
+    stamps = np.array([1_003_000_000, 1_007_100_000, T[-1]])
+    poses = Placement(scene_of([None] * len(paths))).at(stamps, states)
+    np.testing.assert_array_equal(poses[:, 0], pose_at(stamps, states.t, states.pose[0], states.twist[0]))
+    assert (poses[:, 0, 1] == states.pose[0, 0, 1]).all() and (poses[0, 0, 0] != states.pose[0, 0, 0]).any()
+
+
+def test_states_that_do_not_reach_back_are_refused():
+    paths = every_kind(np.random.default_rng(0))
+    with pytest.raises(ValueError, match="poses are known from"):
+        Placement(scene_of([None] * len(paths))).at(T - 20_000_000, states_of(paths))
