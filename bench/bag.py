@@ -9,8 +9,6 @@ wall time also depends on the disk (the page cache here) and on the machine's lo
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import statistics
 import tempfile
@@ -21,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from bench import command
 from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter
 from msgs.camera import Depth, EventPacket, Keyframe
@@ -165,22 +164,5 @@ def measure(quick: bool = False) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="less data, fewer repetitions")
-    parser.add_argument("--json", action="store_true", help="print JSON")
-    args = parser.parse_args()
-    result = measure(args.quick)
-    if args.json:
-        print(json.dumps(result))
-        return
-    for section in result.values():
-        print(section["title"])
-        for row in section["rows"]:
-            print("  " + "  ".join(f"{k} {v}" for k, v in row.items()))
-        print(section["note"])
-
-
 if __name__ == "__main__":
-    main()
+    command.run(measure, __doc__ or "")

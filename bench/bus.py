@@ -10,8 +10,6 @@ load, CPU time hardly does.
 
 from __future__ import annotations
 
-import argparse
-import json
 import multiprocessing
 import os
 import resource
@@ -24,6 +22,7 @@ import msgpack
 import numpy as np
 import zmq
 
+from bench import command
 from evis.bus import END, Endpoints, Publisher, Subscriber, endpoints_for
 from msgs.camera import Depth
 from msgs.header import Header
@@ -164,22 +163,5 @@ def measure(quick: bool = False) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    """Print the table, or JSON."""
-    parser = argparse.ArgumentParser(prog="python -m bench.bus", description="CPU time per message, bus against ZeroMQ")
-    parser.add_argument("--quick", action="store_true", help="fewer messages and repetitions (about 20 s)")
-    parser.add_argument("--json", action="store_true", help="print JSON")
-    args = parser.parse_args()
-    result = measure(args.quick)
-    if args.json:
-        print(json.dumps(result))
-        return
-    for section in result.values():
-        print(section["title"])
-        for row in section["rows"]:
-            print("  " + "   ".join(f"{k}: {v}" for k, v in row.items()))
-        print(section["note"])
-
-
 if __name__ == "__main__":
-    main()
+    command.run(measure, __doc__ or "")

@@ -8,7 +8,8 @@ from typing import Any
 
 from bench.metrics import Stream, victor_purpura
 from bench.pipeline import THRESHOLD, simulate
-from bench.probe import Setting, probe
+from bench.probe import probe
+from bench.probe_setting import Setting
 from bench.world import World
 from evis.clock import NS
 from nodes.interpolator.choice import choose

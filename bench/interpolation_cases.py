@@ -54,16 +54,16 @@ def plain(value: float, **given: Any) -> Material:
     return Material(f"plain {value}", np.full(3, value), two_sided=True, **given)
 
 
-def moving(place: Sequence[float], *motions: Motion, turn: Sequence[float] = (0, 0, 0)) -> Prescribed:
-    """At `place` half a gap after START, and as the motions say about it."""
-    middle = START + GAP // 2
-    pose = se3.make_pose(np.array(place, np.float64), se3.exp(np.array(turn, np.float64)))
-    path = Prescribed(pose, motions)
-    start = pose.copy()
+def moving(place: Sequence[float], *motions: Motion) -> Prescribed:
+    """At `place`, and not turned, half a gap after START; as the motions say about that."""
+    middle = (START + GAP // 2) * 1e-9
+    start, turn = np.array(place, np.float64), np.zeros(3)
     for motion in motions:
         if isinstance(motion, Linear):
-            start[:3] -= motion.velocity * middle * 1e-9
-    return Prescribed(start, path.shifts + path.turns)
+            start -= motion.velocity * middle
+        elif isinstance(motion, Spin):
+            turn -= motion.axis * motion.rate * middle
+    return Prescribed(se3.make_pose(start, se3.exp(turn)), motions)
 
 
 def along(*per_gap: float) -> Linear:
@@ -141,7 +141,7 @@ def near_plane() -> Scene:
 
 def turned_sky() -> Scene:
     """A camera that turns by 10 degrees before a square and the sky."""
-    return scene_of([(square(0.4), painted(), moving((0, 0, 2)))], moving((0, 0, 0), turning(10, (0, 1, 0))))
+    return scene_of([(square(0.4), painted(), moving((0, 0, 2)))], moving((0, 0, 0), turning(10, (0, 1, 0))), sky=1.0)
 
 
 def shadow() -> Scene:

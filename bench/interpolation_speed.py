@@ -12,6 +12,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -70,7 +71,7 @@ class Disk:
         image = self.image(k)
         if self._channels == 3:
             image = np.repeat(image[..., None], 3, -1)
-        return View(*(as_warp(v) for v in (image, np.where(self._inside, 1.0, 2.0), motion)))
+        return View(as_warp(image), as_warp(np.where(self._inside, 1.0, 2.0)), as_warp(motion))
 
 
 def as_warp(image: np.ndarray) -> wp.array:
@@ -164,7 +165,7 @@ def scene_rows(repeats: int, gaps: int) -> list[dict[str, Any]]:
         pose = prescribed_states(scene, np.array([k * GAP]))[0][None, 0]
         images = renderer.render(pose, pose if before is None else before, ("radiance", "depth", "motion"))
         luminance = images["radiance"].astype(np.float32) @ np.array([0.2126, 0.7152, 0.0722], np.float32)
-        views.append(View(*(as_warp(v[0]) for v in (luminance, images["depth"], images["motion"]))))
+        views.append(View(as_warp(luminance[0]), as_warp(images["depth"][0]), as_warp(images["motion"][0])))
         before = pose
     method = make_splat(HEIGHT, WIDTH, 1, UPSAMPLING)
     out = np.empty((gaps, 1, UPSAMPLING, HEIGHT, WIDTH), np.float32)
@@ -188,6 +189,50 @@ def scene_rows(repeats: int, gaps: int) -> list[dict[str, Any]]:
     ]
 
 
+def flicker_rows(gaps: int) -> list[dict[str, Any]]:
+    """`rigid` under a lamp that flickers: by its waveform, and shading every surface at every sub-frame, for which it
+    is given a second lamp of no light and another waveform. Least CPU time of several gaps."""
+    from evis.scene import load_scene
+    from evis.scene.model import Scene, Waveform
+    from nodes.interpolator.keyframe import States
+    from nodes.interpolator.rigid import Rigid
+    from nodes.physics.prescribed import prescribed_states
+    from nodes.renderer.renderer import Renderer
+
+    def flickering(scene: Scene) -> tuple[Scene, Scene]:
+        lamp = replace(scene.lights[0], waveform=Waveform("sine", 100.0, 0.8))
+        dark = replace(lamp, colour=np.zeros(3), waveform=Waveform("sine", 120.0, 0.8))
+        lights = [lamp, *scene.lights[1:]]
+        return replace(scene, lights=lights), replace(scene, lights=[*lights, dark])
+
+    rows = []
+    for name in ("spinning_disk", "drone"):
+        pair = flickering(load_scene(name, {"width": WIDTH, "height": HEIGHT}))
+        renderer = Renderer(pair[0], pair[0].cameras[0])
+        methods = [Rigid(scene, scene.cameras[0], 1, UPSAMPLING) for scene in pair]
+        out = np.empty((1, UPSAMPLING, HEIGHT, WIDTH), np.float32)
+        last: View | None = None
+        times: list[list[float]] = [[], []]
+        shares = [0.0, 0.0]
+        for k in range(1, gaps + 3):
+            t = np.array([(k - 1) * GAP, k * GAP])
+            pose, twist = (a[None] for a in prescribed_states(pair[0], t))
+            image = renderer.render(pose[:, -1], None, ("radiance",), t_ns=k * GAP)["radiance"].astype(np.float32)
+            luminance = image[0] @ np.array([0.2126, 0.7152, 0.0722], np.float32)
+            view = View(as_warp(luminance), states=States(t, pose, twist), stamp_ns=k * GAP)
+            for n, method in enumerate(methods if last is not None else []):
+                assert last is not None
+                start = time.process_time()
+                report = method.between(last, view, [False], out)
+                times[n].append(time.process_time() - start)
+                shares[n] = report.reshaded / report.samples
+            last = view
+        for n, label in enumerate(("by its waveform", "shaded at every sub-frame")):
+            ns = per_sample(min(times[n][1:]), UPSAMPLING)
+            rows.append({"scene": name, "flickering light": label, "ns": ns, "shaded anew": f"{shares[n]:.1%}"})
+    return rows
+
+
 def measure(quick: bool = False) -> dict[str, Any]:
     """All tables."""
     repeats, gaps = (3, 4) if quick else (9, 12)
@@ -205,6 +250,12 @@ def measure(quick: bool = False) -> dict[str, Any]:
             "command": COMMAND,
             "rows": omission_rows(repeats),
             "note": f"{note}; the same frames, made so that the omission is impossible; disk on 30 % of the image",
+        },
+        "flicker": {
+            "title": "A lamp at 100 Hz under rigid",
+            "command": COMMAND,
+            "rows": flicker_rows(gaps),
+            "note": note,
         },
         "sensor": {
             "title": "Event sensor by moving part",

@@ -42,7 +42,8 @@ def poses_of(scene: Any, count: int, envs: int) -> np.ndarray:
 
 
 def timed(call: Callable[[int], object], count: int) -> dict[str, float]:
-    """Medians [ms] of call(i): until it returns, until the device is done, and between its ends on the device."""
+    """Milliseconds of call(i): medians until it returns, until the device is done, and between its ends on the device;
+    then of each where nobody waits for one before the next is called."""
     host, wall, device = [], [], []
     begin, end = (wp.Event(DEVICE, enable_timing=True) for _ in range(2))
     stream = wp.get_stream(DEVICE)
@@ -56,8 +57,14 @@ def timed(call: Callable[[int], object], count: int) -> dict[str, float]:
         wp.synchronize_device(DEVICE)
         wall.append(1e3 * (time.perf_counter() - start))
         device.append(wp.get_event_elapsed_time(begin, end))
+    start = time.perf_counter()
+    for i in range(4, count + 4):
+        call(i)
+    wp.synchronize_device(DEVICE)
+    each = 1e3 * (time.perf_counter() - start) / count
     # The first calls load kernels and record graphs.
-    return {k: round(statistics.median(v[4:]), 3) for k, v in (("host", host), ("wall", wall), ("device", device))}
+    medians = {k: round(statistics.median(v[4:]), 3) for k, v in (("host", host), ("wall", wall), ("device", device))}
+    return {**medians, "each": round(each, 3)}
 
 
 def kernels(launch: Callable[[], object], count: int) -> dict[str, float]:
@@ -116,7 +123,8 @@ def measure(quick: bool = False) -> dict[str, Any]:
             "command": COMMAND,
             "rows": [row for case in CASES for row in rows_of(*case, count=count)],
             "note": "host: until the call returns, the device idle before. wall: until the images are there. device: "
-            "from the first to the last thing that the device does. kernels: of one image, launched one by one.",
+            "from the first to the last thing that the device does. each: calls one after another, waited for at the "
+            "end. kernels: of one image, launched one by one.",
         },
     }
 

@@ -87,9 +87,9 @@ def page(report: dict[str, Any]) -> str:
 
 
 OMISSIONS = (
-    "The interpolator has the paper's splat and dense rendering; exact rigid warping is not there yet, so interpolated "
-    "motion is straight between keyframes: 2 px off at 125 Hz on the disk at 50 rad/s, tens of pixels at 30 Hz.",
-    "Real cameras over USB are not there yet; recordings are.",
+    "Between keyframes the rigid interpolator is exact in geometry only: its shading is that of the keyframes. The "
+    "splat interpolators know no more of the motion than the keyframes' own vectors tell.",
+    "The USB drivers have been run against emulated devices and on recorded streams, not on cameras.",
     "Light is direct unless bounces or sky_occlusion ask for paths: no reflections between surfaces, no shadow from "
     "the sky, no emissive surface as a light.",
     "A light that flickers faster than the keyframes is not seen between them.",

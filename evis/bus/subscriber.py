@@ -46,7 +46,6 @@ class Subscriber:
         self.tap = tap
         self.lost = 0
         self.rejected = 0
-        self.received = 0
         self.publisher = "the publisher"
         """Its node name, once connected."""
         self._context = context
@@ -242,7 +241,6 @@ class Subscriber:
             self._count(header.seq)
         self._next_seq = header.seq + 1
         self._last = this
-        self.received += 1
         if not self.tap:
             message._slot = Lease(self, header.seq)  # type: ignore[misc]
         return message

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from bench.probe import Setting
+    from bench.probe_setting import Setting
     from evis.launch.expand import NodeSpec
     from evis.launch.files import LaunchFile
     from evis.launch.planner import Options
@@ -74,7 +74,7 @@ def resolve_auto(
 def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapping[str, Any]) -> Setting:
     """What is measured: the first renderer of the graph and what follows it. wishes: the user's keyframe_rate and
     upsampling, or None."""
-    from bench.probe import Setting
+    from bench.probe_setting import Setting
     from evis.scene.load import load_scene, parse_args
     from nodes.event_sensor.parameters import resolve_sensor
 

@@ -11,21 +11,19 @@ PARENT_VARIABLE = "EVIS_PARENT_PID"
 _PR_SET_PDEATHSIG = 1
 
 
-def die_with_parent(parent_pid: int | None = None) -> None:
+def die_with_parent() -> None:
     """Ask the kernel to kill this process when its launcher dies; exit at once if the launcher is dead already.
 
-    parent_pid: the launcher; from EVIS_PARENT_PID when not given, and nothing happens when that is not set either (a
-    node run by hand has no launcher). Only Linux has this; elsewhere the supervisor's own clean-up is all there is.
+    The launcher is the process in EVIS_PARENT_PID; nothing happens when that is not set (a node run by hand has none).
+    Only Linux has this; elsewhere the supervisor's own clean-up is all there is.
     """
-    if parent_pid is None:
-        text = os.environ.get(PARENT_VARIABLE, "")
-        if not text.isdigit():
-            return
-        parent_pid = int(text)
+    launcher = os.environ.get(PARENT_VARIABLE, "")
+    if not launcher.isdigit():
+        return
     try:
         ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     except (OSError, AttributeError):
         return
     # The launcher may have died between fork and prctl; the signal is then never sent.
-    if os.getppid() != parent_pid:
+    if os.getppid() != int(launcher):
         os._exit(1)

@@ -27,7 +27,7 @@ _TURN = 0.6
 """Half a window is so long that the image turns by this much [rad] ..."""
 _HALF_MS = (10.0, 50.0)
 """... within these limits."""
-_AGREE = 0.06
+_AGREE = 0.03
 """Share by which the speed about a fixed pivot and that of the free alignment may differ and count as the same."""
 _SMOOTH_NS = 6_000_000
 

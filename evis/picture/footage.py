@@ -12,8 +12,10 @@ from msgs.camera import EventPacket, Image, Keyframe
 MAX_FRAMES = 2000
 
 
-def from_bag(path: Path, camera: str = "cam0", env: int = 0) -> Footage:
-    """What one camera of a bag saw: keyframes where the bag has them, or else the preview. First episode only.
+def from_bag(path: Path, camera: str = "cam0") -> Footage:
+    """What one camera of a bag saw: keyframes where the bag has them, or else the preview.
+
+    First environment, first episode.
 
     Raises ValueError naming what the bag lacks.
     """
@@ -39,7 +41,7 @@ def from_bag(path: Path, camera: str = "cam0", env: int = 0) -> Footage:
                 continue
             if isinstance(message, Keyframe):
                 m = message.margin
-                radiance = message.radiance[min(env, len(message.radiance) - 1)]
+                radiance = message.radiance[0]
                 radiance = radiance[m : radiance.shape[0] - m, m : radiance.shape[1] - m]
                 # One exposure for all frames: the picture must not pump.
                 gain = exposure(radiance) if gain is None else gain
@@ -53,7 +55,7 @@ def from_bag(path: Path, camera: str = "cam0", env: int = 0) -> Footage:
                 raise ValueError(f"{path} has more than {MAX_FRAMES} frames; record a shorter part")
     if not frames or not events:
         raise ValueError(f"{path}: {camera} has {len(frames)} frames and {len(events)} event packets, nothing to show")
-    parts = [slice(int(e.env_offsets[env]), int(e.env_offsets[env + 1])) for e in events]
+    parts = [slice(int(e.env_offsets[0]), int(e.env_offsets[1])) for e in events]
 
     def joined(name: str) -> np.ndarray:
         return np.concatenate([getattr(e, name)[part] for e, part in zip(events, parts)])

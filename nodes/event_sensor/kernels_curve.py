@@ -37,13 +37,6 @@ def in_square(m: wp.float64, d: wp.float64):
 
 
 @wp.func
-def to_square(m: wp.float64, d: wp.float64):
-    """The nearest slope that keeps the curve monotone."""
-    limit = wp.float64(3.0) * d
-    return wp.clamp(m, wp.min(limit, wp.float64(0.0)), wp.max(limit, wp.float64(0.0)))
-
-
-@wp.func
 def parabola_bend(before: wp.float64, d: wp.float64, h_before: wp.float64, h: wp.float64):
     """Twice the chord d less the slope at its start of the parabola through three samples: d - before if h = h_before.
 

@@ -9,6 +9,10 @@ wp.set_module_options({"enable_backward": False})
 NEARER = wp.constant(0.75)
 """Ratio of a point's depths at two keyframes below which they are taken to be of two surfaces."""
 
+STEADY = wp.constant(0.75)
+"""Change of velocity over the sum of both speeds from which on the motion is another surface's: a rotation by 97
+degrees per gap has as much."""
+
 
 @wp.kernel
 def find_bends(
@@ -50,8 +54,10 @@ def find_bends(
             weight = wp.abs(u - float(2 * i + 1 - column)) * wp.abs(v - float(2 * j + 1 - row))
             total += weight * wp.vec2(earlier[env, row, column, 0], earlier[env, row, column, 1])
         same = farthest * SAME_SURFACE <= nearest and nearest * NEARER <= z and z * NEARER <= farthest
-        if same and wp.isfinite(wp.length(total)):
-            bend = -(total / ratio - m) / (1.0 + ratio)
+        before_that = total / ratio
+        change = before_that - m
+        if same and wp.length(change) < STEADY * (wp.length(before_that) + wp.length(m)):
+            bend = -change / (1.0 + ratio)
     bends[env, y * width + x] = bend
 
 

@@ -8,7 +8,8 @@ time and r the ratio of the gap before to it, the position at fraction f of the 
 
 Its error is of third order in the gap, that of the straight line of second. A's own pixels, which fill B's holes, go on
 along the parabola that they came on: q(f) = p + f v_0 + f (f + r) c. Where a is hidden in A, is not between four pixels
-of one surface, or outside, the path is straight; so is all of an episode's first gap, for nothing came before it.
+of one surface, or outside, or the velocity there is quite another one (as at a start, an impact, or on what hides it),
+the path is straight; so is all of an episode's first gap, for nothing came before it.
 """
 
 from __future__ import annotations

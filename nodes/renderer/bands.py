@@ -18,13 +18,13 @@ class Bands:
         self.rows = list(pairwise(edges))
         self._pool = ThreadPoolExecutor(count) if count > 1 else None
 
-    def launch(self, kernel: wp.Kernel, arguments: Any, device: Any) -> None:
+    def launch(self, kernel: wp.Kernel, arguments: Any, device: Any, block: int = 256) -> None:
         """Run `kernel` once per band; arguments(row0, row1) gives its launch dimensions and inputs."""
         commands = []
         for row0, row1 in self.rows:
             dim, inputs = arguments(row0, row1)
             if self._pool is None:
-                wp.launch(kernel, dim=dim, inputs=inputs, device=device)
+                wp.launch(kernel, dim=dim, inputs=inputs, device=device, block_dim=block)
             else:
                 commands.append(wp.launch(kernel, dim=dim, inputs=inputs, device=device, record_cmd=True))
         if self._pool is not None:

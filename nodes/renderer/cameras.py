@@ -13,9 +13,6 @@ from evis.geometry.distortion import Lens, curvature_bound, unproject
 from evis.scene.model import Camera
 from nodes.renderer.kernels import View
 
-LENSES = {"plumb_bob", "equidistant"}
-"""Distortion models that need a table of rays."""
-
 BEYOND = 0.05
 """How far outside the field of view [rad] the bounds of triangles are still taken from their corners."""
 

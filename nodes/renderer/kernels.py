@@ -304,28 +304,6 @@ def cover(
 
 
 @wp.func
-def cover_nearer(
-    view: View,
-    s: Setup,
-    r: wp.vec4,
-    x: int,
-    y: int,
-    env: int,
-    triangle: int,
-    packed: wp.array3d(dtype=wp.uint64),
-):
-    """The same where much is hidden: what was written before may be old, but what is behind that stays hidden."""
-    dx = view.columns[x]
-    if s.e0[0] * dx + r[0] >= 0.0 and s.e1[0] * dx + r[1] >= 0.0 and s.e2[0] * dx + r[2] >= 0.0:
-        z = s.offset / (s.normal[0] * dx + r[3])
-        if z >= view.near:
-            z = wp.clamp(z, s.z_min, s.z_max)
-            bits = (wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)) | wp.uint64(triangle)
-            if bits < packed[env, y, x]:
-                wp.atomic_min(packed, env, y, x, bits)
-
-
-@wp.func
 def row_share(view: View, s: Setup, y: int):
     """What of the edge functions and the plane's is the same for a row of pixels."""
     dy = view.rows[y]

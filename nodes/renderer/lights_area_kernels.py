@@ -23,6 +23,16 @@ LATTICE = wp.constant(
 
 
 @wp.func
+def cell_key(i: wp.uint32, j: wp.uint32, k: wp.uint32, instance: int):
+    """Key of the random numbers of a cell of an instance's frame.
+
+    The spatial hash of Teschner et al. (VMV 2003); the generator's own hash mixes it further.
+    """
+    mixed = (i * wp.uint32(73856093)) ^ (j * wp.uint32(19349663)) ^ (k * wp.uint32(83492791))
+    return mixed ^ (wp.uint32(instance) * wp.uint32(1640531513))
+
+
+@wp.func
 def frozen_key(q: wp.vec3, footprint: float, instance: int):
     """Key of the random numbers at q in the instance's frame: one per cell of about a pixel, `footprint` [m] wide.
 
@@ -34,9 +44,7 @@ def frozen_key(q: wp.vec3, footprint: float, instance: int):
     i = wp.uint32(int(wp.clamp(wp.floor(r[0]), -2.0e9, 2.0e9)))
     j = wp.uint32(int(wp.clamp(wp.floor(r[1]), -2.0e9, 2.0e9)))
     k = wp.uint32(int(wp.clamp(wp.floor(r[2]), -2.0e9, 2.0e9)))
-    # Spatial hash of Teschner et al. (VMV 2003); the generator's own hash mixes it further.
-    mixed = (i * wp.uint32(73856093)) ^ (j * wp.uint32(19349663)) ^ (k * wp.uint32(83492791))
-    return mixed ^ (wp.uint32(instance) * wp.uint32(1640531513))
+    return cell_key(i, j, k, instance)
 
 
 @wp.func
@@ -84,6 +92,17 @@ def rectangle_irradiance(centre: wp.vec3, u: wp.vec3, v: wp.vec3, n: wp.vec3):
             total += edge_irradiance(a, b, n)
     total += edge_irradiance(leave, enter, n)
     return 0.5 * wp.abs(total)
+
+
+@wp.func
+def sampled_glint(s: SurfacePoint, ray: wp.vec3, cosine: float, density: float, count: float):
+    """Specular radiance by one of `count` samples of a light of radiance 1, taken with `density` [1/sr] or by the lobe.
+
+    The sum of both densities is the balance heuristic's.
+    """
+    brdf = specular(s.alpha, s.f0, s.facing, s.view, ray)
+    other = sample_density(s.alpha, s.facing, s.view, ray)
+    return (cosine / (count * (density + other))) * brdf
 
 
 def make_area(shadows: bool, trees: bool, gloss: bool) -> Any:
@@ -188,10 +207,7 @@ def make_area(shadows: bool, trees: bool, gloss: bool) -> Any:
                     glint = zero
                     if wp.static(gloss):
                         if shiny:
-                            brdf = specular(s.alpha, s.f0, s.facing, s.view, ray)
-                            density = length * length / (leaving * size)
-                            other = sample_density(s.alpha, s.facing, s.view, ray)
-                            glint = (cosine / (count * (density + other))) * brdf
+                            glint = sampled_glint(s, ray, cosine, length * length / (leaving * size), count)
                     if open:
                         still += weight
                         still_shine += glint
@@ -213,10 +229,7 @@ def make_area(shadows: bool, trees: bool, gloss: bool) -> Any:
                             open, free = seen(
                                 casters, rotation, translation, env, s, length * ray, moved, last, still_test, move_test
                             )
-                            brdf = specular(s.alpha, s.f0, s.facing, s.view, ray)
-                            density = length * length / (leaving * size)
-                            other = sample_density(s.alpha, s.facing, s.view, ray)
-                            glint = (cosine / (count * (density + other))) * brdf
+                            glint = sampled_glint(s, ray, cosine, length * length / (leaving * size), count)
                             if open:
                                 still_shine += glint
                             if free:

@@ -48,7 +48,7 @@ class Casters:
 
 @wp.func
 def shadow_start(casters: Casters, i: int, position: wp.vec3, normal: wp.vec3, front: bool):
-    """Where shadow rays of instance i start, and the instance that they leave out: one that cannot shade itself here."""
+    """Where shadow rays of instance i start, and whom they leave out: an instance that cannot shade itself here."""
     alone = wp.int32(-1)
     if casters.shell[i] == PLANAR or (casters.shell[i] == CONVEX and front):
         alone = i
@@ -206,8 +206,11 @@ def crossed_in_moving_tree(
 
 
 @cache
-def make_occlusion(trees: bool) -> tuple[Any, Any]:
-    """The functions `occluded` and `crossed`; without trees where there are none, for their mere presence costs."""
+def make_occlusion(trees: bool, joined: bool = True) -> tuple[Any, Any]:
+    """The functions `occluded` and `crossed`; without trees where there are none, for their mere presence costs.
+
+    joined: there may be a mesh of all still triangles.
+    """
 
     @wp.func
     def occluded(
@@ -228,13 +231,17 @@ def make_occlusion(trees: bool) -> tuple[Any, Any]:
         if wp.static(trees):
             if casters.still_tree != wp.uint64(0) and first == 0 and last >= casters.still:
                 begin = casters.still
-                if merged_holds(casters, env, origin):
-                    turn = casters.turn[env]
-                    start = turn * origin + casters.shift[env]
-                    if wp.mesh_query_ray_anyhit(casters.merged, start, turn * direction, length):
+                tried = wp.bool(False)
+                if wp.static(joined):
+                    if merged_holds(casters, env, origin):
+                        tried = True
+                        turn = casters.turn[env]
+                        start = turn * origin + casters.shift[env]
+                        if wp.mesh_query_ray_anyhit(casters.merged, start, turn * direction, length):
+                            return True
+                if not tried:
+                    if occluded_in_still_tree(casters, rotation, translation, env, skip, origin, direction, length):
                         return True
-                elif occluded_in_still_tree(casters, rotation, translation, env, skip, origin, direction, length):
-                    return True
             if casters.moving_tree != wp.uint64(0) and last > casters.still:
                 end = casters.still
                 if occluded_in_moving_tree(casters, rotation, translation, env, skip, origin, direction, length):

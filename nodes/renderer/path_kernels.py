@@ -61,6 +61,14 @@ def make_paths(
     of_lights, of_glow, of_sky = make_aims(gloss, mapped, trees)
 
     @wp.func
+    def sky_found(sources: Sources, sky: Sky, env: int, ray: wp.vec3, density: float):
+        """The sky's radiance on a path that took this ray with this density, weighted against aiming at it."""
+        shine = background(sky, env, ray)
+        if wp.static(mapped):
+            shine = (density / (density + sky_density(sources, sky.camera[env] * ray))) * shine
+        return shine
+
+    @wp.func
     def paths(
         view: View,
         env: int,
@@ -162,18 +170,12 @@ def make_paths(
                     if bounce == bounces:
                         # Only whether the sky is there matters any more.
                         if not occluded(casters, rotation, translation, env, 0, last, s.alone, s.lift, ray, FAR):
-                            shine = background(sky, env, ray)
-                            if wp.static(mapped):
-                                shine = (density / (density + sky_density(sources, sky.camera[env] * ray))) * shine
-                            total += wp.cw_mul(through, shine)
+                            total += wp.cw_mul(through, sky_found(sources, sky, env, ray, density))
                         break
                 hit = first_hit(casters, rotation, translation, env, s.alone, s.lift, ray, FAR)
                 i = hit.instance
                 if i < 0:
-                    shine = background(sky, env, ray)
-                    if wp.static(mapped):
-                        shine = (density / (density + sky_density(sources, sky.camera[env] * ray))) * shine
-                    total += wp.cw_mul(through, shine)
+                    total += wp.cw_mul(through, sky_found(sources, sky, env, ray, density))
                     break
                 t = bodies.first[i] + hit.face
                 turned = rotation[env, i]

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from nodes.renderer.lights_area_kernels import LATTICE
+from nodes.renderer.lights_area_kernels import LATTICE, cell_key
 
 wp.set_module_options({"enable_backward": False})
 
@@ -55,9 +55,7 @@ def around(x: float):
 @wp.func
 def corner(i: int, j: int, k: int, instance: int):
     """Four random numbers of a lattice point of an instance."""
-    mixed = (wp.uint32(i) * wp.uint32(73856093)) ^ (wp.uint32(j) * wp.uint32(19349663))
-    mixed = mixed ^ (wp.uint32(k) * wp.uint32(83492791)) ^ (wp.uint32(instance) * wp.uint32(1640531513))
-    state = wp.rand_init(int(mixed), 17)
+    state = wp.rand_init(int(cell_key(wp.uint32(i), wp.uint32(j), wp.uint32(k), instance)), 17)
     return wp.vec4(wp.randf(state), wp.randf(state), wp.randf(state), wp.randf(state))
 
 

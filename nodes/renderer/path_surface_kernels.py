@@ -7,7 +7,7 @@ import warp as wp
 
 from nodes.renderer.ggx_kernels import sample_density, specular
 from nodes.renderer.lights_kernels import SurfacePoint
-from nodes.renderer.lights_shadow_kernels import CONVEX, PLANAR, LIFT, Casters
+from nodes.renderer.lights_shadow_kernels import Casters, shadow_start
 from nodes.renderer.lights_sky_kernels import DIELECTRIC, Sky, reflectances
 from nodes.renderer.path_sampling_kernels import PI, luminance
 from nodes.renderer.shading_kernels import Surfaces
@@ -38,11 +38,9 @@ def spread_of(pdf: float, samples: int):
 def lifted(casters: Casters, s: SurfacePoint, i: int, side: float):
     """The point with what its rays leave out and where they start."""
     r = s
-    r.alone = wp.int32(-1)
-    shell = casters.shell[i]
-    if shell == PLANAR or (shell == CONVEX and side > 0.0):
-        r.alone = i
-    r.lift = s.position + (LIFT * (wp.length(s.position) + casters.radius[i])) * s.normal
+    lift, alone = shadow_start(casters, i, s.position, s.normal, side > 0.0)
+    r.lift = lift
+    r.alone = alone
     return r
 
 

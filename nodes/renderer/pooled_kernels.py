@@ -9,20 +9,7 @@ they are needed: reading them for every environment would cost more.
 import warp as wp
 
 from nodes.renderer.distortion_kernels import make_bounds, walk_rays
-from nodes.renderer.kernels import (
-    Setup,
-    View,
-    bounds,
-    corner,
-    cover,
-    cover_nearer,
-    facing,
-    holds_pixel,
-    row_share,
-    set_up,
-    walk,
-    walk_all,
-)
+from nodes.renderer.kernels import Setup, View, bounds, corner, facing, holds_pixel, set_up, walk, walk_all
 from nodes.renderer.raster_kernels import Blocks, before_near, unseen
 
 wp.set_module_options({"enable_backward": False})
@@ -89,7 +76,7 @@ def missed(view: View, s: Setup, x0: int, x1: int, y0: int, y1: int):
     )
 
 
-def make_pooled(lens: str, area: int, by_column: int) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
+def make_pooled(lens: str, area: int) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
     """The kernels `list_triangles`, `raster` and `raster_tiles`.
 
     area: bounding box [px] above which a triangle is cut into tiles.
@@ -216,17 +203,7 @@ def make_pooled(lens: str, area: int, by_column: int) -> tuple[wp.Kernel, wp.Ker
                 met = wp.bool(True)
                 if wp.static(lens == "none"):
                     met = not missed(view, s, x0, x1, y0, y1)
-                if wp.static(lens == "none" and by_column > 0):
-                    # A thread for each column, so that neighbours write side by side.
-                    if met:
-                        for x in range(x0 + tid % GROUP, x1 + 1, GROUP):
-                            for row in range(y0, y1 + 1):
-                                share = row_share(view, s, row)
-                                if wp.static(by_column == 2):
-                                    cover_nearer(view, s, share, x, row, env, t, packed)
-                                else:
-                                    cover(view, s, share, x, row, env, t, packed)
-                elif met and y <= y1:
+                if met and y <= y1:
                     walk_row(view, s, x0, x1, y, y, env, t, packed)
             at += workers // (GROUP * LARGE_REGIONS)
 

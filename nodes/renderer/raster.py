@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 WORKERS = 1 << 18
 """Threads that share a list; as many as a GPU runs at once."""
 
-COLUMNS = 1
 SPLIT_AREA = 32
 """Bounding box [px] above which a triangle is cut into tiles: who walks many pixels holds up its neighbours."""
 
@@ -81,7 +80,7 @@ class PooledRaster:
         full = (v.shape[2] // int(pooled_kernels.WIDE) + 1) * (v.shape[1] // int(pooled_kernels.GROUP) + 1)
         places = min(self._envs * min(2 * len(v.geometry.triangles), LARGE), MOST_LARGE) // regions + 4 * full
         self._large, self._setups = v.empty((regions, places), wp.vec4i), v.empty((regions, places), Setup)
-        self._list, self._raster, self._tiles = make_pooled(v.lens, SPLIT_AREA, COLUMNS)
+        self._list, self._raster, self._tiles = make_pooled(v.lens, SPLIT_AREA)
 
     def draw(self, packed: wp.array, still: bool, moving: bool, cleared: Callable[[], None] = lambda: None) -> None:
         """Add the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""

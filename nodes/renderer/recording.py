@@ -12,15 +12,12 @@ MOST = 64
 """Graphs that are kept; who writes into ever new arrays has them recorded anew."""
 
 
-FORK = True
-
-
 class Branch:
     """Launches beside others, on a stream of its own; a recorded graph keeps that. On a CPU all are in their order."""
 
     def __init__(self, device: Any) -> None:
         self._device = device
-        self._stream = wp.Stream(device) if device.is_cuda and FORK else None
+        self._stream = wp.Stream(device) if device.is_cuda else None
 
     @contextmanager
     def aside(self) -> Iterator[None]:

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import warp as wp
 
-from nodes.renderer import shading_kernels, shadow_kernels
+from nodes.renderer import shading_kernels
 from nodes.renderer.geometry import is_static
 from nodes.renderer.ggx import alpha_of, is_plain
 from nodes.renderer.lights import LightSet, check_colour
 from nodes.renderer.lights_sky import make_sky
 from nodes.renderer.occlusion import Occluders
 from nodes.renderer.poses import Frames
+from nodes.renderer.shadow_pass import ShadowPass, shadowed
 from nodes.renderer.textures import pack
 from nodes.renderer.visibility import Visibility
 
@@ -25,8 +26,6 @@ CACHED_LIGHTS = 32
 if TYPE_CHECKING:
     from nodes.renderer.path import PathOptions, Paths
 
-import os
-OPTIONS = {"force": False, "masked": True, "tiled": True, "merged": False, "ray_block": 256, "shade_block": 256}
 LIST_WORKERS = 1 << 17
 """Threads that share a list of pixels on a GPU."""
 
@@ -46,7 +45,8 @@ class Shading:
     glow in their place to be seen. Without `paths`, surfaces that emit light nothing else, and nothing hides the sky;
     with them, see `Paths`.
 
-    remember: False for `shade_list`, which never sees all of an image.
+    remember: False for `shade_list`, which never sees all of an image. split: whether an image's shadow rays to lights
+    that are points are traced before it is shaded, None = on a GPU; the image is the same.
     """
 
     def __init__(
@@ -56,6 +56,7 @@ class Shading:
         light_samples: int = 16,
         paths: PathOptions | None = None,
         remember: bool = True,
+        split: bool | None = None,
     ) -> None:
         scene, geometry = visibility.scene, visibility.geometry
         self.visibility, self.scene, self.device = visibility, scene, visibility.device
@@ -68,7 +69,7 @@ class Shading:
         self.sky = make_sky(visibility, gloss)
         shadows = any(light.shadows for light in scene.lights) and len(geometry.triangles) > 0
         rays = paths is not None and len(geometry.triangles) > 0
-        merged = (rays and self.device.is_cuda) or OPTIONS['merged']
+        merged = rays and self.device.is_cuda
         self.occluders = Occluders(visibility, geometry.static, shadows or rays, merged=merged)
         self._cached = cached = remember and self._cacheable()
         self._still_place = -1
@@ -81,16 +82,14 @@ class Shading:
         self._clipped = wp.zeros(bands, dtype=wp.int32, device=self.device)
         kinds = self.lights.kinds
         looks = {"textures": textured, "smooth": geometry.smooth is not None, "gloss": gloss}
-        shadowed = [l for l, light in enumerate(scene.lights) if light.shadows and light.kind != "area"]
-        few = len(scene.lights) <= shadow_kernels.MOST_LIGHTS
-        masked = OPTIONS["masked"] and (OPTIONS["force"] or self.device.is_cuda) and remember and not cached and shadows and few and bool(shadowed)
-        self._shadowed = visibility.put(np.array(shadowed, np.int32), wp.int32)
-        self._hidden = wp.zeros(visibility.shape if masked else (0, 0, 0), dtype=wp.uint32, device=self.device)
-        self._shadow_rays: wp.Kernel | None = None
-        if masked:
-            delta = {k: k in kinds for k in ("directional", "point", "spot")}
-            self._shadow_rays = shadow_kernels.make_shadow_rays(**delta, trees=self.occluders.trees)
-        self._tiled = OPTIONS["tiled"] and (OPTIONS["force"] or self.device.is_cuda)
+        # In a GPU's way: rays in a pass of their own, and neighbouring threads on a tile of pixels.
+        self._tiled = split = self.device.is_cuda if split is None else split
+        self.shadow_pass: ShadowPass | None = None
+        if split and remember and not cached and shadowed(visibility):
+            self.shadow_pass = ShadowPass(visibility, self.lights, self.occluders, self.normals)
+        self._hidden = visibility.empty((0, 0, 0), wp.uint32)
+        if self.shadow_pass is not None:
+            self._hidden = self.shadow_pass.hidden
         self._kernel, self._list_kernel = make_shade(
             **looks,
             directional="directional" in kinds,
@@ -104,7 +103,7 @@ class Shading:
             cached=cached,
             half=half and not rays,
             ambience=not rays,
-            masked=masked,
+            masked=self.shadow_pass is not None,
             tiled=self._tiled,
         )
         self.paths: Paths | None = None
@@ -135,8 +134,8 @@ class Shading:
         self.lights.launch()
         self._not_finite.zero_()
         self._clipped.zero_()
-        if self._shadow_rays is not None:
-            self._hidden.zero_()
+        if self.shadow_pass is not None:
+            self.shadow_pass.clear()
 
     def placed(self) -> None:
         """What shading needs of the visibility's placed instances."""
@@ -188,10 +187,8 @@ class Shading:
         cached = [self._cached_triangle, self._cached_lit, self._cached_colour]
         counters = [self._not_finite, self._clipped]
         direct = radiance if self.paths is None else self.paths.direct
-        if self._shadow_rays is not None:
-            seen = [v.packed, v.triangle_instance, self.normals, v.rotation, v.translation]
-            inputs = [v.view, *seen, self.lights.kernel, self._shadowed, self.occluders.casters, self._hidden]
-            wp.launch(self._shadow_rays, (len(self._shadowed), *v.tiles), inputs, device=self.device, block_dim=OPTIONS["ray_block"])
+        if self.shadow_pass is not None:
+            self.shadow_pass.launch()
         kernel = self._list_kernel if listed else self._kernel
         launch(kernel, [*place, *light, self._hidden, *cached, direct, *counters])
         if self.paths is not None:

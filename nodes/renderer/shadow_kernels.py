@@ -14,15 +14,12 @@ from nodes.renderer.lights_shadow_kernels import Casters, make_occlusion, shadow
 
 wp.set_module_options({"enable_backward": False})
 
-MOST_LIGHTS = 32
-"""Lights that there are bits for."""
-
 
 @cache
 def make_shadow_rays(directional: bool, point: bool, spot: bool, trees: bool) -> wp.Kernel:
     """The kernel `shadow_rays` with only what a scene has."""
     towards, idle = make_directions(directional, point, spot)
-    occluded, _ = make_occlusion(trees)
+    occluded, _ = make_occlusion(trees, False)
 
     @wp.kernel(module="unique", enable_backward=False)
     def shadow_rays(

@@ -48,3 +48,11 @@ def test_no_camera_is_an_error():
     camera.add_arguments(parser)
     with pytest.raises(OSError, match="no event camera found"):
         camera.run(parser.parse_args(["info"]))
+
+
+def test_info_parts_each_name_from_its_value(capsys):
+    parser = argparse.ArgumentParser()
+    camera.add_arguments(parser)
+    assert camera.run(parser.parse_args(["info", "--emulate", "davis346"])) == 0
+    shown = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
+    assert shown["sensor"] == "DAVIS346" and shown["width"] == "346" and shown["dvs_orientation"] == "0"

@@ -134,3 +134,28 @@ def test_the_cases_have_holes_and_fills():
     from_b, _ = splatted(b["image"], b["depth"], a["depth"], b["motion"], 1.0, 0.5)
     assert np.isnan(from_b).sum() > 5
     assert frame(a, b, 0.5)[1] > 0
+
+
+@pytest.mark.parametrize("device", ["cpu", CUDA])
+def test_the_kernels_of_a_gpu_give_the_frames_of_a_cpu(device):
+    """Colour, a margin, environments of which one begins an episode, values of every size and some that are none."""
+    rng = np.random.default_rng(11)
+    keys = [[keyframe(rng, kind) for kind in ("blocks", "relief", "part")] for _ in range(3)]
+    images = np.exp(rng.uniform(-25, 12, (3, 3, H, W, 3))).astype(np.float32)
+    images[1, 0, 4, 5, 1], images[1, 1, 2, 2, 0] = np.nan, np.inf
+    views = {}
+    for where in ("cpu", device):
+        stacked = lambda k, name: np.stack([key[name] for key in keys[k]])
+        arrays = [(images[k], stacked(k, "depth"), stacked(k, "motion")) for k in range(3)]
+        views[where] = [View(*(wp.array(a, dtype=wp.float32, device=where) for a in group)) for group in arrays]
+    methods = [SplatCpu(H, W, 3, 5, 2, 3), SplatCuda(H, W, 3, 5, 2, 3, device)]
+    for k, held in enumerate(([False] * 3, [False, True, False])):
+        out = np.empty((2, 3, 5, H - 4, W - 4, 3), np.float32)
+        both = zip(methods, ("cpu", device), out)
+        reports = [method.between(views[w][k], views[w][k + 1], held, frames) for method, w, frames in both]
+        assert reports[0] == reports[1]
+        assert (np.isfinite(out[0]) == np.isfinite(out[1])).all()
+        assert np.isfinite(out).mean() > 0.9 and (k == 1 or not np.isfinite(out).all())
+        # A dark pixel beside a bright one is a sum of both in float32 on the CPU.
+        finite = np.isfinite(out[0])
+        np.testing.assert_allclose(out[1][finite], out[0][finite], rtol=RTOL, atol=2.0**-50 * np.exp(12))

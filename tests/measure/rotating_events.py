@@ -53,7 +53,9 @@ def _passes(turned: np.ndarray, wanted: np.ndarray) -> list[tuple[int, tuple[np.
         piece = turned[first : last + 1]
         rising = piece[-1] > piece[0]
         hit = np.flatnonzero((wanted > piece.min()) & (wanted <= piece.max()))
-        at = np.interp(wanted[hit], piece if rising else piece[::-1], np.arange(first, last + 1)[:: 1 if rising else -1])
+        at = np.interp(
+            wanted[hit], piece if rising else piece[::-1], np.arange(first, last + 1)[:: 1 if rising else -1]
+        )
         result.append((1 if rising else -1, (np.round(at).astype(int), hit)))
     return result
 

@@ -47,10 +47,10 @@ def test_wheel_clips(clip):
     assert found["confidence"] >= 0.5 and not found["steady"]
 
 
-@pytest.mark.parametrize("omega", [15.0, -42.0, 70.0, 180.0])
+@pytest.mark.parametrize("omega", [15.0, -180.0])
 def test_steady_speed(omega):
     """Within 0.5 %: descriptors of 1 ms place a recurrence to a fraction of one."""
-    events = turning_edges(lambda t: omega * t, 0.7, texture())
+    events = turning_edges(lambda t: omega * t, min(0.6, 25 / abs(omega)), texture())
     found = rotation(events)
     assert found["omega_rad_s"] == pytest.approx(abs(omega), rel=0.005)
     assert found["direction"] == ("clockwise" if omega > 0 else "counterclockwise")
@@ -59,11 +59,11 @@ def test_steady_speed(omega):
     assert np.hypot(*(np.array(found["pivot_px"]) - (60, 50))) < 3
 
 
-@pytest.mark.parametrize("count", [2, 4, 6])
+@pytest.mark.parametrize("count", [6])
 def test_repeated_pattern(count):
     """The spectrum peaks at a multiple of the revolutions; the order is told, and the speed is that of the object."""
     omega = 30.0
-    found = rotation(turning_edges(lambda t: omega * t, 0.7, spokes(count)))
+    found = rotation(turning_edges(lambda t: omega * t, 0.5, spokes(count)))
     assert found["omega_rad_s"] == pytest.approx(omega, rel=0.01)
     strongest = found["candidates"][0]
     assert strongest["order"] % count == 0
@@ -72,20 +72,20 @@ def test_repeated_pattern(count):
 
 
 def test_ramp():
-    """A speed that grows from 10 to 50 rad/s: series within 3 % (median) and 10 % (95th percentile)."""
-    found = rotation(turning_edges(lambda t: 10 * t + 25 * t**2, 0.8, texture()))
+    """A speed that grows from 10 to 50 rad/s: series within 2 % (median) and 10 % (95th percentile)."""
+    found = rotation(turning_edges(lambda t: 10 * t + 40 * t**2, 0.5, texture()))
     series = np.array(found["series"])
-    wanted = 10 + 50 * series[:, 0] * 1e-9
+    wanted = 10 + 80 * series[:, 0] * 1e-9
     error = np.abs(series[:, 1] - wanted) / wanted
-    assert np.median(error) < 0.03 and np.percentile(error, 95) < 0.10
+    assert np.median(error) < 0.02 and np.percentile(error, 95) < 0.10
     assert not found["steady"] and found["method"] == "tracked angle"
 
 
 def test_reversal():
-    """omega = 35 cos(4 t): the sign of the series turns where the rotation does."""
-    found = rotation(turning_edges(lambda t: 35 / 4 * np.sin(4 * t), 0.7, texture()))
+    """omega = 35 cos(6 t): the sign of the series turns where the rotation does."""
+    found = rotation(turning_edges(lambda t: 35 / 6 * np.sin(6 * t), 0.5, texture()))
     series = np.array(found["series"])
-    wanted = 35 * np.cos(4 * series[:, 0] * 1e-9)
+    wanted = 35 * np.cos(6 * series[:, 0] * 1e-9)
     sign = 1 if found["direction"] == "clockwise" else -1
     assert np.median(np.abs(sign * series[:, 1] - wanted)) < 1.5
     assert np.percentile(np.abs(sign * series[:, 1] - wanted), 95) < 4
@@ -94,13 +94,13 @@ def test_reversal():
 
 def test_long_recording_is_one_rotation():
     """Over several stretches the speed stays one number, and noise does not hide it."""
-    turning = turning_edges(lambda t: 40 * t, 4.5, texture(), jitter_us=300)
-    noise = poisson_events(2.0, 4.5, (120, 100))
+    turning = turning_edges(lambda t: 40 * t, 2.6, texture(count=12), jitter_us=300)
+    noise = poisson_events(2.0, 2.6, (120, 100))
     together = [np.concatenate(pair) for pair in zip(turning, noise)]
     order = np.argsort(together[0], kind="stable")
     found = rotation(tuple(v[order] for v in together))
     assert found["omega_rad_s"] == pytest.approx(40, rel=0.005) and found["steady"]
-    assert found["revolutions"] == pytest.approx(40 * 4.5 / (2 * np.pi), rel=0.05)
+    assert found["revolutions"] == pytest.approx(40 * 2.6 / (2 * np.pi), rel=0.05)
 
 
 def translating(speed: float) -> tuple[np.ndarray, ...]:

@@ -158,7 +158,7 @@ def test_render_mp4_gives_ffmpeg_every_pixel(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     with monkeypatch.context() as bare:
         bare.setitem(sys.modules, "av", None)
-        with pytest.raises(ValueError, match="needs the program ffmpeg or .*video"):
+        with pytest.raises(ValueError, match=r"needs the program ffmpeg or .*video"):
             command.run(parse("render", tmp_path / "a.npz", tmp_path / "a.mp4"))
     stand_in = tmp_path / "ffmpeg"
     stand_in.write_text(f"#!{sys.executable}\nimport sys\nopen(sys.argv[-1], 'wb').write(sys.stdin.buffer.read())\n")

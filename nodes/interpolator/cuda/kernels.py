@@ -1,7 +1,8 @@
-"""Kernels of the warp on a GPU: a thread per source does all sub-frames, and sums do not depend on their order.
+"""Kernels of the warp on a GPU: one thread per source and sub-frame, and sums that do not depend on their order.
 
-Depths meet by atomic minimum, sums in whole numbers: a weight has 24 bits, a value 56 bits below the power of two
-above the keyframe's brightest, in two halves, which leaves room for 2^11 whole pixels on one target.
+Depths meet by atomic minimum, sums in whole numbers: a weight has 24 bits, a value 56 bits below the power of two above
+the keyframe's brightest, in two parts, of which the lower one is 0 for all but dark pixels. That leaves room for 2^9
+whole pixels on one target.
 """
 
 import warp as wp
@@ -11,6 +12,7 @@ from nodes.interpolator.kernels import (
     SAME_SURFACE,
     SUBPIXEL,
     Source,
+    Target,
     background,
     bent,
     displaced_depth,
@@ -21,10 +23,11 @@ from nodes.interpolator.kernels import (
 
 wp.set_module_options({"enable_backward": False})
 
-HALF = wp.constant(wp.float64(2.0**28))
-ROOM = wp.constant(wp.int64(2**35))
-BROKEN = wp.constant(wp.int64(2**40))
-"""Weight of a value that is not finite, more than all others can have together."""
+HIGH_BITS = wp.constant(wp.int64(30))
+LOW = wp.constant(wp.float64(2.0**26))
+ROOM = wp.constant(wp.int64(2**33))
+WHOLE = wp.constant(wp.int64(2**40 - 1))
+"""The part of a sum of weights that is weight; above, 8 bits for each channel count values that are not finite."""
 STAYS = wp.constant(2.0e38)
 """dz of a source that does not move, or has no tap because its motion is not finite."""
 EXPONENTS = 256
@@ -136,9 +139,21 @@ def fraction(sub: int, upsampling: int, backward: int):
 
 
 @wp.func
-def lower(row: int, at: int, z: wp.float32, nearest: wp.array2d(dtype=wp.float32)):
+def nearest_of(target: Target, row: int, nearest: wp.array2d(dtype=wp.float32)):
+    """Depths of a target's four pixels, all read before any of them is written."""
+    at = target.at
+    return wp.vec4(
+        nearest[row, at],
+        nearest[row, at + target.right],
+        nearest[row, at + target.down],
+        nearest[row, at + target.right + target.down],
+    )
+
+
+@wp.func
+def lower(row: int, at: int, z: wp.float32, reached: wp.float32, nearest: wp.array2d(dtype=wp.float32)):
     """A target that is no hole holds depth 0, which nothing is nearer than."""
-    if z < nearest[row, at]:
+    if z < reached:
         wp.atomic_min(nearest, row, at, z)
 
 
@@ -146,7 +161,6 @@ def lower(row: int, at: int, z: wp.float32, nearest: wp.array2d(dtype=wp.float32
 def lower_all(
     # in
     first: int,
-    rows: int,
     upsampling: int,
     backward: int,
     width: int,
@@ -156,63 +170,61 @@ def lower_all(
     # out
     nearest: wp.array2d(dtype=wp.float32),
 ):
-    """The depth of the nearest source of every target, for sub-frames first .. first + rows - 1."""
-    index, pixel = wp.tid()
-    subs = upsampling - 1
-    env = first // subs + index
+    """The depth of the nearest source of every target."""
+    row, pixel = wp.tid()
+    sub = first + row
+    env = sub // (upsampling - 1)
     if moves[env, pixel][3] == STAYS:
         return
-    sub = wp.max(first, env * subs)
-    end = wp.min(first + rows, env * subs + subs)
-    while sub < end:
-        row = sub - first
-        a = fraction(sub, upsampling, backward)
-        source = bent(source_of(moves, env, pixel, width), a, env, bends)
-        target = target_of(source, a, width, height)
-        if target.at >= 0:
-            z = source.z + a * source.dz
-            at = target.at
-            lower(row, at, z, nearest)
+    a = fraction(sub, upsampling, backward)
+    source = bent(source_of(moves, env, pixel, width), a, env, bends)
+    target = target_of(source, a, width, height)
+    if target.at >= 0:
+        z = source.z + a * source.dz
+        at = target.at
+        reached = nearest_of(target, row, nearest)
+        lower(row, at, z, reached[0], nearest)
+        if target.right != 0:
+            lower(row, at + target.right, z, reached[1], nearest)
+        if target.down != 0:
+            lower(row, at + target.down, z, reached[2], nearest)
             if target.right != 0:
-                lower(row, at + target.right, z, nearest)
-            if target.down != 0:
-                lower(row, at + target.down, z, nearest)
-                if target.right != 0:
-                    lower(row, at + target.down + target.right, z, nearest)
-        sub += 1
+                lower(row, at + target.right + target.down, z, reached[3], nearest)
 
 
 @wp.func
 def scale_of(brightest: wp.array2d(dtype=wp.int32), keyframe: int, env: int):
-    """1 over the power of two above the keyframe's values, times HALF."""
-    return HALF * wp.pow(wp.float64(2.0), wp.float64(126 - brightest[keyframe, env]))
+    """2^HIGH_BITS over the power of two above the keyframe's values."""
+    return wp.cast((wp.int64(1149 - brightest[keyframe, env]) + HIGH_BITS) << wp.int64(52), wp.float64)
 
 
 @wp.func
 def add(
-    row: int, at: int, z: wp.float32, weight: int, env: int, pixel: int, scale: wp.float64,
-    image: wp.array3d(dtype=wp.float32), nearest: wp.array2d(dtype=wp.float32),
-    high: wp.array3d(dtype=wp.int64), low: wp.array3d(dtype=wp.int64), weights: wp.array2d(dtype=wp.int64),
-):  # fmt: skip
-    if weight > 0 and z * SAME_SURFACE <= nearest[row, at]:
-        total = wp.int64(weight)
-        for c in range(image.shape[2]):
-            value = image[env, pixel, c]
-            if wp.isfinite(value):
-                share = wp.float64(value) * scale
-                whole = wp.floor(share)
-                wp.atomic_add(high, row, at, c, wp.int64(weight) * wp.int64(whole))
-                wp.atomic_add(low, row, at, c, wp.int64(weight) * wp.int64(wp.floor((share - whole) * HALF)))
-            else:
-                total = BROKEN
-        wp.atomic_add(weights, row, at, total)
+    row: int,
+    at: int,
+    weight: int,
+    c: int,
+    whole: wp.int64,
+    rest: wp.int64,
+    high: wp.array3d(dtype=wp.int64),
+    low: wp.array3d(dtype=wp.int64),
+):
+    if weight > 0:
+        wp.atomic_add(high, row, at, c, wp.int64(weight) * whole)
+        if rest != wp.int64(0):
+            wp.atomic_add(low, row, at, c, wp.int64(weight) * rest)
+
+
+@wp.func
+def weigh(row: int, at: int, weight: int, broken: wp.int64, weights: wp.array2d(dtype=wp.int64)):
+    if weight > 0:
+        wp.atomic_add(weights, row, at, wp.int64(weight) + broken)
 
 
 @wp.kernel
 def add_all(
     # in
     first: int,
-    rows: int,
     upsampling: int,
     backward: int,
     width: int,
@@ -228,32 +240,49 @@ def add_all(
     weights: wp.array2d(dtype=wp.int64),
 ):
     """Bilinear sums of the sources within 1 % of the nearest."""
-    index, pixel = wp.tid()
-    subs = upsampling - 1
-    env = first // subs + index
+    row, pixel = wp.tid()
+    sub = first + row
+    env = sub // (upsampling - 1)
     if moves[env, pixel][3] == STAYS:
         return
+    a = fraction(sub, upsampling, backward)
+    source = bent(source_of(moves, env, pixel, width), a, env, bends)
+    target = target_of(source, a, width, height)
+    if target.at < 0:
+        return
+    z = (source.z + a * source.dz) * SAME_SURFACE
+    at = target.at
+    right = at + target.right
+    below = at + target.down
+    across = right + target.down
+    reached = nearest_of(target, row, nearest)
+    gx = SUBPIXEL - target.fx
+    gy = SUBPIXEL - target.fy
+    w0 = wp.where(z <= reached[0], gx * gy, 0)
+    w1 = wp.where(z <= reached[1], target.fx * gy, 0)
+    w2 = wp.where(z <= reached[2], gx * target.fy, 0)
+    w3 = wp.where(z <= reached[3], target.fx * target.fy, 0)
+    if w0 + w1 + w2 + w3 == 0:
+        return
     scale = scale_of(brightest, backward, env)
-    sub = wp.max(first, env * subs)
-    end = wp.min(first + rows, env * subs + subs)
-    while sub < end:
-        row = sub - first
-        a = fraction(sub, upsampling, backward)
-        source = bent(source_of(moves, env, pixel, width), a, env, bends)
-        target = target_of(source, a, width, height)
-        if target.at >= 0:
-            z = source.z + a * source.dz
-            gx = SUBPIXEL - target.fx
-            gy = SUBPIXEL - target.fy
-            # A loop that is not unrolled, or the code of four targets is in the way of all else.
-            tap = wp.int32(0)
-            while tap < 4:
-                at = target.at + wp.where((tap & 1) == 1, target.right, 0) + wp.where(tap > 1, target.down, 0)
-                wx = wp.where((tap & 1) == 1, target.fx, gx)
-                wy = wp.where(tap > 1, target.fy, gy)
-                add(row, at, z, wx * wy, env, pixel, scale, image, nearest, high, low, weights)
-                tap += 1
-        sub += 1
+    broken = wp.int64(0)
+    for c in range(image.shape[2]):
+        value = image[env, pixel, c]
+        if wp.isfinite(value):
+            share = wp.float64(value) * scale
+            floor = wp.floor(share)
+            whole = wp.int64(floor)
+            rest = wp.int64(wp.floor((share - floor) * LOW))
+            add(row, at, w0, c, whole, rest, high, low)
+            add(row, right, w1, c, whole, rest, high, low)
+            add(row, below, w2, c, whole, rest, high, low)
+            add(row, across, w3, c, whole, rest, high, low)
+        else:
+            broken += wp.int64(1) << wp.int64(40 + 8 * c)
+    weigh(row, at, w0, broken, weights)
+    weigh(row, right, w1, broken, weights)
+    weigh(row, below, w2, broken, weights)
+    weigh(row, across, w3, broken, weights)
 
 
 @wp.kernel
@@ -299,26 +328,26 @@ def resolve(
     known = stays or total > wp.int64(0)
     if known:
         frame = env * upsampling + sub % (upsampling - 1)
-        if total == wp.int64(0) or (total >= ROOM and total < BROKEN):
+        if total == wp.int64(0) or (total & WHOLE) >= ROOM:
             for c in range(frames.shape[2]):
                 frames[frame, pixel, c] = image[env, pixel, c]
         else:
             scale = scale_of(brightest, backward, env)
+            weight = wp.float64(total & WHOLE)
+            own = wp.where(stays, wp.float64(SUBPIXEL) * wp.float64(SUBPIXEL), wp.float64(0.0))
             for c in range(frames.shape[2]):
-                value = wp.float64(high[row, at, c]) + wp.float64(low[row, at, c]) / HALF
-                weight = wp.float64(total)
+                value = wp.float64(high[row, at, c]) + wp.float64(low[row, at, c]) / LOW
                 if stays:
-                    own = wp.float64(SUBPIXEL) * wp.float64(SUBPIXEL)
                     value += own * wp.float64(image[env, pixel, c]) * scale
-                    weight += own
-                if total >= BROKEN:
-                    frames[frame, pixel, c] = float(wp.nan)
-                else:
-                    frames[frame, pixel, c] = wp.float32(value / (weight * scale))
+                shown = wp.float32(value / ((weight + own) * scale))
+                if ((total >> wp.int64(40 + 8 * c)) & wp.int64(255)) != wp.int64(0):
+                    shown = float(wp.nan)
+                frames[frame, pixel, c] = shown
         if total != wp.int64(0):
             for c in range(frames.shape[2]):
                 high[row, at, c] = wp.int64(0)
-                low[row, at, c] = wp.int64(0)
+                if low[row, at, c] != wp.int64(0):
+                    low[row, at, c] = wp.int64(0)
             weights[row, at] = wp.int64(0)
     if backward != 0:
         nearest_a[row, at] = wp.where(known, 0.0, still_a[env, at])

@@ -94,7 +94,7 @@ class SplatCuda:
         if isinstance(out, wp.array):
             wp.copy(out.flatten().view(wp.float32).reshape(inner.shape), inner)
         else:
-            out[:] = inner.numpy().reshape(out.shape)
+            wp.copy(wp.array(out, dtype=wp.float32, shape=inner.shape, copy=False, device="cpu"), inner)
         filled, lost = self._counts.numpy()
         return Report(int(filled), int(lost))
 
@@ -116,19 +116,18 @@ class SplatCuda:
     def _warp(self, first: int, rows: int, images: tuple[wp.array, wp.array], bends: tuple[wp.array, wp.array]) -> None:
         """One portion of sub-frames: B, then A into its holes, then the pixels that neither saw."""
         _, height, width = self._shape
-        pixels, subs = height * width, self._upsampling - 1
+        pixels = height * width
         nearest_a, nearest = self._nearest
         given = [first, self._upsampling, self._still[1]]
         wp.launch(kernels.begin, nearest[:rows].shape, given, [nearest], device=self._device)
-        envs = (first + rows - 1) // subs - first // subs + 1
         totals = [*self._sums, self._weights]
         for backward, depths in ((1, nearest), (0, nearest_a)):
             image, still = images[backward], self._still[backward]
-            place = [first, rows, self._upsampling, backward, width, height, self._moves[backward]]
+            place = [first, self._upsampling, backward, width, height, self._moves[backward]]
             place.append(bends[backward])
-            wp.launch(kernels.lower_all, (envs, pixels), place, [depths], device=self._device)
+            wp.launch(kernels.lower_all, (rows, pixels), place, [depths], device=self._device)
             given = [*place, image, self._brightest, depths]
-            wp.launch(kernels.add_all, (envs, pixels), given, totals, device=self._device)
+            wp.launch(kernels.add_all, (rows, pixels), given, totals, device=self._device)
             given = [first, self._upsampling, width, backward, image, still, self._still[0], self._brightest]
             made = [nearest, nearest_a, *totals, self._frames]
             wp.launch(kernels.resolve, (rows, pixels), given, made, device=self._device)

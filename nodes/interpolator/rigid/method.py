@@ -308,4 +308,4 @@ class Rigid:
         if isinstance(out, wp.array):
             wp.copy(out.flatten(), frames.flatten())
         else:
-            out[...] = frames.numpy().reshape(out.shape)
+            wp.copy(wp.array(out, dtype=frames.dtype, shape=frames.shape, copy=False, device="cpu"), frames)

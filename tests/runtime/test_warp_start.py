@@ -1,0 +1,23 @@
+"""Warp's native part writes about a missing GPU driver straight to stderr; nobody asked."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+CODE = """
+import os, sys
+from evis.warp_start import start_warp
+assert "warp" not in sys.modules
+os.environ["CUDA_VISIBLE_DEVICES"] = ""
+start_warp()
+start_warp()
+import warp as wp
+assert wp.get_device("cpu").is_cpu
+print("still there", file=sys.stderr)
+"""
+
+
+def test_start_says_nothing_and_gives_stderr_back():
+    done = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and done.stderr == "still there\n" and done.stdout == ""
