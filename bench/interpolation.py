@@ -158,8 +158,8 @@ def measure(quick: bool = False) -> dict[str, Any]:
         "command": "evis bench interpolation",
         "rows": [line for _, facts in everything.values() for line in facts["auto"]],
         "note": "Its own rule, and with the run time of a fixed choice wanted; each pick is run in full. ratio: its VP "
-        "error over the least of all fixed rows that take no more time, linear crossing times. Predictions are made "
-        "before the run, from two windows of the motion.",
+        "error over the least of all fixed rows that take no more time than it takes, or than was wanted; linear "
+        "crossing times. Predictions are made before the run, from two windows of the motion.",
     }
     sections["equal shading"] = {
         "title": "Error at an equal number of shaded keyframes",

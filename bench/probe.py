@@ -20,7 +20,7 @@ from bench.probe_error import Windows
 from bench.probe_setting import Grid, Setting, Way
 from bench.world import World
 from evis.clock import NS
-from nodes.interpolator.choice import BASE_RATE, Candidate
+from nodes.interpolator.choice import BASE_RATE, Candidate, with_steps_between
 
 DEAR_S = 0.02
 """Cost of a keyframe from which on the reference has half the rate [s]."""
@@ -53,7 +53,7 @@ def probe(setting: Setting, say: Say = lambda line: None) -> list[Candidate]:
         for line in windows.compare(ways):
             say(line)
         found += [_candidate(setting, way, windows, costs) for way in ways]
-    return found
+    return found if setting.upsampling else with_steps_between(found)
 
 
 def starts_of(setting: Setting, last: int) -> list[int]:

@@ -24,7 +24,7 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
 
     Events: .npz, .csv, .txt, .raw (by evis.streams). Keyframes to a folder: one EXR each (half: R, G, B as 16-bit
     floats, clamped and counted). Any other: .npz (arrays stacked over messages) or .jsonl (a message per line).
-    Raises BagError.
+    Of a torn bag what is there is written, and `problem` says what is wrong with it. Raises BagError.
     """
     out = Path(out)
     with BagReader(bag) as reader:
@@ -41,6 +41,8 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
         else:
             folder = ", or a folder for EXR files" if kind == "Keyframe" else ""
             raise BagError(f"cannot export {topic} ({kind}) to {out}: name it .npz or .jsonl{folder}")
+        if reader.problem:
+            result["problem"] = reader.problem
         if reader.skipped:
             result["damaged"] = reader.skipped
         return {"topic": topic, "out": str(out), **result}

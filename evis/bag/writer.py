@@ -21,13 +21,18 @@ TOPIC_KEY, MESSAGE_KEY, SUFFIX_KEY, ENV_KEY = "evis.topic", "evis.message", "evi
 """Metadata of a channel: our topic and message, "meta" for the closing JSON or "part", and the environment."""
 
 
+_MOST_EARLY = 1000
+"""Messages of the wall's clock that wait for the first one of another clock."""
+
+
 class BagWriter:
     """Records messages; `close` (or `with`) makes the bag whole, but it can be read at any time.
 
     path: an existing bag there is moved to `<name>.bak` (`backup`) when the new one is open. metadata: named tables of
     texts (launch file, parameters, seeds). event_encoding: `mono` (exact) or `evt3` (1 us, half the size) for decoded
     events. Messages whose clock is the wall's are filed under the newest stamp of the others, so that a simulation's
-    bag does not span half a century; their own stamps are kept.
+    bag does not span half a century; their own stamps are kept. Those that come before any other wait for it, or for
+    `close`.
     """
 
     def __init__(
@@ -54,6 +59,7 @@ class BagWriter:
         self._described: set[str] = set()
         self._envs = 1
         self._newest: int | None = None
+        self._early: list[tuple[str, Message]] = []
         self._episode: int | None = None
         for name, values in (metadata or {}).items():
             self.container.add_metadata(name, values)
@@ -72,8 +78,19 @@ class BagWriter:
     def write(self, topic: str, message: Message) -> None:
         """Record one message; its arrays are free when this returns. Raises BagError, for a full disk too."""
         message.check()
+        wall = message.header.clock == "wall"
+        # arrays are the sender's again when this returns: such a message cannot wait
+        if wall and self._newest is None and len(self._early) < _MOST_EARLY and not message.arrays():
+            self._early.append((topic, message))
+            return
+        self._add(topic, message, self._log_time(message))
+
+    def _add(self, topic: str, message: Message, log_time: int) -> None:
+        if self._early:
+            early, self._early = self._early, []
+            for at, waiting in early:
+                self._add(at, waiting, log_time)
         self._begin_episode(message.header.episode)
-        log_time = self._log_time(message)
         envs = environments.count(message)
         self._envs = max(self._envs, envs)
         envs = envs or (self._envs if environments.tabular(message) else 1)
@@ -92,6 +109,8 @@ class BagWriter:
     def close(self, metadata: Mapping[str, Mapping[str, str]] | None = None) -> None:
         """Write what is open, tables of texts that are only known now, and the index. A second call does nothing."""
         if not self.container.failure and not self.container.closed:
+            for topic, message in self._early:
+                self._add(topic, message, message.header.stamp_ns)
             for name, values in (metadata or {}).items():
                 self.container.add_metadata(name, values)
         self.container.close()

@@ -99,7 +99,19 @@ def _recover(args: argparse.Namespace) -> dict[str, Any]:
 def _export(args: argparse.Namespace) -> dict[str, Any]:
     from evis.bag.export import export
 
-    return export(args.bag, args.topic, args.out, half=args.half)
+    result = export(args.bag, args.topic, args.out, half=args.half)
+    if "problem" in result:
+        print(
+            f"evis bag export: {args.bag} is torn ({result['problem']}); what is there was exported; "
+            "`evis bag recover` makes a whole bag of it",
+            file=sys.stderr,
+        )
+    if "damaged" in result:
+        print(
+            f"evis bag export: {args.bag} is damaged; {result['damaged']} chunks or messages were left out",
+            file=sys.stderr,
+        )
+    return result
 
 
 def _record(args: argparse.Namespace) -> dict[str, Any]:

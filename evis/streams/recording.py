@@ -22,6 +22,7 @@ _FILES = (
 )  # fmt: skip
 FORMATS = tuple(f"evis.streams.files.{name}" for name in _FILES)
 """Modules with `NAME`, `matches(head, path)` and `open_file(path, options)`; recognised by content, in this order."""
+_WITH_TOPICS = frozenset(f"evis.streams.files.{n}" for n in ("hdf5", "aedat4", "rosbag1", "rosbag_db3", "rosbag_mcap"))
 WRITERS = {
     ".raw": "evis.streams.files.raw",
     ".npz": "evis.streams.files.npz",
@@ -217,6 +218,8 @@ def open_recording(
     for name in FORMATS:
         modules.append(importlib.import_module(name))
         if modules[-1].matches(head, path):
+            if topic and name not in _WITH_TOPICS:
+                raise RecordingError(f"{path}: {modules[-1].NAME} has no topics; leave out the topic '{topic}'")
             return modules[-1].open_file(path, OpenOptions(backend, size, topic))
     names = ", ".join(dict.fromkeys(m.NAME for m in modules))
     raise RecordingError(f"{path}: not a recording of a known format; known are {names}")

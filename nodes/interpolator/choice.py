@@ -11,6 +11,7 @@ The rule, over all candidates that the user's own keyframe rate and K leave:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -51,6 +52,30 @@ class Choice:
     candidate: Candidate
     why: str
     met: bool = True
+
+
+def with_steps_between(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates, and between two of one method that differ by a factor of two in K or, of dense rendering, in rate
+    three more: cost linear, error as a power of the frame rate."""
+    found = list(candidates)
+    for low in candidates:
+        for high in candidates:
+            twice = abs(high.frame_rate / low.frame_rate - 2) < 1e-6
+            alike = low.keyframe_rate == high.keyframe_rate or low.upsampling == high.upsampling == 1
+            if low.method != high.method or not twice or not alike:
+                continue
+            for step in (1.25, 1.5, 1.75):
+                if low.upsampling == high.upsampling:
+                    rate, k = low.keyframe_rate * step, 1
+                else:
+                    rate, k = low.keyframe_rate, round(low.upsampling * step)
+                if k in (low.upsampling, high.upsampling) and k > 1:
+                    continue
+                part = math.log2(rate * k / low.frame_rate)
+                error = low.error ** (1 - part) * high.error**part
+                cost = low.seconds + (high.seconds - low.seconds) * (rate * k / low.frame_rate - 1)
+                found.append(Candidate(low.method, rate, k, round(error, 6), round(cost, 6)))
+    return found
 
 
 def choose(

@@ -55,19 +55,6 @@ def instance_seen(
 
 
 @wp.kernel
-def put_poses(
-    # in
-    part: wp.array2d(dtype=wp.transformd),
-    bodies: wp.array(dtype=int),
-    # out
-    poses: wp.array2d(dtype=wp.transformd),
-):
-    """Poses [E, M] of some bodies among those of all."""
-    env, m = wp.tid()
-    poses[env, bodies[m]] = part[env, m]
-
-
-@wp.kernel
 def place_instances(
     # in
     poses: wp.array2d(dtype=wp.transformd),

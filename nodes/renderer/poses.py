@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from itertools import cycle, pairwise
 from typing import Any
@@ -11,31 +12,47 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import se3
-from nodes.renderer import pose_kernels
 
 PIECE = 1 << 19
-"""Bytes that are copied to a GPU at once."""
+"""Bytes that are checked, or copied to a GPU, at once."""
 
-MANY = 1 << 18
-"""Bytes of poses from which on those of still bodies are compared rather than checked and copied to a GPU again."""
+THREADS = 4
+"""Threads that go through large poses: one alone has not the memory's speed."""
 
 
-def check_poses(poses: np.ndarray, envs: int, names: list[str], fresh: np.ndarray | None = None) -> np.ndarray:
-    """`poses` as float64 [E, N, 7]. Raises ValueError naming the body and environment of the first bad one.
+class Shared:
+    """Work on the environments of poses, by threads where there is a lot of it for a GPU."""
 
-    fresh: indices of the bodies to look at, where the others are known to be good.
-    """
+    def __init__(self, envs: int, bodies: int, device: Any) -> None:
+        parts = min(envs, 1 + 56 * envs * bodies // PIECE)
+        edges = [envs * k // parts for k in range(parts + 1)]
+        self._parts = list(pairwise(edges))
+        self._pool = ThreadPoolExecutor(THREADS) if device.is_cuda and parts > 1 else None
+
+    def each(self, work: Callable[[int, int], bool]) -> Iterator[tuple[int, int, bool]]:
+        """(first, last, work(first, last)) of all ranges of environments, in order."""
+        results = map(work, *zip(*self._parts)) if self._pool is None else self._pool.map(work, *zip(*self._parts))
+        for (first, last), result in zip(self._parts, results):
+            yield first, last, result
+
+
+def check_poses(poses: np.ndarray, envs: int, names: list[str], shared: Shared) -> np.ndarray:
+    """`poses` as float64 [E, N, 7]. Raises ValueError naming the body and environment of the first bad one."""
     poses = np.ascontiguousarray(poses, np.float64)
     if poses.shape != (envs, len(names), 7):
         raise ValueError(
             f"poses have shape {poses.shape}; {envs} environment(s) of {len(names)} bodies need {(envs, len(names), 7)}"
         )
-    some = poses if fresh is None else poses[:, fresh]
-    flat = some.reshape(-1)
-    with np.errstate(all="ignore"):
+
+    def fine(first: int, last: int) -> bool:
         # The common case, told by one pass over all numbers and one over those that are not 0 but for half turns.
-        if np.isfinite(flat @ flat) and np.abs(some[..., 6]).min(initial=1.0) > 1e-100:
-            return poses
+        flat = poses[first:last].reshape(-1)
+        with np.errstate(all="ignore"):
+            return bool(np.isfinite(flat @ flat) and np.abs(flat[6::7]).min(initial=1.0) > 1e-100)
+
+    if all([result for _, _, result in shared.each(fine)]):
+        return poses
+    with np.errstate(all="ignore"):
         length = np.sqrt(np.einsum("eni,eni->en", poses[..., 3:], poses[..., 3:]))
     good = np.isfinite(poses).all(-1) & np.isfinite(length) & (length > 0.0)
     if not good.all():
@@ -55,91 +72,46 @@ def same_bytes(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 class Staging:
-    """Host poses to device arrays: through pinned buffers on a GPU, so that nobody waits for the copy.
+    """Host poses to device arrays: through pinned buffers on a GPU, so that nobody waits for the copy."""
 
-    still: bool [N], bodies that are expected to stay where they are. Where there are many and they do, only the others
-    are copied to a GPU.
-    """
-
-    def __init__(self, envs: int, still: np.ndarray, device: Any) -> None:
-        self._device, shape = device, (envs, len(still))
+    def __init__(self, envs: int, bodies: int, device: Any) -> None:
+        self._device, shape = device, (envs, bodies)
+        self.shared = Shared(envs, bodies, device)
         self.now = wp.zeros(shape, dtype=wp.transformd, device=device)
         self.before = wp.zeros(shape, dtype=wp.transformd, device=device)
         self.last: np.ndarray | None = None
         """What `now` holds, float64 [E, N, 7]."""
         self._views = {id(a): a.numpy() for a in (self.now, self.before)} if device.is_cpu else {}
-        # More than one of `now`, so that `last` is not written over before the next one is compared with it.
-        targets = () if device.is_cpu else (self.now, self.before)
-        self._slots = {id(a): self._buffers(3, shape) for a in targets}
-        self._last_sent: wp.Event | None = None
-        self.serial = 0
-        """Counts what has been put."""
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]])))
-        self._still = [slice(*edge) for edge in edges.reshape(-1, 2)]
-        self.moving = np.flatnonzero(~still)
-        self._partly = device.is_cuda and 2 * still.sum() >= len(still) and 56 * envs * len(still) >= MANY
-        if self._partly:
-            part = (envs, len(self.moving))
-            self._parts = self._buffers(4, part)
-            self._part = wp.zeros(part, dtype=wp.transformd, device=device)
-            self._which = wp.array(self.moving.astype(np.int32), dtype=wp.int32, device=device)
-
-    def _buffers(self, count: int, shape: tuple[int, int]) -> Iterator[tuple[wp.array, np.ndarray, wp.Event]]:
-        """Pinned buffers in turn, with their numpy views and the events after which they may be written."""
         slots = []
-        for _ in range(count):
+        # An instant takes two at most, so that `last` is not written over before the next one is compared with it.
+        for _ in range(0 if device.is_cpu else 4):
             buffer = wp.empty(shape, dtype=wp.transformd, device="cpu", pinned=True)
-            slots.append((buffer, buffer.numpy(), wp.Event(self._device)))
-            self._device.stream.record_event(slots[-1][2])
-        return cycle(slots)
+            slots.append((buffer, buffer.numpy(), wp.Event(device)))
+            device.stream.record_event(slots[-1][2])
+        self._slots = cycle(slots)
 
-    def rests(self, poses: np.ndarray) -> bool:
-        """Whether `put` need copy no still bodies of poses float64 [E, N, 7]: they are where they were."""
-        last = self.last
-        if not self._partly or last is None or poses.shape != last.shape:
-            return False
-        a, b = poses.view(np.int64), last.view(np.int64)
-        return all(np.array_equal(a[:, part], b[:, part]) for part in self._still)
-
-    def put(self, poses: np.ndarray, rests: bool = False) -> None:
-        """Checked poses into `now`; rests: as `rests` said of them, with nothing put since."""
-        self.serial += 1
-        if rests:
-            self._put_moving(poses)
-        else:
-            self.last = self._write(self.now, poses)
+    def put(self, poses: np.ndarray) -> None:
+        """Checked poses into `now`."""
+        self.last = self._write(self.now, poses)
 
     def put_before(self, poses: np.ndarray) -> None:
         """Checked poses into `before`."""
         self._write(self.before, poses)
-
-    def _put_moving(self, poses: np.ndarray) -> None:
-        buffer, view, sent = next(self._parts)
-        wp.synchronize_event(sent)
-        np.take(poses, self.moving, axis=1, out=view, mode="clip")
-        wp.copy(self._part, buffer)
-        self._device.stream.record_event(sent)
-        inputs = [self._part, self._which, self.now]
-        wp.launch(pose_kernels.put_poses, dim=self._part.shape, inputs=inputs, device=self._device)
-        if self._last_sent is not None and self.last is not None:
-            # Long since done, but for the first time after all were copied from there.
-            wp.synchronize_event(self._last_sent)
-            self.last[:, self.moving] = view
 
     def _write(self, target: wp.array, poses: np.ndarray) -> np.ndarray:
         if self._views:
             view = self._views[id(target)]
             view[...] = poses
             return view
-        buffer, view, sent = next(self._slots[id(target)])
-        if target is self.now:
-            self._last_sent = sent
+        buffer, view, sent = next(self._slots)
         wp.synchronize_event(sent)
-        # In pieces, so that one is on its way while the next is written.
-        parts = min(len(poses), 1 + poses.nbytes // PIECE)
-        edges = [len(poses) * k // parts for k in range(parts + 1)]
-        for first, last in pairwise(edges):
+
+        def write(first: int, last: int) -> bool:
             view[first:last] = poses[first:last]
+            return True
+
+        # In pieces, so that one is on its way while the next is written.
+        for first, last, _ in self.shared.each(write):
             start, count = first * poses.shape[1], (last - first) * poses.shape[1]
             wp.copy(target, buffer, start, start, count)
         self._device.stream.record_event(sent)
@@ -151,18 +123,10 @@ class Frames:
 
     bodies: poses float64 [E, N, 7]; index: of the camera's body; on: body of each instance int64 [I] (-1 = world);
     rest: rotations float64 [I, 3, 3] and translations float64 [I, 3] of the instances in their bodies' frames.
-    resting: Staging.serial while the still bodies are known to be where they were, or -1.
     """
 
-    def __init__(
-        self,
-        bodies: np.ndarray,
-        index: int,
-        on: np.ndarray,
-        rest: tuple[np.ndarray, np.ndarray],
-        resting: int = -1,
-    ) -> None:
-        self.bodies, self._index, self._on, self._rest, self.resting = bodies, index, on, rest, resting
+    def __init__(self, bodies: np.ndarray, index: int, on: np.ndarray, rest: tuple[np.ndarray, np.ndarray]) -> None:
+        self.bodies, self._index, self._on, self._rest = bodies, index, on, rest
 
     @cached_property
     def camera(self) -> np.ndarray:

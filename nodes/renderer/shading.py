@@ -26,6 +26,9 @@ CACHED_LIGHTS = 32
 if TYPE_CHECKING:
     from nodes.renderer.path import PathOptions, Paths
 
+SHADE_BLOCK = 128
+"""Threads of a block that shades: fewer than usual wait for the slowest of them."""
+
 LIST_WORKERS = 1 << 17
 """Threads that share a list of pixels on a GPU."""
 
@@ -155,7 +158,7 @@ class Shading:
                 dim = v.tiles if self._tiled else (envs, row1 - row0, width // v.span)
                 return dim, [v.view, row0, bands[row0], v.span, *shared]
 
-            v.bands.launch(kernel, arguments, self.device)
+            v.bands.launch(kernel, arguments, self.device, SHADE_BLOCK)
 
         self._run(launch, radiance, False)
 

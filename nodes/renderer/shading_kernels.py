@@ -27,7 +27,6 @@ wp.set_module_options({"enable_backward": False})
 LARGEST_HALF = wp.constant(65504.0)
 """The largest float16."""
 
-REGISTERS: int | None = None
 PI = wp.constant(wp.pi)
 
 
@@ -295,7 +294,7 @@ def make_shade(
                             cached_colour[env, y, x] = unhid
         write(env, y, x, band, colour, radiance, not_finite, clipped)
 
-    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=REGISTERS)
+    @wp.kernel(module="unique", enable_backward=False)
     def shade(
         # in
         view: View,

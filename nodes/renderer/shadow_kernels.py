@@ -21,7 +21,8 @@ def make_shadow_rays(directional: bool, point: bool, spot: bool, trees: bool) ->
     towards, idle = make_directions(directional, point, spot)
     occluded, _ = make_occlusion(trees, False)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    # Somewhat fewer registers than it would take let more rays run at once.
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=96)
     def shadow_rays(
         # in
         view: View,

@@ -75,7 +75,7 @@ class Visibility:
         self._still_drawn = -1
         self._layer = self.empty(self.shape if self._layered else (0, 0, 0), wp.uint64)
         self._still_bodies = np.array([is_static(scene, k) for k in range(len(self.names))], bool)
-        self._staging = Staging(envs, self._still_bodies, self.device)
+        self._staging = Staging(envs, len(self.names), self.device)
         self.poses = self._staging.now
         order = np.concatenate([np.argsort(~still, kind="stable"), [count]])
         self._still_count = int(still.sum())
@@ -92,12 +92,9 @@ class Visibility:
 
     def frames(self, poses: np.ndarray) -> Frames:
         """Poses float64 [E, N, 7], checked. Raises ValueError naming a body."""
-        geometry, staging = self.geometry, self._staging
-        poses = np.ascontiguousarray(poses, np.float64)
-        rests = staging.rests(poses)
-        poses = check_poses(poses, self.envs, self.names, staging.moving if rests else None)
-        rest = geometry.rotation, geometry.translation
-        return Frames(poses, self.camera_body, geometry.body, rest, staging.serial if rests else -1)
+        geometry = self.geometry
+        poses = check_poses(poses, self.envs, self.names, self._staging.shared)
+        return Frames(poses, self.camera_body, geometry.body, (geometry.rotation, geometry.translation))
 
     def update(self, poses: np.ndarray | Frames) -> Frames:
         """Fill `packed` for body poses float64 [E, N, 7]. On a GPU nothing is waited for."""
@@ -115,8 +112,7 @@ class Visibility:
         """
         staging, now = self._staging, frames.bodies
         last = staging.last
-        rests = frames.resting == staging.serial
-        still_same = last is not None and (self._layered if rests else self._still_same(last, now))
+        still_same = last is not None and self._still_same(last, now)
         self.still_place += not still_same
         self.moved = self.still_displaced = False
         if previous is not None and not same_bytes(previous, now):
@@ -125,10 +121,10 @@ class Visibility:
                 self.still_displaced = not still_same
                 wp.copy(staging.before, staging.now)
             else:
-                previous = check_poses(previous, self.envs, self.names)
+                previous = check_poses(previous, self.envs, self.names, staging.shared)
                 self.still_displaced = not self._still_same(previous, now)
                 staging.put_before(previous)
-        staging.put(now, rests)
+        staging.put(now)
 
     @property
     def last(self) -> np.ndarray | None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from nodes.interpolator.choice import Candidate, choose
+from nodes.interpolator.choice import Candidate, choose, with_steps_between
 
 DENSE_FAST = Candidate("none", 250, 1, 0.50, 1.0)
 DENSE = Candidate("none", 1000, 1, 0.10, 4.0)
@@ -65,3 +65,17 @@ def test_nonsense_has_one_clear_line():
         choose([])
     with pytest.raises(ValueError, match="wanted_error is -1"):
         choose(ALL, -1.0)
+
+
+def test_between_two_that_were_measured_the_error_is_a_power_of_the_frame_rate():
+    """Error 1 / rate^2 and cost 1 + rate / 1000: what lies between is on the same curve."""
+    measured = [Candidate("rigid", 100, k, 4.0 / k**2, 1 + k / 10) for k in (4, 8)]
+    dense = [Candidate("none", rate, 1, 0.1, 1.0) for rate in (500, 1000)]
+    found = with_steps_between([*measured, *dense, Candidate("splat", 50, 8, 0.5, 1.0)])
+    assert [c.upsampling for c in found if c.method == "rigid"] == [4, 8, 5, 6, 7]
+    assert [c.keyframe_rate for c in found if c.method == "none"] == [500, 1000, 625, 750, 875]
+    assert sum(c.method == "splat" for c in found) == 1
+    for c in found:
+        if c.method == "rigid":
+            assert c.error == pytest.approx(4.0 / c.upsampling**2, rel=1e-4)
+            assert c.seconds == pytest.approx(1 + c.upsampling / 10)

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 import warp as wp
-from renderer_scenes import ALL, Still, at, camera, poses, quad, scene, sphere
+from renderer_scenes import ALL, at, camera, poses, quad, scene, sphere
 
 from evis.scene.model import WORLD, Light, Material
 from nodes.renderer.renderer import Renderer
+from nodes.renderer.visibility import Visibility
 
 pytestmark = [
     pytest.mark.gpu,
@@ -83,28 +84,14 @@ def test_cuda_equals_cpu_with_trees_and_a_moving_camera(envs):
     compare(crowd(), [np.concatenate([crowded(k, e) for e in range(envs)]) for k in range(5)], envs)
 
 
-def test_cuda_uploads_what_moves_alone(monkeypatch):
-    """Still bodies that stay, are moved after all, and stay again, against a renderer that uploads everything."""
-    monkeypatch.setattr("nodes.renderer.poses.MANY", 0)
-    wall = quad(3, 3)
-    wall.vertices[:, 2] = 2.0
-    meshes = [(wall, WORLD, 0), *((sphere(0.3, 16), body, 0) for body in range(4))]
-    world = scene(meshes, 4, [Material("grey", np.full(3, 0.5), two_sided=True)], [], camera(160, 120, 120.0))
-    for body in world.bodies[1:4]:
-        body.trajectory = Still()
-
-    def instant(k, shift):
-        return poses(at(0.1 * k, 0, 1.5), *(at(0.3 * n - 0.3 + shift, 0.4, 1.4) for n in range(3)), at(0, 0, 0))
-
-    partly = Renderer(world, world.cameras[0], envs=1, device="cuda")
-    run = [instant(k, 0.1 * (k // 4 % 2)) for k in range(14)]
-    before = None
-    for k, now in enumerate(run):
-        whole = Renderer(world, world.cameras[0], envs=1, device="cuda")
-        # Sometimes the last instant, sometimes another one, which is uploaded on its own.
-        previous = before if k % 3 else None if before is None else run[0]
-        got, expected = (r.render(now, previous, ALL) for r in (partly, whole))
-        assert np.array_equal(partly.visibility.poses.numpy(), now)
-        for name in ALL:
-            assert np.array_equal(got[name], expected[name]), (k, name)
-        before = now
+def test_cuda_takes_large_poses_in_parts(monkeypatch):
+    """Poses that threads check and copy piece by piece arrive as they are, and a bad one among them is named."""
+    monkeypatch.setattr("nodes.renderer.poses.PIECE", 100)
+    view = Visibility(crowd(), crowd().cameras[0], envs=5, device="cuda")
+    for k in range(6):
+        now = np.concatenate([crowded(k, e) for e in range(5)])
+        view.update(now)
+        assert np.array_equal(view.poses.numpy(), now)
+    now[3, 7, 2] = np.nan
+    with pytest.raises(ValueError, match=r"body 'body7' is not finite \(environment 3\)"):
+        view.update(now)

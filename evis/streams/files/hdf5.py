@@ -42,7 +42,7 @@ class Hdf5Recording(BlockRecording):
         self.info = RecordingInfo(str(path), "hdf5", "", 0, 0, "", path.stat().st_size)
         self._file = self._open()
         try:
-            with self._named():
+            with self._named(self._cut()):
                 self._layout: Layout = find_layout(self._file, options.topic, self.info, options.backend)
             self.info.encoding = self._layout.name
             if not take_size(self.info, options):
@@ -71,12 +71,17 @@ class Hdf5Recording(BlockRecording):
         try:
             return h5py.File(self._source_file or self._path, "r")
         except (OSError, RuntimeError, ValueError, OverflowError) as error:
-            what = "cut before its table of contents" if self.info.truncated else f"damaged HDF5 file ({_short(error)})"
-            raise RecordingError(f"{self._path}: {what}; there is no event to be had") from None
+            if self.info.truncated:
+                raise RecordingError(f"{self._path}: {self._cut()}") from None
+            raise RecordingError(f"{self._path}: damaged HDF5 file ({_short(error)}); no event can be read") from None
+
+    def _cut(self) -> str:
+        at = f"it has {self.info.size_bytes} of its {end_of_file(self._path)} bytes"
+        return f"cut before what tells where its events are ({at}); there is no event to be had"
 
     @contextlib.contextmanager
-    def _named(self) -> Iterator[None]:
-        """Errors of the library as one line with the file's name."""
+    def _named(self, cut: str = "this part lies behind the cut") -> Iterator[None]:
+        """Errors of the library as one line with the file's name; of a file that is cut, `cut` in their place."""
         try:
             yield
         except RecordingError:
@@ -86,8 +91,8 @@ class Hdf5Recording(BlockRecording):
                 raise
             missing = "can't open directory" in str(error) or "filter" in str(error)
             remedy = "; its compression needs: pip install 'evis[files]'" if missing else ""
-            cut = "cut; " if self.info.truncated else ""
-            raise RecordingError(f"{self._path}: {cut}{_short(error)}{remedy}") from None
+            what = cut if self.info.truncated and not missing else _short(error)
+            raise RecordingError(f"{self._path}: {what}{remedy}") from None
 
     def _load(self) -> Iterator[Events]:
         return self._load_at(0)

@@ -36,13 +36,18 @@ class Layout:
 
 
 def find_layout(file: h5py.File, topic: str, info: RecordingInfo, backend: str) -> Layout:
-    """The layout of an open file. topic: the group with the events, where there are several. Raises RecordingError."""
-    if isinstance(table := _get(file, "CD/events"), h5py.Dataset) and table.dtype.names and not topic:
+    """The layout of an open file. topic: the group with the events, where there are several.
+
+    Raises RecordingError, and ValueError where there are no events.
+    """
+    table = _get(file, "CD/events")
+    compound = isinstance(table, h5py.Dataset) and bool(table.dtype.names)
+    if compound and topic.strip("/") in ("", "CD", "CD/events"):
         return _prophesee(file, table, backend)
-    groups: list[str] = []
+    groups: list[str] = ["CD/events"] if compound else []
     file.visititems(lambda name, item: groups.append(name) if _holds_events(item) else None)
     if not groups:
-        raise RecordingError(f"{info.path}: an HDF5 file without events: no CD/events, no x, y, t, p, no N x 4 events")
+        raise ValueError("an HDF5 file without events: no CD/events, no x, y, t, p, no N x 4 events")
     if topic and topic not in groups:
         raise RecordingError(f"{info.path}: no events in '{topic}'; they are in {', '.join(groups)}")
     name = topic or groups[0]

@@ -58,13 +58,15 @@ class RosRecording(BlockRecording):
             self.topic = next(iter(topics))
             if len(topics) > 1:
                 self.info.warn(f"events on {', '.join(topics)}: these are of {self.topic}")
-        self._learn()
+        self._learn(options.topic, topics)
         if not take_size(self.info, options) and not self.info.width:
             self._size_from_events()
         self._counts = {}
 
-    def _learn(self) -> None:
+    def _learn(self, asked: str, topics: dict[str, str]) -> None:
+        met = False
         for message in self._messages():
+            met = True
             try:
                 if message.type in PACKETS:
                     packet = read_packet(message.data, message.cdr, message.cut)
@@ -77,6 +79,8 @@ class RosRecording(BlockRecording):
             if 0 < size[0] <= _MAX_SIDE and 0 < size[1] <= _MAX_SIDE:
                 (self.info.width, self.info.height), self.info.geometry_from = size, "file"
             return
+        if not met and asked and not topics:
+            raise RecordingError(f"{self.info.path}: no events on '{asked}', nor on any other topic")
 
     def _load(self) -> Iterator[Events]:
         reader = _Reader(self)

@@ -126,7 +126,10 @@ class EvisBagRecording(BlockRecording):
         self.info = RecordingInfo(str(path), "mcap", "evis", 0, 0, "file", path.stat().st_size)
         try:
             if not topics:
-                raise RecordingError(f"{path}: a bag without events; its topics are {', '.join(self._reader.topics)}")
+                others = ", ".join(self._reader.topics)
+                has = f"; its topics are {others}" if others else " and without any other topic"
+                torn = f" (torn: {self._reader.problem})" if self._reader.problem else ""
+                raise RecordingError(f"{path}: a bag without events{has}{torn}")
             if options.topic and options.topic not in topics:
                 raise RecordingError(f"{path}: no events on '{options.topic}'; they are on {', '.join(topics)}")
             self._topic = options.topic or topics[0]
