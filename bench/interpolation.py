@@ -107,7 +107,7 @@ def run_scene(name: str, quick: bool) -> tuple[list[Row], dict[str, Any]]:
         rows += [Row(method, rate, k, c, run, errors(run.streams[c], truth)) for c in CROSSINGS]
     camera = world.scene.camera("cam0")
     dense = next(r.run for r in rows if r.method == "none" and r.rate == 1000)
-    facts = {
+    facts: dict[str, Any] = {
         "seconds": duration_ns / NS,
         "pixels": camera.width * camera.height,
         "events": len(truth.t),

@@ -65,7 +65,9 @@ def describe(path: str | Path) -> dict[str, Any]:
     with BagReader(path) as reader:
         topics = _count(reader)
         _count_raw_events(reader, topics)
-        spans = [t.span for t in topics.values() if t.span]
+        # diagnostics alone carry the wall's time: they do not count beside the time of what was recorded
+        timed = [t for t in topics.values() if t.span and t.message != "Diagnostics"]
+        spans = [t.span for t in timed or topics.values() if t.span]
         start, end = min((s[0] for s in spans), default=0), max((s[1] for s in spans), default=0)
         problem = reader.problem or (f"damaged: {reader.first_problem}" if reader.skipped else "")
         return {

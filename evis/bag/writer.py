@@ -81,6 +81,7 @@ class BagWriter:
         wall = message.header.clock == "wall"
         # arrays are the sender's again when this returns: such a message cannot wait
         if wall and self._newest is None and len(self._early) < _MOST_EARLY and not message.arrays():
+            ros_time(message.header.stamp_ns)  # raises for what no bag can hold
             self._early.append((topic, message))
             return
         self._add(topic, message, self._log_time(message))
@@ -109,7 +110,8 @@ class BagWriter:
     def close(self, metadata: Mapping[str, Mapping[str, str]] | None = None) -> None:
         """Write what is open, tables of texts that are only known now, and the index. A second call does nothing."""
         if not self.container.failure and not self.container.closed:
-            for topic, message in self._early:
+            early, self._early = self._early, []
+            for topic, message in early:
                 self._add(topic, message, message.header.stamp_ns)
             for name, values in (metadata or {}).items():
                 self.container.add_metadata(name, values)

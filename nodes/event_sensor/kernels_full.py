@@ -2,9 +2,8 @@
 """The sensor with curves between frames and with faults, in the order of time; only what is asked for is compiled.
 
 A pixel's life inside a step goes from one happening to the next: a crossing, a candidate of its noise process, the end
-of its dead time, the end of the step. Leak is a drift of the reference, here of the signal instead, S(t) = L(t) +
-rate C_on (t - origin), against a reference that stands still, so that crossings stay roots of the same polynomial. A
-noise event resets the pixel as any event does: the reference becomes S at its time.
+of its dead time, the end of the step. Leak moves the signal here, S(t) = L(t) + rate C_on (t - origin), and not the
+reference, so that crossings stay roots of the same polynomial. A noise event resets the pixel: its reference becomes S.
 """
 
 from functools import lru_cache
@@ -185,9 +184,12 @@ def sense_pixel(features: Features) -> Any:
                         dead = ALIVE
                         candidate = NEVER
                         draws = wp.int64(0)
-                        if wp.static(noise):
+                        if wp.static(leak or noise):
                             stream = pieces.stream_here(sensor, env, inner, episodes, k)
                             named = True
+                        if wp.static(leak):
+                            origin = pieces.leak_origin(stream, own_leak, now)
+                        if wp.static(noise):
                             if rate > zero:
                                 candidate = now + waiting_time(draw(stream, wp.int64(0)), rate)
                         l_earlier = NOWHERE

@@ -11,6 +11,8 @@ wp.set_module_options({"enable_backward": False})
 
 GOLDEN = wp.constant(wp.uint64(0x9E3779B97F4A7C15))
 NEVER = wp.constant(wp.int64(0x7FFFFFFFFFFFFFFF))
+PHASE = wp.constant(wp.int64(-1))
+"""The draw that is the phase of a pixel's leak; those from 0 on are the noise's."""
 LONGEST = wp.constant(wp.float64(4.0e18))
 """Longest waiting time [ns], so that a stamp of up to 2^62 ns and a wait add up without overflow."""
 

@@ -67,7 +67,7 @@ class Cold:
     base: wp.float64
     net: wp.int32
     n_off: wp.int32
-    origin: wp.int64  # where the leak's drift is zero
+    origin: wp.int64  # where the leak's drift is zero: the last reset before the episode
     dead: wp.int64  # end of the dead time
     next: wp.int64  # next candidate of the noise process
     draws: wp.int64  # its number

@@ -8,7 +8,7 @@ import warp as wp
 
 from nodes.event_sensor.kernels import LARGEST, TOLERANCE, UNKNOWN_SLOPES, Sensor, band, least, log_level, valid
 from nodes.event_sensor.kernels_curve import SHARPNESS, butland, cubic_slopes, end_slopes, known_slopes, parabola_bend
-from nodes.event_sensor.kernels_noise import LONGEST, NEVER, draw, mix, stream_of, uniform, waiting_time
+from nodes.event_sensor.kernels_noise import LONGEST, NEVER, PHASE, draw, mix, stream_of, uniform, waiting_time
 from nodes.event_sensor.kernels_quiet import Quiet
 from nodes.event_sensor.kernels_state import NOWHERE, Features, Hot
 
@@ -67,6 +67,16 @@ def coin_time(stream: wp.uint64, leak: wp.float32, start: wp.int64, now: wp.int6
         place = uniform(mix(bits)) * length
         when = start + wp.int64(1) + wp.int64(wp.min(place, wp.float64(now - start - wp.int64(1))))
     return when
+
+
+@wp.func
+def leak_origin(stream: wp.uint64, leak: wp.float32, now: wp.int64):
+    """When a pixel whose episode begins at `now` was last reset by its leak [Hz]: less than 1 / leak before."""
+    origin = now
+    if leak > 0.0:
+        age = uniform(draw(stream, PHASE)) / wp.float64(leak) * wp.float64(1.0e9)
+        origin = now - wp.int64(wp.min(age, LONGEST))
+    return origin
 
 
 @wp.func

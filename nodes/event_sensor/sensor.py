@@ -6,11 +6,17 @@ the frames.
 
 Noise. Every event resets the pixel, as in silicon: after a shot, hot-pixel or coin event the reference is L at its
 time, so that no later crossing is lost and no pixel goes deaf, and noise shifts the signal's events as it does in a
-real pixel. After a refractory period, in which the pixel is held in reset, the reference is L at the period's end. A
-leak lets the reference fall at leak_rate x threshold_on; it and the signal share one crossing. Shot noise and hot
-pixels are one Poisson process per pixel in continuous time, thinned with the light at each candidate's time (linear
-between frames); their polarity is drawn evenly. Nothing of this knows the frame rate. All pixels of an episode begin
-with their reference at its first frame, so that a leak without jitter or mismatch fires in step.
+real pixel. After a refractory period, in which the pixel is held in reset, the reference is L at the period's end. Shot
+noise and hot pixels are one Poisson process per pixel in continuous time, thinned with the light at each candidate's
+time (linear between frames); their polarity is drawn evenly. Nothing of this knows the frame rate.
+
+Leak. The reference falls at leak_rate x threshold_on; it and the signal share one crossing. A pixel that leaks was last
+reset at some time before the episode: with leak alone in the light of the first frame u / leak_rate before, u uniform
+in [0, 1), one number per pixel and episode. So its reference begins u x threshold_on below the first frame, where a
+pixel without leak has it at the first frame; in constant light the first event comes within (0, 1 / leak_rate] and the
+rate is leak_rate from the start. As there is one reference, the signal meets it too, then as at any later time: a rise
+by a x threshold_on fires floor(a + u) ON events, a on average, and a fall by as much floor(a - u) OFF events where the
+thresholds are equal. A drift that shares its crossing with the signal can have its phase nowhere else.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ SAME = {
     "frame stamps": {"crossing": "frame"},
     "monotone": {"crossing": "monotone"},
     "defocus": {"defocus_px": 0.7},
-    "leak in step": {"leak_rate": 300},
+    "leak": {"leak_rate": 300},
     "six faults": ALL_FAULTS,
     "cap": {"event_cap": 1},
     "the paper's ideal": {"model": "evis-paper"},

@@ -89,27 +89,115 @@ def test_refractory_longer_than_the_run():
 # -- leak --------------------------------------------------------------------------------------------------------------
 
 
+def by_pixel(events, width, pixels):
+    """Times and polarities of each pixel's events: `pixels` pairs of arrays."""
+    index = events["y"].astype(int) * width + events["x"]
+    order = np.lexsort((events["t"], index))
+    cuts = np.cumsum(np.bincount(index, minlength=pixels))[:-1]
+    return list(zip(np.split(events["t"][order], cuts), np.split(events["p"][order], cuts)))
+
+
+def leaked_before(rate, shape, **params):
+    """u [pixels] in [0, 1): thresholds that have leaked at the first frame, as the first event in constant light tells."""
+    frames, t = constant(0.7, 100, 1.1 / rate, shape)
+    events = simulate_frames(frames, t, leak_rate=rate, **params)
+    return np.array([1 - times[0] * 1e-9 * rate for times, _ in by_pixel(events, shape[1], math.prod(shape))])
+
+
 @pytest.mark.parametrize("step_ms", [0.1, 10, 700])
 def test_leak_fires_on_events_at_its_rate(step_ms):
-    """5 Hz: at 200, 400, ... ms in every pixel, whatever the frames."""
-    frames, t = constant(0.7, step_ms, 2.1, (3, 4))
+    """5 Hz: every 200 ms from within the first 200 to within the last 200, whatever the frames."""
+    frames, t = constant(0.7, step_ms, 2.1, (6, 8))
     events = simulate_frames(frames, t, leak_rate=5)
-    end = t[-1] / MS
-    one = events["t"][(events["x"] == 1) & (events["y"] == 2)]
-    assert (events["p"] == 1).all() and len(events["t"]) == 12 * math.floor(end / 200 + 1e-9)
-    assert np.abs(one / MS - 200 * np.arange(1, len(one) + 1)).max() < 2e-6
+    assert (events["p"] == 1).all()
+    for times, _ in by_pixel(events, 8, 48):
+        assert 0 < times[0] <= 200 * MS and t[-1] - 200 * MS - 2 <= times[-1] <= t[-1]
+        assert np.abs(times - times[0] - 200 * MS * np.arange(len(times))).max() <= 2
+
+
+@pytest.mark.parametrize("seconds", [0.09, 0.99, 1.0, 1.99, 2.13])
+def test_leak_has_its_rate_in_a_run_of_any_length(seconds):
+    """A pixel has floor(5 T + u) events, u uniform: 5 T on average, with the variance f (1 - f) of its fraction f."""
+    frames, t = constant(0.7, 10, seconds)
+    events = simulate_frames(frames, t, leak_rate=5, seed=11)
+    fraction = 5 * seconds % 1
+    deviation = math.sqrt(2000 * fraction * (1 - fraction))
+    assert abs(len(events["t"]) - 2000 * 5 * seconds) <= 4.5 * deviation + 1
+
+
+def test_leak_phases_are_uniform_and_each_pixels_own():
+    u = leaked_before(5, (40, 50))
+    assert u.min() >= 0 and u.max() < 1
+    assert np.abs(np.sort(u) - (np.arange(2000) + 0.5) / 2000).max() < 2.2 / math.sqrt(2000)  # Kolmogorov, 1e-4
+    grid = u.reshape(40, 50)
+    others = [leaked_before(5, (40, 50), seed=1), leaked_before(5, (40, 50), channels=1, seed=2**40)]
+    pairs = [(grid[:, 1:], grid[:, :-1]), (grid[1:], grid[:-1]), *((u, other) for other in others)]
+    for a, b in pairs:
+        assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 4.5 / math.sqrt(a.size)
+
+
+def test_leak_phases_are_new_in_every_episode():
+    """The same in a sensor that begins with that episode; the first frame never fires."""
+    frames, t = constant(0.5, 10, 0.3)
+    frames = np.ascontiguousarray(frames)[None]
+    sensor = EventSensor(40, 50, leak_rate=5, seed=1)
+    a, b = (sensor.process(frames, t, np.array([e])) for e in range(2))
+    firsts = []
+    for packet in (a, b):
+        assert packet.t.min() > t[0]
+        first = np.full(2000, t[-1])
+        np.minimum.at(first, packet.y.astype(int) * 50 + packet.x, packet.t)
+        firsts.append(first)
+    assert first.max() <= 200 * MS and abs(np.corrcoef(*firsts)[0, 1]) < 4.5 / math.sqrt(2000)
+    again = EventSensor(40, 50, leak_rate=5, seed=1).process(frames, t, np.array([1]))
+    assert again.t.tolist() == b.t.tolist() and again.x.tolist() == b.x.tolist()
 
 
 @pytest.mark.parametrize("slope,on,off", [(5.0, 0.2, 0.2), (-5.0, 0.2, 0.2), (-2.0, 0.1, 0.25), (0.0, 0.3, 0.2)])
-def test_leak_and_a_ramp_share_one_crossing(slope, on, off):
-    """The reference falls at leak_rate C_on: the difference moves at slope + leak_rate C_on."""
+@pytest.mark.parametrize("crossing", ["linear", "cubic"])
+def test_leak_and_a_ramp_share_one_crossing(slope, on, off, crossing):
+    """The reference begins u C_on low and falls at leak_rate C_on: the difference is u C_on + (slope + leak_rate C_on) t.
+
+    ON at (k - u) C_on / speed, OFF at (k C_off + u C_on) / speed, k = 1, 2 ...
+    """
     frames, t = ramp(slope, 1.0, 3)
-    events = simulate_frames(frames, t, leak_rate=4, threshold_on=on, threshold_off=off)
+    frames = np.broadcast_to(frames, (len(t), 4, 5))
+    thresholds = {"threshold_on": on, "threshold_off": off, "seed": 3}
+    events = simulate_frames(frames, t, leak_rate=4, crossing=crossing, **thresholds)
     speed = slope + 4 * on
-    want = np.arange(1, len(events["t"]) + 1) * (on if speed > 0 else off) / abs(speed)
-    assert len(want) == math.floor(t[-1] * 1e-9 * abs(speed) / (on if speed > 0 else off) + 1e-6)
-    assert (events["p"] == (speed > 0)).all()
-    assert np.abs(events["t"] * 1e-9 - want).max() < 1e-6 / abs(speed)
+    for u, (times, polarities) in zip(leaked_before(4, (4, 5), **thresholds), by_pixel(events, 5, 20)):
+        k = np.arange(1, 100)
+        want = (k - u) * on / speed if speed > 0 else (k * off + u * on) / -speed
+        # Stamps are known to 1e-6 / speed; the last may fall on either side of the end.
+        least = np.count_nonzero(want < t[-1] * 1e-9 - 2e-6 / abs(speed))
+        assert least <= len(times) <= np.count_nonzero(want < t[-1] * 1e-9 + 2e-6 / abs(speed))
+        assert (polarities == (speed > 0)).all()
+        assert np.abs(times * 1e-9 - want[: len(times)]).max() < 2e-6 / abs(speed)
+
+
+@pytest.mark.parametrize("crossing", ["frame", "linear", "monotone"])
+def test_a_leaking_pixel_meets_the_signal_where_its_reference_lies(crossing):
+    """A rise by 2.3 C fires floor(2.3 + u) and the fall back as many less one; a fall fires floor(2.3 - u), u uniform.
+
+    A leak of 10 uHz does nothing in 10 ms but says where the reference lies; without leak it is 2 and 2.
+    """
+    rise = np.exp(0.2 * np.array([0, 2.3, 0]))
+    t = np.arange(3) * 5 * MS
+    counts = {}
+    for name, light in (("rise", rise), ("fall", 1 / rise)):
+        for rate in (0, 1e-5):
+            frames = light[:, None, None] * np.ones((3, 40, 50))
+            events = simulate_frames(frames, t, leak_rate=rate, threshold=0.2, crossing=crossing, seed=5)
+            pixels = by_pixel(events, 50, 2000)
+            counts[name, rate] = [np.array([np.count_nonzero(p == s) for _, p in pixels]) for s in (1, 0)]
+    for name, first in (("rise", 0), ("fall", 1)):
+        assert all((n == 2).all() for n in counts[name, 0])
+    on, off = counts["rise", 1e-5]
+    assert set(on.tolist()) == {2, 3} and (off == on - 1).all()
+    assert abs((on == 3).mean() - 0.3) < 4.5 * math.sqrt(0.3 * 0.7 / 2000)
+    back, down = counts["fall", 1e-5]
+    assert set(down.tolist()) == {1, 2} and (back == down + 1).mean() > 0.9
+    assert abs((down == 2).mean() - 0.3) < 4.5 * math.sqrt(0.3 * 0.7 / 2000)
 
 
 def test_leak_jitter_is_a_spread_over_pixels():

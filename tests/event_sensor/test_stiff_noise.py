@@ -74,13 +74,27 @@ def test_shot_noise_falls_with_light_and_ends_at_white():
         assert abs(n - expected) <= 5 * math.sqrt(expected)
 
 
-@pytest.mark.parametrize("fps", [10, 100, 10_000])
-def test_leak_has_its_rate_at_any_frame_rate(fps):
-    """5 Hz: ON events at 0.2, 0.4 ... s in every pixel."""
-    images, t = constant(fps, 1.1, 2, 3)
-    events = run(images, t, leak_rate=5.0)
-    assert (events["p"] == 1).all() and len(events["t"]) == 5 * 6
-    np.testing.assert_allclose(events["t"], np.repeat(np.arange(1, 6) * 200 * MS, 6), atol=2)
+def test_leak_is_the_same_at_any_frame_rate():
+    """5 Hz for 1.1 s: floor(5.5 + u) ON events in every pixel, u uniform; the same events at any frame rate."""
+    runs = [run(*constant(fps, 1.1, 20, 30), leak_rate=5.0) for fps in (10, 100, 10_000)]
+    for events in runs:
+        pixel = events["y"].astype(int) * 30 + events["x"]
+        order = np.lexsort((events["t"], pixel))
+        np.testing.assert_allclose(np.diff(events["t"][order])[np.diff(pixel[order]) == 0], 200 * MS, atol=2)
+        counts = np.bincount(pixel, minlength=600)
+        assert (events["p"] == 1).all() and set(counts.tolist()) == {5, 6}
+        assert abs(counts.mean() - 5.5) < 5 * 0.5 / math.sqrt(600)
+        events["t"] = events["t"][order]
+    for other in runs[1:]:
+        np.testing.assert_allclose(other["t"], runs[0]["t"], atol=2)
+
+
+@pytest.mark.parametrize("fps,count,size", [(100, 100, 50), (10_000, 10_000, 15), (100, 200, 50)])
+def test_leak_has_its_rate_from_the_first_frame_on(fps, count, size):
+    """Of T seconds each pixel has floor(5 T + u) events: 5 Hz on average, deviation 0.5 at most."""
+    images, t = constant(fps, (count - 1) / fps, size, size)
+    n = len(run(images, t, leak_rate=5.0, seed=3)["t"])
+    assert len(t) == count and abs(n - 5.0 * size**2 * t[-1] * 1e-9) < 5 * 0.5 * size
 
 
 def test_leak_shares_the_crossings_with_the_signal():

@@ -43,6 +43,9 @@ _LEGAL = {
 _NAMES = {"evt2": "2.0", "evt21": "2.1", "evt21_legacy": "2.1", "evt3": "3.0"}
 _COUNTERS = {"outside": "events_outside", "untimed": "words_before_time", "unknown": "words_unknown"}
 _MARK_BYTES = 4 << 20
+_CHECKED = 1 << 20
+"""Bytes whose words are checked against the header's encoding."""
+_MOST_LEGAL = 0.98
 _MAX_HEADER = 1 << 20
 _MAX_LINE = 4096
 _PRINTABLE = re.compile(rb"[\t\x20-\x7e]*")
@@ -102,6 +105,7 @@ class RawRecording(Recording):
         if not _KEYS & header.keys():
             raise RecordingError(f"{path}: damaged RAW header: none of {', '.join(sorted(_KEYS))} in it")
         encoding = _encoding(header)
+        told = encoding
         if not encoding:
             encoding = guess_encoding(self._file.read(1 << 16))
             self._file.seek(self._start)
@@ -114,6 +118,8 @@ class RawRecording(Recording):
         self.info.serial = header.get("serial_number", "")
         self.info.sensor = header.get("sensor_name", header.get("sensor_generation", ""))
         self._decoder = decoder_for(encoding, 0, 0, self._backend)
+        if told:
+            self._check_encoding()
         rest = (size - self._start) % self._decoder.word.itemsize
         if rest:
             self.info.truncated = True
@@ -125,6 +131,25 @@ class RawRecording(Recording):
         self._marks: list[_Mark] = []
         self._set_geometry(header, options)
         self._decoder = decoder_for(encoding, self.info.width, self.info.height, self._backend)
+
+    def _check_encoding(self) -> None:
+        """Warn where the first words are not of the encoding that the header names."""
+        info = self.info
+        data = self._file.read(_CHECKED)
+        self._file.seek(self._start)
+        legal, forward = fit(data, info.encoding)
+        likely = guess_encoding(data)
+        if legal >= _MOST_LEGAL and (forward >= 0.5 or likely in ("", info.encoding)):
+            return
+        words = len(data) // self._decoder.word.itemsize
+        unknown = round((1 - legal) * words)
+        what = f"{unknown} of the first {words} words are unknown to {info.encoding}, which the header names"
+        if legal >= _MOST_LEGAL:
+            what = f"as {info.encoding}, which the header names, the time of the words leaps back and forth"
+        if likely and likely != info.encoding:
+            info.warn(f"{what}; they read as {likely}: the header may name the wrong encoding")
+        else:
+            info.warn(f"{what}, and they read as no other known encoding: the data are damaged or of another kind")
 
     def _set_geometry(self, header: dict[str, str], options: OpenOptions) -> None:
         info = self.info
@@ -254,21 +279,28 @@ def _geometry(header: dict[str, str], warnings: list[str]) -> tuple[int, int]:
     return (width, height) if width and height else (0, 0)
 
 
+def fit(data: bytes, encoding: str) -> tuple[float, float]:
+    """Shares of the words that the encoding has, and of the steps of the time that go forward; 1 where there are none."""
+    word, legal, shift, low = _LEGAL[encoding]
+    words = np.frombuffer(data, word, len(data) // np.dtype(word).itemsize)
+    kind = (words >> shift & 15).astype(np.uint8)
+    known = np.isin(kind, legal)
+    if word == "<u8":  # the 32 pixels of a word begin at a whole multiple of 32
+        known &= (kind > 1) | (words >> low + 11 & 31 == 0)
+    bits = shift - low
+    highs = (words[kind == 8] >> low & (1 << bits) - 1).astype(np.int64)
+    step = np.diff(highs)
+    # the counter goes on, by little, or turns
+    forward = (step >= 0) & (step < 1 << bits - 2) | (step < -(1 << bits - 1))
+    return float(known.mean()) if len(words) else 1.0, float(forward.mean()) if len(step) else 1.0
+
+
 def guess_encoding(data: bytes) -> str:
     """The encoding whose word types are there and whose time runs forward; empty when none fits."""
     best, result = 0.9, ""
-    for encoding, (word, legal, shift, low) in _LEGAL.items():
+    for encoding, (word, _, shift, _) in _LEGAL.items():
         words = np.frombuffer(data, word, len(data) // np.dtype(word).itemsize)
-        kind = words >> shift & 15
-        bits = shift - low
-        highs = (words[kind == 8] >> low & (1 << bits) - 1).astype(np.int64)
-        if len(highs) < 2:
-            continue
-        step = np.diff(highs)
-        # the counter goes on, by little, or turns
-        forward = np.count_nonzero((step >= 0) & (step < 1 << bits - 2) | (step < -(1 << bits - 1))) / len(step)
-        score = min(np.isin(kind, legal).mean(), forward)
-        if score > best:
+        if np.count_nonzero(words >> shift & 15 == 8) >= 2 and (score := min(fit(data, encoding))) > best:
             best, result = score, encoding
     return result
 

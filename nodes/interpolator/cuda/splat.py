@@ -94,7 +94,7 @@ class SplatCuda:
         if isinstance(out, wp.array):
             wp.copy(out.flatten().view(wp.float32).reshape(inner.shape), inner)
         else:
-            wp.copy(wp.array(out, dtype=wp.float32, shape=inner.shape, copy=False, device="cpu"), inner)
+            out[:] = inner.numpy().reshape(out.shape)
         filled, lost = self._counts.numpy()
         return Report(int(filled), int(lost))
 

@@ -308,4 +308,4 @@ class Rigid:
         if isinstance(out, wp.array):
             wp.copy(out.flatten(), frames.flatten())
         else:
-            wp.copy(wp.array(out, dtype=frames.dtype, shape=frames.shape, copy=False, device="cpu"), frames)
+            out[...] = frames.numpy().reshape(out.shape)
