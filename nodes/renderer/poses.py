@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from itertools import cycle, pairwise
 from typing import Any
@@ -14,45 +12,21 @@ import warp as wp
 from evis.geometry import se3
 
 PIECE = 1 << 19
-"""Bytes that are checked, or copied to a GPU, at once."""
-
-THREADS = 4
-"""Threads that go through large poses: one alone has not the memory's speed."""
+"""Bytes that are copied to a GPU at once."""
 
 
-class Shared:
-    """Work on the environments of poses, by threads where there is a lot of it for a GPU."""
-
-    def __init__(self, envs: int, bodies: int, device: Any) -> None:
-        parts = min(envs, 1 + 56 * envs * bodies // PIECE)
-        edges = [envs * k // parts for k in range(parts + 1)]
-        self._parts = list(pairwise(edges))
-        self._pool = ThreadPoolExecutor(THREADS) if device.is_cuda and parts > 1 else None
-
-    def each(self, work: Callable[[int, int], bool]) -> Iterator[tuple[int, int, bool]]:
-        """(first, last, work(first, last)) of all ranges of environments, in order."""
-        results = map(work, *zip(*self._parts)) if self._pool is None else self._pool.map(work, *zip(*self._parts))
-        for (first, last), result in zip(self._parts, results):
-            yield first, last, result
-
-
-def check_poses(poses: np.ndarray, envs: int, names: list[str], shared: Shared) -> np.ndarray:
+def check_poses(poses: np.ndarray, envs: int, names: list[str]) -> np.ndarray:
     """`poses` as float64 [E, N, 7]. Raises ValueError naming the body and environment of the first bad one."""
     poses = np.ascontiguousarray(poses, np.float64)
     if poses.shape != (envs, len(names), 7):
         raise ValueError(
             f"poses have shape {poses.shape}; {envs} environment(s) of {len(names)} bodies need {(envs, len(names), 7)}"
         )
-
-    def fine(first: int, last: int) -> bool:
-        # The common case, told by one pass over all numbers and one over those that are not 0 but for half turns.
-        flat = poses[first:last].reshape(-1)
-        with np.errstate(all="ignore"):
-            return bool(np.isfinite(flat @ flat) and np.abs(flat[6::7]).min(initial=1.0) > 1e-100)
-
-    if all([result for _, _, result in shared.each(fine)]):
-        return poses
+    flat = poses.reshape(-1)
     with np.errstate(all="ignore"):
+        # The common case, told by one pass over all numbers and one over those that are not 0 but for half turns.
+        if np.isfinite(flat @ flat) and np.abs(poses[..., 6]).min(initial=1.0) > 1e-100:
+            return poses
         length = np.sqrt(np.einsum("eni,eni->en", poses[..., 3:], poses[..., 3:]))
     good = np.isfinite(poses).all(-1) & np.isfinite(length) & (length > 0.0)
     if not good.all():
@@ -76,7 +50,6 @@ class Staging:
 
     def __init__(self, envs: int, bodies: int, device: Any) -> None:
         self._device, shape = device, (envs, bodies)
-        self.shared = Shared(envs, bodies, device)
         self.now = wp.zeros(shape, dtype=wp.transformd, device=device)
         self.before = wp.zeros(shape, dtype=wp.transformd, device=device)
         self.last: np.ndarray | None = None
@@ -105,13 +78,11 @@ class Staging:
             return view
         buffer, view, sent = next(self._slots)
         wp.synchronize_event(sent)
-
-        def write(first: int, last: int) -> bool:
-            view[first:last] = poses[first:last]
-            return True
-
         # In pieces, so that one is on its way while the next is written.
-        for first, last, _ in self.shared.each(write):
+        parts = min(len(poses), 1 + poses.nbytes // PIECE)
+        edges = [len(poses) * k // parts for k in range(parts + 1)]
+        for first, last in pairwise(edges):
+            view[first:last] = poses[first:last]
             start, count = first * poses.shape[1], (last - first) * poses.shape[1]
             wp.copy(target, buffer, start, start, count)
         self._device.stream.record_event(sent)

@@ -155,7 +155,9 @@ class Shading:
 
         def launch(kernel: wp.Kernel, shared: list[Any]) -> None:
             def arguments(row0: int, row1: int) -> tuple[tuple[int, ...], list[Any]]:
-                dim = v.tiles if self._tiled else (envs, row1 - row0, width // v.span)
+                # Paths go by rows.
+                tiled = self._tiled and kernel is self._kernel
+                dim = v.tiles if tiled else (envs, row1 - row0, width // v.span)
                 return dim, [v.view, row0, bands[row0], v.span, *shared]
 
             v.bands.launch(kernel, arguments, self.device, SHADE_BLOCK)

@@ -93,7 +93,7 @@ class Visibility:
     def frames(self, poses: np.ndarray) -> Frames:
         """Poses float64 [E, N, 7], checked. Raises ValueError naming a body."""
         geometry = self.geometry
-        poses = check_poses(poses, self.envs, self.names, self._staging.shared)
+        poses = check_poses(poses, self.envs, self.names)
         return Frames(poses, self.camera_body, geometry.body, (geometry.rotation, geometry.translation))
 
     def update(self, poses: np.ndarray | Frames) -> Frames:
@@ -121,7 +121,7 @@ class Visibility:
                 self.still_displaced = not still_same
                 wp.copy(staging.before, staging.now)
             else:
-                previous = check_poses(previous, self.envs, self.names, staging.shared)
+                previous = check_poses(previous, self.envs, self.names)
                 self.still_displaced = not self._still_same(previous, now)
                 staging.put_before(previous)
         staging.put(now)

@@ -79,7 +79,7 @@ def test_a_wrong_name_is_answered_with_the_nearest():
 def test_a_doubling_of_the_light_fires_every_pixel(name):
     """In 10 klux, where shot noise has ended and the corner is at its highest; the refractory period may swallow more.
 
-    Leak and mismatch allow a pixel one event more than ln 2 / C; nothing fires OFF.
+    Leak and mismatch allow a pixel one event more than ln 2 / C; nothing fires OFF. Before it there is leak alone.
     """
     import numpy as np
 
@@ -95,4 +95,5 @@ def test_a_doubling_of_the_light_fires_every_pixel(name):
     least = values["threshold"] - 4 * values["threshold_mismatch"]  # of 320 pixels
     assert least > SENSOR["threshold_floor"].default
     assert packet.p.all() and counts.min() >= 1 and counts.max() <= math.log(2) / least + 1
-    assert packet.t.min() > 9_000_000
+    leaked = values["leak_rate"] * 320 * 9e-3
+    assert (packet.t <= 9_000_000).sum() <= leaked + 4.5 * math.sqrt(leaked)

@@ -98,7 +98,7 @@ def by_pixel(events, width, pixels):
 
 
 def leaked_before(rate, shape, **params):
-    """u [pixels] in [0, 1): thresholds that have leaked at the first frame, as the first event in constant light tells."""
+    """u [pixels] in [0, 1): thresholds leaked before the first frame, from the first events in constant light."""
     frames, t = constant(0.7, 100, 1.1 / rate, shape)
     events = simulate_frames(frames, t, leak_rate=rate, **params)
     return np.array([1 - times[0] * 1e-9 * rate for times, _ in by_pixel(events, shape[1], math.prod(shape))])
@@ -106,13 +106,16 @@ def leaked_before(rate, shape, **params):
 
 @pytest.mark.parametrize("step_ms", [0.1, 10, 700])
 def test_leak_fires_on_events_at_its_rate(step_ms):
-    """5 Hz: every 200 ms from within the first 200 to within the last 200, whatever the frames."""
+    """5 Hz: every 200 ms from within the first 200 to within the last 200, whatever the frames.
+
+    To 2^-23, the rounding within which a frame has reached a level, at 5 Hz x 0.2 = 1 / s: 120 ns.
+    """
     frames, t = constant(0.7, step_ms, 2.1, (6, 8))
     events = simulate_frames(frames, t, leak_rate=5)
     assert (events["p"] == 1).all()
     for times, _ in by_pixel(events, 8, 48):
-        assert 0 < times[0] <= 200 * MS and t[-1] - 200 * MS - 2 <= times[-1] <= t[-1]
-        assert np.abs(times - times[0] - 200 * MS * np.arange(len(times))).max() <= 2
+        assert 0 < times[0] <= 200 * MS and t[-1] - 200 * MS - 120 <= times[-1] <= t[-1]
+        assert np.abs(times - times[0] - 200 * MS * np.arange(len(times))).max() <= 120
 
 
 @pytest.mark.parametrize("seconds", [0.09, 0.99, 1.0, 1.99, 2.13])
@@ -130,8 +133,7 @@ def test_leak_phases_are_uniform_and_each_pixels_own():
     assert u.min() >= 0 and u.max() < 1
     assert np.abs(np.sort(u) - (np.arange(2000) + 0.5) / 2000).max() < 2.2 / math.sqrt(2000)  # Kolmogorov, 1e-4
     grid = u.reshape(40, 50)
-    others = [leaked_before(5, (40, 50), seed=1), leaked_before(5, (40, 50), channels=1, seed=2**40)]
-    pairs = [(grid[:, 1:], grid[:, :-1]), (grid[1:], grid[:-1]), *((u, other) for other in others)]
+    pairs = [(grid[:, 1:], grid[:, :-1]), (grid[1:], grid[:-1]), (u, leaked_before(5, (40, 50), seed=1))]
     for a, b in pairs:
         assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 4.5 / math.sqrt(a.size)
 
@@ -156,7 +158,7 @@ def test_leak_phases_are_new_in_every_episode():
 @pytest.mark.parametrize("slope,on,off", [(5.0, 0.2, 0.2), (-5.0, 0.2, 0.2), (-2.0, 0.1, 0.25), (0.0, 0.3, 0.2)])
 @pytest.mark.parametrize("crossing", ["linear", "cubic"])
 def test_leak_and_a_ramp_share_one_crossing(slope, on, off, crossing):
-    """The reference begins u C_on low and falls at leak_rate C_on: the difference is u C_on + (slope + leak_rate C_on) t.
+    """The reference begins u C_on low and falls at leak_rate C_on: their difference is u C_on + speed t.
 
     ON at (k - u) C_on / speed, OFF at (k C_off + u C_on) / speed, k = 1, 2 ...
     """
@@ -177,7 +179,7 @@ def test_leak_and_a_ramp_share_one_crossing(slope, on, off, crossing):
 
 @pytest.mark.parametrize("crossing", ["frame", "linear", "monotone"])
 def test_a_leaking_pixel_meets_the_signal_where_its_reference_lies(crossing):
-    """A rise by 2.3 C fires floor(2.3 + u) and the fall back as many less one; a fall fires floor(2.3 - u), u uniform.
+    """A rise by 2.3 C fires floor(2.3 + u), u uniform, and one less on the way back; a fall floor(2.3 - u), as back.
 
     A leak of 10 uHz does nothing in 10 ms but says where the reference lies; without leak it is 2 and 2.
     """
@@ -190,13 +192,12 @@ def test_a_leaking_pixel_meets_the_signal_where_its_reference_lies(crossing):
             events = simulate_frames(frames, t, leak_rate=rate, threshold=0.2, crossing=crossing, seed=5)
             pixels = by_pixel(events, 50, 2000)
             counts[name, rate] = [np.array([np.count_nonzero(p == s) for _, p in pixels]) for s in (1, 0)]
-    for name, first in (("rise", 0), ("fall", 1)):
-        assert all((n == 2).all() for n in counts[name, 0])
+    assert all((n == 2).all() for name in ("rise", "fall") for n in counts[name, 0])
     on, off = counts["rise", 1e-5]
     assert set(on.tolist()) == {2, 3} and (off == on - 1).all()
     assert abs((on == 3).mean() - 0.3) < 4.5 * math.sqrt(0.3 * 0.7 / 2000)
     back, down = counts["fall", 1e-5]
-    assert set(down.tolist()) == {1, 2} and (back == down + 1).mean() > 0.9
+    assert set(down.tolist()) == {1, 2} and (back == down).all()
     assert abs((down == 2).mean() - 0.3) < 4.5 * math.sqrt(0.3 * 0.7 / 2000)
 
 

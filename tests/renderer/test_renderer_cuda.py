@@ -7,7 +7,6 @@ from renderer_scenes import ALL, at, camera, poses, quad, scene, sphere
 
 from evis.scene.model import WORLD, Light, Material
 from nodes.renderer.renderer import Renderer
-from nodes.renderer.visibility import Visibility
 
 pytestmark = [
     pytest.mark.gpu,
@@ -82,16 +81,3 @@ def test_cuda_equals_cpu(envs):
 @pytest.mark.parametrize("envs", [1, 3])
 def test_cuda_equals_cpu_with_trees_and_a_moving_camera(envs):
     compare(crowd(), [np.concatenate([crowded(k, e) for e in range(envs)]) for k in range(5)], envs)
-
-
-def test_cuda_takes_large_poses_in_parts(monkeypatch):
-    """Poses that threads check and copy piece by piece arrive as they are, and a bad one among them is named."""
-    monkeypatch.setattr("nodes.renderer.poses.PIECE", 100)
-    view = Visibility(crowd(), crowd().cameras[0], envs=5, device="cuda")
-    for k in range(6):
-        now = np.concatenate([crowded(k, e) for e in range(5)])
-        view.update(now)
-        assert np.array_equal(view.poses.numpy(), now)
-    now[3, 7, 2] = np.nan
-    with pytest.raises(ValueError, match=r"body 'body7' is not finite \(environment 3\)"):
-        view.update(now)

@@ -22,6 +22,8 @@ GRACE_NS = 20_000_000
 """A quiet interval is closed when the host's clock says that it ended this long ago."""
 LEAST_BEHIND_NS = 1_000_000
 """The host is behind when a buffer waited for half a packet's interval, and at least this long, and more wait."""
+FALL_NS = 1_000_000
+"""No sensor's times step back by so much: a word of the time's upper part was lost on the way."""
 LEAST_EVENTS = 1024
 """Room of the first packet's arrays [events]."""
 ROOMY_EVENTS = 1 << 17
@@ -202,9 +204,12 @@ class Stream:
             for part in others:
                 _shift(part, self._offset)
         if buffer.n > before:
-            self._newest, self._fresh = int(t[buffer.n - 1]), True
             # now, while the times are in the cache: a packet's whole is read from memory again
-            self._earliest = min(self._earliest, int(t[before : buffer.n].min()))
+            earliest = int(t[before : buffer.n].min())
+            if self._newest is not None and earliest < self._newest - FALL_NS:
+                self.counts["time_fell"] += 1
+            self._newest, self._fresh = int(t[buffer.n - 1]), True
+            self._earliest = min(self._earliest, earliest)
         self._others += others
 
     def _finish(self) -> Reading:
