@@ -221,8 +221,8 @@ def open_recording(
             if topic and name not in _WITH_TOPICS:
                 raise RecordingError(f"{path}: {modules[-1].NAME} has no topics; leave out the topic '{topic}'")
             return modules[-1].open_file(path, OpenOptions(backend, size, topic))
-    names = ", ".join(dict.fromkeys(m.NAME for m in modules))
-    raise RecordingError(f"{path}: not a recording of a known format; known are {names}")
+    known = ", ".join(dict.fromkeys(m.NAME for m in modules))
+    raise RecordingError(f"{path}: not a recording of a known format; known are {known}")
 
 
 def _bags_in(folder: Path) -> list[Path]:

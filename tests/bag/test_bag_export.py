@@ -244,6 +244,24 @@ def test_command_line_errors(tmp_path, words, status, text):
     assert text in err and err.count("\n") == 1
 
 
+def test_export_of_a_torn_bag_says_so(tmp_path, capsys):
+    """What is there is written, and standard error names the tear and the remedy; of a whole bag, nothing."""
+    path = bag(tmp_path / "a.mcap")
+    assert main(["bag", "export", str(path), "--topic", "/state", str(tmp_path / "a.npz"), "--json"]) == 0
+    whole = capsys.readouterr()
+    assert whole.err == "" and json.loads(whole.out)["messages"] == KEYFRAMES
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(path.read_bytes()[:-40])
+    assert main(["bag", "export", str(torn), "--topic", "/state", str(tmp_path / "b.npz"), "--json"]) == 0
+    said = capsys.readouterr()
+    (line,) = said.err.splitlines()
+    assert str(torn) in line and "is torn" in line and "`evis bag recover`" in line
+    result = json.loads(said.out)
+    assert result["problem"] and result["messages"] == KEYFRAMES
+    with np.load(tmp_path / "a.npz") as a, np.load(tmp_path / "b.npz") as b:
+        assert all(np.array_equal(a[name], b[name]) for name in a.files)
+
+
 def test_tone_map():
     """Middle grey comes out as sRGB of 0.18/1.18; black, white and NaN stay what they are; monotone everywhere."""
     grey = tone_map(np.full((4, 4, 3), 3.7, np.float32))

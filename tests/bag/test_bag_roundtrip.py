@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from evis.bag import BagError
+from evis.bag.info import describe
 from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter
 from msgs.camera import EventPacket, Keyframe, Labels
@@ -257,6 +258,30 @@ def test_wall_clock_messages_do_not_stretch_the_bag(tmp_path):
     assert [t for t, _ in back] == ["/diagnostics", "/cam0/keyframe", "/state"] and same(back[0][1], wall)
     with BagReader(tmp_path / "a.mcap") as reader:
         assert (reader.start_ns, reader.end_ns) == (0, 10**8)
+
+
+def test_wall_clock_messages_before_all_others(tmp_path):
+    """They are filed with the first message of another clock; alone, they keep the wall's time."""
+    wall = [Diagnostics(Header(1_790_000_000_000_000_000 + k, k, "wall"), "n") for k in range(3)]
+    first = scene(3)["/state"]
+    back = through([*(("/diagnostics", m) for m in wall), ("/state", first)], tmp_path)
+    assert sorted(t for t, _ in back) == ["/diagnostics"] * 3 + ["/state"]
+    assert all(same(a, b) for a, b in zip((m for t, m in back if t == "/diagnostics"), wall))
+    about = describe(tmp_path / "a.mcap")
+    assert (about["start_ns"], about["end_ns"], about["duration_s"]) == (first.header.stamp_ns,) * 2 + (0.0,)
+    through([("/diagnostics", m) for m in wall], tmp_path)
+    about = describe(tmp_path / "a.mcap")
+    assert (about["start_ns"], about["end_ns"]) == (1_790_000_000_000_000_000, 1_790_000_000_000_000_002)
+
+
+def test_duration_of_a_bag_that_has_diagnostics_under_wall_time(tmp_path, monkeypatch):
+    """As when too many came before the first message to wait for it: they do not count beside its time."""
+    monkeypatch.setattr("evis.bag.writer._MOST_EARLY", 0)
+    wall = Diagnostics(Header(1_790_000_000_000_000_000, 0, "wall"), "n")
+    through([("/diagnostics", wall), ("/state", scene(0)["/state"]), ("/state", scene(3)["/state"])], tmp_path)
+    with BagReader(tmp_path / "a.mcap") as reader:
+        assert reader.end_ns == wall.header.stamp_ns
+    assert describe(tmp_path / "a.mcap")["duration_s"] == pytest.approx(0.1)
 
 
 def test_episodes_whose_time_starts_anew(tmp_path):

@@ -134,6 +134,18 @@ def test_lost_packets_and_garbage_do_not_end_the_stream(name, fault, tmp_path):
     assert got.x.max() < model.width and got.y.max() < model.height
 
 
+@pytest.mark.parametrize("name", ["evk4", "davis346"])
+def test_a_lost_time_word_is_counted(name, tmp_path):
+    """Enough packets are lost that a word of the time's upper part is among them: the time falls, and it is said."""
+    model = MODELS[name]
+    random_recording(tmp_path / "a.npz", model.width, model.height, 20_000)
+    whole, lossy = (played(name, tmp_path / "a.npz", f"short=4096{fault}") for fault in ("", ",lose_every=5"))
+    assert "time_fell" not in (run(whole, steps=200_000) and whole.counters())
+    got = joined(run(lossy, steps=200_000))
+    falls = int((np.diff(got.t) < -1_000_000).sum())
+    assert len(got) < 20_000 and 1 <= lossy.counters()["time_fell"] <= falls
+
+
 @pytest.mark.parametrize("name", FAMILIES)
 def test_unplugged_in_mid_stream(name, tmp_path):
     """What had arrived is given, then one line with the remedy."""

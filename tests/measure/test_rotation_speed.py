@@ -14,7 +14,7 @@ from evis.measure import Measurement
 from evis.streams import open_recording
 
 DATA = Path(os.environ.get("EVIS_TEST_DATA", Path(__file__).parents[3] / "shared" / "data"))
-CLIPS = ["11_34_19", "11_34_58", "11_35_33", "11_35_50", "11_36_31", "11_36_46"]
+CLIPS = ["11_34_19", "11_34_58", "11_35_33", "11_35_50", "11_36_31"]
 
 
 def rotation(events: tuple[np.ndarray, ...], size: tuple[int, int] = (120, 100)) -> dict:
@@ -24,7 +24,7 @@ def rotation(events: tuple[np.ndarray, ...], size: tuple[int, int] = (120, 100))
     return measurement.report()["rotation"]
 
 
-@pytest.mark.parametrize("clip", CLIPS)
+@pytest.mark.parametrize("clip", ["11_36_46", *(pytest.param(c, marks=pytest.mark.slow) for c in CLIPS)])
 def test_wheel_clips(clip):
     """Within 10 % of the reference in the 95th percentile of its samples, and in a series that covers them."""
     table = DATA / "wheel" / "reference_speed.csv"
@@ -92,6 +92,7 @@ def test_reversal():
     assert found["reverses"] and not found["steady"]
 
 
+@pytest.mark.slow
 def test_long_recording_is_one_rotation():
     """Over several stretches the speed stays one number, and noise does not hide it."""
     turning = turning_edges(lambda t: 40 * t, 2.6, texture(count=12), jitter_us=300)
@@ -126,7 +127,13 @@ def test_no_rotation(make):
     assert found["confidence"] < 0.5 and found["why"]
 
 
-@pytest.mark.parametrize("name", ["txt/slider_depth_events_chunk.txt", "derived/gen31_vga_from_bag1.raw"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "txt/slider_depth_events_chunk.txt",
+        pytest.param("derived/gen31_vga_from_bag1.raw", marks=pytest.mark.slow),
+    ],
+)
 def test_no_rotation_in_real_recordings(name):
     """A camera on a slider, and a person with a rope."""
     if not (DATA / name).exists():

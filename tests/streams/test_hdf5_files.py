@@ -10,7 +10,7 @@ import pytest
 from file_cases import save, small_events
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from stream_cases import same
+from stream_cases import random_events, same
 
 from evis.streams import Events, RecordingError, open_recording, open_writer
 from evis.streams.files import ecf
@@ -154,6 +154,39 @@ def test_a_cut_file_gives_the_chunks_that_are_there(tmp_path):
         n = int(np.argmax(left.t != events.t[: len(left)])) or len(left)
         most = max(most, n)
     assert most > 30_000
+
+
+def test_a_file_cut_anywhere_is_told_in_plain_words(tmp_path):
+    """One line that says cut, without the library's own text, or the events before the cut."""
+    path = tmp_path / "a.hdf5"
+    with open_writer(path, 1280, 720) as writer:
+        writer.write(random_events(3, 60_000))
+    data = path.read_bytes()
+    refused = 0
+    for size in range(1000, len(data), len(data) // 40):
+        try:
+            with open_recording(save(tmp_path / "cut.hdf5", data[:size])) as recording:
+                recording.read()
+                said = " ".join(recording.info.warnings)
+                assert recording.info.truncated
+        except RecordingError as error:
+            refused += 1
+            said = str(error)
+            assert f"has {size} of its {len(data)} bytes" in said and "no event to be had" in said
+        assert "cut" in said and "\n" not in said
+        assert not any(word in said.lower() for word in ("object", "unable", "can't", "header", "visit"))
+    assert refused
+
+
+def test_the_topic_of_an_ecf_file(tmp_path):
+    """Its own group may be named; another one is an error that names it."""
+    path = tmp_path / "a.hdf5"
+    with open_writer(path, 34, 34) as writer:
+        writer.write(small_events())
+    with open_recording(path, topic="CD/events") as recording:
+        same(recording.read(), small_events())
+    with pytest.raises(RecordingError, match="no events in 'left'; they are in CD/events"):
+        open_recording(path, topic="left")
 
 
 def test_dsec_and_tum_vie(tmp_path):

@@ -153,6 +153,42 @@ def test_what_cannot_be_read_is_named(content, text, tmp_path):
     assert "strange.raw" in str(error.value) and "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("told", ["2.0", "2.1", "3.0"])
+@pytest.mark.parametrize("encoding", ["evt2", "evt21", "evt3"])
+def test_a_header_with_the_wrong_encoding_is_told(encoding, told, tmp_path):
+    """It names how many words do not fit and what fits; a right header brings no warning."""
+    with open_writer(tmp_path / "right.raw", 640, 480, encoding) as writer:
+        writer.write(random_events(4, 30_000))
+    words = (tmp_path / "right.raw").read_bytes().partition(b"% end\n")[2]
+    path = raw_file(tmp_path, words, f"% evt {told}\n% geometry 640x480\n% end\n".encode())
+    with open_recording(path) as recording:
+        named, warnings = recording.info.encoding, recording.info.warnings
+        recording.read()
+    if named == encoding:
+        assert warnings == []
+    else:
+        (text,) = [w for w in warnings if not w.startswith("cut inside a word")]  # of a length for shorter words
+        assert f"are unknown to {named}" in text and int(text.split()[0]) > 0
+        assert f"they read as {encoding}: the header may name the wrong encoding" in text
+
+
+def test_garbage_under_a_good_header_is_told(tmp_path):
+    """Where nothing fits, no encoding is proposed."""
+    words = np.random.default_rng(0).integers(0, 256, 1 << 18, np.uint8).tobytes()
+    with open_recording(raw_file(tmp_path, words)) as recording:
+        (text,) = recording.info.warnings
+        assert "unknown to evt3" in text and "no other known encoding" in text
+
+
+def test_a_topic_of_a_file_without_topics(tmp_path):
+    """Refused, and not ignored."""
+    with open_writer(tmp_path / "a.npz", 640, 480) as writer:
+        writer.write(random_events(4, 100))
+    for path in (tmp_path / "a.npz", raw_file(tmp_path, b"")):
+        with pytest.raises(RecordingError, match="has no topics; leave out the topic '/x'"):
+            open_recording(path, topic="/x")
+
+
 def test_missing_file_names_the_nearest(tmp_path):
     """A typing error in the name."""
     (tmp_path / "recording.raw").write_bytes(HEADER)

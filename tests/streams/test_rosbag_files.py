@@ -10,8 +10,12 @@ import pytest
 from file_cases import dvs_array_cdr, dvs_array_ros1, event_packet, mono, save, small_events
 from stream_cases import same
 
+from evis.bag.writer import BagWriter
 from evis.streams import Events, RecordingError, open_recording
 from evis.streams.evt3 import Encoder
+from msgs.camera import EventPacket
+from msgs.diagnostics import Diagnostics
+from msgs.header import Header
 
 rosbag1 = pytest.importorskip("rosbags.rosbag1")
 PARTS = [small_events(40 + i, 300, 200, seed=i) for i in range(6)]
@@ -184,10 +188,6 @@ def test_an_unknown_encoding_is_named(tmp_path):
 
 def test_a_bag_of_evis(tmp_path):
     """What EVIS records itself: exact to the ns, the first of several cameras or the one that is asked for."""
-    from evis.bag.writer import BagWriter
-    from msgs.camera import EventPacket
-    from msgs.header import Header
-
     with BagWriter(tmp_path / "a.mcap") as bag:
         for i, part in enumerate(PARTS):
             for topic in ("/cam0/events", "/cam1/events"):
@@ -201,3 +201,19 @@ def test_a_bag_of_evis(tmp_path):
         assert (recording.info.width, recording.info.height, recording.info.format) == (300, 200, "mcap")
     np.testing.assert_array_equal(events.t, np.concatenate([p.t + i * 10**9 + 123 for i, p in enumerate(PARTS)]))
     np.testing.assert_array_equal(events.x, WHOLE.x)
+
+
+def test_bags_without_events(tmp_path):
+    """A bag of ours says which topics it has, and that it has none at all; a foreign one refuses a topic."""
+    with BagWriter(tmp_path / "empty.mcap"):
+        pass
+    with pytest.raises(RecordingError, match=r"a bag without events and without any other topic$"):
+        open_recording(tmp_path / "empty.mcap")
+    with BagWriter(tmp_path / "other.mcap") as bag:
+        bag.write("/diagnostics", Diagnostics(Header(1, 0, "wall"), "n"))
+    with pytest.raises(RecordingError, match=r"a bag without events; its topics are /diagnostics$"):
+        open_recording(tmp_path / "other.mcap")
+    images = [("/image", b"\0" * 8)]
+    for path in (ros1(tmp_path / "a.bag", images), mcap(tmp_path / "a.mcap", images, "")):
+        with pytest.raises(RecordingError, match=r"no events on '/x', nor on any other topic$"):
+            open_recording(path, topic="/x")

@@ -32,6 +32,8 @@ def matches(head: bytes, path: Path) -> bool:
 class Hdf5Recording(BlockRecording):
     """An HDF5 file of one of the layouts of `hdf5_layouts`. Of a file that is cut, what its library still finds.
 
+    That is often nothing, although events lie before the cut: what tells where they are (a
+    B-tree, the headers of the data sets) is written last.
     The library checks little: on a file damaged on purpose it can itself hang or crash.
     """
 

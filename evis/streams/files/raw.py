@@ -280,7 +280,7 @@ def _geometry(header: dict[str, str], warnings: list[str]) -> tuple[int, int]:
 
 
 def fit(data: bytes, encoding: str) -> tuple[float, float]:
-    """Shares of the words that the encoding has, and of the steps of the time that go forward; 1 where there are none."""
+    """Shares of the words that the encoding has, and of the steps of the time that go forward; 1 without any."""
     word, legal, shift, low = _LEGAL[encoding]
     words = np.frombuffer(data, word, len(data) // np.dtype(word).itemsize)
     kind = (words >> shift & 15).astype(np.uint8)
