@@ -92,7 +92,7 @@ OMISSIONS = (
     "The USB drivers have been run against emulated devices and on recorded streams, not on cameras.",
     "Light is direct unless bounces or sky_occlusion ask for paths: no reflections between surfaces, no shadow from "
     "the sky, no emissive surface as a light.",
-    "A light that flickers faster than the keyframes is not seen between them.",
+    "A light that flickers faster than the keyframes is followed by rigid and by dense rendering, not by splat.",
     "Simulators that need PyTorch, ROS or Isaac Sim are quoted, not run; the ESIM core runs beside ours where "
     "EVIS_PEERS names a checkout of it.",
 )

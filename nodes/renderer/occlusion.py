@@ -65,6 +65,12 @@ class Occluders:
         casters.merged_instance = casters.merged_face = visibility.empty(0, wp.int32)
         self._middle, self._size = np.zeros(3), 0.0
         self._still_tree: wp.Bvh | None = None
+        bodies = visibility.geometry.body[self._still]
+        self._still_bodies = np.unique(bodies[bodies >= 0])
+        self._still_at: np.ndarray | None = None
+        self._looked = -1
+        self.builds = 0
+        """How often the tree of still instances was built: launches that were recorded before know another one."""
         self._moving_tree: wp.Bvh | None = None
         self._built, self._age = np.zeros((0, 3)), 0
         boxes = (visibility.envs, len(self._moving) if self._with_moving else 0)
@@ -74,8 +80,13 @@ class Occluders:
 
     def update(self, frames: Frames) -> None:
         """Build the trees that are not there yet, and anew where instances have moved far; poses are placed already."""
-        if self._with_still and self._still_tree is None:
-            self._build_still(frames)
+        if self._with_still and self._looked != self._visibility.still_place:
+            self._looked = self._visibility.still_place
+            at = frames.bodies[0, self._still_bodies]
+            if self._still_at is None or not np.array_equal(at, self._still_at):
+                self._still_at = at
+                self.builds += 1
+                self._build_still(frames)
         if self._with_moving:
             self._age += 1
             if self._moving_tree is None or self._age >= CHECKED:

@@ -163,7 +163,8 @@ class Renderer:
             everything = v.still_displaced or not self._at_rest
             self._at_rest = not v.still_displaced
         written = tuple((name, target.ptr) for name, target in targets.items())
-        self._recording.run((v.still_moved, v.moved, everything, written), lambda: self._launch(targets, everything))
+        key = (v.still_moved, v.moved, everything, self.shading.occluders.builds, written)
+        self._recording.run(key, lambda: self._launch(targets, everything))
         v.drawn()
 
     def _launch(self, targets: Mapping[str, wp.array], everything: bool) -> None:

@@ -330,3 +330,15 @@ def test_arrays_of_a_device_give_the_frames_of_numpy_arrays(method, samples, col
             results.append(frames)
         assert isinstance(results[0], wp.array)
         np.testing.assert_array_equal(results[0].numpy(), results[1])
+
+
+def test_what_is_black_stays_black_and_its_edge_is_shaded_anew():
+    """Half of a moving picture has no light at all. A cubic curve may overshoot by the tolerance beside the step, not fall
+    towards the logarithm of nothing."""
+    half = painted()
+    half.texture[:, : half.texture.shape[1] // 2] = 0.0
+    gap = cross(world([(quad(0.5), half, across(10.0))], sky=0.3), 8)
+    black = gap.dense == 0
+    assert black.mean() > 0.05
+    np.testing.assert_array_equal(gap.frames == 0, black)
+    assert np.abs(np.log(gap.frames[~black] / gap.dense[~black])).max() < 2 * TOLERANCE

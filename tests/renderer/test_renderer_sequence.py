@@ -7,6 +7,7 @@ import pytest
 import warp as wp
 from renderer_scenes import ALL, at, camera, poses, quad, scene, sphere
 
+from evis.scene import load_scene
 from evis.scene.model import WORLD, Light, Material
 from nodes.renderer.renderer import LAST, Renderer
 
@@ -86,3 +87,15 @@ def test_a_warp_array_that_is_given_is_given_back():
     out = renderer.render(RUN[0], None, ("depth", "ids"), {"depth": given})
     assert out["depth"] is given and isinstance(out["ids"], np.ndarray)
     np.testing.assert_array_equal(given.numpy(), renderer.render(RUN[0], None, ("depth",))["depth"])
+
+
+@pytest.mark.parametrize("name", ["tunnel_exit", "drone"])
+def test_preparing_leaves_no_trace_in_the_image(name):
+    """Kernels are loaded on poses that are nobody's: trees of still things built then must not cast shadows later."""
+    scene = load_scene(name, {"width": 48, "height": 36})
+    camera = scene.camera("cam0")
+    poses = np.stack([body.trajectory.pose(np.array([10_000_000]))[0] for body in scene.bodies])[None]
+    fresh = Renderer(scene, camera).render(poses)["radiance"]
+    prepared = Renderer(scene, camera)
+    prepared.prepare({"radiance"})
+    np.testing.assert_array_equal(prepared.render(poses)["radiance"], fresh)

@@ -24,6 +24,8 @@ SEEN = wp.constant(1)
 HARD = wp.constant(2)
 FAR_AWAY = wp.constant(1.0e6)
 """Displacement [px] of what a keyframe's camera cannot see."""
+BLACK = wp.constant(-69.0)
+"""Log radiance up to which a pixel has no light at all: black is kept as ln 1e-30, and is 0 again in the frames."""
 
 
 @wp.func
@@ -42,20 +44,26 @@ SIX = wp.types.vector(length=6, dtype=wp.float32)
 
 
 @wp.func
+def light(value: float):
+    """Radiance of a logarithm."""
+    return wp.where(value <= BLACK, 0.0, wp.exp(value))
+
+
+@wp.func
 def radiance_of(value: wp.float32, strength: float):
-    return wp.exp(value)
+    return light(value)
 
 
 @wp.func
 def radiance_of(value: wp.vec3, strength: float):  # noqa: F811 - overloaded by its type
-    return wp.vec3(wp.exp(value[0]), wp.exp(value[1]), wp.exp(value[2]))
+    return wp.vec3(light(value[0]), light(value[1]), light(value[2]))
 
 
 @wp.func
 def lit(mean: float, steady: float, strength: float):
     """Radiance from its logarithms with the lights at their mean and without those that flicker."""
-    rest = wp.exp(steady)
-    return rest + strength * wp.max(wp.exp(mean) - rest, 0.0)
+    rest = light(steady)
+    return rest + strength * wp.max(light(mean) - rest, 0.0)
 
 
 @wp.func
@@ -88,6 +96,20 @@ def apart(a: wp.vec2, b: wp.vec2):  # noqa: F811 - overloaded by its type
 @wp.func
 def apart(a: SIX, b: SIX):  # noqa: F811 - overloaded by its type
     return wp.max(wp.abs(a - b))
+
+
+@wp.func
+def half_black(low: wp.float32, high: wp.float32):
+    """Whether pixels from `low` to `high` are black in part: between ln 0 and ln I is nothing to be looked up."""
+    return low <= BLACK and high > BLACK
+
+
+@wp.func
+def half_black(low: Any, high: Any):  # noqa: F811 - overloaded by its type
+    result = wp.bool(False)
+    for i in range(len(low)):
+        result = result or (low[i] <= BLACK and high[i] > BLACK)
+    return result
 
 
 @wp.func
@@ -274,6 +296,7 @@ def make_look_up(lens: str, channels: int, careful: bool, flicker: bool = False)
                     low = least(least(logs[at], logs[at + 1]), least(logs[below], logs[below + 1]))
                     high = most(most(logs[at], logs[at + 1]), most(logs[below], logs[below + 1]))
                     near_enough = wp.abs(upper * (1.0 - fy) + lower * fy - w) <= SAME_POINT * w
+                    near_enough = near_enough and not half_black(low, high)
                     if near_enough and (code & 1) == 1:
                         seen = wp.int32(SEEN)
                         wx = weights(fx)
