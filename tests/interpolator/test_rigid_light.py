@@ -333,8 +333,8 @@ def test_arrays_of_a_device_give_the_frames_of_numpy_arrays(method, samples, col
 
 
 def test_what_is_black_stays_black_and_its_edge_is_shaded_anew():
-    """Half of a moving picture has no light at all. A cubic curve may overshoot by the tolerance beside the step, not fall
-    towards the logarithm of nothing."""
+    """Half of a moving picture has no light at all. A cubic curve may overshoot by the tolerance beside the step, but
+    not fall towards the logarithm of nothing."""
     half = painted()
     half.texture[:, : half.texture.shape[1] // 2] = 0.0
     gap = cross(world([(quad(0.5), half, across(10.0))], sky=0.3), 8)
