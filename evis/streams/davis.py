@@ -36,7 +36,7 @@ class Decoder(inivation.Decoder):
 
     def _begin(self) -> None:
         self.state[_ROW] = 0
-        self._imu = ImuReader(INVENSENSE)
+        self._imu = ImuReader(INVENSENSE, self.imu_orientation)
         self._frames = FrameReader(self.width, self.height, self.aps_orientation)
 
     def _events(self, words: np.ndarray, kind: np.ndarray, at: np.ndarray, times: np.ndarray) -> Events:

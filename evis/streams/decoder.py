@@ -16,6 +16,9 @@ FOREVER = 2**62
 """A limit (in ticks of any codec) later than every time stamp."""
 _SCRATCH = 1 << 19
 """Events that one launch gives where its caller has no place for them: 6.8 MB of scratch."""
+_LARGE = 1 << 16
+"""Words from which on the events of a launch are not copied out of scratch: their arrays then keep what was set aside
+for them, of which the system gives only the pages that were written."""
 _BLOCK = 1 << 16
 """Words that numpy decodes at a time: what it makes of them stays in the cache."""
 NUMPY_BYTES = 16 << 20
@@ -264,12 +267,18 @@ class Decoder(abc.ABC):
 
     def _scratched(self, limit: int) -> tuple[Events, int]:
         """A launch whose events get memory of their own."""
-        if self._scratch is None:
-            self._scratch = EventBuffer(_SCRATCH)
-        self._scratch.n = 0
-        other, following = self._launch(limit, self._scratch)
-        part = self._scratch.events()
-        events = Events(part.t.copy(), part.x.copy(), part.y.copy(), part.p.copy())
+        words = len(self._words) - self._at
+        if words >= _LARGE and limit == FOREVER:
+            buffer = EventBuffer(max(words, _SCRATCH))
+            other, following = self._launch(limit, buffer)
+            events = buffer.events()
+        else:
+            if self._scratch is None:
+                self._scratch = EventBuffer(_SCRATCH)
+            self._scratch.n = 0
+            other, following = self._launch(limit, self._scratch)
+            part = self._scratch.events()
+            events = Events(part.t.copy(), part.x.copy(), part.y.copy(), part.p.copy())
         if other is not None:
             events.triggers, events.imu, events.frames = other.triggers, other.imu, other.frames
         return events, following

@@ -32,7 +32,7 @@ class Decoder(inivation.Decoder):
 
     def _begin(self) -> None:
         self.state[[_COLUMN, _ROW1, _ROW2]] = 0
-        self._imu = ImuReader(BOSCH)
+        self._imu = ImuReader(BOSCH, self.imu_orientation)
 
     def _events(self, words: np.ndarray, kind: np.ndarray, at: np.ndarray, times: np.ndarray) -> Events:
         state = self.state

@@ -8,14 +8,22 @@ from typing import Any
 
 import numpy as np
 
+# arrays without elements are shared: there is nothing in them that could be changed
+_NONE: dict[Any, np.ndarray] = {d: np.empty(0, d) for d in (np.int64, np.uint16, np.uint8, np.float64)}
+_NO_AXES = np.empty((0, 3))
+
+
+def _none(dtype: Any) -> Any:
+    return field(default_factory=lambda: _NONE[dtype])
+
 
 @dataclass(slots=True)
 class Triggers:
     """External trigger edges: t int64 [ns], id uint8 (channel), value uint8 (1 = rising); all of shape [m]."""
 
-    t: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
-    id: np.ndarray = field(default_factory=lambda: np.empty(0, np.uint8))
-    value: np.ndarray = field(default_factory=lambda: np.empty(0, np.uint8))
+    t: np.ndarray = _none(np.int64)
+    id: np.ndarray = _none(np.uint8)
+    value: np.ndarray = _none(np.uint8)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -29,10 +37,10 @@ class Imu:
     [n, deg C].
     """
 
-    t: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
-    acceleration: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
-    angular_velocity: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
-    temperature: np.ndarray = field(default_factory=lambda: np.empty(0))
+    t: np.ndarray = _none(np.int64)
+    acceleration: np.ndarray = field(default_factory=lambda: _NO_AXES)
+    angular_velocity: np.ndarray = field(default_factory=lambda: _NO_AXES)
+    temperature: np.ndarray = _none(np.float64)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -87,7 +95,7 @@ class Events:
     @staticmethod
     def empty() -> Events:
         """No events."""
-        return Events(np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16), np.empty(0, np.uint8))
+        return Events(_NONE[np.int64], _NONE[np.uint16], _NONE[np.uint16], _NONE[np.uint8])
 
     @staticmethod
     def of(t: Any, x: Any, y: Any, p: Any, c: Any = None) -> Events:
@@ -107,13 +115,15 @@ class Events:
     def concatenate(parts: Sequence[Events]) -> Events:
         """All parts one after the other; colour is kept where every part that has events has it.
 
-        Raises ValueError when only some of the parts have colour.
+        Where one part alone has events, they are not copied. Raises ValueError when only some of the parts have colour.
         """
         if len(parts) == 1:
             return parts[0]
         filled = [e for e in parts if len(e)]
         result = Events.empty()
-        if filled:
+        if len(filled) == 1:
+            result = filled[0][:]
+        elif filled:
             t, x, y, p = (np.concatenate([getattr(e, n) for e in filled]) for n in "txyp")
             result = Events(t, x, y, p)
             colours = [e.c for e in filled if e.c is not None]

@@ -74,6 +74,8 @@ class Decoder(decoder.Decoder):
     }
     has_side = True
     kinds: ClassVar[np.ndarray]
+    imu_orientation = 0
+    """How the inertial chip is mounted, see ImuReader; holds from the next reset on."""
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
         """The vectorised reference: the class of each word from a table, what holds at it by counting."""

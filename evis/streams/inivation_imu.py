@@ -97,10 +97,14 @@ BOSCH = ImuChip(3, (2000, 1000, 500, 250, 125), 7, (1 / 512, 23.0), True)
 
 
 class ImuReader:
-    """Puts samples together from words that come in pieces. A sample's time is that of its end."""
+    """Puts samples together from words that come in pieces. A sample's time is that of its end.
 
-    def __init__(self, chip: ImuChip) -> None:
+    orientation: what the camera's register says of how the chip is mounted; bits 2, 1, 0 turn x, y, z around.
+    """
+
+    def __init__(self, chip: ImuChip, orientation: int = 0) -> None:
         self.chip = chip
+        self._signs = np.array([-1.0 if orientation & bit else 1.0 for bit in (4, 2, 1)])
         self._open: np.ndarray | None = None
 
     def feed(self, t_us: np.ndarray, words: np.ndarray) -> tuple[Imu, int]:
@@ -131,4 +135,5 @@ class ImuReader:
         if not samples:
             return Imu(), damaged
         values = np.array(samples)
-        return Imu(np.array(times, np.int64), values[:, :3].copy(), values[:, 3:6].copy(), values[:, 6].copy()), damaged
+        acceleration, angular_velocity = values[:, :3] * self._signs, values[:, 3:6] * self._signs
+        return Imu(np.array(times, np.int64), acceleration, angular_velocity, values[:, 6].copy()), damaged

@@ -2,7 +2,8 @@
 
 import warp as wp
 
-from evis.streams.kernels_writing import bound_of, put_event, put_trigger, report
+from evis.streams.kernels_runs import evt2_run, keep_inside, put_mask
+from evis.streams.kernels_writing import bound_of, put_trigger, report
 
 
 @wp.func
@@ -72,25 +73,23 @@ def make_decode(vectors: bool) -> wp.Kernel:
                 if now > limit_us:
                     next_us = now
                     break
-                now_ns = now * wp.int64(1000)
-                column = int((head >> wp.uint32(11)) & wp.uint32(0x7FF))
-                row = int(head & wp.uint32(0x7FF))
+                first = n
                 if wp.static(vectors):
+                    column = int((head >> wp.uint32(11)) & wp.uint32(0x7FF))
+                    row = int(head & wp.uint32(0x7FF))
                     mask = wp.uint32(words[i] & wp.uint64(0xFFFFFFFF))
-                    while mask != wp.uint32(0):
-                        if (mask & wp.uint32(1)) != wp.uint32(0):
-                            if row >= rows or column >= columns:
-                                outside += wp.int64(1)
-                            else:
-                                put_event(n, now_ns, column, row, wp.uint8(kind), t, x, y, p)
-                                n += 1
-                        mask = mask >> wp.uint32(1)
-                        column += 1
-                elif row >= rows or column >= columns:
-                    outside += wp.int64(1)
+                    n = put_mask(n, now * wp.int64(1000), column, row, wp.uint8(kind), mask, t, x, y, p)
+                    if row >= rows or column + 32 > columns:
+                        met = n
+                        n = keep_inside(first, met, columns, rows, t, x, y, p)
+                        outside += wp.int64(met - n)
                 else:
-                    put_event(n, now_ns, column, row, wp.uint8(kind), t, x, y, p)
-                    n += 1
+                    # all words up to the next TIME_HIGH at once, where none of them can be later than the limit
+                    stop = wp.where(base + wp.int64(63) <= limit_us, wp.min(end, i + last - n + 1), i + 1)
+                    after = evt2_run(words, i, stop, base, n, t, x, y, p)
+                    n = keep_inside(first, first + after - i, columns, rows, t, x, y, p)
+                    outside += wp.int64(after - i - n + first)
+                    i = after - 1
             elif kind == 8:
                 newest = wp.int64(head & wp.uint32(0xFFFFFFF))
                 # after a gap (-1) the time before it still counts, for the turns

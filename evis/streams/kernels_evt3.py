@@ -2,7 +2,20 @@
 
 import warp as wp
 
+from evis.streams.kernels_runs import evt3_run, keep_inside, put_vector
 from evis.streams.kernels_writing import bound_of, put_event, put_trigger, report
+
+
+@wp.func
+def start_of(loop: wp.int64, high: wp.int32):
+    """Time [us] at which a TIME_HIGH begins, after `loop` turns."""
+    return (loop << wp.int64(24)) + wp.int64(high << 12)
+
+
+@wp.func
+def latest_of(limit_us: wp.int64, since: wp.int64):
+    """The last TIME_LOW that is not later than the limit: -1 for none."""
+    return int(wp.clamp(limit_us - since, wp.int64(-1), wp.int64(4096)))
 
 
 @wp.kernel(module="unique", enable_backward=False)
@@ -34,9 +47,7 @@ def decode_evt3(
     outside = state[7]
     untimed = state[8]
     unknown = state[9]
-    now = (loop << wp.int64(24)) + wp.int64((high << 12) + low)
-    now_ns = now * wp.int64(1000)
-    # a vector gives up to 12 events: stop while they still fit
+    # a vector writes 12 places: stop while they still fit
     last = t.shape[0] - 12
     last_trigger = trigger_t.shape[0]
     n = wp.int32(0)
@@ -47,7 +58,7 @@ def decode_evt3(
     columns = bound_of(width)
     rows = bound_of(height)
     while timed <= wp.int64(0) and i < end:
-        if (int(words[i]) >> 12) == 8:
+        if int(words[i]) >> 12 == 8:
             # after a gap (-1) the time before it still counts, for the turns
             if timed == wp.int64(0):
                 high = int(words[i]) & 0xFFF
@@ -55,63 +66,75 @@ def decode_evt3(
         else:
             untimed += wp.int64(1)
             i += 1
+    # times are `since` + the low part
+    since = start_of(loop, high)
+    latest = latest_of(limit_us, since)
     while i < end:
+        if n > last:
+            break
         word = int(words[i])
         kind = word >> 12
         value = word & 0xFFF
-        if kind == 2 or kind == 4 or kind == 5:
-            if n > last:
+        if kind == 2:
+            if low > latest:
+                next_us = since + wp.int64(low)
                 break
-            if now > limit_us:
-                next_us = now
-                break
-            if kind == 2:
-                column = value & 0x7FF
-                if row >= rows or column >= columns:
-                    outside += wp.int64(1)
-                else:
-                    put_event(n, now_ns, column, row, wp.uint8(value >> 11), t, x, y, p)
-                    n += 1
-            else:
-                pixels = 12
-                if kind == 5:
-                    pixels = 8
-                    value = value & 0xFF
-                column = base
-                while value != 0:
-                    if (value & 1) != 0:
-                        pixel = column & 0xFFFF
-                        if row >= rows or pixel >= columns:
-                            outside += wp.int64(1)
-                        else:
-                            put_event(n, now_ns, pixel, row, sign, t, x, y, p)
-                            n += 1
-                    value = value >> 1
-                    column += 1
-                base = (base + pixels) & 0xFFFF
-        elif kind == 0:
+            state[2] = wp.int64(low)
+            state[4] = wp.int64(row)
+            # each word gives one event at most
+            stop = wp.min(end, i + last - n + 1)
+            i = evt3_run(words, i, stop, since, high, latest, n, state, out, t, x, y, p)
+            met = int(out[1])
+            kept = keep_inside(n, met, columns, rows, t, x, y, p)
+            outside += wp.int64(met - kept)
+            n = kept
+            low = int(state[2])
+            row = int(state[4])
+            continue
+        if kind == 0:
             row = value & 0x7FF
         elif kind == 3:
             base = value & 0x7FF
             sign = wp.uint8(value >> 11)
+        elif kind == 4 or kind == 5:
+            if low > latest:
+                next_us = since + wp.int64(low)
+                break
+            now_ns = (since + wp.int64(low)) * wp.int64(1000)
+            pixels = wp.where(kind == 4, 12, 8)
+            value = value & ((1 << pixels) - 1)
+            if row < rows and base + 12 <= columns:
+                n = put_vector(n, now_ns, base, row, sign, value, t, x, y, p)
+            else:
+                column = base
+                while value != 0:
+                    pixel = column & 0xFFFF
+                    if (value & 1) != 0:
+                        if row < rows and pixel < columns:
+                            put_event(n, now_ns, pixel, row, sign, t, x, y, p)
+                            n += 1
+                        else:
+                            outside += wp.int64(1)
+                    value = value >> 1
+                    column += 1
+            base = (base + pixels) & 0xFFFF
         elif kind == 6:
             low = value
-            now = (loop << wp.int64(24)) + wp.int64((high << 12) + low)
-            now_ns = now * wp.int64(1000)
         elif kind == 8:
             if high >= value + 2048:
                 loop += wp.int64(1)
             if high != value:
                 low = 0
-            high = value
-            now = (loop << wp.int64(24)) + wp.int64((high << 12) + low)
-            now_ns = now * wp.int64(1000)
+                high = value
+                since = start_of(loop, high)
+                latest = latest_of(limit_us, since)
         elif kind == 10:
             if m >= last_trigger:
                 break
-            if now > limit_us:
-                next_us = now
+            if low > latest:
+                next_us = since + wp.int64(low)
                 break
+            now_ns = (since + wp.int64(low)) * wp.int64(1000)
             put_trigger(m, now_ns, (value >> 8) & 15, value & 1, trigger_t, trigger_id, trigger_value)
             m += 1
         elif kind != 7 and kind < 14:

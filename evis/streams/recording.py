@@ -18,11 +18,12 @@ from evis.streams.events import Events
 
 _FILES = (
     "dat", "raw", "zip_text", "npz", "hdf5", "aedat2", "aedat3", "aedat4", "es", "rosbag1", "rosbag_db3",
-    "rosbag_mcap", "text", "nmnist",
+    "rosbag_mcap", "zstd_file", "text", "nmnist",
 )  # fmt: skip
 FORMATS = tuple(f"evis.streams.files.{name}" for name in _FILES)
 """Modules with `NAME`, `matches(head, path)` and `open_file(path, options)`; recognised by content, in this order."""
-_WITH_TOPICS = frozenset(f"evis.streams.files.{n}" for n in ("hdf5", "aedat4", "rosbag1", "rosbag_db3", "rosbag_mcap"))
+_TOPICS_IN = ("hdf5", "aedat4", "rosbag1", "rosbag_db3", "rosbag_mcap", "zip_text", "zstd_file")
+_WITH_TOPICS = frozenset(f"evis.streams.files.{n}" for n in _TOPICS_IN)
 WRITERS = {
     ".raw": "evis.streams.files.raw",
     ".npz": "evis.streams.files.npz",
@@ -35,6 +36,8 @@ WRITERS = {
     ".hdf5": "evis.streams.files.hdf5_writer",
 }
 """Modules with `create(path, width, height, encoding)`, by extension."""
+WHOLE_US = (".raw", ".dat", ".es", ".aedat4", ".h5", ".hdf5")
+"""Extensions of formats that round times to whole us."""
 
 HEAD = 4096
 """Bytes of a file that `matches` of a format sees."""
@@ -53,7 +56,7 @@ class OpenOptions:
     """What a user may say about a file that the file does not say itself.
 
     backend: `numpy`, `warp` or `auto` (by size); same results. size: (width, height), in place of what the file says.
-    topic: of a bag or an HDF5 file with several event streams, the one to read.
+    topic: of a bag, an HDF5 file or an archive with several event streams, the one to read.
     """
 
     backend: str = "auto"
@@ -178,15 +181,18 @@ class Writer(abc.ABC):
         return self
 
     def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        failure = error if isinstance(error, OSError) and error.filename is None else None
         try:
             if error is None:
                 self.close()
         except OSError as e:
-            raise RecordingError(f"{self.path}: writing failed: {e.strerror}") from None
-        finally:
+            failure = e
+        try:
             self.discard()
-        if isinstance(error, OSError) and error.filename is None:
-            raise RecordingError(f"{self.path}: writing failed: {error.strerror}") from None
+        except (OSError, RuntimeError):  # the second by HDF5
+            self.partial.unlink(missing_ok=True)  # to close it meant to write what no longer fits
+        if failure is not None:
+            raise RecordingError(f"{self.path}: writing failed: {reason(failure)}") from None
 
 
 def open_recording(
@@ -201,7 +207,8 @@ def open_recording(
         names = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
         near = difflib.get_close_matches(path.name, names, n=1)
         raise RecordingError(f"{path}: no such file" + (f"; did you mean {near[0]}?" if near else ""))
-    if path.is_dir() and (bags := _bags_in(path)):
+    bags = _bags_in(path) if path.is_dir() else []
+    if bags:
         path = bags[0]
     if not path.is_file():
         raise RecordingError(f"{path}: not a file")
@@ -220,7 +227,13 @@ def open_recording(
         if modules[-1].matches(head, path):
             if topic and name not in _WITH_TOPICS:
                 raise RecordingError(f"{path}: {modules[-1].NAME} has no topics; leave out the topic '{topic}'")
-            return modules[-1].open_file(path, OpenOptions(backend, size, topic))
+            recording = modules[-1].open_file(path, OpenOptions(backend, size, topic))
+            if len(bags) > 1 and hasattr(recording, "more"):
+                recording.more = bags[1:]
+            elif len(bags) > 1:
+                others = ", ".join(bag.name for bag in bags[1:])
+                recording.info.warn(f"the bag is split: this is {path.name} alone; open the others too: {others}")
+            return recording
     known = ", ".join(dict.fromkeys(m.NAME for m in modules))
     raise RecordingError(f"{path}: not a recording of a known format; known are {known}")
 
@@ -229,7 +242,8 @@ def _bags_in(folder: Path) -> list[Path]:
     """ROS 2 keeps a bag as a folder of a metadata.yaml and its files."""
     if not (folder / "metadata.yaml").is_file():
         return []
-    return sorted(p for p in folder.iterdir() if p.suffix in (".db3", ".mcap"))
+    files = [p for p in folder.iterdir() if p.name.removesuffix(".zstd").endswith((".db3", ".mcap"))]
+    return sorted(files, key=lambda p: (len(p.name), p.name))
 
 
 def open_writer(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> Writer:
@@ -242,4 +256,12 @@ def open_writer(path: str | os.PathLike[str], width: int, height: int, encoding:
     if suffix not in WRITERS:
         raise RecordingError(f"{path}: cannot write '{suffix}'; the extensions are {', '.join(WRITERS)}")
     module: ModuleType = importlib.import_module(WRITERS[suffix])
-    return module.create(path, width, height, encoding)
+    try:
+        return module.create(path, width, height, encoding)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {reason(error)}") from None
+
+
+def reason(error: OSError) -> str:
+    """What the system says, without what a library wrote around it."""
+    return os.strerror(error.errno) if error.errno else str(error)

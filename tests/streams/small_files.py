@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from file_cases import (
     aedat2_davis,
@@ -96,6 +97,12 @@ def db3_bag(folder):
     return path.read_bytes()
 
 
+def numpy_archive(folder):
+    """Compressed by numpy, which writes the arrays in the order of their names."""
+    np.savez_compressed(folder / "whole.npz", t=EVENTS.t, x=EVENTS.x, y=EVENTS.y, p=EVENTS.p, width=34, height=34)
+    return (folder / "whole.npz").read_bytes()
+
+
 CASES = {
     "dat": (written(".dat"), ".dat"), "es": (written(".es"), ".es"), "text": (written(".txt"), ".txt"),
     "csv": (written(".csv"), ".csv"), "aedat4": (written(".aedat4", "none"), ".aedat4"),
@@ -104,11 +111,12 @@ CASES = {
     "nmnist": (lambda _: nmnist(EVENTS), ".bin"), "raw evt21": (written(".raw", "evt21"), ".raw"),
     "bag": (ros1_bag(), ".bag"), "bag bz2": (ros1_bag("BZ2"), ".bag"), "bag lz4": (ros1_bag("LZ4"), ".bag"),
     "bag packets": (packets_bag, ".bag"), "mcap": (mcap_bag("NONE"), ".mcap"), "mcap zstd": (mcap_bag("ZSTD"), ".mcap"),
-    "mcap lz4": (mcap_bag("LZ4"), ".mcap"),
+    "mcap lz4": (mcap_bag("LZ4"), ".mcap"), "npz": (written(".npz"), ".npz"), "npz packed": (numpy_archive, ".npz"),
+    "zip": (lambda _: text_zip(EVENTS), ".zip"),
 }  # fmt: skip
 OTHERS = {
     "raw evt2": (written(".raw", "evt2"), ".raw"), "raw evt3": (written(".raw", "evt3"), ".raw"),
-    "npz": (written(".npz"), ".npz"), "zip": (lambda _: text_zip(EVENTS), ".zip"), "db3": (db3_bag, ".db3"),
+    "db3": (db3_bag, ".db3"),
     "hdf5 ecf": (written(".h5", "ecf"), ".h5"), "hdf5 plain": (written(".h5", "plain"), ".h5"),
 }  # fmt: skip
 """Formats whose cuts are tested elsewhere."""

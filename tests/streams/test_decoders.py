@@ -12,7 +12,7 @@ from stream_cases import random_events, same, sha256_us
 from word_machines import run_evt2, run_evt3
 
 from evis.streams import Events, Triggers, evt2, evt3
-from evis.streams.files.raw import read_header
+from evis.streams.files.raw_header import read_header
 
 CODECS = {"evt2": evt2, "evt3": evt3}
 MACHINES = {"evt2": run_evt2, "evt3": run_evt3}

@@ -9,7 +9,7 @@ from stream_cases import random_events, same, sha256_us
 from evis.streams import Events
 from evis.streams.decoder import decoder_for
 from evis.streams.encoder import encoder_for
-from evis.streams.files.raw import read_header
+from evis.streams.files.raw_header import read_header
 
 BOTH = pytest.mark.parametrize("backend", ["numpy", "warp"])
 REAL = "derived/hd_from_evt3_sample_evt21_little.raw"

@@ -119,7 +119,7 @@ def test_damaged_files_at_length(name, whole, tmp_path):
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("name", ["hdf5 ecf", "hdf5 plain"])
 def test_damaged_hdf5_at_length(name, whole, tmp_path):
-    """In processes of their own, as the HDF5 library itself may crash or hang: how often is bounded."""
+    """In processes of their own, as the HDF5 library itself crashes or hangs on some: never where we call it."""
     (tmp_path / "whole.h5").write_bytes(whole(name))
     code = (
         "import sys, pathlib, numpy as np\n"
@@ -137,11 +137,11 @@ def test_damaged_hdf5_at_length(name, whole, tmp_path):
         last = min(first + 200, LONG // 10)
         arguments = [sys.executable, "-c", code, os.path.dirname(__file__), str(tmp_path), str(first), str(last)]
         try:
-            done = subprocess.run(arguments, capture_output=True, text=True, timeout=120)
-            assert done.returncode <= 0, done.stderr  # a signal is the library's; an exception would be ours
+            done = subprocess.run(arguments, capture_output=True, text=True, timeout=1200)
+            assert done.returncode <= 0, done.stderr
             died = done.returncode < 0
         except subprocess.TimeoutExpired:
-            died = True  # endless loops in its own code, seen in the reading of attributes
+            died = True
         deaths += died
         first = int((tmp_path / "seed").read_text()) + 1 if died else last
-    assert deaths <= max(LONG // 2000, 2)
+    assert deaths == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import struct
 
 import h5py
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from stream_cases import random_events, same
 
 from evis.streams import Events, RecordingError, open_recording, open_writer
-from evis.streams.files import ecf
+from evis.streams.files import ecf, trial
 from evis.streams.files.inflate import DamagedError
 
 MODES = ["yxp", "xp", "masked"]
@@ -137,23 +138,126 @@ def test_a_damaged_chunk_is_left_out_alone(tmp_path):
     np.testing.assert_array_equal(left.t, np.delete(events.t, slice(16384, 32768)))
 
 
-def test_a_cut_file_gives_the_chunks_that_are_there(tmp_path):
-    """The library refuses cut files: here it sees zeros behind the cut. What it finds are the first events."""
-    events = small_events(100_000, 640, 480)
-    with open_writer(tmp_path / "a.h5", 640, 480, "plain") as writer:
-        writer.write(events)
-    data, most = (tmp_path / "a.h5").read_bytes(), 0
-    for cut in range(1000, len(data), len(data) // 12):
+COUNT = 90_000
+CUTS = (0.03, 0.1, 0.31, 0.5, 0.72, 0.9, 0.985)
+
+
+def whole_events() -> Events:
+    """Four neighbours of a row at a time, in whole us."""
+    rng = np.random.default_rng(5)
+    t = np.cumsum(rng.integers(0, 3, COUNT)) * 1000
+    x, y = rng.integers(0, 346, COUNT), np.repeat(rng.integers(0, 260, COUNT // 4), 4)
+    return Events.of(t, x, y, rng.integers(0, 2, COUNT))
+
+
+def columns_file(path, events, how, latest=False, **options):
+    """DSEC's layout, each column at once or all of them in turns."""
+    arrays = {"p": events.p, "t": (events.t // 1000).astype("u4"), "x": events.x, "y": events.y}
+    with h5py.File(path, "w", libver="latest" if latest else None) as file:
+        group = file.create_group("events")
+        for name, values in arrays.items():
+            if how == "once":
+                group.create_dataset(name, data=values, **options)
+            else:
+                group.create_dataset(name, (0,), values.dtype, maxshape=(None,), **options)
+        for a in range(0, COUNT, 5000) if how == "turns" else []:
+            for name, values in arrays.items():
+                group[name].resize((a + 5000,))
+                group[name][a:] = values[a : a + 5000]
+        file["ms_to_idx"] = np.zeros(5, "u8")
+
+
+def ends_of(data_set, count):
+    """Where in the file the bytes of the first events end: (events, byte), as the library says of the whole file."""
+    if data_set.get_create_plist().get_layout() != h5py.h5d.CHUNKED:
+        size = data_set.get_storage_size() // data_set.shape[0]
+        return [(n, data_set.get_offset() + n * size) for n in range(0, count + 1, count // 100)]
+    chunks = [data_set.get_chunk_info(i) for i in range(data_set.get_num_chunks())]
+    length = data_set.get_create_plist().get_chunk()[0]
+    return [(min(c.chunk_offset[0] + length, count), c.byte_offset + c.size) for c in chunks]
+
+
+def least_before(path, names, cut):
+    """Events of which all data lie before byte `cut`."""
+    with h5py.File(path) as file:
+        found = []
+        for name in names:
+            n = 0
+            for events, end in sorted(ends_of(file[name].id, COUNT)):
+                if end > cut:
+                    break
+                n = events
+            found.append(n)
+    return min(found)
+
+
+def check_cuts(path, names, tmp_path, most=2**62):
+    """What a cut file gives are its first events: all that lie before the cut, and none that it does not have."""
+    events, data = whole_events(), path.read_bytes()
+    for part in CUTS:
+        cut = int(part * len(data))
+        due = least_before(path, names, cut)
         try:
-            with open_recording(save(tmp_path / "b.h5", data[:cut])) as recording:
-                left = recording.read()
+            with open_recording(save(tmp_path / "cut.h5", data[:cut])) as recording:
+                left, counters = recording.read(), recording.counters()
                 assert recording.info.truncated and "cut" in recording.info.warnings[0]
         except RecordingError as error:
-            assert "b.h5: cut" in str(error)
+            assert "cut.h5: cut" in str(error) and due == 0
             continue
-        n = int(np.argmax(left.t != events.t[: len(left)])) or len(left)
-        most = max(most, n)
-    assert most > 30_000
+        assert due <= len(left) <= min(due + most, COUNT)
+        same(left, events[: len(left)])
+        assert counters.get("events_behind_cut", 0) == COUNT - len(left)
+
+
+@pytest.mark.parametrize("encoding", ["ecf", "plain"])
+def test_a_cut_file_of_prophesee(encoding, tmp_path):
+    """With the first events of the chunk that is cut."""
+    with open_writer(tmp_path / "a.h5", 346, 260, encoding) as writer:
+        writer.write(whole_events())
+    check_cuts(tmp_path / "a.h5", ["CD/events"], tmp_path, most=16384)
+
+
+@pytest.mark.parametrize("how", ["once", "turns"])
+@pytest.mark.parametrize("options", [{}, {"chunks": (5000,), "compression": "gzip"}, {"chunks": (5000,)}])
+@pytest.mark.parametrize("latest", [False, True])
+def test_cut_columns(how, options, latest, tmp_path):
+    """An event counts when it has all four columns; what HDF5 itself reads behind the cut are zeros."""
+    if how == "turns" and not options:
+        options = {"chunks": (5000,), "compression": "lzf"}
+    columns_file(tmp_path / "a.h5", whole_events(), how, latest, **options)
+    check_cuts(tmp_path / "a.h5", [f"events/{c}" for c in "xytp"], tmp_path)
+
+
+def test_a_cut_file_of_mvsec(tmp_path):
+    """Rows of four numbers in chunks, in the group of a group."""
+    events = whole_events()
+    rows = np.stack([events.x, events.y, events.t / 1e9, events.p * 2.0 - 1], 1).astype(np.float64)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("davis/left/events", data=rows, chunks=(3000, 4), compression="gzip")
+    check_cuts(tmp_path / "a.h5", ["davis/left/events"], tmp_path)
+
+
+def test_chunks_whose_index_is_behind_the_cut(tmp_path):
+    """A tree of more than 64 chunks moves its first leaf behind them: ECF is found without it, other chunks are not."""
+    events = random_events(4, 70 * 16384)
+    events.t[:] = np.sort(events.t)
+    with open_writer(tmp_path / "a.h5", 640, 480, "ecf") as writer:
+        writer.write(events)
+    data = (tmp_path / "a.h5").read_bytes()
+    cut = len(data) // 2
+    with open_recording(save(tmp_path / "b.h5", data[:cut])) as recording:
+        left = recording.read()
+        assert "found by what they begin with" in recording.info.warnings[1]
+        assert recording.counters() == {"events_behind_cut": len(events) - len(left)}
+    assert len(left) > 30 * 16384
+    same(left, events[: len(left)])
+
+
+def test_a_library_that_hangs_or_crashes():
+    """The trial tells both from what ends by itself, also with an exception."""
+    assert trial.fate(lambda: None) == trial.fate(lambda: 1 / 0) == ""
+    assert trial.fate(lambda: ctypes.string_at(0)) == "crashes"
+    assert trial.fate(lambda: all(iter(int, 1)) or sum(iter(int, 1)), cpu_s=1) == "hangs"
 
 
 def test_a_file_cut_anywhere_is_told_in_plain_words(tmp_path):
@@ -229,6 +333,20 @@ def test_mvsec_has_two_cameras(tmp_path):
         assert "davis/right/events" in recording.info.warnings[0]
     with open_recording(tmp_path / "a.hdf5", topic="davis/right/events") as recording:
         assert len(recording.read()) == 100
+
+
+def test_rows_of_whole_numbers(tmp_path):
+    """v2e: t in us, x, y, p as uint32, and other tables beside it."""
+    events = small_events(400, 346, 260)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        rows = np.stack([events.t // 1000, events.x, events.y, events.p], 1).astype("u4")
+        file.create_dataset("events", data=rows, maxshape=(None, 4), compression="gzip")
+        file["frame_ts"] = np.arange(5)
+    with open_recording(tmp_path / "a.h5") as recording:
+        same(recording.read(), events)
+        assert recording.info.encoding == "v2e" and "taken as t in us" in recording.info.warnings[0]
+        recording.seek(int(events.t[200]))
+        assert recording.next_t_ns == int(events.t[200])
 
 
 def test_a_length_that_cannot_be_is_refused(tmp_path):

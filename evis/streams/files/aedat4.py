@@ -51,6 +51,8 @@ class Aedat4Recording(BlockRecording):
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path = path
         self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        self._buffer = memoryview(bytearray(_WINDOW))
+        self._window = 0, self._buffer[:0]
         try:
             self._size = os.fstat(self._descriptor).st_size
             self.info = RecordingInfo(str(path), "aedat4", "", 0, 0, "header", self._size)
@@ -65,9 +67,9 @@ class Aedat4Recording(BlockRecording):
 
     def _read_header(self, options: OpenOptions) -> None:
         info, table, length = self.info, -1, 0
-        head = self._read(len(MAGIC), 4)
-        if len(head) == 4 and self._read(0, len(MAGIC)) == MAGIC:
-            length = int.from_bytes(head, "little")
+        head = self._read(0, len(MAGIC) + 4)
+        if len(head) == len(MAGIC) + 4 and head[: len(MAGIC)] == MAGIC:
+            length = int.from_bytes(head[len(MAGIC) :], "little")
         self._begin, self._streams, self._compression = len(MAGIC) + 4 + length, {}, "none"
         self._end = self._size
         if not length or length > _MAX_HEADER or self._begin > self._size:
@@ -111,8 +113,15 @@ class Aedat4Recording(BlockRecording):
         info.sensor, info.encoding = about.get("source", ""), self._compression
         info.serial = info.sensor.rpartition("_")[2] if "_" in info.sensor else ""
 
-    def _read(self, at: int, size: int) -> bytes:
-        return os.pread(self._descriptor, size, at)
+    def _read(self, at: int, size: int) -> memoryview:
+        """Bytes of the file, fewer at its end. Valid until the next call: the buffer is used again."""
+        begin, window = self._window
+        if size > _WINDOW:
+            return memoryview(os.pread(self._descriptor, size, at))
+        if not begin <= at <= at + size <= begin + len(window):
+            begin, window = at, self._buffer[: os.preadv(self._descriptor, [self._buffer], at)]
+            self._window = begin, window
+        return window[at - begin : at - begin + size]
 
     # -- packets -----------------------------------------------------------------------------------------------------
 
@@ -134,7 +143,7 @@ class Aedat4Recording(BlockRecording):
                 return
             at = following
 
-    def _starts_well(self, head: bytes) -> bool:
+    def _starts_well(self, head: memoryview) -> bool:
         """Whether the bytes behind a packet's header are what the compression begins with."""
         magic = _FRAME_MAGIC.get(self._compression)
         return head[8:12] == magic if magic else head[16:20] in KINDS

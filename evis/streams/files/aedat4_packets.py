@@ -19,6 +19,7 @@ SOURCES = {1: (0, 1), 2: (0, 0), 3: (0, 1), 4: (1, 1), 5: (1, 0), 6: (2, 1), 7: 
 """Trigger source -> (id, value). ids: 0 external signal (3 = pulse), 1 signal generator, 2 frame readout, 3 exposure,
 4 reset of the time."""
 
+_BY_SOURCE = np.array([SOURCES.get(i, (0, -1)) for i in range(256)], np.int8).T
 _RGB = {1: [0], 3: [2, 1, 0], 4: [2, 1, 0]}
 
 
@@ -65,7 +66,6 @@ def _imu(root: Table, cut: bool) -> Imu:
 
 def _triggers(root: Table, cut: bool) -> Triggers:
     t, source = root.columns(0, {0: "q", 1: "b"}, cut)
-    pairs = [SOURCES.get(s, (0, -1)) for s in source.tolist()]
-    ids, values = np.array(pairs, np.int16).reshape(-1, 2).T
+    ids, values = _BY_SOURCE[:, source.view(np.uint8)]
     known = values >= 0
     return Triggers(t[known] * 1000, ids[known].astype(np.uint8), values[known].astype(np.uint8))

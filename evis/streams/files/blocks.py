@@ -24,7 +24,7 @@ class BlockRecording(Recording):
     def __init__(self) -> None:
         self._source = self._load()
         self._block, self._at = Events.empty(), 0
-        self._aside = Events.empty()
+        self._waiting: list[Events] = []
         self._counts: dict[str, int] = {}
 
     @abc.abstractmethod
@@ -52,10 +52,17 @@ class BlockRecording(Recording):
                 return False
             self._block, self._at = self._inside(block), 0
             if has_aside(block):
-                aside = [self._aside, Events.empty()]
-                aside[1].triggers, aside[1].imu, aside[1].frames = block.triggers, block.imu, block.frames
-                self._aside = Events.concatenate(aside)
+                aside = Events.empty()
+                aside.triggers, aside.imu, aside.frames = block.triggers, block.imu, block.frames
+                self._waiting.append(aside)
         return True
+
+    @property
+    def _aside(self) -> Events:
+        """Triggers, IMU samples and frames that were loaded and not given yet."""
+        if len(self._waiting) > 1:
+            self._waiting = [Events.concatenate(self._waiting)]
+        return self._waiting[0] if self._waiting else Events.empty()
 
     def _inside(self, events: Events) -> Events:
         width, height = self.info.width, self.info.height
@@ -70,8 +77,15 @@ class BlockRecording(Recording):
         while self._more():
             part, self._at = self._block[self._at :], len(self._block)
             yield self._with_aside(part, None)
-        if has_aside(self._aside):
+        if self._waiting:
             yield self._with_aside(Events.empty(), None)
+
+    def read(self) -> Events:
+        parts = [Events.empty()]
+        while self._more():
+            parts.append(self._block[self._at :])
+            self._at = len(self._block)
+        return self._with_aside(Events.concatenate(parts), None)
 
     def read_until(self, t_ns: int) -> Events:
         parts = [Events.empty()]
@@ -85,17 +99,20 @@ class BlockRecording(Recording):
         return self._with_aside(Events.concatenate(parts), t_ns)
 
     def _with_aside(self, events: Events, t_ns: int | None) -> Events:
-        """Add the waiting triggers, IMU samples and frames up to t_ns (None: all)."""
-        aside = self._aside
-        if not has_aside(aside):
+        """`events` with the waiting triggers, IMU samples and frames up to t_ns (None: all)."""
+        if not self._waiting:
             return events
+        aside = self._aside
+        if t_ns is None:
+            self._waiting = []
+            return Events(events.t, events.x, events.y, events.p, events.c, aside.triggers, aside.imu, aside.frames)
         n = [_until(t, t_ns) for t in _aside_times(aside)]
         later = Events.empty()
         events = Events(events.t, events.x, events.y, events.p, events.c)
         events.triggers, later.triggers = _split(aside.triggers, n[0])
         events.imu, later.imu = _split(aside.imu, n[1])
         events.frames, later.frames = aside.frames[: n[2]], aside.frames[n[2] :]
-        self._aside = later
+        self._waiting = [later] if has_aside(later) else []
         return events
 
     @property
@@ -107,7 +124,7 @@ class BlockRecording(Recording):
     def seek(self, t_ns: int) -> None:
         self._counts.clear()
         self._source = self._load_from(t_ns)
-        self._block, self._at, self._aside = Events.empty(), 0, Events.empty()
+        self._block, self._at, self._waiting = Events.empty(), 0, []
         more = True
         while more:
             more = self._more()
@@ -153,8 +170,8 @@ def _aside_times(aside: Events) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return aside.triggers.t, aside.imu.t, np.array([f.t_ns for f in aside.frames], np.int64)
 
 
-def _until(t: np.ndarray, t_ns: int | None) -> int:
-    late = t > t_ns if t_ns is not None else np.zeros(len(t), bool)
+def _until(t: np.ndarray, t_ns: int) -> int:
+    late = t > t_ns
     return int(np.argmax(late)) if late.any() else len(t)
 
 

@@ -1,4 +1,7 @@
-"""Prophesee DAT: lines of `% key value`, two bytes (type, size), then 8 bytes an event: u32 t [us], u32 x, y, p."""
+"""Prophesee DAT: lines of `% key value`, two bytes (type, size), then 8 bytes an event: u32 t [us], u32 x, y, p.
+
+Old files lack text and type, or have (`Version` below 2) x in bits 0-8, y in 9-16 and p in bit 17.
+"""
 
 from __future__ import annotations
 
@@ -8,26 +11,46 @@ from pathlib import Path
 
 import numpy as np
 
-from evis.streams.events import Events
+from evis.streams.events import Events, Triggers
 from evis.streams.files.blocks import take_size
 from evis.streams.files.records import RecordFile
 from evis.streams.recording import HEAD, OpenOptions, RecordingError, RecordingInfo, Writer
 
 NAME = "Prophesee DAT"
 
-TYPES = {0x00: "2d", 0x0C: "cd"}
-"""Event type of the file -> name. Both have the same layout."""
+TYPES = {0x00: "2d", 0x0C: "cd", 0x0E: "trigger"}
+"""Event type of the file -> name. Triggers have the value in bits 0-3 and the channel in 26-31."""
 _RECORD = np.dtype([("t", "<u4"), ("word", "<u4")])
 _SIDE = 1 << 14
+_OLD, _NEW = (9, 17, 0x1FF, 0xFF), (14, 28, _SIDE - 1, _SIDE - 1)
+"""Where y and p begin in the word, and the largest x and y."""
+_LARGEST_SENSOR = 2048
 
 
 def matches(head: bytes, path: Path) -> bool:
-    """The first header line names the format; older files have the extension alone."""
-    return head.startswith(b"% Data file") or (head.startswith(b"% ") and path.suffix.lower() == ".dat")
+    """The first header line names the format; older files have the extension alone, and perhaps no header."""
+    if head.startswith(b"% Data file"):
+        return True
+    return path.suffix.lower() == ".dat" and (head.startswith(b"% ") or _bare(head))
+
+
+def _bare(head: bytes) -> bool:
+    """Records from the first byte on: their times go up, and the pixels are on a sensor."""
+    records = np.frombuffer(head, _RECORD, len(head) // _RECORD.itemsize)
+    t = records["t"].astype(np.int64)
+    return len(t) >= 8 and bool((np.diff(t) >= 0).mean() > 0.9) and _fits(records["word"], _NEW, 0, 0)
+
+
+def _fits(words: np.ndarray, layout: tuple[int, int, int, int], width: int, height: int) -> bool:
+    y_bit, p_bit, most_x, most_y = layout
+    x, y = words & most_x, words >> y_bit & most_y
+    spare = words >> p_bit > 1
+    wrong = spare | (x >= (width or _LARGEST_SENSOR)) | (y >= (height or _LARGEST_SENSOR))
+    return bool(wrong.mean() < 0.02) if len(words) else True
 
 
 class DatRecording(RecordFile):
-    """A DAT file. Bits of the word: x 0-13, y 14-27, p 28."""
+    """A DAT file. Bits of the word: x 0-13, y 14-27, p 28; in the old layout x 0-8, y 9-16, p 17."""
 
     record = _RECORD
     counter_bits = 32
@@ -36,7 +59,9 @@ class DatRecording(RecordFile):
         size = path.stat().st_size
         header, at, binary = read_header(path)
         self.info = RecordingInfo(str(path), "dat", "", 0, 0, "header", size, header=header)
-        if len(binary) < 2:
+        if not header:
+            at, binary = -2, bytes((0, 8))
+        elif len(binary) < 2:
             self.info.truncated = True
             self.info.warn("cut inside the header: there is no event")
             binary = bytes((0x0C, 8))
@@ -52,20 +77,33 @@ class DatRecording(RecordFile):
             width, height = (_number(header.get(k, "")) for k in ("width", "height"))
             if not take_size(self.info, options):
                 self.info.width, self.info.height = (width, height) if width and height else (0, 0)
-            if not self.info.width:
+            self._layout = self._find_layout(header.get("version", ""))
+            if not self.info.width and self.info.encoding != "trigger":
                 self._size_from_events()
         except BaseException:
             self.close()
             raise
         super().__init__()
 
+    def _find_layout(self, version: str) -> tuple[int, int, int, int]:
+        """By the version, unless the first events say that it is the other one."""
+        words = self._records(0, min(self._total, 1 << 16))["word"] if self._total else np.empty(0, np.uint32)
+        named, other = (_OLD, _NEW) if version in ("0", "1") else (_NEW, _OLD)
+        size = self.info.width, self.info.height
+        return other if not _fits(words, named, *size) and _fits(words, other, *size) else named
+
     def _counter(self, records: np.ndarray) -> np.ndarray:
         return records["t"].astype(np.int64)
 
     def _events(self, records: np.ndarray, t_us: np.ndarray) -> Events:
-        word = records["word"]
-        x, y, p = word & (_SIDE - 1), word >> 14 & (_SIDE - 1), word >> 28 & 1
-        return Events(t_us * 1000, x.astype(np.uint16), y.astype(np.uint16), p.astype(np.uint8))
+        word, t = records["word"], t_us * 1000
+        if self.info.encoding == "trigger":
+            events = Events.empty()
+            events.triggers = Triggers(t, (word >> 26).astype(np.uint8), (word & 15 != 0).view(np.uint8))
+            return events
+        y_bit, p_bit, most_x, most_y = self._layout
+        x, y, p = word & most_x, word >> y_bit & most_y, word >> p_bit & 1
+        return Events(t, x.astype(np.uint16), y.astype(np.uint16), p.astype(np.uint8))
 
 
 def read_header(path: Path) -> tuple[dict[str, str], int, bytes]:

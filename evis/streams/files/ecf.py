@@ -31,21 +31,67 @@ def decode(data: bytes, backend: str = "numpy") -> Columns:
     n = word >> 2
     if n > MAX_EVENTS:
         raise DamagedError(f"an ECF chunk claims {n} events, the limit is {MAX_EVENTS}")
-    run = _launch if backend == "warp" else _loop
-    return run(data, n, t0, bool(word & 2), bool(word & 1))
+    if backend == "warp":
+        return _launch(data, n, t0, bool(word & 2), bool(word & 1))
+    return _loop(data, n, t0, bool(word & 2), bool(word & 1))[0]
 
 
-def _loop(data: bytes, n: int, t0: int, yxp: bool, xp: bool) -> Columns:
+def decode_some(data: bytes) -> tuple[Columns, int]:
+    """One chunk at the start of `data`, and how many bytes it takes. Raises DamagedError."""
+    if len(data) < _HEAD.size:
+        raise DamagedError("an ECF chunk is cut inside its header")
+    word, t0 = _HEAD.unpack_from(data)
+    return _loop(data, word >> 2, t0, bool(word & 2), bool(word & 1))
+
+
+def _loop(data: bytes, n: int, t0: int, yxp: bool, xp: bool) -> tuple[Columns, int]:
+    groups = -(-n // 4)
     try:
         t, at = _times(data, n, t0)
         if yxp:
             x, y, p = _packed_yxp(data, at, n)
+            at += 12 * groups
         else:
             y, at = _runs(data, at, n, 2, 5)
-            x, p = _packed_xp(data, at, n) if xp else _masked(data, at, n)
+            if xp:
+                x, p = _packed_xp(data, at, n)
+                at += 6 * groups
+            else:
+                x, p, at = _masked(data, at, n)
     except (struct.error, IndexError, ValueError) as error:
         raise DamagedError(f"an ECF chunk is damaged ({type(error).__name__})") from None
-    return t, x, y.astype(np.uint16), p
+    return (t, x, y.astype(np.uint16), p), at
+
+
+def decode_cut(data: bytes) -> Columns:
+    """The first events of a chunk of which only the beginning is there: those with all of their parts in it.
+
+    Times and rows come first, so that there are none unless the cut lies behind these; none either where polarities are
+    stored apart, behind everything else.
+    """
+    none = (np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16), np.empty(0, np.uint8))
+    if len(data) < _HEAD.size:
+        return none
+    word, t0 = _HEAD.unpack_from(data)
+    n, yxp, xp = word >> 2, bool(word & 2), bool(word & 1)
+    if n > MAX_EVENTS or not (yxp or xp):
+        return none
+    # of four events the first is whole after a third of their bytes, the second after two, the others at the end
+    size = 12 if yxp else 6
+    try:
+        t, at = _times(data, n, t0)
+        y = np.empty(0, np.int64)
+        if not yxp:
+            y, at = _runs(data, at, n, 2, 5)
+        n = min(n, (len(data) - at) // size * 4 + (len(data) - at) % size // (size // 3))
+        data += bytes(size)
+        if yxp:
+            x, y, p = _packed_yxp(data, at, n)
+        else:
+            x, p = _packed_xp(data, at, n)
+    except (struct.error, IndexError, ValueError):
+        return none
+    return t[:n], x, y[:n].astype(np.uint16), p
 
 
 def _times(data: bytes, n: int, t0: int) -> tuple[np.ndarray, int]:
@@ -111,7 +157,7 @@ def _packed_xp(data: bytes, at: int, n: int) -> tuple[np.ndarray, np.ndarray]:
     return (v >> 1).astype(np.uint16), (v & 1).astype(np.uint8)
 
 
-def _masked(data: bytes, at: int, n: int) -> tuple[np.ndarray, np.ndarray]:
+def _masked(data: bytes, at: int, n: int) -> tuple[np.ndarray, np.ndarray, int]:
     words = np.frombuffer(data, "<u2", (len(data) - at) // 2, at)[:n]
     bits = np.concatenate(
         [np.ones((len(words), 1), bool), (words[:, None] >> np.arange(4, -1, -1) & 1).astype(bool)], 1
@@ -121,8 +167,8 @@ def _masked(data: bytes, at: int, n: int) -> tuple[np.ndarray, np.ndarray]:
     if used > len(words):
         raise IndexError("too few columns")
     x = ((words[:used] >> 5)[:, None] + np.arange(6, dtype=np.uint16))[bits[:used]][:n]
-    signs, _ = _runs(data, at + 2 * used, n, 1, 7)
-    return x, signs.astype(np.uint8)
+    signs, at = _runs(data, at + 2 * used, n, 1, 7)
+    return x, signs.astype(np.uint8), at
 
 
 def _launch(data: bytes, n: int, t0: int, yxp: bool, xp: bool) -> Columns:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import struct
 
 import numpy as np
@@ -81,12 +82,33 @@ class Table:
         """Numbers of a vector of tables, an array for each wanted field (its number -> code); 0 where it is absent."""
         place = self.place(field)
         start = place + _get("<I", self.data, place) + 4 if place else 0
+        offsets = self.vector(field, np.dtype("<u4"), cut)
+        tables = (start + np.arange(0, 4 * len(offsets), 4) + offsets).tolist()
+        columns = self._alike(tables, wanted) if tables else None
+        return self._one_by_one(tables, wanted, cut) if columns is None else columns
+
+    def _alike(self, tables: list[int], wanted: dict[int, str]) -> list[np.ndarray] | None:
+        """Columns of tables with their fields in the same places, as writers make them; None where it is not so."""
+        try:
+            types = {at - _get("<i", self.data, at) for at in tables}
+            vtables = {bytes(self.data[v : v + _get("<H", self.data, v)]) for v in types}
+        except DamagedError:
+            return None
+        rows = {_row(vtable, tuple(wanted.items())) for vtable in vtables}
+        row = rows.pop() if len(rows) == 1 else None
+        if row is None or min(types) < 0 or max(tables) + row.itemsize > len(self.data):
+            return None
+        joined = b"".join([bytes(self.data[at : at + row.itemsize]) for at in tables])
+        values = np.frombuffer(joined, row)
+        names = row.names or ()
+        return [values[str(i)] if str(i) in names else np.zeros(len(tables), "<" + code) for i, code in wanted.items()]
+
+    def _one_by_one(self, tables: list[int], wanted: dict[int, str], cut: bool) -> list[np.ndarray]:
         readers = [(i, _READERS["<" + code].unpack_from) for i, code in wanted.items()]
         known: dict[int, list[int]] = {}  # where the wanted fields are in a table, by its vtable
         rows = []
         try:
-            for k, offset in enumerate(self.vector(field, np.dtype("<u4"), cut).tolist()):
-                at = start + 4 * k + offset
+            for at in tables:
                 vtable = at - _get("<i", self.data, at)
                 if vtable not in known:
                     table = Table(self.data, at)
@@ -98,6 +120,20 @@ class Table:
         return [
             np.array(column, "<" + c) for column, c in zip(zip(*rows) if rows else [[]] * len(wanted), wanted.values())
         ]
+
+
+@functools.lru_cache(64)
+def _row(vtable: bytes, wanted: tuple[tuple[int, str], ...]) -> np.dtype | None:
+    """What a table of this vtable is as one row of numbers; fields that it lacks are not in it. None: it is damaged."""
+    if len(vtable) < 4:
+        return None
+    size, *offsets = struct.unpack_from(f"<{len(vtable) // 2 - 1}H", vtable, 2)
+    there = [(str(i), "<" + code, offsets[i]) for i, code in wanted if i < len(offsets) and offsets[i]]
+    end = max((at + np.dtype(code).itemsize for _, code, at in there), default=0)
+    if not 0 < end <= size:
+        return None
+    names, formats, places = zip(*there)
+    return np.dtype({"names": names, "formats": formats, "offsets": places, "itemsize": end})
 
 
 def _get(code: str, data: bytes | memoryview, at: int) -> int:

@@ -5,23 +5,29 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evis.streams.events import Events
 from evis.streams.files.blocks import BlockRecording, take_size
+from evis.streams.files.trial import fate
 from evis.streams.recording import OpenOptions, RecordingError, RecordingInfo
 
 if TYPE_CHECKING:
     import h5py
 
+    from evis.streams.files.hdf5_cut import Parts
     from evis.streams.files.hdf5_layouts import Layout
 
 NAME = "HDF5 (Prophesee ECF, DSEC, TUM-VIE, MVSEC)"
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 _BLOCK = 1 << 18
+_TRIED_WHOLE = 1 << 20
+_MOST_MISSED = 10_000
+"""Blocks in a row that lie behind the cut, after which no other is looked for."""
 
 
 def matches(head: bytes, path: Path) -> bool:
@@ -30,11 +36,11 @@ def matches(head: bytes, path: Path) -> bool:
 
 
 class Hdf5Recording(BlockRecording):
-    """An HDF5 file of one of the layouts of `hdf5_layouts`. Of a file that is cut, what its library still finds.
+    """An HDF5 file of one of the layouts of `hdf5_layouts`.
 
-    That is often nothing, although events lie before the cut: what tells where they are (a
-    B-tree, the headers of the data sets) is written last.
-    The library checks little: on a file damaged on purpose it can itself hang or crash.
+    Of a file that is cut, the events whose data all lie before the cut: of a chunk of ECF or without compression that
+    is cut, its first events; of one with another compression none. Columns that were written one after the other share
+    no event until the last of them begins. Where what tells of the chunks lies behind the cut, they are lost too.
     """
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
@@ -107,20 +113,72 @@ class Hdf5Recording(BlockRecording):
                 events.triggers = layout.triggers()
                 yield events
         first -= first % block
+        reached, missed = False, 0
         while first < layout.count:
             n = min(block, layout.count - first)
             self._done = first + n
-            read: Callable[[int, int], Events] = layout.read
-            try:
-                with self._named():
-                    events = read(first, first + n)
-            except RecordingError as error:
-                if not layout.block and not self.info.truncated:
-                    raise
-                self._lost(first, error)
-            else:
-                yield events
+            parts = [(first, first + n)]
+            if self.info.truncated:
+                parts = self._there(first, first + n)
+            for a, b in parts:
+                try:
+                    with self._named():
+                        events = layout.read(a, b)
+                except RecordingError as error:
+                    if not layout.block and not self.info.truncated:
+                        raise
+                    self._lost(a, error)
+                else:
+                    yield events
+            if self.info.truncated and sum(b - a for a, b in parts) < n:
+                place = self._place_of(first) if layout.read_cut is not None else None
+                if layout.read_cut is not None and place is None and not reached:
+                    yield from self._carve(first)
+                    return
+                reached, missed = True, 0 if parts else missed + 1
+                yield self._before_cut(parts, place, first, first + n)
             first += n
+            if missed > _MOST_MISSED:
+                self.count("events_behind_cut", max(layout.count - first, 0))
+                return
+
+    def _there(self, first: int, last: int) -> Parts:
+        with self._named():
+            return self._layout.there(self.info.size_bytes, first, last)
+
+    def _place_of(self, first: int) -> tuple[int, int] | None:
+        """Where the chunk that begins with event `first` is, and its bytes; None where that is lost."""
+        try:
+            chunk = self._layout.tables[0].id.get_chunk_info_by_coord((first,))
+        except (RuntimeError, ValueError, OSError, OverflowError):
+            return None
+        return (chunk.byte_offset, chunk.size) if chunk.byte_offset is not None else None
+
+    def _before_cut(self, parts: Parts, place: tuple[int, int] | None, first: int, last: int) -> Events:
+        """What can be had of a chunk that the cut goes through; the rest is counted."""
+        events, layout = Events.empty(), self._layout
+        if layout.read_cut is not None and place is not None:
+            with self._path.open("rb") as file, contextlib.suppress(RecordingError), self._named():
+                file.seek(place[0])
+                events = layout.read_cut(first, file.read(min(place[1], self.info.size_bytes)))[: last - first]
+        self.count("events_behind_cut", last - first - sum(b - a for a, b in parts) - len(events))
+        return events
+
+    def _carve(self, first: int) -> Iterator[Events]:
+        """The chunks from event `first` on, whose index lies behind the cut, by what chunks begin with."""
+        from evis.streams.files.hdf5_cut import carve_ecf
+
+        layout, info = self._layout, self.info
+        info.warn("the index of its chunks lies behind the cut: they were found by what they begin with")
+        before, t_us = self._place_of(first - layout.block) if first else None, None
+        with contextlib.suppress(RecordingError), self._named():
+            t_us = layout.time_at(first - 1) // 1000 if before else None
+        found = 0
+        size = (info.width, info.height)
+        for t, x, y, p in carve_ecf(self._path, sum(before or ()), layout.block, t_us, size):
+            found += len(t)
+            yield Events(t * 1000, x, y, p)
+        self.count("events_behind_cut", max(layout.count - first - found, 0))
 
     @contextlib.contextmanager
     def _tolerant(self) -> Iterator[None]:
@@ -137,8 +195,10 @@ class Hdf5Recording(BlockRecording):
             self.info.warn(f"the chunk from event {first} on was left out: {why}")
 
     def _load_from(self, t_ns: int) -> Iterator[Events]:
-        """Bisection over the times of single events."""
+        """Bisection over the times of single events, where the file is whole."""
         low, high = 0, self._layout.count
+        if self.info.truncated:
+            return self._load_at(0)  # times behind the cut read as 0
         with contextlib.suppress(RecordingError), self._named():
             while high - low > _BLOCK:
                 middle = (low + high) // 2
@@ -147,6 +207,11 @@ class Hdf5Recording(BlockRecording):
                 else:
                     high = middle
         return self._load_at(low)
+
+    def try_ends(self) -> None:
+        """Read something of the first and the last block."""
+        next(self._load_at(0), None)
+        next(self._load_at(max(self._layout.count - 1, 0)), None)
 
     @property
     def position(self) -> float:
@@ -213,5 +278,21 @@ def _short(error: BaseException) -> str:
 
 
 def open_file(path: Path, options: OpenOptions) -> Hdf5Recording:
-    """Open an HDF5 recording. Raises RecordingError."""
+    """Open an HDF5 recording. Raises RecordingError.
+
+    The library checks little and can hang or crash on a damaged file: what may is first done in a process of its own,
+    all of the reading for files up to 1 MB, opening and the first and last events for larger ones.
+    """
+    with contextlib.suppress(ImportError):
+        import evis.streams.files.hdf5_layouts  # noqa: F401 (imported once, here, and not in the trial too)
+    if end := fate(lambda: _try(path, options)):
+        raise RecordingError(f"{path}: damaged HDF5 file: its library {end} on it; no event can be read")
     return Hdf5Recording(path, options)
+
+
+def _try(path: Path, options: OpenOptions) -> None:
+    recording = Hdf5Recording(path, replace(options, backend="numpy"))
+    if recording.info.size_bytes <= _TRIED_WHOLE:
+        recording.read()
+    else:
+        recording.try_ends()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,26 +13,40 @@ import numpy as np
 
 from evis.streams.events import Events, Triggers
 from evis.streams.files import ecf
+from evis.streams.files.hdf5_cut import Parts, common, rows_there
 from evis.streams.files.inflate import DamagedError
 from evis.streams.recording import RecordingError, RecordingInfo
 
 _COLUMNS = (("x", "y", "t", "p"), ("xs", "ys", "ts", "ps"))
 _MAX_CHUNK = 1 << 26
 _MOST_EVENTS_A_BYTE = 4096
+_MOST_OBJECTS, _DEEPEST = 10_000, 8
 
 
 @dataclass
 class Layout:
-    """count: events. read(a, b): events a..b-1. time_at(i): [ns]. size(): width, height, where from; 0 = unknown.
-    block: events that are compressed together, where a damaged one is to be left out alone."""
+    """count: events. tables: where they are. read(a, b): events a..b-1. time_at(i): [ns].
+
+    size(): width, height, where from; 0 = unknown. block: events that are compressed together, where a damaged one is
+    to be left out alone. read_cut(a, data): the events of a chunk from event a on of which only `data` is there.
+    """
 
     name: str
     count: int
+    tables: list[h5py.Dataset]
     read: Callable[[int, int], Events]
     time_at: Callable[[int], int]
     size: Callable[[], tuple[int, int, str]]
     triggers: Callable[[], Triggers] | None = None
     block: int = 0
+    read_cut: Callable[[int, bytes], Events] | None = None
+
+    def there(self, end: int, first: int, last: int) -> Parts:
+        """Which of the events first..last-1 lie before byte `end` of the file."""
+        parts = [(first, last)]
+        for table in self.tables:
+            parts = common(parts, rows_there(table, end, first, last))
+        return parts
 
 
 def find_layout(file: h5py.File, topic: str, info: RecordingInfo, backend: str) -> Layout:
@@ -43,9 +57,9 @@ def find_layout(file: h5py.File, topic: str, info: RecordingInfo, backend: str) 
     table = _get(file, "CD/events")
     compound = isinstance(table, h5py.Dataset) and bool(table.dtype.names)
     if compound and topic.strip("/") in ("", "CD", "CD/events"):
-        return _prophesee(file, table, backend)
+        return _prophesee(file, table, info, backend)
     groups: list[str] = ["CD/events"] if compound else []
-    file.visititems(lambda name, item: groups.append(name) if _holds_events(item) else None)
+    groups += [name for name, item in _walk(file) if _holds_events(item)]
     if not groups:
         raise ValueError("an HDF5 file without events: no CD/events, no x, y, t, p, no N x 4 events")
     if topic and topic not in groups:
@@ -54,7 +68,7 @@ def find_layout(file: h5py.File, topic: str, info: RecordingInfo, backend: str) 
     if len(groups) > 1 and not topic:
         info.warn(f"events in {', '.join(groups)}: these are of {name}")
     found = file[name]
-    return _table(found) if isinstance(found, h5py.Dataset) else _columns(file, found)
+    return _table(found, info) if isinstance(found, h5py.Dataset) else _columns(file, found, info)
 
 
 def _get(group: Any, name: str) -> Any:
@@ -64,16 +78,42 @@ def _get(group: Any, name: str) -> Any:
         return None
 
 
+def _walk(group: h5py.Group, prefix: str = "", met: set[Any] | None = None) -> Iterator[tuple[str, Any]]:
+    """All objects that can be read, by their paths; those whose headers are damaged or cut off are left out."""
+    met = set() if met is None else met
+    for name in _names(group):
+        try:
+            link = group.id.links.get_info(name.encode())
+            if link.type != h5py.h5l.TYPE_HARD or link.u in met or len(met) >= _MOST_OBJECTS:
+                continue
+            met.add(link.u)
+            item = group[name]
+        except (KeyError, RuntimeError, OSError, ValueError, TypeError, UnicodeError):
+            continue
+        yield prefix + name, item
+        if isinstance(item, h5py.Group) and prefix.count("/") < _DEEPEST:
+            yield from _walk(item, f"{prefix}{name}/", met)
+
+
+def _names(group: h5py.Group) -> list[str]:
+    try:
+        return list(group.keys())
+    except (RuntimeError, OSError, ValueError):
+        return []
+
+
 def _holds_events(item: Any) -> bool:
     if isinstance(item, h5py.Dataset):
         return item.ndim == 2 and item.shape[1] == 4 and item.name.rpartition("/")[2] == "events"
-    return any(all(isinstance(_get(item, n), h5py.Dataset) for n in names) for names in _COLUMNS)
+    return isinstance(item, h5py.Group) and any(
+        all(isinstance(_get(item, n), h5py.Dataset) for n in names) for names in _COLUMNS
+    )
 
 
 # -- Prophesee ---------------------------------------------------------------------------------------------------------
 
 
-def _prophesee(file: h5py.File, table: h5py.Dataset, backend: str) -> Layout:
+def _prophesee(file: h5py.File, table: h5py.Dataset, info: RecordingInfo, backend: str) -> Layout:
     names = set(table.dtype.names or ())
     if not {"x", "y", "t", "p"} <= names or table.ndim != 1:
         raise RecordingError(f"{file.filename}: CD/events has the fields {', '.join(sorted(names))}, not x, y, p, t")
@@ -106,21 +146,37 @@ def _prophesee(file: h5py.File, table: h5py.Dataset, backend: str) -> Layout:
         edges = _get(file, "EXT_TRIGGER/events")
         if not isinstance(edges, h5py.Dataset) or not edges.size or edges.size > _MAX_CHUNK:
             return Triggers()
-        rows = edges[:]
+        parts = [(0, len(edges))]
+        if info.truncated:
+            parts = rows_there(edges, info.size_bytes, 0, len(edges))
+            if lost := len(edges) - sum(b - a for a, b in parts):
+                info.warn(f"{lost} of {len(edges)} triggers lie behind the cut")
+        rows = np.concatenate([edges[0:0], *(edges[a:b] for a, b in parts)])
         return Triggers(
             rows["t"].astype(np.int64) * 1000, rows["id"].astype(np.uint8), (rows["p"] > 0).astype(np.uint8)
         )
 
-    _check_claim(table.shape[0], [table])
-    name = "ecf" if ecf.FILTER in filters else "compound"
-    return Layout(name, table.shape[0], whole, time_at, size, triggers, chunk if ecf.FILTER in filters else 0)
+    def read_cut(a: int, data: bytes) -> Events:
+        if table.id.get_chunk_info_by_coord((a,)).filter_mask & 1:
+            return _rows(table, data)
+        t, x, y, p = ecf.decode_cut(data)
+        return Events(t * 1000, x, y, p)
+
+    _check_claim(info, table.shape[0], [table])
+    if ecf.FILTER not in filters:
+        return Layout("compound", table.shape[0], [table], whole, time_at, size, triggers)
+    return Layout("ecf", table.shape[0], [table], whole, time_at, size, triggers, chunk, read_cut)
+
+
+def _rows(table: h5py.Dataset, data: bytes) -> Events:
+    rows = np.frombuffer(data, table.dtype, len(data) // table.dtype.itemsize)
+    return _events(rows["t"], rows["x"], rows["y"], rows["p"], 1000)
 
 
 def _ecf_chunk(table: h5py.Dataset, a: int, b: int, backend: str) -> Events:
     mask, data = table.id.read_direct_chunk((a,))
     if mask & 1:
-        rows = np.frombuffer(data, table.dtype)
-        return _events(rows["t"], rows["x"], rows["y"], rows["p"], 1000)[: b - a]
+        return _rows(table, data)[: b - a]
     try:
         t, x, y, p = ecf.decode(data, backend)
     except DamagedError as error:
@@ -131,19 +187,22 @@ def _ecf_chunk(table: h5py.Dataset, a: int, b: int, backend: str) -> Events:
 # -- columns -----------------------------------------------------------------------------------------------------------
 
 
-def _columns(file: h5py.File, group: h5py.Group) -> Layout:
+def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
     with contextlib.suppress(ImportError):
         import hdf5plugin  # noqa: F401 (registers the compressions that DSEC and TUM-VIE use)
     names = next(n for n in _COLUMNS if all(isinstance(_get(group, c), h5py.Dataset) for c in n))
     x, y, t, p = (group[n] for n in names)
     offset_us = 0
     offset = _get(file, "t_offset")
-    if isinstance(offset, h5py.Dataset) and offset.size == 1:
+    shifted = "t_offset" in _names(file)
+    if isinstance(offset, h5py.Dataset) and offset.size == 1 and _is_there(offset, info):
         offset_us = int(np.asarray(offset[()]).reshape(-1)[0])
-    indexed = any(isinstance(_get(g, "ms_to_idx"), h5py.Dataset) for g in (file, group))
-    name = ("dsec" if offset is not None else "tum-vie") if indexed else "columns"
+    elif shifted:
+        info.warn("t_offset cannot be read: times count from the start of the file's own clock")
+    indexed = any("ms_to_idx" in _names(g) for g in (file, group))
+    name = ("dsec" if shifted else "tum-vie") if indexed else "columns"
     count = min(d.shape[0] if d.ndim == 1 else 0 for d in (x, y, t, p))
-    _check_claim(count, [x, y, t, p])
+    _check_claim(info, count, [x, y, t, p])
 
     def times(values: np.ndarray) -> np.ndarray:
         if values.dtype.kind == "f":
@@ -159,15 +218,32 @@ def _columns(file: h5py.File, group: h5py.Group) -> Layout:
             height, width = sorted(int(v) for v in given)
             return width, height, "header"
         known = {"dsec": (640, 480), "tum-vie": (1280, 720)}.get(name)
-        n = min(count, 1 << 20)
+        n = _leading([x, y], info)
         fits = known and (not n or (int(x[:n].max()) < known[0] and int(y[:n].max()) < known[1]))
         return (*known, "sensor") if known and fits else (0, 0, "")
 
-    return Layout(name, count, read, lambda i: int(times(t[i : i + 1])[0]), size)
+    return Layout(name, count, [x, y, t, p], read, lambda i: int(times(t[i : i + 1])[0]), size)
 
 
-def _table(table: h5py.Dataset) -> Layout:
-    """MVSEC: rows of x, y, t [s], p (-1 or 1) as float64."""
+def _leading(tables: list[h5py.Dataset], info: RecordingInfo) -> int:
+    """How many of the first rows to look at for the sensor's size."""
+    n = min(1 << 20, *(table.shape[0] for table in tables))
+    for table in tables if info.truncated else []:
+        parts = rows_there(table, info.size_bytes, 0, n)
+        n = parts[0][1] if parts and parts[0][0] == 0 else 0
+    return n
+
+
+def _is_there(table: h5py.Dataset, info: RecordingInfo) -> bool:
+    begin = table.id.get_offset()
+    return not info.truncated or (begin is not None and begin + table.id.get_storage_size() <= info.size_bytes)
+
+
+def _table(table: h5py.Dataset, info: RecordingInfo) -> Layout:
+    """MVSEC: rows of x, y, t [s], p (-1 or 1) as float64; v2e: rows of t [us], x, y, p (0 or 1) as uint32."""
+    whole_numbers = table.dtype.kind in "iu"
+    if whole_numbers:
+        info.warn("rows of whole numbers: taken as t in us, x, y, p")
 
     def times(values: np.ndarray) -> np.ndarray:
         # whole seconds apart: their product with 1e9 would be rounded to 256 ns
@@ -175,23 +251,29 @@ def _table(table: h5py.Dataset) -> Layout:
         return whole.astype(np.int64) * 1_000_000_000 + np.rint((values - whole) * 1e9).astype(np.int64)
 
     def read(a: int, b: int) -> Events:
+        if whole_numbers:
+            t, x, y, p = table[a:b].astype(np.int64).T
+            if len(t) and int(np.abs(t).max()) > 1 << 52:
+                raise ValueError("values that are no events")
+            return _events(t, x, y, p, 1000)
         rows = table[a:b].astype(np.float64)
         if not np.isfinite(rows).all() or (np.abs(rows) > 1e10).any():
             raise ValueError("values that are no events")
         return _events(times(rows[:, 2]), rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64), rows[:, 3], 1)
 
     def size() -> tuple[int, int, str]:
-        n = min(table.shape[0], 1 << 20)
+        n = _leading([table], info)
         fits = "davis" in table.name and n and (table[:n, :2].max(0) < (346, 260)).all()
         return (346, 260, "sensor") if fits else (0, 0, "")
 
-    _check_claim(table.shape[0], [table])
-    return Layout("mvsec", table.shape[0], read, lambda i: int(times(table[i : i + 1, 2])[0]), size)
+    _check_claim(info, table.shape[0], [table])
+    name = "v2e" if whole_numbers else "mvsec"
+    return Layout(name, table.shape[0], [table], read, lambda i: int(read(i, i + 1).t[0]), size)
 
 
-def _check_claim(count: int, tables: list[h5py.Dataset]) -> None:
+def _check_claim(info: RecordingInfo, count: int, tables: list[h5py.Dataset]) -> None:
     """No compression makes this little of so many events: a damaged number must not keep a reader busy for ever."""
-    stored = sum(table.id.get_storage_size() for table in tables)
+    stored = info.size_bytes if info.truncated else sum(table.id.get_storage_size() for table in tables)
     if count > _MOST_EVENTS_A_BYTE * stored:
         raise ValueError(f"damaged: {count} events in {stored} bytes")
 

@@ -30,7 +30,7 @@ def inflate(kind: str, data: bytes | memoryview, limit: int = LIMIT, partial: bo
     parts: list[bytes] = []
     total, whole = 0, False
     try:
-        for part, done in unpacker(bytes(data)):
+        for part, done in unpacker(data):
             parts.append(part)
             whole = done
             total += len(part)
@@ -60,13 +60,17 @@ def _unpacker(kind: str) -> Any:
     return _lz4
 
 
-def _lz4(data: bytes) -> Any:
+def _lz4(data: bytes | memoryview) -> Any:
     import lz4.frame
 
-    unpacker = lz4.frame.LZ4FrameDecompressor()
-    yield unpacker.decompress(data, max_length=_STEP), unpacker.eof
-    while not unpacker.eof and not unpacker.needs_input:
-        yield unpacker.decompress(b"", max_length=_STEP), unpacker.eof
+    # the call below the library's classes: those copy what is not bytes
+    context, done = lz4.frame.create_decompression_context(), False
+    while not done:
+        part, used, done = lz4.frame.decompress_chunk(context, data, max_length=_STEP)
+        yield part, done
+        data = data[used:]
+        if not len(data) or not (used or part):
+            return
 
 
 def _bz2(data: bytes) -> Any:

@@ -1,14 +1,18 @@
 """Events as a NumPy archive: arrays t (int64 ns), x, y (uint16), p (uint8), and optionally c, width and height.
 
-Archives of any size are read and written in blocks; nothing is ever unpickled.
+Times under another name than `t` (ns) are us where they are whole numbers, and s otherwise. Archives of any size are
+read and written in blocks; nothing is ever unpickled.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import tempfile
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -18,12 +22,25 @@ from numpy.lib import format as npy
 
 from evis.streams.events import Events
 from evis.streams.files.blocks import BlockRecording
+from evis.streams.files.zip_cut import Archive, CutArchive, open_archive
 from evis.streams.recording import OpenOptions, RecordingError, RecordingInfo, Writer
 
 NAME = "NumPy .npz of t, x, y, p"
 
 _BLOCK = 1 << 20
 _TYPES: dict[str, Any] = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.uint8, "c": np.uint8}
+_OTHER_NAMES = {
+    "t": ("ts", "time", "times", "timestamp", "timestamps", "t_us", "t_ns"),
+    "x": ("xs",),
+    "y": ("ys",),
+    "p": ("ps", "pol", "polarity", "polarities", "on"),
+}
+"""What other programs call the arrays."""
+# what zipfile and NumPy's reader of headers raise; the latter falls back to a tokenizer
+_BROKEN = (
+    KeyError, ValueError, EOFError, OSError, RuntimeError, NotImplementedError, SyntaxError, OverflowError,
+    zipfile.BadZipFile, zlib.error, tokenize.TokenError,
+)  # fmt: skip
 # the same archive from the same events: no date in it
 _DATE = (1980, 1, 1, 0, 0, 0)
 
@@ -39,7 +56,7 @@ class NpzRecording(BlockRecording):
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path, self._read = path, 0
         try:
-            self._zip = zipfile.ZipFile(path)
+            self._zip: Archive = open_archive(path)
         except (zipfile.BadZipFile, OSError, NotImplementedError) as e:
             raise RecordingError(f"{path}: damaged or truncated .npz archive ({e})") from None
         try:
@@ -50,24 +67,34 @@ class NpzRecording(BlockRecording):
         super().__init__()
 
     def _check(self, options: OpenOptions) -> None:
-        path, names = self._path, {n.removesuffix(".npy") for n in self._zip.namelist()}
-        missing = [n for n in "txyp" if n not in names]
+        path, names, self._names = self._path, {n.removesuffix(".npy") for n in self._zip.namelist()}, {}
+        if isinstance(self._zip, CutArchive):
+            names = {n for n in names if self._has_header(n)}
+        self._names = {c: next((n for n in (c, *_OTHER_NAMES.get(c, ())) if n in names), "") for c in "txypc"}
+        missing = [c for c in "txyp" if not self._names[c]]
+        if missing and isinstance(self._zip, CutArchive):
+            raise RecordingError(f"{path}: cut before the array {missing[0]}, so that no event is whole")
         if missing:
             hint = "; it holds frames: use `evis events simulate`" if "luminance" in names else ""
+            hint = hint or f"; it has {', '.join(sorted(names)[:8]) or 'none'}"
             raise RecordingError(f"{path}: no array {', '.join(missing)} in the archive{hint}")
-        self._columns = [n for n in "txypc" if n in names]
-        lengths = {}
+        self._columns = [c for c in "txypc" if self._names[c]]
+        lengths, rows, self._unit = {}, {}, "ns"
         for name in self._columns:
-            with self._member(name) as (_, shape, dtype):
-                if len(shape) != 1 or (dtype.kind not in "iu" and not (name == "p" and dtype.kind == "b")):
+            with self._member(name) as (file, shape, dtype):
+                real = dtype.kind == "f" and name == "t" and self._names["t"] not in ("t", "t_us", "t_ns")
+                if len(shape) != 1 or not (dtype.kind in "iu" or real or (name == "p" and dtype.kind in "bf")):
                     unit = " of ns" if name == "t" else ""
                     raise RecordingError(
                         f"{path}: {name} is {dtype} {list(shape)}, must be a flat array of whole numbers{unit}"
                     )
                 lengths[name] = shape[0]
+                rows[name] = self._there(file, shape[0], dtype)
+                if name == "t":
+                    self._unit = "s" if real else "ns" if self._names["t"] in ("t", "t_ns") else "us"
         if len(set(lengths.values())) != 1:
             raise RecordingError(f"{path}: arrays of different lengths: {lengths}")
-        self._n = lengths["t"]
+        self._n = min(rows.values())
         width, height = self._scalar("width", names), self._scalar("height", names)
         source, warnings = "file", []
         if options.size:
@@ -75,11 +102,32 @@ class NpzRecording(BlockRecording):
         if not (width and height):
             width, height, source = self._largest("x"), self._largest("y"), "events"
             warnings.append(f"no width and height in the archive: {width}x{height} are the largest coordinates")
+        if self._unit != "ns":
+            warnings.append(f"the times in {self._names['t']} are taken as {self._unit}")
         size = path.stat().st_size
         self.info = RecordingInfo(str(path), "npz", "", width, height, source, size, warnings=warnings)
+        if isinstance(self._zip, CutArchive):
+            self.info.truncated = True
+            self.info.warn(f"cut: {self._n} of {lengths['t']} events have all of their parts before the cut")
+
+    def _has_header(self, name: str) -> bool:
+        """Whether the cut has left so much of an array; of a single number, all of it."""
+        with contextlib.suppress(RecordingError), self._member(name) as (file, shape, dtype):
+            return bool(shape) or len(file.read(dtype.itemsize)) == dtype.itemsize
+        return False
+
+    def _there(self, file: IO[bytes], n: int, dtype: np.dtype) -> int:
+        """How many of n values an archive that is cut has."""
+        if not isinstance(self._zip, CutArchive):
+            return n
+        begin, at = file.tell(), 0
+        while data := file.read(_BLOCK):
+            at += len(data)
+        file.seek(begin)
+        return min(n, at // dtype.itemsize)
 
     def _member(self, name: str) -> _Member:
-        return _Member(self._path, self._zip, name)
+        return _Member(self._path, self._zip, self._names.get(name, name))
 
     def _scalar(self, name: str, names: set[str]) -> int:
         if name not in names:
@@ -97,10 +145,23 @@ class NpzRecording(BlockRecording):
                 data = file.read(want)
                 if len(data) < want:
                     raise RecordingError(f"{self._path}: the array {name} is cut short; copy the file again")
-                values = np.frombuffer(data, dtype)
-                if name == "p" and dtype.kind == "i":
-                    values = np.where(values == -1, 0, values)  # some tools write -1 for OFF
-                yield values
+                yield self._values(name, np.frombuffer(data, dtype))
+
+    def _values(self, name: str, values: np.ndarray) -> np.ndarray:
+        """Times in ns, and 0 for the -1 that some programs write for OFF."""
+        if name == "p" and values.dtype.kind in "if":
+            if values.dtype.kind == "f" and not np.isin(values, (-1, 0, 1)).all():
+                raise RecordingError(f"{self._path}: {self._names['p']} has other values than -1, 0 and 1")
+            return np.where(values == -1, 0, values).astype(values.dtype if values.dtype.kind == "i" else np.uint8)
+        if name != "t" or self._unit == "ns":
+            return values
+        most = 9e15 if self._unit == "us" else 9e9
+        if not (np.isfinite(values).all() and (np.abs(values.astype(np.float64)) < most).all()):
+            raise RecordingError(f"{self._path}: {self._names['t']} has times that are no {self._unit}")
+        if self._unit == "us":
+            return values.astype(np.int64) * 1000
+        whole = np.floor(values.astype(np.float64))
+        return whole.astype(np.int64) * 1_000_000_000 + np.rint((values - whole) * 1e9).astype(np.int64)
 
     def _largest(self, name: str) -> int:
         return max((int(v.max()) + 1 for v in self._column(name)), default=0)
@@ -128,7 +189,7 @@ class NpzRecording(BlockRecording):
 class _Member:
     """One array of an archive: the open file behind its header, its shape and its type."""
 
-    def __init__(self, path: Path, archive: zipfile.ZipFile, name: str) -> None:
+    def __init__(self, path: Path, archive: Archive, name: str) -> None:
         self._path, self._zip, self._name = path, archive, name
 
     def __enter__(self) -> tuple[IO[bytes], tuple[int, ...], np.dtype]:
@@ -137,7 +198,7 @@ class _Member:
             version = npy.read_magic(self._file)
             read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
             shape, _, dtype = read(self._file)
-        except (KeyError, ValueError, EOFError, OSError, RuntimeError, NotImplementedError, zipfile.BadZipFile) as e:
+        except _BROKEN as e:
             raise RecordingError(f"{self._path}: the array {self._name} is damaged ({str(e)[:100]})") from None
         return self._file, shape, dtype
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,25 +13,19 @@ from evis.streams.decoder import backend_for, decoder_for
 from evis.streams.encoder import Encoder, encoder_for
 from evis.streams.events import Events
 from evis.streams.files.blocks import take_size
+from evis.streams.files.raw_header import (
+    KEYS,
+    SYSTEMS,
+    encoding_of,
+    family_of,
+    geometry_of,
+    read_header,
+    value_in_format,
+)
 from evis.streams.recording import OpenOptions, Recording, RecordingError, RecordingInfo, Writer
 
 NAME = "Prophesee RAW (EVT2, EVT2.1, EVT3)"
 
-SYSTEMS = {
-    0x15: ("Gen3", 640, 480),
-    0x1C: ("Gen3.1 CCAM3", 640, 480),
-    0x28: ("EVK3 Gen3.1", 640, 480),
-    0x30: ("EVK3 Gen4.1", 1280, 720),
-    0x31: ("EVK3 IMX636", 1280, 720),
-    0x32: ("EVK2 IMX636", 1280, 720),
-    0x35: ("IMX646", 1280, 720),
-    0x3B: ("GenX320", 320, 320),
-    0x40: ("GenX320", 320, 320),
-}
-"""system_ID of the header -> name, width, height, for headers without a geometry."""
-
-_EVT = {"2.0": "evt2", "2.1": "evt21", "3.0": "evt3", "4.0": "evt4"}
-_KEYS = {"evt", "format", "geometry", "system_id", "serial_number", "sensor_generation", "sensor_name", "plugin_name"}
 # legal word types, bits of TIME_HIGH's value in them, and by how much the types are shifted, in words of the dtype
 _LEGAL = {
     "evt3": ("<u2", (0, 2, 3, 4, 5, 6, 7, 8, 10, 14, 15), 12, 0),
@@ -43,41 +36,24 @@ _LEGAL = {
 _NAMES = {"evt2": "2.0", "evt21": "2.1", "evt21_legacy": "2.1", "evt3": "3.0"}
 _COUNTERS = {"outside": "events_outside", "untimed": "words_before_time", "unknown": "words_unknown"}
 _MARK_BYTES = 4 << 20
-_CHECKED = 1 << 20
-"""Bytes whose words are checked against the header's encoding."""
+_GLANCE, _CHECKED = 1 << 17, 1 << 20
+"""Bytes whose words are checked against the header's encoding, first and where they look wrong."""
+_GUESSED = 1 << 16
+"""Bytes by which words without a name are told apart."""
 _MOST_LEGAL = 0.98
-_MAX_HEADER = 1 << 20
-_MAX_LINE = 4096
-_PRINTABLE = re.compile(rb"[\t\x20-\x7e]*")
 # numpy decodes the whole rest of a block for each cut in time: small blocks there
 _BLOCK = {"numpy": 1 << 19, "warp": 1 << 22}
+_WHOLE = 1 << 25
+"""Bytes at a time of a file that is read as a whole: fewer blocks to join."""
 _WINDOW_BLOCK = {"numpy": 1 << 15, "warp": 1 << 22}
 
 
 def matches(head: bytes, path: Path) -> bool:
-    """A header line; DAT files, which have such too, come before."""
-    return head.startswith(b"% ")
-
-
-def read_header(file: BinaryIO) -> tuple[dict[str, str], int]:
-    """Header keys in lower case, and the position of the first word.
-
-    The header ends with `% end`, or before the first line that does not start with `% ` (old files).
-    """
-    header: dict[str, str] = {}
-    position = 0
-    while position < _MAX_HEADER:
-        line = file.readline(_MAX_LINE)
-        text = line.rstrip(b"\r\n")
-        if not line.startswith(b"% ") or not line.endswith(b"\n") or not _PRINTABLE.fullmatch(text):
-            break
-        position += len(line)
-        key, _, value = text[2:].decode("ascii").strip().partition(" ")
-        if key.lower() == "end" and not value:
-            break
-        header[key.lower()] = value.strip()
-    file.seek(position)
-    return header, position
+    """A header line; DAT files, which have such too, come before. Or words without a header, in a file named .raw."""
+    if head.startswith(b"% ") or path.suffix.lower() != ".raw":
+        return head.startswith(b"% ")
+    with path.open("rb") as file:
+        return bool(guess_encoding(file.read(_GUESSED)))
 
 
 class _Mark(NamedTuple):
@@ -102,12 +78,12 @@ class RawRecording(Recording):
     def _open(self, path: Path, options: OpenOptions) -> None:
         header, self._start = read_header(self._file)
         size = os.fstat(self._file.fileno()).st_size
-        if not _KEYS & header.keys():
-            raise RecordingError(f"{path}: damaged RAW header: none of {', '.join(sorted(_KEYS))} in it")
-        encoding = _encoding(header)
+        if self._start and not KEYS & header.keys():
+            raise RecordingError(f"{path}: damaged RAW header: none of {', '.join(sorted(KEYS))} in it")
+        encoding = encoding_of(header)
         told = encoding
         if not encoding:
-            encoding = guess_encoding(self._file.read(1 << 16))
+            encoding = guess_encoding(self._file.read(_GUESSED))
             self._file.seek(self._start)
         if encoding not in _NAMES:
             what = f"its encoding {encoding} is not supported" if encoding else "no encoding in the header or the data"
@@ -117,8 +93,10 @@ class RawRecording(Recording):
         self.info = RecordingInfo(str(path), "raw", encoding, 0, 0, "", size, header=header)
         self.info.serial = header.get("serial_number", "")
         self.info.sensor = header.get("sensor_name", header.get("sensor_generation", ""))
+        if not self._start:
+            self.info.warn(f"no header: the words read as {encoding}")
         self._decoder = decoder_for(encoding, 0, 0, self._backend)
-        if told:
+        if told and not (encoding == "evt21" and self._find_order(header)):
             self._check_encoding()
         rest = (size - self._start) % self._decoder.word.itemsize
         if rest:
@@ -130,16 +108,34 @@ class RawRecording(Recording):
         self._ahead: list[np.ndarray] = []
         self._marks: list[_Mark] = []
         self._set_geometry(header, options)
-        self._decoder = decoder_for(encoding, self.info.width, self.info.height, self._backend)
+        self._decoder = decoder_for(self.info.encoding, self.info.width, self.info.height, self._backend)
+
+    def _find_order(self, header: dict[str, str]) -> bool:
+        """Whether the words of EVT2.1 are in legacy order, where the header does not say."""
+        if "endianness" in header or value_in_format(header, "endianness"):
+            return False
+        data = self._file.read(_GLANCE)
+        self._file.seek(self._start)
+        if min(fit(data, "evt21")) >= _MOST_LEGAL or guess_encoding(data) != "evt21_legacy":
+            return False
+        self.info.encoding = "evt21_legacy"
+        self._decoder = decoder_for("evt21_legacy", 0, 0, self._backend)
+        self.info.warn("the header names no order of words; they read as evt21_legacy")
+        return True
 
     def _check_encoding(self) -> None:
         """Warn where the first words are not of the encoding that the header names."""
         info = self.info
-        data = self._file.read(_CHECKED)
-        self._file.seek(self._start)
+        data = self._file.read(_GLANCE)
         legal, forward = fit(data, info.encoding)
+        if legal < _MOST_LEGAL or forward < 0.5:
+            data += self._file.read(_CHECKED - len(data))
+            legal, forward = fit(data, info.encoding)
+        self._file.seek(self._start)
+        if legal >= _MOST_LEGAL and forward >= 0.5:
+            return
         likely = guess_encoding(data)
-        if legal >= _MOST_LEGAL and (forward >= 0.5 or likely in ("", info.encoding)):
+        if legal >= _MOST_LEGAL and likely in ("", info.encoding):
             return
         words = len(data) // self._decoder.word.itemsize
         unknown = round((1 - legal) * words)
@@ -155,7 +151,7 @@ class RawRecording(Recording):
         info = self.info
         if take_size(info, options):
             return
-        info.width, info.height = _geometry(header, info.warnings)
+        info.width, info.height = geometry_of(header, info.warnings)
         info.geometry_from = "header"
         if info.width:
             return
@@ -164,6 +160,10 @@ class RawRecording(Recording):
             name, info.width, info.height = system
             info.sensor = info.sensor or name
             info.geometry_from = "system_ID"
+            return
+        info.width, info.height = family_of(header)
+        if info.width:
+            info.geometry_from = "sensor"
             return
         for events in self.blocks():
             if len(events):
@@ -175,7 +175,8 @@ class RawRecording(Recording):
 
     def _feed(self, size: int) -> bool:
         try:
-            data = self._file.read(size)
+            # room for what the file does not have would be cleared first
+            data = self._file.read(min(size, max(self._size - self._file.tell(), 4096)))
         except OSError as e:
             raise RecordingError(f"{self.info.path}: reading failed: {e.strerror}") from None
         if data:
@@ -183,12 +184,18 @@ class RawRecording(Recording):
         return bool(data)
 
     def blocks(self) -> Iterator[Events]:
-        more = self._decoder.pending >= self._decoder.word.itemsize or self._feed(_BLOCK[self._backend])
+        return self._blocks(_BLOCK[self._backend])
+
+    def read(self) -> Events:
+        return Events.concatenate([Events.empty(), *self._blocks(_WHOLE)])
+
+    def _blocks(self, size: int) -> Iterator[Events]:
+        more = self._decoder.pending >= self._decoder.word.itemsize or self._feed(size)
         while more:
             events = self._decoder.decode()
             self._mark(events)
             yield events
-            more = self._feed(_BLOCK[self._backend])
+            more = self._feed(size)
 
     def _mark(self, events: Events) -> None:
         """Remember the decoder's state at some places, so that a later `seek` can start from there."""
@@ -252,39 +259,14 @@ def open_file(path: Path, options: OpenOptions) -> RawRecording:
     return RawRecording(path, options)
 
 
-def _encoding(header: dict[str, str]) -> str:
-    """`evt3`, ... from `format EVT3;...` or `evt 3.0`; empty where the header does not say."""
-    name = header.get("format", "").partition(";")[0].strip().lower().replace(".", "")
-    name = name or _EVT.get(header.get("evt", ""), "evt" + header["evt"] if header.get("evt") else "")
-    order = header.get("endianness", "") or _value(header, "endianness")
-    return "evt21_legacy" if name == "evt21" and order == "legacy" else name
-
-
-def _value(header: dict[str, str], name: str) -> str:
-    """What `format EVT21;endianness=legacy;...` says of one name."""
-    return dict(re.findall(r";(\w+)=(\w+)", header.get("format", ""))).get(name, "")
-
-
-def _geometry(header: dict[str, str], warnings: list[str]) -> tuple[int, int]:
-    """Width and height from `geometry 640x480` or `format ...;height=480;width=640`; 0, 0 where there is none."""
-    found = re.fullmatch(r"(\d{1,9})x(\d{1,9})", header.get("geometry", ""))
-    width, height = (int(found[1]), int(found[2])) if found else (0, 0)
-    if not found:
-        parts = dict(re.findall(r";(width|height)=(\d{1,9})(?=;|$)", header.get("format", "")))
-        if len(parts) == 2:
-            width, height = int(parts["width"]), int(parts["height"])
-    if width > 2048 or height > 2048 or (found and not width * height):
-        warnings.append(f"the header's geometry {width}x{height} is not possible (1 to 2048) and was not used")
-        return 0, 0
-    return (width, height) if width and height else (0, 0)
-
-
 def fit(data: bytes, encoding: str) -> tuple[float, float]:
     """Shares of the words that the encoding has, and of the steps of the time that go forward; 1 without any."""
     word, legal, shift, low = _LEGAL[encoding]
     words = np.frombuffer(data, word, len(data) // np.dtype(word).itemsize)
-    kind = (words >> shift & 15).astype(np.uint8)
-    known = np.isin(kind, legal)
+    kind = words >> shift
+    if shift + 4 < 8 * words.itemsize:
+        kind &= 15
+    known = np.isin(np.arange(16), legal)[kind]
     if word == "<u8":  # the 32 pixels of a word begin at a whole multiple of 32
         known &= (kind > 1) | (words >> low + 11 & 31 == 0)
     bits = shift - low

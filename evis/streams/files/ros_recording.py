@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evis.streams.decoder import decoder_for
@@ -12,7 +13,7 @@ from evis.streams.events import Events
 from evis.streams.files.blocks import BlockRecording, take_size
 from evis.streams.files.inflate import DamagedError
 from evis.streams.files.ros_messages import PACKETS, TYPES, read_array, read_packet
-from evis.streams.recording import OpenOptions, RecordingError
+from evis.streams.recording import OpenOptions, RecordingError, open_recording
 
 if TYPE_CHECKING:
     from evis.streams.decoder import Decoder
@@ -38,6 +39,9 @@ class RosRecording(BlockRecording):
 
     A subclass sets `info` and implements `_topics` and `_messages`, then calls `_begin`.
     """
+
+    more: Sequence[Path] = ()
+    """The other files of a bag that is split, read behind this one."""
 
     @abc.abstractmethod
     def _topics(self) -> dict[str, str]:
@@ -84,7 +88,22 @@ class RosRecording(BlockRecording):
 
     def _load(self) -> Iterator[Events]:
         reader = _Reader(self)
-        for message in self._messages():
+        yield from self._decoded(reader, self._messages())
+        for path in self.more:
+            try:
+                part = open_recording(path, size=(self.info.width, self.info.height), topic=self.topic)
+            except RecordingError as error:
+                self.info.warn(f"left out: {error}")
+                continue
+            with part:
+                for warning in part.info.warnings:
+                    self.info.warn(f"{path.name}: {warning}")
+                if isinstance(part, RosRecording):
+                    yield from self._decoded(reader, part._messages())
+        yield from reader.flush()
+
+    def _decoded(self, reader: _Reader, messages: Iterator[BagMessage]) -> Iterator[Events]:
+        for message in messages:
             try:
                 if message.cut:
                     self.info.truncated = True
@@ -94,7 +113,6 @@ class RosRecording(BlockRecording):
                 if not message.cut:
                     self.count("messages_damaged")
                     self.info.warn(f"damaged messages were left out: {error}")
-        yield from reader.flush()
 
     def _is_events(self, kind: str) -> bool:
         return kind in TYPES

@@ -122,7 +122,7 @@ class EvisBagRecording(BlockRecording):
         from evis.bag.reader import BagReader
 
         self._reader = BagReader(path)
-        topics = [t for t, kind in self._reader.topics.items() if kind == "EventPacket"]
+        topics = self._event_topics()
         self.info = RecordingInfo(str(path), "mcap", "evis", 0, 0, "file", path.stat().st_size)
         try:
             if not topics:
@@ -132,9 +132,10 @@ class EvisBagRecording(BlockRecording):
                 raise RecordingError(f"{path}: a bag without events{has}{torn}")
             if options.topic and options.topic not in topics:
                 raise RecordingError(f"{path}: no events on '{options.topic}'; they are on {', '.join(topics)}")
-            self._topic = options.topic or topics[0]
+            name = options.topic or next(iter(topics))
+            self._topic, self._env = topics[name]
             if len(topics) > 1 and not options.topic:
-                self.info.warn(f"events on {', '.join(topics)}: these are of {self._topic}")
+                self.info.warn(f"events on {', '.join(topics)}: these are of {name}")
             if self._reader.problem:
                 self.info.truncated = True
                 self.info.warn(f"torn: {self._reader.problem}")
@@ -145,6 +146,20 @@ class EvisBagRecording(BlockRecording):
             self.close()
             raise
         super().__init__()
+
+    def _event_topics(self) -> dict[str, tuple[str, int | None]]:
+        """Name -> topic and environment; of several environments each has a name, as `evis bag info` gives it."""
+        topics: dict[str, tuple[str, int | None]] = {}
+        for topic, kind in self._reader.topics.items():
+            if kind == "EventPacket":
+                numbers = sorted(
+                    {s.env for s in self._reader.streams.values() if s.topic == topic and s.env is not None}
+                )
+                if len(numbers) > 1:
+                    topics |= {f"/env{e}{topic}": (topic, e) for e in numbers}
+                else:
+                    topics[topic] = topic, None
+        return topics
 
     def _learn(self) -> None:
         from evis.bag.decoded import decoded_events
@@ -157,7 +172,7 @@ class EvisBagRecording(BlockRecording):
         from evis.bag.decoded import decoded_events
 
         before = self._reader.skipped
-        for packet, events in decoded_events(self._reader, self._topic):
+        for packet, events in decoded_events(self._reader, self._topic, self._env):
             self._stamp = packet.header.stamp_ns
             yield events
         self.count("messages_damaged", self._reader.skipped - before)

@@ -7,16 +7,18 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from evis.streams.events import Events
 from evis.streams.files.blocks import BlockRecording, take_size
 from evis.streams.files.text_format import Format, find_format
 from evis.streams.files.text_numbers import parse_lines
+from evis.streams.files.zip_cut import Archive, CutArchive, open_archive
 from evis.streams.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
 
 NAME = "text (t x y p)"
 
+_ZIP = b"PK\x03\x04"
 _BLOCK = 1 << 20
 _ARCHIVE_ERRORS = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError)
 
@@ -31,11 +33,13 @@ class TextRecording(BlockRecording):
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path, self._read = path, 0
-        self._zip: zipfile.ZipFile | None = None
+        self._zip: Archive | None = None
         try:
             try:
-                self._zip = zipfile.ZipFile(path) if zipfile.is_zipfile(path) else None
-                self._file, size = self._open()
+                with path.open("rb") as file:
+                    packed = file.read(4) == _ZIP
+                self._zip = open_archive(path) if packed else None
+                self._file, size = self._open(options.topic)
                 head = self._file.read(HEAD)
             except _ARCHIVE_ERRORS as error:
                 raise RecordingError(f"{path}: cannot be read ({error})") from None
@@ -46,6 +50,9 @@ class TextRecording(BlockRecording):
             kind = "text.zip" if self._zip else "text"
             self.info = RecordingInfo(str(path), kind, form.name, 0, 0, "header", path.stat().st_size)
             self._total = size
+            if isinstance(self._zip, CutArchive):
+                self.info.truncated = True
+                self.info.warn("cut: the archive has no list of its files; what lies before the cut is read")
             if form.assumed:
                 self.info.warn(form.assumed)
             if not take_size(self.info, options):
@@ -57,14 +64,28 @@ class TextRecording(BlockRecording):
             raise
         super().__init__()
 
-    def _open(self) -> tuple[IO[bytes], int]:
+    def _open(self, topic: str) -> tuple[IO[bytes], int]:
+        """The file, or the text file of the archive: the one that is asked for, or the one that holds events."""
         if self._zip is None:
             file: IO[bytes] = self._path.open("rb")
             return file, self._path.stat().st_size
-        members = [m for m in self._zip.infolist() if m.filename.lower().endswith((".txt", ".csv"))]
-        if len(members) != 1:
-            raise RecordingError(f"{self._path}: an archive of {len(members)} text files; it must have one")
-        return self._zip.open(members[0]), members[0].file_size
+        members: dict[str, Any] = {m.filename: m for m in self._zip.infolist() if _is_text(m.filename)}
+        if topic and topic not in members:
+            raise RecordingError(f"{self._path}: no text file '{topic}' in the archive; it has {', '.join(members)}")
+        names = [topic] if topic else list(members)
+        if len(names) > 1:
+            names = [name for name in names if self._holds_events(name)]
+        if len(names) != 1:
+            raise RecordingError(
+                f"{self._path}: an archive of {len(members)} text files, {len(names)} of them events; name one of "
+                f"{', '.join(members)} as the topic"
+            )
+        return self._zip.open(members[names[0]]), members[names[0]].file_size
+
+    def _holds_events(self, name: str) -> bool:
+        assert self._zip is not None
+        with self._zip.open(name) as member:
+            return find_format(member.read(HEAD)) is not None
 
     def _load(self) -> Iterator[Events]:
         yield from self._load_at(self._form.begin)
@@ -141,8 +162,13 @@ def open_file(path: Path, options: OpenOptions) -> TextRecording:
 def is_text_archive(path: Path) -> bool:
     """A zip archive with a text file and no arrays."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            names = [n.lower() for n in archive.namelist()]
+        archive = open_archive(path)
+        names = archive.namelist()
+        archive.close()
     except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError):
         return False
-    return any(n.endswith((".txt", ".csv")) for n in names) and not any(n.endswith(".npy") for n in names)
+    return any(map(_is_text, names)) and not any(n.lower().endswith(".npy") for n in names)
+
+
+def _is_text(name: str) -> bool:
+    return name.lower().endswith((".txt", ".csv")) and not name.startswith("__MACOSX/")
