@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,12 +81,16 @@ class DeviceEvents:
         columns = {name: wp.clone(self.column(name)) for name in self._columns}
         return DeviceEvents(columns, self.count, self.env_offsets, (self.t_base, self.stamp))
 
-    def read(self, out: dict[str, np.ndarray]) -> None:
-        """Write the columns to numpy arrays of their length and dtype."""
+    def read(self, out: Mapping[str, np.ndarray | wp.array]) -> None:
+        """Write the columns to arrays of their length and dtype: numpy's, or the device's, which nobody waits for."""
         for name, values in out.items():
             if self.count:
-                host: wp.array = wp.array(values, copy=False, device="cpu", dtype=self._columns[name].dtype)
-                wp.copy(host, self.column(name))
+                target: Any = values
+                if isinstance(values, np.ndarray):
+                    target = wp.array(values, copy=False, device="cpu", dtype=self._columns[name].dtype)
+                wp.copy(target, self.column(name))
+        if any(not isinstance(values, np.ndarray) for values in out.values()):
+            return
         if wp.get_device(self._columns["t"].device).is_cuda:
             wp.synchronize_stream(self._columns["t"].device)
 

@@ -16,11 +16,11 @@ import numpy as np
 import warp as wp
 
 from nodes.event_sensor import kernels, kernels_paper, noise
-from nodes.event_sensor.kernels_plain import plain_kernel
 from nodes.event_sensor.kernels_quiet import Quiet, arrays_of, quiet_state, runs_of
 from nodes.event_sensor.kernels_state import Cold, Features
 from nodes.event_sensor.kernels_threads import full_kernels
 from nodes.event_sensor.packet import KeyLayout
+from nodes.event_sensor.plain import Plain
 
 FLOOR = 2.0**-24
 """Least I + I_dark [radiance]: the smallest positive half-precision radiance. An ideal sensor without dark current
@@ -81,32 +81,6 @@ class Size:
         return (self.envs, self.height, self.width * self.channels) if cuda else (self.envs, self.height)
 
 
-class Plain:
-    """Linear or frame stamps, no fault, on a CPU; nodes.event_sensor.cuda.plain is the same on a GPU."""
-
-    def __init__(self, size: Size, frame: bool) -> None:
-        total = size.envs * size.pixels
-        self._kernel = plain_kernel(frame)
-        self._size = size
-        self._quiet = quiet_state(total, False, False, "cpu")
-        self._counts: wp.array = wp.zeros(total, dtype=wp.vec2i, device="cpu")
-        self._base: wp.array = wp.zeros(total, dtype=wp.float64, device="cpu")
-
-    def arrays(self) -> tuple[wp.array, ...]:
-        """Everything that is kept per pixel."""
-        return *arrays_of(self._quiet), self._counts, self._base
-
-    def launch(self, sensor: kernels.Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
-        """Events of a batch to `keys`, from pixel `resume` to the first without room."""
-        b = batch
-        inputs = [sensor, b.images, runs_of(b.images), b.t, b.t_base, b.begin, resume]
-        outputs = [self._quiet, self._counts, self._base, keys, counters]
-        wp.launch(self._kernel, self._size.threads(False), inputs, outputs, device="cpu")
-
-    def swap(self) -> None:
-        """The state is changed in place."""
-
-
 def pattern_of(size: Size, seed: int, p: Mapping[str, Any]) -> tuple[np.ndarray, ...]:
     """Fixed pattern of a sensor: ON and OFF thresholds, leak rates, rates as a hot pixel; empty where it has none."""
     envs, pixels = size.envs, size.pixels
@@ -137,6 +111,8 @@ def features_of(p: Mapping[str, Any]) -> Features:
 class Full:
     """Curves and faults."""
 
+    sorts = False
+
     def __init__(self, size: Size, seed: int, p: Mapping[str, Any], device: Any) -> None:
         total = size.envs * size.pixels
         features = features_of(p)
@@ -149,6 +125,7 @@ class Full:
 
         self._before = state()
         self._after = self._before if self.in_place else state()
+        self._loud: wp.array = wp.zeros(size.width * size.channels + 1, dtype=wp.int32, device=device)
         struct: Any = Cold
         colds: Any = np.zeros((1 if self.in_place else 2, total), struct.numpy_dtype())
         for name, values in zip(("c_on", "c_off", "leak", "hot"), pattern_of(size, seed, p)):
@@ -163,13 +140,13 @@ class Full:
         return *kept, self._colds
 
     def launch(self, sensor: kernels.Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
-        """Events of a batch to `keys`, as many as fit. In place: from pixel `resume` to the first without room."""
+        """Events of a batch to `keys`, as many as fit. In place: from pixel resume - 1 to the first without room."""
         b = batch
         steps = [b.frames, b.count, b.t, b.t_base, b.t_before]
         if self.in_place:
             frames = [b.images, runs_of(b.images), b.slopes, runs_of(b.slopes)]
             inputs = [sensor, b.begin, b.episodes, *frames, *steps, resume]
-            outputs = [*self._before, self._colds, keys, counters]
+            outputs = [*self._before, self._loud, self._colds, keys, counters]
         else:
             inputs = [sensor, b.begin, b.episodes, b.images, b.slopes, *steps, *self._before]
             outputs = [*self._after, self._colds, keys, counters]
@@ -181,6 +158,8 @@ class Full:
 
 class Paper:
     """The paper's equations."""
+
+    sorts = False
 
     def __init__(self, size: Size, seed: int, p: Mapping[str, Any], device: Any) -> None:
         total = size.envs * size.pixels
@@ -221,7 +200,7 @@ def make_engine(size: Size, seed: int, p: Mapping[str, Any], device: Any) -> Any
         from nodes.event_sensor.cuda.plain import PlainPasses
 
         return PlainPasses(size.envs * size.pixels, size.pixels, frame, device)
-    return Plain(size, frame)
+    return Plain(size.envs * size.pixels, frame)
 
 
 def sensor_struct(p: Mapping[str, Any], shape: tuple[int, int, int], layout: KeyLayout, seed: int) -> kernels.Sensor:

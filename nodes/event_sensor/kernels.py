@@ -1,4 +1,3 @@
-# ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
 """What the sensor's kernels share: a pixel, its parameters, the quiet band; the order of events.
 
 What decides about an event is computed in float64 from float32 intensities and whole numbers of thresholds; no float is
@@ -27,8 +26,6 @@ DROPPED = wp.constant(3)
 UNKNOWN_SLOPES = wp.constant(4)
 LEFT = wp.constant(len(COUNTERS))
 """Beyond the counters: 1 + the first pixel that found no room for its events, or 0."""
-BLOCK = wp.constant(16384)
-"""Events that one thread unpacks."""
 
 
 @wp.struct
@@ -115,72 +112,6 @@ def key_head(sensor: Sensor, env: wp.int32):
 def key_tail(sensor: Sensor, y: wp.int32, x: wp.int32, c: wp.int32, on: wp.bool):
     place = (wp.int64(y) << sensor.shift_y) | (wp.int64(x) << sensor.shift_x)
     return place | wp.int64(c * 2) | wp.where(on, wp.int64(1), wp.int64(0))
-
-
-@wp.kernel
-def radix_pass(
-    # in
-    count: wp.int32,
-    shift: wp.int64,
-    mask: wp.int32,
-    source: wp.array(dtype=wp.int64),
-    # out
-    sorted_keys: wp.array(dtype=wp.int64),
-    place: wp.array(dtype=wp.int32),
-):
-    """One stable counting pass over the digit at `shift`, one serial thread (CPU)."""
-    b = int(0)
-    while b <= mask:
-        place[b] = 0
-        b += 1
-    i = int(0)
-    while i < count:
-        digit = wp.int32(source[i] >> shift) & mask
-        place[digit] = place[digit] + 1
-        i += 1
-    total = int(0)
-    b = int(0)
-    while b <= mask:
-        here = place[b]
-        place[b] = total
-        total = total + here
-        b += 1
-    i = int(0)
-    while i < count:
-        key = source[i]
-        digit = wp.int32(key >> shift) & mask
-        to = place[digit]
-        sorted_keys[to] = key
-        place[digit] = to + 1
-        i += 1
-
-
-@wp.kernel
-def unpack(
-    # in
-    sensor: Sensor,
-    t_base: wp.int64,
-    keys: wp.array(dtype=wp.int64),
-    # out
-    t: wp.array(dtype=wp.int64),
-    x: wp.array(dtype=wp.uint16),
-    y: wp.array(dtype=wp.uint16),
-    p: wp.array(dtype=wp.uint8),
-):
-    """Keys to columns, BLOCK of them a thread (CPU); the colour channel is read apart, where there is one."""
-    i = wp.tid() * BLOCK
-    end = wp.min(i + BLOCK, keys.shape[0])
-    one = wp.int64(1)
-    mask_t = (one << (sensor.shift_env - sensor.shift_t)) - one
-    mask_y = (one << (sensor.shift_t - sensor.shift_y)) - one
-    mask_x = (one << (sensor.shift_y - sensor.shift_x)) - one
-    while i < end:
-        key = keys[i]
-        t[i] = t_base + ((key >> sensor.shift_t) & mask_t)
-        y[i] = wp.uint16((key >> sensor.shift_y) & mask_y)
-        x[i] = wp.uint16((key >> sensor.shift_x) & mask_x)
-        p[i] = wp.uint8(key & one)
-        i += 1
 
 
 @wp.kernel

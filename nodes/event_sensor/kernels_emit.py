@@ -8,6 +8,7 @@ import warp as wp
 
 from nodes.event_sensor.kernels import DROPPED, EVENTS, Sensor
 from nodes.event_sensor.kernels_curve import at, crossing
+from nodes.event_sensor.kernels_fire import fire_lanes
 from nodes.event_sensor.kernels_state import Features
 
 wp.set_module_options({"enable_backward": False})
@@ -46,9 +47,13 @@ def curve_value(features: Features) -> Any:
 
 
 @lru_cache
-def crossings_fired(features: Features) -> Any:
-    """Function: the events of n crossings in one monotone piece of a step; returns the last's time and the count."""
+def crossings_fired(features: Features, lanes: bool) -> Any:
+    """Function: the events of n crossings in one monotone piece of a step; returns the last's time and the count.
+
+    lanes: several events at a time, for a CPU.
+    """
     curved, cap = features.curved, features.cap
+    lanes, at_once = lanes and not features.refractory, fire_lanes(curved)
 
     @wp.func
     def fire(
@@ -74,6 +79,12 @@ def crossings_fired(features: Features) -> Any:
         """signed: threshold with its sign. u, piece: the piece's ends; start, h: of the step [ns]. place: key but t."""
         time = here
         j = int(0)
+        if wp.static(lanes):
+            time = at_once(
+                sensor, s, reference, signed, n, u, piece, start, until, h, t_base, place, here, fired, wp.static(cap),
+                keys, counters,
+            )  # fmt: skip
+            j = n
         while j < n:
             level = reference + wp.float64(j + 1) * signed
             if wp.static(curved):

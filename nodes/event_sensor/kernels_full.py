@@ -23,14 +23,14 @@ wp.set_module_options({"enable_backward": False})
 
 
 @lru_cache
-def sense_pixel(features: Features) -> Any:
-    """Function: all steps of one pixel in a message. It writes the events as keys, and counts."""
+def sense_pixel(features: Features, lanes: bool) -> Any:
+    """Function: all steps of one pixel in a message. It writes the events as keys, and counts. lanes: for a CPU."""
     frame, hermite = features.crossing == "frame", features.crossing == "hermite"
     ahead, curved, timed, hasty = features.ahead, features.curved, features.timed, features.hasty
     leak, coin, noise = features.leak, features.coin, features.noise
     refractory, mismatch, cap = features.refractory, features.mismatch, features.cap
     spontaneous = noise or coin
-    value, fire = curve_value(features), crossings_fired(features)
+    value, fire = curve_value(features), crossings_fired(features, lanes)
     curve, curve_quiet, rest = pieces.step_curve(features), pieces.surely_quiet(features), pieces.band_left(features)
 
     @wp.func
@@ -95,7 +95,7 @@ def sense_pixel(features: Features) -> Any:
                     return
                 if k > 0:
                     start = t[k - 1]
-        # The fields of Cold one by one: a struct that is set in a branch would go through memory.
+        # Field by field: a struct that is set in a branch would go through memory.
         loaded = bool(False)
         base = wp.float64(0.0)
         net = wp.int32(0)
@@ -120,6 +120,7 @@ def sense_pixel(features: Features) -> Any:
         l_early = NOWHERE + zero
         l_last = NOWHERE + zero
         l_next = NOWHERE + zero
+        moved = wp.float64(0.0)
         while k < count:
             v = luminance[first + wp.int64(k) * stride]
             now = t[k]
@@ -209,8 +210,7 @@ def sense_pixel(features: Features) -> Any:
                         v = hot.last
                         slope = 0.0
                     count_clipped(sensor, v, counters)
-                    length = now - start
-                    h = wp.float64(length)
+                    h = wp.float64(now - start)
                     # The curve S(u), u in [0, 1].
                     if l_last == NOWHERE:
                         l_last = pieces.log_level(sensor, hot.last)
@@ -344,10 +344,9 @@ def sense_pixel(features: Features) -> Any:
                             on = delta > zero
                             n, signed = pieces.crossed(delta, c_on, c_off, wp.static(refractory))
                             place = head | wp.where(on, tail_on, tail_off)
-                            jump = wp.vec4d(l1, zero, zero, zero)
                             here, fired = fire(
-                                sensor, jump, reference, signed, n, one, one, start, now, h, t_base, place, now,
-                                fired, keys, counters,
+                                sensor, wp.vec4d(l1, zero, zero, zero), reference, signed, n, one, one, start, now, h,
+                                t_base, place, now, fired, keys, counters,
                             )  # fmt: skip
                             net = net + wp.where(on, n, -n)
                             n_off = n_off + wp.where(on, 0, n)
@@ -363,13 +362,14 @@ def sense_pixel(features: Features) -> Any:
                         hot.earlier = hot.early
                         hot.early = slope
                     hot.last = v
+                    moved = wp.abs(l1 - l_last)
                     l_last = l1
                 # -- the band in which nothing can happen before hot.wake -----------------------------------------
                 if hot.low <= LARGEST:
                     reference = pieces.reference_of(base, net, n_off, c_on, c_off)
                     reference = reference - drift * wp.float64(now - origin)
                     low, high, wake = rest(
-                        sensor, reference, c_on, c_off, drift, now, now - start, l_last, candidate, dead
+                        sensor, reference, c_on, c_off, drift, now, now - start, l_last, moved, candidate, dead
                     )
                     hot.low = low
                     hot.high = high

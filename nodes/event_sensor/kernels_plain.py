@@ -1,34 +1,54 @@
 # ruff: noqa: RUF046, UP018 - int(0) is how a Warp kernel declares a variable that changes
-"""The ideal sensor: straight lines in L between frames, no fault. What others pay for is not in this kernel."""
+"""The ideal sensor: straight lines in L between frames, no fault. What others pay for is not in this kernel.
+
+On a CPU the frames go by in groups of GROUP, a group in blocks of pixels, a block step by step, so that a block's state
+stays in the nearest cache; the pixels of a step that leave their band are listed and sensed together. Every step of a
+group has a list of events of its own, in the order of pixels, so that a stable sort of each by time is the whole order.
+"""
 
 from functools import lru_cache
+from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.kernels import (
-    EVENTS,
-    GUARD,
-    LARGEST,
-    LEFT,
-    NONFINITE,
-    TOLERANCE,
-    Pixel,
-    Sensor,
-    count_clipped,
-    key_head,
-    key_tail,
-    least,
-    log_level,
-    valid,
+from nodes.event_sensor.kernels import EVENTS, GUARD, LARGEST, Pixel, Sensor, key_head, least
+from nodes.event_sensor.kernels_lanes import (
+    BLOCK,
+    SPARE,
+    Bands,
+    Listed,
+    commit,
+    cross_levels,
+    emit_listed,
+    keep_last,
+    list_loud,
+    take_samples,
 )
-from nodes.event_sensor.kernels_quiet import RUN, Quiet, Run, left_over, quiet_margins, saved
+from nodes.event_sensor.kernels_order import sort_list
 
 wp.set_module_options({"enable_backward": False})
+
+GROUP = 8
+"""Steps whose events are listed before they are sorted."""
+DONE, OUTGROWN, FULL = 0, 1, 2
+"""How a launch ends: all is done, a step's list or the sorted keys need more room and the next launch goes on."""
+STATUS, NEEDED, STEP, AT_ENV, AT_GROUP, AT_BLOCK, AT_STEP = range(7)
+"""Progress: status, places needed, by which list, and where to go on."""
+
+
+@wp.struct
+class Lists:
+    """Lists of keys by step of a group: addresses, places, and how many are taken; spare: as long as the longest."""
+
+    keys: wp.array(dtype=wp.uint64)
+    room: wp.array(dtype=wp.int64)
+    taken: wp.array(dtype=wp.int64)
+    spare: wp.uint64
 
 
 @wp.func
 def quiet_band(sensor: Sensor, reference: wp.float64, pixel: Pixel):
-    """The pixel with the band of intensities that surely stay below both thresholds of this reference."""
+    """The pixel with the band of intensities that surely stay below both thresholds of this reference (GPU)."""
     level = wp.exp(wp.float32(reference))
     dark = wp.float32(sensor.dark)
     low = level * sensor.gain_off * (1.0 + GUARD)
@@ -38,178 +58,150 @@ def quiet_band(sensor: Sensor, reference: wp.float64, pixel: Pixel):
     return pixel
 
 
-@lru_cache
-def plain_kernel(frame: bool) -> wp.Kernel:
-    """The kernel, a row a thread. frame: events carry the stamp of their frame, not of their crossing."""
+@wp.func
+def step_start(k: wp.int32, t: wp.array(dtype=wp.int64), t_base: wp.int64):
+    """Stamp at which step k begins."""
+    start = t_base
+    if k > 0:
+        start = t[k - 1]
+    return start
 
-    @wp.func
+
+@wp.func
+def forget(index: wp.int32, size: wp.int32, bands: Bands):
+    """No reference for the pixels of a block."""
+    i = int(0)
+    while i < size:
+        bands.low[index + i] = float(wp.inf)
+        i += 1
+
+
+@wp.func
+def pause(status: wp.int32, needed: wp.int64, step: wp.int32, progress: wp.array(dtype=wp.int64)):
+    """Ends a launch."""
+    progress[STATUS] = wp.int64(status)
+    progress[NEEDED] = needed
+    progress[STEP] = wp.int64(step)
+
+
+@wp.func
+def sort_group(
+    # in
+    sensor: Sensor,
+    env: wp.int32,
+    first: wp.int32,
+    end: wp.int32,
+    t: wp.array(dtype=wp.int64),
+    t_base: wp.int64,
+    # in and out
+    lists: Lists,
+    # out
+    keys: wp.array(dtype=wp.int64),
+    counters: wp.array(dtype=wp.int64),
+    progress: wp.array(dtype=wp.int64),
+):
+    """Events of steps first to end, sorted, behind the keys; the lists are empty then. False where there is no room."""
+    k = int(first)
+    while k < end:
+        n = lists.taken[k - first]
+        at = counters[EVENTS]
+        if at + n > sensor.capacity:
+            pause(FULL, at + n, 0, progress)
+            return False
+        start = step_start(k, t, t_base)
+        bits = int(0)
+        while (t[k] - start) >> wp.int64(bits) > wp.int64(0):
+            bits += 1
+        add = key_head(sensor, env) | ((start - t_base) << sensor.shift_t)
+        to = wp.uint64(wp.int64(keys.ptr) + wp.int64(8) * at)
+        if n > wp.int64(0):
+            sort_list(n, sensor.shift_t, bits, add, lists.keys[k - first], lists.spare, to)
+        counters[EVENTS] = at + n
+        lists.taken[k - first] = wp.int64(0)
+        k += 1
+    return True
+
+
+@lru_cache
+def plain_kernel(frame: bool) -> Any:
+    """The kernel, for one thread. frame: events carry the stamp of their frame, not of their crossing."""
+
+    @wp.kernel(module="unique")
     def sense(
         # in
         sensor: Sensor,
-        env: wp.int32,
-        y: wp.int32,
-        x: wp.int32,
-        c: wp.int32,
-        fresh: wp.int32,
         luminance: wp.array(dtype=wp.float32),
-        t: wp.array(dtype=wp.int64),
-        t_base: wp.int64,
-        # out
-        quiet: Quiet,
-        counts: wp.array(dtype=wp.vec2i),
-        base: wp.array(dtype=wp.float64),
-        keys: wp.array(dtype=wp.int64),
-        counters: wp.array(dtype=wp.int64),
-    ):
-        """All steps of one pixel. Writes its events as keys, and counts."""
-        count = t.shape[0]
-        size = sensor.height * sensor.width * sensor.channels
-        inner = (y * sensor.width + x) * sensor.channels + c
-        index = env * size + inner
-        at = wp.int64(env) * wp.int64(count) * wp.int64(size) + wp.int64(inner)
-        stride = wp.int64(size)
-        pixel = Pixel()
-        pixel.last = quiet.last[index]
-        pixel.low = quiet.low[index]
-        pixel.high = quiet.high[index]
-        pixel.net = counts[index][0]
-        pixel.n_off = counts[index][1]
-        if fresh != 0:
-            pixel.low = float(wp.inf)
-        first = int(0)
-        last = pixel.last
-        while first < count:
-            v = luminance[at + wp.int64(first) * stride]
-            if not (v >= pixel.low and v <= pixel.high):
-                break
-            last = v
-            first += 1
-        pixel.last = last
-        start = t_base
-        if first > 0:
-            start = t[first - 1]
-        l_last = wp.float64(0.0)
-        known = bool(False)
-        k = int(first)
-        while k < count:
-            v = luminance[at + wp.int64(k) * stride]
-            if v >= pixel.low and v <= pixel.high:
-                pixel.last = v
-                known = bool(False)
-            elif not valid(sensor, v):
-                # The last good value is held, so the next step starts here and its events are later than this stamp.
-                wp.atomic_add(counters, NONFINITE, wp.int64(1))
-            elif pixel.low > LARGEST:
-                level = log_level(sensor, v)
-                base[index] = level
-                pixel.net = 0
-                pixel.n_off = 0
-                pixel = quiet_band(sensor, level, pixel)
-                pixel.last = v
-                count_clipped(sensor, v, counters)
-            else:
-                count_clipped(sensor, v, counters)
-                l0 = l_last
-                if not known:
-                    l0 = log_level(sensor, pixel.last)
-                l1 = log_level(sensor, v)
-                reference = (
-                    base[index]
-                    + wp.float64(pixel.net) * sensor.threshold_on
-                    + wp.float64(pixel.n_off) * (sensor.threshold_on - sensor.threshold_off)
-                )
-                delta = l1 - reference
-                on = delta > wp.float64(0.0)
-                step = wp.where(on, sensor.threshold_on, sensor.threshold_off)
-                n = wp.int32((wp.abs(delta) + TOLERANCE) / step)
-                if n > 0:
-                    signed = wp.where(on, step, -step)
-                    span = t[k] - start
-                    slope = wp.float64(span) / (l1 - l0)
-                    head = key_head(sensor, env)
-                    tail = key_tail(sensor, y, x, c, on)
-                    slot = wp.atomic_add(counters, EVENTS, wp.int64(n))
-                    j = int(0)
-                    while j < n:
-                        # L is linear inside the step: t = t0 + (L_j - L_0) / (L_1 - L_0) (t1 - t0), to the nearest ns.
-                        crossing = (reference + wp.float64(j + 1) * signed - l0) * slope
-                        ns = wp.int64(wp.clamp(crossing + wp.float64(0.5), wp.float64(1.0), wp.float64(span)))
-                        if wp.static(frame):
-                            ns = span
-                        if slot + wp.int64(j) < sensor.capacity:
-                            keys[slot + wp.int64(j)] = head | ((start - t_base + ns) << sensor.shift_t) | tail
-                        j += 1
-                    if on:
-                        pixel.net = pixel.net + n
-                    else:
-                        pixel.net = pixel.net - n
-                        pixel.n_off = pixel.n_off + n
-                    pixel = quiet_band(sensor, reference + wp.float64(n) * signed, pixel)
-                pixel.last = v
-                l_last = l1
-                known = bool(True)
-            start = t[k]
-            k += 1
-        if counters[EVENTS] <= sensor.capacity:
-            quiet.last[index] = pixel.last
-            quiet.low[index] = pixel.low
-            quiet.high[index] = pixel.high
-            counts[index] = wp.vec2i(pixel.net, pixel.n_off)
-
-    @wp.kernel(module="unique")
-    def sense_rows(
-        # in
-        sensor: Sensor,
-        luminance: wp.array(dtype=wp.float32),
-        luminance_runs: wp.array(dtype=Run),
         t: wp.array(dtype=wp.int64),
         t_base: wp.int64,
         fresh: wp.array(dtype=wp.int32),
-        resume: wp.int32,
         # in and out
-        quiet: Quiet,
-        counts: wp.array(dtype=wp.vec2i),
+        bands: Bands,
+        work: Listed,
+        lists: Lists,
+        progress: wp.array(dtype=wp.int64),
         # out
-        base: wp.array(dtype=wp.float64),
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """One row per thread: on a CPU, where threads run one after the other, events come in the order of pixels."""
-        env, y = wp.tid()
-        if counters[LEFT] != wp.int64(0):
-            return
+        """Goes on from `progress`. What a launch does to a step of a block it does as a whole or not at all."""
         count = t.shape[0]
-        row = sensor.width * sensor.channels
-        size = sensor.height * row
-        start = env * size + y * row
-        at = wp.int64(env) * wp.int64(count) * wp.int64(size) + wp.int64(y * row)
-        end = at + wp.int64(count - 1) * wp.int64(size)
-        begins = fresh[env]
-        i = wp.max(resume - start, 0)
-        margins = Run()
-        while i < row:
-            lanes = wp.min(row - i, wp.static(RUN))
-            if begins == 0 and lanes == wp.static(RUN):
-                margins = quiet_margins(quiet, luminance_runs, start + i, at + wp.int64(i), wp.int64(size), count)
-                if wp.min(margins) >= 0.0:
-                    quiet.last_runs[start + i] = luminance_runs[end + wp.int64(i)]
-                    i += wp.static(RUN)
-                    continue
-            else:
-                margins = Run(-1.0)
-            lane = int(0)
-            while lane < lanes:
-                if margins[lane] >= 0.0:
-                    quiet.last[start + i] = luminance[end + wp.int64(i)]
-                else:
-                    kept = saved(counters)
-                    sense(
-                        sensor, env, y, i // sensor.channels, i % sensor.channels, begins, luminance, t, t_base,
-                        quiet, counts, base, keys, counters,
-                    )  # fmt: skip
-                    if left_over(sensor, kept, start + i, counters):
-                        return
-                i += 1
-                lane += 1
+        size = sensor.height * sensor.width * sensor.channels
+        stride = wp.int64(size)
+        env = wp.int32(progress[AT_ENV])
+        group = wp.int32(progress[AT_GROUP])
+        block = wp.int32(progress[AT_BLOCK])
+        k = wp.int32(progress[AT_STEP])
+        progress[STATUS] = wp.int64(DONE)
+        while env < fresh.shape[0]:
+            images = wp.int64(env) * wp.int64(count) * stride
+            while group < count:
+                end = wp.min(group + GROUP, count)
+                while block < size:
+                    many = wp.min(size - block, BLOCK)
+                    index = env * size + block
+                    at = images + wp.int64(block)
+                    if k == 0 and fresh[env] != 0:
+                        forget(index, many, bands)
+                    while k < end:
+                        ahead = stride
+                        if k + 1 == end:
+                            ahead = wp.int64(many) - wp.int64(k - group) * stride
+                        here = at + wp.int64(k) * stride
+                        n = list_loud(luminance, here, ahead, bands, index, many, work)
+                        if n > 0:
+                            span = t[k] - step_start(k, t, t_base)
+                            take_samples(sensor, luminance, here, stride, k, bands, index, n, work)
+                            events = cross_levels(sensor, span, bands, index, block, n, work)
+                            place = lists.taken[k - group]
+                            if place + events + wp.int64(SPARE) > lists.room[k - group]:
+                                pause(OUTGROWN, place + events + wp.int64(SPARE), k - group, progress)
+                                progress[AT_ENV] = wp.int64(env)
+                                progress[AT_GROUP] = wp.int64(group)
+                                progress[AT_BLOCK] = wp.int64(block)
+                                progress[AT_STEP] = wp.int64(k)
+                                return
+                            commit(index, n, work, bands, counters)
+                            emit_listed(sensor, span, wp.static(frame), n, work, lists.keys[k - group], place)
+                            lists.taken[k - group] = place + events
+                        k += 1
+                    if end == count:
+                        keep_last(
+                            sensor, luminance, at + wp.int64(count - 1) * stride, stride, count, index, many, bands
+                        )
+                    block += BLOCK
+                    k = group
+                if not sort_group(sensor, env, group, end, t, t_base, lists, keys, counters, progress):
+                    progress[AT_ENV] = wp.int64(env)
+                    progress[AT_GROUP] = wp.int64(group)
+                    progress[AT_BLOCK] = wp.int64(size)
+                    progress[AT_STEP] = wp.int64(group)
+                    return
+                group += GROUP
+                block = 0
+                k = wp.min(group, count)
+            env += 1
+            group = 0
+            block = 0
+            k = 0
 
-    return sense_rows
+    return sense

@@ -63,7 +63,8 @@ def run_margins(features: Features) -> Any:
             reach = 3.0 * a + b
             above = 4.0 * wp.cw_mul(a, high) - wp.cw_mul(b, reach)
             below = 4.0 * wp.cw_mul(a, a) - wp.cw_mul(reach, low)
-            return wp.min(wp.min(above, below), early) + finite
+            # A product of two negative numbers must not pass for a margin.
+            return wp.min(wp.min(above, below), wp.min(early, least)) + finite
         third = steepest * (longest * 3.4e-10)
         over = Run(1.0) + third + wp.cw_mul(third, third)
         margins = wp.min(high - wp.cw_mul(b, over), a - wp.cw_mul(low, over))

@@ -16,8 +16,8 @@ wp.set_module_options({"enable_backward": False})
 
 REST = wp.constant(wp.float64(64.0))
 """Steps that a leaking pixel shall rest for, where the threshold is far enough."""
-LEAST_SHARE = wp.constant(wp.float64(1.0 / 16.0))
-"""Of the way to the threshold, left to the leak at least."""
+UNKNOWN = wp.constant(wp.float64(1.0 / 16.0))
+"""Of the way to the threshold, left to the leak at an episode's start, where nobody knows how the signal moves."""
 
 
 @wp.func
@@ -260,10 +260,11 @@ def band_left(features: Features) -> Any:
         now: wp.int64,
         length: wp.int64,
         l_last: wp.float64,
+        moved: wp.float64,
         following: wp.int64,
         dead: wp.int64,
     ):
-        """reference: less the drift up to now. length: of the step [ns]. following: next candidate of the noise.
+        """reference: less the drift up to now. length, moved: of the step [ns, ln I]. following: next noise candidate.
 
         Returns low, high, wake.
         """
@@ -273,8 +274,13 @@ def band_left(features: Features) -> Any:
         if wp.static(leak):
             gap = top - l_last
             if drift > zero and gap > zero:
-                # Some of the way to the threshold is left to the drift, the rest to the signal.
-                share = wp.clamp(drift * REST * wp.float64(length), LEAST_SHARE * gap, wp.float64(0.5) * gap)
+                # Some of the way to the threshold is left to the drift, the rest to the signal: half of it where the
+                # signal rests, as much as the drift does until the signal is there where it moves on.
+                step = drift * wp.float64(length)
+                share = UNKNOWN * gap
+                if step > zero:
+                    share = wp.max(gap * step / (moved + wp.float64(2.0) * step), REST * step)
+                    share = wp.min(share, wp.float64(0.5) * gap)
                 wake = now + wp.int64(wp.min(share / drift, LONGEST))
                 top = top - share
         if wp.static(noise):

@@ -15,10 +15,16 @@ from nodes.event_sensor.kernels_state import Cold, Features
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.func_native("__builtin_prefetch(&wp::index(colds, 0, pixel), 1, 3);")
+def fetch(colds: wp.array2d(dtype=Cold), pixel: wp.int32):
+    """Bring what is kept of a pixel nearer."""
+    ...
+
+
 @lru_cache
 def full_kernels(features: Features) -> tuple[Any, Any]:
     """(kernel over rows, kernel over pixels) with just these features."""
-    sense = sense_pixel(features)
+    sense, sense_alone = sense_pixel(features, True), sense_pixel(features, False)
     margins_of, (run_passes, pixel_passes) = run_margins(features), passed(features)
     looked_over, looks_on = not features.coin, features.crossing == "cubic"
 
@@ -41,6 +47,7 @@ def full_kernels(features: Features) -> tuple[Any, Any]:
         # in and out
         quiet: Quiet,
         side: wp.array(dtype=wp.int32),
+        loud: wp.array(dtype=wp.int32),
         # out
         colds: wp.array2d(dtype=Cold),
         keys: wp.array(dtype=wp.int64),
@@ -63,41 +70,57 @@ def full_kernels(features: Features) -> tuple[Any, Any]:
         while k < count:
             longest = wp.max(longest, wp.float32(t[k] - t[k - 1]))
             k += 1
-        i = wp.max(resume - start, 0)
-        margins = Run()
-        while i < row:
-            lanes = wp.min(row - i, wp.static(RUN))
-            margins = Run(-1.0)
-            if wp.static(looked_over):
-                if whole and lanes == wp.static(RUN):
-                    margins = margins_of(
-                        sensor, quiet, luminance_runs, slope_runs, start + i, at_first + wp.int64(i), wp.int64(size),
-                        count, longest, t_end,
-                    )  # fmt: skip
-                    if wp.min(margins) >= 0.0:
-                        run_passes(
-                            sensor, luminance, luminance_runs, dlog_dt, slope_runs, start + i, at_end + wp.int64(i),
-                            wp.int64(size), count, quiet,
+        # First the pixels to which something may happen are listed, so that what is kept of them can be on its way.
+        j = int(0)
+        going_on = resume - 1 - start
+        if resume > 0 and going_on >= row:
+            return
+        if resume > 0 and going_on >= 0:
+            while loud[j + 1] < going_on:
+                j += 1
+        else:
+            loud[0] = 0
+            i = int(0)
+            margins = Run()
+            while i < row:
+                lanes = wp.min(row - i, wp.static(RUN))
+                margins = Run(-1.0)
+                if wp.static(looked_over):
+                    if whole and lanes == wp.static(RUN):
+                        margins = margins_of(
+                            sensor, quiet, luminance_runs, slope_runs, start + i, at_first + wp.int64(i),
+                            wp.int64(size), count, longest, t_end,
                         )  # fmt: skip
-                        i += wp.static(RUN)
-                        continue
-            lane = int(0)
-            while lane < lanes:
-                if margins[lane] >= 0.0:
-                    pixel_passes(
-                        sensor, luminance, dlog_dt, start + i, at_end + wp.int64(i), wp.int64(size), count, quiet
-                    )  # fmt: skip
-                else:
-                    kept = saved(counters)
-                    sense(
-                        sensor, env, y, i // sensor.channels, i % sensor.channels, begin[env], episodes, luminance,
-                        dlog_dt, frames, count, t, t_base, t_before,
-                        quiet, side, quiet, side, colds, keys, counters,
-                    )  # fmt: skip
-                    if left_over(sensor, kept, start + i, counters):
-                        return
-                i += 1
-                lane += 1
+                        if wp.min(margins) >= 0.0:
+                            run_passes(
+                                sensor, luminance, luminance_runs, dlog_dt, slope_runs, start + i, at_end + wp.int64(i),
+                                wp.int64(size), count, quiet,
+                            )  # fmt: skip
+                            i += wp.static(RUN)
+                            continue
+                lane = int(0)
+                while lane < lanes:
+                    if margins[lane] >= 0.0:
+                        pixel_passes(
+                            sensor, luminance, dlog_dt, start + i, at_end + wp.int64(i), wp.int64(size), count, quiet
+                        )  # fmt: skip
+                    else:
+                        loud[0] = loud[0] + 1
+                        loud[loud[0]] = i
+                        fetch(colds, start + i)
+                    i += 1
+                    lane += 1
+        while j < loud[0]:
+            i = loud[j + 1]
+            kept = saved(counters)
+            sense(
+                sensor, env, y, i // sensor.channels, i % sensor.channels, begin[env], episodes, luminance,
+                dlog_dt, frames, count, t, t_base, t_before,
+                quiet, side, quiet, side, colds, keys, counters,
+            )  # fmt: skip
+            if left_over(sensor, kept, start + i, counters):
+                return
+            j += 1
 
     @wp.kernel(module="unique")
     def sense_pixels(
@@ -123,7 +146,7 @@ def full_kernels(features: Features) -> tuple[Any, Any]:
     ):
         """One pixel and channel per thread, for a GPU; keys come out in any order and are sorted afterwards."""
         env, y, column = wp.tid()
-        sense(
+        sense_alone(
             sensor, env, y, column // sensor.channels, column % sensor.channels, begin[env], episodes, luminance,
             dlog_dt, frames, count, t, t_base, t_before,
             before, side_before, after, side_after, colds, keys, counters,

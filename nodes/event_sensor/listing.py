@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from nodes.event_sensor import kernels
+from nodes.event_sensor.kernels_lanes import SPARE
 from nodes.event_sensor.packet import KeyLayout, env_offsets, sort_keys, unpack
 
 
@@ -26,8 +27,8 @@ class Listing:
         self._grow(max(2 * total, 4096))
 
     def _grow(self, capacity: int) -> None:
-        self._keys: wp.array = wp.empty(capacity, dtype=wp.int64, device="cpu")
-        self._spare: wp.array = wp.empty(capacity, dtype=wp.int64, device="cpu")
+        self._keys: wp.array = wp.empty(capacity + SPARE, dtype=wp.int64, device="cpu")
+        self._spare: wp.array = wp.empty(0 if self._engine.sorts else capacity, dtype=wp.int64, device="cpu")
         self._capacity = capacity
         self._sensor.capacity = wp.int64(capacity)
 
@@ -42,7 +43,10 @@ class Listing:
             found = self._run(batch.on("cpu"))
             self._found(found)
             count = int(found[0])
-        self._sorted = sort_keys(self._keys, self._spare, count, self._layout, stamp - batch.t_base)
+        if self._engine.sorts:
+            self._sorted = self._keys.numpy()[:count]
+        else:
+            self._sorted = sort_keys(self._keys, self._spare, count, self._layout, stamp - batch.t_base)
 
     def clear(self) -> None:
         """No events."""
@@ -65,7 +69,7 @@ class Listing:
             if left:
                 self._keys.numpy()[:count] = keys.numpy()[:count]
                 self._counters.numpy()[-1] = 0
-                resume = left - 1
+                resume = left
             else:
                 self._counters.zero_()
 

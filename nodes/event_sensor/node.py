@@ -43,7 +43,10 @@ class EventSensorNode(Node):
         # Not given means the preset's value.
         **{name: dataclasses.replace(param, default=None, optional=True) for name, param in SENSOR.items()},
     }
-    INPUTS = {"frames": Input("/{camera}/frames"), "keyframe": Input("/{camera}/keyframe")}
+    INPUTS = {
+        "frames": Input("/{camera}/frames", on_device=True),
+        "keyframe": Input("/{camera}/keyframe", on_device=True),
+    }
     OUTPUTS = {"events": Output("/{camera}/events")}
 
     @classmethod
@@ -52,17 +55,21 @@ class EventSensorNode(Node):
         return frozenset({params["source"]})
 
     def setup(self) -> None:
+        from nodes.interpolator.keyframe import device_named
+
         given = {name: self.params[name] for name in SENSOR}
         self._resolved = resolve_sensor(self.name, self.params["preset"], given)
         self._sensor: Any = None
         self._counted: dict[str, int] = {}
         self._header = Header(0)
         self._size = (0, 0)
+        self._device = device_named(self.params["device"])
         # Compile now rather than at the first frame.
+        sensor = self._make(2, 2, 1)
         one = np.ones((1, 2, 2, 3), np.float32)
         warm = self._of_keyframe(Keyframe(Header(0), one, np.zeros(1, np.int32)))
-        slopes = {"dlog_dt": np.zeros_like(warm)} if self._hermite else {}
-        sensor = self._make(2, 2, 1)
+        tail = (3,) if self.params["colour"] else ()
+        slopes = {"dlog_dt": np.zeros((1, 1, 2, 2, *tail), np.float32)} if self._hermite else {}
         for k in range(2):
             sensor.process(warm, np.array([k]), np.zeros(1, np.int32), **slopes)
 
@@ -121,7 +128,15 @@ class EventSensorNode(Node):
                 self._publish(self._sensor, count)
 
     def _publish(self, sensor: EventSensor, count: int) -> None:
-        out: dict[str, Any] = {**self.loan("events", **{n: ((count,), d) for n, d in sensor.columns().items()})}
+        columns = sensor.columns()
+        out: dict[str, Any]
+        if sensor.on_gpu and count:
+            import warp as wp
+
+            types = {name: wp.dtype_from_numpy(dtype) for name, dtype in columns.items()}
+            out = self.loan_on("events", sensor.on_gpu, **{n: ((count,), d) for n, d in types.items()})
+        else:
+            out = {**self.loan("events", **{n: ((count,), d) for n, d in columns.items()})}
         sensor.read(out)
         self._send(out, sensor.env_offsets())
 
@@ -144,15 +159,17 @@ class EventSensorNode(Node):
         packet = EventPacket(header, offsets, **columns, width=width, height=height, t0_ns=self._sensor.t_base)
         self.publish("events", packet)
 
-    def _of_keyframe(self, message: Keyframe) -> np.ndarray:
-        """[E, 1, h, w(, 3)] without the margin: the keyframe's RGB, or its luminance."""
-        image = message.radiance
-        if not self.params["colour"]:
-            from nodes.interpolator.luminance import luminance_of
+    def _of_keyframe(self, message: Keyframe) -> Any:
+        """[E, 1, h, w(, 3)] without the margin, its RGB or its luminance; on a GPU [E, 1, h, w] of float32 or vec3."""
+        from nodes.interpolator.luminance import luminance_of, rgb_of
 
-            image = luminance_of(image).numpy()
-        m = message.margin
-        return image[:, None, m : image.shape[1] - m, m : image.shape[2] - m]
+        image, m, colour = message.radiance, message.margin, self.params["colour"]
+        if self._device.is_cpu:
+            image = image if colour else luminance_of(image).numpy()
+            return image[:, None, m : image.shape[1] - m, m : image.shape[2] - m]
+        made = (rgb_of if colour else luminance_of)(image, self._device)
+        inner = made[:, m : made.shape[1] - m, m : made.shape[2] - m].contiguous()
+        return inner.reshape((inner.shape[0], 1, *inner.shape[1:]))
 
     def _of_frames(self, message: Frames) -> np.ndarray:
         image = message.rgb if self.params["colour"] else message.luminance

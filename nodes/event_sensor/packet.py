@@ -7,17 +7,19 @@ of 346x260, at least 28 bits (268 ms) ever. A message that is longer is refused,
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor import kernels
+from nodes.event_sensor import kernels, kernels_order
 
 KEY_BITS = 63
 COUNTING_SORT_FROM = 8192
 """Events from which the counting sort beats numpy's sort."""
-DIGIT_BITS = 13
+DIGIT_BITS = 8
+"""Of a digit: as many places as the nearest cache can follow."""
 
 
 @dataclass(frozen=True)
@@ -77,16 +79,12 @@ def sort_keys(keys: wp.array, spare: wp.array, count: int, layout: KeyLayout, sp
         return keys[:count].numpy() if count else np.zeros(0, np.int64)
     if count < COUNTING_SORT_FROM:
         return np.sort(keys.numpy()[:count])
-    place = wp.empty(1 << DIGIT_BITS, dtype=wp.int32, device="cpu")
     environments = KEY_BITS - layout.env
     for start, bits in ((layout.t, span_ns.bit_length()), (layout.env, environments)):
         passes = -(-bits // DIGIT_BITS)
-        # Digits of about one size: small tables stay in the nearest cache.
         for shift in range(start, start + bits, -(-bits // max(passes, 1)) or 1):
             digit = min(-(-bits // passes), start + bits - shift)
-            wp.launch(
-                kernels.radix_pass, 1, [count, shift, (1 << digit) - 1, keys], [spare, place], device="cpu"
-            )  # fmt: skip
+            wp.launch(kernels_order.radix_pass, 1, [count, shift, digit, keys], [spare], device="cpu")
             keys, spare = spare, keys
     return keys.numpy()[:count]
 
@@ -102,8 +100,7 @@ def unpack(keys: np.ndarray, sensor: kernels.Sensor, t_base: int, out: dict[str,
     if len(keys):
         columns: list[wp.array] = [wp.array(out[name], copy=False, device="cpu") for name in ("t", "x", "y", "p")]
         source: wp.array = wp.array(keys, copy=False, device="cpu")
-        blocks = -(-len(keys) // kernels.BLOCK)
-        wp.launch(kernels.unpack, blocks, [sensor, t_base, source], columns, device="cpu")
+        wp.launch(kernels_order.unpack, 1, [sensor, t_base, source], columns, device="cpu")
         if "c" in out:
             out["c"][:] = (keys >> 1) & 3
 
@@ -115,3 +112,16 @@ def merged(
     parts = [(columns, slice(offsets[e], offsets[e + 1])) for e in range(envs) for columns, offsets in (a, b)]
     columns = {name: np.concatenate([c[name][s] for c, s in parts]) for name in a[0]}
     return columns, a[1] + b[1]
+
+
+def parted(
+    columns: dict[str, np.ndarray], offsets: np.ndarray, end: int
+) -> tuple[tuple[dict[str, np.ndarray], np.ndarray], tuple[dict[str, np.ndarray], np.ndarray]]:
+    """Columns and offsets of the events up to `end` [ns] and of the later ones."""
+    early = columns["t"] <= end
+    counts = [np.count_nonzero(early[a:b]) for a, b in itertools.pairwise(offsets)]
+    before = np.append(0, np.cumsum(counts)).astype(np.int64)
+    return (
+        ({name: c[early] for name, c in columns.items()}, before),
+        ({name: c[~early] for name, c in columns.items()}, offsets - before),
+    )

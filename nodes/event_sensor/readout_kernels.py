@@ -3,7 +3,7 @@
 
 import warp as wp
 
-from nodes.event_sensor.kernels import BLOCK, Sensor, key_head, key_tail
+from nodes.event_sensor.kernels import Sensor, key_head, key_tail
 
 wp.set_module_options({"enable_backward": False})
 
@@ -12,6 +12,8 @@ REACH = wp.constant(wp.float64(3.0))
 UNIT = wp.constant(wp.float64(2.0**-53))
 STREAM = wp.constant(wp.uint64(0x7265_6164_6F75_74))
 """Keeps these random numbers apart from others of the same seed."""
+BLOCK = wp.constant(16384)
+"""Events that one thread packs."""
 
 
 @wp.struct

@@ -36,7 +36,7 @@ from nodes.event_sensor.engines import Batch, Size, make_engine, sensor_struct
 from nodes.event_sensor.listing import Listing
 from nodes.event_sensor.optics import Optics
 from nodes.event_sensor.packet import Events as Events
-from nodes.event_sensor.packet import KeyLayout, merged
+from nodes.event_sensor.packet import KeyLayout, merged, parted
 from nodes.event_sensor.parameters import resolve_sensor
 from nodes.interpolator.keyframe import device_named
 
@@ -91,6 +91,8 @@ class EventSensor:
             p[side] = p["threshold"] if p[side] is None else p[side]
         if not p["model"].startswith("evis"):
             raise ValueError(f"event model {p['model']} is made by nodes.event_sensor.models.make_model")
+        if p["model"] == "evis-paper" and p["crossing"] not in ("linear", "frame"):
+            raise ValueError("event model evis-paper has no crossing: its events carry the stamps of frames")
         if p["crossing"] == "hermite" and p["bandwidth_hz"] > 0:
             raise ValueError("crossing=hermite needs the slope of what the pixel sees, which bandwidth_hz changes")
         self.parameters = p
@@ -328,15 +330,26 @@ class EventSensor:
             return len(self._side)
         out: dict[str, np.ndarray] = {n: np.empty(len(self._side), d) for n, d in self.columns().items()}
         self._side.read(out)
-        self._left = self._readout.apply(out, self._side.env_offsets(), batch.t_base, self._settled, begins)
+        offsets, t_base = self._side.env_offsets(), batch.t_base
+        later = np.asarray(batch.begin, np.int64) >> 1
+        if batch.count > 1 and later.any():
+            # The held frame ends the old episode, whose events leave before the queue starts again.
+            end = int(batch.t[0])
+            old, new = parted(out, offsets, end)
+            first = self._readout.apply(*old, t_base, end, begins)
+            rest = self._readout.apply(*new, end, self._settled, later != 0)
+            self._left = merged(first, rest, self.envs)
+        else:
+            self._left = self._readout.apply(out, offsets, t_base, self._settled, begins)
         return len(self._left[0]["t"])
 
     def counts(self) -> dict[str, int]:
         """What was set aside so far.
 
-        nonfinite: samples that were NaN, infinite or negative (the last good one is held). clipped: samples below FLOOR
-        that were a reference or left the pixel's quiet band. dropped: events beyond event_cap. unknown_slopes: samples
-        of dlog_dt that were not finite (the chord is taken). readout_*: those of Readout.
+        nonfinite: samples that were NaN, infinite, negative, or 0 without dark current (the last good one is held).
+        clipped: samples below FLOOR that were a reference or left the pixel's quiet band. dropped: events beyond
+        event_cap. unknown_slopes: samples of dlog_dt that were not finite (the chord is taken). readout_*: those of
+        Readout.
         """
         counts = {name: int(n) for name, n in zip(kernels.COUNTERS[1:], self._total[1:])}
         if not self._hermite:
@@ -355,8 +368,16 @@ class EventSensor:
         """counts()["clipped"]."""
         return int(self._total[kernels.COUNTERS.index("clipped")])
 
-    def read(self, out: dict[str, np.ndarray]) -> None:
-        """Write the events of the last `advance` or `finish` to arrays of `columns()`."""
+    @property
+    def on_gpu(self) -> Any:
+        """The GPU that the events of the last `advance` or `finish` are on; None where they are on the host."""
+        return self._device if self._device.is_cuda and self._left is None else None
+
+    def read(self, out: Any) -> None:
+        """Write the events of the last `advance` or `finish` to arrays of `columns()`, name -> array.
+
+        Of numpy or, where they are `on_gpu`, Warp's there.
+        """
         if self._left is None:
             self._side.read(out)
         else:

@@ -232,6 +232,11 @@ def test_paper_noise_is_a_coin_per_step():
         assert on == 1 if name == "leak_rate" else abs(on - 0.5) < 2.3 / math.sqrt(len(events["t"]))
 
 
+def test_the_papers_equations_have_no_crossing_to_choose():
+    with pytest.raises(ValueError, match="evis-paper has no crossing"):
+        EventSensor(2, 2, model="evis-paper", crossing="cubic")
+
+
 def test_state_bytes_are_as_the_docstring_says():
     sizes = {
         (): 28,

@@ -1,5 +1,7 @@
 """Order and size of packets, environments, episodes, colour, defocus, misuse."""
 
+import itertools
+
 import numpy as np
 import pytest
 import warp as wp
@@ -160,6 +162,30 @@ def test_misuse_has_one_clear_line():
             simulate_frames(np.ones(shape), t)
     with pytest.raises(ValueError, match="whole nanoseconds"):
         simulate_frames(np.ones((3, 4, 5)), np.arange(3) * 0.1)
+
+
+@pytest.mark.parametrize("fault", [{"readout_rate": 3000.0}, {"timestamp_jitter_us": 300.0}])
+@pytest.mark.parametrize("crossing", ["linear", "monotone", "cubic"])
+def test_a_reset_cuts_what_waits_at_the_readout_whatever_the_packet(fault, crossing):
+    frames = walk(np.random.default_rng(3), 40, 2, 8, 10).swapaxes(0, 1)
+    t = np.arange(40, dtype=np.int64) * 1_641_105
+
+    def run(size):
+        sensor = EventSensor(8, 10, 2, threshold=0.15, crossing=crossing, seed=4, **fault)
+        cuts = sorted({*range(0, 40, size), 20, 40})
+        parts = []
+        for a, b in itertools.pairwise(cuts):
+            parts.append(sensor.process(np.ascontiguousarray(frames[:, a:b]), t[a:b], np.array([0, a >= 20])))
+        parts.append(sensor.flush())
+        envs = [[np.concatenate([getattr(e, n)[slice(*e.env_offsets[i : i + 2])] for e in parts]) for n in "txyp"]
+                for i in range(2)]  # fmt: skip
+        return envs, sensor.counts()
+
+    (alone, counts), (together, counts_together) = run(1), run(5)
+    assert counts == counts_together and counts["readout_cut"] > 0
+    for one, many in zip(alone, together):
+        assert all(np.array_equal(a, b) for a, b in zip(one, many))
+    assert not ((together[1][0] > t[19]) & (together[1][0] <= t[20])).any()
 
 
 def test_an_error_leaves_the_sensor_usable():

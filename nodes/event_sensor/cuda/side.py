@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -66,8 +66,8 @@ class DeviceSide:
     def __len__(self) -> int:
         return self.events.count
 
-    def read(self, out: dict[str, np.ndarray]) -> None:
-        """Write the events to columns of their length."""
+    def read(self, out: Mapping[str, np.ndarray | wp.array]) -> None:
+        """Write the events to columns of their length, of numpy or on the device."""
         self.events.read(out)
 
     def env_offsets(self) -> np.ndarray:
