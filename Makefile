@@ -28,6 +28,7 @@ test: .venv/dev lint
 
 lint: .venv/dev
 	@$(BIN)/ruff check --quiet .
+	@$(BIN)/ruff format --diff --quiet .
 	@$(BIN)/mypy --no-error-summary
 
 clean:

@@ -20,7 +20,7 @@ import warp as wp
 
 from bench import event_sensor_gpu
 from evis.scene import load_scene
-from nodes.renderer.renderer import OUTPUTS, Renderer
+from nodes.renderer.renderer import LAST, OUTPUTS, Renderer
 from nodes.renderer.visibility import Visibility
 
 DEVICE = "cuda:0"
@@ -69,7 +69,7 @@ def renderer_row(name: str, envs: int, size: tuple[int, int], count: int) -> dic
         out = {n: wp.empty(renderer.shape, dtype=renderer.types[n], device=DEVICE) for n in OUTPUTS}
 
         def render(i: int, renderer: Renderer = renderer, out: dict[str, Any] = out) -> None:
-            renderer.render(poses[i], poses[max(i - 1, 0)], OUTPUTS, out)
+            renderer.render(poses[i], LAST, OUTPUTS, out)
 
         row[label] = milliseconds(render, count)
     visibility = Visibility(scene, camera, envs, 0, DEVICE, 1)

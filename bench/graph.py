@@ -45,8 +45,11 @@ def row(name: str, summary: dict[str, Any]) -> dict[str, Any]:
         "memory [MB]": round(summary["rss_mb"]),
         "events": summary["events"],
     }
-    cells |= {f"{n} [ms]": round(1e3 * summary["nodes"][n]["cpu_s"] / summary["keyframes"], 2)
-              for n in NODES if n in summary["nodes"]}
+    cells |= {
+        f"{n} [ms]": round(1e3 * summary["nodes"][n]["cpu_s"] / summary["keyframes"], 2)
+        for n in NODES
+        if n in summary["nodes"]
+    }
     return cells
 
 

@@ -30,7 +30,7 @@ def compare(
     truth: Stream,
     duration_ns: int,
     fixed: Sequence[Fixed],
-    light_samples: int,
+    light: dict[str, Any],
     known: Callable[[str, float, int], Fixed | None],
 ) -> list[dict[str, Any]]:
     """Rows of auto by its own rule and at the run times of three fixed choices, linear crossing times throughout.
@@ -39,7 +39,6 @@ def compare(
     best fixed choice that takes no more time than it does itself, and than was wanted.
     """
     scene = world.scene
-    light = {"light_samples": light_samples}
     sensor = {"threshold": THRESHOLD, "crossing": "linear"}
     setting = Setting(scene, scene.camera("cam0"), duration_ns, sensor=sensor, light=light)
     began = setting.clock()
@@ -55,7 +54,7 @@ def compare(
         way = (best.method, best.keyframe_rate, best.upsampling)
         if best.method == "none":
             way = ("none", best.frame_rate, 1)
-        own = known(*way) or _run(world, way, duration_ns, truth, light_samples)
+        own = known(*way) or _run(world, way, duration_ns, truth, light)
         rival = min((f for f in [*fixed, own] if f.seconds <= 1.02 * own.seconds), key=lambda f: f.error)
         in_budget = [f.error for f in fixed if f.seconds <= 1.02 * (budget or own.seconds)]
         rows.append({
@@ -83,9 +82,9 @@ def _physics(setting: Setting, world: World) -> float:
     return (setting.clock() - began) / (setting.duration_ns / NS)
 
 
-def _run(world: World, way: tuple[str, float, int], duration_ns: int, truth: Stream, light_samples: int) -> Fixed:
+def _run(world: World, way: tuple[str, float, int], duration_ns: int, truth: Stream, light: dict[str, Any]) -> Fixed:
     method, rate, k = way
-    run = simulate(world, method, rate, k, duration_ns, ("linear",), None, light_samples)
+    run = simulate(world, method, rate, k, duration_ns, ("linear",), None, light)
     error = victor_purpura(run.streams["linear"], truth, 1.0)
     return Fixed(label_of(method, rate, k), run.seconds("linear") / duration_ns * NS, error)
 

@@ -10,6 +10,9 @@ from functools import cached_property
 
 import numpy as np
 
+CELLS_AT_ONCE = 1 << 22
+"""Pixels of event frames that are held at a time."""
+
 
 @dataclass(frozen=True)
 class Stream:
@@ -57,7 +60,8 @@ def victor_purpura(test: Stream, reference: Stream, q_per_ms: float) -> float:
     groups = len(offsets_a) - 1
     distance = wp.zeros(groups, dtype=wp.float64, device="cpu")
     row = wp.zeros(len(tb) + groups, dtype=wp.float64, device="cpu")
-    arrays = [wp.array(np.ascontiguousarray(a), dtype=wp.int64, device="cpu") for a in (ta, offsets_a, tb, offsets_b)]
+    both: tuple[np.ndarray, ...] = (ta, offsets_a, tb, offsets_b)
+    arrays: list[wp.array] = [wp.array(np.ascontiguousarray(a), dtype=wp.int64, device="cpu") for a in both]
     inputs = [*arrays, q_per_ms * 1e-6, row]
     wp.launch(victor_purpura_kernel, dim=groups, inputs=inputs, outputs=[distance], device="cpu")
     return float(distance.numpy().sum() / total)
@@ -65,21 +69,26 @@ def victor_purpura(test: Stream, reference: Stream, q_per_ms: float) -> float:
 
 def event_frame_error(test: Stream, reference: Stream, bin_ns: int = 1_000_000) -> float:
     """Norm of the difference of signed event frames of bin_ns, over the norm of the reference's."""
-    start = min((s.t[0] for s in (test, reference) if len(s.t)), default=0)
-    a, b = (_frames(s, int(start), bin_ns) for s in (test, reference))
-    keys = np.union1d(a[0], b[0])
-    values = [np.zeros(len(keys)) for _ in range(2)]
-    for value, (k, v) in zip(values, (a, b)):
-        value[np.searchsorted(keys, k)] = v
-    norm = float(np.linalg.norm(values[1]))
-    return float(np.linalg.norm(values[0] - values[1])) / norm if norm else float(np.linalg.norm(values[0]) > 0)
+    start = min((int(s.t[0]) for s in (test, reference) if len(s.t)), default=0)
+    size = reference.height * reference.width
+    cells, signs = zip(*(_cells(s, start, bin_ns) for s in (test, reference)))
+    last = max((int(c[-1]) for c in cells if len(c)), default=-1) // size
+    difference = norm = 0.0
+    per_turn = max(1, CELLS_AT_ONCE // size)
+    for first in range(0, last + 1, per_turn):
+        # Events are sorted by time, and with it by event frame.
+        frames = []
+        for cell, sign in zip(cells, signs):
+            part = slice(*np.searchsorted(cell // size, (first, first + per_turn)))
+            frames.append(np.bincount(cell[part] - first * size, sign[part], minlength=per_turn * size))
+        difference += float(np.sum((frames[0] - frames[1]) ** 2))
+        norm += float(np.sum(frames[1] ** 2))
+    return float(np.sqrt(difference / norm)) if norm else float(difference > 0)
 
 
-def _frames(s: Stream, start: int, bin_ns: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sparse signed event frames: cell keys and sums."""
-    cell = ((s.t - start) // bin_ns * s.height + s.y) * s.width + s.x
-    keys, inverse = np.unique(cell, return_inverse=True)
-    return keys, np.bincount(inverse, np.where(s.p, 1.0, -1.0), minlength=len(keys))
+def _cells(s: Stream, start: int, bin_ns: int) -> tuple[np.ndarray, np.ndarray]:
+    """Index of the event frame, then of the pixel, of each event, int64, and its sign."""
+    return ((s.t - start) // bin_ns * s.height + s.y) * s.width + s.x, np.where(s.p, 1.0, -1.0)
 
 
 def time_error(test: Stream, reference: Stream) -> tuple[float, float]:

@@ -5,16 +5,21 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from bench.metrics import Stream, log_error
 from bench.world import World
-from evis.clock import keyframe_count, keyframe_stamp
+from evis.clock import NS, keyframe_count, keyframe_stamp
+from evis.scene.model import Camera, Scene
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.interpolator import NEEDS, Interpolator
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.luminance import luminance_of
+from nodes.interpolator.rehearsal import LONGEST
+from nodes.interpolator.rehearsal import images as made_up
+from nodes.renderer.geometry import is_static
 from nodes.renderer.renderer import Renderer
 
 THRESHOLD = 0.2
@@ -24,8 +29,9 @@ THRESHOLD = 0.2
 class Run:
     """Events of a run by crossing method, and the CPU time [s] of its stages (set-up and compilation excluded).
 
-    shaded: pixels that were shaded, in keyframes and between them. frame_error: root mean square of ln I against
-    dense rendering over the sub-frames that were compared, in thresholds. reshaded, filled: pixels of sub-frames.
+    shaded: pixels of keyframes and those shaded between them. remembered: those of them whose light the renderer can
+    remember from the keyframe before. frame_error: root mean square of ln I against dense rendering over the
+    sub-frames that were compared, in thresholds. reshaded, filled: pixels of sub-frames.
     """
 
     streams: dict[str, Stream]
@@ -33,6 +39,7 @@ class Run:
     render_s: float = 0.0
     interpolate_s: float = 0.0
     shaded: int = 0
+    remembered: int = 0
     reshaded: int = 0
     filled: int = 0
     samples: int = 0
@@ -82,21 +89,25 @@ def simulate(
     duration_ns: int,
     crossings: Sequence[str] = ("linear",),
     truth: Mapping[int, np.ndarray] | None = None,
-    light_samples: int = 16,
+    light: Mapping[str, Any] | None = None,
+    warp: Mapping[str, Any] | None = None,
 ) -> Run:
     """One environment of a scene from t = 0 for duration_ns, seen by cam0.
 
     truth: luminance float32 [H, W] by stamp, of dense rendering; sub-frames at these stamps are compared with it.
+    light: options of renderer and interpolator (light_samples, paths). warp: of the interpolator alone.
     """
     scene = world.scene
     camera = scene.camera("cam0")
-    renderer = Renderer(scene, camera, light_samples=light_samples)
-    interpolator = Interpolator(method, upsampling, scene=scene, camera=camera, light_samples=light_samples)
+    renderer = Renderer(scene, camera, **(light or {}))
+    how: dict[str, Any] = {"scene": scene, "camera": camera, **(light or {}), **(warp or {})}
+    interpolator = Interpolator(method, upsampling, **how)
     sensors = Sensors(camera.height, camera.width, crossings)
     needs = NEEDS[method]
     outputs = {"radiance"} | (needs & {"depth", "motion"})
     renderer.prepare(outputs)
-    interpolator.warm_up()
+    _rehearse(interpolator, world, camera, needs)
+    memory = Memory(scene, camera)
     run = Run({}, sensors.seconds)
     episodes = np.zeros(1, np.int32)
     before = 0
@@ -113,11 +124,13 @@ def simulate(
         given = {"states": states} if states is not None else {}
         t, frames = interpolator.push(stamp, episodes, radiance, depth, motion, **given)
         clock.append(time.process_time())
+        remembered = memory.of(poses)
         if k:  # the first keyframe compiles and only sets the reference
             run.render_s += clock[1] - clock[0]
             run.interpolate_s += clock[2] - clock[1]
             report = interpolator.report
             run.shaded += camera.height * camera.width + report.reshaded
+            run.remembered += remembered
             run.reshaded += report.reshaded
             run.filled += report.filled
             run.samples += frames.size
@@ -130,8 +143,56 @@ def simulate(
     return run
 
 
+class Memory:
+    """How many pixels of a keyframe have light that can be remembered: where camera and lights stand still, those of
+    bodies that never move, if they show the same instance as in the keyframe before."""
+
+    def __init__(self, scene: Scene, camera: Camera) -> None:
+        bodies = [next(n for n, body in enumerate(scene.bodies) if body.name == camera.name)]
+        bodies += [light.body for light in scene.lights]
+        self._still = np.array([True, *(is_static(scene, i.body) for i in scene.instances)])
+        self._renderer = Renderer(scene, camera) if all(is_static(scene, body) for body in bodies) else None
+        self._ids: np.ndarray | None = None
+
+    def of(self, poses: np.ndarray) -> int:
+        """Of the next keyframe, for body poses [1, N, 7]."""
+        if self._renderer is None:
+            return 0
+        ids = self._renderer.render(poses, None, ("ids",))["ids"].copy()
+        before, self._ids = self._ids, ids
+        return 0 if before is None else int((self._still[ids] & (ids == before)).sum())
+
+
+def _rehearse(interpolator: Interpolator, world: World, camera: Camera, needs: frozenset[str]) -> None:
+    """What a method makes once, in its first gap, is no part of a run's cost: it is made here."""
+    interpolator.rehearse(1, camera.height, camera.width)
+    if interpolator.upsampling <= LONGEST:
+        return
+    # A gap as long as that is left out there. One in which nothing moves is soon made.
+    poses = world.poses(0)
+    for stamp in (0, NS // 1000):
+        t = np.array([stamp]) if not stamp else np.array([0, stamp])
+        twist = np.zeros((1, len(t), poses.shape[1], 6))
+        states = States(t, np.repeat(poses[:, None], len(t), 1), twist) if "states" in needs else None
+        interpolator.push(stamp, np.full(1, -1, np.int32), *made_up(1, camera.height, camera.width), states=states)
+
+
+def visibility_seconds(world: World, rate: float, duration_ns: int) -> float:
+    """CPU time [s] per keyframe of finding out what cam0 sees, without any light on it."""
+    renderer = Renderer(world.scene, world.scene.camera("cam0"))
+    spent, count = 0.0, 0
+    for k in range(keyframe_count(duration_ns, rate)):
+        poses = world.poses(keyframe_stamp(k, rate))
+        began = time.process_time()
+        renderer.render(poses, None, ("ids",))
+        # The first one places what stands still.
+        spent += (time.process_time() - began) * (k > 0)
+        count += k > 0
+    return spent / max(count, 1)
+
+
 def reference(
-    world: World, rate: float, duration_ns: int, keep_every_ns: int, light_samples: int = 16
+    world: World, rate: float, duration_ns: int, keep_every_ns: int, light: Mapping[str, Any] | None = None
 ) -> tuple[Stream, Stream, dict[int, np.ndarray]]:
     """Events of dense rendering at `rate` and, of every second of its frames, at half of it; and frames by stamp.
 
@@ -139,7 +200,7 @@ def reference(
     are the same by any method.
     """
     camera = world.scene.camera("cam0")
-    renderer = Renderer(world.scene, camera, light_samples=light_samples)
+    renderer = Renderer(world.scene, camera, **(light or {}))
     full, half = (Sensors(camera.height, camera.width, ["linear"]) for _ in range(2))
     kept = {}
     for k in range(keyframe_count(duration_ns, rate)):

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from bench.metrics import Stream, victor_purpura
-from bench.probe_setting import Grid, Setting, Way, make_renderer
+from bench.probe_setting import Grid, Setting, Way, make_interpolator, make_renderer
 from bench.world import World
 from evis.clock import NS
 from evis.geometry.interpolate import state_at
 from nodes.event_sensor.sensor import EventSensor
-from nodes.interpolator.interpolator import NEEDS, Interpolator
+from nodes.interpolator.interpolator import NEEDS
 from nodes.interpolator.keyframe import States, device_named
 from nodes.interpolator.luminance import luminance_of
 
@@ -31,79 +30,79 @@ class Windows:
     Each window is an environment; all have the stamps of a window that starts at ORIGIN.
     """
 
-    def __init__(self, s: Setting, world: World, grid: Grid, starts: list[int], cut: tuple[int, int, int, int]) -> None:
+    def __init__(self, s: Setting, world: World, starts: list[int], cut: tuple[int, int, int, int]) -> None:
         left, top, width, height = cut
         k = np.array(s.camera.k, np.float64)
         k[0, 2] -= left
         k[1, 2] -= top
         self._camera = replace(s.camera, width=width, height=height, k=k)
-        self._setting = s = s.shifted()
-        self._world, self._grid, self._starts = world, grid, starts
-        self._steps = grid.gap
+        self._setting = s.shifted()
+        self._world, self._starts = world, starts
         self._how: dict[str, Any] = {"envs": len(starts), "device": s.device, "threads": s.threads}
-        renderer = make_renderer(s, self._camera, "none", **self._how)
-        self._dense = {}
-        for step in range(self._steps + 1):
-            images = renderer.render(self._poses(step), None, {"radiance"}, {}, grid.stamp(ORIGIN, step))
-            self._dense[step] = luminance_of(images["radiance"], device_named(s.device)).numpy().copy()
-        self._truth = self._events(self._dense, 1)
-        self.error: dict[Way, float] = {}
-        """Spike-train distance to the reference."""
-        self.spent: dict[tuple[str, float], float] = {}
-        """Seconds per sub-frame by method and keyframe rate."""
+        self._renderers: dict[bool, Any] = {}
 
-    def compare(self, ways: list[Way]) -> Iterator[str]:
-        """Sets `error` of these ways, and `spent` of their methods and keyframe rates. Tells what comes next."""
-        base = self._grid.base
-        for method, rate in sorted({(m, r if m != "none" else 0.0) for m, r, _ in ways}):
-            yield f"errors of {method}" + (f" at {rate:g} keyframes per second" if rate else "")
-            own = [way for way in ways if way[0] == method and rate in (way[1], 0.0)]
-            frames = self._warped(method, rate, max(k for _, _, k in own)) if rate else self._dense
-            for way in own:
-                stream = self._events(frames, round(base / (way[1] * way[2])))
-                self.error[way] = victor_purpura(stream, self._truth, 1.0)
+    def seconds_per_step(self) -> float:
+        """What a frame of all windows takes to render; the first two compile and place what stands still."""
+        took = []
+        for step in range(4):
+            began = self._setting.clock()
+            self._render("none", [start + step * SUBSTEP_NS for start in self._starts], None, {"radiance"}, ORIGIN)
+            took.append(self._setting.clock() - began)
+        return min(took[2:])
+
+    def draw(self, grid: Grid) -> None:
+        """The reference, at the stamps of the grid."""
+        self._grid = grid
+        self._dense = {}
+        for step in range(grid.gap + 1):
+            images = self._render("none", self._times(step), None, {"radiance"}, grid.stamp(ORIGIN, step))
+            whole = luminance_of(images["radiance"], device_named(self._setting.device)).numpy()
+            self._dense[step] = whole[:, MARGIN:-MARGIN, MARGIN:-MARGIN].copy()
+        self._truth = self._events(self._dense, 1)
+
+    def errors(self, ways: list[Way]) -> list[float]:
+        """Spike-train distances to the reference of ways with one method and, unless dense, one keyframe rate."""
+        method, rate, _ = ways[0]
+        frames = self._dense if method == "none" else self._warped(method, rate, max(k for _, _, k in ways))
+        strides = [round(self._grid.base / (rate * k)) for _, rate, k in ways]
+        return [victor_purpura(self._events(frames, stride), self._truth, 1.0) for stride in strides]
 
     def _warped(self, method: str, rate: float, k: int) -> dict[int, np.ndarray]:
         """Frames [E, h, w] of a method by step of the reference."""
         s, apart, envs = self._setting, round(self._grid.base / rate), len(self._starts)
-        renderer = make_renderer(s, self._camera, method, margin=MARGIN, **self._how)
-        interpolator = Interpolator(
-            method,
-            k,
-            scene=s.scene,
-            camera=self._camera,
-            device=s.device,
-            threads=s.threads,
-            tolerance=s.tolerance,
-            **s.light,
-        )
+        interpolator = make_interpolator(s, s.scene, self._camera, method, k)
         outputs = {"radiance"} | (NEEDS[method] & {"depth", "motion"})
+        margin = MARGIN * (s.camera.supersampling if method == "rigid" else 1)
         frames: dict[int, np.ndarray] = {}
-        seconds, count = 0.0, 0
-        # The method is made in the first gap, which is no part of a run's cost: where there is no other one, twice.
-        rounds = 2 if apart == self._steps else 1
-        for turn, step in ((n, step) for n in range(rounds) for step in range(0, self._steps + 1, apart)):
+        for step in range(0, self._grid.gap + 1, apart):
             stamp, before = self._grid.stamp(ORIGIN, step), step - apart
-            given = renderer.render(self._poses(step), self._poses(before), outputs, {}, stamp)
+            given = self._render(method, self._times(step), self._poses(self._times(before)), outputs, stamp)
             images = {n: v.copy() for n, v in given.items()}
             states = self._states(before, step) if "states" in NEEDS[method] else None
-            began = s.clock()
             t, out = interpolator.push(
-                stamp, np.full(envs, turn, np.int32), images["radiance"], images.get("depth"), images.get("motion"),
-                MARGIN, states=states,
+                stamp, np.zeros(envs, np.int32), images["radiance"], images.get("depth"), images.get("motion"),
+                margin, states=states,
             )  # fmt: skip
-            if step > apart or (step and turn):
-                seconds += s.clock() - began
-                count += len(t)
             for n in range(len(t)):
                 frames[step - (len(t) - 1 - n) * (apart // k)] = out[:, n]
-        self.spent[method, rate] = seconds / count
         return frames
 
-    def _poses(self, step: int) -> np.ndarray:
-        """Of all windows [E, N, 7]; before the run begins, its first ones."""
-        times = (max(self._grid.stamp(start, step), 0) for start in self._starts)
-        return np.concatenate([self._world.poses(t) for t in times])
+    def _render(self, method: str, times: list[int], before: Any, outputs: set[str], stamp: int) -> dict[str, Any]:
+        """Images of all windows at their own times [ns], margin included. stamp: of the windows' common time."""
+        s = self._setting
+        apart = method == "rigid" and s.camera.supersampling > 1
+        if apart not in self._renderers:
+            self._renderers[apart] = make_renderer(s, self._camera, method, margin=MARGIN, **self._how)
+        return self._renderers[apart].render(self._poses(times), before, outputs, {}, stamp)
+
+    def _times(self, step: int) -> list[int]:
+        """Of all windows at a step of the reference; before the run begins, its first one [ns]."""
+        return [max(self._grid.stamp(start, step), 0) for start in self._starts]
+
+    def _poses(self, times: list[int]) -> np.ndarray:
+        """Of all windows, float64 [E, N, 7]."""
+        last = int(self._world.t[-1])
+        return np.concatenate([self._world.poses(min(t, last)) for t in times])
 
     def _states(self, first: int, last: int) -> States:
         """Of all windows from one step to another, every millisecond or so."""
@@ -118,7 +117,7 @@ class Windows:
 
     def _events(self, frames: dict[int, np.ndarray], stride: int) -> Stream:
         """What the sensors make of every stride-th frame; the windows' images below each other."""
-        steps = range(0, self._steps + 1, stride)
+        steps = range(0, self._grid.gap + 1, stride)
         images = np.stack([frames[step] for step in steps], 1)
         t = np.array([self._grid.stamp(ORIGIN, step) for step in steps])
         envs, height, width = len(self._starts), self._camera.height, self._camera.width

@@ -11,15 +11,17 @@ import warp as wp
 
 from evis.clock import NS
 from evis.scene.model import Camera, Scene
+from nodes.interpolator.interpolator import Interpolator
 from nodes.renderer.renderer import Renderer
 from nodes.renderer.supersampling import SupersampledRenderer
 
 METHODS = ("none", "splat", "rigid")
 RATES = {"none": (250.0,), "splat": (31.25, 62.5, 125.0, 250.0), "rigid": (31.25, 62.5, 125.0, 250.0)}
 """Keyframe rates [Hz] that are tried where the user gives none; that of `none` where K is given."""
-FRAME_RATES = (500, 1000, 2000, 4000)
-"""Frames per second, about, that are tried with every keyframe rate; for dense rendering also half and a quarter."""
-REFERENCE_HZ = {False: 8000, True: 4000}
+FRAME_RATES = (250, 500, 1000, 2000, 4000)
+"""Frames per second, about, that are tried with every keyframe rate; for dense rendering also half of the least."""
+REFERENCE_HZ = {8000: 1.5, 4000: 3.0, 2000: 3.0}
+"""Rates of dense rendering that errors may be against [Hz], and how long it may take [s]; the last has no choice."""
 Way = tuple[str, float, int]
 """Method, keyframe rate [Hz], K."""
 
@@ -29,7 +31,7 @@ class Setting:
     """How a scene is going to be run: what of it decides cost and error.
 
     keyframe_rate, upsampling: the user's own, or None. sensor: parameters of EventSensor without noise. light: options
-    of the renderer (light_samples, paths). tolerance: that of `rigid`.
+    of the renderer (light_samples, paths). warp: options of the interpolator (tolerance, sample_px).
     """
 
     scene: Scene
@@ -44,7 +46,7 @@ class Setting:
     upsampling: int | None = None
     sensor: dict[str, Any] = field(default_factory=dict)
     light: dict[str, Any] = field(default_factory=dict)
-    tolerance: float = 0.1
+    warp: dict[str, Any] = field(default_factory=dict)
 
     def shifted(self) -> Setting:
         """The same with bodies that are placed by their states alone and not by paths, for times that are not true."""
@@ -55,12 +57,13 @@ class Setting:
     def clock(self) -> float:
         """CPU time where one thread does all the work, for others may be at work here; else wall time [s]."""
         if self.device.startswith("cuda"):
+            wp.init()
             wp.synchronize_device(self.device)
             return time.perf_counter()
         return time.process_time() if self.threads == 1 else time.perf_counter()
 
 
-@dataclass
+@dataclass(eq=False)
 class Grid:
     """Rates that fit each other: every frame of a candidate is at a stamp of the reference.
 
@@ -71,13 +74,13 @@ class Grid:
     ways: list[Way]
 
     @staticmethod
-    def of(setting: Setting, dear: bool = False) -> Grid:
-        """What the user's keyframe rate and K leave. dear: keyframes cost DEAR_S or more."""
-        rates = [f for f in FRAME_RATES if 2 * f <= REFERENCE_HZ[dear]]
+    def of(setting: Setting, reference_hz: float = max(REFERENCE_HZ)) -> Grid:
+        """What the user's keyframe rate and K leave. reference_hz: rate of the reference, about."""
+        rates = [f for f in FRAME_RATES if 2 * f <= reference_hz]
         rate, given = setting.keyframe_rate, setting.upsampling
         odd = given // (given & -given) if given else 1
         base = (rate or RATES["splat"][0]) * odd
-        while base * np.sqrt(2) < REFERENCE_HZ[dear]:
+        while base * np.sqrt(2) < reference_hz:
             base *= 2
         shortest = 0.999 * NS / setting.duration_ns
         ks = [given] if given else [2**n for n in range(8)]
@@ -92,7 +95,7 @@ class Grid:
                     elif method != "none" and k > 1 and fits:
                         ways.add((method, r, k))
         if not rate and not given:
-            ways |= {("none", float(f), 1) for f in (rates[0] / 4, rates[0] / 2, *rates)}
+            ways |= {("none", float(f), 1) for f in (rates[0] / 2, *rates)}
         top = max(r * k for _, r, k in ways)
         while base < 2 * top:
             base *= 2
@@ -111,6 +114,12 @@ class Grid:
     def stamp(self, start_ns: int, step: int) -> int:
         """Time of a step of the reference after the start of a window [ns]."""
         return start_ns + round(step * NS / self.base)
+
+
+def make_interpolator(s: Setting, scene: Scene, camera: Camera, method: str, k: int) -> Interpolator:
+    """The interpolator as the graph would have it."""
+    how: dict[str, Any] = {"device": s.device, "threads": s.threads, **s.light, **s.warp}
+    return Interpolator(method, k, scene=scene, camera=camera, **how)
 
 
 def make_renderer(s: Setting, camera: Camera, method: str, **how: Any) -> Renderer | SupersampledRenderer:

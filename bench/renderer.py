@@ -18,6 +18,7 @@ from bench.renderer_mujoco import drawing
 from bench.renderer_scenes import balls, hall
 from evis.scene import load_scene
 from evis.scene.model import Scene
+from nodes.interpolator.luminance import luminance_of
 from nodes.renderer.kernels import MISS, View, depth_of, pixel_ray, triangle_of
 from nodes.renderer.renderer import Renderer
 from nodes.renderer.visibility import Visibility
@@ -115,6 +116,25 @@ def stage_times(scene: Scene, poses: list[np.ndarray], repeats: int) -> dict[str
         "depth and motion [ms]": round(milliseconds(geometric, repeats) - placed, 2),
         "shading [ms]": round(milliseconds(shade, repeats) - raster, 2),
         "nothing moves [ms]": round(milliseconds(lambda k: r.render(poses[0], poses[0], out, out), repeats), 2),
+    }
+
+
+def conversion(name: str, size: tuple[int, int], repeats: int) -> dict[str, Any]:
+    """What a keyframe of luminance alone would save: its conversion in the interpolator, and bytes."""
+    scene = load_scene(name, dict(zip(("width", "height"), size)))
+    poses = [
+        np.array([[b.trajectory.pose(np.array([round(k * 1e9 / RATE)]))[0] for b in scene.bodies]]) for k in (0, 1)
+    ]
+    renderer = Renderer(scene, scene.cameras[0])
+    image = renderer.render(poses[0])["radiance"].copy()
+    shaded = milliseconds(lambda k: renderer.render(poses[k % 2]), repeats)
+    converted = milliseconds(lambda k: luminance_of(image), repeats)
+    return {
+        "scene": f"{name} {size[0]} x {size[1]}",
+        "radiance [ms]": round(shaded, 2),
+        "to luminance [ms]": round(converted, 2),
+        "share": f"{100 * converted / shaded:.1f}%",
+        "saved [kB]": image.nbytes * 2 // 3000,
     }
 
 
@@ -227,6 +247,12 @@ def measure(quick: bool = False) -> dict[str, Any]:
             "note": "Rays: a world-space SAH tree, refitted to the moved vertices each time. A pixel differs where "
             "one way sees nothing or the depths are more than 1e-4 apart: its centre lies on a silhouette, "
             "within float32.",
+        },
+        "luminance": {
+            "title": "Renderer: what keyframes of luminance alone would save, one core",
+            "command": COMMAND,
+            "rows": [conversion(name, SIZES[0], few) for name in ("spinning_disk", "drone", "warehouse")],
+            "note": "Albedo and light are multiplied channel by channel, so shading takes three in any case.",
         },
         "mujoco": {
             "title": "The same scene, EVIS and MuJoCo's own renderer",

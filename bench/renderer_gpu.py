@@ -90,8 +90,12 @@ def rows_of(name: str, envs: int, size: tuple[int, int], count: int) -> Iterable
     visibility = Visibility(scene, scene.cameras[0], envs, 0, DEVICE)
     row = {"case": case, "what": "visibility", **timed(lambda i: visibility.update(poses[i]), count)}
     yield {**row, "kernels": kernels(visibility.draw, count)}
-    checked = timed(lambda i: visibility.place(visibility.frames(poses[i])), count)
-    yield {"case": case, "what": "poses checked and uploaded", **checked}
+
+    def send(i: int) -> None:
+        visibility.advance(poses[i], True)
+        visibility.settle()
+
+    yield {"case": case, "what": "poses checked and sent", **timed(send, count)}
     casting = [light for light in scene.lights if light.shadows]
     for rays in dict.fromkeys((len(casting), min(len(casting), 1), 0)):
         for light in casting[rays:]:

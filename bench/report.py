@@ -34,6 +34,9 @@ body { font: 15px/1.45 system-ui; margin: 2em auto; max-width: 70em; padding: 0 
 table { border-collapse: collapse; margin: .6em 0 }
 td, th { padding: .25em .7em; border-bottom: 1px solid #ddd; text-align: right }
 td:first-child, th:first-child { text-align: left }
+th { vertical-align: bottom }
+tr:hover { background: #f6f8fa }
+img { max-width: 100% }
 code { background: #f2f2f2 }
 .note { color: #555 }
 </style><h1>EVIS: error, speed and cost</h1>"""
@@ -74,12 +77,12 @@ def page(report: dict[str, Any]) -> str:
     """The report as one HTML page."""
     about = ", ".join(f"{k} {v}" for k, v in report["machine"].items())
     parts = [HEAD, f"<p>{html.escape(about)}</p>"]
+    parts += [f'<p><img src="{html.escape(name)}" alt="{html.escape(name)}">' for name in report["plots"]]
     for subject, sections in report["subjects"].items():
         parts.append(f"<h2>{html.escape(subject)}</h2>")
         for section in sections.values():
             if isinstance(section, dict) and "rows" in section:
                 parts.append(_section(section))
-    parts += [f'<p><img src="{html.escape(name)}" alt="{html.escape(name)}">' for name in report["plots"]]
     parts.append("<h2>Omissions and failures</h2><ul>")
     parts += [f"<li>{html.escape(f['subject'])}: {html.escape(f['error'])}</li>" for f in report["failures"]]
     parts += [f"<li>{html.escape(o)}</li>" for o in OMISSIONS]

@@ -29,6 +29,23 @@ def keyframe_count(duration_ns: int, keyframe_rate: float) -> int:
     return k
 
 
+def times_slower(keyframe_rate: float, slower_rate: float) -> int:
+    """How many keyframes at keyframe_rate [Hz] there are for each at slower_rate [Hz].
+
+    Raises ValueError naming both and the nearest that fit, unless it is a whole number of at least 1.
+    """
+    fast, slow = rate(keyframe_rate), rate(slower_rate)
+    if slow > 0 and (ratio := fast / slow).denominator == 1:
+        return ratio.numerator
+    text = f"{slower_rate:.12g} Hz is no whole fraction of keyframe_rate, {keyframe_rate:.12g} Hz; "
+    if slow <= 0:
+        raise ValueError(f"{text}it must be above 0")
+    n = fast // slow
+    lower, upper = float(fast / (n + 1)), float(fast / n) if n else 0.0
+    near = f"nearest are {lower:.12g} and {upper:.12g}" if n else f"nearest is {lower:.12g}"
+    raise ValueError(f"{text}the {near} Hz, and keyframe_rate:={float(slow * (n + 1)):.12g} would fit")
+
+
 def subframe_stamps(t_a: int, t_b: int, upsampling: int) -> np.ndarray:
     """int64 [K] stamps t_A + (i/K)(t_B - t_A), i = 1..K, rounded half up; the last is t_B itself."""
     i = np.arange(1, upsampling + 1, dtype=np.int64)

@@ -16,6 +16,7 @@ import zmq
 
 from evis.bus import END, Publisher
 from evis.clock import Pacer
+from evis.delivery import Delivery
 from evis.host import SYSTEM_TOPICS, Host, Inside, NodeFailed, Subscription, Wiring
 from evis.node import Node
 from evis.plan import Plan
@@ -334,6 +335,11 @@ class Executor:
         host = self._hosts[node.name]
         return host.publishers[host.plan.outputs[port]].loan(**arrays)
 
+    def loan_on(self, node: Node, port: str, device: Any, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> Any:
+        """See Node.loan_on."""
+        host = self._hosts[node.name]
+        return host.publishers[host.plan.outputs[port]].loan_on(device, arrays)
+
     def publish(self, node: Node, port: str, message: Message) -> None:
         """See Node.publish."""
         host = self._hosts[node.name]
@@ -342,18 +348,16 @@ class Executor:
             return
         self.profile.node(node.name).saw(topic, message)
         with self.profile.inside("bus"):
-            slot = host.publishers[topic].send(message)
-        message._slot = slot  # type: ignore[misc]
+            consumers = [(c, port) for c, port, consumed in host.downstream if consumed == topic]
+            delivery = Delivery.of(message, host.publishers[topic], consumers)
         try:
-            for consumer, consumer_port, consumed in host.downstream:
-                if consumed == topic:
-                    message.keep()
-                    self._accept(consumer, consumer_port, topic, message)
-                    if not consumer.node.SOURCE:
-                        self._call(consumer)
+            for (consumer, consumer_port), given in zip(consumers, delivery.given):
+                given.keep()
+                self._accept(consumer, consumer_port, topic, given)
+                if not consumer.node.SOURCE:
+                    self._call(consumer)
         finally:
-            if slot is not None:
-                slot.unpin()
+            delivery.over()
 
     def count(self, node: Node, name: str, amount: float) -> None:
         """See Node.count."""

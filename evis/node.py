@@ -26,12 +26,14 @@ class Input:
     topic: name with parameters in braces, `/{camera}/keyframe`; `*` only for nodes that take whatever they are told
     (the recorder). join: delivered by `update`, together with the other joined inputs of the same stamp; otherwise,
     and for latched topics, each message comes by itself to `receive`. delayed: closes a loop (/action); a source asks
-    for it by stamp in `due`.
+    for it by stamp in `due`. on_device: arrays that a node of the same process has on the device which this node's
+    parameter `device` names may come as they are, Warp's and not numpy's.
     """
 
     topic: str
     join: bool = True
     delayed: bool = False
+    on_device: bool = False
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,14 @@ class Node:
         """Heavy packages that these parameters leave out, with the reason: {"mujoco": "scene has no dynamics"}."""
         return {}
 
+    @classmethod
+    def divides(cls, params: Mapping[str, Any]) -> int:
+        """How many updates there are to each message published; of a source, how many steps to a delayed input.
+
+        Raises ValueError for parameters that do not go together.
+        """
+        return 1
+
     # -- what the executor calls -------------------------------------------------------------------------------------
 
     def setup(self) -> None:
@@ -111,6 +121,14 @@ class Node:
     def loan(self, port: str, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, np.ndarray]:
         """Arrays to write this port's next message into, name -> (shape, dtype); no copy is made when it is sent."""
         return self.runtime.loan(self, port, arrays)
+
+    def loan_on(self, port: str, device: Any, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, Any]:
+        """As `loan`, on a device: Warp arrays, name -> (shape, Warp dtype), where [E, H, W] of vec3 is [E, H, W, 3].
+
+        They are copied to the host only for readers that need them there. What writes them is launched on Warp's stream
+        of the device; nobody need wait for it before `publish`.
+        """
+        return self.runtime.loan_on(self, port, device, arrays)
 
     def publish(self, port: str, message: Message) -> None:
         """Send a message on an output; blocks while a declared consumer is behind. Fills header.seq."""

@@ -37,19 +37,31 @@ def find(kind: str, name: str) -> Path | None:
     return path if "/" not in name and path.is_file() else None
 
 
+def _is_scene(path: Path) -> bool:
+    """Whether a YAML file has a scene's keys and none that only a launch file has."""
+    try:
+        keys = {line.partition(":")[0] for line in path.read_text(encoding="utf-8").splitlines()}
+    except (OSError, UnicodeDecodeError):
+        return False
+    return bool(keys & {"cameras", "bodies", "world", "mjcf"}) and "nodes" not in keys
+
+
 def find_launch(name: str) -> tuple[Path, dict[str, str]]:
     """The launch file for what stands after `evis launch`, and the arguments that go with it.
 
-    name: a path, the name of a launch file, that of a scene, or an MJCF or URDF file (then simulator.yaml with
+    name: a path or name of a launch file or of a scene, or an MJCF or URDF file (a scene goes with simulator.yaml and
     scene:=NAME). Raises FileNotFoundError naming the nearest one.
     """
     is_model = name.endswith((".xml", ".urdf")) and Path(name).is_file()
     path = None if is_model else find("launch", name)
-    if path is not None:
+    if path is not None and not _is_scene(path):
         return path, {}
     simulator = find("launch", "simulator")
-    if simulator is not None and (is_model or find("scenes", name) is not None):
+    if simulator is not None and (is_model or path is not None or find("scenes", name) is not None):
         return simulator, {"scene": name}
+    if Path(name).is_file():
+        play = f"replay bag:={name}" if name.endswith(".mcap") else f"camera file:={name}"
+        raise FileNotFoundError(f"{name} is no launch file and no scene; `evis launch {play}` plays a recording")
     known = sorted({*names("launch"), *names("scenes")})
     near = difflib.get_close_matches(Path(name).stem, known, n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(known) or 'none'}"

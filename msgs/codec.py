@@ -116,11 +116,6 @@ def _pack(name: str, body: Any) -> bytes:
     return packed
 
 
-def encode_header(message: Message, extra: dict[str, Any] | None = None) -> bytes:
-    """The msgpack header of a message. Raises MessageError when the message is not as its type declares."""
-    return pack_header(message, contents(message), extra)
-
-
 def _plain(value: Any) -> Any:
     """numpy scalars are plain numbers on the wire."""
     if isinstance(value, np.generic):

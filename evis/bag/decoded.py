@@ -16,10 +16,11 @@ if TYPE_CHECKING:
     from evis.streams.events import Events
 
 
-def decoded_events(reader: BagReader, topic: str) -> Iterator[tuple[EventPacket, Events]]:
+def decoded_events(reader: BagReader, topic: str, env: int | None = None) -> Iterator[tuple[EventPacket, Events]]:
     """(packet, its events); a sensor's own bytes are decoded by one decoder that keeps its state between packets.
 
-    Raises BagError for an encoding that has no decoder here.
+    env: the environment whose events to give, all of them when None. Raises BagError for an encoding that has no
+    decoder here.
     """
     from evis.streams.decoder import make_decoder
     from evis.streams.events import Events
@@ -29,7 +30,8 @@ def decoded_events(reader: BagReader, topic: str) -> Iterator[tuple[EventPacket,
         if not isinstance(packet, EventPacket):
             raise BagError(f"{topic} holds {type(packet).__name__} messages, no events")
         if packet.t is not None and packet.x is not None and packet.y is not None and packet.p is not None:
-            yield packet, Events(packet.t, packet.x, packet.y, packet.p, packet.c)
+            whole = Events(packet.t, packet.x, packet.y, packet.p, packet.c)
+            yield packet, whole if env is None else whole[packet.env_offsets[env] : packet.env_offsets[env + 1]]
             continue
         try:
             decoder = decoder or make_decoder(packet.encoding, packet.width, packet.height)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from evis.bag import BagError, environments, exr, jsonform
+from evis.bag import BagError, environments, exr, frames, jsonform
 from evis.bag.decoded import decoded_events
 from evis.bag.reader import BagReader
 from msgs.camera import Keyframe
@@ -22,11 +24,14 @@ BESIDE_KEYFRAME = ("depth", "motion", "ids")
 def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) -> dict[str, Any]:
     """Write a topic to `out` and tell what was written. `/env<k>/...` takes one environment of several.
 
-    Events: .npz, .csv, .txt, .raw (by evis.streams). Keyframes to a folder: one EXR each (half: R, G, B as 16-bit
-    floats, clamped and counted). Any other: .npz (arrays stacked over messages) or .jsonl (a message per line).
+    Events: .npz, .csv, .txt, .raw (by evis.streams; times that a format rounds are counted). Keyframes to a folder:
+    one EXR each (half: R, G, B as 16-bit floats, clamped and counted). Frames: .npz that `evis events simulate` takes.
+    Any other: .npz (arrays stacked over messages) or .jsonl (a message per line).
     Of a torn bag what is there is written, and `problem` says what is wrong with it. Raises BagError.
     """
     out = Path(out)
+    if out.suffix and not out.parent.is_dir():
+        raise BagError(f"{out}: the folder {out.parent} does not exist; make it first")
     with BagReader(bag) as reader:
         name, env = _resolve(reader, topic)
         kind = reader.topics[name]
@@ -34,6 +39,9 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
             result = _events(reader, name, env, out)
         elif kind == "Keyframe" and not out.suffix:
             result = _keyframes(reader, name, env, out, half)
+        elif kind == "Frames" and out.suffix == ".npz":
+            with _whole(out) as file:
+                result = frames.write(lambda: _messages(reader, name, env), topic, file)
         elif out.suffix == ".npz":
             result = _arrays(reader, name, env, out)
         elif out.suffix == ".jsonl":
@@ -46,6 +54,20 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
         if reader.skipped:
             result["damaged"] = reader.skipped
         return {"topic": topic, "out": str(out), **result}
+
+
+@contextlib.contextmanager
+def _whole(out: Path) -> Iterator[BinaryIO]:
+    """A file that appears under its name only when it is complete. Raises BagError where it cannot be written."""
+    partial = out.with_name(f".{out.name}.{os.getpid()}.part")
+    try:
+        with partial.open("wb") as file:
+            yield file
+        partial.replace(out)
+    except OSError as error:
+        raise BagError(f"{out}: writing failed: {error.strerror or error}") from None
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def _resolve(reader: BagReader, topic: str) -> tuple[str, int | None]:
@@ -67,25 +89,23 @@ def _messages(reader: BagReader, topic: str, env: int | None) -> Iterator[Messag
 
 def _events(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[str, Any]:
     from evis.streams import open_writer
-    from evis.streams.events import Events
+    from evis.streams.recording import WHOLE_US
 
-    packets = decoded_events(reader, topic)
+    packets = decoded_events(reader, topic, env)
     first = next(packets, None)
     size = (first[0].width, first[0].height) if first else (0, 0)
-    count = lost = 0
+    count = lost = rounded = 0
     with open_writer(out, *size) as writer:
         for packet, events in _chain(first, packets):
-            if len(packet.env_offsets) > 2:
-                if env is None:
-                    raise BagError(
-                        f"{topic} has {len(packet.env_offsets) - 1} environments; name one of them: /env0{topic}"
-                    )
-                part = slice(int(packet.env_offsets[env]), int(packet.env_offsets[env + 1]))
-                colour = None if events.c is None else events.c[part]
-                events = Events(events.t[part], events.x[part], events.y[part], events.p[part], colour)
+            if len(packet.env_offsets) > 2 and env is None:
+                raise BagError(
+                    f"{topic} has {len(packet.env_offsets) - 1} environments; name one of them: /env0{topic}"
+                )
             writer.write(events)
             count, lost = count + len(events), lost + packet.lost
-    return {"events": count, "width": size[0], "height": size[1], **({"lost": lost} if lost else {})}
+            rounded += int(np.count_nonzero(events.t % 1000)) if out.suffix.lower() in WHOLE_US else 0
+    odd = {"times_rounded_to_us": rounded, "lost": lost}
+    return {"events": count, "width": size[0], "height": size[1], **{name: n for name, n in odd.items() if n}}
 
 
 def _chain(first: Any, rest: Iterator[Any]) -> Iterator[Any]:
@@ -143,13 +163,14 @@ def _arrays(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[s
     stacked = {n: np.stack(v) if v else np.empty(0, np.int64) for n, v in columns.items()}
     if len({len(v) for v in stacked.values()}) > 1:
         raise BagError(f"{topic}: not every message has the same arrays; export to .jsonl")
-    np.savez(out, **stacked)  # type: ignore[arg-type]
+    with _whole(out) as file:
+        np.savez(file, **stacked)  # type: ignore[arg-type]
     return {"messages": len(stacked["stamp_ns"]), "arrays": {n: list(v.shape) for n, v in stacked.items()}}
 
 
 def _lines(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[str, Any]:
     count = 0
-    with open(out, "wb") as file:
+    with _whole(out) as file:
         for message in _messages(reader, topic, env):
             file.write(jsonform.dump(message) + b"\n")
             count += 1

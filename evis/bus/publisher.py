@@ -10,6 +10,7 @@ import zmq
 
 from evis.bus import pipes, wire
 from evis.bus.consumers import Consumer, Consumers
+from evis.bus.device import Asked, DevicePool, DeviceSlot, check
 from evis.bus.endpoints import Endpoints, bind, check_bind, unlink
 from evis.bus.errors import BusError, PeerLost
 from evis.bus.placing import describe, place
@@ -64,6 +65,7 @@ class Publisher:
         self._consumers = Consumers(topic, node, consumers, message_type, window, piped=self._ipc and not latched)
         self._tap = Tap(topic, tap_hz)
         self._pool = SlotPool(topic, window + 1, shared=self._ipc and bool(consumers))
+        self._on_device = DevicePool(topic)
         self._latch: list[Buffer] | None = None
         self._sockets: list[zmq.Socket] = []
         self._seq = 0
@@ -151,13 +153,29 @@ class Publisher:
             self._consumers.collect()  # a slot may be free by now
         return self._pool.loan(arrays)
 
-    def send(self, message: Message, timeout_s: float | None = None) -> Slot | None:
-        """Publish; fills header.seq. Waits while a declared consumer has no credit, at most timeout_s (BusError then).
+    def loan_on(self, device: Any, asked: Asked) -> dict[str, Any]:
+        """As `loan`, Warp arrays on a device: name -> (shape, Warp dtype)."""
+        if device.is_cuda:
+            self._pool.pin_memory()
+        return self._on_device.loan(device, asked)
 
-        Arrays that lie in the loan are not copied. Returns the slot that the arrays lie in, pinned once for the caller
-        (`unpin` it when local delivery is over), or None when they lie in no slot. A latched message does not wait for
-        consumers that are not connected yet: they get the last value when they come.
-        """
+    def claim_on(self, message: Message) -> DeviceSlot | None:
+        """The slot of `loan_on` that a message's Warp arrays lie in, pinned once for the caller; None = in none."""
+        return self._on_device.claim(message)
+
+    def reads_bytes(self) -> bool:
+        """True where the next message must be `send` in numpy arrays: another process or a viewer gets it."""
+        return self.latched or bool(self._consumers.all) or self._tap.ready()
+
+    def passed(self, message: Message) -> None:
+        """Count a message whose arrays stay on their device, for nobody outside this process gets it."""
+        self._check(message)
+        message.header.seq = self._seq
+        self._bytes += check(message)
+        self._seq += 1
+        self._tap.skipped += bool(self._tap.listeners)
+
+    def _check(self, message: Message) -> None:
         if type(message) is not self.message_type:
             raise BusError(
                 f"topic {self.topic}: {self.node} declared {self.message_type.__name__} and published "
@@ -168,6 +186,15 @@ class Publisher:
                 f"topic {self.topic}: {self.node} published a message that came from the bus or was published before: "
                 "make a new one (dataclasses.replace with a new header)"
             )
+
+    def send(self, message: Message, timeout_s: float | None = None) -> Slot | None:
+        """Publish; fills header.seq. Waits while a declared consumer has no credit, at most timeout_s (BusError then).
+
+        Arrays that lie in the loan are not copied. Returns the slot that the arrays lie in, pinned once for the caller
+        (`unpin` it when local delivery is over), or None when they lie in no slot. A latched message does not wait for
+        consumers that are not connected yet: they get the last value when they come.
+        """
+        self._check(message)
         arrays = contents(message)
         self._wait_for_credit(timeout_s)
         message.header.seq = self._seq

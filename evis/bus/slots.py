@@ -2,8 +2,8 @@
 
 A slot is one block of memory with a pin count: the loan, each remote consumer and each `keep` hold one pin, and the
 slot is written again only when all are gone. `HeapSlot` serves consumers of this process; `MemorySlot` is a memfd that
-other processes map through /proc/<pid>/fd, so that no kind of death leaves anything behind. A slot on a GPU would be
-a third kind, whose descriptor carries its CUDA IPC handle.
+other processes map through /proc/<pid>/fd, so that no kind of death leaves anything behind. Slots on a GPU, for the
+nodes of one process, are in evis/bus/device.py.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class HeapSlot(Slot):
     """Memory of this process alone."""
 
     def __init__(self, pool: SlotPool, generation: int, size: int) -> None:
-        raw = np.empty(size + ALIGN, np.uint8)
+        raw = _pinned(size + ALIGN) if pool.pinned else np.empty(size + ALIGN, np.uint8)
         start = -address(raw) % ALIGN
         super().__init__(pool, generation, raw[start : start + size])
 
@@ -110,6 +110,15 @@ class MemorySlot(Slot):
         if self.fd >= 0:
             os.close(self.fd)
             self.fd = -1
+
+
+def _pinned(size: int) -> np.ndarray:
+    """Memory of this process that a GPU writes to several times as fast."""
+    import warp as wp
+
+    memory: wp.array = wp.empty(size, dtype=wp.uint8, device="cpu", pinned=True)
+    view: np.ndarray = memory.numpy()
+    return view
 
 
 def reserve(name: str, size: int) -> int:
@@ -154,6 +163,7 @@ class SlotPool:
         self.name = name
         self.slots = slots
         self.shared = shared
+        self.pinned = False
         self.spares = 0
         self.generation = 0
         self.live = 0
@@ -212,6 +222,12 @@ class SlotPool:
         """Choose between heap and shared memory for the slots to come."""
         if shared != self.shared:
             self.shared = shared
+            self._renew()
+
+    def pin_memory(self) -> None:
+        """From now on the slots that are not shared are written to by a GPU."""
+        if not self.pinned:
+            self.pinned = True
             self._renew()
 
     def _renew(self) -> None:

@@ -57,6 +57,10 @@ class Tap:
         elif frames[0][0] and self.latched:
             wire.send(self.socket, [key, *self.latched])
 
+    def ready(self) -> bool:
+        """Would the next message go out? Counts nothing."""
+        return self.listeners > 0 and time.monotonic() >= self._next
+
     def due(self) -> bool:
         """True when somebody listens and the rate limit lets the next message through; counts it as skipped if not."""
         if not self.listeners:

@@ -7,11 +7,13 @@ itself. The choice is made of arguments, so that the plan, the bag and the resul
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import json
 import os
 import platform
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +29,14 @@ if TYPE_CHECKING:
 
 SENSOR = ("threshold", "threshold_on", "threshold_off", "crossing", "dark_level")
 """The sensor's parameters that count; noise is no matter of how frames are made."""
+WARP = ("tolerance", "sample_px")
+"""The interpolator's parameters that count."""
+CODE = {
+    "nodes": ("renderer/**/*.py", "interpolator/**/*.py", "event_sensor/**/*.py", "physics/**/*.py"),
+    "evis": ("geometry/**/*.py", "scene/**/*.py"),
+    "bench": ("probe*.py", "world.py", "metrics.py", "kernels.py"),
+}
+"""Files whose content decides cost and error, by package."""
 LONGEST_S = 2.0
 """How much of a run's beginning is looked at [s]; of one without an end, 1 s."""
 
@@ -53,21 +63,31 @@ def resolve_auto(
 
     # Any method with frames in between stands for the choice, so that all nodes are there with their parameters.
     stand_in = {**given, "interpolator": "rigid", "upsampling": 2}
-    nodes = expand(launch, stand_in, options.names()).nodes
+    graph = expand(launch, stand_in, options.names())
     wishes = {key: values[key] if key in given else None for key in ("keyframe_rate", "upsampling")}
-    setting = setting_of(nodes, options.duration_s, wishes)
+    own_rates = bool(graph.values.get("camera_rate"))
+    if own_rates:
+        # The rates of the others are fractions of it; what is measured is the first camera at its own.
+        wishes["keyframe_rate"] = next(n.params["keyframe_rate"] for n in graph.nodes if n.type == "renderer")
+    setting = setting_of(graph.nodes, options.duration_s, wishes)
     candidates, cached = measured(setting)
     choice = choose(candidates, values["wanted_error"], values["wanted_rtf"])
     best = choice.candidate
     taken = {
         "interpolator": best.method,
-        "keyframe_rate": best.keyframe_rate,
+        "keyframe_rate": values["keyframe_rate"] if own_rates else best.keyframe_rate,
         "upsampling": best.upsampling,
     }
-    found = {"error": best.error, "seconds_per_simulated_second": best.seconds, "candidates": len(candidates)}
-    cost = f"error {best.error:.3g}, {best.seconds:.3g} s per simulated second"
-    summary = f"{best} ({cost}), {choice.why}"
-    chosen = taken | {"why": choice.why, "wish kept": choice.met, "from cache": cached, **found, "summary": summary}
+    found = {
+        "expected_error": best.error,
+        "expected_s_per_simulated_s": best.seconds,
+        "candidates": len(candidates),
+    }
+    expected = f"error {best.error:.3g} of 1, {best.seconds:.3g} s per simulated second"
+    chosen: dict[str, Any] = taken | {"why": choice.why}
+    if values["wanted_error"] is not None or values["wanted_rtf"] is not None:
+        chosen["wish_kept"] = choice.met
+    chosen |= found | {"from_cache": cached, "summary": f"{best}: {choice.why}; expected: {expected}"}
     return {**given, **taken}, chosen
 
 
@@ -93,6 +113,7 @@ def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapp
     sensor = {key: full[key] for key in SENSOR if full[key] is not None}
     # Its curve needs the light's slope, which frames of a warp do not have.
     sensor["crossing"] = "monotone" if sensor["crossing"] == "hermite" else sensor["crossing"]
+    frames = by_type.get("interpolator", {})
     light: dict[str, Any] = {}
     if p.get("bounces") or p.get("sky_occlusion"):
         from nodes.renderer.path import PathOptions
@@ -105,7 +126,7 @@ def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapp
         seed=by_type.get("physics", {}).get("seed") or 0,
         sensor=sensor,
         light=light,
-        **({"tolerance": frames["tolerance"]} if (frames := by_type.get("interpolator", {})).get("tolerance") else {}),
+        warp={key: frames[key] for key in WARP if frames.get(key) is not None},
         **{key: p[key] for key in ("device", "envs", "threads", "margin")},
         **wishes,
     )
@@ -115,17 +136,20 @@ def measured(setting: Setting) -> tuple[list[Candidate], bool]:
     """What every candidate costs and how far off it is, and whether that was known."""
     from bench.probe import probe
     from nodes.interpolator.choice import Candidate
+    from nodes.interpolator.keyframe import device_named
 
+    device_named(setting.device)
     path = cache_folder() / f"{fingerprint(setting)}.json"
     try:
         return [Candidate(**row) for row in json.loads(path.read_text())], True
     except (OSError, ValueError, TypeError):
         pass
-    shown = sys.stderr.isatty()
+    shown, began = sys.stderr.isatty(), time.monotonic()
 
     def say(line: str) -> None:
         if shown:
-            print(f"\r\033[Kinterpolator auto: {line}", end="", file=sys.stderr, flush=True)
+            spent = f"{time.monotonic() - began:.0f} s"
+            print(f"\r\033[Kinterpolator auto, measuring, {spent}: {line}", end="", file=sys.stderr, flush=True)
 
     candidates = probe(setting, say)
     if shown:
@@ -147,16 +171,10 @@ def cache_folder() -> Path:
 
 def fingerprint(setting: Setting) -> str:
     """Of all that cost and error depend on."""
-    import bench
     import evis
-    import nodes
 
-    found = hashlib.sha256()
+    found = hashlib.sha256(code_digest())
     _digest(found, setting)
-    for package, rooms in ((nodes, ("renderer", "interpolator", "event_sensor", "physics")), (bench, ("",))):
-        for room in rooms:
-            for path in sorted((Path(str(package.__file__)).parent / room).rglob("*.py")):
-                found.update(path.read_bytes())
     import warp
 
     machine = [platform.node(), platform.machine(), os.cpu_count(), platform.python_version(), warp.config.version]
@@ -165,6 +183,22 @@ def fingerprint(setting: Setting) -> str:
         machine.append(warp.get_device(setting.device).name)
     found.update(repr([machine, getattr(evis, "__version__", ""), np.__version__]).encode())
     return found.hexdigest()[:32]
+
+
+@functools.cache
+def code_digest() -> bytes:
+    """Of the code that is measured and of what measures it, as it was when first asked for."""
+    import bench
+    import evis
+    import nodes
+
+    found = hashlib.sha256()
+    for package, patterns in CODE.items():
+        root = Path({"nodes": nodes, "evis": evis, "bench": bench}[package].__file__ or "").parent
+        for path in sorted(path for pattern in patterns for path in root.glob(pattern)):
+            found.update(path.relative_to(root).as_posix().encode())
+            found.update(path.read_bytes())
+    return found.digest()
 
 
 def _digest(found: Any, value: Any) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -56,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     export = action("export", "write one topic to files")
     export.add_argument("bag", metavar="BAG")
     export.add_argument("--topic", required=True, metavar="TOPIC", help="as `evis bag info` names it; /env<k>/...")
-    export.add_argument("out", metavar="OUT", help="events: .npz .csv .raw; keyframes: a folder; any: .npz .jsonl")
+    export.add_argument("out", metavar="OUT", help="events: .npz .csv .raw; keyframes: a folder; others: .npz .jsonl")
     export.add_argument("--half", action="store_true", help="EXR with 16-bit R, G, B; values beyond 65504 are clamped")
     export.add_argument("--json", action="store_true", help="print JSON")
 
@@ -76,8 +77,9 @@ def run(args: argparse.Namespace) -> int:
     elif args.action == "info":
         print(_table(result))
     else:
+        width = max(map(len, result)) + 2
         for name, value in result.items():
-            print(f"{name:<12}{value if value not in ('', [], None) else '-'}")
+            print(f"{name:<{width}}{value if value not in ('', [], None) else '-'}")
     return 0
 
 
@@ -154,6 +156,12 @@ def _table(about: dict[str, Any]) -> str:
             events = f", {topic['events']} events {topic['width']} x {topic['height']}" if "events" in topic else ""
             size = topic["bytes"] / 1e6
             lines.append(f"{name:<{width}}{topic['messages']:>9}{rate:>10}{size:>10.3f}  {topic['type']}{events}")
-    lines += [f"{table}: {', '.join(f'{k}={v}' for k, v in values.items())}"
-              for table, values in about["metadata"].items() if table not in ("launch", "parameters")]  # fmt: skip
+    for table, values in about["metadata"].items():
+        if table not in ("launch", "parameters"):
+            lines.append(textwrap.fill(f"{table}: " + ", ".join(_said(values)), 120, subsequent_indent="  "))
     return "\n".join(lines)
+
+
+def _said(values: dict[str, str]) -> list[str]:
+    """What a table of the metadata says, without the arguments that nobody gave."""
+    return [f"{key}={value}" for key, value in values.items() if value not in ("None", "null", "")]

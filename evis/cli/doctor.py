@@ -131,8 +131,9 @@ def _kernels() -> Finding:
 
     import warp as wp
 
-    wp.config.log_level = wp.LOG_ERROR
-    wp.init()
+    from evis.warp_start import start_warp
+
+    start_warp()
     cache = wp.config.kernel_cache_dir or ""
     if not os.access(cache, os.W_OK):
         return Finding("kernels", "fail", f"the kernel cache {cache} cannot be written; set WARP_CACHE_PATH")

@@ -6,6 +6,7 @@ import argparse
 import json
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ INTERMIXED = True
 
 def add_arguments(parser: Parser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("target", nargs="?", metavar="FILE|NAME", help="launch file, its name, or the name of a scene")
+    parser.add_argument("target", nargs="?", metavar="FILE|NAME", help="launch file or scene, by name or path")
     parser.add_argument("pairs", nargs="*", metavar="key:=value", help="arguments of the launch file")
     parser.add_argument("--duration", type=float, metavar="S", help="simulated (or live) seconds to run")
     parser.add_argument("--record", metavar="BAG", help="record a bag (.mcap)")
@@ -109,7 +110,8 @@ def make_plan(args: argparse.Namespace) -> Any:
     from evis.launch.planner import Options, plan_launch
 
     if args.target is None:
-        raise UsageError(f"name a launch file or a scene: {', '.join(paths.names('launch'))}")
+        known = sorted({*paths.names("launch"), *paths.names("scenes")})
+        raise UsageError(f"name a launch file or a scene: {', '.join(known)}")
     if args.compose and args.split:
         raise UsageError("--compose and --split exclude each other")
     if args.duration is not None and not 0 < args.duration < 1e9:
@@ -118,9 +120,11 @@ def make_plan(args: argparse.Namespace) -> Any:
     launch = load(path)
     given: dict[str, Any] = {**preset, **parse_pairs(args.pairs)}
     if args.seed is not None:
+        if "seed" in given:
+            raise UsageError(f"the seed is given twice, as --seed {args.seed} and seed:={given['seed']}")
         given["seed"] = args.seed
     if preset:
-        given = _scene_arguments(given, set(launch.arguments))
+        given = scene_arguments(given, list(launch.arguments))
     if args.record:
         check_writable(Path(args.record), "--record")
     options = Options(
@@ -142,11 +146,17 @@ def make_plan(args: argparse.Namespace) -> Any:
     return plan
 
 
-def _scene_arguments(given: dict[str, Any], known: set[str]) -> dict[str, Any]:
-    """For a scene by its name, what the launch file does not know goes to the scene."""
+def scene_arguments(given: dict[str, Any], known: Sequence[str]) -> dict[str, Any]:
+    """For a scene by its name, what the launch file does not know goes to the scene. Raises ArgumentError."""
+    from evis.launch.arguments import ArgumentError
+    from evis.launch.document import nearest
     from evis.scene.load import scene_args
 
     scene = scene_args(given["scene"])
+    for key in given:
+        if key not in known and key not in scene:
+            hint = nearest(key, [*(k for k in scene if k not in known), *known])
+            raise ArgumentError(f"neither scene {Path(given['scene']).stem} nor simulator.yaml has '{key}'; {hint}")
     own = {k: v for k, v in given.items() if k in scene and k not in known}
     if not own:
         return given

@@ -24,7 +24,10 @@ class Progress:
 
     def tick(self, progress: dict[str, Any]) -> None:
         """Show the numbers of the latest heartbeats."""
-        if self._bar is None or not progress["running"]:
+        if self._bar is None:
+            return
+        if not progress["running"]:
+            self._bar.refresh()  # the seconds of the start go on
             return
         self._bar.set_description_str("running", refresh=False)
         stamp = progress["stamp_ns"]

@@ -101,6 +101,34 @@ class Lens:
         vv = g + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
         return np.stack([np.stack([uu, cross], -1), np.stack([cross, vv], -1)], -2)
 
+    def derivative(self, rays: np.ndarray) -> np.ndarray:
+        """d(u, v) / d(X, Y, Z) at the unit directions `rays` [..., 3], float64 [..., 2, 3], in focal lengths.
+
+        At a distance d from the camera it is 1 / d of this. NaN where `rays` are.
+        """
+        x, y, z = rays[..., 0], rays[..., 1], rays[..., 2]
+        if self.model == "equidistant":
+            r, theta = np.hypot(x, y), np.arctan2(np.hypot(x, y), z)
+            on_axis = r == 0
+            outwards = np.stack((np.where(on_axis, 1.0, x), y), -1) / np.where(on_axis, 1.0, r)[..., None]
+            around = np.stack((-outwards[..., 1], outwards[..., 0]), -1)
+            k1, k2, k3, k4 = self.k[:4]
+            s = theta * theta
+            slope = 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4)))
+            # A step along a great circle through the axis changes theta, one across it turns about the axis.
+            tilt = np.concatenate((outwards * z[..., None], -r[..., None]), -1)
+            turn = np.concatenate((around, np.zeros_like(r)[..., None]), -1)
+            stretch = np.divide(self._radial(theta), r, out=np.ones_like(r), where=~on_axis)
+            return (slope[..., None] * outwards)[..., None] * tilt[..., None, :] + (
+                (stretch[..., None] * around)[..., None] * turn[..., None, :]
+            )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            xy = rays[..., :2] / z[..., None]
+            flat = np.zeros((*z.shape, 2, 3))
+            flat[..., 0, 0] = flat[..., 1, 1] = 1 / z
+            flat[..., 2] = -xy / z[..., None]
+        return self.jacobian(xy) @ flat
+
     def _bend(self, xy: np.ndarray) -> np.ndarray:
         k1, k2, p1, p2, k3, k4, k5, k6 = self.k
         x, y = xy[..., 0], xy[..., 1]

@@ -60,34 +60,3 @@ def backward_motion(
     point = se3.transform(camera, unproject(k, pixels, depth))
     before = se3.transform(body_before, se3.transform(se3.inverse(body), point))
     return project(k, se3.transform(se3.inverse(camera_before), before)) - np.asarray(pixels, np.float64)
-
-
-def forward_flow(
-    k: np.ndarray,
-    pixels: np.ndarray,
-    depth: np.ndarray,
-    camera: np.ndarray,
-    camera_twist: np.ndarray,
-    body: np.ndarray,
-    body_twist: np.ndarray,
-) -> np.ndarray:
-    """Image velocity [px/s], [..., 2], of the surface point seen at a pixel: the derivative of its projection.
-
-    pixels [..., 2], depth [...]; poses [..., 7] and twists [..., 6] (v of the frame's origin, omega; world frame).
-    """
-    local = unproject(k, pixels, depth)
-    point = se3.transform(camera, local)
-    moving = _velocity(body, body_twist, point) - _velocity(camera, camera_twist, point)
-    return image_velocity(k, local, se3.rotate(se3.conjugate(camera[..., 3:]), moving))
-
-
-def image_velocity(k: np.ndarray, points: np.ndarray, velocities: np.ndarray) -> np.ndarray:
-    """Image velocity [px/s], [..., 2], of points [..., 3] with velocities [..., 3], both in the camera frame."""
-    z = points[..., 2]
-    du = (velocities[..., 0] - points[..., 0] / z * velocities[..., 2]) / z
-    dv = (velocities[..., 1] - points[..., 1] / z * velocities[..., 2]) / z
-    return np.stack((k[0, 0] * du + k[0, 1] * dv, k[1, 1] * dv), axis=-1)
-
-
-def _velocity(pose: np.ndarray, twist: np.ndarray, point: np.ndarray) -> np.ndarray:
-    return twist[..., :3] + se3.cross(twist[..., 3:], point - pose[..., :3])

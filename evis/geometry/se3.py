@@ -125,12 +125,6 @@ def log(q: np.ndarray) -> np.ndarray:
     return q[..., :3] * np.where(small, 2.0, angle / np.where(small, 1.0, sine))
 
 
-def slerp(a: np.ndarray, b: np.ndarray, u: np.ndarray | float) -> np.ndarray:
-    """From a (u = 0) to b (u = 1) at constant angular velocity, the shorter way round. u broadcasts over [...]."""
-    step = log(multiply(b, conjugate(a)))
-    return multiply(exp(np.asarray(u, np.float64)[..., None] * step), a)
-
-
 def make_pose(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
     """Poses [..., 7] of positions and quaternions, broadcast against each other."""
     p, q = np.asarray(position, np.float64), np.asarray(quaternion, np.float64)

@@ -109,5 +109,7 @@ def parse_pairs(words: Sequence[str]) -> dict[str, str]:
         key, mark, value = word.partition(":=")
         if not mark or not key:
             raise ArgumentError(f"'{word}' is not key:=value, as in seed:=3")
+        if key in pairs:
+            raise ArgumentError(f"{key} is given twice, as {pairs[key]} and {value}")
         pairs[key] = value
     return pairs

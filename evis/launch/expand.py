@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,11 +11,12 @@ from evis.launch.arguments import resolve
 from evis.launch.document import LaunchError, Table, nearest, submap
 from evis.launch.expression import ExpressionError, UnknownName, substitute, text_of
 from evis.launch.files import LaunchFile
+from evis.launch.rates import pairs, with_camera_rates
 from evis.launch.recorded import recorded
 
 NODE_KEYS = (
     "type", "params", "process", "remap", "namespace", "if", "unless", "otherwise", "respawn", "foreach",
-    "keep", "tap", "on_demand", "spares",
+    "lookup", "keep", "tap", "on_demand", "spares",
 )  # fmt: skip
 MODES = ("lockstep", "realtime", "live")
 
@@ -61,6 +63,9 @@ def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, A
     values = resolve(launch.path.name, launch.arguments, given)
     if "recorded" in table:
         values = resolve(launch.path.name, launch.arguments, recorded(submap(table, "recorded"), values, given))
+    if not launch.includes:
+        # Only where the scene's arguments are known in full.
+        values = with_camera_rates(launch.path.name, values)
     scope = {**options, **values}
     mode = str(_fill(table, "mode", scope, "lockstep"))
     if mode not in MODES:
@@ -79,6 +84,8 @@ def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, A
             node.process = f"{prefix}/{node.process}" if prefix else node.process
         result.nodes += part.nodes
         result.absent |= part.absent
+        if "camera_rate" in values:
+            result.values["camera_rate"] = part.values.get("camera_rate", values["camera_rate"])
         if "mode" not in table:
             result.mode = part.mode
     nodes = submap(table, "nodes")
@@ -96,6 +103,7 @@ def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, 
     for turn, several in _turns(entry, scope):
         suffix = "_" + "_".join(text_of(v) for v in turn.values()) if several else ""
         inner = {**scope, **turn}
+        inner |= _looked_up(entry, inner, [text_of(value) for value in turn.values()])
         full = _named(nodes, name, name, inner, suffix)
         if not _holds(entry, inner):
             result.absent[full] = str(_fill(entry, "otherwise", inner, _condition(entry)))
@@ -114,7 +122,7 @@ def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, 
                 params={k: _fill(params, k, inner) for k in params},
                 param_lines={k: params.where(k) for k in params},
                 process=prefix + _process(entry, full, inner, suffix),
-                remap={str(k): str(_fill(remap, k, inner)) for k in remap},
+                remap={str(k): str(target) for k in remap if (target := _fill(remap, k, inner))},
                 namespace=namespace,
                 respawn=_flag(entry, "respawn", inner),
                 keep=_words(_fill(entry, "keep", inner, [])),
@@ -133,6 +141,18 @@ def _turns(entry: Table, scope: Mapping[str, Any]) -> list[tuple[dict[str, Any],
         items = _words(_fill(loops, variable, scope))
         turns = [{**turn, variable: item} for turn in turns for item in items]
     return [(turn, len(turns) > 1) for turn in turns]
+
+
+def _looked_up(entry: Table, scope: Mapping[str, Any], items: list[str]) -> dict[str, Any]:
+    """The variables of `lookup`: of a `name=value` list, the value whose name is an item of this turn, or None."""
+    found: dict[str, Any] = {}
+    for variable in (lookup := submap(entry, "lookup")):
+        known = pairs(_words(_fill(lookup, variable, scope)))
+        value: Any = next((known[item] for item in items if item in known), None)
+        with contextlib.suppress(TypeError, ValueError):
+            value = float(value)
+        found[variable] = value
+    return found
 
 
 def _named(table: Table, key: str, text: Any, scope: Mapping[str, Any], suffix: str) -> str:

@@ -14,6 +14,7 @@ from evis.launch.document import LaunchError
 from evis.launch.expand import Expanded, NodeSpec, expand
 from evis.launch.files import LaunchFile, load
 from evis.launch.order import data_flow_order
+from evis.launch.pace import check_pace
 from evis.launch.pruning import Demand, Pruner, left_out
 from evis.launch.wiring import SYSTEM_TOPICS, Wired, publishers, wire
 from evis.plan import Edge, LeftOut, NodePlan, Plan, TopicPlan
@@ -83,6 +84,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
         plan.nodes[node.name] = _node_plan(node, demand, options.grouping)
     _connect(plan, chosen, demand)
     plan.nodes = _in_order(plan)
+    check_pace(plan, {node.name: node for node in chosen})
     plan.left_out = left_out(nodes, demand, expanded.absent) + _unmade(plan, chosen)
     plan.launch_text = _resolved(expanded, nodes)
     return plan

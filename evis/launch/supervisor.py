@@ -23,6 +23,8 @@ from evis.plan import NodePlan, Plan
 
 DRAIN_S = 5.0
 """How long the graph may take to end by itself after a stop before it gets SIGTERM, and then SIGKILL [s]."""
+START_DRAIN_S = 1.0
+"""The same before it has begun, when there is nothing to lose yet [s]."""
 SILENCE_S = 8.0
 """A process that sends no heartbeat for so long is frozen [s]; a thread of its own sends one every 0.5 s."""
 STARTUP_SILENCE_S = 60.0
@@ -245,11 +247,11 @@ class Supervisor:
             self._stop_services()
         if not self._stopped_at:
             return
-        waited = now - self._stopped_at
-        if self._stage == 0 and (waited > DRAIN_S or self._interrupts > 1):
+        waited, patience = now - self._stopped_at, DRAIN_S if self._went_at else START_DRAIN_S
+        if self._stage == 0 and (waited > patience or self._interrupts > 1):
             self._stage, self._stopped_at = 1, now
             self._signal_all(signal.SIGTERM)
-        elif self._stage == 1 and (waited > DRAIN_S or self._interrupts > 2):
+        elif self._stage == 1 and (waited > patience or self._interrupts > 2):
             self._stage = 2
             self._signal_all(signal.SIGKILL)
 
@@ -286,7 +288,8 @@ class Supervisor:
         if not failed:
             return
         if not self._failed_at:
-            self._cause = by_force(failed, DRAIN_S)
+            # One that is stopped before it has begun has nothing to lose.
+            self._cause = by_force(failed, DRAIN_S) if self._went_at else None
             return
         child = first_cause(failed)
         self._cause = why(child)

@@ -47,6 +47,14 @@ class Wired:
             raise LaunchError(f"{self.spec.where}: '{self.name}': {error}") from None
 
     @property
+    def divides(self) -> int:
+        """Updates to each message, as the node's class says. Raises LaunchError as `needs` does."""
+        try:
+            return self.cls.divides(self.params)
+        except ValueError as error:
+            raise LaunchError(f"{self.spec.where}: '{self.name}': {error}") from None
+
+    @property
     def any_port(self) -> str | None:
         """The input port that takes whatever it is told, if there is one."""
         return next((p for p, port in self.cls.INPUTS.items() if port.topic == ANY), None)
@@ -128,6 +136,9 @@ def _topic(node: Wired, port: str, pattern: str) -> str:
     for key in (port, declared, namespaced):
         if key in spec.remap:
             target = spec.remap[key]
+            if not target.startswith("/"):
+                # As in ROS, a relative name lies below the namespace.
+                target = f"/{spec.namespace}/{target}" if spec.namespace else f"/{target}"
             other = row_of(target, f"{spec.where}: remap of '{spec.name}'")
             if other.type is not row.type:
                 raise LaunchError(

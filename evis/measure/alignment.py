@@ -3,7 +3,8 @@
 Events of the window are warped to its middle by a rotation and a translation; the blurred image of the warped events
 pulls each event towards where they are dense (mean shift: s^2 grad I / I). The motion that best explains the pulls is
 found by least squares, and again with a finer blur. The translation is free, so that neither an error of the pivot nor
-a hub that gives way bends the speed.
+a hub that gives way bends the speed. Where the border of the view cuts a pattern, the cut stands still and would hold
+the motion back: only events count whose place is in view throughout the window.
 """
 
 from __future__ import annotations
@@ -16,8 +17,10 @@ EVENTS = 1500
 _MARGIN = 12
 _STIFFNESS = 0.002
 """Holds the translation where the events say nothing about it, as along a straight edge."""
-_OVERSTEP = 1.6
-"""The pull of a Gaussian cloud is half of what would bring it together."""
+_OVERSTEP = 1.2
+"""The pull of a Gaussian cloud is half of what would bring it together, that of a thin line all of it."""
+_HOME = 0.6
+"""Pulls shorter than this [px] say where an event is to stay, along an edge too; of longer ones only the way counts."""
 _SIDE = 128
 
 
@@ -42,6 +45,22 @@ def align(
     for sigma in SIGMAS:
         motion, gathered = _improve(motion, tau, x, y, p, weight, origin, shape, sigma)
     return float(motion[0]), gathered
+
+
+def in_view(
+    tau: np.ndarray, x: np.ndarray, y: np.ndarray, half_s: float, omega: float, pivot: np.ndarray, view: np.ndarray
+) -> np.ndarray:
+    """Which events [n] turn about the pivot at `omega` [rad/s] for the whole window without leaving the view.
+
+    tau: float [n, s] within +-half_s; x, y [px]; view: [4, px] least and greatest x, least and greatest y.
+    """
+    dx, dy = x - pivot[0], y - pivot[1]
+    keep = np.ones(len(tau), bool)
+    for end in half_s * np.linspace(-1, 1, 5):
+        cos, sin = np.cos(omega * (end - tau)), np.sin(omega * (end - tau))
+        u, v = pivot[0] + cos * dx - sin * dy, pivot[1] + sin * dx + cos * dy
+        keep &= (u >= view[0]) & (u <= view[1]) & (v >= view[2]) & (v <= view[3])
+    return keep
 
 
 def _weights(tau: np.ndarray, half_s: float) -> np.ndarray:
@@ -84,19 +103,20 @@ def _improve(
 
     density = at(blurred) + 1e-12
     pull_x, pull_y = sigma**2 * at(slope_x) / density, sigma**2 * at(slope_y) / density
-    length = np.hypot(pull_x, pull_y) + 1e-9
-    nx, ny = pull_x / length, pull_y / length
-    # how far along the pull each of the three parameters moves an event
-    moves = np.stack([tau * (nx * v - ny * u), -tau * (cos * nx - sin * ny), -tau * (sin * nx + cos * ny)], 1)
-    sure = weight * np.minimum(1, length / 0.05)
-    normal = moves.T @ (moves * sure[:, None])
-    right = moves.T @ (sure * length)
+    length_2 = pull_x**2 + pull_y**2
+    # how each of the three parameters moves an event
+    by_x = np.stack([tau * v, -tau * cos, -tau * sin], 1)
+    by_y = np.stack([-tau * u, tau * sin, -tau * cos], 1)
+    along = by_x * pull_x[:, None] + by_y * pull_y[:, None]
+    share = (weight / (length_2 + _HOME**2))[:, None]
+    normal = along.T @ (along * share) + _HOME**2 * (by_x.T @ (by_x * share) + by_y.T @ (by_y * share))
+    right = weight @ along
     stiffness = _STIFFNESS * normal[0, 0] / 400
     normal[1, 1] += stiffness
     normal[2, 2] += stiffness
     right[1:] -= stiffness * motion[1:]
     step = np.linalg.solve(normal + 1e-15 * np.eye(3), right)
-    return motion + _OVERSTEP * step, float(weight[length < 0.5 * sigma].sum())
+    return motion + _OVERSTEP * step, float(weight[length_2 < (0.5 * sigma) ** 2].sum())
 
 
 def _blur(image: np.ndarray, sigma: float) -> np.ndarray:

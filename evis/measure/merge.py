@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.measure.rotation import nothing
+from evis.measure.rotation import SURE, nothing
 
 _SAME = 0.03
 """Stretches with speeds this close [share] belong to one steady rotation."""
@@ -32,10 +32,14 @@ def merge(segments: list[dict[str, Any]]) -> dict[str, Any]:
     listened = sum(s["events"] for s in segments)
     heard = sum(s["events"] for s in with_speed)
     sure = float((np.array([s["confidence"] for s in with_speed]) * weights).sum())
+    confidence = round(sure * heard / max(listened, 1), 3)
+    if confidence < SURE:
+        why = "a rotation in a part of the recording only; measure that part"
+        return nothing(why) | {"confidence": confidence, "candidates": longest["candidates"]}
     result = dict(longest)
     result |= {
         "omega_rad_s": float((speeds * weights).sum()),
-        "confidence": round(sure * heard / max(listened, 1), 3),
+        "confidence": confidence,
         "steady": bool(even),
         "reverses": len(set(signs)) > 1 or any(s["reverses"] for s in with_speed),
         "revolutions": round(sum(s["revolutions"] for s in with_speed), 3),

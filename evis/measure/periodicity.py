@@ -15,6 +15,14 @@ from evis.measure.polar import STEP_NS
 
 CELLS = 12
 CANDIDATES = 6
+_STRONG = 0.3
+"""Power of a peak that counts, over that of the strongest."""
+_ORDERS = 15
+"""Orders that a speed known to one per cent places."""
+NEAR = 0.04
+"""Share by which the period of a revolution may differ from the tracked one."""
+_PEER = 0.7
+"""Returns with this share of the best correlation are as good as it."""
 
 
 def descriptors(
@@ -70,6 +78,18 @@ def candidates(table: np.ndarray, omega: float | None) -> list[dict[str, Any]]:
     return result
 
 
+def off_orders(listed: list[dict[str, Any]], omega: float) -> float:
+    """How far the strong peaks are from whole multiples of a steady speed [rad/s]: 0 = on them, 0.25 = by chance.
+
+    Peaks that belong to another speed, or to a wrong pivot, lie anywhere.
+    """
+    strong = [c for c in listed if c["power"] >= _STRONG and 2 * np.pi * c["frequency_hz"] < _ORDERS * abs(omega)]
+    if not strong:
+        return 0.0
+    orders = np.array([2 * np.pi * c["frequency_hz"] / abs(omega) for c in strong])
+    return float(np.average(np.abs(orders - np.rint(orders)), weights=[c["power"] for c in strong]))
+
+
 @dataclass(frozen=True)
 class Recurrence:
     """period_s: time of one revolution; correlation of the descriptors at that distance, -1 to 1; revolutions seen."""
@@ -80,12 +100,14 @@ class Recurrence:
 
 
 def recurrence(table: np.ndarray, period_s: float) -> Recurrence | None:
-    """The period near `period_s` (within 12 %) after which the descriptors come again; None if shorter than that.
+    """The period near `period_s` after which the descriptors come again; None if the recording is shorter than that.
+
+    Near is 4 %: the tracked speed is that good, and a pattern of twelve spokes comes again 8 % before a revolution.
 
     Several revolutions are compared where the recording has them, each narrowing the next.
     """
     steps = len(table)
-    if period_s * 1.12 * 1e9 / STEP_NS > 0.92 * steps:
+    if period_s * (1 + NEAR) * 1e9 / STEP_NS > 0.92 * steps:
         return None
     size = 1 << (2 * steps - 1).bit_length()
     product = np.zeros(size)
@@ -97,16 +119,19 @@ def recurrence(table: np.ndarray, period_s: float) -> Recurrence | None:
     # energies of the two parts that a lag lays on each other
     both = np.sqrt(energy[steps - lags] * (energy[steps] - energy[lags])) + 1e-12
     similar = product[: len(lags)] / both
-    period, tolerance, best = period_s * 1e9 / STEP_NS, 0.12, None
+    period, tolerance, best = period_s * 1e9 / STEP_NS, max(NEAR, 1.5e-9 * STEP_NS / period_s), None
     turns = 1
     while best is None or (turns * period * (1 + tolerance) < 0.92 * steps and turns * period < 0.75 * steps):
         low, high = int(turns * period * (1 - tolerance)), int(np.ceil(turns * period * (1 + tolerance))) + 1
         part = similar[max(low, 1) : min(high, len(similar))]
         if len(part) < 3:
             break
-        top = int(part.argmax())
-        if not 0 < top < len(part) - 1:
+        inner = part[1:-1]
+        tops = np.flatnonzero((inner >= part[:-2]) & (inner >= part[2:]) & (inner >= _PEER * inner.max())) + 1
+        if not len(tops):
             break
+        # of a pattern that repeats, the return that is nearest to the tracked revolution
+        top = int(tops[np.abs(tops + max(low, 1) - turns * period).argmin()])
         left, middle, right = part[top - 1 : top + 2]
         bend = left - 2 * middle + right
         lag = max(low, 1) + top + (0.5 * (left - right) / bend if bend < 0 else 0.0)

@@ -6,13 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from evis.measure.periodicity import candidates, descriptors, recurrence
+from evis.measure.periodicity import candidates, descriptors, off_orders, recurrence
 from evis.measure.pivot import Found, find_pivot, pick_windows
 from evis.measure.polar import STEP_NS
 from evis.measure.tracking import Track, consistency, track
 
 SURE = 0.5
 """Confidence from which a speed is reported."""
+_OFF = 0.15
+"""Mean distance of the spectrum's peaks from whole orders from which a steady speed is not believed."""
 _STEADY = 0.03
 """Largest standard deviation of the mean speeds of the revolutions, over the mean."""
 
@@ -34,14 +36,15 @@ def measure_rotation(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray)
             "confidence": round(found.gain / (found.gain + 0.05), 3),
             "candidates": candidates(table, None),
         }
-    series, covered = track(t, x, y, p, found.pivot, fastest)
-    sure = found.gain / (found.gain + 0.05) * consistency(series) * min(1.0, 2 * covered)
-    if sure < SURE:
-        return nothing("no speed that lasts") | {
-            "confidence": round(sure, 3),
-            "candidates": candidates(table, None),
-        }
-    return _report(series, found, table, sure)
+    series, covered, torn = track(t, x, y, p, found.pivot, fastest)
+    sure = found.gain / (found.gain + 0.05) * consistency(series) * min(1.0, 2 * covered) * (1 - torn)
+    why = "several speeds explain the events equally well" if torn > 0.5 else "no speed that lasts"
+    if sure >= SURE:
+        report = _report(series, found, table, sure)
+        if report["confidence"] >= SURE:
+            return report
+        sure, why = report["confidence"], report["why"]
+    return nothing(why) | {"confidence": round(sure, 3), "candidates": candidates(table, None)}
 
 
 def nothing(why: str) -> dict[str, Any]:
@@ -65,7 +68,9 @@ def _report(series: Track, found: Found, table: np.ndarray, sure: float) -> dict
         sure = max(sure, min(1.0, again.correlation + 0.3))
     turned = float(np.abs(np.diff(angle)).sum() / (2 * np.pi)) if len(angle) > 1 else 0.0
     both = bool((series.omega * sign < -0.1 * np.abs(series.omega).max()).mean() > 0.02)
-    listed = candidates(table, omega)
+    listed, why = candidates(table, omega), None
+    if steady and turned >= 1.5 and off_orders(listed, omega) > _OFF:
+        sure, why = 0.4 * sure, "the peaks of the spectrum are no multiples of the speed that was followed"
     return {
         "omega_rad_s": float(omega),
         "confidence": round(float(sure), 3),
@@ -79,7 +84,7 @@ def _report(series: Track, found: Found, table: np.ndarray, sure: float) -> dict
         "candidates": listed,
         "ambiguity": _ambiguity(listed, turned, method),
         "series": [[int(t), round(float(sign * w), 4)] for t, w in zip(series.t_ns, series.omega)],
-        "why": None,
+        "why": why,
     }
 
 

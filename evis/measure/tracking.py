@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evis.measure.alignment import align
+from evis.measure.alignment import align, in_view
 from evis.measure.pivot import STEPS
 from evis.measure.polar import (
     STEP_NS,
@@ -25,10 +25,12 @@ _CLEAR = 2.5
 """How many times the contrast of events at random a window must have."""
 _TURN = 0.6
 """Half a window is so long that the image turns by this much [rad] ..."""
-_HALF_MS = (10.0, 50.0)
+_HALF_MS = (8.0, 30.0)
 """... within these limits."""
-_AGREE = 0.03
-"""Share by which the speed about a fixed pivot and that of the free alignment may differ and count as the same."""
+_RIVAL = 0.9
+"""Share of the greatest contrast from which another speed is as good."""
+_LEAST_INSIDE = 0.1
+"""Share of a window's events that must be in view throughout; otherwise all are taken."""
 _SMOOTH_NS = 6_000_000
 
 
@@ -45,10 +47,11 @@ class Track:
 
 def track(
     t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, pivot: np.ndarray, fastest: float
-) -> tuple[Track, float]:
+) -> tuple[Track, float, float]:
     """Speeds over the events (t int64 [n, ns] ascending, x, y float [px], p), and the share of events they cover.
 
-    fastest: largest speed searched for [rad/s].
+    fastest: largest speed searched for [rad/s]. The third value is the share of windows that another speed explains
+    as well: those of a pattern that moves by about half its own period within a descriptor.
     """
     steps = int((t[-1] - t[0]) // STEP_NS) + 1
     which = ((t - t[0]) // STEP_NS).astype(np.int64)
@@ -59,7 +62,8 @@ def track(
     middles = np.flatnonzero(around >= 60)
     middles = middles[(middles >= STEPS // 2) & (middles < steps - STEPS // 2)]
     spacing = max(_SPACING, -(-len(middles) // POINTS))
-    times, turned, aligned, weights = [], [], [], []
+    view = np.array([x.min(), x.max(), y.min(), y.max()])
+    times, speeds, weights, torn = [], [], [], 0
     for middle in middles[middles % spacing == 0].tolist():
         window = slice(middle - STEPS // 2, middle + STEPS // 2 + 1)
         taper = time_weights(counts[window])
@@ -71,19 +75,26 @@ def track(
         at = int(t[0]) + middle * STEP_NS + STEP_NS // 2
         half = float(np.clip(_TURN / max(abs(omega), 1) * 1e3, *_HALF_MS)) * 1e-3
         first, last = np.searchsorted(t, [at - int(half * 1e9), at + int(half * 1e9)])
-        part = slice(first, last)
+        part = np.arange(first, last)
+        inner = part[in_view((t[part] - at) * 1e-9, x[part], y[part], half, omega, pivot, view)]
+        part = inner if len(inner) > _LEAST_INSIDE * len(part) else part
         free, _ = align((t[part] - at) * 1e-9, x[part], y[part], p[part], half, omega, pivot)
         if np.isfinite(free) and abs(free) < 2 * fastest:
             times.append(at)
-            turned.append(omega)
-            aligned.append(free)
+            speeds.append(free)
             weights.append(counts[window].sum())
-    stamps, reach = np.array(times, np.int64), max(_SMOOTH_NS, 3 * spacing * STEP_NS // 2)
+            torn += rival(energy) > _RIVAL
     covered = min(1.0, float(np.sum(weights)) * spacing / STEPS / max(counts.sum(), 1))
-    held, loose = (smooth(Track(stamps, np.array(v)), reach).omega for v in (turned, aligned))
-    # about a pivot that holds, angles tell the speed ten times as exactly; where it gives way, they tell a wrong one
-    agree = np.abs(held - loose) <= _AGREE * np.abs(held) + 0.2
-    return Track(stamps, np.where(agree, held, loose)), covered
+    reach = max(_SMOOTH_NS, 3 * spacing * STEP_NS // 2)
+    series = smooth(Track(np.array(times, np.int64), np.array(speeds)), reach)
+    return series, covered, torn / max(len(times), 1)
+
+
+def rival(energy: np.ndarray) -> float:
+    """The second highest peak of a window's contrast over the highest, 0 to 1."""
+    inner = energy[1:-1]
+    tops = np.sort(inner[(inner > energy[:-2]) & (inner >= energy[2:])])
+    return float(tops[-2] / energy.max()) if len(tops) > 1 else 0.0
 
 
 def smooth(series: Track, reach_ns: int) -> Track:

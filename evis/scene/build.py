@@ -5,7 +5,7 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
 
     args:       {NAME: {type: float|int|str|bool|vector, default, min, max, choices, unit, help}}; width, height: always
     cameras:    {NAME: FRAME + {fov (vertical) | focal (px), width, height, near, supersampling,
-                distortion: {model: plumb_bob|equidistant, coefficients}}}
+                rate (keyframes per second), distortion: {model: plumb_bob|equidistant, coefficients}}}
     bodies:     {NAME: FRAME + {motion: [MOTION], shapes: [SHAPE]}}
     world:      [SHAPE], static
     materials:  {NAME: {albedo, emission, roughness, metallic, two_sided, texture: {kind: image, file} or

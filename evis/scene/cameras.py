@@ -34,8 +34,9 @@ def read_camera(name: str, fields: Fields, arguments: Mapping[str, Any]) -> Came
         focal = height / fov if model == "equidistant" else pinhole.focal_from_fov(height, fov)
     near = fields.number("near", 1e-3, above=0.0)
     supersampling = fields.whole("supersampling", 1, minimum=1, maximum=16)
+    rate = fields.number("rate", above=0.0) if fields.has("rate") else None
     k = pinhole.intrinsics(width, height, focal)
-    return Camera(name, width, height, k, near, model, coefficients, supersampling)
+    return Camera(name, width, height, k, near, model, coefficients, supersampling, rate)
 
 
 def _distortion(fields: Fields) -> tuple[str, tuple[float, ...]]:

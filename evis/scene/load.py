@@ -56,6 +56,18 @@ def is_dynamic(name_or_path: str) -> bool:
     return "mjcf" in _document(path)
 
 
+def camera_rates(name_or_path: str, overrides: Mapping[str, Any] | None = None) -> dict[str, float]:
+    """Keyframes per second [Hz] of the cameras that have a rate of their own. Raises as load_scene does.
+
+    A scene where no camera has one is not loaded for it.
+    """
+    cameras = _document(find_scene(name_or_path)).get("cameras")
+    if not isinstance(cameras, Table) or not any("rate" in entry for entry in cameras.values() if entry):
+        return {}
+    found = load_scene(name_or_path, overrides, visuals=False).cameras
+    return {camera.name: camera.rate for camera in found if camera.rate is not None}
+
+
 def find_scene(name_or_path: str) -> Path:
     """The file of a scene by name or path. Raises FileNotFoundError naming the nearest one."""
     direct = Path(name_or_path)

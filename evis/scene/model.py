@@ -135,6 +135,8 @@ class Camera:
     distortion: tuple[float, ...] = ()
     supersampling: int = 1
     """Samples per pixel along each axis."""
+    rate: float | None = None
+    """Keyframes per second, for one that has not the rate of the others [Hz]."""
 
 
 @dataclass

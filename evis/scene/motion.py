@@ -100,6 +100,10 @@ Rotation = Spin | Swing | Turn
 Motion = Shift | Rotation
 
 
+Known = dict["Prescribed", tuple[np.ndarray, np.ndarray]]
+"""Poses and twists at the same times."""
+
+
 class Prescribed:
     """A start pose, translations that add up in the parent's frame, and rotations that chain in the body's own.
 
@@ -122,17 +126,23 @@ class Prescribed:
 
     def pose(self, t_ns: np.ndarray) -> np.ndarray:
         """Poses float64 [S, 7] at times int64 [S] ns, in the world."""
-        return self._pose_and_twist(t_ns)[0]
+        return self.state(t_ns)[0]
 
     def twist(self, t_ns: np.ndarray) -> np.ndarray:
         """Twists float64 [S, 6] (v, omega; world frame) at times int64 [S] ns."""
-        return self._pose_and_twist(t_ns)[1]
+        return self.state(t_ns)[1]
 
     def is_static(self) -> bool:
         """True when the pose never changes."""
         return self._static
 
-    def _pose_and_twist(self, t_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def state(self, t_ns: np.ndarray, known: Known | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Pose and twist at once, which costs no more than one of them.
+
+        known: what has been worked out for other bodies at the same times; this one's is added.
+        """
+        if known is not None and self in known:
+            return known[self]
         if self._static:
             return self._still_pose(np.size(t_ns)), np.zeros((np.size(t_ns), 6))
         t = np.atleast_1d(np.asarray(t_ns, np.int64)) * NS
@@ -148,10 +158,12 @@ class Prescribed:
             twist[:, 3:] += rate[:, None] * se3.rotate(rotation, turn.axis)
             rotation = se3.multiply(rotation, se3.exp(angle[:, None] * turn.axis))
         pose = se3.make_pose(position, rotation)
-        if self.parent is None:
-            return pose, twist
-        outer_pose, outer_twist = self.parent._pose_and_twist(t_ns)
-        return se3.compose(outer_pose, pose), se3.compose_twist(outer_pose, outer_twist, pose, twist)
+        if self.parent is not None:
+            outer_pose, outer_twist = self.parent.state(t_ns, known)
+            pose, twist = se3.compose(outer_pose, pose), se3.compose_twist(outer_pose, outer_twist, pose, twist)
+        if known is not None:
+            known[self] = pose, twist
+        return pose, twist
 
     def _still_pose(self, count: int) -> np.ndarray:
         """The one pose of a body that never moves, worked out once: a scene has hundreds of them."""

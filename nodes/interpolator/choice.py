@@ -93,14 +93,14 @@ def choose(
     exact = [c for c in fast if wanted_error is None or c.error <= wanted_error]
     if not fast:
         best = _least(candidates, _cost, _error)
-        return Choice(best, f"nothing reaches a real-time factor of {wanted_rtf:g}: the fastest", False)
+        return Choice(best, f"nothing found reaches a real-time factor of {wanted_rtf:g}: the fastest", False)
     if wanted_error is None:
         best = _least(fast, _error, _cost)
         return Choice(best, f"the least error at a real-time factor of {wanted_rtf:g} or more")
     within = f" at a real-time factor of {wanted_rtf:g} or more" if wanted_rtf is not None else ""
     if not exact:
         best = _least(fast, _error, _cost)
-        return Choice(best, f"nothing keeps an error of {wanted_error:g}{within}: the least error", False)
+        return Choice(best, f"nothing found has an error of {wanted_error:g} or less{within}: the least", False)
     return Choice(_least(exact, _cost, _error), f"the cheapest with an error of {wanted_error:g} or less{within}")
 
 
@@ -108,10 +108,14 @@ def _by_slack(candidates: Sequence[Candidate]) -> Choice:
     base = [c for c in candidates if c.frame_rate <= 1.001 * BASE_RATE] or list(candidates)
     least = min(c.error for c in base)
     best = _least([c for c in candidates if c.error <= SLACK * least], _cost, _error)
+    if not least:
+        return Choice(best, "the cheapest without error")
+    rates = [c.frame_rate for c in base]
+    limit = "" if max(rates) < 1.001 * min(rates) else "up to "
     return Choice(
         best,
-        f"the cheapest with an error of at most {SLACK:g} times {least:.4g}, "
-        f"the least at {BASE_RATE:g} frames per second",
+        f"the cheapest with an error of at most {SLACK:g} times {least:.3g}, "
+        f"the least found at {limit}{max(rates):g} frames per second",
     )
 
 

@@ -11,7 +11,7 @@ import warp as wp
 from evis.clock import subframe_stamps
 from evis.geometry import se3
 from evis.scene.model import Camera, Scene
-from nodes.interpolator import kernels, splat
+from nodes.interpolator import kernels, rehearsal, splat
 from nodes.interpolator.adaptive import AdaptiveCount
 from nodes.interpolator.keyframe import Method, Report, States, View, device_named
 from nodes.interpolator.luminance import luminance_of, scalars
@@ -59,12 +59,16 @@ class Interpolator:
         light_samples: int = 16,
         paths: PathOptions | None = None,
         tolerance: float = 0.1,
+        sample_px: float | None = None,
         adaptive_px: float = 0.0,
     ) -> None:
         """method: a key of NEEDS. upsampling: K. colour: frames are linear RGB instead of luminance.
 
         scene, camera, light_samples, paths: those of the renderer, for methods that use the bodies' states. Raises
         ValueError where these have none. tolerance: error of log radiance that `rigid` looks for, to shade anew.
+        sample_px: path of a pixel over the surface that it shows up to which `rigid` draws a line between two samples
+        of it, which differ by no more than half of `tolerance`; 0 = it looks up every pixel of every frame; None = 1 on
+        a CPU, 0 on a GPU.
         adaptive_px: displacement per frame that is allowed: a gap has as many frames as that takes, `upsampling` at
         most; 0 = always `upsampling`.
         """
@@ -75,7 +79,8 @@ class Interpolator:
             raise ValueError(f"the {method} interpolator needs the scene and its camera; without them use splat")
         self._name = method
         self._scene, self._camera = scene, camera
-        self._light: dict[str, Any] = {"light_samples": light_samples, "paths": paths, "tolerance": tolerance}
+        self._light: dict[str, Any] = {"light_samples": light_samples, "paths": paths}
+        self._light |= {"tolerance": tolerance, "sample_px": sample_px}
         self.upsampling = 1 if method == "none" else upsampling
         self._needs = NEEDS[method]
         self._colour = colour
@@ -88,6 +93,7 @@ class Interpolator:
         if adaptive_px > 0 and self.upsampling > 1:
             self._count = AdaptiveCount(self.upsampling, adaptive_px, device, scene, camera)
         self._size: tuple[tuple[int, ...], int] | None = None
+        self._rehearsed = False
         self._last: View | None = None
         self._stamp = 0
         self._episodes = np.zeros(0, np.int32)
@@ -121,6 +127,9 @@ class Interpolator:
         if min(height, width) <= 2 * margin:
             raise ValueError(f"keyframe of {width}x{height} px is no larger than its margin of {margin} px per side")
         size = (envs, height, width), margin
+        if self._rehearsed and self._size != size:
+            self._size, self._methods, self._bends = None, {}, None
+        self._rehearsed = False
         if self._size not in (None, size):
             raise ValueError(f"keyframe is {size[0]} with margin {margin}, before it was {self._size}")
         if self._size is None:
@@ -219,6 +228,36 @@ class Interpolator:
             states = States(np.array([stamp - 2, stamp]), pose.copy(), np.zeros((1, 2, bodies, 6)))
             depth, motion = (np.ones((1, camera.height, camera.width, *tail), np.float32) for tail in ((), (2,)))
             tiny.push(stamp, np.zeros(1, np.int32), radiance, depth, motion, states=states)
+
+    def rehearse(self, envs: int, height: int, width: int, margin: int = 0) -> None:
+        """Build what gaps between such keyframes need, compile it and, on a GPU, record it, before the first real one.
+
+        height, width: of the keyframes, margin included [px]. The next keyframe begins an episode; should it be of
+        another size, this was in vain.
+        """
+        self._rehearsed = True
+        if self.upsampling > rehearsal.LONGEST:
+            self.warm_up()
+            self._size, self._samples = ((envs, height, width), margin), self._samples_of(height, width, margin)
+            self._methods[self.upsampling] = self._build(self.upsampling, envs, height, width, margin)
+            return
+        self._image(np.ones((1, 2, 2, 3), np.float16))
+        count, self._count = self._count, None
+        for stamp in rehearsal.stamps(1 if self._device.is_cpu else rehearsal.RECORDED):
+            states = None
+            if self._scene is not None and self._camera is not None:
+                states = rehearsal.states(self._scene, self._camera, envs, stamp)
+            # Environments have had other episodes before their first.
+            episodes = np.full(envs, -1, np.int32)
+            images = rehearsal.images(envs, height, width)
+            self.push(stamp, episodes, *images, margin, self._scratch, states)
+        self._count, self._rehearsed = count, True
+
+    def _scratch(self, shape: tuple[int, ...]) -> np.ndarray | wp.array:
+        if self._device.is_cpu:
+            return new_frames(shape)
+        pixel: Any = wp.vec3 if self._colour else wp.float32
+        return wp.empty(shape[:4], dtype=pixel, device=self._device)
 
     def _build(self, upsampling: int, envs: int, height: int, width: int, margin: int) -> Method:
         channels, device = 3 if self._colour else 1, str(self._device)

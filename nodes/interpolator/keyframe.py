@@ -9,13 +9,17 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
+from evis.warp_start import start_warp
+
 wp.config.log_level = wp.LOG_WARNING
 
 
 def device_named(name: str) -> Any:
     """The Warp device of a name (`cpu`, `cuda`, `cuda:1`). Raises ValueError naming those there are."""
-    wp.init()
+    start_warp()
     try:
+        if name.startswith("cuda") and not wp.is_cuda_available():
+            raise ValueError(name)
         return wp.get_device(name)
     except (ValueError, RuntimeError):
         known = ", ".join(str(d) for d in wp.get_devices())
@@ -56,13 +60,15 @@ class Report:
 
     filled: seen by no keyframe and guessed from a neighbour. nonfinite: sources dropped because their motion or their
     radiance is not finite. reshaded: shaded anew at their own time. samples: all pixels of the sub-frames that were
-    made.
+    made. sampled: those of them that `rigid` looked up or shaded, the others being as in the later keyframe or between
+    two that it did; on a GPU without such, all.
     """
 
     filled: int = 0
     nonfinite: int = 0
     reshaded: int = 0
     samples: int = 0
+    sampled: int = 0
 
 
 class Method(Protocol):

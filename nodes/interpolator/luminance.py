@@ -18,6 +18,16 @@ def luminance_of(radiance: np.ndarray | wp.array, device: Any = "cpu") -> wp.arr
     return image
 
 
+def rgb_of(radiance: np.ndarray | wp.array, device: Any = "cpu") -> wp.array:
+    """wp.vec3 [...] linear RGB of radiance [..., 3] in float32 or float16, on the device; a copy only where needed."""
+    pixels = scalars(radiance, device)
+    if pixels.dtype is not wp.float32:
+        single: wp.array = wp.empty(pixels.shape, dtype=wp.float32, device=device)
+        wp.utils.array_cast(pixels.flatten(), single.flatten())
+        pixels = single
+    return pixels.view(wp.vec3).reshape(pixels.shape[:-1])
+
+
 def scalars(image: np.ndarray | wp.array, device: Any) -> wp.array:
     """An image on the device, without a copy where it is there, its vectors as one more axis."""
     if not isinstance(image, wp.array):

@@ -50,8 +50,16 @@ class InterpolatorNode(Node):
         "scene_args": Param(str, "", "the scene's own arguments, key=value,key=value"),
         "width": Param(int, 0, "image width, 0 = the scene's", "px", 0, 8192),
         "height": Param(int, 0, "image height, 0 = the scene's", "px", 0, 8192),
+        "envs": Param(int, 1, "parallel environments that are expected", minimum=1, maximum=65536),
+        "margin": Param(int, 0, "the renderer's margin that is expected", "px", 0, 1024),
         "tolerance": Param(
             float, 0.1, "error of ln I that rigid looks for, to shade anew; less costs more", minimum=0.001, maximum=10
+        ),
+        "sample_px": Param(
+            float, None,
+            "path of a pixel over the surface that it shows up to which rigid draws a line between two samples of it; "
+            "0 = it looks up every pixel of every frame; not given = 1 on a CPU, 0 on a GPU",
+            "px", 0, 100, optional=True,
         ),
         "light_samples": Param(int, 16, "the renderer's shadow rays for an area light", minimum=1, maximum=4096),
         "bounces": Param(int, 0, "the renderer's bounces of light", "", 0, 63),
@@ -69,9 +77,9 @@ class InterpolatorNode(Node):
         "threads": Param(int, 1, "CPU threads, which share the frames of a gap", minimum=1, maximum=256),
     }  # fmt: skip
     INPUTS = {
-        "keyframe": Input("/{camera}/keyframe"),
-        "depth": Input("/{camera}/depth"),
-        "motion": Input("/{camera}/motion"),
+        "keyframe": Input("/{camera}/keyframe", on_device=True),
+        "depth": Input("/{camera}/depth", on_device=True),
+        "motion": Input("/{camera}/motion", on_device=True),
         "state": Input("/state"),
     }
     OUTPUTS = {"frames": Output("/{camera}/frames")}
@@ -84,6 +92,7 @@ class InterpolatorNode(Node):
 
     def setup(self) -> None:
         from nodes.interpolator.interpolator import Interpolator
+        from nodes.interpolator.keyframe import device_named
 
         p = self.params
         self._method = method = usable(p)
@@ -100,9 +109,17 @@ class InterpolatorNode(Node):
             from nodes.renderer.path import PathOptions
 
             light["paths"] = PathOptions(p["bounces"], p["path_samples"], p["roulette"])
-        how = {key: p[key] for key in ("colour", "device", "threads", "tolerance", "adaptive_px")}
+        how = {key: p[key] for key in ("colour", "device", "threads", "tolerance", "sample_px", "adaptive_px")}
         self.interpolator = Interpolator(method, p["upsampling"], scene=scene, camera=camera, **how, **light)
-        self.interpolator.warm_up()
+        size = (camera.height, camera.width) if camera else (p["height"], p["width"])
+        if all(size):
+            # Samples that are to be moved apart come as a larger image.
+            n = camera.supersampling if camera else 1
+            height, width = (n * (length + 2 * p["margin"]) for length in size)
+            self.interpolator.rehearse(p["envs"], height, width, n * p["margin"])
+        else:
+            self.interpolator.warm_up()
+        self._device = device_named(p["device"])
         self._field = "rgb" if p["colour"] else "luminance"
         self._kept: list[Message] = []
 
@@ -157,8 +174,14 @@ class InterpolatorNode(Node):
             )
         return States(state.t, state.pose, state.twist)
 
-    def _allocate(self, shape: tuple[int, ...]) -> np.ndarray:
-        return self.loan("frames", **{self._field: (shape, np.float32)})[self._field]
+    def _allocate(self, shape: tuple[int, ...]) -> Any:
+        device, field = self._device, self._field
+        if device.is_cuda:
+            import warp as wp
+
+            pixel = wp.vec3 if self.params["colour"] else wp.float32
+            return self.loan_on("frames", device, **{field: (shape[:4], pixel)})[field]
+        return self.loan("frames", **{field: (shape, np.float32)})[field]
 
     def _release(self) -> None:
         for message in self._kept:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from evis.geometry import pinhole, se3
+from evis.geometry.distortion import Lens, unproject
 
 KINDS = ("flow", "depth", "segmentation", "boxes", "poses", "velocities", "contacts")
 """What can be asked for."""
@@ -15,6 +16,12 @@ KINDS = ("flow", "depth", "segmentation", "boxes", "poses", "velocities", "conta
 def crop(image: np.ndarray, margin: int) -> np.ndarray:
     """[E, H + 2 margin, W + 2 margin, ...] without the over-render margin, as a view."""
     return image[:, margin:-margin, margin:-margin] if margin else image
+
+
+def lens_of(model: str, coefficients: np.ndarray) -> Lens | None:
+    """The lens that CameraInfo describes, None for a pinhole. Raises ValueError."""
+    straight = model == "plumb_bob" and not np.any(coefficients)
+    return None if straight or model == "none" else Lens.of(model, np.asarray(coefficients).tolist())
 
 
 class FlowField:
@@ -26,15 +33,31 @@ class FlowField:
     Vision; nothing is differenced.
 
     k: float64 [3, 3] px, of the image without margin; size: (width, height). bodies: for every id, 0 (background)
-    first, the index of its body in the state, -1 for the static world. camera: index of the camera's body.
+    first, the index of its body in the state, -1 for the static world. camera: index of the camera's body. lens: its
+    distortion, None for a pinhole.
     """
 
-    def __init__(self, k: np.ndarray, size: tuple[int, int], bodies: Sequence[int], camera: int) -> None:
+    def __init__(
+        self, k: np.ndarray, size: tuple[int, int], bodies: Sequence[int], camera: int, lens: Lens | None = None
+    ) -> None:
         self.k = np.asarray(k, np.float64)
         self.bodies = np.asarray(bodies, np.int64)
         self.camera = camera
-        rays = pinhole.unproject(self.k, pinhole.pixel_grid(*size), np.ones(size[::-1]))
-        self._x, self._y = rays[..., 0], rays[..., 1]
+        pixels = pinhole.pixel_grid(*size)
+        # Points on these rays have z = 1, so that depth scales them.
+        if lens is None:
+            self._rays = pinhole.unproject(self.k, pixels, np.ones(size[::-1]))
+            x, y = self._rays[..., 0], self._rays[..., 1]
+            one, none = np.ones_like(x), np.zeros_like(x)
+            plane = np.stack((np.stack((one, none, -x), -1), np.stack((none, one, -y), -1)), -2)
+        else:
+            unit = unproject(self.k, lens, pixels)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                self._rays = unit / unit[..., 2:]
+                plane = lens.derivative(unit) * unit[..., 2, None, None]
+        # d(pixel) / d(X, Y, Z) on the rays, [H, W, 2, 3]
+        focal = self.k[:2, :2] if lens is None else np.diag(np.diag(self.k)[:2])
+        self._image = focal @ plane
 
     def motions(self, pose: np.ndarray, twist: np.ndarray) -> np.ndarray:
         """(b, w) of every id in the camera frame, float64 [ids, 6], for poses [N, 7] and twists [N, 6]."""
@@ -61,15 +84,10 @@ class FlowField:
             if not motions[number].any():
                 out[seen] = 0.0
                 continue
-            x, y = self._x[seen], self._y[seen]
             b, w = motions[number, :3], motions[number, 3:]
-            # The projection's derivative of X = z (x, y, 1): the translation is divided by z, the rotation is not.
-            scaled = b / depth[seen].astype(np.float64)[:, None]
-            forward = scaled[:, 2] + w[0] * y - w[1] * x
-            du = scaled[:, 0] + w[1] - w[2] * y - x * forward
-            dv = scaled[:, 1] + w[2] * x - w[0] - y * forward
-            out[seen, 0] = self.k[0, 0] * du + self.k[0, 1] * dv
-            out[seen, 1] = self.k[1, 1] * dv
+            # The projection's derivative at X = z ray: the translation is divided by z, the rotation is not.
+            moving = b / depth[seen].astype(np.float64)[:, None] + se3.cross(w, self._rays[seen])
+            out[seen] = np.einsum("nij,nj->ni", self._image[seen], moving)
         return out
 
 

@@ -63,7 +63,7 @@ class LabelerNode(Node):
         """Keep the latched CameraInfo."""
         if isinstance(message, CameraInfo):
             self.info = message
-            self.info.k = np.array(message.k)
+            self.info.k, self.info.distortion = np.array(message.k), np.array(message.distortion)
             self.flow = None
 
     def update(self, inputs: Mapping[str, Message]) -> None:
@@ -113,7 +113,9 @@ class LabelerNode(Node):
             if missing:
                 raise ValueError(f"{self.name}: /state has no body '{missing[0]}', which CameraInfo names")
             bodies = [index[b] for b in info.instance_bodies]
-            self.flow = self.pure.FlowField(info.k, (info.width, info.height), bodies, index[self.params["camera"]])
+            lens = self.pure.lens_of(info.distortion_model, info.distortion)
+            size, camera = (info.width, info.height), index[self.params["camera"]]
+            self.flow = self.pure.FlowField(info.k, size, bodies, camera, lens)
         return self.flow
 
     def _bodies(self, out: Labels, state: WorldState) -> None:

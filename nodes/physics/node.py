@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from evis.clock import NS, keyframe_count, keyframe_stamp
+from evis.clock import NS, keyframe_count, keyframe_stamp, times_slower
 from evis.node import Input, Node, Output
 from evis.params import Param
 from msgs.header import Header, Message
@@ -27,6 +27,10 @@ class PhysicsNode(Node):
         "seed": Param(int, 0, "seed; environment k has seed + k", minimum=0),
         "envs": Param(int, 1, "parallel environments", minimum=1),
         "keyframe_rate": Param(float, 30.0, "stamps per second", "Hz", 1e-3, 1e6),
+        "action_rate": Param(
+            float, None, "actions per second, each held until the next: keyframe_rate if not given, or a fraction",
+            "Hz", 1e-6, 1e6, optional=True,
+        ),
         "duration": Param(float, 0.0, "simulated time, 0 = until stopped", "s", 0.0, optional=True),
         "timestep": Param(
             float, None, "sub-step of the dynamics; the model's own, at most 1 ms, if not given", "s", 1e-7, 1e-3,
@@ -48,6 +52,15 @@ class PhysicsNode(Node):
         if scene and not is_dynamic(scene):
             return {"mujoco": f"all motion of scene {scene} is prescribed in closed form"}
         return {}
+
+    @classmethod
+    def divides(cls, params: Mapping[str, Any]) -> int:
+        """Steps for which an action is held. Raises ValueError where that is no whole number."""
+        rate, wanted = params["keyframe_rate"], params["action_rate"]
+        try:
+            return times_slower(rate, rate if wanted is None else wanted)
+        except ValueError as error:
+            raise ValueError(f"action_rate: {error}") from None
 
     def setup(self) -> None:
         """Load the scene and the engine that it needs."""
@@ -72,6 +85,7 @@ class PhysicsNode(Node):
             from nodes.physics.prescribed import PrescribedEngine
 
             self.engine = PrescribedEngine(scene, p["envs"])
+        self.held = self.divides(p)
         self.names = [body.name for body in scene.bodies]
         self.episodes = np.zeros(p["envs"], np.int32)
         self.episode = 0
@@ -79,8 +93,10 @@ class PhysicsNode(Node):
         self.count_all = keyframe_count(round(p["duration"] * NS), p["keyframe_rate"]) if p["duration"] else None
 
     def due(self) -> Mapping[str, int]:
-        """The action for the step that starts at the stamp published last; nothing before the first stamp."""
-        return {"action": keyframe_stamp(self.k - 1, self.params["keyframe_rate"])} if self.k else {}
+        """The action for the step that starts at the stamp published last, where it is time for one."""
+        if not self.k or (self.k - 1) % self.held:
+            return {}
+        return {"action": keyframe_stamp(self.k - 1, self.params["keyframe_rate"])}
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
         """Publish the state at the next stamp."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from evis.scene.model import Scene, Trajectory
+from evis.scene.motion import Known, Prescribed
 from nodes.physics.interval import Interval, grid_inside
 
 
@@ -56,8 +57,12 @@ class PrescribedStates:
         """Poses [S, N, 7] and twists [S, N, 6] at times int64 [S] ns; NaN for bodies that the physics engine moves."""
         pose, twist = np.tile(self._rest, (len(t), 1, 1)), np.full((len(t), len(self._rest), 6), np.nan)
         twist[:, self._still] = 0.0
+        known: Known = {}
         for n, trajectory in self._moving:
-            pose[:, n], twist[:, n] = trajectory.pose(t), trajectory.twist(t)
+            if isinstance(trajectory, Prescribed):
+                pose[:, n], twist[:, n] = trajectory.state(t, known)
+            else:
+                pose[:, n], twist[:, n] = trajectory.pose(t), trajectory.twist(t)
         return pose, twist
 
 

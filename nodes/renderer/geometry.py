@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,6 +47,17 @@ class Geometry:
     """bool [I]: fixed to the world, or to a body whose prescribed motion is none."""
 
 
+class _Shape(NamedTuple):
+    """What all instances of a mesh have in common, about the middle of its box; see Geometry."""
+
+    centre: np.ndarray
+    points: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray
+    radius: float
+    shell: int
+
+
 def flatten(scene: Scene) -> Geometry:
     """The arrays of a scene. Raises ValueError naming the instance whose mesh, material or body is not usable."""
     vertices, triangles, owners, normals, uv, smooth = [], [], [], [], [], []
@@ -56,29 +68,24 @@ def flatten(scene: Scene) -> Geometry:
     radius, shell = np.zeros(count, np.float32), np.zeros(count, np.int32)
     turns = np.array([i.pose[3:] for i in scene.instances], np.float64).reshape(count, 4)
     rotation = se3.to_matrix(se3.normalize(turns))
-    shells: dict[int, int] = {}
+    shapes: dict[int, _Shape] = {}
     for instance in scene.instances:
         _check(scene, instance)
+        if id(instance.mesh) not in shapes:
+            _check_mesh(scene, instance)
+            shapes[id(instance.mesh)] = _shape_of(instance.mesh)
     has_uv = any(scene.materials[i.material].texture is not None for i in scene.instances)
     has_smooth = any(i.mesh.normals is not None for i in scene.instances)
     base = 0
     for index, instance in enumerate(scene.instances):
         mesh = instance.mesh
-        points = np.asarray(mesh.vertices, np.float64).reshape(-1, 3)
-        faces = np.asarray(mesh.faces, np.int64).reshape(-1, 3)
-        centre = (points.min(0) + points.max(0)) / 2 if len(points) else np.zeros(3)
-        points = points - centre
+        centre, points, faces, normal, radius[index], shell[index] = shapes[id(mesh)]
         body[index] = instance.body
         translation[index] = np.asarray(instance.pose[:3], np.float64) + rotation[index] @ centre
-        radius[index] = np.sqrt((points**2).sum(1).max(initial=0.0)) * (1 + 1e-6)
-        normal = face_normals(points, faces)
-        if id(mesh) not in shells:
-            shells[id(mesh)] = shell_of(points, faces, normal)
-        shell[index] = shells[id(mesh)]
-        vertices.append(points.astype(np.float32))
-        triangles.append(faces + base)
+        vertices.append(points)
+        triangles.append(faces + np.int32(base))
         owners.append(np.full(len(faces), index, np.int32))
-        normals.append(normal.astype(np.float32))
+        normals.append(normal)
         if has_uv:
             uv.append(np.zeros((len(faces), 3, 2), np.float32) if mesh.uv is None else mesh.uv)
         if has_smooth:
@@ -139,15 +146,33 @@ def shell_of(points: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> int:
     return SHELL_PLANAR if lowest >= -tolerance else SHELL_CONVEX
 
 
+def _shape_of(mesh: Mesh) -> _Shape:
+    points = np.asarray(mesh.vertices, np.float64).reshape(-1, 3)
+    faces = np.asarray(mesh.faces, np.int64).reshape(-1, 3)
+    centre = (points.min(0) + points.max(0)) / 2 if len(points) else np.zeros(3)
+    points = points - centre
+    normals = face_normals(points, faces)
+    radius = np.sqrt((points**2).sum(1).max(initial=0.0)) * (1 + 1e-6)
+    shell = shell_of(points, faces, normals)
+    return _Shape(centre, points.astype(np.float32), faces.astype(np.int32), normals.astype(np.float32), radius, shell)
+
+
 def _check(scene: Scene, instance: Instance) -> None:
-    """Raises ValueError where the instance is not usable."""
-    mesh, where = instance.mesh, f"scene {scene.name}: instance '{instance.name}'"
-    faces, points = np.asarray(mesh.faces), np.asarray(mesh.vertices)
+    """Raises ValueError where the instance's material, body or pose is not usable."""
+    where = f"scene {scene.name}: instance '{instance.name}'"
     if not 0 <= instance.material < len(scene.materials):
         raise ValueError(f"{where} has material {instance.material}; the scene has {len(scene.materials)}")
     if not WORLD <= instance.body < len(scene.bodies):
         raise ValueError(f"{where} is on body {instance.body}; the scene has {len(scene.bodies)}")
-    if not np.isfinite(points).all() or not np.isfinite(instance.pose).all():
+    if not np.isfinite(instance.pose).all():
+        raise ValueError(f"{where} has a vertex or pose that is not finite")
+
+
+def _check_mesh(scene: Scene, instance: Instance) -> None:
+    """Raises ValueError where the instance's mesh is not usable."""
+    mesh, where = instance.mesh, f"scene {scene.name}: instance '{instance.name}'"
+    faces, points = np.asarray(mesh.faces), np.asarray(mesh.vertices)
+    if not np.isfinite(points).all():
         raise ValueError(f"{where} has a vertex or pose that is not finite")
     if faces.size and not 0 <= faces.min() <= faces.max() < len(points):
         raise ValueError(f"{where} has a face that names vertex {faces.max()} of {len(points)}")

@@ -12,6 +12,10 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 PI = wp.constant(wp.pi)
+INVERSE_PI = wp.constant(1.0 / wp.pi)
+
+LEAST_BULK = wp.constant(1.0e-30)
+"""Keeps v = -l, which has no h, from dividing by 0."""
 
 LEAST_COSINE = wp.constant(1.0e-4)
 """Cosine towards the viewer below which it is held: interpolated normals can turn away from him."""
@@ -27,11 +31,15 @@ def fresnel(f0: wp.vec3, cosine: float):
 
 @wp.func
 def distribution(alpha: float, n: wp.vec3, h: wp.vec3):
-    """GGX density of microfacet normals; sin^2 is taken from n x h, for 1 - cos^2 has no digits in a narrow lobe."""
+    """GGX density of microfacet normals along h, of any length but 0.
+
+    sin^2 is taken from n x h, for 1 - cos^2 has no digits in a narrow lobe.
+    """
     cosine = wp.dot(n, h)
     sine = wp.cross(n, h)
-    ratio = alpha / (cosine * cosine * alpha * alpha + wp.dot(sine, sine))
-    return ratio * ratio / PI
+    bulk = cosine * cosine * alpha * alpha + wp.dot(sine, sine)
+    ratio = alpha * wp.dot(h, h) / wp.max(bulk, LEAST_BULK)
+    return ratio * ratio * INVERSE_PI
 
 
 @wp.func
@@ -51,8 +59,9 @@ def view_masking(alpha: float, nv: float):
 @wp.func
 def specular(alpha: float, f0: wp.vec3, n: wp.vec3, v: wp.vec3, l: wp.vec3):
     """Specular BRDF [1/sr] for n.l > 0."""
-    h = wp.normalize(v + l)
-    f = fresnel(f0, wp.dot(v, h))
+    h = v + l
+    # v . h of the unit vector is half the length of this one.
+    f = fresnel(f0, 0.5 * wp.length(h))
     nv = wp.max(wp.dot(n, v), LEAST_COSINE)
     return distribution(alpha, n, h) * masking(alpha, wp.dot(n, l), nv) * f
 
@@ -61,7 +70,7 @@ def specular(alpha: float, f0: wp.vec3, n: wp.vec3, v: wp.vec3, l: wp.vec3):
 def sample_density(alpha: float, n: wp.vec3, v: wp.vec3, l: wp.vec3):
     """Density [1/sr] with which `sample_direction` gives l."""
     nv = wp.max(wp.dot(n, v), LEAST_COSINE)
-    return distribution(alpha, n, wp.normalize(v + l)) * view_masking(alpha, nv) / (4.0 * nv)
+    return distribution(alpha, n, v + l) * view_masking(alpha, nv) / (4.0 * nv)
 
 
 @wp.func

@@ -93,9 +93,10 @@ def make_directions(directional: bool, point: bool, spot: bool) -> tuple[Any, An
                 return vector, FAR, 1.0
         vector = vector - p
         length = wp.length(vector)
-        ray = vector / length
-        # Divided twice, for the square of a far light's distance would overflow.
-        strength = 1.0 / length / length
+        inverse = 1.0 / length
+        ray = inverse * vector
+        # The square of a far light's distance would overflow.
+        strength = inverse * inverse
         if wp.static(spot):
             if lights.kind[l] == SPOT:
                 strength *= spot_falloff(lights, env, l, ray)

@@ -129,12 +129,16 @@ class RendererNode(Node):
             )
         poses = np.array(state.pose[:, -1])
         wanted = [port for port in PORTS if self.wants(port)]
-        out = {PORTS[port]: self._loan(port) for port in wanted}
+        on_gpu = self.renderer.device.is_cuda
+        fields = [PORTS[port] for port in wanted]
+        out: Any = self.renderer.buffers(fields) if on_gpu else {PORTS[port]: self._loan(port) for port in wanted}
         self.renderer.render(poses, self._before(poses, state.episodes), out, out, state.header.stamp_ns)
-        if "radiance" in out:
-            self._report()
         for port in wanted:
-            self.publish(port, self._message(port, state, out[PORTS[port]]))
+            image = out[PORTS[port]]
+            self.publish(port, self._message(port, state, self._loaned(port, image) if on_gpu else image))
+        if "radiance" in out:
+            # Only now, for on a GPU this waits for the image.
+            self._report()
 
     def _before(self, poses: np.ndarray, episodes: np.ndarray) -> np.ndarray | str:
         """Poses of the previous keyframe; this one's where an environment's episode begins."""
@@ -152,11 +156,19 @@ class RendererNode(Node):
         field = PORTS[port]
         return self.loan(port, **{field: self.renderer.array_shape(field)})[field]
 
+    def _loaned(self, port: str, image: Any) -> Any:
+        """A copy on the device: the renderer draws into the same buffers again, as graphs record where they write."""
+        import warp as wp
+
+        field = PORTS[port]
+        loan = self.loan_on(port, image.device, **{field: (image.shape, image.dtype)})[field]
+        wp.copy(loan, image)
+        return loan
+
     def _report(self) -> None:
-        if self.renderer.not_finite:
-            self.count("nonfinite_pixels", self.renderer.not_finite)
-        if self.renderer.clipped:
-            self.count("clipped_pixels", self.renderer.clipped)
+        for name, amount in zip(("nonfinite_pixels", "clipped_pixels"), self.renderer.counts()):
+            if amount:
+                self.count(name, amount)
 
     def _message(self, port: str, state: WorldState, image: np.ndarray) -> Message:
         header = Header(state.header.stamp_ns, clock=state.header.clock, episode=state.header.episode)

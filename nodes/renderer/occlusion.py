@@ -140,6 +140,7 @@ class Occluders:
             if worn <= WORN * np.linalg.norm(self._half[self._moving], axis=1).mean():
                 return
         self._built = places
+        v.settle()
         v.place_instances()
         self._place_boxes()
         if self._moving_tree is not None:

@@ -1,9 +1,10 @@
 """The raster for thousands of threads: every step lists what the next one has to do, so that none waits for others.
 
-Blocks that may be seen are listed, then their triangles that may cover a pixel, then the tiles of large ones. A fixed
-number of threads shares a list, so that the host need not know how long it is. The places of a list are handed out by
-several counters, each for a region of it, for one alone would be waited for. Corners are turned to the camera where
-they are needed: reading them for every environment would cost more.
+Blocks that may be seen are listed, then their triangles that may cover a pixel, then the tiles of large ones; of few
+blocks the triangles are drawn at once, for a list more takes longer than it saves. A fixed number of threads shares a
+list, so that the host need not know how long it is. The places of a list are handed out by several counters, each for a
+region of it and in a cache line of its own, for one line alone would be waited for. Corners are turned to the camera
+where they are needed: reading them for every environment would cost more.
 """
 
 import warp as wp
@@ -18,18 +19,27 @@ LANES = wp.constant(64)
 """Threads that share a block: one for each of its triangles."""
 
 GROUP = wp.constant(32)
-"""Threads that share a region of a list at a time, and rows of a tile of a large triangle, one for each."""
+"""Threads that share a region of the list of triangles at a time."""
 
 WIDE = wp.constant(64)
 """Columns of a tile."""
 
 SMALL_REGIONS = wp.constant(256)
-LARGE_REGIONS = wp.constant(16)
+LARGE_REGIONS = wp.constant(64)
+
+LINE = wp.constant(32)
+"""Counters of a cache line, of which one is used: those of a line take turns."""
 
 SMALL = wp.constant(1)
 LARGE = wp.constant(257)
-COUNTERS = 273
+COUNTERS = 321
 """The first counter is that of the blocks, then come those of the triangles' regions and of the large ones'."""
+
+
+@wp.func
+def take(counters: wp.array(dtype=int), counter: int, places: int):
+    """The first of so many places of a list."""
+    return wp.atomic_add(counters, counter * LINE, places)
 
 
 @wp.kernel
@@ -76,13 +86,44 @@ def missed(view: View, s: Setup, x0: int, x1: int, y0: int, y1: int):
     )
 
 
-def make_pooled(lens: str, area: int) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
-    """The kernels `list_triangles`, `raster` and `raster_tiles`.
+def make_pooled(lens: str, area: int, rows: int) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel, wp.Kernel]:
+    """The kernels `list_triangles`, `raster`, `raster_at_once` in place of both, and `raster_tiles`.
 
-    area: bounding box [px] above which a triangle is cut into tiles.
+    area: bounding box [px] above which a triangle is cut into tiles. rows: of a tile, and threads that share it.
     """
     bounds_of = make_bounds(lens) if lens != "none" else bounds
     walk_over, walk_row = (walk_rays, walk_rays) if lens != "none" else (walk_all, walk)
+
+    @wp.func
+    def draw(
+        view: View,
+        env: int,
+        t: int,
+        a: wp.vec3,
+        b: wp.vec3,
+        c: wp.vec3,
+        box: wp.vec4,
+        counters: wp.array(dtype=int),
+        large: wp.array2d(dtype=wp.vec4i),
+        setups: wp.array2d(dtype=Setup),
+        packed: wp.array3d(dtype=wp.uint64),
+    ):
+        """Draw a small triangle, list the tiles of a large one; box: its bounds, which hold a pixel's centre."""
+        s = set_up(view, a, b, c, box)
+        mine = wp.bool(True)
+        if (s.x1 - s.x0 + 1) * (s.y1 - s.y0 + 1) > wp.static(area):
+            tiles = ((s.x1 - s.x0) // WIDE + 1) * ((s.y1 - s.y0) // wp.static(rows) + 1)
+            there = (t + 7 * env) % LARGE_REGIONS
+            first = take(counters, LARGE + there, tiles)
+            # What the list has no room for is walked at once.
+            mine = first + tiles > large.shape[1]
+            if not mine:
+                setups[there, first] = s
+            for n in range(tiles):
+                if first + n < large.shape[1]:
+                    large[there, first + n] = wp.vec4i(env, wp.where(mine, -1, t), n, first)
+        if mine:
+            walk_over(view, s, s.x0, s.x1, s.y0, s.y1, env, t, packed)
 
     @wp.kernel(module="unique", enable_backward=False)
     def list_triangles(
@@ -117,10 +158,9 @@ def make_pooled(lens: str, area: int) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
                 b = corner(view, vertices, turn, place, env, k[1])
                 c = corner(view, vertices, turn, place, env, k[2])
                 if facing(a, b, c, two_sided[i]) and before_near(view, a, b, c):
-                    box = bounds_of(view, a, b, c)
-                    if holds_pixel(view, box):
+                    if holds_pixel(view, bounds_of(view, a, b, c)):
                         region = item % SMALL_REGIONS
-                        small[region, wp.atomic_add(counters, SMALL + region, 1)] = wp.vec2i(env, t)
+                        small[region, take(counters, SMALL + region, 1)] = wp.vec2i(env, t)
             item += workers // LANES
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -145,7 +185,7 @@ def make_pooled(lens: str, area: int) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
         tid = wp.tid()
         region = (tid // GROUP) % SMALL_REGIONS
         at = tid // (GROUP * SMALL_REGIONS) * GROUP + tid % GROUP
-        count = counters[SMALL + region]
+        count = counters[(SMALL + region) * LINE]
         while at < count:
             env = small[region, at][0]
             t = small[region, at][1]
@@ -156,22 +196,48 @@ def make_pooled(lens: str, area: int) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
             a = corner(view, vertices, turn, place, env, k[0])
             b = corner(view, vertices, turn, place, env, k[1])
             c = corner(view, vertices, turn, place, env, k[2])
-            s = set_up(view, a, b, c, bounds_of(view, a, b, c))
-            mine = wp.bool(True)
-            if (s.x1 - s.x0 + 1) * (s.y1 - s.y0 + 1) > wp.static(area):
-                tiles = ((s.x1 - s.x0) // WIDE + 1) * ((s.y1 - s.y0) // GROUP + 1)
-                there = (t + 7 * env) % LARGE_REGIONS
-                first = wp.atomic_add(counters, LARGE + there, tiles)
-                # What the list has no room for is walked at once.
-                mine = first + tiles > large.shape[1]
-                if not mine:
-                    setups[there, first] = s
-                for n in range(tiles):
-                    if first + n < large.shape[1]:
-                        large[there, first + n] = wp.vec4i(env, wp.where(mine, -1, t), n, first)
-            if mine:
-                walk_over(view, s, s.x0, s.x1, s.y0, s.y1, env, t, packed)
+            draw(view, env, t, a, b, c, bounds_of(view, a, b, c), counters, large, setups, packed)
             at += workers // SMALL_REGIONS
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def raster_at_once(
+        # in
+        view: View,
+        workers: int,
+        two_sided: wp.array(dtype=int),
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        vertices: wp.array2d(dtype=wp.vec3),
+        triangles: wp.array(dtype=wp.vec3i),
+        listed: wp.array(dtype=wp.vec4i),
+        # in and out
+        counters: wp.array(dtype=int),
+        # out
+        large: wp.array2d(dtype=wp.vec4i),
+        setups: wp.array2d(dtype=Setup),
+        packed: wp.array3d(dtype=wp.uint64),
+    ):
+        """All triangles of the listed blocks: sooner done where there are not many, for nothing waits for a list."""
+        tid = wp.tid()
+        item = tid // LANES
+        count = counters[0]
+        while item < count:
+            block = listed[item]
+            env = block[0]
+            i = block[1]
+            t = block[2] + tid % LANES
+            if t < block[3]:
+                turn = rotation[env, i]
+                place = translation[env, i]
+                k = triangles[t]
+                a = corner(view, vertices, turn, place, env, k[0])
+                b = corner(view, vertices, turn, place, env, k[1])
+                c = corner(view, vertices, turn, place, env, k[2])
+                if facing(a, b, c, two_sided[i]) and before_near(view, a, b, c):
+                    box = bounds_of(view, a, b, c)
+                    if holds_pixel(view, box):
+                        draw(view, env, t, a, b, c, box, counters, large, setups, packed)
+            item += workers // LANES
 
     @wp.kernel(module="unique", enable_backward=False)
     def raster_tiles(
@@ -186,9 +252,9 @@ def make_pooled(lens: str, area: int) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
     ):
         """The tiles of large triangles, a thread for each row: neighbouring rows of a triangle are about as long."""
         tid = wp.tid()
-        region = (tid // GROUP) % LARGE_REGIONS
-        at = tid // (GROUP * LARGE_REGIONS)
-        count = wp.min(counters[LARGE + region], large.shape[1])
+        region = (tid // wp.static(rows)) % LARGE_REGIONS
+        at = tid // (wp.static(rows) * LARGE_REGIONS)
+        count = wp.min(counters[(LARGE + region) * LINE], large.shape[1])
         while at < count:
             env = large[region, at][0]
             t = large[region, at][1]
@@ -197,14 +263,14 @@ def make_pooled(lens: str, area: int) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
                 columns = (s.x1 - s.x0) // WIDE + 1
                 x0 = s.x0 + large[region, at][2] % columns * WIDE
                 x1 = wp.min(x0 + WIDE - 1, s.x1)
-                y0 = s.y0 + large[region, at][2] // columns * GROUP
-                y1 = wp.min(y0 + GROUP - 1, s.y1)
-                y = y0 + tid % GROUP
+                y0 = s.y0 + large[region, at][2] // columns * wp.static(rows)
+                y1 = wp.min(y0 + wp.static(rows) - 1, s.y1)
+                y = y0 + tid % wp.static(rows)
                 met = wp.bool(True)
                 if wp.static(lens == "none"):
                     met = not missed(view, s, x0, x1, y0, y1)
                 if met and y <= y1:
                     walk_row(view, s, x0, x1, y, y, env, t, packed)
-            at += workers // (GROUP * LARGE_REGIONS)
+            at += workers // (wp.static(rows) * LARGE_REGIONS)
 
-    return list_triangles, raster, raster_tiles
+    return list_triangles, raster, raster_at_once, raster_tiles

@@ -118,3 +118,20 @@ def displace_instances(
             shift = place_then - back * place
     turn_out[env, i] = wp.mat33(turn)
     shift_out[env, i] = wp.vec3(shift)
+
+
+@wp.kernel
+def move_bodies(
+    # in
+    fresh: wp.array3d(dtype=wp.float64),
+    movers: wp.array(dtype=int),
+    # in and out
+    now: wp.array3d(dtype=wp.float64),
+    # out
+    before: wp.array3d(dtype=wp.float64),
+):
+    """Poses [E, N, 7] of the bodies `movers`, one step on."""
+    env, m, c = wp.tid()
+    body = movers[m]
+    before[env, body, c] = now[env, body, c]
+    now[env, body, c] = fresh[env, m, c]

@@ -1,32 +1,38 @@
-"""Body poses: checked, brought to the device once per instant, and as matrices on the host for who wants them."""
+"""Body poses: checked, and as matrices on the host for who wants them."""
 
 from __future__ import annotations
 
 from functools import cached_property
-from itertools import cycle, pairwise
-from typing import Any
 
 import numpy as np
-import warp as wp
 
 from evis.geometry import se3
-
-PIECE = 1 << 19
-"""Bytes that are copied to a GPU at once."""
 
 
 def check_poses(poses: np.ndarray, envs: int, names: list[str]) -> np.ndarray:
     """`poses` as float64 [E, N, 7]. Raises ValueError naming the body and environment of the first bad one."""
+    poses = check_shape(poses, envs, names)
+    check_values(poses, names)
+    return poses
+
+
+def check_shape(poses: np.ndarray, envs: int, names: list[str]) -> np.ndarray:
+    """`poses` as contiguous float64 [E, N, 7]. Raises ValueError where they have another shape."""
     poses = np.ascontiguousarray(poses, np.float64)
     if poses.shape != (envs, len(names), 7):
         raise ValueError(
             f"poses have shape {poses.shape}; {envs} environment(s) of {len(names)} bodies need {(envs, len(names), 7)}"
         )
+    return poses
+
+
+def check_values(poses: np.ndarray, names: list[str]) -> None:
+    """Raises ValueError naming the body and environment of the first pose float64 [E, N, 7] that is none."""
     flat = poses.reshape(-1)
     with np.errstate(all="ignore"):
         # The common case, told by one pass over all numbers and one over those that are not 0 but for half turns.
         if np.isfinite(flat @ flat) and np.abs(poses[..., 6]).min(initial=1.0) > 1e-100:
-            return poses
+            return
         length = np.sqrt(np.einsum("eni,eni->en", poses[..., 3:], poses[..., 3:]))
     good = np.isfinite(poses).all(-1) & np.isfinite(length) & (length > 0.0)
     if not good.all():
@@ -34,7 +40,6 @@ def check_poses(poses: np.ndarray, envs: int, names: list[str]) -> np.ndarray:
         whole = np.isfinite(poses[env, body]).all()
         fault = f"has a quaternion of length {length[env, body]:g}" if whole else "is not finite"
         raise ValueError(f"pose of body '{names[body]}' {fault} (environment {env}): {poses[env, body].tolist()}")
-    return poses
 
 
 def same_bytes(a: np.ndarray, b: np.ndarray) -> bool:
@@ -43,50 +48,6 @@ def same_bytes(a: np.ndarray, b: np.ndarray) -> bool:
         return False
     a, b = a.view(np.int64), b.view(np.int64)
     return np.array_equal(a[0], b[0]) and np.array_equal(a[1:], b[1:])
-
-
-class Staging:
-    """Host poses to device arrays: through pinned buffers on a GPU, so that nobody waits for the copy."""
-
-    def __init__(self, envs: int, bodies: int, device: Any) -> None:
-        self._device, shape = device, (envs, bodies)
-        self.now = wp.zeros(shape, dtype=wp.transformd, device=device)
-        self.before = wp.zeros(shape, dtype=wp.transformd, device=device)
-        self.last: np.ndarray | None = None
-        """What `now` holds, float64 [E, N, 7]."""
-        self._views = {id(a): a.numpy() for a in (self.now, self.before)} if device.is_cpu else {}
-        slots = []
-        # An instant takes two at most, so that `last` is not written over before the next one is compared with it.
-        for _ in range(0 if device.is_cpu else 4):
-            buffer = wp.empty(shape, dtype=wp.transformd, device="cpu", pinned=True)
-            slots.append((buffer, buffer.numpy(), wp.Event(device)))
-            device.stream.record_event(slots[-1][2])
-        self._slots = cycle(slots)
-
-    def put(self, poses: np.ndarray) -> None:
-        """Checked poses into `now`."""
-        self.last = self._write(self.now, poses)
-
-    def put_before(self, poses: np.ndarray) -> None:
-        """Checked poses into `before`."""
-        self._write(self.before, poses)
-
-    def _write(self, target: wp.array, poses: np.ndarray) -> np.ndarray:
-        if self._views:
-            view = self._views[id(target)]
-            view[...] = poses
-            return view
-        buffer, view, sent = next(self._slots)
-        wp.synchronize_event(sent)
-        # In pieces, so that one is on its way while the next is written.
-        parts = min(len(poses), 1 + poses.nbytes // PIECE)
-        edges = [len(poses) * k // parts for k in range(parts + 1)]
-        for first, last in pairwise(edges):
-            view[first:last] = poses[first:last]
-            start, count = first * poses.shape[1], (last - first) * poses.shape[1]
-            wp.copy(target, buffer, start, start, count)
-        self._device.stream.record_event(sent)
-        return view
 
 
 class Frames:

@@ -15,11 +15,20 @@ from nodes.renderer.kernels import Setup
 if TYPE_CHECKING:
     from nodes.renderer.visibility import Visibility
 
-WORKERS = 1 << 18
-"""Threads that share a list; as many as a GPU runs at once."""
+WORKERS = 1 << 20
+"""Threads that share a list: more than run at once, so that who has done his is followed by another."""
 
-SPLIT_AREA = 32
-"""Bounding box [px] above which a triangle is cut into tiles: who walks many pixels holds up its neighbours."""
+TILE_BLOCK = 64
+"""Threads of a block that draws tiles: few, for a block makes room only when all of it is done."""
+
+FEW = 1 << 14
+"""Blocks up to which their triangles are drawn without being listed."""
+
+ROWS = {True: 32, False: 8}
+"""Rows of a tile where blocks are few, and it counts how long one takes, and many, where no thread should be idle."""
+
+SPLIT_AREA = {True: 16, False: 32}
+"""Bounding box [px] above which a triangle is cut into tiles, by the same: who walks many holds up its neighbours."""
 
 AT_ONCE = 1 << 25
 """Most triangles that are gone through at once; more environments than have so many take turns."""
@@ -43,6 +52,9 @@ class BandRaster:
         self._sizes = [(p.still, len(p.instance)) for p in pieces]
         self.vertices = v.empty((v.envs, len(v.geometry.vertices)), wp.vec3)
         self._raster = make_raster(v.lens)
+
+    def clear(self) -> None:
+        """As PooledRaster.clear: nothing."""
 
     def draw(self, packed: wp.array, still: bool, moving: bool, cleared: Callable[[], None] = lambda: None) -> None:
         """Add the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
@@ -69,18 +81,26 @@ class PooledRaster:
         pieces = clusters.triangle_blocks(v.geometry, still, two_sided)
         self._blocks, self._still, self._count = put_blocks(pieces, v.put), pieces.still, len(pieces.instance)
         self.vertices = v.points.reshape((1, -1))
-        self._counters = wp.zeros(pooled_kernels.COUNTERS, dtype=wp.int32, device=v.device)
+        self._counters = wp.zeros(pooled_kernels.COUNTERS * int(pooled_kernels.LINE), dtype=wp.int32, device=v.device)
         lanes, regions = int(pooled_kernels.LANES), int(pooled_kernels.SMALL_REGIONS)
         self._envs = min(v.envs, max(1, AT_ONCE // max(1, self._count * lanes)))
         listed = self._envs * self._count
         self._listed = v.empty(listed, wp.vec4i)
         self._small = v.empty((regions, -(-listed // regions) * lanes), wp.vec2i)
+        self._few = listed <= FEW
+        rows = ROWS[self._few]
         # Room for a few triangles as large as the image in any case.
         regions = int(pooled_kernels.LARGE_REGIONS)
-        full = (v.shape[2] // int(pooled_kernels.WIDE) + 1) * (v.shape[1] // int(pooled_kernels.GROUP) + 1)
+        full = (v.shape[2] // int(pooled_kernels.WIDE) + 1) * (v.shape[1] // rows + 1)
         places = min(self._envs * min(2 * len(v.geometry.triangles), LARGE), MOST_LARGE) // regions + 4 * full
         self._large, self._setups = v.empty((regions, places), wp.vec4i), v.empty((regions, places), Setup)
-        self._list, self._raster, self._tiles = make_pooled(v.lens, SPLIT_AREA)
+        self._list, self._raster, self._at_once, self._tiles = make_pooled(v.lens, SPLIT_AREA[self._few], rows)
+        self._cleared = False
+
+    def clear(self) -> None:
+        """What may be done before `draw`, beside other things."""
+        self._counters.zero_()
+        self._cleared = True
 
     def draw(self, packed: wp.array, still: bool, moving: bool, cleared: Callable[[], None] = lambda: None) -> None:
         """Add the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
@@ -97,15 +117,20 @@ class PooledRaster:
         corners = [*place, self.vertices, v.triangles]
         large = [counters, self._large, self._setups, packed]
         workers = min(WORKERS, envs * count * int(pooled_kernels.LANES))
-        counters.zero_()
+        cleared()
+        if not self._cleared:
+            counters.zero_()
+        self._cleared = False
         inputs = [v.view, first, start, self._blocks, *place, counters, listed]
         wp.launch(pooled_kernels.list_blocks, dim=(envs, count), inputs=inputs, device=v.device)
-        inputs = [v.view, workers, v.two_sided, *corners, listed, counters, self._small]
-        wp.launch(self._list, dim=workers, inputs=inputs, device=v.device)
-        cleared()
-        inputs = [v.view, WORKERS, v.triangle_instance, *corners, self._small, *large]
-        wp.launch(self._raster, dim=WORKERS, inputs=inputs, device=v.device)
-        wp.launch(self._tiles, dim=WORKERS, inputs=[v.view, WORKERS, *large], device=v.device)
+        blocks = [v.view, workers, v.two_sided, *corners, listed]
+        if self._few:
+            wp.launch(self._at_once, dim=workers, inputs=[*blocks, *large], device=v.device)
+        else:
+            wp.launch(self._list, dim=workers, inputs=[*blocks, counters, self._small], device=v.device)
+            inputs = [v.view, WORKERS, v.triangle_instance, *corners, self._small, *large]
+            wp.launch(self._raster, dim=WORKERS, inputs=inputs, device=v.device)
+        wp.launch(self._tiles, WORKERS, [v.view, WORKERS, *large], device=v.device, block_dim=TILE_BLOCK)
 
 
 def part_of(first_moving: int, count: int, still: bool, moving: bool) -> tuple[int, int]:

@@ -16,6 +16,7 @@ from nodes.renderer.cameras import finer
 from nodes.renderer.poses import Frames, same_bytes
 from nodes.renderer.recording import Branch, Recording
 from nodes.renderer.shading import Shading
+from nodes.renderer.staging import READ
 from nodes.renderer.visibility import Visibility
 
 if TYPE_CHECKING:
@@ -79,21 +80,27 @@ class Renderer:
             "normal": wp.vec3,
         }
         self._own: dict[str, wp.array] = {}
+        self._given: dict[str, wp.array] = {}
+        """Warp arrays that were found to fit at the last call."""
         self._still: dict[str, wp.array] = {}
         """Copies of the images of a scene in which nothing moves."""
         self._nothing = {n: wp.empty((0, 0, 0), dtype=t, device=self.device) for n, t in self.types.items()}
         self._drawn = self._at_rest = False
         self._recording, self._ahead = Recording(self.device), Branch(self.device)
 
+    def counts(self) -> tuple[int, int]:
+        """Pixels of the last drawn radiance that were not finite, and clipped to float16; waits for it."""
+        return self.shading.counts()
+
     @property
     def not_finite(self) -> int:
-        """Pixels of the last drawn radiance that were not finite; waits for it."""
-        return self.shading.counts()[0]
+        """The first of `counts`."""
+        return self.counts()[0]
 
     @property
     def clipped(self) -> int:
-        """Pixels of the last drawn radiance that were clipped to float16; waits for it."""
-        return self.shading.counts()[1]
+        """The second of `counts`."""
+        return self.counts()[1]
 
     def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:
         """Shape and dtype of an output."""
@@ -103,10 +110,21 @@ class Renderer:
         )
 
     def prepare(self, outputs: Iterable[str]) -> None:
-        """Compile and load the kernels that `outputs` need, so that the first image takes no longer than the others."""
-        poses = np.tile(se3.IDENTITY, (self.shape[0], len(self.visibility.names), 1))
-        self.render(poses, None, outputs)
+        """Compile and load the kernels that `outputs` need, so that the first image takes no longer than the others.
+
+        On a GPU also record the launches, which takes two images for each buffer that poses come from.
+        """
+        wanted = list(outputs)
+        for k in range(1 + 2 * READ if self.device.is_cuda else 1):
+            out = self.buffers(wanted) if self.device.is_cuda else None
+            self.render(self._poses_at(k * 1_000_000), LAST if k else None, wanted, out)
         self._drawn, self._still = False, {}
+
+    def _poses_at(self, t_ns: int) -> np.ndarray:
+        """Poses [E, N, 7] at a time [ns]; what physics moves is at the origin."""
+        t = np.array([t_ns], np.int64)
+        paths = (body.trajectory for body in self.visibility.scene.bodies)
+        return np.tile([se3.IDENTITY if path is None else path.pose(t)[0] for path in paths], (self.shape[0], 1, 1))
 
     def render(
         self,
@@ -135,26 +153,51 @@ class Renderer:
         if unknown:
             raise ValueError(f"the renderer has no output '{min(unknown)}'; it has {', '.join(OUTPUTS)}")
         targets = {name: self.target(name, (out or {}).get(name)) for name in wanted}
-        frames = self.visibility.frames(poses)
-        before = None
-        if isinstance(previous, str):
-            before = self.visibility.last if "motion" in wanted and self._drawn else None
-        elif previous is not None and "motion" in wanted:
-            before = np.ascontiguousarray(previous, np.float64)
         if "radiance" in targets and self.shading.set_time(t_ns):
             self._still.pop("radiance", None)
-        same = self._drawn and self.visibility.same(frames)
-        if same and (before is None or same_bytes(before, frames.bodies)):
-            self._repeat(frames, targets)
-        else:
-            self._still = {}
-            self._draw(frames, before, targets)
+        if not self._drawn or isinstance(previous, np.ndarray) or not self._draw_next(poses, previous, targets):
+            self._draw_all(poses, previous, targets)
         self._drawn = True
         return {name: self.on_host(target, (out or {}).get(name)) for name, target in targets.items()}
 
-    def _draw(self, frames: Frames, before: np.ndarray | None, targets: Mapping[str, wp.array]) -> None:
+    def _draw_next(self, poses: np.ndarray, previous: str | None, targets: Mapping[str, wp.array]) -> bool:
+        """The images after those of the last call, unless nothing has moved since.
+
+        Of many bodies only those that may move are looked at before a GPU begins to draw, and the rest while it does;
+        should they have moved too, all is drawn once more.
+        """
         v = self.visibility
+        frames = v.advance(poses, previous is not None and "motion" in targets)
+        if frames is None:
+            return False
+        self._still = {}
+        self._draw(frames, targets)
+        if not v.as_placed(poses):
+            frames = v.frames(poses)
+            v.place_others(frames)
+            self._draw(frames, targets)
+        return True
+
+    def _draw_all(self, poses: np.ndarray, previous: np.ndarray | str | None, targets: Mapping[str, wp.array]) -> None:
+        """The images, or what is kept of the last ones where nothing has moved."""
+        v = self.visibility
+        frames = v.frames(poses)
+        before = None
+        if isinstance(previous, str):
+            before = v.last if "motion" in targets and self._drawn else None
+        elif previous is not None and "motion" in targets:
+            before = np.ascontiguousarray(previous, np.float64)
+        same = self._drawn and v.same(frames)
+        if same and (before is None or same_bytes(before, frames.bodies)):
+            self._repeat(frames, targets)
+            return
+        self._still = {}
         v.place(frames, before)
+        self._draw(frames, targets)
+
+    def _draw(self, frames: Frames, targets: Mapping[str, wp.array]) -> None:
+        """The images of what the visibility has placed."""
+        v = self.visibility
         if "radiance" in targets:
             self.shading.update(frames)
         everything = False
@@ -163,7 +206,7 @@ class Renderer:
             everything = v.still_displaced or not self._at_rest
             self._at_rest = not v.still_displaced
         written = tuple((name, target.ptr) for name, target in targets.items())
-        key = (v.still_moved, v.moved, everything, self.shading.occluders.builds, written)
+        key = (v.coming, v.still_moved, v.moved, everything, self.shading.occluders.builds, written)
         self._recording.run(key, lambda: self._launch(targets, everything))
         v.drawn()
 
@@ -171,6 +214,7 @@ class Renderer:
         """The images of what is placed: launches only, told apart by the key that they are recorded under."""
         lit = "radiance" in targets
         ahead, shading = self._ahead, self.shading
+        self.visibility.arrive()
         with ahead.aside():
             self.displace(targets, everything)
             if lit:
@@ -193,7 +237,8 @@ class Renderer:
         """Nothing moved since the last call: what has been drawn of this instant is copied."""
         missing = {name: target for name, target in targets.items() if name not in self._still}
         if missing:
-            self._draw(frames, None, missing)
+            self.visibility.place(frames)
+            self._draw(frames, missing)
             self._still.update((name, wp.clone(target)) for name, target in missing.items())
         for name in targets.keys() - missing.keys():
             wp.copy(targets[name], self._still[name])
@@ -222,12 +267,19 @@ class Renderer:
 
         v.bands.launch(kernel, arguments, self.device)
 
+    def buffers(self, outputs: Iterable[str]) -> dict[str, wp.array]:
+        """The renderer's own arrays on its device, as `out` of `render` takes them: so nobody waits for a GPU."""
+        return {name: self.target(name, None) for name in outputs}
+
     def target(self, name: str, given: Any) -> wp.array:
         """The Warp array that an output is written to. Raises ValueError where the given one does not fit."""
+        if given is not None and given is self._given.get(name):
+            return self._given[name]
         shape, dtype = self.array_shape(name)
         if isinstance(given, wp.array):
             if given.dtype != self.types[name] or given.shape != self.shape or given.device != self.device:
                 raise ValueError(f"out['{name}'] must be a {self.device} array {self.shape} of {self.types[name]}")
+            self._given[name] = given
             return given
         if given is not None:
             fits = given.shape == shape and given.dtype == dtype

@@ -81,8 +81,8 @@ class Shading:
         self._cached_lit = wp.zeros(shape, dtype=wp.uint32, device=self.device)
         self._cached_colour = wp.zeros(shape, dtype=wp.vec3, device=self.device)
         bands = len(visibility.bands.rows)
-        self._not_finite = wp.zeros(bands, dtype=wp.int32, device=self.device)
-        self._clipped = wp.zeros(bands, dtype=wp.int32, device=self.device)
+        # Pixels that were not finite, and that were clipped, of each band.
+        self._counts = wp.zeros((2, bands), dtype=wp.int32, device=self.device)
         kinds = self.lights.kinds
         looks = {"textures": textured, "smooth": geometry.smooth is not None, "gloss": gloss}
         # In a GPU's way: rays in a pass of their own, and neighbouring threads on a tile of pixels.
@@ -135,8 +135,7 @@ class Shading:
         """What shading needs of the poses alone: launches only, as in `placed` and `shade`."""
         self.occluders.launch()
         self.lights.launch()
-        self._not_finite.zero_()
-        self._clipped.zero_()
+        self._counts.zero_()
         if self.shadow_pass is not None:
             self.shadow_pass.clear()
 
@@ -164,13 +163,17 @@ class Shading:
 
         self._run(launch, radiance, False)
 
-    def shade_list(self, radiance: wp.array, pixels: wp.array, count: wp.array, firsts: list[int]) -> None:
+    def shade_list(
+        self, radiance: wp.array, pixels: wp.array, count: wp.array, firsts: list[int], ready: bool = False
+    ) -> None:
         """Write only the pixels of a list, int32 indices into [E, H, W]; `radiance` as in `shade`.
 
-        Band b has count[b] of them from pixels[firsts[b]] on; count is read where the kernel runs.
+        Band b has count[b] of them from pixels[firsts[b]] on; count is read where the kernel runs. ready: nothing has
+        moved since a list before.
         """
-        self.place()
-        self.placed()
+        if not ready:
+            self.place()
+            self.placed()
         v = self.visibility
         workers = 1 if self.device.is_cpu else LIST_WORKERS
         bands = {row0: k for k, (row0, _) in enumerate(v.bands.rows)}
@@ -180,7 +183,7 @@ class Shading:
                 k = bands[row0]
                 return workers, [v.view, workers, firsts[k], k, pixels, count, *shared]
 
-            v.bands.launch(kernel, arguments, self.device)
+            v.bands.launch(kernel, arguments, self.device, SHADE_BLOCK)
 
         self._run(launch, radiance, True)
 
@@ -190,7 +193,7 @@ class Shading:
         place = [v.packed, v.vertices, v.rotation, v.translation]
         light = [self.surfaces, self.lights.kernel, self.sky, self.occluders.casters]
         cached = [self._cached_triangle, self._cached_lit, self._cached_colour]
-        counters = [self._not_finite, self._clipped]
+        counters = [self._counts[0], self._counts[1]]
         direct = radiance if self.paths is None else self.paths.direct
         if self.shadow_pass is not None:
             self.shadow_pass.launch()
@@ -201,7 +204,8 @@ class Shading:
 
     def counts(self) -> tuple[int, int]:
         """How many pixels of the last image were not finite, and how many were clipped to float16; waits for it."""
-        return int(self._not_finite.numpy().sum()), int(self._clipped.numpy().sum())
+        not_finite, clipped = self._counts.numpy().sum(1)
+        return int(not_finite), int(clipped)
 
     def _cacheable(self) -> bool:
         """Whether some light on some surface can stay the same while something moves."""

@@ -27,7 +27,7 @@ wp.set_module_options({"enable_backward": False})
 LARGEST_HALF = wp.constant(65504.0)
 """The largest float16."""
 
-PI = wp.constant(wp.pi)
+INVERSE_PI = wp.constant(1.0 / wp.pi)
 
 
 @wp.struct
@@ -280,7 +280,7 @@ def make_shade(
                     irradiance, unblocked, shine, still_shine, bits = gather(
                         lights, casters, rotation, translation, env, s, moved, last, known, bits, mask
                     )
-                colour = glow + wp.cw_mul(albedo, irradiance) / PI
+                colour = glow + INVERSE_PI * wp.cw_mul(albedo, irradiance)
                 if wp.static(gloss):
                     colour += shine
                 if wp.static(cached):
@@ -288,7 +288,7 @@ def make_shade(
                         cached_triangle[env, y, x] = wp.where(casters.is_still[i] == 1, t, MISS)
                         cached_lit[env, y, x] = bits
                         if wp.static(not flicker):
-                            unhid = glow + wp.cw_mul(albedo, unblocked) / PI
+                            unhid = glow + INVERSE_PI * wp.cw_mul(albedo, unblocked)
                             if wp.static(gloss):
                                 unhid += still_shine
                             cached_colour[env, y, x] = unhid

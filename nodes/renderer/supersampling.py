@@ -46,23 +46,31 @@ class SupersampledRenderer:
             scene, camera, envs, margin, device, threads, half and apart, light_samples, samples, paths
         )
         self.samples, self.half, self.apart = samples, half, apart
+        self.device = self.plain.device
         self._clipped = wp.zeros(1, dtype=wp.int32, device=self.plain.device)
+
+    def counts(self) -> tuple[int, int]:
+        """Samples of the last drawn radiance that were not finite, and pixels clipped to float16; waits for it."""
+        not_finite, clipped = self.fine.counts()
+        return not_finite, clipped if self.apart else int(self._clipped.numpy()[0])
 
     @property
     def not_finite(self) -> int:
-        """Samples of the last drawn radiance that were not finite; waits for it."""
-        return self.fine.not_finite
+        """The first of `counts`."""
+        return self.counts()[0]
 
     @property
     def clipped(self) -> int:
-        """Pixels of the last drawn radiance that were clipped to float16; waits for it."""
-        if self.apart:
-            return self.fine.clipped
-        return int(self._clipped.numpy()[0])
+        """The second of `counts`."""
+        return self.counts()[1]
 
     def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:
         """Shape and dtype of an output."""
         return (self.fine if self.apart and name == "radiance" else self.plain).array_shape(name)
+
+    def buffers(self, outputs: Iterable[str]) -> dict[str, wp.array]:
+        """As Renderer.buffers."""
+        return {n: (self.fine if self.apart and n == "radiance" else self.plain).target(n, None) for n in outputs}
 
     def prepare(self, outputs: Iterable[str]) -> None:
         """Compile and load the kernels that `outputs` need."""

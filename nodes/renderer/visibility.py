@@ -13,9 +13,10 @@ from nodes.renderer import output_kernels, pose_kernels
 from nodes.renderer.bands import Bands
 from nodes.renderer.cameras import lens_of, make_view
 from nodes.renderer.geometry import flatten, is_static
-from nodes.renderer.poses import Frames, Staging, check_poses, same_bytes
+from nodes.renderer.poses import Frames, check_poses, check_shape, check_values, same_bytes
 from nodes.renderer.raster import BandRaster, PooledRaster
 from nodes.renderer.recording import Branch, Recording
+from nodes.renderer.staging import Staging
 
 wp.config.log_level = wp.LOG_WARNING
 
@@ -75,7 +76,9 @@ class Visibility:
         self._still_drawn = -1
         self._layer = self.empty(self.shape if self._layered else (0, 0, 0), wp.uint64)
         self._still_bodies = np.array([is_static(scene, k) for k in range(len(self.names))], bool)
-        self._staging = Staging(envs, len(self.names), self.device)
+        movers = np.flatnonzero(~self._still_bodies)
+        self._staging = Staging(envs, len(self.names), movers, self.device)
+        self._sent_names = [self.names[k] for k in self._staging.sent]
         self.poses = self._staging.now
         order = np.concatenate([np.argsort(~still, kind="stable"), [count]])
         self._still_count = int(still.sum())
@@ -92,17 +95,82 @@ class Visibility:
 
     def frames(self, poses: np.ndarray) -> Frames:
         """Poses float64 [E, N, 7], checked. Raises ValueError naming a body."""
+        return self._frames_of(check_poses(poses, self.envs, self.names))
+
+    def advance(self, poses: np.ndarray, displaced: bool) -> Frames | None:
+        """As `place`, from the last instant on; what is sent is there after `settle`, or `arrive` in a recording.
+
+        Where few of many bodies may move, the others are taken to stay: whether so, `as_placed` tells later.
+        displaced: whether the last instant is the previous keyframe. None, and nothing done, where there is no last one
+        or nothing has moved since. Raises ValueError naming a body whose pose is not finite.
+        """
+        staging, last = self._staging, self._staging.last
+        if last is None:
+            return None
+        fresh = check_shape(poses, self.envs, self.names)
+        if staging.sparse:
+            fresh = fresh.take(staging.sent, axis=1)
+        check_values(fresh, self._sent_names)
+        if same_bytes(fresh, staging.latest()):
+            return None
+        still_same = self._layered and (staging.sparse or self._still_same(last, fresh))
+        staging.advance(fresh)
+        # Of a camera that moves nothing is kept, and who looks after still bodies need not look.
+        self.still_place += not (still_same or staging.sparse)
+        self.moved, self.still_displaced = displaced, displaced and not still_same
+        return self._frames_of(last if staging.sparse else fresh)
+
+    def arrive(self) -> None:
+        """What `advance` sent becomes `poses`: a launch only, if `coming`."""
+        self._staging.arrive()
+
+    def settle(self) -> None:
+        """The same at once."""
+        self._staging.settle()
+
+    @property
+    def coming(self) -> int:
+        """Not 0 where `poses` are not there yet: a number that tells launches of `arrive` apart."""
+        return self._staging.coming
+
+    def as_placed(self, poses: np.ndarray) -> bool:
+        """Whether all bodies are where `advance` took them to be: to be asked while the device draws."""
+        last = self._staging.last
+        return not self._staging.sparse or (
+            last is not None and same_bytes(check_shape(poses, self.envs, self.names), last)
+        )
+
+    def place_others(self, frames: Frames) -> None:
+        """The instant of `advance` once more, for other bodies have moved too."""
+        self.still_place += 1
+        self.still_displaced = self.moved
+        self._staging.put(frames.bodies)
+
+    def _frames_of(self, poses: np.ndarray) -> Frames:
         geometry = self.geometry
-        poses = check_poses(poses, self.envs, self.names)
         return Frames(poses, self.camera_body, geometry.body, (geometry.rotation, geometry.translation))
 
     def update(self, poses: np.ndarray | Frames) -> Frames:
         """Fill `packed` for body poses float64 [E, N, 7]. On a GPU nothing is waited for."""
-        frames = poses if isinstance(poses, Frames) else self.frames(poses)
-        self.place(frames)
-        self._recording.run(self.still_moved, self.draw)
-        self.drawn()
+        frames = None if isinstance(poses, Frames) else self.advance(poses, False)
+        guessed = frames is not None
+        if frames is None:
+            frames = poses if isinstance(poses, Frames) else self.frames(poses)
+            self.place(frames)
+        self._draw_placed()
+        if guessed and not isinstance(poses, Frames) and not self.as_placed(poses):
+            frames = self.frames(poses)
+            self.place_others(frames)
+            self._draw_placed()
         return frames
+
+    def _draw_placed(self) -> None:
+        def launch() -> None:
+            self.arrive()
+            self.draw()
+
+        self._recording.run((self.coming, self.still_moved), launch)
+        self.drawn()
 
     def place(self, frames: Frames, previous: np.ndarray | None = None) -> None:
         """Bring poses to the device for `draw`, and those of the previous keyframe for `displace`.
@@ -136,12 +204,18 @@ class Visibility:
         return self._staging.last is not None and same_bytes(self._staging.last, frames.bodies)
 
     @property
+    def layered(self) -> bool:
+        """Whether still instances are kept as a layer."""
+        return self._layered
+
+    @property
     def still_moved(self) -> bool:
         """Whether still bodies or the camera are not where they were when they were last drawn."""
         return self._still_drawn != self.still_place
 
     def drawn(self) -> None:
-        """To be called after `draw`, or what was recorded of it."""
+        """To be called after `arrive` and `draw`, or what was recorded of them."""
+        self._staging.arrived()
         self._still_drawn = self.still_place
 
     def draw(self, placed: Callable[[], None] = lambda: None) -> None:
@@ -152,6 +226,7 @@ class Visibility:
         ground, cleared = self._layer if self._layered else self.packed, self._cleared
         clear = not self._layered or self.still_moved
         with cleared.aside():
+            self.raster.clear()
             if clear:
                 ground.view(wp.int64).fill_(-1)
             else:

@@ -34,6 +34,9 @@ def replayed(
         if any(fnmatchcase(name, g) for g in exclude) or (regenerate and camera in cameras and last in REGENERATED):
             continue
         chosen.append(name)
+    if include and not chosen:
+        known = ", ".join(sorted(topics))
+        raise BagError(f"{bag} has no topic to play that is like {', '.join(include)}; it has {known}")
     return chosen
 
 

@@ -14,6 +14,7 @@ from evis.params import ParamError
 from evis.plan import NodePlan, Plan
 from msgs.header import Header
 from nodes.recorder.node import RecorderNode
+from nodes.replayer.choice import replayed
 from nodes.replayer.node import ReplayerNode
 
 
@@ -311,3 +312,11 @@ def test_a_cameras_own_images_are_no_previews(tmp_path):
     assert node.runtime.counters["previews"] == 0
     images = [m for t, m in contents(tmp_path / "a.mcap") if t == "/cam0/image"]
     assert len(images) == 6 and all(same(m, scene(k)["/cam0/image"]) for k, m in enumerate(images))
+
+
+def test_globs_that_no_topic_is_like_are_named():
+    """Instead of a replay of nothing."""
+    topics = {"/cam0/events": "EventPacket", "/cam0/info": "CameraInfo"}
+    assert replayed(topics, ["/cam0/ev*"], [], False, "a.mcap") == ["/cam0/events"]
+    with pytest.raises(BagError, match=r"a.mcap has no topic to play that is like /cam1/\*; it has /cam0/events"):
+        replayed(topics, ["/cam1/*"], [], False, "a.mcap")

@@ -72,6 +72,26 @@ def test_event_frames_by_hand() -> None:
     assert event_frame_error(stream((100, 0, 0, 0)), stream((100, 0, 0, 1))) == pytest.approx(2.0)
 
 
+def test_event_frames_are_those_of_a_dictionary(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Random events, every event frame summed by itself, with as few at a time as can be."""
+    monkeypatch.setattr("bench.metrics.CELLS_AT_ONCE", 1)
+    rng = np.random.default_rng(3)
+    pair = [
+        stream(*zip(rng.integers(1000, 9000, n), rng.integers(0, 4, n), rng.integers(0, 3, n), rng.integers(0, 2, n)))
+        for n in (90, 70)
+    ]
+    first = min(s.t[0] for s in pair)
+    sums: list[dict[tuple[int, int, int], int]] = [{}, {}]
+    for s, total in zip(pair, sums):
+        for t, x, y, p in zip(s.t, s.x, s.y, s.p):
+            key = (int(t - first) // 1_000_000, int(x), int(y))
+            total[key] = total.get(key, 0) + (1 if p else -1)
+    keys = {*sums[0], *sums[1]}
+    difference = sum((sums[0].get(key, 0) - sums[1].get(key, 0)) ** 2 for key in keys)
+    expected = np.sqrt(difference / sum(v**2 for v in sums[1].values()))
+    assert event_frame_error(*pair) == pytest.approx(expected, rel=1e-12) and expected > 0.5
+
+
 def test_time_error_by_hand() -> None:
     test = stream((130, 0, 0, 1), (190, 0, 0, 1), (300, 1, 2, 0))
     median, most = time_error(test, BASE)

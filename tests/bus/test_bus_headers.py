@@ -10,7 +10,7 @@ from bus_workers import TOPIC, meet, publisher_on, subscriber_on
 
 from evis.bus import BusError
 from msgs.camera import Depth, Labels
-from msgs.codec import encode_header
+from msgs.codec import contents, pack_header
 from msgs.header import Header
 
 
@@ -55,7 +55,7 @@ def test_hostile_moments_raise(pair, moment):
     publisher, subscriber = pair
     slot = publisher._pool.take(40_000)
     message = Depth(Header(0), depth=slot.place((1, 100, 100), np.dtype(np.float32)))
-    header = encode_header(message, {"slot": slot.descriptor([0])})
+    header = pack_header(message, contents(message), {"slot": slot.descriptor([0])})
     for known in (False, True):
         if known:
             publisher._data.send_multipart([TOPIC.encode(), header])

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from usb_rig import DATA, MS, joined, played, random_recording, run, same, silent
 
-from evis.streams import open_recording
+from evis.streams import Events, open_recording
+from evis.streams.encoder import encoder_for
+from evis.streams.events import Imu
 from nodes.camera.usb.models import MODELS
 
 
@@ -91,6 +93,25 @@ def test_davis_frames_and_samples():
     assert driver.counters() == {"triggers_left_out": int((~wanted).sum())}
 
 
+@pytest.mark.parametrize("name", ["davis346", "dvxplorer"])
+@pytest.mark.parametrize(("orientation", "signs"), [(0, (1, 1, 1)), (4, (-1, 1, 1)), (2, (1, -1, 1)), (5, (-1, 1, -1))])
+def test_inertial_axes_follow_the_cameras_register(name, orientation, signs):
+    """Bits 2, 1, 0 of register 3,1 turn x, y, z around, of both sensors."""
+    rng = np.random.default_rng(3)
+    t = np.arange(1, 40) * MS
+    acceleration, angular = rng.uniform(-15, 15, (39, 3)), rng.uniform(-2, 2, (39, 3))
+    sent = Events.empty()
+    sent.imu = Imu(t, acceleration, angular, np.full(39, 30.0))
+    driver = silent(name)
+    driver.emulated.fixed[3, 1] = orientation
+    driver.emulated.feed.put(encoder_for(name).encode(sent))
+    driver.emulated.feed.end()
+    got = joined(run(driver)).imu
+    assert got.t.tolist() == t.tolist()
+    np.testing.assert_allclose(got.acceleration, acceleration * signs, atol=4 * 9.81 / 2**15)
+    np.testing.assert_allclose(got.angular_velocity, angular * signs, atol=np.deg2rad(250 / 2**15))
+
+
 def test_mini_keeps_every_event():
     """Groups of rows share a word on this wire, so events of one time and column may change places; none is lost."""
     path, _ = real("derived/gen31_vga_from_bag1.raw")
@@ -140,7 +161,7 @@ def test_duration_ends_the_recording(tmp_path):
 
 def test_times_of_today_are_kept(tmp_path):
     """A recording with Unix times is sent from near 0, as a camera counts, and comes out with its own times."""
-    from evis.streams import Events, open_writer
+    from evis.streams import open_writer
 
     t = 1_700_000_000_123_456_000 + np.arange(50) * 7_000_000
     sent = Events(t, np.arange(50, dtype=np.uint16), np.zeros(50, np.uint16), np.ones(50, np.uint8))

@@ -79,6 +79,7 @@ def test_unknown_firmware(name, text):
         ("silkyevcam", "unknown chip: register 0x800 of the Gen3.1 reads 0xef"),
         ("evk3_gen41", "unknown chip: register 0x14 of the Gen4.1"),
         ("dvxplorer_mini", "unknown sensor of 999x480"),
+        ("davis346", "unknown sensor of 999x260"),
     ],
 )
 def test_unknown_chip(name, text):

@@ -10,12 +10,21 @@ from evis.cli.auto import fingerprint, setting_of
 from evis.launch.expand import NodeSpec
 
 SMALL = ("width:=48", "height:=36", "--duration", "0.05", "--no-view", "--json", "--compose")
+AUTO = ("interpolator:=auto", "keyframe_rate:=100", "upsampling:=4")
+TAKEN = ("interpolator", "keyframe_rate", "upsampling")
 
 
-def settings(**changes):
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    """Where what was measured is kept."""
+    return str(tmp_path_factory.mktemp("cache"))
+
+
+def settings(interpolator=None, **changes):
     renderer = {"scene": "spinning_disk", "scene_args": "omega=50", "width": 32, "height": 24, "device": "cpu",
                 "envs": 1, "threads": 1, "margin": 0} | changes  # fmt: skip
     nodes = [NodeSpec("r", "renderer", "x:1", renderer), NodeSpec("s", "event_sensor", "x:2", {"preset": "ideal"})]
+    nodes += [NodeSpec("i", "interpolator", "x:3", interpolator)] if interpolator else []
     return setting_of(nodes, 0.05, {"keyframe_rate": None, "upsampling": None})
 
 
@@ -27,18 +36,41 @@ def test_what_was_measured_is_known_by_all_that_it_depends_on():
         {"width": 33},
         {"margin": 1},
         {"scene": "falling_objects", "scene_args": ""},
+        {"interpolator": {"tolerance": 0.05, "sample_px": None}},
     ):
         assert fingerprint(settings(**change)) != own, change
 
 
-def test_a_run_is_repeated_bit_for_bit_with_what_was_chosen(evis, tmp_path):
-    """Measured once, known the second time, and given by hand the third: the same events. What the user gives stays."""
-    cache = {"XDG_CACHE_HOME": str(tmp_path / "cache")}
-    results, events = [], []
-    words = ["interpolator:=auto", "keyframe_rate:=100", "upsampling:=4", "wanted_rtf:=0.001"]
-    for n in range(3):
+def test_what_was_measured_is_kept_for_every_wish(evis_here, cache, monkeypatch):
+    """Measured once and known from then on, whatever is wanted; what the user gives stays; the reason is true."""
+    monkeypatch.setenv("XDG_CACHE_HOME", cache)
+    plans = []
+    for wish in ((), (), ("wanted_rtf:=0.001",), ("wanted_error:=1e-6",), ("wanted_rtf:=1e6", "wanted_error:=0.9")):
+        done = evis_here("launch", "spinning_disk", *AUTO, *wish, *SMALL, "--explain")
+        assert done.code == 0, done.err
+        plans.append(json.loads(done.out))
+    chosen = [plan["chosen"] for plan in plans]
+    assert [c["from_cache"] for c in chosen] == [False, True, True, True, True]
+    assert chosen[0] | {"from_cache": True} == chosen[1] and plans[0]["args"] == plans[1]["args"]
+    assert all((c["keyframe_rate"], c["upsampling"]) == (100, 4) for c in chosen)
+    assert all(c["interpolator"] in ("none", "splat", "rigid") and c["candidates"] == 3 for c in chosen)
+    assert all(
+        {key: plan["args"][key] for key in TAKEN} == {key: plan["chosen"][key] for key in TAKEN} for plan in plans
+    )
+    # All candidates have the frames per second that were given.
+    assert chosen[0]["why"].endswith("the least found at 400 frames per second") and "wish_kept" not in chosen[0]
+    assert "0.001" in chosen[2]["why"] and chosen[2]["wish_kept"]
+    assert "1e-06" in chosen[3]["why"] and not chosen[3]["wish_kept"]
+    assert "1e+06" in chosen[4]["why"] and not chosen[4]["wish_kept"]
+    assert all(c["why"] in c["summary"] and f"{c['expected_error']:.3g} of 1" in c["summary"] for c in chosen)
+
+
+def test_a_run_is_repeated_bit_for_bit_with_what_was_chosen(evis, cache, tmp_path):
+    """Chosen by measuring, and the same given by hand: the same events, and the choice is in the bag."""
+    words, results, events = [*AUTO, "wanted_rtf:=0.001"], [], []
+    for n in range(2):
         bag = tmp_path / f"{n}.mcap"
-        done = evis("launch", "spinning_disk", *words, *SMALL, "--record", str(bag), **cache)
+        done = evis("launch", "spinning_disk", *words, *SMALL, "--record", str(bag), XDG_CACHE_HOME=cache)
         assert done.code == 0, done.err
         results.append(json.loads(done.out))
         with BagReader(str(bag)) as reader:
@@ -49,17 +81,13 @@ def test_a_run_is_repeated_bit_for_bit_with_what_was_chosen(evis, tmp_path):
             events.append(data.hexdigest())
             metadata = reader.metadata["evis"]
         args = results[-1]["args"]
-        taken = {key: str(args[key]) for key in ("interpolator", "keyframe_rate", "upsampling")}
+        taken = {key: str(args[key]) for key in TAKEN}
         assert {key: metadata[f"arg.{key}"] for key in taken} == taken
-        if n == 1:
-            words = [f"{key}:={value}" for key, value in taken.items()]
-    first, again, fixed = results
-    chosen = first["chosen"]
-    assert chosen["why"] and first["args"]["interpolator"] == chosen["interpolator"] in ("none", "splat", "rigid")
-    assert (chosen["keyframe_rate"], chosen["upsampling"]) == (100, 4) and "0.001" in chosen["why"]
-    assert not chosen["from cache"] and again["chosen"]["from cache"] and "chosen" not in fixed
-    assert first["args"] == again["args"] == fixed["args"] | {"wanted_rtf": 0.001} and first["events"] > 0
-    assert events[0] == events[1] == events[2]
+        words = [f"{key}:={value}" for key, value in taken.items()]
+    first, fixed = results
+    assert first["args"]["interpolator"] == first["chosen"]["interpolator"] in ("none", "splat", "rigid")
+    assert "chosen" not in fixed and first["args"] == fixed["args"] | {"wanted_rtf": 0.001}
+    assert first["events"] > 0 and events[0] == events[1]
 
 
 @pytest.mark.parametrize("words,text", [
@@ -67,6 +95,6 @@ def test_a_run_is_repeated_bit_for_bit_with_what_was_chosen(evis, tmp_path):
     (("interpolator:=auto", "wanted_rtf:=-1"), "wanted_rtf"),
     (("interpolator:=auto", "cameras:=cam7"), "no camera 'cam7'"),
 ])  # fmt: skip
-def test_a_wish_that_cannot_be_is_one_line(evis, words, text):
-    done = evis("launch", "spinning_disk", *words, *SMALL)
+def test_a_wish_that_cannot_be_is_one_line(evis_here, words, text):
+    done = evis_here("launch", "spinning_disk", *words, *SMALL)
     assert done.code != 0 and text in done.line

@@ -64,11 +64,26 @@ def test_topic_echo_shows_what_is_sent_and_wakes_idle_outputs(running: Path, evi
     assert "float32 [1 4 4]" in text
 
 
+def _published(evis_here: Evis) -> int:
+    """Messages of /cam0/depth so far, by the ticker's last heartbeat."""
+    state = json.loads(evis_here("node", "info", "ticker", "--json").out)["state"]
+    return int(state["published"]["/cam0/depth"])
+
+
 def test_rates_are_the_publishers(running: Path, evis_here: Evis) -> None:
-    """A tap sees at most 30 messages a second; the rate comes from the sequence numbers of the ~190 Hz source."""
+    """A tap sees at most 30 messages a second; the rate comes from the sequence numbers, as the ticker counts them.
+
+    The source makes 200 a second at the most, and fewer on a busy machine.
+    """
+    before = _published(evis_here)
     body = json.loads(evis_here("topic", "hz", "/cam0/depth", "--window", "1.5", "--json").out)
-    assert body["published"] > 2 * body["seen"]
-    assert body["hz"] == pytest.approx((body["published"] - 1) / body["window_s"]) and 40 < body["hz"] <= 200
+    assert body["hz"] == pytest.approx((body["published"] - 1) / body["window_s"]) and 0 < body["hz"] <= 200
+    assert body["published"] > body["seen"] or body["hz"] < 35
+    stale = after = _published(evis_here)
+    while after == stale:  # until the first heartbeat behind the measurement
+        time.sleep(0.05)
+        after = _published(evis_here)
+    assert body["published"] <= after - before
     bandwidth = json.loads(evis_here("topic", "bw", "/cam0/depth", "--window", "1", "--json").out)
     assert bandwidth["mean_bytes"] == 64
     delay = json.loads(evis_here("topic", "delay", "/cam0/depth", "--window", "1", "--json").out)

@@ -5,11 +5,6 @@ import numpy as np
 from evis.geometry import pinhole, se3
 
 
-def moved(pose, twist, t):
-    """A pose t seconds on at constant twist."""
-    return se3.make_pose(pose[:3] + t * twist[:3], se3.multiply(se3.exp(t * twist[3:]), pose[3:]))
-
-
 def test_the_middle_of_the_image_is_half_way_between_its_edges():
     """Pixel (0, 0) is a centre: a 4 x 2 image runs from -0.5 to 3.5 and from -0.5 to 1.5."""
     k = pinhole.intrinsics(4, 2, pinhole.focal_from_fov(2, np.radians(90)))
@@ -35,25 +30,3 @@ def test_backward_motion_of_a_sideways_step():
     pixel = np.array([[20.0, 70.0]])
     motion = pinhole.backward_motion(k, pixel, np.array([2.0]), se3.IDENTITY, body, se3.IDENTITY, before)
     assert np.allclose(motion, [[-20.0, 0.0]])
-
-
-def test_flow_is_the_limit_of_backward_motion():
-    """Forward flow times h is minus the backward motion seen h later, up to h^2, with everything moving."""
-    random = np.random.default_rng(1)
-    k = pinhole.intrinsics(320, 240, 250.0)
-    camera = se3.look_at(np.array([0.0, -3.0, 1.0]), np.zeros(3))
-    body = se3.make_pose(np.array([0.2, 0.1, -0.3]), se3.normalize(random.normal(size=4)))
-    camera_twist, body_twist = random.normal(size=(2, 6))
-    pixels = random.uniform([0, 0], [319, 239], (40, 2))
-    depth = random.uniform(2.0, 4.0, 40)
-    flow = pinhole.forward_flow(k, pixels, depth, camera, camera_twist, body, body_twist)
-    h = 1e-5
-    ahead, behind = (
-        pinhole.backward_motion(
-            k, pixels, depth, camera, body, moved(camera, camera_twist, t), moved(body, body_twist, t)
-        )
-        for t in (h, -h)
-    )
-    difference = (ahead - behind) / (2 * h)
-    assert np.abs(flow).max() > 100
-    assert np.abs(flow - difference).max() < 1e-5  # third derivative (about 1e4 px/s^3) times h^2, and rounding / h

@@ -16,20 +16,24 @@ ROOT = Path(__file__).resolve().parents[2]
 def test_wheel_runs_elsewhere(tmp_path: Path) -> None:
     subprocess.run(
         [sys.executable, "-m", "build", "--wheel", "--outdir", str(tmp_path), str(ROOT)],
-        check=True, capture_output=True, text=True,
+        check=True,
+        capture_output=True,
+        text=True,
     )
     (wheel,) = tmp_path.glob("*.whl")
     home = tmp_path / "elsewhere"
-    venv.create(home, with_pip=True)
+    venv.create(home)
     python = home / "bin" / "python"
-    subprocess.run(
-        [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", str(wheel)],
-        check=True, capture_output=True, text=True,
-    )
+    install = [sys.executable, "-m", "pip", "--python", str(python), "install", "--no-compile", "--quiet"]
+    subprocess.run([*install, "--disable-pip-version-check", wheel], check=True, capture_output=True, text=True)
     env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
     result = subprocess.run(
         [str(home / "bin" / "evis"), "launch", "spinning_disk", "--duration", "0.1", "--no-view", "--json"],
-        cwd=home, env=env, capture_output=True, text=True, timeout=300,
+        cwd=home,
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=300,
     )
     assert result.returncode == 0, result.stderr
     summary = json.loads(result.stdout.strip().splitlines()[-1])

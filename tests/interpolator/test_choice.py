@@ -53,6 +53,23 @@ def test_candidates_that_measurements_do_not_tell_apart_go_by_the_other_figure()
     assert choose(same).candidate is choose(same[::-1]).candidate
 
 
+@pytest.mark.parametrize(
+    "rates,text",
+    [
+        ([(60, 4), (60, 4)], "the least found at 240 frames per second"),
+        ([(60, 4), (60, 8), (100, 64)], "the least found at up to 480 frames per second"),
+        ([(1000, 8)], "the least found at 8000 frames per second"),
+    ],
+)
+def test_the_reason_names_the_frames_per_second_that_were_compared(rates, text):
+    assert choose([Candidate("rigid", rate, k, 0.3, 1.0) for rate, k in rates]).why.endswith(text)
+
+
+def test_without_any_change_there_is_no_error():
+    choice = choose([Candidate("rigid", 30, 8, 0.0, 0.1), Candidate("none", 250, 1, 0.0, 1.0)])
+    assert choice.candidate.method == "rigid" and choice.why == "the cheapest without error"
+
+
 def test_a_slower_rate_than_a_thousand_is_its_own_measure():
     only = [Candidate("rigid", 10, 4, 0.8, 0.1), Candidate("none", 10, 4, 0.7, 0.2)]
     assert choose(only).candidate is only[0]

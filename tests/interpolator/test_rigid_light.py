@@ -145,7 +145,7 @@ def test_one_and_a_thousand_frames_per_gap():
     scene.cameras[0] = view
     one = cross(scene, 1)
     np.testing.assert_allclose(one.frames[0], one.dense[0], rtol=1e-6)
-    many, few = cross(scene, 1000), cross(scene, 4)
+    many, few = (cross(scene, k, sample_px=0.0) for k in (1000, 4))
     assert (many.frames[249::250] == few.frames).all()
     assert np.sqrt((many.error() ** 2).mean()) < 0.03
 
@@ -206,11 +206,13 @@ def test_environments_threads_and_portions_change_no_bit():
     assert reshaded == sum(count for _, count in alone) > 0
     assert (frames([0, 1, 2], threads=3)[0] == together).all()
     # What a GPU does, done here.
-    assert (frames([0, 1, 2], staged=True)[0] == together).all()
+    assert (frames([0, 1, 2], on_device=True)[0] == together).all()
+    every = frames([0, 1, 2], sample_px=0.0)[0]
+    assert (frames([0, 1, 2], sample_px=0.0, on_device=True)[0] == every).all()
     before = method.PORTION
     try:
         method.PORTION = {True: 3 * 72 * 96 * 2, False: 0}
-        assert (frames([0, 1, 2])[0] == together).all()
+        assert (frames([0, 1, 2], sample_px=0.0)[0] == every).all()
     finally:
         method.PORTION = before
 

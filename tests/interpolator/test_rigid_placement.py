@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from evis.clock import keyframe_stamp, subframe_stamps
 from evis.geometry import se3
 from evis.geometry.interpolate import pose_at
 from evis.scene import load_scene
@@ -50,6 +51,19 @@ def test_bodies_worked_out_together_are_where_each_is_alone(seed):
     expected = np.stack([path.pose(stamps) for path in paths], 1)
     # Units in the last place of numbers of a few metres.
     np.testing.assert_allclose(poses, np.repeat(expected[:, None], 2, 1), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("rate", [30.0, 31.25, 1000 / 7])
+def test_a_gap_that_was_expected_is_where_the_paths_are(rate):
+    """Keyframes are rounded to a nanosecond, gaps are not all of one length; after a pause comes an unexpected one."""
+    paths = every_kind(np.random.default_rng(6))
+    placement = Placement(scene_of(paths))
+    for k in (40, 41, 42, 43, 60, 61):
+        ends = np.array([keyframe_stamp(n, rate) for n in (k, k + 1)])
+        stamps = subframe_stamps(*ends.tolist(), 8)
+        poses = placement.at(stamps, states_of(paths, ends))
+        np.testing.assert_allclose(poses[:, 0], np.stack([p.pose(stamps) for p in paths], 1), rtol=0, atol=1e-14)
+        placement.expect(stamps)
 
 
 def test_a_shipped_scene_of_hundreds_of_bodies():

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from evis.geometry import pinhole, se3
+from evis.geometry import distortion, pinhole, se3
+from evis.geometry.distortion import Lens
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin, Swing
-from nodes.labeler.labels import FlowField, boxes, crop
+from nodes.labeler.labels import FlowField, boxes, crop, lens_of
 
 WIDTH, HEIGHT = 48, 36
 K = np.array([[45.0, 0.7, 23.0], [0.0, 47.0, 18.5], [0.0, 0.0, 1.0]])
@@ -56,6 +57,47 @@ def test_flow_is_the_derivative_of_the_exact_image_motion(world):
         scale = np.abs(expected).max()
         assert scale > 10
         assert np.abs(flow[seen] - expected).max() < 1e-6 * scale  # float32 results, 6e-8, and h^2 of the difference
+
+
+@pytest.mark.parametrize(
+    ("model", "coefficients"),
+    [
+        ("plumb_bob", [-0.28, 0.09, 0.001, -0.002, 0.01]),
+        ("plumb_bob", [0.2, -0.1, 0.0, 0.0, 0.05, 0.3, 0.01, 0.0]),
+        ("equidistant", [-0.03, 0.01, -0.004, 0.0005]),
+        ("equidistant", [0.0, 0.0, 0.0, 0.0]),
+    ],
+)
+def test_flow_through_a_lens_is_the_derivative_of_the_exact_image_motion(world, model, coefficients):
+    """Points carried along with their bodies for 1 us either way and projected through the lens, in float64."""
+    trajectories, depth, ids, bodies = world
+    lens, k = Lens.of(model, coefficients), np.diag([35.0, 37.0, 1.0]) + np.array([[0, 0, 23.0], [0, 0, 18.0], [0] * 3])
+    now, h = 123_456_789, 1000
+    pose, twist = states(trajectories, now)
+    out = np.empty((HEIGHT, WIDTH, 2), np.float32)
+    flow = FlowField(k, (WIDTH, HEIGHT), bodies, 2, lens)(pose, twist, depth, ids, out)
+    rays = distortion.unproject(k, lens, pinhole.pixel_grid(WIDTH, HEIGHT))
+    points = se3.transform(pose[2], rays / rays[..., 2:] * np.where(np.isfinite(depth), depth, 1)[..., None])
+    later, before = (states(trajectories, now + d)[0] for d in (h, -h))
+    for number in (1, 2, 3):
+        seen = ids == number
+        ends = []
+        for then in (later, before):
+            there = points[seen]
+            if bodies[number] >= 0:
+                there = se3.transform(then[bodies[number]], se3.transform(se3.inverse(pose[bodies[number]]), there))
+            ends.append(distortion.project(k, lens, se3.transform(se3.inverse(then[2]), there)))
+        expected = (ends[0] - ends[1]) / (2e-9 * h)
+        scale = np.abs(expected).max()
+        assert scale > 10
+        assert np.abs(flow[seen] - expected).max() < 1e-6 * scale  # float32 results, 6e-8, and h^2 of the difference
+
+
+def test_a_lens_without_distortion_is_a_pinhole():
+    """And a fisheye without coefficients is not."""
+    assert lens_of("none", np.zeros(0)) is None and lens_of("plumb_bob", np.zeros(5)) is None
+    assert lens_of("equidistant", np.zeros(4)) is not None
+    assert lens_of("plumb_bob", np.array([0.1, 0, 0, 0])) is not None
 
 
 def test_flow_is_unknown_in_the_sky(world):

@@ -186,3 +186,27 @@ def test_two_worlds_run_side_by_side_in_namespaces(tmp_path: Path) -> None:
         "two/renderer", "two/interpolator", "two/labeler", "two/imu",
     ]  # fmt: skip
     assert {n.process for n in made.nodes.values()} >= {"one.physics", "two.physics", "one.sensor", "two.sensor"}
+
+
+def test_replay_makes_frames_and_events_as_they_were_made() -> None:
+    """It takes every argument of the simulator that changes them, and asks the bag for it."""
+    simulator, replay = (load(paths.find_launch(name)[0]) for name in ("simulator", "replay"))
+    for node in ("interpolator", "event_sensor"):
+        ours, theirs = (launch.table["nodes"][node]["params"].keys() for launch in (replay, simulator))
+        # How much is made ready in advance, and by how many threads, changes no frame.
+        assert theirs - ours <= {"envs", "margin", "threads"} and not ours - theirs, node
+    methods = simulator.arguments["interpolator"].param.choices
+    assert set(replay.arguments["interpolator"].param.choices) == {*methods} - {"auto"}
+    asked = set(replay.table["recorded"]["arguments"])
+    here = {"bag", "regenerate", "pace", "start", "topics", "device"}
+    assert asked == replay.arguments.keys() - here
+    for name in asked:
+        ours, theirs = replay.arguments[name].param, simulator.arguments[name].param
+        assert (ours.type, ours.unit) == (theirs.type, theirs.unit), name
+
+
+@pytest.mark.parametrize("name", ["simulator", "replay"])
+def test_the_presets_are_all_named(name: str) -> None:
+    from nodes.event_sensor.presets import PRESETS
+
+    assert load(paths.find_launch(name)[0]).arguments["preset"].param.choices == tuple(PRESETS)

@@ -126,6 +126,16 @@ def test_ctrl_c_of_a_terminal_reaches_only_the_launcher(chain: Path, launch: Lau
     assert launcher.end()[0] == 0
 
 
+def test_ctrl_c_during_the_start_is_no_failure(chain: Path, launch: Launch, runtime: Path, tmp_path: Path) -> None:
+    """A node that compiles cannot listen; nothing has begun, so nothing is lost and nothing is complained of."""
+    launcher = launch(chain, f"out:={tmp_path / 'out'}", "setup_s:=60", "--json")
+    launcher.wait_for(lambda: running(launcher))
+    launcher.process.send_signal(signal.SIGINT)
+    code, out, err = launcher.end(20)
+    assert code == 0 and err == "" and last_json(out)["events"] == 0
+    nothing_left(launcher, runtime)
+
+
 def test_a_second_ctrl_c_ends_a_node_that_hangs(write: Write, launch: Launch, runtime: Path, tmp_path: Path) -> None:
     marker = tmp_path / "m"
     path = write(f"nodes:\n  hung: {{type: 'graph_nodes:Sleeper', keep: [events], params: {{marker: '{marker}'}}}}\n")

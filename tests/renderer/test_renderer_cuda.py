@@ -5,8 +5,8 @@ import pytest
 import warp as wp
 from renderer_scenes import ALL, at, camera, poses, quad, scene, sphere
 
-from evis.scene.model import WORLD, Light, Material
-from nodes.renderer.renderer import Renderer
+from evis.scene.model import WORLD, Camera, Light, Material
+from nodes.renderer.renderer import LAST, Renderer
 
 pytestmark = [
     pytest.mark.gpu,
@@ -81,3 +81,49 @@ def test_cuda_equals_cpu(envs):
 @pytest.mark.parametrize("envs", [1, 3])
 def test_cuda_equals_cpu_with_trees_and_a_moving_camera(envs):
     compare(crowd(), [np.concatenate([crowded(k, e) for e in range(envs)]) for k in range(5)], envs)
+
+
+def far_away():
+    """The crowd 1e5 m from the origin."""
+    world, far = crowd(), np.array([1e5, -1e5, 1e5, 0, 0, 0, 0])
+    world.instances[0].pose = world.instances[0].pose + far
+    world.lights[0].vector = world.lights[0].vector + far[:3]
+    return world, [crowded(k, 0) + far for k in range(3)]
+
+
+def through_the_camera():
+    """A ball that flies through the near plane, and round the camera another one seen from within."""
+    lamp = Light("lamp", "point", np.full(3, 5.0), np.array([0.1, 0.1, 0.0]))
+    grey = [Material("grey", np.full(3, 0.5), two_sided=True)]
+    world = scene([(sphere(0.5, 24), 0, 0), (sphere(3.0, 40), 1, 0)], 2, grey, [lamp], camera(160, 120, 90.0, 0.2))
+    return world, [poses(at(0.1, 0, z), at(0, 0, 0), at(0, 0, 0)) for z in (1.2, 0.69, 0.3, -0.4)]
+
+
+def thin(width, height):
+    """A plane behind a needle and a triangle without area, in an image of one row or column."""
+    mesh = quad(3, 3)
+    mesh.faces = np.concatenate([mesh.faces, np.array([(0, 0, 1), (2, 2, 2)], np.int32)])
+    mesh.uv = None
+    focal = 0.8 * max(width, height)
+    k = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
+    world = scene([(mesh, 0, 0)], 1, view=Camera("cam0", width, height, k))
+    return world, [poses(at(0.01 * n, 0, 2.0, (0.2, 0.1, 0)), at(0, 0, 0)) for n in range(3)]
+
+
+@pytest.mark.parametrize(
+    "made", [far_away, through_the_camera, lambda: thin(1, 1), lambda: thin(8192, 2), lambda: thin(2, 8192)]
+)
+def test_cuda_equals_cpu_at_the_ends_of_what_a_scene_may_hold(made):
+    compare(*made(), 1)
+
+
+def test_a_pose_that_is_not_a_number_is_named_on_cuda():
+    world, run = far_away()
+    renderer = Renderer(world, world.cameras[0], device="cuda")
+    renderer.prepare(ALL)
+    for now in run[:2]:
+        renderer.render(now, LAST, ALL)
+    bad = run[2].copy()
+    bad[0, 7, 1] = np.nan
+    with pytest.raises(ValueError, match=r"pose of body 'body7' is not finite \(environment 0\)"):
+        renderer.render(bad, LAST, ALL)

@@ -35,7 +35,7 @@ def test_every_combination_with_its_own_values(load):
 def test_bodies_lights_cameras_and_what_is_in_them(load):
     """Variables reach the shapes, and a copy of the shapes within; other entries find a copy by its name."""
     scene = load(
-        "cameras:\n  eye: {fov: 1, position: [0, \"${k}\", 0], copies: {over: {k: 2}}}\n"
+        'cameras:\n  eye: {fov: 1, position: [0, "${k}", 0], copies: {over: {k: 2}}}\n'
         "materials: {m: {}}\n"
         "bodies:\n"
         '  shelf:\n    copies: {over: {k: 3}}\n    position: ["${k}", 0, 0]\n'

@@ -138,7 +138,7 @@ def test_end_of_the_run_is_said(page: Any) -> None:
     wait_for_picture(page, "/cam0/keyframe")
     page.player.node.finish()
     page.player.node._server.stop()
-    playwright.expect(page.locator("#state")).to_have_text("run has ended", timeout=5000)
+    playwright.expect(page.locator("#state")).to_have_text("run has ended", timeout=20000)
     assert pixels(page, "/cam0/keyframe").std() > 10
 
 

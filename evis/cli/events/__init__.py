@@ -57,9 +57,16 @@ def run(args: argparse.Namespace) -> int:
     result = module.for_people(result) if hasattr(module, "for_people") else result
     width = max(map(len, result))
     for name, value in result.items():
-        shown = "; ".join(map(str, value)) if isinstance(value, list) else value
-        print(f"{name:{width}}  {'-' if shown in ('', None) else shown}")
+        print(f"{name:{width}}  {_shown(value)}")
     return 0
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, dict):
+        parts = [f"{key} {f'{part:.4g}' if isinstance(part, float) else part}" for key, part in value.items()]
+        return ", ".join(part.replace(" None", " -") for part in parts)
+    shown = "; ".join(map(str, value)) if isinstance(value, list) else str(value)
+    return "-" if shown in ("", "None") else shown
 
 
 def _module(action: str) -> Any:

@@ -6,7 +6,7 @@ import argparse
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
-from evis.cli.events.files import add_input, add_output, holds_whole_us, open_input, percent, rounded
+from evis.cli.events.files import add_input, add_output, check_output, holds_whole_us, open_input, percent, rounded
 
 if TYPE_CHECKING:
     from evis.streams import Events
@@ -25,6 +25,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Copy block by block."""
     from evis.streams import open_writer
 
+    check_output(args.out, args.encoding)
     counts: Counter[str] = Counter(events=0)
     with open_input(args, args.source) as recording, percent(recording, "converting") as step:
         about = recording.info

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from evis.cli.parser import UsageError
+
 if TYPE_CHECKING:
     from evis.streams import Events, Recording
 
 
 OUTPUTS = ".raw, .npz, .csv, .txt, .dat, .es, .aedat4, .h5 or .hdf5"
-_WHOLE_US = (".raw", ".dat", ".es", ".aedat4", ".h5", ".hdf5")
-_ENCODINGS = ("evt2", "evt21", "evt21_legacy", "evt3", "zstd", "lz4", "none", "ecf", "plain")
+_ENCODINGS = {
+    ".raw": ("evt3", "evt21", "evt21_legacy", "evt2"),
+    ".aedat4": ("zstd", "lz4", "none"),
+    ".h5": ("ecf", "plain"),
+    ".hdf5": ("ecf", "plain"),
+}
 
 
 def add_input(parser: argparse.ArgumentParser, name: str = "recording", metavar: str = "REC") -> None:
@@ -46,16 +53,28 @@ def add_output(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--encoding",
         default="",
-        choices=_ENCODINGS,
         metavar="NAME",
         help="of .raw: evt3 (default), evt21, evt21_legacy, evt2; of .aedat4: zstd (default), lz4, none; of .h5 and "
         ".hdf5: ecf (default), plain",
     )
 
 
+def check_output(path: str, encoding: str) -> None:
+    """Raise UsageError unless OUT is written in a known format that has the encoding."""
+    suffix = os.path.splitext(path)[1].lower()
+    if suffix not in OUTPUTS.replace(" or", ",").split(", "):
+        raise UsageError(f"{path}: cannot write '{suffix}'; the extensions are {OUTPUTS}")
+    known = _ENCODINGS.get(suffix, ())
+    if encoding and encoding not in known:
+        there = f"there are {', '.join(known)}" if known else "leave out --encoding"
+        raise UsageError(f"{path}: {suffix} has no encoding '{encoding}'; {there}")
+
+
 def holds_whole_us(path: str) -> bool:
     """Whether a file by this name is written in a format that rounds times to whole us."""
-    return path.lower().endswith(_WHOLE_US)
+    from evis.streams.recording import WHOLE_US
+
+    return path.lower().endswith(WHOLE_US)
 
 
 def rounded(events: Events) -> int:

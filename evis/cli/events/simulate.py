@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from evis.cli.events.files import add_output, counted, holds_whole_us, rounded
+from evis.cli.events.files import add_output, check_output, counted, holds_whole_us, rounded
 from evis.cli.events.sensor_options import add_sensor_options, sensor_values
 from evis.cli.parser import UsageError
 
@@ -49,13 +49,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     if os.path.exists(args.source) and os.path.exists(args.out) and os.path.samefile(args.source, args.out):
         raise UsageError(f"{args.out} holds the frames and would be lost; write another file")
+    check_output(args.out, args.encoding)
+    if not 0 <= args.seed < 2**63:
+        raise UsageError(f"--seed is {args.seed}; it must be 0 to 2^63 - 1")
+    options = FrameOptions(args.colour, args.crossing == "hermite", args.fps, args.tone, args.white)
+    try:
+        options.check()
+        options.make_tone()
+    except ValueError as error:
+        raise UsageError(f"--{error}") from None
     _start_warp(args.device)
     try:
         simulation = Simulation(preset=args.preset, seed=args.seed, device=args.device, **sensor_values(args))
     except ValueError as error:
         raise UsageError(str(error)) from None
     hermite = simulation.parameters["crossing"] == "hermite"
-    options = FrameOptions(args.colour, hermite, args.fps, args.tone, args.white)
     with open_frames(args.source, options) as source, _finish_on_signal() as asked:
         if hermite and not source.has_slopes:
             raise ValueError(f"{args.source}: no dlog_dt, which --crossing hermite needs; take cubic")
@@ -163,6 +171,7 @@ class _Tally:
         kept = {"times_rounded_to_us": self._rounded, "colour_left_out": self._colourless}
         result |= {name: n for name, n in kept.items() if n} | counts
         warnings = []
-        if counts.get("clipped") and source.kind in ("png", "video"):
-            warnings.append("black samples without dark current make many events; try --dark-level 0.01")
+        if counts.get("nonfinite") and source.kind in ("png", "video") and not simulation.parameters["dark_level"]:
+            level = 0.01 * source.about["white"]
+            warnings.append(f"black samples have no logarithm and were skipped; try --dark-level {level:g}")
         return result | ({"warnings": warnings} if warnings else {})

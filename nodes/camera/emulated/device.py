@@ -54,7 +54,6 @@ class EmulatedDevice(abc.ABC):
         self.sent = 0
         self._reads = 0
         self._unplugged = False
-        self._stalled_at = -1
 
     # -- families ------------------------------------------------------------------------------------------------------
 

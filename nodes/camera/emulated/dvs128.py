@@ -21,7 +21,7 @@ class Dvs128Device(EmulatedDevice):
         self.power_up()
 
     def power_up(self) -> None:
-        self.running, self.biases, self.time_resets = False, b"", 0
+        self.running, self.biases = False, b""
 
     def streaming(self) -> bool:
         return self.running and len(self.biases) == 36
@@ -34,9 +34,7 @@ class Dvs128Device(EmulatedDevice):
             self.running = request == START
         elif request == BIASES and len(data) == 36:
             self.biases = data
-        elif request == RESET_TIME:
-            self.time_resets += 1
-        elif request not in (ARRAY_RESET, MASTER):
+        elif request not in (RESET_TIME, ARRAY_RESET, MASTER):
             stall()
 
 

@@ -110,11 +110,14 @@ class Camera(Fx3Camera):
         details = self._take(OLDEST_FX3 if self.device.idProduct == FX3 else OLDEST_FX2)
         details["logic"] = self._check_logic(1)
         r, m = self.registers, self.model
+        size = r.read(DVS, 0), r.read(DVS, 1)
+        if sorted(size) != [HEIGHT, WIDTH]:
+            raise OSError(f"{self.name}: unknown sensor of {size[0]}x{size[1]} px, not {WIDTH}x{HEIGHT}")
         self._clocks = r.clocks()
         self._lists = sequences("davis346")
         self._global_shutter = r.read(APS, 6)
         details |= {"usb": label(self.device), "chip": r.read(6, 1), "aps_orientation": r.read(APS, 2)}
-        details["dvs_orientation"] = r.read(DVS, 2)
+        details |= {"dvs_orientation": r.read(DVS, 2), "imu_orientation": r.read(IMU, 1)}
         return DeviceInfo(
             m.name, self.serial, m.sensor, m.width, m.height, m.encoding, f"device:{self.serial}", details
         )
@@ -163,6 +166,7 @@ class Camera(Fx3Camera):
     def _prepare(self, decoder: Any) -> None:
         assert self._info is not None
         decoder.aps_orientation = self._info.details["aps_orientation"]
+        decoder.imu_orientation = self._info.details["imu_orientation"]
         decoder.reset()
 
     def _end(self) -> None:

@@ -67,7 +67,7 @@ class Camera(Fx3Camera):
         if sorted(size) != [HEIGHT, WIDTH]:
             raise OSError(f"{self.name}: unknown sensor of {size[0]}x{size[1]} px, not {WIDTH}x{HEIGHT}")
         details["usb"] = label(self.device)
-        details["dvs_orientation"] = self.registers.read(1, 2)
+        details |= {"dvs_orientation": self.registers.read(1, 2), "imu_orientation": self.registers.read(IMU, 1)}
         return DeviceInfo(
             m.name, self.serial, m.sensor, m.width, m.height, m.encoding, f"device:{self.serial}", details
         )
@@ -103,6 +103,12 @@ class Camera(Fx3Camera):
         values = (0, top // 8, first, bottom // 8, last, left >> 8, left & 0xFF, right >> 8, right & 0xFF)
         for i, value in enumerate(values):
             r.write(CHIP, CROP + i, value)
+
+    def _prepare(self, decoder: Any) -> None:
+        assert self._info is not None
+        if not self.mini:
+            decoder.imu_orientation = self._info.details["imu_orientation"]
+            decoder.reset()
 
     def _begin(self) -> None:
         self._run("start")

@@ -16,6 +16,7 @@ from nodes.camera.usb.clock import ClockMap
 from nodes.camera.usb.reader import Chunk, Reader
 
 FAR_NS = 2**63 - 1
+US = 1000
 LONG_GAP = 100
 """A silence of more packets than this is one empty packet: a jump in device time must not become a flood."""
 GRACE_NS = 20_000_000
@@ -223,8 +224,10 @@ class Stream:
         if self._raw:
             raw = np.concatenate(self._bytes) if self._bytes else np.empty(0, np.uint8)
         reading = Reading(events, self._t0, self._stamp, raw, self._lost)
-        if self._earliest <= self._t0:
-            self.counts["events_stepped_back"] += int(np.count_nonzero(events.t <= self._t0))
+        # devices count whole us: an event cut down to the us in which the interval begins did not step back
+        begin = self._t0 - self._t0 % US
+        if self._earliest < begin:
+            self.counts["events_stepped_back"] += int(np.count_nonzero(events.t < begin))
         self._earliest = FAR_NS
         self._most = max(self._most, len(events))
         self._buffer, self._others, self._bytes, self._lost = None, [], [], 0

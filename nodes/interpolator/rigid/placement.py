@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.clock import subframe_stamps
 from evis.geometry.interpolate import pose_at
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Prescribed
@@ -22,6 +23,8 @@ class Placement:
         self._prescribed = PrescribedPoses([path for _, path in prescribed])
         self._together = np.array([n for n, _ in prescribed], np.int64)
         self._alone: list[tuple[int, Trajectory]] = [(n, p) for n, p in moving if not isinstance(p, Prescribed)]
+        # Of the gap that is expected next, by its stamps: [bodies, K - 1, 7].
+        self._ahead: dict[bytes, np.ndarray] = {}
 
     def at(self, stamps: np.ndarray, states: States) -> np.ndarray:
         """Poses float64 [K, E, N, 7] at stamps int64 [K] ns within the interval of `states`; the last stamp is its end.
@@ -33,12 +36,27 @@ class Placement:
         if len(stamps) == 1:
             return poses
         if len(self._together):
-            poses[:-1, :, self._together] = np.swapaxes(self._prescribed.at(stamps[:-1]), 0, 1)[:, None]
+            known = self._ahead.get(stamps[:-1].tobytes())
+            known = self._prescribed.at(stamps[:-1]) if known is None else known
+            poses[:-1, :, self._together] = np.swapaxes(known, 0, 1)[:, None]
         for n, path in self._alone:
             poses[:-1, :, n] = path.pose(stamps[:-1])[:, None]
         if len(self._driven):
             self._drive(stamps[:-1], states, poses[:-1])
         return poses
+
+    def expect(self, stamps: np.ndarray) -> None:
+        """After the gap with these stamps int64 [K], while a device is at work on it: the poses of one of the same
+        length that comes right after it, and of those a nanosecond shorter or longer, for stamps are rounded. Many
+        times take hardly longer than a few."""
+        if len(self._together) and len(stamps) > 1:
+            start, count = int(stamps[-1]), len(stamps)
+            # The gap began where its first frame is a K-th of it after.
+            length = round((start - int(stamps[0])) * count / (count - 1))
+            nexts = [subframe_stamps(start, start + length + off, count)[:-1] for off in (-1, 0, 1)]
+            poses = self._prescribed.at(np.concatenate(nexts))
+            parts = np.split(poses, len(nexts), axis=1)
+            self._ahead = {t.tobytes(): part for t, part in zip(nexts, parts)}
 
     def _drive(self, stamps: np.ndarray, states: States, poses: np.ndarray) -> None:
         """The bodies that physics moves: those that do so in this interval, between the sub-steps about the stamps."""

@@ -1,0 +1,189 @@
+"""Arrays that stay on their device between the nodes of one process.
+
+A node that computes on a GPU loans Warp arrays there and publishes them as they are. Consumers of the process that
+compute on the same device and say so (`Input.on_device`) get them by reference; everybody else gets a message of numpy
+arrays, copied once and only where there is such a reader at that moment. A loan is one block of device memory, held and
+freed as a slot of the host is: its message's `keep` and `release` pin it. All work on a device is on Warp's stream of
+it, so what is launched after the last release comes after all that reads.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from evis.bus.errors import BusError
+from evis.bus.slots import MOST_SLOTS, aligned, rounded
+from msgs.codec import check_layout
+from msgs.header import Message
+
+if TYPE_CHECKING:
+    import warp as wp
+
+    from evis.bus.publisher import Publisher
+
+MOST_VIEWS = 16
+"""Layouts that a slot remembers; packets of events have another length every time."""
+
+Asked = Mapping[str, tuple[tuple[int, ...], Any]]
+"""Name -> (shape, Warp dtype); vectors count as one element, [E, H, W] of vec3."""
+
+
+def device_of(message: Message) -> Any:
+    """The device that the first of a message's Warp arrays lies on; None where all are numpy's."""
+    for value in message.arrays().values():
+        if not isinstance(value, np.ndarray):
+            return value.device
+    return None
+
+
+@dataclass(frozen=True)
+class Form:
+    """dtype and shape of an array as numpy has it."""
+
+    dtype: np.dtype
+    shape: tuple[int, ...]
+
+    @staticmethod
+    def of(array: Any) -> Form:
+        """Of a numpy or Warp array, whose vectors become one more axis."""
+        if isinstance(array, np.ndarray):
+            return Form(array.dtype, array.shape)
+        import warp as wp
+
+        scalar = getattr(array.dtype, "_wp_scalar_type_", array.dtype)
+        return Form(np.dtype(wp.dtype_to_numpy(scalar)), (*array.shape, *getattr(array.dtype, "_shape_", ())))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of such an array."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+
+def check(message: Message) -> int:
+    """Check a message with Warp arrays against its type; gives its size [bytes]. Raises MessageError."""
+    forms: dict[str, Any] = {name: Form.of(value) for name, value in message.arrays().items()}
+    check_layout(type(message), forms)
+    return sum(form.nbytes for form in forms.values())
+
+
+def on_host(message: Message, publisher: Publisher) -> Message:
+    """The same message in numpy arrays, those that were Warp's in a loan of the publisher. Waits for the device."""
+    import warp as wp
+
+    away = {name: value for name, value in message.arrays().items() if not isinstance(value, np.ndarray)}
+    forms = {name: Form.of(value) for name, value in away.items()}
+    here: dict[str, Any] = publisher.loan(**{name: (form.shape, form.dtype) for name, form in forms.items()})
+    for name, value in away.items():
+        target: wp.array = wp.array(here[name], dtype=value.dtype, shape=value.shape, copy=False, device="cpu")
+        wp.copy(target, value)
+    for value in away.values():
+        if value.device.is_cuda:
+            wp.synchronize_stream(value.device.stream)
+    whole: Any = message
+    moved: Message = replace(whole, **here)
+    return moved
+
+
+class DeviceSlot:
+    """A block of device memory. `pins`: how many still need its contents; at zero it goes back to its pool."""
+
+    def __init__(self, pool: DevicePool, device: Any, size: int) -> None:
+        import warp as wp
+
+        self._pool = pool
+        self.device, self.size = device, size
+        self._memory: wp.array = wp.empty(size, dtype=wp.uint8, device=device)
+        self._views: dict[Any, dict[str, Any]] = {}
+        self.pins = 0
+
+    def arrays(self, asked: Asked) -> dict[str, Any]:
+        """Arrays behind each other in it; the same objects for the same question."""
+        import warp as wp
+
+        key = tuple((name, tuple(shape), dtype) for name, (shape, dtype) in asked.items())
+        if key not in self._views:
+            if len(self._views) >= MOST_VIEWS:
+                self._views.clear()
+            at, views = self._memory.ptr, {}
+            for name, shape, dtype in key:
+                array: Any = wp.array(ptr=at, shape=shape, dtype=dtype, device=self.device)
+                array.owner_of_memory = self._memory
+                views[name] = array
+                at += aligned(array.capacity)
+            self._views[key] = views
+        return self._views[key]
+
+    def holds(self, array: Any) -> bool:
+        """Does the array lie in it?"""
+        return not isinstance(array, np.ndarray) and 0 <= array.ptr - self._memory.ptr < self.size
+
+    def pin(self) -> None:
+        """Keep the contents for one more user."""
+        self.pins += 1
+
+    def unpin(self) -> None:
+        """One user less. Raises BusError when there was none."""
+        if self.pins <= 0:
+            raise BusError(f"{self._pool.name}: a message was released more often than it was kept")
+        self.pins -= 1
+        if not self.pins:
+            self._pool.give_back(self)
+
+
+class DevicePool:
+    """The device slots of one topic, all of one device and size: a bigger message, or another device, has them anew."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.live = 0
+        self._of: tuple[Any, int] = (None, 0)
+        self._free: list[DeviceSlot] = []
+        self._loans: list[DeviceSlot] = []
+
+    def loan(self, device: Any, asked: Asked) -> dict[str, Any]:
+        """Warp arrays to write the next message into; they hold until the next claim. Raises BusError."""
+        size = sum(aligned(_nbytes(shape, dtype)) for shape, dtype in asked.values())
+        if device != self._of[0] or size > self._of[1]:
+            self._of = device, rounded(size)
+            self.live -= len(self._free)
+            self._free.clear()
+        if not self._free:
+            if self.live >= MOST_SLOTS:
+                raise BusError(
+                    f"{self.name}: all {self.live} slots are kept by consumers: a node calls keep() without release()"
+                )
+            self._free.append(DeviceSlot(self, *self._of))
+            self.live += 1
+        slot = self._free.pop()
+        slot.pin()
+        self._loans.append(slot)
+        return slot.arrays(asked)
+
+    def claim(self, message: Message) -> DeviceSlot | None:
+        """The loan that the message's arrays lie in, with its pin now the caller's; other loans lapse."""
+        loans, self._loans = self._loans, []
+        claimed = None
+        for slot in loans:
+            if claimed is None and any(slot.holds(value) for value in message.arrays().values()):
+                claimed = slot
+            else:
+                slot.unpin()
+        return claimed
+
+    def give_back(self, slot: DeviceSlot) -> None:
+        """Called by a slot whose last pin is gone."""
+        if (slot.device, slot.size) == self._of:
+            self._free.append(slot)
+        else:
+            self.live -= 1
+
+
+def _nbytes(shape: tuple[int, ...], dtype: Any) -> int:
+    import warp as wp
+
+    return math.prod(shape) * int(wp.types.type_size_in_bytes(dtype))

@@ -1,0 +1,82 @@
+"""Keyframe rates of single cameras: what `camera_rate` gives, and the scene for the cameras that it does not name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from evis.clock import times_slower
+from evis.launch.arguments import ArgumentError
+from evis.launch.document import LaunchError, nearest
+
+NEEDED = ("camera_rate", "cameras", "keyframe_rate", "scene")
+"""Arguments of a launch file that has cameras with rates of their own."""
+
+
+def with_camera_rates(file: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """`values` whose `camera_rate` holds NAME=HZ of every simulated camera that has not the rate of the states.
+
+    Raises LaunchError for a camera that is not simulated and for a rate that is no whole fraction of keyframe_rate.
+    """
+    if not all(name in values for name in NEEDED):
+        return dict(values)
+    cameras = [str(name) for name in values["cameras"]]
+    given = _given(file, values["camera_rate"], cameras)
+    rates = {**_of_the_scene(values), **given}
+    kept = []
+    for camera in cameras:
+        if camera not in rates:
+            continue
+        try:
+            slower = times_slower(values["keyframe_rate"], rates[camera])
+        except ValueError as error:
+            if camera in given:
+                raise ArgumentError(f"{file}: camera_rate of {camera}: {error}") from None
+            raise LaunchError(
+                f"scene {values['scene']}: rate of camera {camera}: {error}; camera_rate:={camera}=HZ gives another"
+            ) from None
+        if slower > 1:
+            kept.append(f"{camera}={rates[camera]!r}")
+    return {**values, "camera_rate": kept}
+
+
+def _given(file: str, words: Sequence[Any], cameras: Sequence[str]) -> dict[str, float]:
+    rates: dict[str, float] = {}
+    try:
+        named = pairs(words)
+    except ArgumentError as error:
+        raise ArgumentError(f"{file}: camera_rate: {error}") from None
+    for camera, text in named.items():
+        if camera not in cameras:
+            raise ArgumentError(f"{file}: camera_rate: no camera '{camera}' is simulated; {nearest(camera, cameras)}")
+        try:
+            rates[camera] = float(text)
+        except ValueError:
+            rates[camera] = 0.0
+        if not 0 < rates[camera] < float("inf"):
+            raise ArgumentError(f"{file}: camera_rate of {camera} is '{text}', must be a number above 0")
+    return rates
+
+
+def _of_the_scene(values: Mapping[str, Any]) -> dict[str, float]:
+    from evis.scene.load import camera_rates, parse_args
+
+    size = {key: values[key] for key in ("width", "height") if values.get(key)}
+    try:
+        return camera_rates(str(values["scene"]), {**parse_args(values.get("scene_args")), **size})
+    except (ValueError, OSError):
+        # Whoever loads the scene says what is wrong with it.
+        return {}
+
+
+def pairs(words: Sequence[Any]) -> dict[str, str]:
+    """`name=value` words as a map. Raises ArgumentError for another word, and for a name that comes twice."""
+    found: dict[str, str] = {}
+    for word in map(str, words):
+        name, mark, value = (part.strip() for part in word.partition("="))
+        if not mark or not name:
+            raise ArgumentError(f"'{word}' is not name=value, as in cam1=15")
+        if name in found:
+            raise ArgumentError(f"{name} is given twice, as {found[name]} and {value}")
+        found[name] = value
+    return found

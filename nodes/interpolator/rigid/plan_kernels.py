@@ -1,0 +1,291 @@
+"""Which pixels are looked up at which sub-frames, and which are drawn between two of their own samples.
+
+A sample is spared where the pixel shows the same piece of surface from the sample before it to the one after it, has
+moved over it by no more than `step` pixels, and both samples are alike but for a small difference: the frames between
+them are then on a straight line. How far it has moved is the length of its path, bounded from above by how far its body
+has turned and gone, so that a body which shakes, bounces or turns several times between two samples is not missed.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from nodes.interpolator.rigid.gather_kernels import Scenery
+from nodes.interpolator.rigid.look_up_kernels import SAME_SHEET
+from nodes.interpolator.rigid.room_kernels import take_place
+from nodes.interpolator.rigid.walk_kernels import Walk
+from nodes.renderer.kernels import MISS, View, depth_of, pixel_ray, triangle_of
+
+wp.set_module_options({"enable_backward": False})
+
+KEYFRAME = wp.constant(wp.uint8(0))
+"""What a pixel is at a sub-frame: as it is in keyframe B, a sample, or on the line between two of them."""
+SAMPLE = wp.constant(wp.uint8(1))
+BETWEEN = wp.constant(wp.uint8(2))
+NONE = wp.constant(-2)
+"""No triangle, and not the sky either."""
+MOST_SKIPPED = wp.constant(7.0)
+"""Samples that are taken of a pixel without looking at how fast it is."""
+SHORT = wp.constant(4)
+"""Length of a span up to which all of it is sampled if it is no line: fewer rounds, and hardly more samples."""
+LENGTHS = wp.constant(8192)
+"""A span is (pixel, start LENGTHS + length): sub-frames start and start + length are known, those between are not."""
+
+
+@wp.func
+def joined(a: wp.uint64, b: wp.uint64, patch: wp.array(dtype=int)):
+    """Whether two hits of a pixel are on one piece of surface."""
+    t = triangle_of(a)
+    u = triangle_of(b)
+    if t == u:
+        return True
+    if t == MISS or u == MISS or patch[t] != patch[u]:
+        return False
+    return wp.abs(depth_of(a) - depth_of(b)) <= SAME_SHEET * depth_of(b)
+
+
+@wp.func
+def body_at(t: int, env: int, scenery: Scenery, walk: Walk):
+    """Under which index `walk` has a triangle."""
+    if t == MISS:
+        return walk.as_world.shape[1] - 1
+    return walk.as_world[env, scenery.body[scenery.instance[t]]]
+
+
+@wp.func
+def flow(view: View, gain: float, row: int, body: int, d: wp.vec3, away: float, walk: Walk):
+    """Pixels that the point away d has come by since the position before."""
+    m = wp.cross(walk.spin[row, body], away * d) + walk.shift[row, body]
+    if view.distorted == 1:
+        return gain * wp.length(m - wp.dot(m, d) * d) / away
+    u = view.fx * (m[0] - d[0] * m[2])
+    v = view.fy * (m[1] - d[1] * m[2])
+    return wp.sqrt(u * u + v * v) / away
+
+
+@wp.func
+def put_span(
+    pixel: int, start: int, length: int, room: int, band: int, spans: wp.array(dtype=wp.vec2i), n: wp.array(dtype=int)
+):
+    if length > 1:
+        spans[room + take_place(n, band)] = wp.vec2i(pixel, start * LENGTHS + length)
+
+
+@cache
+def make_plan(channels: int) -> wp.Kernel:
+    """channels: 1 (luminance) or 3 (RGB)."""
+    pixel = wp.float32 if channels == 1 else wp.vec3
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def plan(
+        # in
+        view: View,
+        first: int,
+        last: int,
+        span: int,
+        column0: int,
+        columns: int,
+        band: int,
+        todo0: int,
+        spans0: int,
+        step: float,
+        gain: float,
+        count: int,
+        closed: int,
+        slot0: int,
+        start0: int,
+        envs: int,
+        upsampling: int,
+        active: wp.array(dtype=int),
+        before: wp.array3d(dtype=wp.uint64),
+        packed: wp.array3d(dtype=wp.uint64),
+        after: wp.array3d(dtype=wp.uint64),
+        quiet: wp.array3d(dtype=wp.uint64),
+        scenery: Scenery,
+        walk: Walk,
+        image: wp.array3d(dtype=pixel),
+        # out
+        codes: wp.array2d(dtype=wp.uint8),
+        todo: wp.array(dtype=int),
+        todo_count: wp.array(dtype=int),
+        spans: wp.array(dtype=wp.vec2i),
+        span_count: wp.array(dtype=int),
+        frames: wp.array3d(dtype=pixel),
+    ):
+        """Pixels active[first .. last - 1], as indices into [E, h, w], `span` of them a thread. Samples go to `todo`
+        from todo0 on, as indices into [count, E, h, w], spans to `spans` from spans0 on, and their numbers to [band].
+
+        The sub-frames start0 + 1 .. start0 + count are in slots slot0.. of `packed` [P E, H, W]; before [E, H, W] is
+        the z-buffer of sub-frame start0, after that of B, with which the portion ends where closed = 1. step: path [px]
+        up to which samples are spared; 0 = none. gain: pixels per radian of a lens, at most. codes: scratch, [count] of
+        columns from column0 + columns thread on.
+        """
+        width = view.width - 2 * view.margin
+        height = view.height - 2 * view.margin
+        tid = wp.tid()
+        begin = first + tid * span
+        end = wp.min(begin + span, last)
+        column = column0 + tid * columns - begin
+        for j in range(begin, end):
+            at = active[j]
+            x = at % width + view.margin
+            y = at // width % height + view.margin
+            env = at // (width * height)
+            still = quiet[env, y, x]
+            d = pixel_ray(view, x, y)
+            hit = before[env, y, x]
+            # The last sub-frame that is known or to be a sample, and the path since.
+            start = wp.int32(0)
+            path = wp.float32(0.0)
+            # Sub-frames that are samples without looking at how fast it is, for it has just been far too fast.
+            skip = wp.int32(0)
+            t = triangle_of(hit)
+            body = body_at(t, env, scenery, walk)
+            for k in range(1, count + closed + 1):
+                now = after[env, y, x]
+                known = wp.bool(True)
+                if k <= count:
+                    now = packed[(slot0 + k - 1) * envs + env, y, x]
+                    known = now == still
+                reaches = wp.bool(False)
+                if skip > 0:
+                    skip -= 1
+                    t = wp.int32(NONE)
+                elif step > 0.0:
+                    u = triangle_of(now)
+                    if u != t:
+                        body = body_at(u, env, scenery, walk)
+                    if u == t or joined(hit, now, scenery.patch):
+                        far = flow(view, gain, k * envs + env, body, d, wp.where(u == MISS, 1.0, depth_of(now)), walk)
+                        path += far
+                        reaches = path <= step
+                        if not reaches and start < k - 1 and far <= step:
+                            # From the sub-frame before it does reach.
+                            codes[k - 2, column + j] = SAMPLE
+                            put_span(at, start0 + start, k - 1 - start, spans0, band, spans, span_count)
+                            start = k - 1
+                            path = far
+                            reaches = wp.bool(True)
+                        if far > step:
+                            skip = int(wp.min(2.0 * far / step, MOST_SKIPPED))
+                    t = u
+                if start < k - 1 and not reaches:
+                    codes[k - 2, column + j] = SAMPLE
+                    put_span(at, start0 + start, k - 1 - start, spans0, band, spans, span_count)
+                code = BETWEEN
+                if known or not reaches:
+                    if reaches:
+                        put_span(at, start0 + start, k - start, spans0, band, spans, span_count)
+                    code = wp.where(known, KEYFRAME, SAMPLE)
+                    start = k
+                    path = 0.0
+                if k <= count:
+                    codes[k - 1, column + j] = code
+                hit = now
+            if closed == 0 and start < count:
+                codes[count - 1, column + j] = SAMPLE
+                put_span(at, start0 + start, count - start, spans0, band, spans, span_count)
+        # Frame by frame, for the pixels of a row are looked up side by side.
+        inner = envs * height * width
+        for k in range(count):
+            for j in range(begin, end):
+                code = codes[k, column + j]
+                at = active[j]
+                if code == SAMPLE:
+                    todo[todo0 + take_place(todo_count, band)] = k * inner + at
+                elif code == KEYFRAME:
+                    env = at // (width * height)
+                    y = at // width % height
+                    frames[env * upsampling + start0 + k, y, at % width] = image[
+                        env, y + view.margin, at % width + view.margin
+                    ]
+
+    return plan
+
+
+@wp.func
+def alike(a: wp.float32, b: wp.float32, ratio: float):
+    # Never so where one of them is not a number or infinite.
+    return a <= ratio * b and b <= ratio * a and wp.isfinite(a)
+
+
+@wp.func
+def alike(a: wp.vec3, b: wp.vec3, ratio: float):  # noqa: F811 - overloaded by its type
+    return alike(a[0], b[0], ratio) and alike(a[1], b[1], ratio) and alike(a[2], b[2], ratio)
+
+
+@cache
+def make_refine(channels: int) -> wp.Kernel:
+    """channels: 1 (luminance) or 3 (RGB)."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def refine(
+        # in
+        size: wp.vec2i,
+        margin: int,
+        workers: int,
+        first: int,
+        last: int,
+        source: int,
+        band: int,
+        todo0: int,
+        spans0: int,
+        ratio: float,
+        start0: int,
+        envs: int,
+        upsampling: int,
+        spans: wp.array(dtype=wp.vec2i),
+        image: wp.array3d(dtype=pixel),
+        # in or out
+        span_count: wp.array(dtype=int),
+        frames: wp.array3d(dtype=pixel),
+        # out
+        todo: wp.array(dtype=int),
+        todo_count: wp.array(dtype=int),
+        halves: wp.array(dtype=wp.vec2i),
+    ):
+        """Spans first .. last - 1, on a GPU (last < 0) all span_count[source] of them: a line where the ends differ by
+        no more than `ratio`, else a sample in the middle, listed in `todo` as by the plan, and two spans, in `halves`;
+        of short ones all.
+
+        size: (h, w). image: keyframe A with its margin, sub-frame 0.
+        """
+        j = first + wp.tid()
+        end = last
+        if last < 0:
+            end = span_count[source]
+        width = size[1]
+        inner = size[0] * width
+        while j < end:
+            at = spans[j][0]
+            start = spans[j][1] // LENGTHS
+            length = spans[j][1] % LENGTHS
+            x = at % width
+            y = at // width % size[0]
+            env = at // inner
+            base = env * upsampling - 1
+            a = image[env, y + margin, x + margin]
+            if start > 0:
+                a = frames[base + start, y, x]
+            b = frames[base + start + length, y, x]
+            if alike(a, b, ratio):
+                for k in range(1, length):
+                    frames[base + start + k, y, x] = a + float(k) / float(length) * (b - a)
+            else:
+                # From the sub-frame in the middle, or from the first one on.
+                cut = length // 2
+                until = cut + 1
+                if length <= SHORT:
+                    cut = 1
+                    until = length
+                else:
+                    put_span(at, start, cut, spans0, band, halves, span_count)
+                    put_span(at, start + cut, length - cut, spans0, band, halves, span_count)
+                while cut < until:
+                    todo[todo0 + take_place(todo_count, band)] = (start + cut - start0 - 1) * envs * inner + at
+                    cut += 1
+            j += workers
+
+    return refine

@@ -1,0 +1,220 @@
+"""Samples in proportion to a pixel's displacement: which sub-frames are looked up, and which are between two that are.
+
+See plan_kernels. After the first samples every span whose ends differ by too much gets one in its middle, until none is
+left, so that what changes at once, a shadow's edge or a line on a surface, is found to the sub-frame.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from nodes.interpolator.rigid import plan_kernels
+from nodes.interpolator.rigid.gather_kernels import Scenery
+from nodes.interpolator.rigid.keyframes import Prepared
+from nodes.interpolator.rigid.plan_kernels import make_plan, make_refine
+from nodes.interpolator.rigid.walk_kernels import Walk, walk_bodies
+from nodes.renderer.shading import LIST_WORKERS
+from nodes.renderer.visibility import Visibility
+
+SHORT = int(plan_kernels.SHORT)
+
+CHUNK = 256
+"""Pixels whose sub-frames are gone through together on a CPU: what their z-buffers take fits its first cache."""
+
+
+@dataclass
+class Part:
+    """A portion of the sub-frames: number of it; slots slot0 .. slot0 + count - 1 have sub-frames start + 1 ..; before:
+    poses [E, N] and z-buffer [E, H, W] of sub-frame `start`; closed: keyframe B comes right after it."""
+
+    number: int
+    slot0: int
+    count: int
+    start: int
+    closed: bool
+    before: tuple[wp.array, wp.array]
+
+
+@dataclass
+class Todo:
+    """What is to be looked up. pixels: int32 indices into [count, E, h, w]; of band k from starts[k] to starts[k + 1],
+    or, with starts None, as many as counts[at + k] says on the device. at: where in the counts the first band is."""
+
+    pixels: wp.array
+    starts: list[int] | None
+    at: int
+
+
+class Sampling:
+    """What is to be looked up of a portion of the sub-frames, in rounds: `plan`, then `refine` until it gives None."""
+
+    def __init__(
+        self,
+        visibility: Visibility,
+        scenery: Scenery,
+        envs: int,
+        slots: int,
+        portions: int,
+        upsampling: int,
+        channels: int,
+        sample_px: float,
+        ratio: float,
+        on_device: bool,
+        pool: ThreadPoolExecutor | None,
+    ) -> None:
+        """visibility: of envs x slots environments. sample_px: path up to which samples are spared; 0 = none. ratio: of
+        the radiance of two samples, up to which there is a line between them. on_device: in a GPU's way, for which all
+        rounds are launched; otherwise by lists that are read in between. pool: as many threads as there are bands."""
+        v = self._v = visibility
+        self._scenery, self._envs, self._upsampling, self._pool = scenery, envs, upsampling, pool
+        self._step, self._ratio, self._on_device = sample_px, ratio, on_device
+        self.bands = len(v.bands.rows)
+        self._size = (v.shape[1] - 2 * v.margin, v.shape[2] - 2 * v.margin)
+        inner = self._inner = envs * self._size[0] * self._size[1]
+        self._gain = pixels_per_radian(v)
+        self._plan, self._refine = make_plan(channels), make_refine(channels)
+        # Each round halves the spans, but for short ones, which it ends; the longest has all slots between its ends.
+        self.rounds, longest = 1, slots + 1 if sample_px > 0 else 0
+        while longest > 1:
+            self.rounds, longest = self.rounds + 1, -(-longest // 2) if longest > SHORT else 0
+        bodies = len(v.names) + 2
+        with wp.ScopedDevice(v.device):
+            rows = (slots + 2) * envs
+            self._walk = Walk()
+            self._walk.spin = wp.zeros((rows, bodies), dtype=wp.vec3)
+            self._walk.shift = wp.zeros((rows, bodies), dtype=wp.vec3)
+            self._walk.as_world = wp.zeros((envs, bodies), dtype=wp.int32)
+            self._codes = wp.empty((slots, inner if on_device else CHUNK * self.bands), dtype=wp.uint8)
+            most = inner * (slots // 2 + 1) if sample_px > 0 else 1
+            # Bands write theirs beside each other, however short their spans are.
+            self._todo = wp.empty(max(inner * slots, (SHORT - 1) * most * (self.bands > 1)), dtype=wp.int32)
+            self._spans = [wp.empty(most * min(2, self.bands), dtype=wp.vec2i) for _ in range(2)]
+            self.counts = wp.zeros(portions * self.rounds * self.bands, dtype=wp.int32)
+            self._span_counts = wp.zeros_like(self.counts)
+            self._all: wp.array = wp.array(np.arange(inner if on_device else 0, dtype=np.int32))
+
+    def clear(self) -> None:
+        """A gap begins."""
+        self.counts.zero_()
+        self._span_counts.zero_()
+
+    def plan(self, part: Part, b: Prepared, quiet: wp.array, frames: wp.array) -> Todo:
+        """The first samples, and where neither geometry nor light can have changed B's pixels in `frames`."""
+        v, count = self._v, part.count
+        self._part, self._frames, self._round = part, frames, 0
+        poses, packed = part.before
+        shared: list[Any] = [count, int(part.closed), part.slot0]
+        if self._step > 0:
+            given = [v.camera_body, *shared, poses, v.poses, b.poses]
+            wp.launch(walk_bodies, self._walk.as_world.shape, given, [self._walk], device=v.device)
+        active = self._all if self._on_device else self._changed(part, b, quiet, frames)
+        how: list[Any] = [self._step, self._gain, *shared, part.start, self._envs, self._upsampling]
+        how += [active, packed, v.packed, b.packed, quiet, self._scenery, self._walk, b.image]
+        how += [self._codes, self._todo, self.counts, self._spans[0], self._span_counts, frames]
+        at = self._at()
+        if self._on_device:
+            given = [v.view, 0, active.size, 1, 0, 1, at, 0, 0]
+            wp.launch(self._plan, active.size, [*given, *how], device=v.device)
+            return Todo(self._todo, None, at)
+        starts = self._split(active.size)
+        launches = []
+        for k, (first, last) in enumerate(pairwise(starts)):
+            given = [v.view, first, last, CHUNK, CHUNK * k, 0, at + k, first * count, first * (count // 2 + 1)]
+            launches.append((self._plan, -(-(last - first) // CHUNK), [*given, *how]))
+        self.launch(launches)
+        self._joined = self._join(self._spans[0], self._span_counts, at, [s * (count // 2 + 1) for s in starts])
+        return self._listed(at, [s * count for s in starts])
+
+    def everything(self, part: Part) -> Todo:
+        """A list that is empty yet, for what is found to be listed while all is looked up."""
+        self._part, self._round = part, 0
+        return Todo(self._todo, None, self._at())
+
+    def refine(self, a: Prepared) -> Todo | None:
+        """Lines where the samples of the round before allow it, and what is to be looked up where they do not."""
+        here = self._at()
+        self._round += 1
+        if self._step == 0 or self._round == self.rounds:
+            return None
+        at, v, part = self._at(), self._v, self._part
+        old, new = self._spans[self._round - 1 & 1], self._spans[self._round & 1]
+        how = [self._ratio, part.start, self._envs, self._upsampling]
+        made = [a.image, self._span_counts, self._frames, self._todo, self.counts, new]
+        size = wp.vec2i(*self._size)
+        if self._on_device:
+            given = [size, v.margin, LIST_WORKERS, 0, -1, here, at, 0, 0, *how, old, *made]
+            wp.launch(self._refine, LIST_WORKERS, given, device=v.device)
+            return Todo(self._todo, None, at)
+        spans = self._joined
+        if not spans.size:
+            return None
+        starts = self._split(spans.size)
+        launches = []
+        for k, (first, last) in enumerate(pairwise(starts)):
+            room = [(SHORT - 1) * first, 2 * first]
+            given = [size, v.margin, 1, first, last, here, at + k, *room, *how, spans, *made]
+            launches.append((self._refine, 1, given))
+        self.launch(launches)
+        self._joined = self._join(new, self._span_counts, at, [2 * s for s in starts])
+        return self._listed(at, [(SHORT - 1) * s for s in starts])
+
+    def _at(self) -> int:
+        return (self._part.number * self.rounds + self._round) * self.bands
+
+    def _split(self, count: int) -> list[int]:
+        return [count * k // self.bands for k in range(self.bands + 1)]
+
+    def launch(self, launches: list[tuple[wp.Kernel, int, list[Any]]]) -> None:
+        """(kernel, threads, arguments) of each band, on a CPU."""
+        if self._pool is None:
+            for kernel, dim, given in launches:
+                wp.launch(kernel, dim, given, device="cpu")
+            return
+        recorded = [wp.launch(kernel, dim, given, device="cpu", record_cmd=True) for kernel, dim, given in launches]
+        list(self._pool.map(lambda command: command.launch(), recorded))
+
+    def _join(self, pieces: wp.array, counts: wp.array, at: int, starts: list[int]) -> wp.array:
+        """What the bands have listed from their `starts` on as one list."""
+        lengths = counts.numpy()[at : at + self.bands].tolist()
+        if self.bands == 1:
+            return pieces[: lengths[0]]
+        values = pieces.numpy()
+        joined = np.concatenate([values[s : s + n] for s, n in zip(starts, lengths)])
+        return wp.array(joined, dtype=pieces.dtype, copy=False, device="cpu")
+
+    def _listed(self, at: int, starts: list[int]) -> Todo:
+        todo = self._join(self._todo, self.counts, at, starts)
+        return Todo(todo, self._split(todo.size), at)
+
+    def _changed(self, part: Part, b: Prepared, quiet: wp.array, frames: wp.array) -> wp.array:
+        """On a CPU: B in all frames, and the pixels int32 [n] of [E, h, w] where that is not what is always seen."""
+        v, m, (height, width) = self._v, self._v.margin, self._size
+        inner = (..., slice(m, m + height), slice(m, m + width))
+        by_env = frames.numpy().reshape(self._envs, self._upsampling, height, width, -1)
+        image = b.image.numpy()[:, m : m + height, m : m + width].reshape(self._envs, 1, height, width, -1)
+        by_env[:, part.start : part.start + part.count] = image
+        packed = v.packed.numpy().reshape(-1, self._envs, *v.shape[1:])
+        still = quiet.numpy()
+        changed = packed[part.slot0] != still
+        other = np.empty_like(changed)
+        for slot in range(part.slot0 + 1, part.slot0 + part.count):
+            np.logical_or(changed, np.not_equal(packed[slot], still, out=other), out=changed)
+        return wp.array(np.flatnonzero(changed[inner]).astype(np.int32), copy=False, device="cpu")
+
+
+def pixels_per_radian(v: Visibility) -> float:
+    """Of a lens, between neighbouring rays, at most; 0 for a pinhole."""
+    if not v.view.distorted:
+        return 0.0
+    rays = v.view.rays.numpy().astype(np.float64)
+    least = np.inf
+    for a, b in ((rays[:, 1:], rays[:, :-1]), (rays[1:], rays[:-1])):
+        there = np.any(a, axis=-1) & np.any(b, axis=-1)
+        least = min(least, np.linalg.norm(a - b, axis=-1)[there].min(initial=np.inf))
+    return 1.0 / least

@@ -1,0 +1,98 @@
+"""Consecutive world states made into one over their whole interval: pure functions of messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from msgs.header import Header
+from msgs.world import WorldState
+
+STEPS = ("pose", "twist", "qpos", "qvel")
+"""Arrays [E, S, ...] with a row for each sub-step."""
+CONTACTS = ("env", "body", "position", "normal", "force", "distance")
+"""Contacts are those at the last stamp, so the last state's count."""
+
+Allocate = Callable[..., Mapping[str, np.ndarray]]
+"""Arrays to write into, for name=(shape, dtype), ..."""
+
+
+class Merger:
+    """Groups of `count` states that follow one another, each given out as one.
+
+    The first state of an episode is given out by itself, and the groups are counted from it. `gaps` counts states
+    that did not begin where the one before had ended, within an episode; they start anew too. A group that an episode
+    leaves unfinished has no stamp of its own and is dropped.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self.gaps = 0
+        self._parts: list[WorldState] = []
+        self._episodes = np.zeros(0, np.int32)
+        """Those of the state given out last."""
+        self._end: tuple[int, int] | None = None
+        """Episode and stamp [ns] of the last state."""
+
+    def push(self, state: WorldState, allocate: Allocate) -> WorldState | None:
+        """One state more; the merged one where that ends a group. `state` need not outlive the call."""
+        now = (state.header.episode, state.header.stamp_ns)
+        follows = self._end == (state.header.episode, int(state.t[0])) and len(state.t) > 1
+        if not follows and self._end is not None and self._end[0] == now[0] and now[1] > self._end[1]:
+            self.gaps += 1
+        self._end = now
+        if not follows:
+            self._parts = []
+            return self._whole([state], allocate)
+        if len(self._parts) + 1 < self.count:
+            self._parts.append(_copy(state))
+            return None
+        parts, self._parts = [*self._parts, state], []
+        return self._whole(parts, allocate)
+
+    def _whole(self, parts: Sequence[WorldState], allocate: Allocate) -> WorldState:
+        episodes = np.array(parts[-1].episodes)
+        begun = episodes != self._episodes if len(parts) > 1 else np.zeros(len(episodes), bool)
+        self._episodes = episodes
+        return merged(parts, begun, allocate)
+
+
+def merged(parts: Sequence[WorldState], begun: np.ndarray, allocate: Allocate) -> WorldState:
+    """One state over the intervals of `parts`, each of which begins where the one before ends.
+
+    The time where two meet stands once. Stamp, episodes and contacts are the last one's. begun: bool [E], environments
+    whose episode began within. They stand all along where they are at the end, for nothing may be interpolated across
+    their restart.
+    """
+    last = parts[-1]
+    given = {"t": np.concatenate([parts[0].t, *(part.t[1:] for part in parts[1:])]), "episodes": last.episodes}
+    given |= {f"contact_{name}": getattr(last, f"contact_{name}") for name in CONTACTS}
+    rows = {name: _rows(parts, name) for name in STEPS if getattr(last, name) is not None}
+    wanted: dict[str, tuple[tuple[int, ...], Any]] = {
+        name: ((len(last.episodes), len(given["t"]), *pieces[0].shape[2:]), pieces[0].dtype)
+        for name, pieces in rows.items()
+    }
+    wanted |= {name: (array.shape, array.dtype) for name, array in given.items() if array is not None}
+    arrays = allocate(**wanted)
+    for name, pieces in rows.items():
+        np.concatenate(pieces, axis=1, out=arrays[name])
+        arrays[name][begun] = arrays[name][begun, -1:]
+    for name, array in given.items():
+        if array is not None:
+            arrays[name][...] = array
+    header = Header(last.header.stamp_ns, clock=last.header.clock, episode=last.header.episode)
+    return WorldState(header, names=list(last.names), **arrays)
+
+
+def _rows(parts: Sequence[WorldState], name: str) -> list[np.ndarray]:
+    return [getattr(part, name)[:, 1 if i else 0 :] for i, part in enumerate(parts)]
+
+
+def _copy(state: WorldState) -> WorldState:
+    """What a group needs of a state that is not its last."""
+    arrays: dict[str, Any] = {
+        name: np.array(getattr(state, name)) for name in STEPS if getattr(state, name) is not None
+    }
+    return WorldState(state.header, t=np.array(state.t), episodes=np.array(state.episodes), **arrays)

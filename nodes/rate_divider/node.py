@@ -1,0 +1,54 @@
+"""The rate divider node: /state in, the states of one camera's own keyframes out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from evis.clock import times_slower
+from evis.node import Input, Node, Output
+from evis.params import Param
+from msgs.header import Message
+from msgs.world import WorldState
+from nodes.rate_divider.merger import Merger
+
+
+class RateDividerNode(Node):
+    """One state per keyframe of a camera whose rate is a whole fraction of the rate of the states.
+
+    Keyframe k of an episode is at its state k n, n = keyframe_rate / rate, and holds the sub-steps of all n.
+    """
+
+    PARAMS: ClassVar[Mapping[str, Param]] = {
+        "camera": Param(str, "cam0", "camera with a rate of its own"),
+        "keyframe_rate": Param(float, 30.0, "rate of /state", "Hz", 1e-3, 1e6),
+        "rate": Param(float, 30.0, "the camera's keyframes per second, keyframe_rate or a whole fraction of it", "Hz",
+                      1e-6, 1e6),
+    }  # fmt: skip
+    INPUTS: ClassVar[Mapping[str, Input]] = {"states": Input("/state")}
+    OUTPUTS: ClassVar[Mapping[str, Output]] = {"state": Output("/{camera}/state")}
+
+    @classmethod
+    def divides(cls, params: Mapping[str, Any]) -> int:
+        """States to each that is published. Raises ValueError for rates that do not go together."""
+        return times_slower(params["keyframe_rate"], params["rate"])
+
+    def setup(self) -> None:
+        """How many states make one."""
+        self._merger = Merger(self.divides(self.params))
+
+    def update(self, inputs: Mapping[str, Message]) -> None:
+        """Publish where a keyframe of the camera is due."""
+        state = inputs["states"]
+        assert isinstance(state, WorldState)
+        gaps = self._merger.gaps
+        merged = self._merger.push(state, self._allocate)
+        if self._merger.gaps > gaps:
+            self.count("state_gaps", self._merger.gaps - gaps)
+        if merged is not None:
+            self.publish("state", merged)
+
+    def _allocate(self, **arrays: tuple[tuple[int, ...], Any]) -> Mapping[str, np.ndarray]:
+        return self.loan("state", **arrays)

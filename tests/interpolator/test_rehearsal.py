@@ -1,0 +1,75 @@
+"""What is rehearsed before the first keyframe is not made in the first gap, and leaves no trace in the frames."""
+
+import numpy as np
+import pytest
+
+from evis.scene.load import load_scene
+from nodes.interpolator.interpolator import NEEDS, Interpolator
+from nodes.interpolator.keyframe import States
+from nodes.renderer.renderer import Renderer
+
+GAP = 8_000_000
+METHODS = [name for name in NEEDS if name != "none"]
+
+
+@pytest.fixture(scope="module")
+def disk():
+    """The scene, and the arguments of three keyframes: stamp, images, states."""
+    scene = load_scene("spinning_disk", {"width": 40, "height": 30})
+    camera = scene.camera("cam0")
+    renderer, keys = Renderer(scene, camera), []
+    for k in range(3):
+        t = np.linspace(max(k - 1, 0) * GAP, k * GAP, 5 if k else 1).astype(np.int64)
+        paths = [body.trajectory for body in scene.bodies]
+        pose, twist = (np.stack([getattr(p, n)(t) for p in paths], 1)[None] for n in ("pose", "twist"))
+        images = renderer.render(pose[:, -1], pose[:, 0], ("radiance", "depth", "motion"))
+        keys.append((k * GAP, [images[n].copy() for n in ("radiance", "depth", "motion")], States(t, pose, twist)))
+    return scene, camera, keys
+
+
+def frames_of(interpolator, keys):
+    made = []
+    for stamp, images, states in keys:
+        _, frames = interpolator.push(stamp, np.zeros(1, np.int32), *images, states=states)
+        made.append(np.array(frames))
+    return made
+
+
+def make(name, scene, camera):
+    known = {"scene": scene, "camera": camera} if "states" in NEEDS[name] else {}
+    return Interpolator(name, 4, **known)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_the_first_gap_after_a_rehearsal_builds_nothing_and_gives_the_same_frames(disk, name, monkeypatch):
+    scene, camera, keys = disk
+    expected = frames_of(make(name, scene, camera), keys)
+    rehearsed = make(name, scene, camera)
+    rehearsed.rehearse(1, camera.height, camera.width)
+
+    def refuse(*size):
+        raise AssertionError(f"a method for {size} was built in a gap")
+
+    monkeypatch.setattr(rehearsed, "_build", refuse)
+    for one, other in zip(frames_of(rehearsed, keys), expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("name", ["splat", "splat-quadratic"])
+def test_a_rehearsal_of_another_size_was_in_vain_but_does_no_harm(disk, name):
+    scene, camera, keys = disk
+    expected = frames_of(make(name, scene, camera), keys)
+    rehearsed = make(name, scene, camera)
+    rehearsed.rehearse(2, 12, 14, 1)
+    for one, other in zip(frames_of(rehearsed, keys), expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_after_the_first_keyframe_another_size_is_an_error_still(disk):
+    scene, camera, keys = disk
+    rehearsed = make("splat", scene, camera)
+    rehearsed.rehearse(1, 12, 14)
+    frames_of(rehearsed, keys)
+    radiance, depth, motion = (image[:, :-2] for image in keys[0][1])
+    with pytest.raises(ValueError, match=r"keyframe is .* before it was"):
+        rehearsed.push(9 * GAP, np.zeros(1, np.int32), radiance, depth, motion)

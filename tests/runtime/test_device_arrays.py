@@ -1,0 +1,221 @@
+"""Arrays that stay on their device: by reference to who takes them there, in numpy to everybody else."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+import zmq
+
+from evis.bus import BusError, Publisher, Subscriber, endpoints_for
+from evis.bus.device import DevicePool
+from evis.delivery import Delivery
+from evis.plan import Edge, NodePlan, Plan, TopicPlan
+from msgs.camera import Depth
+from msgs.fields import MessageError
+from msgs.header import Header
+
+sys.path.insert(0, str(Path(__file__).parent))
+from test_executor import run
+
+COUNT = 20
+
+
+def make_plan(directory: Path, processes: dict[str, str], size: int, **devices: str) -> Plan:
+    """painter -> (watcher, reader); a node that has no process is left out."""
+    plan = Plan("device", "run", str(directory))
+    inputs = {
+        "painter": {},
+        "watcher": {"depth": ["/cam0/depth"], "motion": ["/cam0/motion"]},
+        "reader": {"depth": ["/cam0/depth"]},
+    }
+    outputs = {"depth": "/cam0/depth", "motion": "/cam0/motion"}
+    params = {
+        "painter": {"count": COUNT, "size": size, "device": devices.get("painter", "cpu")},
+        "watcher": {"path": str(directory / "watcher.json"), "device": devices.get("watcher", "cpu")},
+        "reader": {"path": str(directory / "reader.json")},
+    }
+    for name, process in processes.items():
+        plan.nodes[name] = NodePlan(
+            name, f"device_nodes:{name.title()}", params[name], process, inputs[name],
+            outputs if name == "painter" else {},
+        )  # fmt: skip
+    for port, kind in (("depth", "Depth"), ("motion", "Motion")):
+        edges = [Edge(name, port) for name in processes if port in inputs[name]]
+        plan.topics[f"/cam0/{port}"] = TopicPlan(f"/cam0/{port}", kind, "painter", port, edges)
+    return plan
+
+
+def check(directory: Path, processes: dict[str, str], by_reference: bool) -> None:
+    if "watcher" in processes:
+        seen = json.loads((directory / "watcher.json").read_text())
+        assert seen == [[by_reference, k, k, -k] for k in range(COUNT)]
+    if "reader" in processes:
+        assert json.loads((directory / "reader.json").read_text()) == [["ndarray", k] for k in range(COUNT)]
+
+
+@pytest.mark.parametrize("size", [8, 300])  # inline, and through shared memory, where another process reads
+@pytest.mark.parametrize(
+    "processes",
+    [
+        {"painter": "a", "watcher": "a"},
+        {"painter": "a", "reader": "a"},
+        {"painter": "a", "watcher": "a", "reader": "a"},
+        {"painter": "a", "watcher": "a", "reader": "b"},
+        {"painter": "a", "watcher": "b", "reader": "a"},
+        {"painter": "a", "watcher": "b", "reader": "c"},
+    ],
+    ids=lambda p: " ".join(f"{n}:{where}" for n, where in p.items()),
+)
+def test_everybody_sees_the_same_values_and_only_who_takes_them_there_gets_warp_arrays(
+    tmp_path: Path, processes: dict[str, str], size: int
+) -> None:
+    """The watcher keeps three messages at a time: what it keeps must not be written over."""
+    assert run(make_plan(tmp_path, processes, size)) == {}
+    check(tmp_path, processes, by_reference=processes.get("watcher") == "a")
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("watcher", ["cuda", "cuda:0", "cpu"])
+def test_arrays_of_a_gpu_reach_a_node_on_the_same_device_as_they_are(tmp_path: Path, watcher: str) -> None:
+    processes = {"painter": "a", "watcher": "a", "reader": "a"}
+    assert run(make_plan(tmp_path, processes, 300, painter="cuda:0", watcher=watcher)) == {}
+    check(tmp_path, processes, by_reference=watcher != "cpu")
+
+
+@pytest.fixture
+def publisher(tmp_path: Path):
+    context = zmq.Context()
+    made = Publisher(context, "/cam0/depth", "painter", endpoints_for(str(tmp_path), "/cam0/depth"), [],
+                     message_type=Depth, tap_hz=1 / 3600)  # fmt: skip
+    made.start()
+    yield made
+    made.close()
+    context.destroy(linger=0)
+
+
+def test_without_readers_of_bytes_nothing_is_copied_to_the_host(publisher: Publisher) -> None:
+    assert not publisher.reads_bytes()
+    for seq in range(3):
+        array = publisher.loan_on(wp.get_device("cpu"), {"depth": ((1, 50, 60), wp.float32)})["depth"]
+        message = Depth(Header(seq), array)
+        publisher.passed(message)
+        slot = publisher.claim_on(message)
+        assert message.header.seq == seq and slot is not None
+        slot.unpin()
+    stats = publisher.stats()
+    assert stats["sent"] == 3 and stats["bytes"] == 3 * 50 * 60 * 4
+    assert stats["slots"] == 0
+
+
+def test_a_viewer_gets_numpy_arrays_while_it_looks(publisher: Publisher) -> None:
+    viewer = Subscriber(publisher._context, "/cam0/depth", "viewer", "tap", publisher.endpoints, message_type=Depth,
+                        tap=True)  # fmt: skip
+    viewer.start()
+    deadline = time.monotonic() + 20
+    while not publisher.reads_bytes():
+        publisher.pump()
+        assert time.monotonic() < deadline
+    for stamp in range(4):
+        array = publisher.loan_on(wp.get_device("cpu"), {"depth": ((1, 50, 60), wp.float32)})["depth"]
+        array.fill_(float(stamp))
+        Delivery.of(Depth(Header(stamp), array), publisher, []).over()
+    # One message an hour, and one more at the start: the others stay where they are.
+    assert not publisher.reads_bytes()
+    for stamp in range(2):
+        seen = viewer.receive(10000)
+        assert isinstance(seen, Depth) and isinstance(seen.depth, np.ndarray)
+        assert seen.header.stamp_ns == stamp and (seen.depth == stamp).all()
+    assert publisher.stats()["tap_skipped"] == 2
+    viewer.close()
+
+
+def test_a_warp_array_of_the_wrong_type_is_refused(publisher: Publisher) -> None:
+    for shape, dtype in (((1, 5, 6), wp.float64), ((5, 6), wp.float32), ((1, 5, 6), wp.vec2)):
+        with pytest.raises(MessageError, match=r"Depth\.depth has"):
+            publisher.passed(Depth(Header(0), wp.zeros(shape, dtype=dtype, device="cpu")))
+
+
+def test_slots_are_used_again_once_released_and_not_before() -> None:
+    pool, device = DevicePool("/cam0/depth"), wp.get_device("cpu")
+    asked = {"depth": ((1, 4, 5), wp.float32)}
+
+    def claimed():
+        array = pool.loan(device, asked)["depth"]
+        slot = pool.claim(Depth(Header(0), array))
+        assert slot is not None
+        return array, slot
+
+    first, slot = claimed()
+    second, other = claimed()
+    assert first.ptr != second.ptr
+    slot.pin()
+    slot.unpin()
+    third, last = claimed()
+    assert third.ptr not in (first.ptr, second.ptr)
+    slot.unpin()
+    again, slot = claimed()
+    assert again.ptr == first.ptr and pool.live == 3
+    for held in (slot, other, last):
+        held.unpin()
+    with pytest.raises(BusError, match="released more often"):
+        last.unpin()
+
+
+def test_arrays_of_one_loan_do_not_overlap_and_a_larger_one_has_room() -> None:
+    pool, device = DevicePool("/cam0/frames"), wp.get_device("cpu")
+    for height in (3, 2000, 7):
+        loan = pool.loan(device, {"a": ((1, height, 5), wp.vec3), "b": ((2, height), wp.uint8)})
+        loan["a"].fill_(wp.vec3(1.0, 2.0, 3.0))
+        loan["b"].fill_(255)
+        np.testing.assert_array_equal(loan["a"].numpy(), np.broadcast_to([1, 2, 3], (1, height, 5, 3)))
+        assert (loan["b"].numpy() == 255).all()
+
+
+def test_a_loan_that_is_not_sent_lapses() -> None:
+    pool, device = DevicePool("/cam0/depth"), wp.get_device("cpu")
+    for _ in range(100):
+        pool.loan(device, {"depth": ((1, 4, 5), wp.float32)})
+        assert pool.claim(Depth(Header(0), np.zeros((1, 4, 5), np.float32))) is None
+    assert pool.live == 1
+
+
+def test_keeping_without_end_is_an_error_that_names_the_topic() -> None:
+    pool, device = DevicePool("/cam0/depth"), wp.get_device("cpu")
+    with pytest.raises(BusError, match=r"/cam0/depth: all \d+ slots are kept"):
+        for _ in range(1000):
+            array = pool.loan(device, {"depth": ((1, 4, 5), wp.float32)})["depth"]
+            assert pool.claim(Depth(Header(0), array)) is not None
+
+
+def events_of(directory: Path, *more: str) -> dict[str, np.ndarray]:
+    """Events of a short run of real nodes on a GPU."""
+    directory.mkdir()
+    given = ["device:=cuda", "width:=96", "height:=72", "--duration", "0.2", "--no-view", "--record", "run.mcap"]
+    for command in (
+        ["launch", "spinning_disk", *given, *more],
+        ["bag", "export", "run.mcap", "--topic", "/cam0/events", "events.npz"],
+    ):
+        subprocess.run([sys.executable, "-m", "evis.cli", *command], cwd=directory, check=True, timeout=300)
+    with np.load(directory / "events.npz") as arrays:
+        return {name: arrays[name] for name in ("t", "x", "y", "p")}
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize(
+    "arguments", [("interpolator:=rigid",), ("interpolator:=splat", "colour:=true"), ("interpolator:=none",)], ids=str
+)
+def test_the_events_are_the_same_whether_arrays_stay_on_the_gpu_or_not(
+    tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
+    split, composed = (events_of(tmp_path / name, *arguments, *how) for name, how in
+                       (("split", ()), ("composed", ("--compose",))))  # fmt: skip
+    assert len(split["t"]) > 1000
+    for name, values in split.items():
+        np.testing.assert_array_equal(composed[name], values, err_msg=name)
