@@ -90,11 +90,13 @@ class PhysicsNode(Node):
         self.episodes = np.zeros(p["envs"], np.int32)
         self.episode = 0
         self.k = 0
+        self.first = 0
+        """Number of the stamp at which the run's episode began: cameras and actions are counted from it."""
         self.count_all = keyframe_count(round(p["duration"] * NS), p["keyframe_rate"]) if p["duration"] else None
 
     def due(self) -> Mapping[str, int]:
         """The action for the step that starts at the stamp published last, where it is time for one."""
-        if not self.k or (self.k - 1) % self.held:
+        if not self.k or (self.k - 1 - self.first) % self.held:
             return {}
         return {"action": keyframe_stamp(self.k - 1, self.params["keyframe_rate"])}
 
@@ -121,6 +123,7 @@ class PhysicsNode(Node):
             self.warn(f"environment {env}: {text}; {again}")
         if interval.faults and len(self.episodes) == 1:
             self.episode += 1
+            self.first = self.k
             last = slice(-1, None)
             interval.t = interval.t[last]
             interval.pose, interval.twist = interval.pose[:, last], interval.twist[:, last]

@@ -23,13 +23,13 @@ class Merger:
     """Groups of `count` states that follow one another, each given out as one.
 
     The first state of an episode is given out by itself, and the groups are counted from it. `gaps` counts states
-    that did not begin where the one before had ended, within an episode; they start anew too. A group that an episode
-    leaves unfinished has no stamp of its own and is dropped.
+    that did not begin where the one before had ended, within an episode; they start anew too. A group that is left
+    unfinished has no stamp of its own and is dropped; `unfinished` counts its states.
     """
 
     def __init__(self, count: int) -> None:
         self.count = count
-        self.gaps = 0
+        self.gaps = self.unfinished = 0
         self._parts: list[WorldState] = []
         self._episodes = np.zeros(0, np.int32)
         """Those of the state given out last."""
@@ -44,6 +44,7 @@ class Merger:
             self.gaps += 1
         self._end = now
         if not follows:
+            self.unfinished += len(self._parts)
             self._parts = []
             return self._whole([state], allocate)
         if len(self._parts) + 1 < self.count:

@@ -43,10 +43,14 @@ class RateDividerNode(Node):
         """Publish where a keyframe of the camera is due."""
         state = inputs["states"]
         assert isinstance(state, WorldState)
-        gaps = self._merger.gaps
+        gaps, unfinished = self._merger.gaps, self._merger.unfinished
         merged = self._merger.push(state, self._allocate)
-        if self._merger.gaps > gaps:
-            self.count("state_gaps", self._merger.gaps - gaps)
+        for name, amount in (
+            ("state_gaps", self._merger.gaps - gaps),
+            ("unfinished_states", self._merger.unfinished - unfinished),
+        ):
+            if amount:
+                self.count(name, amount)
         if merged is not None:
             self.publish("state", merged)
 

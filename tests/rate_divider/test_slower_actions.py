@@ -69,6 +69,7 @@ class Wire:
 
     def __init__(self) -> None:
         self.joints: list[np.ndarray] = []
+        self.sent: list[tuple[int, int]] = []
 
     def wants(self, node, port) -> bool:
         return True
@@ -77,6 +78,7 @@ class Wire:
         return {name: np.empty(shape, dtype) for name, (shape, dtype) in arrays.items()}
 
     def publish(self, node, port, message) -> None:
+        self.sent.append((message.header.episode, message.header.stamp_ns))
         self.joints.append(message.qpos[0, 1:])
 
     def diagnose(self, *_) -> None: ...
@@ -108,3 +110,24 @@ def test_an_action_is_held_until_the_next() -> None:
     held, renewed = course(25), course(None)
     np.testing.assert_array_equal(held, renewed)
     assert np.abs(held[-1] - held[0]).max() > 0.01, "the arm moves"
+
+
+FALL = """<mujoco><option timestep="0.001" gravity="0 0 -18000"/><worldbody>
+<body name="rock" pos="0 0 0.3"><freejoint/><geom size=".1" mass="1"/></body></worldbody></mujoco>"""
+
+
+def test_after_a_restart_actions_are_counted_from_it_as_keyframes_are(tmp_path: Path) -> None:
+    """A fall that passes the speed limit every 60 ms: the slower camera begins anew there, and so do the actions."""
+    (tmp_path / "fall.xml").write_text(FALL)
+    params = {"scene": str(tmp_path / "fall.xml"), "keyframe_rate": 100, "duration": 0.2, "joints": True}
+    node = PhysicsNode("physics", params | {"action_rate": 25})
+    node.runtime = Wire()
+    node.setup()
+    alive, asked = True, []
+    while alive:
+        asked += list(node.due().values())
+        alive = node.step({})
+    sent = node.runtime.sent
+    assert len({episode for episode, _ in sent}) > 2, "it restarts"
+    first = {episode: stamp for episode, stamp in reversed(sent)}
+    assert asked == [stamp for episode, stamp in sent[:-1] if (stamp - first[episode]) % 40_000_000 == 0]

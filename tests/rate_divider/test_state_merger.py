@@ -117,7 +117,7 @@ def test_groups_are_counted_from_the_first_state_of_an_episode():
     assert stamps(made) == [0, None, 2, None, 4, None, 6, None]
     assert [m.header.episode for m in made if m] == [0, 0, 1, 1]
     assert made[4].t.tolist() == [4 * MS] and made[6].t.tolist() == [4 * MS, 5 * MS, 6 * MS]
-    assert merger.gaps == 0
+    assert (merger.gaps, merger.unfinished) == (0, 1)
 
 
 def test_time_that_goes_back_and_a_missing_state_start_anew():
@@ -127,7 +127,7 @@ def test_time_that_goes_back_and_a_missing_state_start_anew():
     ]  # fmt: skip
     assert merger.gaps == 0
     assert stamps(push_all(merger, [simple([3, 4]), simple([4, 5]), simple([5, 6])])) == [4, None, 6]
-    assert merger.gaps == 1
+    assert (merger.gaps, merger.unfinished) == (1, 1)
 
 
 @pytest.mark.parametrize("at", [0, 1, 2])
