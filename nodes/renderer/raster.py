@@ -33,8 +33,8 @@ SPLIT_AREA = {True: 16, False: 32}
 AT_ONCE = 1 << 25
 """Most triangles that are gone through at once; more environments than have so many take turns."""
 
-LARGE, MOST_LARGE = 1 << 15, 1 << 20
-"""Tiles that there is room for per environment, and in all."""
+MOST_TILES = 1 << 22
+"""Tiles that there is room for in all; more environments than have room take turns."""
 
 make_raster = cache(raster_kernels.make_raster)
 make_pooled = cache(pooled_kernels.make_pooled)
@@ -83,16 +83,20 @@ class PooledRaster:
         self.vertices = v.points.reshape((1, -1))
         self._counters = wp.zeros(pooled_kernels.COUNTERS * int(pooled_kernels.LINE), dtype=wp.int32, device=v.device)
         lanes, regions = int(pooled_kernels.LANES), int(pooled_kernels.SMALL_REGIONS)
-        self._envs = min(v.envs, max(1, AT_ONCE // max(1, self._count * lanes)))
+        # A warehouse of 200,000 triangles takes a tile for every second pixel, of 8 rows; of 32, for every sixth.
+        pixels = v.shape[1] * v.shape[2]
+        room = min(2 * len(v.geometry.triangles), pixels // 2)
+        at_once = min(AT_ONCE // max(1, self._count * lanes), MOST_TILES // max(1, room))
+        self._envs = min(v.envs, max(1, at_once))
         listed = self._envs * self._count
         self._listed = v.empty(listed, wp.vec4i)
         self._small = v.empty((regions, -(-listed // regions) * lanes), wp.vec2i)
         self._few = listed <= FEW
-        rows = ROWS[self._few]
+        rows = ROWS[self._few or pixels > LARGE_IMAGE]
         # Room for a few triangles as large as the image in any case.
         regions = int(pooled_kernels.LARGE_REGIONS)
         full = (v.shape[2] // int(pooled_kernels.WIDE) + 1) * (v.shape[1] // rows + 1)
-        places = min(self._envs * min(2 * len(v.geometry.triangles), LARGE), MOST_LARGE) // regions + 4 * full
+        places = self._envs * room // regions + 4 * full
         self._large, self._setups = v.empty((regions, places), wp.vec4i), v.empty((regions, places), Setup)
         self._list, self._raster, self._at_once, self._tiles = make_pooled(v.lens, SPLIT_AREA[self._few], rows)
         self._cleared = False
