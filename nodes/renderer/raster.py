@@ -27,6 +27,9 @@ FEW = 1 << 14
 ROWS = {True: 32, False: 8}
 """Rows of a tile where blocks are few, and it counts how long one takes, and many, where no thread should be idle."""
 
+LARGE_IMAGE = 1 << 16
+"""Pixels from which triangles are large enough for tiles of many rows in any case."""
+
 SPLIT_AREA = {True: 16, False: 32}
 """Bounding box [px] above which a triangle is cut into tiles, by the same: who walks many holds up its neighbours."""
 
