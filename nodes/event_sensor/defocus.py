@@ -76,18 +76,6 @@ class Defocus:
                     kernels.each_sample, shape, [self._weights, a, *shape[1:]], [b], device=self._device
                 )  # fmt: skip
         else:
-            inputs = [self._weights, source, _runs(source), height, width, channels]
-            outputs = [a for samples in (rows, blurred) for a in (samples, _runs(samples))]
-            wp.launch(kernels.blur_rows, (count, height), inputs, outputs, device=self._device)
+            inputs = [self._weights, source, height, width, channels]
+            wp.launch(kernels.blur_rows, (count, height), inputs, [rows, blurred], device=self._device)
         return self._blurred
-
-
-def _runs(samples: wp.array) -> wp.array:
-    """A view of flat float32 samples in which element i is the RUN samples from i on."""
-    return wp.array(
-        ptr=samples.ptr,
-        dtype=kernels.Run,
-        shape=max(samples.size - kernels.RUN + 1, 0),
-        strides=(4,),
-        device=samples.device,
-    )
