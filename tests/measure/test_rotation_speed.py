@@ -14,7 +14,8 @@ from evis.measure import Measurement
 from evis.streams import open_recording
 
 DATA = Path(os.environ.get("EVIS_TEST_DATA", Path(__file__).parents[3] / "shared" / "data"))
-CLIPS = ["11_34_19", "11_34_58", "11_35_50", "11_36_31"]
+CLIPS = ["11_34_19", "11_34_58", "11_36_31"]
+OFF = "10.8 %: samples of the reference that its own line fits badly are off by up to 27 %"
 ROUGH_RAD = 0.03
 """Residual of the reference's own fit from which its sample is poor: 13 of 123 in 11_35_50, at most 6 elsewhere."""
 
@@ -26,12 +27,33 @@ def rotation(events: tuple[np.ndarray, ...], size: tuple[int, int] = (120, 100))
     return measurement.report()["rotation"]
 
 
-@pytest.mark.parametrize("clip", ["11_35_33", "11_36_46", *(pytest.param(c, marks=pytest.mark.slow) for c in CLIPS)])
+@pytest.mark.parametrize(
+    "clip",
+    [
+        "11_35_33",
+        "11_36_46",
+        *(pytest.param(clip, marks=pytest.mark.slow) for clip in CLIPS),
+        pytest.param("11_35_50", marks=[pytest.mark.slow, pytest.mark.xfail(reason=OFF, strict=True)]),
+    ],
+)
 def test_wheel_clips(clip):
-    """Within 10 % of the reference in the 95th percentile of its samples, and in a series that covers them.
+    """Within 10 % of the reference in the 95th percentile of its samples."""
+    found, error, _ = against_reference(clip)
+    assert np.percentile(error, 95) <= 0.10
+    assert found["confidence"] >= 0.5 and not found["steady"]
 
-    In 11_35_50 that holds for the samples that the reference fits well; with the rough ones it is 12 %.
-    """
+
+@pytest.mark.slow
+@pytest.mark.parametrize("clip", ["11_35_33", "11_35_50", "11_36_46", *CLIPS])
+def test_wheel_clips_where_the_reference_is_good(clip):
+    """The same of the samples that the reference's own line fits well, in a series that covers them all."""
+    found, error, rough = against_reference(clip)
+    assert np.percentile(error[~rough], 95) <= 0.10
+    assert found["confidence"] >= 0.5 and not found["steady"]
+
+
+def against_reference(clip: str) -> tuple[dict, np.ndarray, np.ndarray]:
+    """What is found in a clip, its relative error at each sample of the reference, and which of these are rough."""
     table = DATA / "wheel" / "reference_speed.csv"
     if not table.exists():
         pytest.skip(f"no recordings at {DATA} (set EVIS_TEST_DATA)")
@@ -48,13 +70,10 @@ def test_wheel_clips(clip):
     inside = np.diff(t)[(t[1:] > at[0]) & (t[:-1] < at[-1])]
     assert inside.max() <= 40_000
     error = np.abs(np.interp(at, t, series[:, 1]) - wanted) / wanted
-    rough = np.array([float(row["fit_resid_rad"]) for row in rows]) > ROUGH_RAD
-    assert np.percentile(error[~rough], 95) <= 0.10
-    assert np.percentile(error, 95) <= (0.12 if clip == "11_35_50" else 0.10)
-    assert found["confidence"] >= 0.5 and not found["steady"]
+    return found, error, np.array([float(row["fit_resid_rad"]) for row in rows]) > ROUGH_RAD
 
 
-@pytest.mark.parametrize("omega", [15.0, -180.0])
+@pytest.mark.parametrize("omega", [15.0, -180.0, *(pytest.param(w, marks=pytest.mark.slow) for w in (-42.0, 70.0))])
 def test_steady_speed(omega):
     """Within 0.5 %: descriptors of 1 ms place a recurrence to a fraction of one."""
     events = turning_edges(lambda t: omega * t, min(0.6, 25 / abs(omega)), texture())
@@ -66,7 +85,7 @@ def test_steady_speed(omega):
     assert np.hypot(*(np.array(found["pivot_px"]) - (60, 50))) < 3
 
 
-@pytest.mark.parametrize("count", [6])
+@pytest.mark.parametrize("count", [6, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 4))])
 def test_repeated_pattern(count):
     """The spectrum peaks at a multiple of the revolutions; the order is told, and the speed is that of the object."""
     omega = 30.0
