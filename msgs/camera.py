@@ -6,11 +6,11 @@ Image arrays lead with E (environments). With an over-render margin, H and W inc
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from msgs.fields import array
+from msgs.fields import MessageError, array
 from msgs.header import Header, Message
 
 
@@ -34,22 +34,41 @@ class CameraInfo(Message):
     """Name of each id in Ids; entry 0 is the background."""
     instance_bodies: list[str] = field(default_factory=list)
     """Name of the body that each instance moves with; "" for the static world."""
+    semantic: np.ndarray | None = array("int32", "?", "semantic id of each instance id", optional=True)
+    classes: list[str] = field(default_factory=list)
+    """Name of each semantic id; entry 0 is the background."""
     sensor: dict[str, Any] = field(default_factory=dict)
     """Sensor parameters and identity (threshold, preset, serial, firmware, ...)."""
 
 
 @dataclass
 class Keyframe(Message):
-    """Scene-linear radiance at header.stamp_ns, Rec. 709 primaries.
+    """Scene-linear light at header.stamp_ns: radiance, Rec. 709 primaries, or its luminance where nobody reads colour.
 
     A supersampled one whose samples are to be moved before they are averaged is larger than the camera by a whole
     number of times, its margin too.
     """
 
+    VERSION: ClassVar[int] = 2
     header: Header
-    radiance: np.ndarray = array("float32|float16", "E H W 3", "[W/(sr m^2)], linear")
     episodes: np.ndarray = array("int32", "E", "episode of each environment")
+    radiance: np.ndarray | None = array("float32|float16", "E H W 3", "[W/(sr m^2)], linear", optional=True)
+    luminance: np.ndarray | None = array("float32|float16", "E H W", "[W/(sr m^2)], Rec. 709", optional=True)
     margin: int = 0
+
+    @property
+    def image(self) -> np.ndarray:
+        """The radiance [E, H, W, 3] or, without it, the luminance [E, H, W]. Raises MessageError where both lack."""
+        found = self.luminance if self.radiance is None else self.radiance
+        if found is None:
+            raise MessageError("Keyframe has neither radiance nor luminance")
+        return found
+
+    @property
+    def rgb(self) -> np.ndarray:
+        """The radiance, or a grey view [E, H, W, 3] of the luminance, for what shows pictures; of numpy arrays only."""
+        image = self.image
+        return image if image.ndim == 4 else np.broadcast_to(image[..., None], (*image.shape, 3))
 
 
 @dataclass
@@ -139,6 +158,7 @@ class Labels(Message):
     flow: np.ndarray | None = array("float32", "E H W 2", "forward optical flow [px/s], NaN = unknown", optional=True)
     depth: np.ndarray | None = array("float32", "E H W", "z [m], +inf = sky", optional=True)
     segmentation: np.ndarray | None = array("int32", "E H W", "instance ids", optional=True)
+    semantic: np.ndarray | None = array("int32", "E H W", "semantic ids, named in CameraInfo.classes", optional=True)
     box: np.ndarray | None = array("float32", "B 4", "x0 y0 x1 y1 [px], visible extent, inclusive", optional=True)
     box_env: np.ndarray | None = array("int32", "B", "environment of each box", optional=True)
     box_id: np.ndarray | None = array("int32", "B", "instance id of each box", optional=True)

@@ -54,7 +54,7 @@ TOPICS: tuple[Topic, ...] = (
     Topic("/state", WorldState, True, False, 8, True, "poses and twists of all bodies at sub-step times"),
     Topic("/diagnostics", Diagnostics, False, False, 64, True, "rates, lag, drops and warnings of every node"),
     Topic("/<cam>/info", CameraInfo, True, True, 1, True, "what the camera is"),
-    Topic("/<cam>/keyframe", Keyframe, True, False, 2, False, "linear HDR radiance"),
+    Topic("/<cam>/keyframe", Keyframe, True, False, 2, False, "linear HDR radiance, or only luminance"),
     Topic("/<cam>/depth", Depth, True, False, 2, False, "z-depth of the keyframe"),
     Topic("/<cam>/motion", Motion, True, False, 2, False, "backward motion of the keyframe"),
     Topic("/<cam>/ids", Ids, True, False, 2, False, "instance ids of the keyframe"),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 
-from msgs.fields import array
+from msgs.fields import MessageError, array
 from msgs.header import Header, Message
 
 
@@ -33,12 +35,20 @@ class WorldState(Message):
     Body n is `names[n]`; every camera of the scene is a body too, under its own name. In the first message of an
     episode S = 1; in every later one t[0] is the previous stamp and t[-1] is header.stamp_ns, so one message is enough
     to interpolate within its interval.
+
+    Only the bodies that move within the interval, B of the N, come with all sub-steps; every other one is at its
+    `end_pose` all along, without velocity. `rows` gives any body's sub-steps as if all were there, and `dense` makes a
+    message of them.
     """
+
+    VERSION: ClassVar[int] = 2
 
     header: Header
     t: np.ndarray = array("int64", "S", "sub-step times [ns], ascending")
-    pose: np.ndarray = array("float64", "E S N 7", "position [m] and quaternion x y z w, body to world")
-    twist: np.ndarray = array("float64", "E S N 6", "linear [m/s] and angular [rad/s] velocity, world frame")
+    end_pose: np.ndarray = array("float64", "E N 7", "position [m], quaternion x y z w at t[-1], body to world")
+    moving: np.ndarray = array("int32", "B", "bodies that move in the interval, ascending")
+    moving_pose: np.ndarray = array("float64", "E S B 7", "poses of these; the last sub-step is their end_pose")
+    moving_twist: np.ndarray = array("float64", "E S B 6", "their linear [m/s] and angular [rad/s] velocity, world")
     episodes: np.ndarray = array("int32", "E", "episode of each environment")
     qpos: np.ndarray | None = array("float64", "E S nq", "joint positions", optional=True)
     qvel: np.ndarray | None = array("float64", "E S nv", "joint velocities", optional=True)
@@ -49,3 +59,55 @@ class WorldState(Message):
     contact_force: np.ndarray | None = array("float64", "M 3", "force on the second body [N], world", optional=True)
     contact_distance: np.ndarray | None = array("float64", "M", "gap [m], negative = penetration", optional=True)
     names: list[str] = field(default_factory=list)
+
+    @classmethod
+    def dense(
+        cls, header: Header, t: np.ndarray, pose: np.ndarray, twist: np.ndarray, episodes: np.ndarray, **others: Any
+    ) -> WorldState:
+        """The message of all sub-steps of all bodies: pose float64 [E, S, N, 7], twist float64 [E, S, N, 6], S > 0."""
+        moving = moving_bodies(pose, twist)
+        end = np.ascontiguousarray(pose[:, -1])
+        return cls(header, t, end, moving, pose[:, :, moving], twist[:, :, moving], episodes, **others)
+
+    def rows(self, bodies: Sequence[int] | np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Poses float64 [E, S, n, 7] and twists [E, S, n, 6] of these bodies (None: all N) at every sub-step."""
+        count = self.end_pose.shape[1]
+        chosen = np.arange(count) if bodies is None else np.asarray(bodies, np.int64)
+        place = np.full(count, -1)
+        place[self.moving] = np.arange(len(self.moving))
+        place = place[chosen]
+        at = np.flatnonzero(place >= 0)
+        end = self.end_pose if bodies is None else self.end_pose[:, chosen]
+        pose = np.repeat(end[:, None], len(self.t), axis=1)
+        twist = np.zeros((*pose.shape[:3], 6))
+        pose[:, :, at] = self.moving_pose[:, :, place[at]]
+        twist[:, :, at] = self.moving_twist[:, :, place[at]]
+        return pose, twist
+
+    def end_twist(self) -> np.ndarray:
+        """Velocities of all bodies at t[-1], float64 [E, N, 6]."""
+        twist = np.zeros((*self.end_pose.shape[:2], 6))
+        twist[:, self.moving] = self.moving_twist[:, -1]
+        return twist
+
+    def check(self) -> None:
+        """As every message's; also raises MessageError unless `moving` names bodies that there are, in order."""
+        super().check()
+        moving, count = np.asarray(self.moving), self.end_pose.shape[1]
+        if moving.size and (moving[0] < 0 or moving[-1] >= count or (np.diff(moving) <= 0).any()):
+            raise MessageError(f"WorldState.moving is not an ascending list of bodies 0 to {count - 1}")
+
+
+def moving_bodies(pose: np.ndarray, twist: np.ndarray) -> np.ndarray:
+    """Bodies, int32 ascending, that are not at one pose without velocity throughout, to the bit, in all environments.
+
+    pose float64 [E, S, N, 7], twist float64 [E, S, N, 6].
+    """
+    bits, last = _bits(pose), _bits(pose[:, -1:])
+    moves = (bits != last).any(axis=(0, 1, 3)) | _bits(twist).any(axis=(0, 1, 3))
+    return np.flatnonzero(moves).astype(np.int32)
+
+
+def _bits(values: np.ndarray) -> np.ndarray:
+    """So that -0.0 is not 0.0, and NaN is itself."""
+    return np.ascontiguousarray(values).view(np.int64)

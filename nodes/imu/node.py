@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from evis.node import Input, Node, Output
 from evis.params import Param
 from msgs.camera import Imu
@@ -53,9 +51,8 @@ class ImuNode(Node):
         state = inputs["state"]
         assert isinstance(state, WorldState)
         body = self._body(state)
-        read = self._unit.advance(
-            state.t, np.asarray(state.pose)[0, :, body], np.asarray(state.twist)[0, :, body], int(state.episodes[0])
-        )
+        pose, twist = state.rows([body])
+        read = self._unit.advance(state.t, pose[0, :, 0], twist[0, :, 0], int(state.episodes[0]))
         now = {"clipped_samples": self._unit.clipped, "nonfinite_samples": self._unit.nonfinite}
         for name, total in now.items():
             if total > self._counted[name]:
@@ -66,7 +63,7 @@ class ImuNode(Node):
 
     def _body(self, state: WorldState) -> int:
         """Index of the camera in the state. Raises ValueError for several environments and for an unknown camera."""
-        envs = len(state.pose)
+        envs = len(state.end_pose)
         if envs != 1:
             raise ValueError(
                 f"{self.name}: an Imu message holds one camera, /state has {envs} environments; run with envs 1, or "

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import warp as wp
 
 from evis.geometry import pinhole, se3
 from evis.geometry.distortion import Lens, unproject
+from evis.warp_start import start_warp
+from nodes.labeler import kernels
 
-KINDS = ("flow", "depth", "segmentation", "boxes", "poses", "velocities", "contacts")
+start_warp()
+
+KINDS = ("flow", "depth", "segmentation", "semantic", "boxes", "poses", "velocities", "contacts")
 """What can be asked for."""
 
 
@@ -57,7 +63,8 @@ class FlowField:
                 plane = lens.derivative(unit) * unit[..., 2, None, None]
         # d(pixel) / d(X, Y, Z) on the rays, [H, W, 2, 3]
         focal = self.k[:2, :2] if lens is None else np.diag(np.diag(self.k)[:2])
-        self._image = focal @ plane
+        self._on_rays = _array(np.ascontiguousarray(self._rays), wp.vec3d)
+        self._derivative = _array(np.ascontiguousarray(focal @ plane), wp.vec3d)
 
     def motions(self, pose: np.ndarray, twist: np.ndarray) -> np.ndarray:
         """(b, w) of every id in the camera frame, float64 [ids, 6], for poses [N, 7] and twists [N, 6]."""
@@ -77,17 +84,11 @@ class FlowField:
         """
         if ids.size and not 0 <= int(ids.min()) <= int(ids.max()) < len(self.bodies):
             raise ValueError(f"ids run from {ids.min()} to {ids.max()}, CameraInfo names {len(self.bodies)}")
-        motions = self.motions(pose, twist)
-        out[...] = np.nan
-        for number in np.flatnonzero(np.bincount(ids.reshape(-1), minlength=len(motions))):
-            seen = np.isfinite(depth) & (ids == number)
-            if not motions[number].any():
-                out[seen] = 0.0
-                continue
-            b, w = motions[number, :3], motions[number, 3:]
-            # The projection's derivative at X = z ray: the translation is divided by z, the rotation is not.
-            moving = b / depth[seen].astype(np.float64)[:, None] + se3.cross(w, self._rays[seen])
-            out[seen] = np.einsum("nij,nj->ni", self._image[seen], moving)
+        motions = self.motions(pose, twist).reshape(-1, 2, 3)
+        given = [
+            self._on_rays, self._derivative, _array(motions, wp.vec3d), _array(depth, wp.float32), _array(ids, wp.int32)
+        ]  # fmt: skip
+        wp.launch(kernels.flow_of_pixels, ids.shape, given, [_array(out, wp.float32)], device="cpu")
         return out
 
 
@@ -97,16 +98,18 @@ def boxes(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     Returns float32 [B, 4] (x0, y0, x1, y1, inclusive pixels), int32 [B] environment and int32 [B] id, by environment
     and then id.
     """
-    extent: list[tuple[int, int, int, int]] = []
-    owner: list[tuple[int, int]] = []
-    for env, image in enumerate(ids):
-        for number in np.flatnonzero(np.bincount(image.reshape(-1))):
-            if number == 0:
-                continue
-            seen = image == number
-            rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
-            extent.append((columns[0], rows[0], columns[-1], rows[-1]))
-            owner.append((env, int(number)))
-    box = np.array(extent, np.float32).reshape(-1, 4)
-    env_id = np.array(owner, np.int32).reshape(-1, 2)
-    return box, env_id[:, 0].copy(), env_id[:, 1].copy()
+    count = int(ids.max(initial=0)) + 1
+    least = np.full((len(ids), count, 2), np.iinfo(np.int32).max, np.int32)
+    most = np.full_like(least, -1)
+    if ids.size:
+        given = _array(np.ascontiguousarray(ids), wp.int32)
+        found = [_array(least, wp.int32), _array(most, wp.int32)]
+        wp.launch(kernels.extents, ids.shape[:2], [given], found, device="cpu")
+    env, number = np.nonzero(most[:, 1:, 0] >= 0)
+    box = np.concatenate((least[env, number + 1], most[env, number + 1]), axis=1).astype(np.float32)
+    return box, env.astype(np.int32), (number + 1).astype(np.int32)
+
+
+def _array(values: np.ndarray, dtype: Any) -> wp.array:
+    """The same memory for a kernel, with its strides."""
+    return wp.array(values, dtype=dtype, device="cpu", copy=False)

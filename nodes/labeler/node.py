@@ -17,6 +17,7 @@ NEEDS = {
     "flow": {"state", "depth", "ids", "info"},
     "depth": {"depth"},
     "segmentation": {"ids"},
+    "semantic": {"ids", "info"},
     "boxes": {"ids"},
     "poses": {"state"},
     "velocities": {"state"},
@@ -64,6 +65,7 @@ class LabelerNode(Node):
         if isinstance(message, CameraInfo):
             self.info = message
             self.info.k, self.info.distortion = np.array(message.k), np.array(message.distortion)
+            self.info.semantic = None if message.semantic is None else np.array(message.semantic)
             self.flow = None
 
     def update(self, inputs: Mapping[str, Message]) -> None:
@@ -91,17 +93,27 @@ class LabelerNode(Node):
             wanted["depth"] = (depth.shape, np.float32)
         if "segmentation" in self.kinds and ids is not None:
             wanted["segmentation"] = (ids.shape, np.int32)
+        if "semantic" in self.kinds and ids is not None:
+            wanted["semantic"] = (ids.shape, np.int32)
         arrays = self.loan("labels", **wanted) if wanted else {}
         if "depth" in arrays:
             arrays["depth"][...] = depth
         if "segmentation" in arrays:
             arrays["segmentation"][...] = ids
+        if "semantic" in arrays and ids is not None:
+            np.take(self._classes(), ids, out=arrays["semantic"])
         if "flow" in arrays and state is not None and depth is not None and ids is not None:
-            field = self._flow_field(state)
+            field, twist = self._flow_field(state), state.end_twist()
             for e in range(len(depth)):
-                field(state.pose[e, -1], state.twist[e, -1], depth[e], ids[e], arrays["flow"][e])
+                field(state.end_pose[e], twist[e], depth[e], ids[e], arrays["flow"][e])
         for name, array in arrays.items():
             setattr(out, name, array)
+
+    def _classes(self) -> np.ndarray:
+        """Semantic id of each instance id."""
+        if self.info is None or self.info.semantic is None:
+            raise ValueError(f"{self.name}: /{self.params['camera']}/info has no semantic ids; leave semantic out")
+        return self.info.semantic
 
     def _flow_field(self, state: WorldState) -> Any:
         if self.flow is None:
@@ -120,9 +132,9 @@ class LabelerNode(Node):
 
     def _bodies(self, out: Labels, state: WorldState) -> None:
         if "poses" in self.kinds:
-            out.pose, out.names = np.ascontiguousarray(state.pose[:, -1]), list(state.names)
+            out.pose, out.names = np.array(state.end_pose), list(state.names)
         if "velocities" in self.kinds:
-            out.velocity, out.names = np.ascontiguousarray(state.twist[:, -1]), list(state.names)
+            out.velocity, out.names = state.end_twist(), list(state.names)
         if "contacts" in self.kinds:
             if state.contact_env is None:
                 raise ValueError(f"{self.name}: /state has no contacts; start physics with contacts:=true")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+
+from msgs.world import moving_bodies
 
 
 @dataclass
@@ -24,19 +26,51 @@ class Contacts:
 class Interval:
     """States from the previous stamp to the new one, or at one instant (S = 1).
 
-    t int64 [S] ns; pose float64 [E, S, N, 7]; twist float64 [E, S, N, 6]; qpos [E, S, nq], qvel [E, S, nv] where asked
-    for. faults: (environment, text) of each environment that diverged and was put back to its start. warnings: the
-    same of what may be wrong without having diverged.
+    t int64 [S] ns; end_pose float64 [E, N, 7]; moving int32 [B], moving_pose float64 [E, S, B, 7] and moving_twist
+    [E, S, B, 6] as in WorldState; qpos [E, S, nq], qvel [E, S, nv] where asked for. faults: (environment, text) of
+    each environment that diverged and was put back to its start. warnings: the same of what may be wrong without
+    having diverged.
     """
 
     t: np.ndarray
-    pose: np.ndarray
-    twist: np.ndarray
+    end_pose: np.ndarray
+    moving: np.ndarray
+    moving_pose: np.ndarray
+    moving_twist: np.ndarray
     qpos: np.ndarray | None = None
     qvel: np.ndarray | None = None
     contacts: Contacts | None = None
     faults: list[tuple[int, str]] = field(default_factory=list)
     warnings: list[tuple[int, str]] = field(default_factory=list)
+
+    @classmethod
+    def dense(cls, t: np.ndarray, pose: np.ndarray, twist: np.ndarray, **others: Any) -> Interval:
+        """Of all bodies' sub-steps: pose float64 [E, S, N, 7], twist float64 [E, S, N, 6]."""
+        moving = moving_bodies(pose, twist)
+        return cls(t, pose[:, -1], moving, pose[:, :, moving], twist[:, :, moving], **others)
+
+    @property
+    def pose(self) -> np.ndarray:
+        """Poses of all bodies at every sub-step, float64 [E, S, N, 7]."""
+        pose = np.repeat(self.end_pose[:, None], len(self.t), axis=1)
+        pose[:, :, self.moving] = self.moving_pose
+        return pose
+
+    @property
+    def twist(self) -> np.ndarray:
+        """Velocities of all bodies at every sub-step, float64 [E, S, N, 6]."""
+        envs, bodies, _ = self.end_pose.shape
+        twist = np.zeros((envs, len(self.t), bodies, 6))
+        twist[:, :, self.moving] = self.moving_twist
+        return twist
+
+    def keep_last(self) -> None:
+        """Leave out all sub-steps but the last."""
+        last = slice(-1, None)
+        self.t = self.t[last]
+        self.moving_pose, self.moving_twist = self.moving_pose[:, last], self.moving_twist[:, last]
+        if self.qpos is not None and self.qvel is not None:
+            self.qpos, self.qvel = self.qpos[:, last], self.qvel[:, last]
 
 
 class Engine(Protocol):

@@ -8,6 +8,7 @@ point at or after its stamp: at once where the keyframe interval is a multiple o
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -32,6 +33,15 @@ def step_length(model_timestep: float, asked: float | None) -> int:
     return round(timestep / -(-timestep // MAX_STEP_NS))
 
 
+def _model_of(path: Path | None) -> Any:
+    assert path is not None
+    if path.suffix.lower() == ".urdf":
+        from evis.scene.urdf import mujoco_model
+
+        return mujoco_model(path)
+    return mujoco.MjModel.from_xml_path(str(path))
+
+
 class MujocoEngine:
     """See the module. seed + k is the seed of environment k; faults come back in Interval.faults."""
 
@@ -49,7 +59,7 @@ class MujocoEngine:
         # Without a handler MuJoCo writes a log file into the working directory; the watchdog reads the counters.
         mujoco.set_mju_user_warning(lambda text: None)
         self.scene, self.seed, self.envs = scene, seed, envs
-        self.model = mujoco.MjModel.from_xml_path(str(scene.mjcf))
+        self.model = _model_of(scene.mjcf)
         # MuJoCo would put a diverged state back to its start and go on as if nothing had happened.
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.step_ns = step_length(self.model.opt.timestep, timestep)
@@ -199,7 +209,7 @@ class MujocoEngine:
                 above, above_twist = pose[:, :, parent], twist[:, :, parent]
                 pose[:, :, n] = se3.compose(above, offset)
                 twist[:, :, n] = se3.compose_twist(above, above_twist, offset, np.zeros(6))
-        result = Interval(t, pose, twist, faults=faults, warnings=self._warnings)
+        result = Interval.dense(t, pose, twist, faults=faults, warnings=self._warnings)
         self._warnings = []
         if self._joints:
             result.qpos, result.qvel = (np.stack([s[n] for s in states], axis=1) for n in ("qpos", "qvel"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -42,6 +43,18 @@ class PhysicsNode(Node):
     }  # fmt: skip
     INPUTS: ClassVar[Mapping[str, Input]] = {"action": Input("/action", join=False, delayed=True)}
     OUTPUTS: ClassVar[Mapping[str, Output]] = {"state": Output("/state")}
+
+    @classmethod
+    def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
+        """Raises ValueError for contacts in a scene that has none."""
+        from evis.scene.load import is_dynamic
+
+        scene = params.get("scene")
+        if params["contacts"] and scene:
+            with contextlib.suppress(OSError):  # who loads it says so
+                if not is_dynamic(scene):
+                    raise ValueError(f"scene {scene} moves in closed form and has no contacts; leave contacts out")
+        return frozenset(cls.INPUTS)
 
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
@@ -124,16 +137,13 @@ class PhysicsNode(Node):
         if interval.faults and len(self.episodes) == 1:
             self.episode += 1
             self.first = self.k
-            last = slice(-1, None)
-            interval.t = interval.t[last]
-            interval.pose, interval.twist = interval.pose[:, last], interval.twist[:, last]
-            if interval.qpos is not None and interval.qvel is not None:
-                interval.qpos, interval.qvel = interval.qpos[:, last], interval.qvel[:, last]
+            interval.keep_last()
 
     def _publish(self, stamp: int, interval: Interval) -> None:
         if not self.wants("state"):
             return
-        given = {"t": interval.t, "pose": interval.pose, "twist": interval.twist, "episodes": self.episodes}
+        given = {name: getattr(interval, name) for name in ("t", "end_pose", "moving", "moving_pose", "moving_twist")}
+        given["episodes"] = self.episodes
         given |= {n: a for n, a in (("qpos", interval.qpos), ("qvel", interval.qvel)) if a is not None}
         if interval.contacts is not None:
             given |= {f"contact_{n}": a for n, a in vars(interval.contacts).items()}

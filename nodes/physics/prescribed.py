@@ -31,38 +31,52 @@ class PrescribedEngine:
         return self._at(t)
 
     def _at(self, t: np.ndarray) -> Interval:
-        pose, twist = self._states.at(t)
-        return Interval(
-            t, np.broadcast_to(pose, (self.envs, *pose.shape)), np.broadcast_to(twist, (self.envs, *twist.shape))
-        )
+        states = self._states
+        pose, twist = states.of_moving(t)
+        end = states.rest.copy()
+        end[states.moving] = pose[-1]
+        ends, poses, twists = (np.broadcast_to(a, (self.envs, *a.shape)) for a in (end, pose, twist))
+        return Interval(t, ends, states.moving, poses, twists)
 
 
 class PrescribedStates:
-    """Closed-form states of a scene's bodies; those that never move are looked at once."""
+    """Closed-form states of a scene's bodies; those that never move are looked at once.
+
+    moving: int32 [B], bodies on a path along which they move. rest: float64 [N, 7], poses of those that never do, NaN
+    for the others.
+    """
 
     def __init__(self, scene: Scene) -> None:
-        self._rest = np.full((len(scene.bodies), 7), np.nan)
+        self.rest = np.full((len(scene.bodies), 7), np.nan)
         self._still = np.zeros(len(scene.bodies), bool)
-        self._moving: list[tuple[int, Trajectory]] = []
+        paths: list[tuple[int, Trajectory]] = []
         for n, body in enumerate(scene.bodies):
             if body.trajectory is None:
                 continue
             self._still[n] = body.trajectory.is_static()
             if self._still[n]:
-                self._rest[n] = body.trajectory.pose(np.zeros(1, np.int64))[0]
+                self.rest[n] = body.trajectory.pose(np.zeros(1, np.int64))[0]
             else:
-                self._moving.append((n, body.trajectory))
+                paths.append((n, body.trajectory))
+        self.moving = np.array([n for n, _ in paths], np.int32)
+        self._paths = [path for _, path in paths]
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Poses [S, N, 7] and twists [S, N, 6] at times int64 [S] ns; NaN for bodies that the physics engine moves."""
-        pose, twist = np.tile(self._rest, (len(t), 1, 1)), np.full((len(t), len(self._rest), 6), np.nan)
+        pose, twist = np.tile(self.rest, (len(t), 1, 1)), np.full((len(t), len(self.rest), 6), np.nan)
         twist[:, self._still] = 0.0
+        pose[:, self.moving], twist[:, self.moving] = self.of_moving(t)
+        return pose, twist
+
+    def of_moving(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Poses [S, B, 7] and twists [S, B, 6] of the bodies of `moving` alone."""
+        pose, twist = np.empty((len(t), len(self.moving), 7)), np.empty((len(t), len(self.moving), 6))
         known: Known = {}
-        for n, trajectory in self._moving:
-            if isinstance(trajectory, Prescribed):
-                pose[:, n], twist[:, n] = trajectory.state(t, known)
+        for n, path in enumerate(self._paths):
+            if isinstance(path, Prescribed):
+                pose[:, n], twist[:, n] = path.state(t, known)
             else:
-                pose[:, n], twist[:, n] = trajectory.pose(t), trajectory.twist(t)
+                pose[:, n], twist[:, n] = path.pose(t), path.twist(t)
         return pose, twist
 
 

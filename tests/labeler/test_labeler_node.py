@@ -39,7 +39,7 @@ def inputs():
     twist = np.zeros((2, 3, 2, 6))
     twist[0, -1, 0, 0], twist[1, -1, 0, 0] = 2.0, 4.0
     t = np.array([0, 16_000_000, 33_333_333])
-    state = WorldState(header, t, pose, twist, np.zeros(2, np.int32), names=["ball", "cam0"])
+    state = WorldState.dense(header, t, pose, twist, np.zeros(2, np.int32), names=["ball", "cam0"])
     depth = np.full((2, HEIGHT + 2 * MARGIN, WIDTH + 2 * MARGIN), 5.0, np.float32)
     ids = np.full(depth.shape, 2, np.int32)
     depth[:, 4:7, 5:9], ids[:, 4:7, 5:9] = 2.0, 1

@@ -18,6 +18,7 @@ from msgs.diagnostics import Diagnostics
 from msgs.fields import MessageError, TypeMismatch, array_specs, plain_fields
 from msgs.header import Header, Message
 from msgs.topics import TOPICS
+from msgs.world import WorldState
 
 TYPES = sorted({topic.type for topic in TOPICS}, key=lambda t: t.__name__)
 relaxed = settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
@@ -41,6 +42,11 @@ def messages(draw: st.DrawFn) -> Message:
     """Any message: every type, any lengths (zero too), any dtype that is declared, optional arrays there or not."""
     kind = draw(st.sampled_from(TYPES))
     lengths: dict[str | int, int] = {}
+    moving: list[int] = []
+    if kind is WorldState:  # of its bodies
+        lengths["N"] = draw(st.integers(0, 3))
+        moving = sorted(draw(st.sets(st.integers(0, 2)))) if lengths["N"] == 3 else list(range(lengths["N"]))
+        lengths["B"] = len(moving)
     arrays = {}
     for name, spec in array_specs(kind).items():
         if spec.optional and draw(st.booleans()):
@@ -58,6 +64,8 @@ def messages(draw: st.DrawFn) -> Message:
         if array.ndim > 1 and draw(st.booleans()):
             array = np.asfortranarray(array)  # not as it lies on the wire
         arrays[name] = array
+    if kind is WorldState:
+        arrays["moving"] = np.array(moving, np.int32)
     scalars = {name: draw(SCALARS[annotation]) for name, annotation in plain_fields(kind).items()}
     return kind(draw(headers), **arrays, **scalars)
 

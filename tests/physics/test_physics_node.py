@@ -60,7 +60,7 @@ def test_stamps_and_sub_steps(rate, duration, count):
     for before, message in pairwise(messages):
         assert message.t[0] == before.header.stamp_ns and message.t[-1] == message.header.stamp_ns
         assert np.all((np.diff(message.t) > 0) & (np.diff(message.t) <= 1_000_000))
-        assert np.array_equal(message.pose[:, 0], before.pose[:, -1])
+        assert np.array_equal(message.rows()[0][:, 0], before.end_pose)
     assert messages[0].names == ["disk", "cam0"] and {m.header.episode for m in messages} == {0}
 
 
@@ -69,11 +69,14 @@ def test_prescribed_poses_are_exact_and_alike_in_all_environments():
     messages = run(node_of(scene="spinning_disk", scene_args="omega=15,centre=0.1,-0.1", envs=3, duration=0.2))
     scene = load_scene("spinning_disk", {"omega": 15, "centre": "0.1,-0.1"}, textures=False)
     for message in messages:
+        message.check()
+        assert message.moving.tolist() == [0]
+        pose, twist = message.rows()
         for e in range(3):
             for n, body in enumerate(scene.bodies):
-                assert np.array_equal(message.pose[e, :, n], body.trajectory.pose(message.t))
-                assert np.array_equal(message.twist[e, :, n], body.trajectory.twist(message.t))
-    assert np.allclose(messages[-1].twist[0, 0, 0, 3:] @ messages[-1].twist[0, 0, 0, 3:], 15**2)
+                assert np.array_equal(pose[e, :, n], body.trajectory.pose(message.t))
+                assert np.array_equal(twist[e, :, n], body.trajectory.twist(message.t))
+    assert np.allclose(twist[0, 0, 0, 3:] @ twist[0, 0, 0, 3:], 15**2)
 
 
 def test_without_duration_it_goes_on():
@@ -113,7 +116,7 @@ def test_same_seed_same_bytes_with_contacts_and_joints():
 def test_nothing_is_extracted_unless_asked():
     """No contacts and no joints by default."""
     message = run(node_of(scene="falling_objects", duration=0.1))[-1]
-    assert set(message.arrays()) == {"t", "pose", "twist", "episodes"}
+    assert set(message.arrays()) == {"t", "end_pose", "moving", "moving_pose", "moving_twist", "episodes"}
 
 
 CART = """<mujoco><option gravity="0 0 0"/><worldbody><body name="cart"><joint name="x" type="slide" axis="1 0 0"/>
@@ -132,7 +135,7 @@ def test_an_action_acts_on_the_step_that_starts_at_its_stamp(tmp_path):
         stamp = node.due()["action"]
         assert stamp == node.runtime.messages[-1].header.stamp_ns
         node.step({"action": Action(Header(stamp), np.full((1, 1), force))})
-        speeds.append(node.runtime.messages[-1].twist[0, -1, 0, 0])
+        speeds.append(node.runtime.messages[-1].end_twist()[0, 0, 0])
     assert np.allclose(speeds, [0.01, 0.01, 0.0], atol=1e-12)
 
 
@@ -150,7 +153,7 @@ def test_divergence_ends_the_episode_and_is_said(tmp_path, monkeypatch):
     faults = [text for text in node.runtime.warnings if "environment 0: body 'cart' diverged" in text]
     assert len(faults) == 2 and all("omega*dt = 10" in text for text in faults)
     assert "expect it to diverge" in node.runtime.warnings[0]  # said before the first step
-    assert all(np.isfinite(m.pose).all() for m in messages)
+    assert all(np.isfinite(m.rows()[0]).all() for m in messages)
 
 
 def test_wrong_parameters_say_what_is_right():

@@ -1,0 +1,58 @@
+"""Warp kernels of the labels that look at every pixel."""
+
+from __future__ import annotations
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def flow_of_pixels(
+    # in
+    rays: wp.array2d(dtype=wp.vec3d),
+    image: wp.array3d(dtype=wp.vec3d),
+    motions: wp.array2d(dtype=wp.vec3d),
+    depth: wp.array2d(dtype=wp.float32),
+    ids: wp.array2d(dtype=wp.int32),
+    # out
+    flow: wp.array3d(dtype=wp.float32),
+):
+    """Image velocity [px/s], NaN where depth is not finite.
+
+    rays: points at z = 1. image: d(pixel) / d(X, Y, Z) there, a row for u and one for v. motions: (b, w) of each id.
+    """
+    i, j = wp.tid()
+    z = depth[i, j]
+    if not wp.isfinite(z):
+        flow[i, j, 0] = wp.nan
+        flow[i, j, 1] = wp.nan
+        return
+    number = ids[i, j]
+    # The projection's derivative at X = z ray: the translation is divided by z, the rotation is not.
+    moving = motions[number, 0] / wp.float64(z) + wp.cross(motions[number, 1], rays[i, j])
+    flow[i, j, 0] = wp.float32(wp.dot(image[i, j, 0], moving))
+    flow[i, j, 1] = wp.float32(wp.dot(image[i, j, 1], moving))
+
+
+@wp.kernel
+def extents(
+    # in
+    ids: wp.array3d(dtype=wp.int32),
+    # out
+    least: wp.array3d(dtype=wp.int32),
+    most: wp.array3d(dtype=wp.int32),
+):
+    """Column and row, least [E, ids, 2] and most, of the pixels of every id; a thread takes a row of an image."""
+    env, i = wp.tid()
+    width = ids.shape[2]
+    j = wp.int32(0)
+    while j < width:
+        number = ids[env, i, j]
+        first = j
+        while j < width and ids[env, i, j] == number:
+            j += 1
+        wp.atomic_min(least, env, number, 0, first)
+        wp.atomic_min(least, env, number, 1, i)
+        wp.atomic_max(most, env, number, 0, j - 1)
+        wp.atomic_max(most, env, number, 1, i)

@@ -1,0 +1,56 @@
+"""Notices of a simulation that goes on: each is said once per environment, whatever happens afterwards."""
+
+import numpy as np
+import pytest
+
+from evis.scene import load_scene
+
+pytest.importorskip("mujoco")
+import mujoco
+
+from nodes.physics.mujoco_engine import MujocoEngine
+
+MS = 1_000_000
+
+ARM = """<mujoco><option timestep="0.001" gravity="0 0 0"/><worldbody>
+<body name="arm"><joint name="hinge" type="hinge"/><geom size=".1" mass="1"/></body></worldbody>
+<actuator><motor joint="hinge"/></actuator></mujoco>"""
+TAKEN_AS_ZERO = "a control is not finite and was taken as zero"
+
+
+@pytest.fixture
+def engine(tmp_path):
+    (tmp_path / "arm.xml").write_text(ARM)
+    return MujocoEngine(load_scene(str(tmp_path / "arm.xml")), envs=2)
+
+
+def spoil(engine, env):
+    """A control as a plugin could leave it; MuJoCo counts every step with it."""
+    engine.data[env].ctrl[0] = np.nan
+
+
+def test_a_notice_is_said_once_and_not_each_step(engine):
+    """MuJoCo counts every step whose control it drops; the first alone is told, for the environment that it is in."""
+    spoil(engine, 1)
+    said = []
+    for k in range(1, 6):
+        spoil(engine, 1)
+        said += engine.advance(k * 10 * MS).warnings
+    assert engine.data[1].warning[mujoco.mjtWarning.mjWARN_BADCTRL].number >= 5
+    assert said == [(1, TAKEN_AS_ZERO)]
+    spoil(engine, 0)
+    assert engine.advance(60 * MS).warnings == [(0, TAKEN_AS_ZERO)]
+    assert engine.advance(70 * MS).warnings == []
+
+
+def test_a_notice_is_not_said_again_in_the_next_episode(engine):
+    """A restart sets MuJoCo's counters to 0; what was said of the environment stays said."""
+    spoil(engine, 0)
+    assert engine.advance(10 * MS).warnings == [(0, TAKEN_AS_ZERO)]
+    engine.data[0].qvel[0] = np.nan
+    assert len(engine.advance(20 * MS).faults) == 1
+    assert engine.data[0].warning[mujoco.mjtWarning.mjWARN_BADCTRL].number == 0
+    spoil(engine, 0)
+    interval = engine.advance(30 * MS)
+    assert engine.data[0].warning[mujoco.mjtWarning.mjWARN_BADCTRL].number > 0
+    assert interval.faults == [] and interval.warnings == []
