@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import stat
 import struct
 import threading
 import time
@@ -36,6 +35,7 @@ from mcap.records import (
 )
 
 from evis.bag import BagError
+from evis.bag.claim import claim
 
 MAGIC = b"\x89MCAP0\r\n"
 PROFILE = "ros2"
@@ -53,34 +53,6 @@ def record_bytes(record: McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()
-
-
-def claim(path: Path) -> tuple[int, Path | None]:
-    """Open a new file at `path` and give (descriptor, backup of what was there or None).
-
-    The old file is moved to `<name>.bak` only once the new one is open. Raises BagError.
-    """
-    try:
-        if path.exists() and not stat.S_ISREG(path.stat().st_mode):
-            if path.is_dir():
-                raise BagError(f"cannot record to {path}: it is a folder; name a file such as {path / 'a.mcap'}")
-            return os.open(path, os.O_WRONLY | os.O_CLOEXEC), None
-        fresh = path.with_name(f".{path.name}.{os.getpid()}")
-        descriptor = os.open(fresh, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
-        try:
-            backup = path.with_name(path.name + ".bak") if path.exists() else None
-            if backup:
-                os.replace(path, backup)
-            os.replace(fresh, path)
-        except OSError:
-            os.close(descriptor)
-            fresh.unlink(missing_ok=True)
-            raise
-        return descriptor, backup
-    except FileNotFoundError:
-        raise BagError(f"cannot record to {path}: there is no directory {path.parent}; create it first") from None
-    except OSError as error:
-        raise BagError(f"cannot record to {path}: {error.strerror}") from None
 
 
 class Container:
@@ -159,6 +131,7 @@ class Container:
         The pieces are copied or written before this returns. Raises BagError, for a full disk too.
         """
         with self._lock:
+            self._raise()
             if self._indexes and self._compressed != compress:
                 self.flush()
             self._compressed = compress

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,13 +10,16 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from evis.bag import BagError, environments, exr, frames, jsonform
+from evis.bag import BagError, environments, exr, frames, jsonform, trajectory
 from evis.bag.decoded import decoded_events
 from evis.bag.reader import BagReader
+from evis.whole_file import whole_file
 from msgs.camera import Keyframe
 from msgs.header import Message
 
 _ENV = re.compile(r"/env(\d+)(/.*)")
+ENDINGS = (".npz", ".jsonl", ".csv", ".txt", ".raw", ".dat", ".es", ".aedat4", ".h5", ".hdf5")
+"""Of files that a topic can be written to; events to all of them."""
 BESIDE_KEYFRAME = ("depth", "motion", "ids")
 
 
@@ -26,7 +28,8 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
 
     Events: .npz, .csv, .txt, .raw (by evis.streams; times that a format rounds are counted). Keyframes to a folder:
     one EXR each (half: R, G, B as 16-bit floats, clamped and counted). Frames: .npz that `evis events simulate` takes.
-    Any other: .npz (arrays stacked over messages) or .jsonl (a message per line).
+    /state: .npz with every body at every sub-step. Any other: .npz (arrays stacked over messages), or .jsonl (a message
+    per line).
     Of a torn bag what is there is written, and `problem` says what is wrong with it. Raises BagError.
     """
     out = Path(out)
@@ -35,6 +38,8 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
     with BagReader(bag) as reader:
         name, env = _resolve(reader, topic)
         kind = reader.topics[name]
+        if half and (kind != "Keyframe" or out.suffix):
+            raise BagError(f"half is for EXR files of keyframes; {topic} to {out.name} has none")
         if kind == "EventPacket" and out.suffix != ".jsonl":
             result = _events(reader, name, env, out)
         elif kind == "Keyframe" and not out.suffix:
@@ -42,6 +47,8 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
         elif kind == "Frames" and out.suffix == ".npz":
             with _whole(out) as file:
                 result = frames.write(lambda: _messages(reader, name, env), topic, file)
+        elif kind == "WorldState" and out.suffix == ".npz":
+            result = _states(reader, name, env, out)
         elif out.suffix == ".npz":
             result = _arrays(reader, name, env, out)
         elif out.suffix == ".jsonl":
@@ -59,15 +66,11 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
 @contextlib.contextmanager
 def _whole(out: Path) -> Iterator[BinaryIO]:
     """A file that appears under its name only when it is complete. Raises BagError where it cannot be written."""
-    partial = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:
-        with partial.open("wb") as file:
+        with whole_file(out) as partial, partial.open("wb") as file:
             yield file
-        partial.replace(out)
     except OSError as error:
-        raise BagError(f"{out}: writing failed: {error.strerror or error}") from None
-    finally:
-        partial.unlink(missing_ok=True)
+        raise BagError(str(error)) from None
 
 
 def _resolve(reader: BagReader, topic: str) -> tuple[str, int | None]:
@@ -124,12 +127,16 @@ def _keyframes(reader: BagReader, topic: str, env: int | None, out: Path, half: 
         keyframe = group.get(Keyframe)
         if not isinstance(keyframe, Keyframe):
             continue
-        envs = range(len(keyframe.radiance)) if env is None else [env]
+        envs = range(len(keyframe.image)) if env is None else [env]
         for e in envs:
             arrays, high = exr.channels(group, e, half)
             folder = out / f"env{e}" if len(envs) > 1 else out
             folder.mkdir(exist_ok=True)
-            exr.write(folder / f"{count:06d}.exr", arrays, keyframe.header.stamp_ns)
+            try:
+                exr.write(folder / f"{count:06d}.exr", arrays, keyframe.header.stamp_ns)
+            except OSError as error:
+                done = f"the {count} keyframes before it are whole" if count else "it is the first"
+                raise BagError(f"{error}; {done}") from None
             clamped += high
             names |= {n for c in arrays for n in (("R", "G", "B") if c == "RGB" else (c,))}
         count += 1
@@ -166,6 +173,16 @@ def _arrays(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[s
     with _whole(out) as file:
         np.savez(file, **stacked)  # type: ignore[arg-type]
     return {"messages": len(stacked["stamp_ns"]), "arrays": {n: list(v.shape) for n, v in stacked.items()}}
+
+
+def _states(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[str, Any]:
+    try:
+        columns, count = trajectory.table(_messages(reader, topic, env))
+    except ValueError as error:
+        raise BagError(f"{topic}: {error}; export to .jsonl") from None
+    with _whole(out) as file:
+        np.savez(file, **columns)  # type: ignore[arg-type]
+    return {"messages": count, "arrays": {n: list(v.shape) for n, v in columns.items()}}
 
 
 def _lines(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[str, Any]:

@@ -8,14 +8,14 @@ from evis.bag import BagError, ros
 from evis.bag.ros import Buffers
 
 PARTS: dict[str, dict[str, str]] = {
-    "Keyframe": {"radiance": ""},
+    "Keyframe": {"radiance": "", "luminance": ""},
     "Depth": {"depth": ""},
     "Motion": {"motion": ""},
     "Ids": {"ids": ""},
     "Normal": {"normal": ""},
     "Image": {"data": ""},
     "Frames": {"luminance": "", "rgb": "/rgb", "dlog_dt": "/dlog_dt"},
-    "Labels": {"flow": "/flow", "depth": "/depth", "segmentation": "/segmentation"},
+    "Labels": {"flow": "/flow", "depth": "/depth", "segmentation": "/segmentation", "semantic": "/semantic"},
 }
 """Message -> array field -> what is added to the topic's name."""
 CHANNELS = {"radiance": 3, "motion": 2, "normal": 3, "rgb": 3, "flow": 2}

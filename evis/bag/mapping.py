@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evis.bag import BagError, events, images, jsonform, ros, schemas, transforms
+from evis.bag import BagError, events, images, jsonform, ros, schemas, states
 from evis.bag.ros import Buffers
 from msgs.camera import CameraInfo, EventPacket, Image, Imu
 from msgs.fields import array_specs
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 
 META = "/meta"
 """Suffix of the topic of the closing message."""
-MAX_BODIES = 1 << 20
-WORLD = "world"
-"""Frame of the poses."""
 ROS_TYPES = {
     **dict.fromkeys(["Keyframe", "Depth", "Motion", "Ids", "Normal", "Image", "Frames"], schemas.IMAGE),
     "CameraInfo": schemas.CAMERA_INFO,
@@ -60,7 +57,7 @@ class Part:
 def frame_of(topic: str) -> str:
     """ROS frame of a camera's topic: the camera's name."""
     segments = topic.strip("/").split("/")
-    return segments[-2] if len(segments) > 1 else WORLD
+    return segments[-2] if len(segments) > 1 else states.WORLD
 
 
 def encode(message: Message, topic: str, encoder: Encoder | None = None, **extra: Any) -> tuple[list[Part], bytes]:
@@ -89,11 +86,10 @@ def encode(message: Message, topic: str, encoder: Encoder | None = None, **extra
             for name, b in packets
         ]
         extra["_events"] = events.summary(message)
-    elif isinstance(message, WorldState) and len(message.pose) == 1:
-        pose = np.asarray(message.pose)
-        parts = [Part("pose", schemas.TF, "", stamp, [transforms.pack(WORLD, _bodies(message), message.t, pose[0])])]
-        extra["_steps"], extra["_bodies"] = pose.shape[1:3]
-        done = ("pose",)
+    elif isinstance(message, WorldState) and states.whole(message):
+        parts = [Part("pose", schemas.TF, "", stamp, [states.pack(message)])]
+        extra["_steps"], extra["_bodies"] = len(message.t), message.end_pose.shape[1]
+        done = states.PACKED
     elif isinstance(message, Imu):
         parts = [
             Part("sample", schemas.IMU, "", max(int(t), 0), ros.imu(max(int(t), 0), frame, w, a))
@@ -106,15 +102,6 @@ def encode(message: Message, topic: str, encoder: Encoder | None = None, **extra
         info = ros.camera_info(stamp, frame, message.height, message.width, model, d, np.asarray(message.k))
         parts = [Part("info", schemas.CAMERA_INFO, "", stamp, info)]
     return parts, jsonform.dump(message, done, **extra)
-
-
-def _bodies(message: WorldState) -> tuple[str, ...]:
-    return _named(message.names, np.asarray(message.pose).shape[2])
-
-
-def _named(names: list[str], count: int) -> tuple[str, ...]:
-    """As many frames as there are bodies, also where not all of them have a name."""
-    return (*names[:count], *(f"body{i}" for i in range(len(names), count)))
 
 
 def decode(kind: str, parts: dict[str, list[memoryview]], body: dict[str, Any]) -> Message:
@@ -131,11 +118,8 @@ def decode(kind: str, parts: dict[str, list[memoryview]], body: dict[str, Any]) 
         elif kind == "EventPacket":
             arrays = events.unpack(parts, body.get("_events", {}).get("t_first_ns", 0))
             arrays = {n: a for n, a in arrays.items() if n not in body and f"{n}_base64" not in body}
-        elif kind == "WorldState" and "_steps" in body:
-            raw, bodies, steps = _one(parts, "pose"), body["_bodies"], body["_steps"]
-            if bodies * transforms.POSE_BYTES * steps > len(raw) or bodies > MAX_BODIES:
-                raise BagError(f"tf2_msgs/TFMessage has {len(raw)} bytes, too few for {steps} steps of {bodies} bodies")
-            arrays["pose"] = transforms.unpack(raw, WORLD, _named(body.get("names", []), bodies), steps)[None]
+        elif kind == "WorldState":
+            arrays = states.unpack(_one(parts, "pose") if "_steps" in body else None, body)
         elif kind == "Imu":
             samples = [ros.read_imu(raw) for raw in parts.get("sample", [])]
             arrays["angular_velocity"] = np.array([s[1] for s in samples], np.float64).reshape(-1, 3)

@@ -28,11 +28,11 @@ _MOST_EARLY = 1000
 class BagWriter:
     """Records messages; `close` (or `with`) makes the bag whole, but it can be read at any time.
 
-    path: an existing bag there is moved to `<name>.bak` (`backup`) when the new one is open. metadata: named tables of
-    texts (launch file, parameters, seeds). event_encoding: `mono` (exact) or `evt3` (1 us, half the size) for decoded
-    events. Messages whose clock is the wall's are filed under the newest stamp of the others, so that a simulation's
-    bag does not span half a century; their own stamps are kept. Those that come before any other wait for it, or for
-    `close`.
+    path: an existing bag there is moved to `<name>.bak`, `.bak2`, ... (`backup`) when the new one is open. metadata:
+    named tables of texts (launch file, parameters, seeds). event_encoding: `mono` (exact) or `evt3` (1 us, half the
+    size) for decoded events. Messages whose clock is the wall's are filed under the newest stamp of the others, so that
+    a simulation's bag does not span half a century; their own stamps are kept. Those that come before any other wait
+    for it, or for `close`.
     """
 
     def __init__(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from evis.picture.draw import beside, event_picture, palette
+from evis.whole_file import whole_file
 
 MAX_PICTURES = 1000
 
@@ -101,9 +102,17 @@ def make_animation(
     )
     # GIF counts time in hundredths of a second.
     duration_ms = max(20, round(100 / fps) * 10)
-    next(pictures).save(
-        out, "GIF", save_all=True, append_images=pictures, duration=duration_ms, loop=0, optimize=False, disposal=1
-    )
+    with whole_file(out) as partial:
+        next(pictures).save(
+            partial,
+            "GIF",
+            save_all=True,
+            append_images=pictures,
+            duration=duration_ms,
+            loop=0,
+            optimize=False,
+            disposal=1,
+        )
     return int(count)
 
 
@@ -113,4 +122,5 @@ def make_still(footage: Footage, out: Path, *, at_ns: int | None = None, tau_ms:
     first, last = footage.span_ns
     at = (first + last) // 2 if at_ns is None else at_ns
     (sheet,) = _sheets(footage, np.array([at]), round(tau_ms * 1e6), "", scale)
-    sheet.save(out, "PNG", optimize=True)
+    with whole_file(out) as partial:
+        sheet.save(partial, "PNG", optimize=True)

@@ -41,7 +41,7 @@ def from_bag(path: Path, camera: str = "cam0") -> Footage:
                 continue
             if isinstance(message, Keyframe):
                 m = message.margin
-                radiance = message.radiance[0]
+                radiance = message.rgb[0]
                 radiance = radiance[m : radiance.shape[0] - m, m : radiance.shape[1] - m]
                 # One exposure for all frames: the picture must not pump.
                 gain = exposure(radiance) if gain is None else gain

@@ -81,7 +81,7 @@ def make_picture(scene: str, folder: Path, seconds: float = 0.4) -> Entry:
         make_still(footage, path, at_ns=round(seconds * 0.875e9), scale=1)
         with BagReader(bag) as reader:
             ranges = [
-                light_range(message.radiance[0])
+                light_range(message.rgb[0])
                 for _, message in reader.messages([f"/{camera}/keyframe"])
                 if isinstance(message, Keyframe)
             ]

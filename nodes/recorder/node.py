@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from nodes.recorder.recorder import Recorder
 
 PARAMS = {
-    "path": Param(str, "recording.mcap", "the bag; an older one of that name is kept as <name>.bak"),
+    "path": Param(str, "recording.mcap", "the bag; an older one of that name is kept as <name>.bak, .bak2, ..."),
     "topics": Param(list, [], "globs of topics to record besides the default ones (events, info, state, ...)"),
     "preview_hz": Param(float, 10.0, "rate of the rgb8 preview made from keyframes; 0 = none", "Hz", minimum=0.0),
     "event_encoding": Param(str, "mono", "of decoded events; evt3 cuts to 1 us", choices=("mono", "evt3")),

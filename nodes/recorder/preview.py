@@ -21,19 +21,19 @@ class PreviewMaker:
 
     def topic(self, keyframe: Keyframe) -> str:
         """Where the image belongs."""
-        return f"{FIRST_ENV if len(keyframe.radiance) > 1 else ''}{self.camera}/image"
+        return f"{FIRST_ENV if len(keyframe.image) > 1 else ''}{self.camera}/image"
 
     def update(self, keyframe: Keyframe) -> Image | None:
         """The preview of this keyframe, None where none is due yet."""
         h = keyframe.header
         if self._due is None or self._due[0] != h.episode:
             self._due = (h.episode, h.stamp_ns)
-        if h.stamp_ns < self._due[1] or not len(keyframe.radiance):
+        if h.stamp_ns < self._due[1] or not len(keyframe.image):
             return None
         # the next is due at a multiple of the period after the first, whatever the keyframe rate is
         self._due = (h.episode, self._due[1] + self.period_ns * ((h.stamp_ns - self._due[1]) // self.period_ns + 1))
         m = keyframe.margin
-        radiance = np.asarray(keyframe.radiance[0])
+        radiance = np.asarray(keyframe.rgb[0])
         cropped = radiance[m : radiance.shape[0] - m, m : radiance.shape[1] - m]
         image = Image(Header(h.stamp_ns, self.count, h.clock, h.episode), tone_map(cropped), "rgb8")
         self.count += 1

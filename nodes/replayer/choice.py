@@ -18,6 +18,11 @@ def replayed(
     topics: Mapping[str, str], include: Sequence[str], exclude: Sequence[str], regenerate: bool, bag: str
 ) -> list[str]:
     """Names of the topics to publish. `topics`: topic -> message type of the bag. Raises BagError."""
+    if not topics:
+        raise BagError(
+            f"{bag} holds no topics of EVIS; the events of another recorder's bag are played by "
+            f"`evis launch camera.yaml file:={bag}`"
+        )
     cameras = {name.rsplit("/", 1)[0] for name in topics if name.endswith("/keyframe")}
     if regenerate and not cameras:
         raise BagError(

@@ -6,6 +6,9 @@ import time
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+
+from evis.clock import Pacer
 from evis.node import Node, Output
 from evis.params import Param, ParamError, resolve
 from msgs.header import Message
@@ -21,9 +24,12 @@ PARAMS = {
     "pace": Param(str, "fast", "fast, realtime, or a speed such as 0.5 (half as fast as recorded)"),
     "start": Param(float, 0.0, "seconds after the bag's first stamp to begin at", "s", minimum=0.0),
     "duration": Param(float, None, "seconds to replay", "s", minimum=0.0, optional=True),
+    "again": Param(bool, False, "play it again and again, after a short rest and as further episodes, until stopped"),
 }
 MAX_SLEEP_S = 0.05
 """Longest sleep in one step, so that the graph can be stopped."""
+REST_S = 1.0
+"""Between two rounds, so that the end can be seen."""
 
 
 def speed(pace: str) -> float | None:
@@ -65,10 +71,11 @@ class ReplayerNode(Node):
     def setup(self) -> None:
         """Open the bag and publish the latched descriptions of the cameras."""
         from evis.bag.reader import BagReader
-        from evis.clock import Pacer
 
         factor = speed(self.params["pace"])
         self.pacer = Pacer(factor) if factor is not None else None
+        self.first_episode = self.last_episode = 0
+        self.rest_until = 0.0
         ports = list(self.dynamic_outputs(self.params))
         self.reader: BagReader = BagReader(self.params["bag"])
         if self.reader.problem:
@@ -82,7 +89,8 @@ class ReplayerNode(Node):
         start = self.reader.start_ns + round(self.params["start"] * 1e9)
         length = self.params["duration"]
         end = None if length is None else start + round(length * 1e9)
-        self.messages: Iterator[tuple[str, Message]] = self.reader.messages(ports, start, end) if ports else iter(())
+        self.part = ports, start, end
+        self.messages: Iterator[tuple[str, Message]] = self.reader.messages(*self.part) if ports else iter(())
         self.next = self._take()
 
     def _take(self) -> tuple[str, Message] | None:
@@ -94,6 +102,9 @@ class ReplayerNode(Node):
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
         """Publish the messages of one stamp, one of each topic at the most."""
+        if time.monotonic() < self.rest_until:
+            time.sleep(MAX_SLEEP_S)
+            return True
         if self.next is None:
             return False
         key = _key(self.next[1])
@@ -109,12 +120,32 @@ class ReplayerNode(Node):
             if topic in sent or _key(message) != key:
                 return True
             sent.add(topic)
-            self.publish(topic, message)
+            self.publish(topic, self._of_this_round(message))
             self.next = self._take()
+        if self.params["again"]:
+            self._begin_again()
+            return True
         if self.reader.skipped:
             self.count("damaged", self.reader.skipped)
             self.warn(f"{self.reader.path}: {self.reader.skipped} damaged parts left out: {self.reader.first_problem}")
         return False
+
+    def _begin_again(self) -> None:
+        self.first_episode = self.last_episode + 1
+        self.messages = self.reader.messages(*self.part)
+        self.next = self._take()
+        self.pacer = Pacer(self.pacer.speed) if self.pacer is not None else None
+        self.rest_until = time.monotonic() + REST_S
+
+    def _of_this_round(self, message: Message) -> Message:
+        """Its episodes follow on those of the round before."""
+        if self.first_episode:
+            message.header.episode += self.first_episode
+            episodes = getattr(message, "episodes", None)
+            if episodes is not None:
+                message.episodes = np.asarray(episodes) + np.int32(self.first_episode)  # type: ignore[attr-defined]
+        self.last_episode = max(self.last_episode, message.header.episode)
+        return message
 
     def close(self) -> None:
         """Close the bag."""

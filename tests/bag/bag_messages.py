@@ -45,6 +45,11 @@ def copied(message: Message) -> Message:
     return dataclasses.replace(message, **{n: np.array(a) for n, a in message.arrays().items()})
 
 
+def still_but_for(pose: np.ndarray, moving: list[int]) -> np.ndarray:
+    """Poses [E, S, N, 7] whose other bodies stand where they are at the last sub-step."""
+    return np.where(np.isin(np.arange(pose.shape[2]), moving)[:, None], pose, pose[:, -1:])
+
+
 def scene(k: int, envs: int = 1, seed: int = 0) -> dict[str, Message]:
     """One message of every topic at the k-th keyframe."""
     rng = np.random.default_rng([seed, k])
@@ -63,14 +68,15 @@ def scene(k: int, envs: int = 1, seed: int = 0) -> dict[str, Message]:
     ids = rng.integers(0, 9, (e, h, w)).astype(np.int32)
     rows = rng.integers(0, e, 6).astype(np.int32)
     episodes = np.zeros(e, np.int32)
+    moving = [[1, 3], [], [0, 1, 2, 3]][k % 3]
     depth = f32(e, h, w)
     depth[0, 0, 0] = np.inf
     return {
-        "/state": WorldState(
+        "/state": WorldState.dense(
             header(),
             np.arange(s) * 1000 + stamp,
-            rng.normal(size=(e, s, n, 7)),
-            rng.normal(size=(e, s, n, 6)),
+            still_but_for(rng.normal(size=(e, s, n, 7)), moving),
+            np.where(np.isin(np.arange(n), moving)[:, None], rng.normal(size=(e, s, n, 6)), 0.0),
             episodes,
             qpos=rng.normal(size=(e, s, 2)),
             contact_env=rows,
@@ -93,7 +99,7 @@ def scene(k: int, envs: int = 1, seed: int = 0) -> dict[str, Message]:
             instances=["background", "disk"],
             sensor={"threshold": 0.2, "nested": {"a": [1, None, True]}},
         ),
-        "/cam0/keyframe": Keyframe(header(), np.exp(f32(e, h, w, 3)), episodes),
+        "/cam0/keyframe": Keyframe(header(), episodes, np.exp(f32(e, h, w, 3))),
         "/cam0/depth": Depth(header(), depth),
         "/cam0/motion": Motion(header(), f32(e, h, w, 2)),
         "/cam0/ids": Ids(header(), ids),

@@ -120,13 +120,21 @@ def test_transforms(frame, names, steps):
             where = T["geometry_msgs/msg/Transform"](vector(*p[:3]), quaternion(*p[3:]))
             stamped.append(T["geometry_msgs/msg/TransformStamped"](T["std_msgs/msg/Header"](time, frame), name, where))
     theirs = serialized(T["tf2_msgs/msg/TFMessage"](stamped))
-    assert transforms.pack(frame, names, t, pose) == theirs
-    assert np.array_equal(transforms.unpack(memoryview(theirs), frame, names, steps), pose)
+    assert transforms.pack(frame, [(names, t, pose)]) == theirs
+    assert np.array_equal(transforms.unpack(memoryview(theirs), frame, [(names, steps)])[0], pose)
+    for first in range(len(names) + 1):
+        head, tail = (names[:first], t, pose[:, :first]), (names[first:], t[-1:], pose[-1:, first:])
+        apart = transforms.pack(frame, [head, tail])
+        chosen = [stamped[i * len(names) + j] for i in range(steps) for j in range(first)]
+        chosen += stamped[(steps - 1) * len(names) + first :]
+        assert apart == serialized(T["tf2_msgs/msg/TFMessage"](chosen))
+        back = transforms.unpack(memoryview(apart), frame, [(names[:first], steps), (names[first:], 1)])
+        assert np.array_equal(back[0], head[2]) and np.array_equal(back[1], tail[2])
 
 
 def test_no_transforms_at_all():
     theirs = serialized(T["tf2_msgs/msg/TFMessage"]([]))
-    assert transforms.pack("world", (), np.zeros(2, np.int64), np.zeros((2, 0, 7))) == theirs
+    assert transforms.pack("world", [((), np.zeros(2, np.int64), np.zeros((2, 0, 7)))]) == theirs
 
 
 @pytest.mark.parametrize("name", sorted(DEFINITIONS))

@@ -272,6 +272,25 @@ def test_an_older_bag_is_kept(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", "a.mcap.bak"]
 
 
+def test_no_older_bag_is_ever_lost(tmp_path):
+    """One by one; but bags without a message, as runs leave that fail at their start, are not kept."""
+    path = tmp_path / "a.mcap"
+    contents = []
+    for keyframes in (2, 3, 4):
+        write(path, keyframes=keyframes)
+        contents.append(path.read_bytes())
+    for _ in range(2):
+        BagWriter(path).close()
+    path.write_bytes(b"")
+    write(path, keyframes=1)
+    torn = path.read_bytes()[:-50]
+    path.write_bytes(torn)
+    BagWriter(path).close()
+    kept = ["a.mcap.bak", "a.mcap.bak2", "a.mcap.bak3", "a.mcap.bak4"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", *kept]
+    assert [(tmp_path / name).read_bytes() for name in kept] == [*contents, torn]
+
+
 def test_paths_that_cannot_be_written(tmp_path):
     with pytest.raises(BagError, match=r"there is no directory .*/missing"):
         BagWriter(tmp_path / "missing" / "a.mcap")

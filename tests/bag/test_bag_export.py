@@ -103,7 +103,7 @@ def test_keyframes_to_exr(tmp_path, margin):
 def test_keyframes_in_half_are_clamped_and_counted(tmp_path):
     radiance = np.array([[[[1e6, 1.0, 0.5], [-1e9, 65504.0, np.nan]]]], np.float32)
     with BagWriter(tmp_path / "a.mcap") as writer:
-        writer.write("/cam0/keyframe", Keyframe(Header(0), radiance, np.zeros(1, np.int32)))
+        writer.write("/cam0/keyframe", Keyframe(Header(0), np.zeros(1, np.int32), radiance))
     result = export(tmp_path / "a.mcap", "/cam0/keyframe", tmp_path / "out", half=True)
     assert result["clamped"] == 2 and result["channels"] == ["B", "G", "R"]
     channels, _ = exr_channels(tmp_path / "out" / "000000.exr")
@@ -147,8 +147,12 @@ def test_other_topics(tmp_path):
     path = bag(tmp_path / "a.mcap")
     export(path, "/state", tmp_path / "s.npz")
     with np.load(tmp_path / "s.npz") as arrays:
-        assert np.array_equal(arrays["pose"], np.stack([scene(k)["/state"].pose for k in range(KEYFRAMES)]))
-        assert arrays["stamp_ns"].tolist() == [scene(k)["/state"].header.stamp_ns for k in range(KEYFRAMES)]
+        states = [scene(k)["/state"] for k in range(KEYFRAMES)]
+        assert arrays["t"].tolist() == [t for state in states for t in state.t.tolist()]
+        for name, part in (("pose", 0), ("twist", 1)):
+            steps = np.concatenate([state.rows()[part][0] for state in states])
+            assert arrays[name].shape[1] == 1 and np.array_equal(arrays[name][:, 0], steps)
+        assert arrays["names"].tolist() == states[0].names
     export(path, "/cam0/imu", tmp_path / "i.jsonl")
     lines = [json.loads(line) for line in (tmp_path / "i.jsonl").read_text().splitlines()]
     assert [line["acceleration"] for line in lines] == [

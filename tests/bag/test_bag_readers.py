@@ -59,14 +59,15 @@ def check_events(packets, messages):
 
 
 def check_transforms(message, state):
-    steps, bodies = state.pose.shape[1:3]
-    assert len(message.transforms) == steps * bodies
-    for i, transform in enumerate(message.transforms):
-        step, body = divmod(i, bodies)
+    """The bodies that move at every sub-step, then the others once, at the stamp."""
+    pose, last = state.rows()[0][0], len(state.t) - 1
+    expected = [(step, body) for step in range(last + 1) for body in state.moving.tolist()]
+    expected += [(last, body) for body in range(pose.shape[1]) if body not in state.moving]
+    for transform, (step, body) in zip(message.transforms, expected, strict=True):
         assert transform.header.frame_id == "world" and transform.child_frame_id == state.names[body]
         assert transform.header.stamp.sec * 10**9 + transform.header.stamp.nanosec == state.t[step]
         p, q = transform.transform.translation, transform.transform.rotation
-        assert [p.x, p.y, p.z, q.x, q.y, q.z, q.w] == state.pose[0, step, body].tolist()
+        assert [p.x, p.y, p.z, q.x, q.y, q.z, q.w] == pose[step, body].tolist()
 
 
 def test_mcap_ros2_support(bag):

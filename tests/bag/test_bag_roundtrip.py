@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from evis.bag import BagError
+from evis.bag import BagError, environments, mapping, transforms
 from evis.bag.info import describe
 from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter
@@ -89,6 +89,14 @@ def instances(draw, kind):
             continue
         values = st.integers(0, 2**32 - 1) if field.name in SMALL else SCALARS[str(field.type)]
         scalars[field.name] = draw(values)
+    if kind is WorldState:
+        bodies, steps = arrays["end_pose"].shape[1], len(arrays["t"])
+        chosen = draw(st.sets(st.integers(0, bodies - 1))) if bodies else set()
+        arrays["moving"] = np.array(sorted(chosen), np.int32)
+        for name, size in (("moving_pose", 7), ("moving_twist", 6)):
+            arrays[name] = draw(hnp.arrays(np.float64, (1, steps, len(chosen), size)))
+        if steps and draw(st.booleans()):
+            arrays["end_pose"][:, arrays["moving"]] = arrays["moving_pose"][:, -1]
     message = kind(draw(HEADERS), **arrays, **scalars)
     message.header.clock = message.header.clock or "sim"
     return message
@@ -154,7 +162,7 @@ def test_environments_are_topics_as_of_single_runs(tmp_path):
 
 def test_half_precision_radiance(tmp_path):
     half = np.array([[[[1.5, 6e4, np.nan], [np.inf, -0.0, 6e-8]]]], np.float16)
-    ((_, back),) = through([("/cam0/keyframe", Keyframe(Header(5), half, np.zeros(1, np.int32), margin=0))], tmp_path)
+    ((_, back),) = through([("/cam0/keyframe", Keyframe(Header(5), np.zeros(1, np.int32), half))], tmp_path)
     assert back.radiance.dtype == np.float16 and back.radiance.tobytes() == half.tobytes()
 
 
@@ -162,7 +170,7 @@ def test_large_state_and_odd_names(tmp_path):
     """More numbers than are listed in JSON, fewer names than bodies."""
     rng = np.random.default_rng(0)
     s, n = 40, 9
-    state = WorldState(
+    state = WorldState.dense(
         Header(10**9),
         np.arange(s),
         rng.normal(size=(1, s, n, 7)),
@@ -170,8 +178,42 @@ def test_large_state_and_odd_names(tmp_path):
         np.zeros(1, np.int32),
         names=["only", "two"],
     )
-    state.pose[0, 3, 4, 5] = np.nan
+    state.moving_pose[0, 3, 4, 5] = np.nan
     assert same(through([("/state", state)], tmp_path)[0][1], state)
+
+
+@pytest.mark.parametrize("envs", [1, 2])
+def test_states_of_bags_from_before_bodies_that_stand_were_told_apart(envs):
+    """Their transforms are all sub-steps of all bodies, sub-step by sub-step; the twists are in the closing text."""
+    rng = np.random.default_rng(3)
+    t, names = np.array([5, 6, 9]), ("cam0", "a")
+    pose, twist = rng.normal(size=(envs, 3, 2, 7)), rng.normal(size=(envs, 3, 2, 6))
+    parts = []
+    for e in range(envs):
+        body = {"header": {"stamp_ns": 9, "seq": 1, "clock": "sim", "episode": 0}, "names": list(names)}
+        body |= {"t": t.tolist(), "twist": twist[e : e + 1].tolist(), "episodes": [0], "_steps": 3, "_bodies": 2}
+        raw = transforms.pack("world", [(names, t, pose[e])])
+        parts.append((mapping.decode("WorldState", {"pose": [memoryview(raw)]}, body), {}))
+    state = environments.join(parts)
+    assert np.array_equal(state.rows()[0], pose) and np.array_equal(state.rows()[1], twist)
+    assert np.array_equal(state.end_pose, pose[:, -1]) and state.names == list(names)
+    whole = {**body, "pose": pose.tolist(), "twist": twist.tolist(), "episodes": [0] * envs}
+    del whole["_steps"], whole["_bodies"]
+    assert np.array_equal(mapping.decode("WorldState", {}, whole).rows()[0], pose)
+
+
+def test_a_state_of_bodies_that_there_are_not_is_refused():
+    body = {"header": {"stamp_ns": 9, "seq": 1, "clock": "sim", "episode": 0}, "names": ["a"], "t": [9]}
+    body |= {"moving": [1], "moving_twist": np.zeros((1, 1, 1, 6)).tolist(), "episodes": [0], "_steps": 1, "_bodies": 1}
+    raw = memoryview(transforms.pack("world", [(("a",), np.array([9]), np.zeros((1, 1, 7)))]))
+    with pytest.raises(BagError, match="names bodies 1 to 1 of 1"):
+        mapping.decode("WorldState", {"pose": [raw]}, body)
+    with pytest.raises(BagError, match="too few for 1000 steps"):
+        mapping.decode("WorldState", {"pose": [raw]}, {**body, "moving": [0], "_steps": 1000})
+    del body["_steps"]
+    body |= {"end_pose": [[[0.0] * 7]], "moving_pose": [[[[0.0] * 7]]]}
+    with pytest.raises(BagError, match="ascending list of bodies"):
+        mapping.decode("WorldState", {}, body)
 
 
 def test_packets_longer_than_mono_can_count(tmp_path):

@@ -4,6 +4,7 @@ import dataclasses
 import time
 from collections import defaultdict
 
+import numpy as np
 import pytest
 from bag_messages import copied, same, scene
 
@@ -263,6 +264,27 @@ def test_paced_replay_keeps_its_distances(tmp_path):
         pass
     assert time.monotonic() - begin >= 0.0999
     assert len(node.runtime.published) == 7
+    node.close()
+
+
+def test_again_and_again_as_further_episodes(tmp_path, monkeypatch):
+    """The same stamps and arrays, the episodes going up, headers and arrays alike; latched descriptions once."""
+    monkeypatch.setattr("nodes.replayer.node.REST_S", 0.0)
+    topics = ["/state", "/cam0/keyframe", "/cam0/info"]
+    record(tmp_path / "a.mcap", keyframes=3, topics=ALL)
+    node = make(ReplayerNode, bag=str(tmp_path / "a.mcap"), topics=topics, again=True)
+    node.setup()
+    for _ in range(9):
+        assert node.step({})
+    sent = [m for topic, m in node.runtime.published if topic == "/state"]
+    assert [m.header.episode for m in sent] == [0, 0, 0, 1, 1, 1, 2, 2, 2]
+    assert [m.episodes.tolist() for m in sent] == [[0]] * 3 + [[1]] * 3 + [[2]] * 3
+    frames = [m for topic, m in node.runtime.published if topic == "/cam0/keyframe"]
+    for k in range(3):
+        for later in (3, 6):
+            assert sent[k].header.stamp_ns == sent[k + later].header.stamp_ns
+            assert np.array_equal(sent[k].end_pose, sent[k + later].end_pose)
+            assert np.array_equal(frames[k].radiance, frames[k + later].radiance)
     node.close()
 
 

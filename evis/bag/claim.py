@@ -1,0 +1,60 @@
+"""The file that a bag is recorded to: an older one of its name is put aside and never lost."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import stat
+from pathlib import Path
+
+from evis.bag import BagError
+
+
+def claim(path: Path) -> tuple[int, Path | None]:
+    """Open a new file at `path` and give (descriptor, where what was there is now, or None).
+
+    The old file becomes `<name>.bak`, or `<name>.bak2`, ... where there is such a one already, once the new one is
+    open. A bag without any message, as a run leaves that failed at its start, is not kept. Raises BagError.
+    """
+    try:
+        if path.exists() and not stat.S_ISREG(path.stat().st_mode):
+            if path.is_dir():
+                raise BagError(f"cannot record to {path}: it is a folder; name a file such as {path / 'a.mcap'}")
+            return os.open(path, os.O_WRONLY | os.O_CLOEXEC), None
+        fresh = path.with_name(f".{path.name}.{os.getpid()}")
+        descriptor = os.open(fresh, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+        try:
+            backup = _free_name(path) if path.exists() and not _has_nothing(path) else None
+            if backup:
+                os.replace(path, backup)
+            os.replace(fresh, path)
+        except OSError:
+            os.close(descriptor)
+            fresh.unlink(missing_ok=True)
+            raise
+        return descriptor, backup
+    except FileNotFoundError:
+        raise BagError(f"cannot record to {path}: there is no directory {path.parent}; create it first") from None
+    except OSError as error:
+        raise BagError(f"cannot record to {path}: {error.strerror}") from None
+
+
+def _free_name(path: Path) -> Path:
+    names = (path.with_name(f"{path.name}.bak{number if number > 1 else ''}") for number in itertools.count(1))
+    return next(name for name in names if not name.exists())
+
+
+def _has_nothing(path: Path) -> bool:
+    """True for an empty file and for a whole bag without messages."""
+    from evis.bag.scan import Scanner
+
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        if not os.fstat(descriptor).st_size:
+            return True
+        layout = Scanner(descriptor, str(path)).layout
+        return not layout.problem and not layout.chunks
+    except BagError:
+        return False  # of another kind, or torn
+    finally:
+        os.close(descriptor)
