@@ -148,11 +148,13 @@ class Lens:
                 for _ in range(8):
                     tried = xy - scale[:, None] * step
                     remaining = self._bend(tried) - target
-                    worse = ~(np.linalg.norm(remaining, axis=-1) <= error)
+                    # A step over a fold would end in the other branch, from which nothing leads back.
+                    upright = np.linalg.det(self.jacobian(tried)) > 0
+                    worse = ~(upright & (np.linalg.norm(remaining, axis=-1) <= error))
                     if not worse.any():
                         break
                     scale[worse] /= 2
-                better = np.linalg.norm(remaining, axis=-1) < error
+                better = upright & (np.linalg.norm(remaining, axis=-1) < error)
                 if not better.any():
                     break
                 xy, residual = np.where(better[:, None], tried, xy), np.where(better[:, None], remaining, residual)
@@ -160,7 +162,7 @@ class Lens:
             solved = (error <= 1e-12 * (1 + np.linalg.norm(target, axis=-1))) & (
                 np.arctan(np.linalg.norm(xy, axis=-1)) < self.domain
             )
-            # The branch on which the map keeps its orientation: another solution lies beyond a fold.
+            # The branch on which the map keeps its orientation: a start beyond a fold stays there.
             solved &= np.linalg.det(self.jacobian(xy)) > 0
         return np.where(solved[:, None], xy, np.nan)
 

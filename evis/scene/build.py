@@ -6,7 +6,7 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
     args:       {NAME: {type: float|int|str|bool|vector, default, min, max, choices, unit, help}}; width, height: always
     cameras:    {NAME: FRAME + {fov (vertical) | focal (px), width, height, near, supersampling,
                 rate (keyframes per second), distortion: {model: plumb_bob|equidistant, coefficients}}}
-    bodies:     {NAME: FRAME + {motion: [MOTION], shapes: [SHAPE]}}
+    bodies:     {NAME: FRAME + {motion: [MOTION], shapes: [SHAPE], semantic}}
     world:      [SHAPE], static
     materials:  {NAME: {albedo, emission, roughness, metallic, two_sided, texture: {kind: image, file} or
                 {kind: blobs|noise|checker|bricks|planks, size, low, high, seed, feature, cells, joint,
@@ -32,6 +32,7 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
     SHAPE:  {shape: box (size, edge: radius of round edges | tile) | sphere | ellipsoid | cylinder | capsule | disk
             | plane (size, repeat | tile, cells) | mesh (vertices, faces), material, name, position, rotation}
             or {shape: mesh, file: X.obj|ply|stl|gltf|glb, scale, up: y|z, crease}, with the file's own materials
+            semantic: the class of the thing; else its body's, its name or its body's name, without what copies add
 
 Entries of bodies, cameras, lights, world and shapes may have `copies:` and stand for many, see `evis.scene.copies`.
 Paths are relative to the scene file.
@@ -39,6 +40,7 @@ Paths are relative to the scene file.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -85,7 +87,8 @@ class _Builder:
             self._materials(textures)
             self._shapes(WORLD, "world", self.top.items("world", "shape"))
             for name, fields in self.bodies.items():
-                self._shapes(self.index[name], name, fields.items("shapes", "shape"))
+                shared = fields.text("semantic", "")
+                self._shapes(self.index[name], name, fields.items("shapes", "shape"), shared, self.stems[name])
             self._lights()
             self._sky()
             for fields in (*self.bodies.values(), *self.cameras.values(), self.top):
@@ -114,6 +117,8 @@ class _Builder:
 
     def _frames(self) -> None:
         """Bodies and cameras: numbered first, then placed, since each may stand on another."""
+        bodies = self.top.sections("bodies", "body")
+        self.stems = {base + ending: base for base, entry in bodies.items() for ending, _ in copies(entry)}
         self.bodies, self.cameras = (
             {base + ending: copy for base, entry in self.top.sections(*key).items() for ending, copy in copies(entry)}
             for key in (("bodies", "body"), ("cameras", "camera"))
@@ -125,6 +130,8 @@ class _Builder:
             self.index[name] = len(self.scene.bodies)
             self.scene.bodies.append(Body(name, None))
         for name, fields in self.cameras.items():
+            if not re.fullmatch(r"[\w.-]+", name):  # it is part of the names of topics
+                raise fields.error(None, f"has the name '{name}'; take letters, digits, _ . and -")
             self.scene.cameras.append(read_camera(name, fields, self.arguments))
         self._placed: dict[str, bool] = {}
         for name in (*self.cameras, *self.bodies):
@@ -208,7 +215,8 @@ class _Builder:
         self.materials[material.name] = len(self.scene.materials)
         self.scene.materials.append(material)
 
-    def _shapes(self, body: int, name: str, shapes: list[Fields]) -> None:
+    def _shapes(self, body: int, name: str, shapes: list[Fields], shared: str = "", stem: str = "world") -> None:
+        """The shapes of a body. shared: the body's own class; stem: its name without what copies add."""
         entries = [entry for fields in shapes for entry in copies(fields)]
         for i, (ending, fields) in enumerate(entries):
             if fields.has("name"):
@@ -217,12 +225,14 @@ class _Builder:
                 label = name if len(entries) == 1 else f"{name}_{i}"
             material = self._material(fields) if fields.has("material") else None
             pose = se3.make_pose(fields.vector("position", 3, [0, 0, 0]), fields.rotation())
+            semantic = fields.text("semantic", shared or fields.text("name", stem))
             if fields.has("file"):
-                self._file(label, body, fields, material, pose)
+                self._file(label, body, fields, material, pose, semantic)
             elif material is None:
                 raise fields.error(None, "needs 'material'")
             else:
-                self._add_instance(Instance(label, body, read_shape(fields, self.meshes), material, pose), fields)
+                mesh = read_shape(fields, self.meshes)
+                self._add_instance(Instance(label, body, mesh, material, pose, semantic), fields)
             fields.done()
 
     def _material(self, fields: Fields) -> int:
@@ -237,7 +247,9 @@ class _Builder:
         self.labels.add(instance.name)
         self.scene.instances.append(instance)
 
-    def _file(self, label: str, body: int, fields: Fields, material: int | None, pose: np.ndarray) -> None:
+    def _file(
+        self, label: str, body: int, fields: Fields, material: int | None, pose: np.ndarray, semantic: str
+    ) -> None:
         """Every mesh of a file as an instance, with the file's materials unless the entry names one."""
         parts = read_parts(fields, self.folder, self.textures, self.parts)
         for i, part in enumerate(parts):
@@ -249,7 +261,7 @@ class _Builder:
                     self._add_material(part.material, fields)
                 chosen = self.materials[part.material.name]
             name = label if len(parts) == 1 else f"{label}_{i}"
-            self._add_instance(Instance(name, body, part.mesh, chosen, pose), fields)
+            self._add_instance(Instance(name, body, part.mesh, chosen, pose, semantic), fields)
 
     def _lights(self) -> None:
         for base, section in self.top.sections("lights", "light").items():
@@ -273,6 +285,9 @@ class _Builder:
 
             sky = self.top.has("environment") or self.top.has("environment_map")
             complete(scene, self.model, self.arguments, lit=self.top.has("lights"), sky=sky)
+        elif not any(self.top.has(key) for key in ("lights", "environment", "environment_map")):
+            if not (_mentions(self.top.table, "emission") or _mentions(self.top.table, "file")):  # a mesh may glow
+                scene.notes.append("nothing gives light, so every image is black: add `lights:` or `environment:`")
         if not scene.cameras:
             raise SceneError(f"{path.name}: scene {scene.name} has no camera; add `cameras: {{cam0: {{fov: 40 deg}}}}`")
         # The only camera, or a model's first one, is found without its name; several keep those of the file.
@@ -283,3 +298,10 @@ class _Builder:
             first = scene.cameras[0]
             scene.bodies[scene.body_index(first.name)].name = "cam0"
             first.name = "cam0"
+
+
+def _mentions(value: Any, key: str) -> bool:
+    """Whether a map in `value` has this key."""
+    if isinstance(value, dict):
+        return key in value or any(_mentions(inner, key) for inner in value.values())
+    return isinstance(value, list) and any(_mentions(inner, key) for inner in value)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from evis.launch.document import LaunchError, Row, Table, read
-from evis.params import Param, resolve
+from evis.params import Param, ParamError, resolve
 from evis.paths import find, names
 from evis.scene.model import Scene
 from evis.scene.reader import Fields, SceneError
@@ -37,11 +37,22 @@ def load_scene(
 
     path = find_scene(name_or_path)
     table = _document(path)
+    return build(table, path, _values(path, table, overrides or {}), textures and visuals, visuals)
+
+
+def check_args(name_or_path: str, overrides: Mapping[str, Any]) -> None:
+    """Raise ParamError for arguments that `load_scene` would not take. SceneError, FileNotFoundError as there."""
+    path = find_scene(name_or_path)
+    _values(path, _document(path), overrides)
+
+
+def _values(path: Path, table: Table, overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Every argument's value: given ones over defaults."""
     declared, components = _arguments(path, table)
-    values = resolve(f"scene {path.stem}", declared, overrides or {})
+    values = resolve(f"scene {path.stem}", declared, overrides)
     for key, component in components.items():
         values[key] = _vector(path.stem, key, values[key], len(declared[key].default), component)
-    return build(table, path, values, textures and visuals, visuals)
+    return values
 
 
 def scene_args(name_or_path: str) -> dict[str, Param]:
@@ -66,6 +77,17 @@ def camera_rates(name_or_path: str, overrides: Mapping[str, Any] | None = None) 
         return {}
     found = load_scene(name_or_path, overrides, visuals=False).cameras
     return {camera.name: camera.rate for camera in found if camera.rate is not None}
+
+
+def camera_names(name_or_path: str) -> list[str] | None:
+    """Names of the cameras of a scene file without a model, as they are found, in its order; None where only loading
+    tells."""
+    path = find_scene(name_or_path)
+    document = None if path.suffix in MODELS else _document(path)
+    cameras = document.get("cameras") if document and "mjcf" not in document else None
+    if not isinstance(cameras, Table) or not cameras:
+        return None
+    return list(cameras) if len(cameras) > 1 else ["cam0"]
 
 
 def find_scene(name_or_path: str) -> Path:
@@ -181,7 +203,7 @@ def _vector(owner: str, key: str, value: list[Any], size: int, component: Param)
     """Numbers of a vector argument, each within its range."""
     if len(value) != size:
         example = ",".join(["0.1"] * size)
-        raise SceneError(f"scene {owner}: {key} is {value!r}; it must be {size} numbers, such as {key}={example}")
+        raise ParamError(f"scene {owner}: {key} is {value!r}; it must be {size} numbers, such as {key}={example}")
     return [component.convert(f"scene {owner}", f"{key}[{i}]", v) for i, v in enumerate(value)]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -67,7 +67,10 @@ def load_parts(
         source = getattr(visual, "material", None) if getattr(visual, "kind", None) == "texture" else None
         if source is not None:
             if id(source) not in known:
-                known[id(source)] = _material(path, source, exact, textures)
+                known[id(source)] = made = _material(path, source, exact, textures)
+                # Materials of a file may share a name; those of a scene may not.
+                taken = {other.name for other in known.values() if other is not None and other is not made}
+                made.name += f"_{len(known)}" if made.name in taken else ""
             parts[-1].material = known[id(source)]
     if not parts:
         raise SceneError(f"{path.name} has no triangles")
@@ -102,7 +105,7 @@ def _mesh(path: Path, geometry: Any, transform: np.ndarray, scale: np.ndarray, t
     )
 
 
-def _material(path: Path, source: Any, exact: Mapping[str, Mapping[str, Any]], textures: bool) -> Material:
+def _material(path: Path, source: Any, exact: Mapping[str, Sequence[Mapping[str, Any]]], textures: bool) -> Material:
     name = f"{path.stem}_{getattr(source, 'name', None) or 'material'}"
     if not hasattr(source, "baseColorFactor"):  # MTL
         diffuse = source.kwargs.get("kd") if isinstance(source.kwargs, dict) else None
@@ -110,7 +113,7 @@ def _material(path: Path, source: Any, exact: Mapping[str, Mapping[str, Any]], t
             diffuse = np.asarray(source.diffuse, np.float64)[:3] / 255
         reflectance = linear_from_srgb(np.clip(np.asarray(diffuse, np.float64), 0.0, 1.0))
         return Material(name, reflectance, _image(source.image) if textures else None)
-    stored = exact.get(str(source.name), {})
+    stored = next((m for m in exact.get(str(source.name), ()) if _agree(m, source)), {})
     pbr = stored.get("pbrMetallicRoughness", {})
     factor = source.baseColorFactor
     # trimesh rounds the factor to 8 bits, which is 7 % of a dark linear reflectance.
@@ -133,13 +136,24 @@ def _image(image: Any) -> np.ndarray | None:
     return None if image is None else linear_from_bytes(np.asarray(image.convert("RGB")))
 
 
-def _gltf_materials(path: Path) -> dict[str, dict[str, Any]]:
-    """The materials of a glTF or GLB file as its JSON has them, by name."""
+def _agree(stored: Mapping[str, Any], source: Any) -> bool:
+    """Whether a material of the file is the one that trimesh rounded to this."""
+    factor = stored.get("pbrMetallicRoughness", {}).get("baseColorFactor", [1, 1, 1, 1])
+    rounded = 255 if source.baseColorFactor is None else np.asarray(source.baseColorFactor, np.float64)
+    return bool(np.abs(255 * np.asarray(factor, np.float64) - rounded).max() <= 1)
+
+
+def _gltf_materials(path: Path) -> dict[str, list[dict[str, Any]]]:
+    """The materials of a glTF or GLB file as its JSON has them, by name, which several may share."""
     data = path.read_bytes()
     if data[:4] == b"glTF":
         (length,) = struct.unpack_from("<I", data, 12)
         data = data[20 : 20 + length]
-    return {str(m["name"]): m for m in json.loads(data).get("materials", []) if "name" in m}
+    found: dict[str, list[dict[str, Any]]] = {}
+    for material in json.loads(data).get("materials", []):
+        if "name" in material:
+            found.setdefault(str(material["name"]), []).append(material)
+    return found
 
 
 def _line(error: Exception) -> str:

@@ -5,7 +5,8 @@ Only geom groups 0 to 2 are drawn (3 and up are collision shapes by custom), and
 Light in MuJoCo has no units. The rule here: a light of diffuse d makes a white surface that faces it have the radiance
 d. So a directional light gives an irradiance of pi d [W/m^2], and a point or spot light as much at the distance of the
 model's centre, falling with the square; where a light has an `intensity`, that times d is its radiant intensity [W/sr].
-Spots shine all around. The `ambient` of headlight and lights add up to the environment's radiance.
+A spot shines within its `cutoff`, and falls to half where cos^exponent does. The `ambient` of headlight and lights add
+up to the environment's radiance.
 """
 
 from __future__ import annotations
@@ -84,13 +85,13 @@ def complete(scene: Scene, model: Any, arguments: Mapping[str, Any], *, lit: boo
 
 def _compile(scene: Scene, path: Path, visuals: bool) -> tuple[Any, np.ndarray]:
     """The MjModel of an MJCF or URDF file, and which of its geoms are drawn, bool [ngeom]."""
-    if path.suffix.lower() == ".urdf" and visuals:
+    if path.suffix.lower() == ".urdf":
         from evis.scene.urdf import compile_urdf, drawn
 
-        model, note = compile_urdf(path)
+        bare, full, note = compile_urdf(path)
         if note:
             scene.notes.append(note)
-        return model, drawn(model)
+        return (full, drawn(full)) if visuals else (bare, np.zeros(bare.ngeom, bool))
     model = mujoco.MjModel.from_xml_path(str(path))
     return model, np.isin(model.geom_group, GROUPS) & visuals
 
@@ -132,7 +133,22 @@ def _light(scene: Scene, model: Any, i: int) -> Light:
     position = np.array(model.light_pos[i], np.float64)
     square = float(np.sum((model.light_pos0[i] + _origin(model, body) - model.stat.center) ** 2))
     strength = float(model.light_intensity[i]) or np.pi * max(square, 1e-6)
-    return Light(name, "point", np.float32(strength) * diffuse, position, body, shadows)
+    colour = np.float32(strength) * diffuse
+    if model.light_type[i] != mujoco.mjtLightType.mjLIGHT_SPOT or model.light_cutoff[i] >= 90:
+        return Light(name, "point", colour, position, body, shadows)
+    cone = _cone(float(np.radians(model.light_cutoff[i])), float(model.light_exponent[i]))
+    return Light(name, "spot", colour, position, body, shadows, np.array(model.light_dir[i], np.float64), cone)
+
+
+def _cone(cutoff: float, exponent: float) -> tuple[float, float]:
+    """Half-angles of a cone whose smooth step in the cosine is half where cos^exponent is, if that is within `cutoff`.
+
+    A step that begins on the axis ends before `cutoff` where the power falls fast.
+    """
+    half = 0.5 ** (1 / exponent) if exponent > 0 else 0.0
+    edge = max(float(np.cos(cutoff)), 2 * half - 1)
+    full = max(2 * half - edge, edge)
+    return float(np.arccos(min(full, 1.0))), float(np.arccos(edge))
 
 
 def _origin(model: Any, body: int) -> np.ndarray:

@@ -37,7 +37,8 @@ def add_geom(scene: Scene, model: Any, geom: int) -> None:
     alone = body >= 0 and np.count_nonzero(model.geom_bodyid == body + 1) == 1
     name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom) or (owner if alone else f"{owner}_{label}{geom}")
     pose = se3.make_pose(model.geom_pos[geom], se3.from_mujoco(model.geom_quat[geom]))
-    scene.instances.append(Instance(name, body, mesh, material, pose))
+    # A robot's links are told apart; what stands in the world is what it is called.
+    scene.instances.append(Instance(name, body, mesh, material, pose, owner if body >= 0 else name))
 
 
 def _mesh(model: Any, geom: int, kind: Any) -> Mesh | None:

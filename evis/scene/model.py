@@ -79,6 +79,8 @@ class Instance:
     material: int
     pose: np.ndarray = field(default_factory=lambda: np.array([0, 0, 0, 0, 0, 0, 1.0]))
     """Instance to body."""
+    semantic: str = ""
+    """What kind of thing it is, the class that semantic ids tell; "" = as its name."""
 
 
 @dataclass(frozen=True)

@@ -316,6 +316,26 @@ def row_share(view: View, s: Setup, y: int):
 
 
 @wp.func
+def runs_of(view: View, s: Setup, x0: int, x1: int):
+    """`run_of` the edges, or 0 where there are few columns: these are tried sooner than the edges' ends are found."""
+    if x1 - x0 >= NARROW:
+        return wp.vec3(run_of(view, s.e0), run_of(view, s.e1), run_of(view, s.e2))
+    return wp.vec3(0.0, 0.0, 0.0)
+
+
+@wp.func
+def columns_of(run: wp.vec3, r: wp.vec4, centre: float, x0: int, x1: int):
+    """First and last of the columns x0..x1 of a row that the edges leave; the last is before the first for none."""
+    span = wp.vec2(float(x0), float(x1))
+    span = narrow(run[0], r[0], centre, span)
+    span = narrow(run[1], r[1], centre, span)
+    span = narrow(run[2], r[2], centre, span)
+    if span[0] > span[1]:
+        return wp.vec2i(0, -1)
+    return wp.vec2i(int(wp.ceil(span[0])), int(span[1]))
+
+
+@wp.func
 def walk(
     view: View,
     s: Setup,
@@ -329,20 +349,12 @@ def walk(
 ):
     """Write the pixels of a triangle inside x0..x1, y0..y1 into the z-buffer."""
     centre = view.cx + float(view.margin)
-    run = wp.vec3(0.0, 0.0, 0.0)
-    # A few pixels are tried sooner than the edges' ends are computed.
-    if x1 - x0 >= NARROW:
-        run = wp.vec3(run_of(view, s.e0), run_of(view, s.e1), run_of(view, s.e2))
+    run = runs_of(view, s, x0, x1)
     for y in range(y0, y1 + 1):
         r = row_share(view, s, y)
-        span = wp.vec2(float(x0), float(x1))
-        if x1 - x0 >= NARROW:
-            span = narrow(run[0], r[0], centre, span)
-            span = narrow(run[1], r[1], centre, span)
-            span = narrow(run[2], r[2], centre, span)
-        if span[0] <= span[1]:
-            for x in range(int(wp.ceil(span[0])), int(span[1]) + 1):
-                cover(view, s, r, x, y, env, triangle, packed)
+        span = columns_of(run, r, centre, x0, x1)
+        for x in range(span[0], span[1] + 1):
+            cover(view, s, r, x, y, env, triangle, packed)
 
 
 @wp.func

@@ -105,21 +105,22 @@ def sampled_glint(s: SurfacePoint, ray: wp.vec3, cosine: float, density: float, 
     return (cosine / (count * (density + other))) * brdf
 
 
-def make_area(shadows: bool, trees: bool, gloss: bool) -> Any:
+def make_area(shadows: bool, trees: bool, gloss: bool, cached: bool, joined: bool) -> Any:
     """The function of one area light of unit radiance at a surface point.
 
     Gives whether still casters let any of it through; irradiance of the diffuse term with all casters, and with still
     ones; radiance of the specular term likewise. The diffuse term is the closed form times the seen part of the
     samples' weight (a ratio estimator: exact, without noise, where nothing is in the way). The specular term joins
     samples of the light and of the lobe by the balance heuristic (Veach and Guibas, SIGGRAPH 1995).
+
+    shadows: some area light has them. cached: still casters are told apart from moving ones; otherwise all count as
+    moving. joined: as of `make_occlusion`. A ray through a scene takes long to compile: there is one place that has it.
     """
-    occluded, crossed = make_occlusion(trees)
+    occluded, crossed = make_occlusion(trees, joined)
 
     @wp.func
     def seen(
         casters: Casters,
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
         env: int,
         s: SurfacePoint,
         towards: wp.vec3,
@@ -129,23 +130,27 @@ def make_area(shadows: bool, trees: bool, gloss: bool) -> Any:
         move_test: bool,
     ):
         """Whether no still caster is on the way to a point of the light, and none at all; what needs no test is not."""
-        gap = towards - (s.lift - s.position)
-        length = wp.length(gap)
-        ray = gap / length
         open = wp.bool(True)
-        if still_test:
-            open = not occluded(casters, rotation, translation, env, 0, moved, s.alone, s.lift, ray, SHORT * length)
-        free = open
-        if open and move_test:
-            free = not occluded(casters, rotation, translation, env, moved, last, s.alone, s.lift, ray, SHORT * length)
+        free = wp.bool(True)
+        if wp.static(shadows):
+            gap = towards - (s.lift - s.position)
+            length = wp.length(gap)
+            ray = gap / length
+            part = wp.int32(wp.static(0 if cached else 1))
+            while part < 2 and free:
+                if (part == 0 and still_test) or (part == 1 and move_test):
+                    first = wp.where(part == 0, 0, moved)
+                    end = wp.where(part == 0, moved, last)
+                    if occluded(casters, env, first, end, s.alone, s.lift, ray, SHORT * length):
+                        free = False
+                        open = part > 0
+                part += 1
         return open, free
 
     @wp.func
     def area(
         lights: Lights,
         casters: Casters,
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
         env: int,
         l: int,
         s: SurfacePoint,
@@ -171,8 +176,9 @@ def make_area(shadows: bool, trees: bool, gloss: bool) -> Any:
                 far = wp.length(gap)
                 reach = wp.length(u) + wp.length(v)
                 ray = gap / far
-                still_test = crossed(casters, translation, env, 0, moved, s.alone, s.lift, ray, far, reach)
-                move_test = crossed(casters, translation, env, moved, last, s.alone, s.lift, ray, far, reach)
+                if wp.static(cached):
+                    still_test = crossed(casters, env, 0, moved, s.alone, s.lift, ray, far, reach)
+                move_test = crossed(casters, env, moved, last, s.alone, s.lift, ray, far, reach)
         shiny = wp.bool(False)
         if wp.static(gloss):
             shiny = s.alpha >= 0.0
@@ -189,21 +195,40 @@ def make_area(shadows: bool, trees: bool, gloss: bool) -> Any:
         still = wp.float32(0.0)
         full_shine = wp.vec3(0.0, 0.0, 0.0)
         still_shine = wp.vec3(0.0, 0.0, 0.0)
-        for k in range(side * side):
-            a = 2.0 * (float(k % side) + wp.randf(random)) / float(side) - 1.0
-            b = 2.0 * (float(k // side) + wp.randf(random)) / float(side) - 1.0
-            towards = centre + a * u + b * v
-            length = wp.length(towards)
-            ray = towards / length
+        # Of the light first, then of the lobe.
+        samples = wp.where(shiny, 2 * side * side, side * side)
+        for n in range(samples):
+            of_lobe = n >= side * side
+            k = wp.where(of_lobe, n - side * side, n)
+            a = (float(k % side) + wp.randf(random)) / float(side)
+            b = (float(k // side) + wp.randf(random)) / float(side)
+            towards = zero
+            length = wp.float32(0.0)
+            ray = zero
+            if of_lobe:
+                if wp.static(gloss):
+                    ray = sample_direction(s.alpha, s.facing, s.view, wp.vec2(a, b))
+            else:
+                towards = centre + (2.0 * a - 1.0) * u + (2.0 * b - 1.0) * v
+                length = wp.length(towards)
+                ray = towards / length
             cosine = wp.dot(s.facing, ray)
             leaving = -wp.dot(facing, ray)
             if cosine > 0.0 and leaving > 0.0:
-                weight = cosine * leaving / length / length
+                weight = wp.float32(0.0)
+                met = wp.dot(s.normal, ray) > 0.0
+                if of_lobe:
+                    if wp.static(gloss):
+                        length = -wp.dot(centre, facing) / leaving
+                        towards = length * ray
+                        place = towards - centre
+                        met = met and wp.abs(wp.dot(place, u)) <= wp.dot(u, u)
+                        met = met and wp.abs(wp.dot(place, v)) <= wp.dot(v, v)
+                else:
+                    weight = cosine * leaving / length / length
                 total += weight
-                if wp.dot(s.normal, ray) > 0.0:
-                    open, free = seen(
-                        casters, rotation, translation, env, s, towards, moved, last, still_test, move_test
-                    )
+                if met:
+                    open, free = seen(casters, env, s, towards, moved, last, still_test, move_test)
                     glint = zero
                     if wp.static(gloss):
                         if shiny:
@@ -214,26 +239,6 @@ def make_area(shadows: bool, trees: bool, gloss: bool) -> Any:
                     if free:
                         full += weight
                         full_shine += glint
-        if wp.static(gloss):
-            if shiny:
-                for k in range(side * side):
-                    a = (float(k % side) + wp.randf(random)) / float(side)
-                    b = (float(k // side) + wp.randf(random)) / float(side)
-                    ray = sample_direction(s.alpha, s.facing, s.view, wp.vec2(a, b))
-                    cosine = wp.dot(s.facing, ray)
-                    leaving = -wp.dot(facing, ray)
-                    if cosine > 0.0 and leaving > 0.0 and wp.dot(s.normal, ray) > 0.0:
-                        length = -wp.dot(centre, facing) / leaving
-                        place = length * ray - centre
-                        if wp.abs(wp.dot(place, u)) <= wp.dot(u, u) and wp.abs(wp.dot(place, v)) <= wp.dot(v, v):
-                            open, free = seen(
-                                casters, rotation, translation, env, s, length * ray, moved, last, still_test, move_test
-                            )
-                            glint = sampled_glint(s, ray, cosine, length * length / (leaving * size), count)
-                            if open:
-                                still_shine += glint
-                            if free:
-                                full_shine += glint
         passes = still > 0.0 or wp.max(still_shine) > 0.0
         if total > 0.0:
             # The ratio first, which is exactly 1 where all is seen.

@@ -122,30 +122,29 @@ def make_directions(directional: bool, point: bool, spot: bool) -> tuple[Any, An
 
 
 def make_lighting(
-    directional: bool,
-    point: bool,
-    spot: bool,
+    kinds: tuple[bool, bool, bool],
     area: Any,
-    shadows: bool,
+    hard: bool,
+    soft: bool,
     trees: bool,
+    joined: bool,
     cache: bool,
     gloss: bool,
     masked: bool = False,
 ) -> tuple[Any, Any]:
     """The functions `unhidden` and `gather` with only what a scene has; area: the function of area lights, or None.
 
-    masked: rays to the other lights have been traced, see shadow_kernels.
+    kinds: whether there are directional, point and spot lights; hard: whether one of these has shadows; soft: whether
+    an area light has. masked: rays to the other lights have been traced, see shadow_kernels.
     """
-    delta = directional or point or spot
-    occluded, crossed = make_occlusion(trees)
-    towards, idle = make_directions(directional, point, spot)
+    delta = any(kinds)
+    occluded, crossed = make_occlusion(trees, joined)
+    towards, idle = make_directions(*kinds)
 
     @wp.func
     def unhidden(
         lights: Lights,
         casters: Casters,
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
         env: int,
         bits: wp.uint32,
         s: SurfacePoint,
@@ -154,19 +153,19 @@ def make_lighting(
         last = casters.order.shape[0]
         for l in range(lights.kind.shape[0]):
             if ((bits >> wp.uint32(l)) & wp.uint32(1)) != wp.uint32(0):
-                if wp.static(area is not None):
+                if wp.static(soft):
                     if lights.kind[l] == AREA:
                         centre = lights.vector[env, l] - s.lift
                         far = wp.length(centre)
                         reach = wp.length(lights.half_u[env, l]) + wp.length(lights.half_v[env, l])
-                        if crossed(
-                            casters, translation, env, casters.still, last, s.alone, s.lift, centre / far, far, reach
-                        ):
+                        ray = centre / far
+                        first = casters.still
+                        if crossed(casters, env, first, last, s.alone, s.lift, ray, far, reach):
                             return False
                         continue
-                if wp.static(delta):
+                if wp.static(hard):
                     ray, length, _ = towards(lights, env, l, s.position)
-                    if occluded(casters, rotation, translation, env, casters.still, last, s.alone, s.lift, ray, length):
+                    if occluded(casters, env, casters.still, last, s.alone, s.lift, ray, length):
                         return False
         return True
 
@@ -174,8 +173,6 @@ def make_lighting(
     def gather(
         lights: Lights,
         casters: Casters,
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
         env: int,
         s: SurfacePoint,
         moved: int,
@@ -198,9 +195,7 @@ def make_lighting(
             if wp.static(area is not None):
                 if lights.kind[l] == AREA:
                     if not known or (bits & bit) != wp.uint32(0) or lights.shadow[l] == 0:
-                        passes, full, still, full_shine, still_shine = area(
-                            lights, casters, rotation, translation, env, l, s, moved, last
-                        )
+                        passes, full, still, full_shine, still_shine = area(lights, casters, env, l, s, moved, last)
                         colour = lights.colour[env, l]
                         irradiance += full * colour
                         unblocked += still * colour
@@ -221,21 +216,17 @@ def make_lighting(
                     free = wp.bool(True)
                     if wp.static(masked):
                         free = (hidden & bit) == wp.uint32(0)
-                    elif wp.static(shadows):
+                    elif wp.static(hard):
                         if lights.shadow[l] == 1:
                             if wp.static(cache):
                                 if known:
                                     open = (bits & bit) != wp.uint32(0)
                                 else:
-                                    open = not occluded(
-                                        casters, rotation, translation, env, 0, moved, s.alone, s.lift, ray, length
-                                    )
+                                    open = not occluded(casters, env, 0, moved, s.alone, s.lift, ray, length)
                                     bits = wp.where(open, bits | bit, bits)
                             free = open
                             if open:
-                                free = not occluded(
-                                    casters, rotation, translation, env, moved, last, s.alone, s.lift, ray, length
-                                )
+                                free = not occluded(casters, env, moved, last, s.alone, s.lift, ray, length)
                     glint = wp.vec3(0.0, 0.0, 0.0)
                     if wp.static(gloss):
                         if s.alpha >= 0.0:

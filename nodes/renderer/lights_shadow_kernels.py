@@ -24,6 +24,9 @@ LIFT = wp.constant(4.0e-6)
 class Casters:
     """Instances as occluders. mesh [I] ids; radius and shell [I]; order [I]: still ones first, `still` of them."""
 
+    rotation: wp.array2d(dtype=wp.mat33)
+    """[E, I] frame to the camera's, with `translation`."""
+    translation: wp.array2d(dtype=wp.vec3)
     mesh: wp.array(dtype=wp.uint64)
     radius: wp.array(dtype=float)
     shell: wp.array(dtype=int)
@@ -65,24 +68,28 @@ def merged_holds(casters: Casters, env: int, origin: wp.vec3):
 
 
 @wp.func
+def sphere_met(centre: wp.vec3, radius: float, direction: wp.vec3, length: float):
+    """Whether a ray from the origin meets a ball; its radius grows by the rounding of positions at this distance."""
+    along = wp.dot(centre, direction)
+    away = centre - along * direction
+    wide = radius + 1.0e-6 * wp.abs(along)
+    return wp.dot(away, away) <= wide * wide and along >= -wide and along - wide <= length
+
+
+@wp.func
 def in_the_way(
     casters: Casters,
-    rotation: wp.array2d(dtype=wp.mat33),
-    translation: wp.array2d(dtype=wp.vec3),
     env: int,
     i: int,
     origin: wp.vec3,
     direction: wp.vec3,
     length: float,
+    extent: float,
 ):
-    """Whether a ray meets instance i; its triangles are tried only if its bounding sphere is hit."""
-    centre = translation[env, i] - origin
-    along = wp.dot(centre, direction)
-    away = centre - along * direction
-    # The margin is the rounding of positions at this distance.
-    radius = casters.radius[i] + 1.0e-6 * wp.abs(along)
-    if wp.dot(away, away) <= radius * radius and along >= -radius and along - radius <= length:
-        inverse = wp.transpose(rotation[env, i])
+    """Whether a ray meets instance i; its triangles are tried only if its bounding sphere is hit. extent: of no use."""
+    centre = casters.translation[env, i] - origin
+    if sphere_met(centre, casters.radius[i], direction, length):
+        inverse = wp.transpose(casters.rotation[env, i])
         if wp.mesh_query_ray_anyhit(casters.mesh[i], -(inverse * centre), inverse * direction, length):
             return True
     return False
@@ -91,7 +98,6 @@ def in_the_way(
 @wp.func
 def near_hull(
     casters: Casters,
-    translation: wp.array2d(dtype=wp.vec3),
     env: int,
     i: int,
     origin: wp.vec3,
@@ -102,121 +108,89 @@ def near_hull(
     """Whether the bounding sphere of instance i meets the hull of a point and a ball."""
     sine = extent / length
     cosine = wp.sqrt(1.0 - sine * sine)
-    centre = translation[env, i] - origin
+    centre = casters.translation[env, i] - origin
     along = wp.dot(centre, direction)
     away = wp.length(centre - along * direction)
     radius = casters.radius[i] + 1.0e-6 * wp.abs(along)
     return along >= -radius and along - radius <= length + extent and away * cosine - along * sine <= radius
 
 
-@wp.func
-def occluded_in_still_tree(
-    casters: Casters,
-    rotation: wp.array2d(dtype=wp.mat33),
-    translation: wp.array2d(dtype=wp.vec3),
-    env: int,
-    skip: int,
-    origin: wp.vec3,
-    direction: wp.vec3,
-    length: float,
-):
-    """As `occluded` for all still casters."""
-    turn = casters.turn[env]
-    start = turn * origin + casters.shift[env]
-    query = wp.bvh_query_capsule(casters.still_tree, start, turn * direction, casters.pad[env])
-    k = wp.int32(0)
-    while wp.bvh_query_next(query, k, length):
-        i = casters.order[k]
-        if i != skip:
-            if in_the_way(casters, rotation, translation, env, i, origin, direction, length):
-                return True
-    return False
+def make_search(test: Any, trees: bool) -> tuple[Any, Any]:
+    """The functions that look for a caster that fulfils `test`: among the still ones in their tree, and among others.
 
+    Trees are searched as far as the ray's `length` and around it as far as `pad`, and `extent` further.
+    """
 
-@wp.func
-def occluded_in_moving_tree(
-    casters: Casters,
-    rotation: wp.array2d(dtype=wp.mat33),
-    translation: wp.array2d(dtype=wp.vec3),
-    env: int,
-    skip: int,
-    origin: wp.vec3,
-    direction: wp.vec3,
-    length: float,
-):
-    """As `occluded` for all moving casters."""
-    root = wp.bvh_get_group_root(casters.moving_tree, env)
-    query = wp.bvh_query_capsule(casters.moving_tree, origin, direction, casters.pad[env], root)
-    base = casters.still - env * (casters.order.shape[0] - casters.still)
-    k = wp.int32(0)
-    while wp.bvh_query_next(query, k, length):
-        i = casters.order[base + k]
-        if i != skip:
-            if in_the_way(casters, rotation, translation, env, i, origin, direction, length):
-                return True
-    return False
+    @wp.func
+    def in_still_tree(
+        casters: Casters,
+        env: int,
+        skip: int,
+        origin: wp.vec3,
+        direction: wp.vec3,
+        length: float,
+        extent: float,
+    ):
+        turn = casters.turn[env]
+        start = turn * origin + casters.shift[env]
+        query = wp.bvh_query_capsule(casters.still_tree, start, turn * direction, casters.pad[env] + extent)
+        k = wp.int32(0)
+        while wp.bvh_query_next(query, k, length + extent):
+            i = casters.order[k]
+            if i != skip:
+                if test(casters, env, i, origin, direction, length, extent):
+                    return True
+        return False
 
+    @wp.func
+    def elsewhere(
+        casters: Casters,
+        env: int,
+        begin: int,
+        last: int,
+        skip: int,
+        origin: wp.vec3,
+        direction: wp.vec3,
+        length: float,
+        extent: float,
+    ):
+        """Of order[begin..last), by the tree of moving ones where they have one."""
+        end = int(last)
+        if wp.static(trees):
+            if casters.moving_tree != wp.uint64(0) and last > casters.still:
+                end = casters.still
+                root = wp.bvh_get_group_root(casters.moving_tree, env)
+                width = casters.pad[env] + extent
+                query = wp.bvh_query_capsule(casters.moving_tree, origin, direction, width, root)
+                base = casters.still - env * (casters.order.shape[0] - casters.still)
+                k = wp.int32(0)
+                while wp.bvh_query_next(query, k, length + extent):
+                    i = casters.order[base + k]
+                    if i != skip:
+                        if test(casters, env, i, origin, direction, length, extent):
+                            return True
+        for n in range(begin, end):
+            i = casters.order[n]
+            if i != skip:
+                if test(casters, env, i, origin, direction, length, extent):
+                    return True
+        return False
 
-@wp.func
-def crossed_in_still_tree(
-    casters: Casters,
-    translation: wp.array2d(dtype=wp.vec3),
-    env: int,
-    skip: int,
-    origin: wp.vec3,
-    direction: wp.vec3,
-    length: float,
-    extent: float,
-):
-    """As `crossed` for all still casters."""
-    turn = casters.turn[env]
-    start = turn * origin + casters.shift[env]
-    query = wp.bvh_query_capsule(casters.still_tree, start, turn * direction, casters.pad[env] + extent)
-    k = wp.int32(0)
-    while wp.bvh_query_next(query, k, length + extent):
-        i = casters.order[k]
-        if i != skip:
-            if near_hull(casters, translation, env, i, origin, direction, length, extent):
-                return True
-    return False
-
-
-@wp.func
-def crossed_in_moving_tree(
-    casters: Casters,
-    translation: wp.array2d(dtype=wp.vec3),
-    env: int,
-    skip: int,
-    origin: wp.vec3,
-    direction: wp.vec3,
-    length: float,
-    extent: float,
-):
-    """As `crossed` for all moving casters."""
-    root = wp.bvh_get_group_root(casters.moving_tree, env)
-    query = wp.bvh_query_capsule(casters.moving_tree, origin, direction, casters.pad[env] + extent, root)
-    base = casters.still - env * (casters.order.shape[0] - casters.still)
-    k = wp.int32(0)
-    while wp.bvh_query_next(query, k, length + extent):
-        i = casters.order[base + k]
-        if i != skip:
-            if near_hull(casters, translation, env, i, origin, direction, length, extent):
-                return True
-    return False
+    return in_still_tree, elsewhere
 
 
 @cache
-def make_occlusion(trees: bool, joined: bool = True) -> tuple[Any, Any]:
+def make_occlusion(trees: bool, joined: bool) -> tuple[Any, Any]:
     """The functions `occluded` and `crossed`; without trees where there are none, for their mere presence costs.
 
     joined: there may be a mesh of all still triangles.
     """
+    hit_still, hit_elsewhere = make_search(in_the_way, trees)
+    near_still, near_elsewhere = make_search(near_hull, trees)
 
     @wp.func
     def occluded(
         casters: Casters,
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
         env: int,
         first: int,
         last: int,
@@ -227,7 +201,6 @@ def make_occlusion(trees: bool, joined: bool = True) -> tuple[Any, Any]:
     ):
         """Whether casters order[first..last) but `skip` are in the way; the range ends at `still` or at the end."""
         begin = int(first)
-        end = int(last)
         if wp.static(trees):
             if casters.still_tree != wp.uint64(0) and first == 0 and last >= casters.still:
                 begin = casters.still
@@ -240,23 +213,13 @@ def make_occlusion(trees: bool, joined: bool = True) -> tuple[Any, Any]:
                         if wp.mesh_query_ray_anyhit(casters.merged, start, turn * direction, length):
                             return True
                 if not tried:
-                    if occluded_in_still_tree(casters, rotation, translation, env, skip, origin, direction, length):
+                    if hit_still(casters, env, skip, origin, direction, length, 0.0):
                         return True
-            if casters.moving_tree != wp.uint64(0) and last > casters.still:
-                end = casters.still
-                if occluded_in_moving_tree(casters, rotation, translation, env, skip, origin, direction, length):
-                    return True
-        for n in range(begin, end):
-            i = casters.order[n]
-            if i != skip:
-                if in_the_way(casters, rotation, translation, env, i, origin, direction, length):
-                    return True
-        return False
+        return hit_elsewhere(casters, env, begin, last, skip, origin, direction, length, 0.0)
 
     @wp.func
     def crossed(
         casters: Casters,
-        translation: wp.array2d(dtype=wp.vec3),
         env: int,
         first: int,
         last: int,
@@ -273,21 +236,11 @@ def make_occlusion(trees: bool, joined: bool = True) -> tuple[Any, Any]:
         if extent >= length:
             return first < last
         begin = int(first)
-        end = int(last)
         if wp.static(trees):
             if casters.still_tree != wp.uint64(0) and first == 0 and last >= casters.still:
                 begin = casters.still
-                if crossed_in_still_tree(casters, translation, env, skip, origin, direction, length, extent):
+                if near_still(casters, env, skip, origin, direction, length, extent):
                     return True
-            if casters.moving_tree != wp.uint64(0) and last > casters.still:
-                end = casters.still
-                if crossed_in_moving_tree(casters, translation, env, skip, origin, direction, length, extent):
-                    return True
-        for n in range(begin, end):
-            i = casters.order[n]
-            if i != skip:
-                if near_hull(casters, translation, env, i, origin, direction, length, extent):
-                    return True
-        return False
+        return near_elsewhere(casters, env, begin, last, skip, origin, direction, length, extent)
 
     return occluded, crossed

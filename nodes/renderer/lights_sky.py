@@ -115,8 +115,14 @@ def _points(count: int) -> np.ndarray:
 
 def _checked(scene: Scene) -> np.ndarray:
     radiance = np.asarray(scene.environment_map)
-    if radiance.ndim != 3 or radiance.shape[2] != 3 or min(radiance.shape[:2]) < 2:
+    if radiance.ndim != 3 or radiance.shape[2] != 3:
         raise ValueError(f"scene {scene.name}: environment_map must be [h, w, 3], it is {list(radiance.shape)}")
+    h, w = radiance.shape[:2]
+    if min(h, w) < 2:
+        raise ValueError(
+            f"scene {scene.name}: environment_map is {w} x {h} texels, it must be at least 2 x 2; "
+            "for the same radiance from everywhere use environment: [r, g, b]"
+        )
     bad = ~np.isfinite(radiance) | (radiance < 0)
     if bad.any():
         row, column, _ = np.argwhere(bad)[0]

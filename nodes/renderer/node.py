@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from nodes.renderer.renderer import Renderer
     from nodes.renderer.supersampling import SupersampledRenderer
 
-PORTS = {"keyframe": "radiance", "depth": "depth", "motion": "motion", "ids": "ids", "normal": "normal"}
-MESSAGES: dict[str, Any] = {"depth": Depth, "motion": Motion, "ids": Ids, "normal": Normal}
+GEOMETRIC: dict[str, Any] = {"depth": Depth, "motion": Motion, "ids": Ids, "normal": Normal}
+"""Outputs besides the keyframe, which are called as the array of their message is."""
 
 
 class RendererNode(Node):
@@ -34,7 +34,13 @@ class RendererNode(Node):
         "height": Param(int, 0, "image height, 0 = the scene's", "px", 0, 8192),
         "margin": Param(int, 0, "pixels rendered beyond every side of the image", "px", 0, 1024),
         "threads": Param(int, 1, "CPU threads", minimum=1, maximum=256),
-        "half": Param(bool, False, "radiance as float16, clipped at 65504"),
+        "half": Param(bool, False, "keyframes as float16, clipped at 65504"),
+        "keyframes": Param(
+            str,
+            "auto",
+            "rgb, luminance, or auto: luminance while nobody reads colour",
+            choices=("auto", "rgb", "luminance"),
+        ),
         "supersampling": Param(int, 0, "samples per pixel and axis, averaged; 0 = the camera's", minimum=0, maximum=16),
         "samples_apart": Param(bool, False, "keyframes hold the samples, for an interpolator to average what it moved"),
         "light_samples": Param(int, 16, "shadow rays for an area light and pixel, a square", minimum=1, maximum=4096),
@@ -54,6 +60,13 @@ class RendererNode(Node):
         "normal": Output("/{camera}/normal"),
     }
     renderer: Renderer | SupersampledRenderer
+
+    @classmethod
+    def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """What is about paths, where there are none."""
+        if params["bounces"] or params["sky_occlusion"]:
+            return {}
+        return dict.fromkeys(("path_samples", "roulette"), "no light comes by paths without bounces or sky_occlusion")
 
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
@@ -99,10 +112,12 @@ class RendererNode(Node):
             self.renderer = SupersampledRenderer(self.scene, camera, samples, **how, apart=p["samples_apart"])
         else:
             self.renderer = Renderer(self.scene, camera, **how)
-        self.renderer.prepare([PORTS[port] for port in PORTS if self.wants(port)])
+        self.renderer.prepare(self._wanted())
         self._names = [body.name for body in self.scene.bodies]
         self._previous: np.ndarray | None = None
         self._episodes = np.zeros(0, np.int32)
+        kinds = ["background", *(i.semantic or i.name for i in self.scene.instances)]
+        classes = {kind: number for number, kind in enumerate(dict.fromkeys(kinds))}
         info = CameraInfo(
             Header(0),
             k=np.asarray(camera.k, np.float64),
@@ -116,6 +131,8 @@ class RendererNode(Node):
             keyframe_rate=p["keyframe_rate"],
             instances=["background", *(i.name for i in self.scene.instances)],
             instance_bodies=["", *(self._names[i.body] if i.body >= 0 else "" for i in self.scene.instances)],
+            semantic=np.array([classes[kind] for kind in kinds], np.int32),
+            classes=list(classes),
         )
         self.publish("info", info)
 
@@ -127,18 +144,27 @@ class RendererNode(Node):
                 f"{self.name}: /state has bodies {', '.join(state.names)}, scene {self.scene.name} has "
                 f"{', '.join(self._names)}; give both nodes the same scene and scene_args"
             )
-        poses = np.array(state.pose[:, -1])
-        wanted = [port for port in PORTS if self.wants(port)]
+        poses = np.array(state.end_pose)
+        wanted = self._wanted()
         on_gpu = self.renderer.device.is_cuda
-        fields = [PORTS[port] for port in wanted]
-        out: Any = self.renderer.buffers(fields) if on_gpu else {PORTS[port]: self._loan(port) for port in wanted}
+        out: Any = self.renderer.buffers(wanted) if on_gpu else {f: self._loan(p, f) for f, p in wanted.items()}
         self.renderer.render(poses, self._before(poses, state.episodes), out, out, state.header.stamp_ns)
-        for port in wanted:
-            image = out[PORTS[port]]
-            self.publish(port, self._message(port, state, self._loaned(port, image) if on_gpu else image))
-        if "radiance" in out:
+        for field, port in wanted.items():
+            image = self._loaned(port, field, out[field]) if on_gpu else out[field]
+            self.publish(port, self._message(port, field, state, image))
+        if "keyframe" in wanted.values():
             # Only now, for on a GPU this waits for the image.
             self._report()
+
+    def _wanted(self) -> dict[str, str]:
+        """What to render now, with the port that it goes to."""
+        wanted = {port: port for port in GEOMETRIC if self.wants(port)}
+        if self.wants("keyframe"):
+            grey = self.params["keyframes"] == "luminance"
+            if self.params["keyframes"] == "auto":
+                grey = not self.wants("keyframe", "radiance")
+            wanted["luminance" if grey else "radiance"] = "keyframe"
+        return wanted
 
     def _before(self, poses: np.ndarray, episodes: np.ndarray) -> np.ndarray | str:
         """Poses of the previous keyframe; this one's where an environment's episode begins."""
@@ -152,15 +178,13 @@ class RendererNode(Node):
         self._previous, self._episodes = poses, np.array(episodes)
         return before
 
-    def _loan(self, port: str) -> np.ndarray:
-        field = PORTS[port]
+    def _loan(self, port: str, field: str) -> np.ndarray:
         return self.loan(port, **{field: self.renderer.array_shape(field)})[field]
 
-    def _loaned(self, port: str, image: Any) -> Any:
+    def _loaned(self, port: str, field: str, image: Any) -> Any:
         """A copy on the device: the renderer draws into the same buffers again, as graphs record where they write."""
         import warp as wp
 
-        field = PORTS[port]
         loan = self.loan_on(port, image.device, **{field: (image.shape, image.dtype)})[field]
         wp.copy(loan, image)
         return loan
@@ -170,10 +194,11 @@ class RendererNode(Node):
             if amount:
                 self.count(name, amount)
 
-    def _message(self, port: str, state: WorldState, image: np.ndarray) -> Message:
+    def _message(self, port: str, field: str, state: WorldState, image: np.ndarray) -> Message:
         header = Header(state.header.stamp_ns, clock=state.header.clock, episode=state.header.episode)
         margin = self.params["margin"]
         if port == "keyframe":
-            episodes = np.array(state.episodes)
-            return Keyframe(header, radiance=image, episodes=episodes, margin=margin * self._fineness)
-        return MESSAGES[port](header, **{PORTS[port]: image, "margin": margin})
+            message = Keyframe(header, np.array(state.episodes), margin=margin * self._fineness)
+            setattr(message, field, image)
+            return message
+        return GEOMETRIC[port](header, **{field: image, "margin": margin})

@@ -49,6 +49,7 @@ class Occluders:
         self._half = half_extents(visibility)
         self._still, self._moving = order[:count], order[count:]
         self.casters = casters = Casters()
+        casters.rotation, casters.translation = visibility.rotation, visibility.translation
         casters.mesh, casters.order = put(ids, wp.uint64), put(order, wp.int32)
         casters.radius, casters.shell = put(geometry.radius, wp.float32), put(geometry.shell, wp.int32)
         casters.still, casters.is_still = count, put(still.astype(np.int32), wp.int32)

@@ -7,9 +7,6 @@ from nodes.renderer.kernels import MISS, View, depth_of, pixel_ray, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
-LARGEST_HALF = wp.constant(65504.0)
-"""The largest float16."""
-
 BEHIND = wp.constant(1.0e6)
 """Motion [px], both components, of a point that the previous camera had behind its near plane: outside every image."""
 
@@ -91,36 +88,6 @@ def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool, lens: str) 
                 motion_out[env, y, x] = wp.vec2(wp.clamp(v[0], -BEHIND, BEHIND), wp.clamp(v[1], -BEHIND, BEHIND))
 
     return outputs
-
-
-def make_mean(half: bool) -> wp.Kernel:
-    """Radiance of a pixel: the mean of its n x n samples; half: as float16, clipped and counted at its largest."""
-    pixel = wp.vec3h if half else wp.vec3f
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def mean(
-        # in
-        n: int,
-        fine: wp.array3d(dtype=wp.vec3),
-        # out
-        radiance: wp.array3d(dtype=pixel),
-        clipped: wp.array(dtype=int),
-    ):
-        env, y, x = wp.tid()
-        total = wp.vec3(0.0, 0.0, 0.0)
-        for j in range(n):
-            for i in range(n):
-                # Divided first, for the sum of large ones would overflow.
-                total += fine[env, y * n + j, x * n + i] / float(n * n)
-        if wp.static(half):
-            if wp.max(total) > LARGEST_HALF:
-                wp.atomic_add(clipped, 0, 1)
-                total = wp.min(total, wp.vec3(LARGEST_HALF, LARGEST_HALF, LARGEST_HALF))
-            radiance[env, y, x] = wp.vec3h(wp.float16(total[0]), wp.float16(total[1]), wp.float16(total[2]))
-        else:
-            radiance[env, y, x] = total
-
-    return mean
 
 
 @wp.kernel

@@ -49,7 +49,7 @@ class Paths:
     shared: static flags of the shading kernel that this one shares.
     """
 
-    def __init__(self, visibility: Visibility, options: PathOptions, half: bool, trees: bool, **shared: bool) -> None:
+    def __init__(self, visibility: Visibility, options: PathOptions, half: bool, **shared: bool) -> None:
         scene, geometry, put = visibility.scene, visibility.geometry, visibility.put
         self.visibility, self.options = visibility, options
         self.direct = visibility.empty(visibility.shape, wp.vec3)
@@ -62,22 +62,17 @@ class Paths:
         self._sources.glows = put(self.glows, wp.int32)
         dark = not glows.any() and scene.environment_map is None and not np.any(scene.environment)
         self._kernels = make_paths(
-            **shared, mapped=scene.environment_map is not None, glowing=bool(glows.any()), trees=trees, dark=dark,
-            half=half,
-        )  # fmt: skip
+            **shared, mapped=scene.environment_map is not None, glowing=bool(glows.any()), dark=dark, half=half
+        )
 
     def kernel(self, listed: bool) -> wp.Kernel:
         """The kernel for all pixels of the rows it gets, or for those of a list; arguments as of `make_shade`'s."""
         return self._kernels[listed]
 
-    def arguments(self, light: list[Any], radiance: wp.array, counters: list[wp.array]) -> list[Any]:
-        """The kernels' arguments from `bounces` on. light: surfaces, lights, sky, casters; counters of each band."""
-        v, o = self.visibility, self.options
-        surfaces, lights, sky, casters = light
-        options = [o.bounces, o.samples, int(o.roulette)]
-        place = [v.packed, v.vertices, v.rotation, v.translation]
-        scene = [surfaces, self._bodies, lights, sky, casters, self._sources]
-        return [*options, *place, *scene, self.direct, radiance, *counters]
+    def arguments(self, light: list[Any], image: Any) -> list[Any]:
+        """The kernels' arguments from `bounces` on. light: what is seen, surfaces, lights, sky and casters."""
+        o = self.options
+        return [o.bounces, o.samples, int(o.roulette), *light, self._bodies, self._sources, self.direct, image]
 
 
 def glowing(scene: Scene, visibility: Visibility) -> np.ndarray:

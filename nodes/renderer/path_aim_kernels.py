@@ -11,7 +11,6 @@ from nodes.renderer.lights_shadow_kernels import Casters, make_occlusion
 from nodes.renderer.lights_sky_kernels import Sky, make_sky
 from nodes.renderer.path_sampling_kernels import (
     Sources,
-    luminance,
     rescaled,
     searched,
     sky_density,
@@ -19,6 +18,7 @@ from nodes.renderer.path_sampling_kernels import (
 )
 from nodes.renderer.path_surface_kernels import Bodies, make_reflection
 from nodes.renderer.shading_kernels import Surfaces
+from nodes.renderer.write_kernels import luminance
 
 wp.set_module_options({"enable_backward": False})
 
@@ -55,18 +55,16 @@ def towards(lights: Lights, env: int, l: int, p: wp.vec3, normal: wp.vec3, u: wp
 
 
 @cache
-def make_aims(gloss: bool, mapped: bool, trees: bool) -> tuple[Any, Any, Any]:
+def make_aims(gloss: bool, mapped: bool, trees: bool, joined: bool) -> tuple[Any, Any, Any]:
     """The functions `of_lights`, `of_glow` and `of_sky`."""
     background, _, _ = make_sky(mapped)
-    occluded, _ = make_occlusion(trees)
+    occluded, _ = make_occlusion(trees, joined)
     _, reflected = make_reflection(gloss)
 
     @wp.func
     def of_lights(
         lights: Lights,
         casters: Casters,
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
         env: int,
         s: SurfacePoint,
         diffuse: wp.vec3,
@@ -102,7 +100,7 @@ def make_aims(gloss: bool, mapped: bool, trees: bool) -> tuple[Any, Any, Any]:
         if lights.shadow[chosen] == 1:
             ray, length, strength = towards(lights, env, chosen, s.position, s.facing, u, width)
             last = casters.order.shape[0]
-            if occluded(casters, rotation, translation, env, 0, last, s.alone, s.lift, ray, length):
+            if occluded(casters, env, 0, last, s.alone, s.lift, ray, length):
                 return wp.vec3(0.0, 0.0, 0.0)
         return (total / weight) * colour
 
@@ -112,8 +110,6 @@ def make_aims(gloss: bool, mapped: bool, trees: bool) -> tuple[Any, Any, Any]:
         surfaces: Surfaces,
         bodies: Bodies,
         casters: Casters,
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
         env: int,
         s: SurfacePoint,
         diffuse: wp.vec3,
@@ -128,8 +124,8 @@ def make_aims(gloss: bool, mapped: bool, trees: bool) -> tuple[Any, Any, Any]:
         a = sources.glow_corners[g, 0]
         b = sources.glow_corners[g, 1]
         c = sources.glow_corners[g, 2]
-        turn = rotation[env, i]
-        place = turn * ((1.0 - root) * a + (root * (1.0 - u[1])) * b + (root * u[1]) * c) + translation[env, i]
+        turn = casters.rotation[env, i]
+        place = turn * ((1.0 - root) * a + (root * (1.0 - u[1])) * b + (root * u[1]) * c) + casters.translation[env, i]
         gap = place - s.lift
         length = wp.length(gap)
         if i == s.alone or length == 0.0:
@@ -146,7 +142,7 @@ def make_aims(gloss: bool, mapped: bool, trees: bool) -> tuple[Any, Any, Any]:
         emission = surfaces.emission[surfaces.material[i]]
         density = luminance(emission) * sources.glow_density * (length / leaving * length)
         last = casters.order.shape[0]
-        if occluded(casters, rotation, translation, env, 0, last, s.alone, s.lift, ray, SHORT * length):
+        if occluded(casters, env, 0, last, s.alone, s.lift, ray, SHORT * length):
             return zero
         return wp.cw_mul(value, emission) / (density + other)
 
@@ -155,8 +151,6 @@ def make_aims(gloss: bool, mapped: bool, trees: bool) -> tuple[Any, Any, Any]:
         sources: Sources,
         sky: Sky,
         casters: Casters,
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
         env: int,
         s: SurfacePoint,
         diffuse: wp.vec3,
@@ -171,7 +165,7 @@ def make_aims(gloss: bool, mapped: bool, trees: bool) -> tuple[Any, Any, Any]:
         if other == 0.0:
             return zero
         last = casters.order.shape[0]
-        if occluded(casters, rotation, translation, env, 0, last, s.alone, s.lift, ray, FAR):
+        if occluded(casters, env, 0, last, s.alone, s.lift, ray, FAR):
             return zero
         return wp.cw_mul(value, background(sky, env, ray)) / (sky_density(sources, world) + other)
 

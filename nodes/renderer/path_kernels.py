@@ -6,6 +6,8 @@ once at the sky's map; what two of these can find is weighted by the balance heu
 one the light of lights is there already.
 """
 
+from typing import Any
+
 import warp as wp
 
 from nodes.renderer.ggx_kernels import sample_direction
@@ -21,13 +23,13 @@ from nodes.renderer.path_sampling_kernels import (
     around,
     cosine_direction,
     frozen_shift,
-    luminance,
     point_of,
     sky_density,
 )
 from nodes.renderer.path_surface_kernels import Bodies, lifted, make_albedo, make_reflection, spread_of
 from nodes.renderer.path_trace_kernels import make_first_hit
-from nodes.renderer.shading_kernels import Surfaces, make_surface, make_write
+from nodes.renderer.shading_kernels import Seen, Surfaces, make_surface
+from nodes.renderer.write_kernels import luminance, make_image, make_write
 
 wp.set_module_options({"enable_backward": False})
 
@@ -43,22 +45,23 @@ def make_paths(
     mapped: bool,
     glowing: bool,
     trees: bool,
+    joined: bool,
     dark: bool,
     half: bool,
 ) -> tuple[wp.Kernel, wp.Kernel]:
     """The kernels that add the light of paths to all pixels of an image, and to those of a list.
 
-    dark: the sky is black, and no surface glows.
+    joined: as of `make_occlusion`. dark: the sky is black, and no surface glows.
     """
-    pixel = wp.vec3h if half else wp.vec3f
+    Image: Any = make_image(half)
     write = make_write(half)
     surface = make_surface(textures, smooth)
     background, _, _ = make_sky(mapped)
-    occluded, _ = make_occlusion(trees)
-    first_hit = make_first_hit(trees)
+    occluded, _ = make_occlusion(trees, joined)
+    first_hit = make_first_hit(trees, joined)
     lay, reflected = make_reflection(gloss)
     albedo_at = make_albedo(textures)
-    of_lights, of_glow, of_sky = make_aims(gloss, mapped, trees)
+    of_lights, of_glow, of_sky = make_aims(gloss, mapped, trees, joined)
 
     @wp.func
     def sky_found(sources: Sources, sky: Sky, env: int, ray: wp.vec3, density: float):
@@ -77,32 +80,31 @@ def make_paths(
         bounces: int,
         samples: int,
         roulette: int,
-        packed: wp.array3d(dtype=wp.uint64),
-        vertices: wp.array2d(dtype=wp.vec3),
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
+        seen: Seen,
         surfaces: Surfaces,
-        bodies: Bodies,
         lights: Lights,
         sky: Sky,
         casters: Casters,
+        bodies: Bodies,
         sources: Sources,
     ):
         """Radiance of a pixel from paths, the mean of `samples` of them."""
+        rotation = seen.rotation
+        translation = seen.translation
         total = wp.vec3(0.0, 0.0, 0.0)
-        t = triangle_of(packed[env, y, x])
+        t = triangle_of(seen.packed[env, y, x])
         if t == MISS:
             return total
         d = pixel_ray(view, x, y)
         i0 = surfaces.instance[t]
         turn = rotation[env, i0]
         first = SurfacePoint()
-        first.position = depth_of(packed[env, y, x]) * d
+        first.position = depth_of(seen.packed[env, y, x]) * d
         normal = turn * surfaces.normals[t]
         side = wp.where(wp.dot(normal, d) > 0.0, -1.0, 1.0)
         first.normal = side * normal
         albedo, facing = surface(
-            view, y, x, vertices, surfaces, env, t, i0, d, turn, translation[env, i0], side, first.normal
+            view, y, x, seen.vertices, surfaces, env, t, i0, d, turn, translation[env, i0], side, first.normal
         )
         first.facing = facing
         first.view = -wp.normalize(d)
@@ -131,8 +133,6 @@ def make_paths(
                             of_lights(
                                 lights,
                                 casters,
-                                rotation,
-                                translation,
                                 env,
                                 s,
                                 diffuse,
@@ -145,13 +145,13 @@ def make_paths(
                     aim = point_of(k, samples, bounce, i0, wp.vec2(shift[3], shift[2]))
                     total += wp.cw_mul(
                         through,
-                        of_glow(sources, surfaces, bodies, casters, rotation, translation, env, s, diffuse, share, aim),
+                        of_glow(sources, surfaces, bodies, casters, env, s, diffuse, share, aim),
                     )
                 if wp.static(mapped):
                     aim = point_of(k, samples, bounce, i0, wp.vec2(shift[2], shift[3]))
                     total += wp.cw_mul(
                         through,
-                        of_sky(sources, sky, casters, rotation, translation, env, s, diffuse, share, aim),
+                        of_sky(sources, sky, casters, env, s, diffuse, share, aim),
                     )
                 if wp.static(dark):
                     if bounce == bounces:
@@ -169,10 +169,10 @@ def make_paths(
                 if wp.static(not glowing):
                     if bounce == bounces:
                         # Only whether the sky is there matters any more.
-                        if not occluded(casters, rotation, translation, env, 0, last, s.alone, s.lift, ray, FAR):
+                        if not occluded(casters, env, 0, last, s.alone, s.lift, ray, FAR):
                             total += wp.cw_mul(through, sky_found(sources, sky, env, ray, density))
                         break
-                hit = first_hit(casters, rotation, translation, env, s.alone, s.lift, ray, FAR)
+                hit = first_hit(casters, env, s.alone, s.lift, ray, FAR)
                 i = hit.instance
                 if i < 0:
                     total += wp.cw_mul(through, sky_found(sources, sky, env, ray, density))
@@ -222,6 +222,7 @@ def make_paths(
                 s = lifted(casters, s, i, side)
         return total / float(samples)
 
+    # Kernels name their parameters one by one; these two share what they do, and so most of their names.
     @wp.kernel(module="unique", enable_backward=False)
     def add_paths(
         # in
@@ -232,30 +233,24 @@ def make_paths(
         bounces: int,
         samples: int,
         roulette: int,
-        packed: wp.array3d(dtype=wp.uint64),
-        vertices: wp.array2d(dtype=wp.vec3),
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
+        seen: Seen,
         surfaces: Surfaces,
-        bodies: Bodies,
         lights: Lights,
         sky: Sky,
         casters: Casters,
+        bodies: Bodies,
         sources: Sources,
         direct: wp.array3d(dtype=wp.vec3),
         # out
-        radiance: wp.array3d(dtype=pixel),
-        not_finite: wp.array(dtype=int),
-        clipped: wp.array(dtype=int),
+        image: Image,
     ):
         env, row, part = wp.tid()
         y = row0 + row
         for x in range(part * span, wp.min(part * span + span, view.width)):
             colour = direct[env, y, x] + paths(
-                view, env, y, x, bounces, samples, roulette, packed, vertices, rotation, translation, surfaces, bodies,
-                lights, sky, casters, sources,
-            )  # fmt: skip
-            write(env, y, x, band, colour, radiance, not_finite, clipped)
+                view, env, y, x, bounces, samples, roulette, seen, surfaces, lights, sky, casters, bodies, sources
+            )
+            write(env, y, x, band, colour, image)
 
     @wp.kernel(module="unique", enable_backward=False)
     def add_paths_list(
@@ -269,21 +264,16 @@ def make_paths(
         bounces: int,
         samples: int,
         roulette: int,
-        packed: wp.array3d(dtype=wp.uint64),
-        vertices: wp.array2d(dtype=wp.vec3),
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
+        seen: Seen,
         surfaces: Surfaces,
-        bodies: Bodies,
         lights: Lights,
         sky: Sky,
         casters: Casters,
+        bodies: Bodies,
         sources: Sources,
         direct: wp.array3d(dtype=wp.vec3),
         # out
-        radiance: wp.array3d(dtype=pixel),
-        not_finite: wp.array(dtype=int),
-        clipped: wp.array(dtype=int),
+        image: Image,
     ):
         j = wp.tid()
         while j < count[band]:
@@ -292,10 +282,9 @@ def make_paths(
             y = at // view.width % view.height
             x = at % view.width
             colour = direct[env, y, x] + paths(
-                view, env, y, x, bounces, samples, roulette, packed, vertices, rotation, translation, surfaces, bodies,
-                lights, sky, casters, sources,
-            )  # fmt: skip
-            write(env, y, x, band, colour, radiance, not_finite, clipped)
+                view, env, y, x, bounces, samples, roulette, seen, surfaces, lights, sky, casters, bodies, sources
+            )
+            write(env, y, x, band, colour, image)
             j += workers
 
     return add_paths, add_paths_list

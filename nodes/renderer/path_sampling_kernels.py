@@ -42,11 +42,6 @@ class Sources:
 
 
 @wp.func
-def luminance(c: wp.vec3):
-    return 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2]
-
-
-@wp.func
 def around(x: float):
     """The fraction of x, below 1 also after rounding."""
     return wp.min(x - wp.floor(x), 0.99999994)

@@ -9,9 +9,10 @@ from nodes.renderer.ggx_kernels import sample_density, specular
 from nodes.renderer.lights_kernels import SurfacePoint
 from nodes.renderer.lights_shadow_kernels import Casters, shadow_start
 from nodes.renderer.lights_sky_kernels import DIELECTRIC, Sky, reflectances
-from nodes.renderer.path_sampling_kernels import PI, luminance
+from nodes.renderer.path_sampling_kernels import PI
 from nodes.renderer.shading_kernels import Surfaces
 from nodes.renderer.texture_kernels import bilinear
+from nodes.renderer.write_kernels import luminance
 
 wp.set_module_options({"enable_backward": False})
 

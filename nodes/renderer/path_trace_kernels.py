@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.lights_shadow_kernels import Casters, merged_holds
+from nodes.renderer.lights_shadow_kernels import Casters, merged_holds, sphere_met
 
 wp.set_module_options({"enable_backward": False})
 
@@ -24,8 +24,6 @@ class Hit:
 @wp.func
 def nearer(
     casters: Casters,
-    rotation: wp.array2d(dtype=wp.mat33),
-    translation: wp.array2d(dtype=wp.vec3),
     env: int,
     i: int,
     origin: wp.vec3,
@@ -33,13 +31,9 @@ def nearer(
     hit: Hit,
 ):
     """The hit on instance i if it is nearer than `hit`, else that."""
-    centre = translation[env, i] - origin
-    along = wp.dot(centre, direction)
-    away = centre - along * direction
-    # The margin is the rounding of positions at this distance.
-    radius = casters.radius[i] + 1.0e-6 * wp.abs(along)
-    if wp.dot(away, away) <= radius * radius and along >= -radius and along - radius <= hit.distance:
-        inverse = wp.transpose(rotation[env, i])
+    centre = casters.translation[env, i] - origin
+    if sphere_met(centre, casters.radius[i], direction, hit.distance):
+        inverse = wp.transpose(casters.rotation[env, i])
         query = wp.mesh_query_ray(casters.mesh[i], -(inverse * centre), inverse * direction, hit.distance)
         if query.result:
             found = Hit()
@@ -53,14 +47,12 @@ def nearer(
 
 
 @cache
-def make_first_hit(trees: bool) -> Any:
-    """The function `first_hit`; without trees where there are none."""
+def make_first_hit(trees: bool, joined: bool) -> Any:
+    """The function `first_hit`; without trees where there are none; joined: as of `make_occlusion`."""
 
     @wp.func
     def first_hit(
         casters: Casters,
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
         env: int,
         skip: int,
         origin: wp.vec3,
@@ -80,20 +72,23 @@ def make_first_hit(trees: bool) -> Any:
                 begin = casters.still
                 turn = casters.turn[env]
                 start = turn * origin + casters.shift[env]
-                if merged_holds(casters, env, origin):
-                    query = wp.mesh_query_ray(casters.merged, start, turn * direction, hit.distance)
-                    if query.result:
-                        hit.instance = casters.merged_instance[query.face]
-                        hit.face = casters.merged_face[query.face]
-                        hit.distance = query.t
-                        hit.w0 = query.u
-                        hit.w1 = query.v
-                else:
+                tried = wp.bool(False)
+                if wp.static(joined):
+                    if merged_holds(casters, env, origin):
+                        tried = True
+                        query = wp.mesh_query_ray(casters.merged, start, turn * direction, hit.distance)
+                        if query.result:
+                            hit.instance = casters.merged_instance[query.face]
+                            hit.face = casters.merged_face[query.face]
+                            hit.distance = query.t
+                            hit.w0 = query.u
+                            hit.w1 = query.v
+                if not tried:
                     still = wp.bvh_query_capsule(casters.still_tree, start, turn * direction, casters.pad[env])
                     while wp.bvh_query_next(still, k, hit.distance):
                         i = casters.order[k]
                         if i != skip:
-                            hit = nearer(casters, rotation, translation, env, i, origin, direction, hit)
+                            hit = nearer(casters, env, i, origin, direction, hit)
             if casters.moving_tree != wp.uint64(0):
                 end = casters.still
                 root = wp.bvh_get_group_root(casters.moving_tree, env)
@@ -102,11 +97,11 @@ def make_first_hit(trees: bool) -> Any:
                 while wp.bvh_query_next(moving, k, hit.distance):
                     i = casters.order[base + k]
                     if i != skip:
-                        hit = nearer(casters, rotation, translation, env, i, origin, direction, hit)
+                        hit = nearer(casters, env, i, origin, direction, hit)
         for n in range(begin, end):
             i = casters.order[n]
             if i != skip:
-                hit = nearer(casters, rotation, translation, env, i, origin, direction, hit)
+                hit = nearer(casters, env, i, origin, direction, hit)
         return hit
 
     return first_hit

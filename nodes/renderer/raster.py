@@ -22,7 +22,7 @@ TILE_BLOCK = 64
 """Threads of a block that draws tiles: few, for a block makes room only when all of it is done."""
 
 FEW = 1 << 14
-"""Blocks up to which their triangles are drawn without being listed."""
+"""Blocks up to which they are drawn without a list of what may be seen."""
 
 ROWS = {True: 32, False: 8}
 """Rows of a tile where blocks are few, and it counts how long one takes, and many, where no thread should be idle."""
@@ -32,6 +32,9 @@ LARGE_IMAGE = 1 << 16
 
 SPLIT_AREA = {True: 16, False: 32}
 """Bounding box [px] above which a triangle is cut into tiles, by the same: who walks many holds up its neighbours."""
+
+SHARED_AREA = 64
+"""The same where threads share the pixels of a tile, which pays for many large images: one waits for its slowest."""
 
 AT_ONCE = 1 << 25
 """Most triangles that are gone through at once; more environments than have so many take turns."""
@@ -92,16 +95,19 @@ class PooledRaster:
         at_once = min(AT_ONCE // max(1, self._count * lanes), MOST_TILES // max(1, room))
         self._envs = min(v.envs, max(1, at_once))
         listed = self._envs * self._count
-        self._listed = v.empty(listed, wp.vec4i)
-        self._small = v.empty((regions, -(-listed // regions) * lanes), wp.vec2i)
         self._few = listed <= FEW
+        if not self._few:
+            self._listed = v.empty(listed, wp.vec4i)
+            self._small = v.empty((regions, -(-listed // regions) * lanes), wp.vec2i)
         rows = ROWS[self._few or pixels > LARGE_IMAGE]
         # Room for a few triangles as large as the image in any case.
         regions = int(pooled_kernels.LARGE_REGIONS)
         full = (v.shape[2] // int(pooled_kernels.WIDE) + 1) * (v.shape[1] // rows + 1)
         places = self._envs * room // regions + 4 * full
         self._large, self._setups = v.empty((regions, places), wp.vec4i), v.empty((regions, places), Setup)
-        self._list, self._raster, self._at_once, self._tiles = make_pooled(v.lens, SPLIT_AREA[self._few], rows)
+        together = v.device.is_cuda and v.lens == "none" and not self._few and pixels > LARGE_IMAGE
+        area = SHARED_AREA if together else SPLIT_AREA[self._few]
+        self._list, self._raster, self._at_once, self._tiles = make_pooled(v.lens, area, rows, together)
         self._cleared = False
 
     def clear(self) -> None:
@@ -119,7 +125,7 @@ class PooledRaster:
     def _draw(
         self, packed: wp.array, start: int, count: int, first: int, envs: int, cleared: Callable[[], None]
     ) -> None:
-        v, counters, listed = self._v, self._counters, self._listed
+        v, counters = self._v, self._counters
         place = [v.rotation, v.translation]
         corners = [*place, self.vertices, v.triangles]
         large = [counters, self._large, self._setups, packed]
@@ -128,13 +134,14 @@ class PooledRaster:
         if not self._cleared:
             counters.zero_()
         self._cleared = False
-        inputs = [v.view, first, start, self._blocks, *place, counters, listed]
-        wp.launch(pooled_kernels.list_blocks, dim=(envs, count), inputs=inputs, device=v.device)
-        blocks = [v.view, workers, v.two_sided, *corners, listed]
         if self._few:
-            wp.launch(self._at_once, dim=workers, inputs=[*blocks, *large], device=v.device)
+            inputs = [v.view, workers, first, envs, start, count, self._blocks, v.two_sided, *corners]
+            wp.launch(self._at_once, dim=workers, inputs=[*inputs, *large], device=v.device)
         else:
-            wp.launch(self._list, dim=workers, inputs=[*blocks, counters, self._small], device=v.device)
+            inputs = [v.view, first, start, self._blocks, *place, counters, self._listed]
+            wp.launch(pooled_kernels.list_blocks, dim=(envs, count), inputs=inputs, device=v.device)
+            inputs = [v.view, workers, v.two_sided, *corners, self._listed, counters, self._small]
+            wp.launch(self._list, dim=workers, inputs=inputs, device=v.device)
             inputs = [v.view, WORKERS, v.triangle_instance, *corners, self._small, *large]
             wp.launch(self._raster, dim=WORKERS, inputs=inputs, device=v.device)
         wp.launch(self._tiles, WORKERS, [v.view, WORKERS, *large], device=v.device, block_dim=TILE_BLOCK)

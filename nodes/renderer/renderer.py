@@ -28,7 +28,9 @@ BEHIND = float(output_kernels.BEHIND)
 LAST = "last"
 """For `previous`: the poses of the last call, which need not be compared with anything then."""
 
-OUTPUTS = ("radiance", "depth", "motion", "ids", "normal")
+LIGHT = ("radiance", "luminance")
+GEOMETRIC = ("depth", "motion", "ids", "normal")
+OUTPUTS = LIGHT + GEOMETRIC
 
 make_outputs = cache(output_kernels.make_outputs)
 
@@ -37,8 +39,8 @@ class Renderer:
     """Renders `scene` from `camera`, which stands where the body of its name is.
 
     Images are [E, H, W] with H = camera.height + 2 margin and W = camera.width + 2 margin; the inner part is exactly
-    the image without margin. `half` gives float16 radiance, clipped at 65504. threads > 1 splits rows over CPU
-    threads with the same result, bit for bit.
+    the image without margin. `half` gives float16 radiance and luminance, clipped at 65504. threads > 1 splits rows
+    over CPU threads with the same result, bit for bit.
 
     Lighting: see `Shading`; direct light of all kinds of lights with shadows, emission, and the sky, uniform or a map,
     not occluded. light_samples: shadow rays for each area light and pixel, a square number. Pixels that are not finite
@@ -74,6 +76,7 @@ class Renderer:
         self._shift = wp.zeros((envs, count + 1), dtype=wp.vec3, device=self.device)
         self.types: dict[str, Any] = {
             "radiance": self.shading.pixel,
+            "luminance": self.shading.scalar,
             "depth": wp.float32,
             "motion": wp.vec2,
             "ids": wp.int32,
@@ -89,7 +92,7 @@ class Renderer:
         self._recording, self._ahead = Recording(self.device), Branch(self.device)
 
     def counts(self) -> tuple[int, int]:
-        """Pixels of the last drawn radiance that were not finite, and clipped to float16; waits for it."""
+        """Pixels of the last drawn light that were not finite, and clipped to float16; waits for it."""
         return self.shading.counts()
 
     @property
@@ -136,11 +139,12 @@ class Renderer:
     ) -> dict[str, Any]:
         """The wanted images for body poses float64 [E, N, 7].
 
-        radiance [E, H, W, 3] W/(sr m^2); depth float32 [E, H, W] m along the optical axis, +inf = sky; ids int32
-        [E, H, W], 0 = background, else instance index + 1; normal float32 [E, H, W, 3] geometric, world frame, towards
-        the camera, 0 = sky; motion float32 [E, H, W, 2] px: where the surface point was at `previous` (poses of the
-        previous keyframe, or LAST) minus where it is; (BEHIND, BEHIND) where it was behind the camera, or where its
-        lens has no image; 0 without `previous`. The sky moves as directions do, with the camera's rotation.
+        radiance [E, H, W, 3] W/(sr m^2), luminance [E, H, W] of that very radiance; depth float32 [E, H, W] m along the
+        optical axis, +inf = sky; ids int32 [E, H, W], 0 = background, else instance index + 1; normal float32
+        [E, H, W, 3] geometric, world frame, towards the camera, 0 = sky; motion float32 [E, H, W, 2] px: where the
+        surface point was at `previous` (poses of the previous keyframe, or LAST) minus where it is; (BEHIND, BEHIND)
+        where it was behind the camera, or where its lens has no image; 0 without `previous`. The sky moves as
+        directions do, with the camera's rotation.
 
         t_ns: the instant, at which lights with a waveform are as strong as they are then.
         out: numpy arrays, or Warp arrays of the renderer's device, to write into (on the CPU without a copy); what it
@@ -153,8 +157,8 @@ class Renderer:
         if unknown:
             raise ValueError(f"the renderer has no output '{min(unknown)}'; it has {', '.join(OUTPUTS)}")
         targets = {name: self.target(name, (out or {}).get(name)) for name in wanted}
-        if "radiance" in targets and self.shading.set_time(t_ns):
-            self._still.pop("radiance", None)
+        if not targets.keys().isdisjoint(LIGHT) and self.shading.set_time(t_ns):
+            self._still = {name: image for name, image in self._still.items() if name not in LIGHT}
         if not self._drawn or isinstance(previous, np.ndarray) or not self._draw_next(poses, previous, targets):
             self._draw_all(poses, previous, targets)
         self._drawn = True
@@ -198,7 +202,7 @@ class Renderer:
     def _draw(self, frames: Frames, targets: Mapping[str, wp.array]) -> None:
         """The images of what the visibility has placed."""
         v = self.visibility
-        if "radiance" in targets:
+        if not targets.keys().isdisjoint(LIGHT):
             self.shading.update(frames)
         everything = False
         if "motion" in targets:
@@ -212,7 +216,7 @@ class Renderer:
 
     def _launch(self, targets: Mapping[str, wp.array], everything: bool) -> None:
         """The images of what is placed: launches only, told apart by the key that they are recorded under."""
-        lit = "radiance" in targets
+        lit = not targets.keys().isdisjoint(LIGHT)
         ahead, shading = self._ahead, self.shading
         self.visibility.arrive()
         with ahead.aside():
@@ -230,7 +234,7 @@ class Renderer:
         with ahead.aside():
             self.geometric(targets)
         if lit:
-            shading.shade(targets["radiance"], ready=True)
+            shading.shade(targets.get("radiance"), True, targets.get("luminance"))
         ahead.join()
 
     def _repeat(self, frames: Frames, targets: Mapping[str, wp.array]) -> None:
@@ -254,11 +258,11 @@ class Renderer:
 
     def geometric(self, targets: Mapping[str, wp.array]) -> None:
         """Depth, motion, ids and normals of the z-buffer into `targets`, after `displace`."""
-        if not targets.keys() - {"radiance"}:
+        if targets.keys().isdisjoint(GEOMETRIC):
             return
         v = self.visibility
-        kernel = make_outputs(*(name in targets for name in OUTPUTS[1:]), lens=v.lens)
-        arrays = [targets.get(name, self._nothing[name]) for name in OUTPUTS[1:]]
+        kernel = make_outputs(*(name in targets for name in GEOMETRIC), lens=v.lens)
+        arrays = [targets.get(name, self._nothing[name]) for name in GEOMETRIC]
         shared = [v.packed, v.triangle_instance, self.normals, v.rotation, v.eye, self._turn, self._shift]
         envs, _, width = self.shape
 

@@ -19,6 +19,7 @@ from nodes.renderer.poses import Frames
 from nodes.renderer.shadow_pass import ShadowPass, shadowed
 from nodes.renderer.textures import pack
 from nodes.renderer.visibility import Visibility
+from nodes.renderer.write_kernels import make_image
 
 CACHED_LIGHTS = 32
 """Most lights, one bit each, under which still surfaces are remembered."""
@@ -36,7 +37,7 @@ make_shade = cache(shading_kernels.make_shade)
 
 
 class Shading:
-    """Fills a radiance image from a visibility's z-buffer.
+    """Fills an image of radiance, of luminance, or both, from a visibility's z-buffer.
 
     Call `update` with the frames that the visibility was updated with, then `shade`. While the camera, all lights and
     the still bodies stay where they are, the light on still surfaces is remembered, and only what moving casters do to
@@ -48,8 +49,9 @@ class Shading:
     glow in their place to be seen. Without `paths`, surfaces that emit light nothing else, and nothing hides the sky;
     with them, see `Paths`.
 
-    remember: False for `shade_list`, which never sees all of an image. split: whether an image's shadow rays to lights
-    that are points are traced before it is shaded, None = on a GPU; the image is the same.
+    remember: False for `shade_list`, which never sees all of an image. split: whether shadow rays to lights that are
+    points are traced in a pass of their own before anything is shaded, None = on a GPU; the image is the same. merged:
+    whether what stands still in the world is one structure for rays, None = for paths on a GPU.
     """
 
     def __init__(
@@ -60,10 +62,12 @@ class Shading:
         paths: PathOptions | None = None,
         remember: bool = True,
         split: bool | None = None,
+        merged: bool | None = None,
     ) -> None:
         scene, geometry = visibility.scene, visibility.geometry
         self.visibility, self.scene, self.device = visibility, scene, visibility.device
         self.pixel: Any = wp.vec3h if half else wp.vec3f
+        self.scalar: Any = wp.float16 if half else wp.float32
         self.normals = visibility.put(geometry.normals, wp.vec3)
         self._still = geometry.static & is_static(scene, visibility.camera_body)
         self.surfaces, textured = self._make_surfaces()
@@ -72,14 +76,16 @@ class Shading:
         self.sky = make_sky(visibility, gloss)
         shadows = any(light.shadows for light in scene.lights) and len(geometry.triangles) > 0
         rays = paths is not None and len(geometry.triangles) > 0
-        merged = rays and self.device.is_cuda
+        merged = rays and self.device.is_cuda if merged is None else merged
         self.occluders = Occluders(visibility, geometry.static, shadows or rays, merged=merged)
         self._cached = cached = remember and self._cacheable()
+        self._listed = not remember
         self._still_place = -1
         shape = visibility.shape if cached else (0, 0, 0)
-        self._cached_triangle = wp.full(shape, -1, dtype=wp.int32, device=self.device)
-        self._cached_lit = wp.zeros(shape, dtype=wp.uint32, device=self.device)
-        self._cached_colour = wp.zeros(shape, dtype=wp.vec3, device=self.device)
+        self._kept = shading_kernels.Kept()
+        self._kept.triangle = wp.full(shape, -1, dtype=wp.int32, device=self.device)
+        self._kept.lit = wp.zeros(shape, dtype=wp.uint32, device=self.device)
+        self._kept.colour = wp.zeros(shape, dtype=wp.vec3, device=self.device)
         bands = len(visibility.bands.rows)
         # Pixels that were not finite, and that were clipped, of each band.
         self._counts = wp.zeros((2, bands), dtype=wp.int32, device=self.device)
@@ -88,11 +94,13 @@ class Shading:
         # In a GPU's way: rays in a pass of their own, and neighbouring threads on a tile of pixels.
         self._tiled = split = self.device.is_cuda if split is None else split
         self.shadow_pass: ShadowPass | None = None
-        if split and remember and not cached and shadowed(visibility):
+        if split and not cached and shadowed(visibility):
             self.shadow_pass = ShadowPass(visibility, self.lights, self.occluders, self.normals)
-        self._hidden = visibility.empty((0, 0, 0), wp.uint32)
+        self._seen = shading_kernels.Seen()
+        self._seen.packed, self._seen.vertices = visibility.packed, visibility.vertices
+        self._seen.rotation, self._seen.translation = visibility.rotation, visibility.translation
         if self.shadow_pass is not None:
-            self._hidden = self.shadow_pass.hidden
+            self._seen.hidden = self.shadow_pass.hidden
         self._kernel, self._list_kernel = make_shade(
             **looks,
             directional="directional" in kinds,
@@ -101,8 +109,10 @@ class Shading:
             area="area" in kinds,
             mapped=scene.environment_map is not None,
             flicker=self.lights.flickers,
-            shadows=shadows,
+            hard=shadows and any(light.shadows and light.kind != "area" for light in scene.lights),
+            soft=shadows and any(light.shadows and light.kind == "area" for light in scene.lights),
             trees=self.occluders.trees,
+            joined=merged,
             cached=cached,
             half=half and not rays,
             ambience=not rays,
@@ -113,15 +123,17 @@ class Shading:
         if rays and paths is not None:
             from nodes.renderer.path import Paths
 
-            trees = self.occluders.trees
-            self.paths = Paths(visibility, paths, half, trees=trees, lit=bool(kinds), **looks)
+            looks |= {"trees": self.occluders.trees, "joined": merged, "lit": bool(kinds)}
+            self.paths = Paths(visibility, paths, half, **looks)
+            self._direct = self._image(False, self.paths.direct, None)
+        self._half = half
 
     def update(self, frames: Frames) -> None:
         """Lights to the camera frame; what was remembered is forgotten if the camera or a still body has moved."""
         self.occluders.update(frames)
         if self._cached and self._still_place != self.visibility.still_place:
             self._still_place = self.visibility.still_place
-            self._cached_triangle.fill_(-1)
+            self._kept.triangle.fill_(-1)
 
     def set_time(self, t_ns: int) -> bool:
         """Flickering lights as they are at an instant; True where one is not as it was."""
@@ -136,15 +148,18 @@ class Shading:
         self.occluders.launch()
         self.lights.launch()
         self._counts.zero_()
-        if self.shadow_pass is not None:
+        if self.shadow_pass is not None and not self._listed:
             self.shadow_pass.clear()
 
     def placed(self) -> None:
         """What shading needs of the visibility's placed instances."""
         self.occluders.launch_moving()
 
-    def shade(self, radiance: wp.array, ready: bool = False) -> None:
-        """Write [E, H, W] radiance: launches only, that a graph may hold. ready: after `place` and `placed`."""
+    def shade(self, radiance: wp.array | None, ready: bool = False, luminance: wp.array | None = None) -> None:
+        """Write [E, H, W] radiance of `pixel`, luminance of `scalar`, or both: launches only, that a graph may hold.
+
+        ready: after `place` and `placed`.
+        """
         if not ready:
             self.place()
             self.placed()
@@ -161,12 +176,20 @@ class Shading:
 
             v.bands.launch(kernel, arguments, self.device, SHADE_BLOCK)
 
-        self._run(launch, radiance, False)
+        if self.shadow_pass is not None:
+            self.shadow_pass.launch()
+        self._run(launch, self._image(self._half, radiance, luminance), False)
 
     def shade_list(
-        self, radiance: wp.array, pixels: wp.array, count: wp.array, firsts: list[int], ready: bool = False
+        self,
+        radiance: wp.array | None,
+        pixels: wp.array,
+        count: wp.array,
+        firsts: list[int],
+        ready: bool = False,
+        luminance: wp.array | None = None,
     ) -> None:
-        """Write only the pixels of a list, int32 indices into [E, H, W]; `radiance` as in `shade`.
+        """Write only the pixels of a list, int32 indices into [E, H, W]; radiance and luminance as in `shade`.
 
         Band b has count[b] of them from pixels[firsts[b]] on; count is read where the kernel runs. ready: nothing has
         moved since a list before.
@@ -185,22 +208,27 @@ class Shading:
 
             v.bands.launch(kernel, arguments, self.device, SHADE_BLOCK)
 
-        self._run(launch, radiance, True)
-
-    def _run(self, launch: Callable[[wp.Kernel, list[Any]], None], radiance: wp.array, listed: bool) -> None:
-        """Launch what shades a whole image, or a list of its pixels."""
-        v = self.visibility
-        place = [v.packed, v.vertices, v.rotation, v.translation]
-        light = [self.surfaces, self.lights.kernel, self.sky, self.occluders.casters]
-        cached = [self._cached_triangle, self._cached_lit, self._cached_colour]
-        counters = [self._counts[0], self._counts[1]]
-        direct = radiance if self.paths is None else self.paths.direct
         if self.shadow_pass is not None:
-            self.shadow_pass.launch()
+            self.shadow_pass.launch_list(workers, pixels, count)
+        self._run(launch, self._image(self._half, radiance, luminance), True)
+
+    def _image(self, half: bool, radiance: wp.array | None, luminance: wp.array | None) -> Any:
+        """What kernels write light to."""
+        image = make_image(half)()
+        if radiance is not None:
+            image.radiance = radiance
+        if luminance is not None:
+            image.luminance = luminance
+        image.not_finite, image.clipped = self._counts[0], self._counts[1]
+        return image
+
+    def _run(self, launch: Callable[[wp.Kernel, list[Any]], None], image: Any, listed: bool) -> None:
+        """Launch what shades a whole image, or a list of its pixels."""
+        light = [self._seen, self.surfaces, self.lights.kernel, self.sky, self.occluders.casters]
         kernel = self._list_kernel if listed else self._kernel
-        launch(kernel, [*place, *light, self._hidden, *cached, direct, *counters])
+        launch(kernel, [*light, self._kept, image if self.paths is None else self._direct])
         if self.paths is not None:
-            launch(self.paths.kernel(listed), self.paths.arguments(light, radiance, counters))
+            launch(self.paths.kernel(listed), self.paths.arguments(light, image))
 
     def counts(self) -> tuple[int, int]:
         """How many pixels of the last image were not finite, and how many were clipped to float16; waits for it."""

@@ -21,11 +21,9 @@ from nodes.renderer.lights_kernels import Lights, SurfacePoint, make_lighting
 from nodes.renderer.lights_shadow_kernels import Casters, shadow_start
 from nodes.renderer.lights_sky_kernels import DIELECTRIC, Sky, make_sky, reflectances
 from nodes.renderer.texture_kernels import Textures, filtered
+from nodes.renderer.write_kernels import make_image, make_write
 
 wp.set_module_options({"enable_backward": False})
-
-LARGEST_HALF = wp.constant(65504.0)
-"""The largest float16."""
 
 INVERSE_PI = wp.constant(1.0 / wp.pi)
 
@@ -46,12 +44,28 @@ class Surfaces:
     textures: Textures
 
 
-@wp.func
-def finite(value: float, largest: float):
-    """An infinite value becomes the largest one; what is not a number becomes dark."""
-    if wp.isfinite(value):
-        return value
-    return wp.where(value > 0.0, largest, 0.0)
+@wp.struct
+class Seen:
+    """What the pixels show: z-buffer uint64 [E, H, W], vertices, and the instances' places [E, I] in the camera frame.
+
+    hidden: of shadow_kernels, bits [E, H, W] of the lights that are not seen from a pixel; may have no elements.
+    """
+
+    packed: wp.array3d(dtype=wp.uint64)
+    vertices: wp.array2d(dtype=wp.vec3)
+    rotation: wp.array2d(dtype=wp.mat33)
+    translation: wp.array2d(dtype=wp.vec3)
+    hidden: wp.array3d(dtype=wp.uint32)
+
+
+@wp.struct
+class Kept:
+    """What is remembered of still surfaces [E, H, W]: the triangle that it is of, MISS for none; a bit for each light
+    that reaches it; its radiance without moving casters."""
+
+    triangle: wp.array3d(dtype=int)
+    lit: wp.array3d(dtype=wp.uint32)
+    colour: wp.array3d(dtype=wp.vec3)
 
 
 @cache
@@ -114,39 +128,6 @@ def make_surface(textures: bool, smooth: bool) -> Any:
     return surface
 
 
-@cache
-def make_write(half: bool) -> Any:
-    """The function that writes a pixel; half: as float16, clipped and counted at its largest."""
-    pixel = wp.vec3h if half else wp.vec3f
-    largest = 65504.0 if half else 3.0e38
-
-    @wp.func
-    def write(
-        env: int,
-        y: int,
-        x: int,
-        band: int,
-        value: wp.vec3,
-        radiance: wp.array3d(dtype=pixel),
-        not_finite: wp.array(dtype=int),
-        clipped: wp.array(dtype=int),
-    ):
-        colour = value
-        if not (wp.isfinite(colour[0]) and wp.isfinite(colour[1]) and wp.isfinite(colour[2])):
-            wp.atomic_add(not_finite, band, 1)
-            most = wp.static(largest)
-            colour = wp.vec3(finite(colour[0], most), finite(colour[1], most), finite(colour[2], most))
-        if wp.static(half):
-            if wp.max(colour) > LARGEST_HALF:
-                wp.atomic_add(clipped, band, 1)
-                colour = wp.min(colour, wp.vec3(LARGEST_HALF, LARGEST_HALF, LARGEST_HALF))
-            radiance[env, y, x] = wp.vec3h(wp.float16(colour[0]), wp.float16(colour[1]), wp.float16(colour[2]))
-        else:
-            radiance[env, y, x] = colour
-
-    return write
-
-
 def make_shade(
     textures: bool,
     smooth: bool,
@@ -157,8 +138,10 @@ def make_shade(
     gloss: bool,
     mapped: bool,
     flicker: bool,
-    shadows: bool,
+    hard: bool,
+    soft: bool,
     trees: bool,
+    joined: bool,
     cached: bool,
     half: bool,
     ambience: bool,
@@ -169,14 +152,16 @@ def make_shade(
 
     cached: of a still surface under still lights, the radiance without moving casters is remembered with a bit for each
     light that then reaches it; while none of these is hidden by a moving caster, that radiance is the result. flicker:
-    strengths change, so of these only the bits are used. ambience: with the sky's light, which nothing hides. masked:
-    shadow_kernels has been before. tiled: threads that run together have a tile of pixels (kernels.tile_pixel).
+    strengths change, so of these only the bits are used. ambience: with the sky's light, which nothing hides. hard: a
+    light that is a point has shadows; soft: an area light has. joined: of `make_occlusion`. masked: shadow_kernels has
+    been before. tiled: threads that run together have a tile of pixels (kernels.tile_pixel).
     """
-    pixel = wp.vec3h if half else wp.vec3f
+    Image: Any = make_image(half)
     surface, write = make_surface(textures, smooth), make_write(half)
-    lit = directional or point or spot or area
-    area_light = make_area(shadows, trees, gloss) if area else None
-    unhidden, gather = make_lighting(directional, point, spot, area_light, shadows, trees, cached, gloss, masked)
+    lit, shadows = directional or point or spot or area, hard or soft
+    area_light = make_area(soft, trees, gloss, cached, joined) if area else None
+    delta = directional, point, spot
+    unhidden, gather = make_lighting(delta, area_light, hard, soft, trees, joined, cached, gloss, masked)
     background, ambient, sky_gloss = make_sky(mapped)
 
     @wp.func
@@ -186,23 +171,15 @@ def make_shade(
         y: int,
         x: int,
         band: int,
-        packed: wp.array3d(dtype=wp.uint64),
-        vertices: wp.array2d(dtype=wp.vec3),
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
+        seen: Seen,
         surfaces: Surfaces,
         lights: Lights,
         sky: Sky,
         casters: Casters,
-        cached_triangle: wp.array3d(dtype=int),
-        cached_lit: wp.array3d(dtype=wp.uint32),
-        cached_colour: wp.array3d(dtype=wp.vec3),
-        hidden: wp.array3d(dtype=wp.uint32),
-        radiance: wp.array3d(dtype=pixel),
-        not_finite: wp.array(dtype=int),
-        clipped: wp.array(dtype=int),
+        kept: Kept,
+        image: Image,
     ):
-        hit = packed[env, y, x]
+        hit = seen.packed[env, y, x]
         t = triangle_of(hit)
         d = pixel_ray(view, x, y)
         colour = wp.vec3(0.0, 0.0, 0.0)
@@ -212,7 +189,7 @@ def make_shade(
             i = surfaces.instance[t]
             s = SurfacePoint()
             s.position = depth_of(hit) * d
-            turn = rotation[env, i]
+            turn = seen.rotation[env, i]
             normal = turn * surfaces.normals[t]
             side = wp.where(wp.dot(normal, d) > 0.0, -1.0, 1.0)
             s.normal = side * normal
@@ -230,18 +207,18 @@ def make_shade(
                 last = casters.order.shape[0]
             if wp.static(cached):
                 moved = casters.still
-                known = cached_triangle[env, y, x] == t
+                known = kept.triangle[env, y, x] == t
                 if known:
-                    bits = cached_lit[env, y, x]
+                    bits = kept.lit[env, y, x]
                     if wp.static(not flicker):
                         reached = True
                         if wp.static(shadows):
-                            reached = unhidden(lights, casters, rotation, translation, env, bits, s)
+                            reached = unhidden(lights, casters, env, bits, s)
             if reached:
-                colour = cached_colour[env, y, x]
+                colour = kept.colour[env, y, x]
             else:
                 albedo, facing = surface(
-                    view, y, x, vertices, surfaces, env, t, i, d, turn, translation[env, i], side, s.normal
+                    view, y, x, seen.vertices, surfaces, env, t, i, d, turn, seen.translation[env, i], side, s.normal
                 )
                 s.facing = facing
                 m = surfaces.material[i]
@@ -267,7 +244,7 @@ def make_shade(
                         albedo = left * albedo
                 glow = surfaces.emission[m] + glow
                 if wp.static(area):
-                    q = wp.transpose(turn) * (s.position - translation[env, i])
+                    q = wp.transpose(turn) * (s.position - seen.translation[env, i])
                     s.key = frozen_key(q, wp.length(s.position) / view.fx, i)
                 irradiance = wp.vec3(0.0, 0.0, 0.0)
                 # The same without moving casters.
@@ -275,25 +252,26 @@ def make_shade(
                 still_shine = wp.vec3(0.0, 0.0, 0.0)
                 mask = wp.uint32(0)
                 if wp.static(masked):
-                    mask = hidden[env, y, x]
+                    mask = seen.hidden[env, y, x]
                 if wp.static(lit):
                     irradiance, unblocked, shine, still_shine, bits = gather(
-                        lights, casters, rotation, translation, env, s, moved, last, known, bits, mask
+                        lights, casters, env, s, moved, last, known, bits, mask
                     )
                 colour = glow + INVERSE_PI * wp.cw_mul(albedo, irradiance)
                 if wp.static(gloss):
                     colour += shine
                 if wp.static(cached):
                     if not known:
-                        cached_triangle[env, y, x] = wp.where(casters.is_still[i] == 1, t, MISS)
-                        cached_lit[env, y, x] = bits
+                        kept.triangle[env, y, x] = wp.where(casters.is_still[i] == 1, t, MISS)
+                        kept.lit[env, y, x] = bits
                         if wp.static(not flicker):
                             unhid = glow + INVERSE_PI * wp.cw_mul(albedo, unblocked)
                             if wp.static(gloss):
                                 unhid += still_shine
-                            cached_colour[env, y, x] = unhid
-        write(env, y, x, band, colour, radiance, not_finite, clipped)
+                            kept.colour[env, y, x] = unhid
+        write(env, y, x, band, colour, image)
 
+    # Kernels name their parameters one by one; these two share what they do, and so most of their names.
     @wp.kernel(module="unique", enable_backward=False)
     def shade(
         # in
@@ -301,39 +279,25 @@ def make_shade(
         row0: int,
         band: int,
         span: int,
-        packed: wp.array3d(dtype=wp.uint64),
-        vertices: wp.array2d(dtype=wp.vec3),
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
+        seen: Seen,
         surfaces: Surfaces,
         lights: Lights,
         sky: Sky,
         casters: Casters,
-        hidden: wp.array3d(dtype=wp.uint32),
         # in and out
-        cached_triangle: wp.array3d(dtype=int),
-        cached_lit: wp.array3d(dtype=wp.uint32),
-        cached_colour: wp.array3d(dtype=wp.vec3),
+        kept: Kept,
         # out
-        radiance: wp.array3d(dtype=pixel),
-        not_finite: wp.array(dtype=int),
-        clipped: wp.array(dtype=int),
+        image: Image,
     ):
         env, row, part = wp.tid()
         if wp.static(tiled):
             y, x = tile_pixel(view, row, part)
             if y < view.height and x < view.width:
-                shade_pixel(
-                    view, env, y, x, band, packed, vertices, rotation, translation, surfaces, lights, sky, casters,
-                    cached_triangle, cached_lit, cached_colour, hidden, radiance, not_finite, clipped,
-                )  # fmt: skip
+                shade_pixel(view, env, y, x, band, seen, surfaces, lights, sky, casters, kept, image)
         else:
             y = row0 + row
             for x in range(part * span, wp.min(part * span + span, view.width)):
-                shade_pixel(
-                    view, env, y, x, band, packed, vertices, rotation, translation, surfaces, lights, sky, casters,
-                    cached_triangle, cached_lit, cached_colour, hidden, radiance, not_finite, clipped,
-                )  # fmt: skip
+                shade_pixel(view, env, y, x, band, seen, surfaces, lights, sky, casters, kept, image)
 
     @wp.kernel(module="unique", enable_backward=False)
     def shade_list(
@@ -344,32 +308,26 @@ def make_shade(
         band: int,
         pixels: wp.array(dtype=int),
         count: wp.array(dtype=int),
-        packed: wp.array3d(dtype=wp.uint64),
-        vertices: wp.array2d(dtype=wp.vec3),
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
+        seen: Seen,
         surfaces: Surfaces,
         lights: Lights,
         sky: Sky,
         casters: Casters,
-        hidden: wp.array3d(dtype=wp.uint32),
         # in and out
-        cached_triangle: wp.array3d(dtype=int),
-        cached_lit: wp.array3d(dtype=wp.uint32),
-        cached_colour: wp.array3d(dtype=wp.vec3),
+        kept: Kept,
         # out
-        radiance: wp.array3d(dtype=pixel),
-        not_finite: wp.array(dtype=int),
-        clipped: wp.array(dtype=int),
+        image: Image,
     ):
         j = wp.tid()
         while j < count[band]:
             at = pixels[first + j]
-            shade_pixel(
-                view, at // (view.width * view.height), at // view.width % view.height, at % view.width, band,
-                packed, vertices, rotation, translation, surfaces, lights, sky, casters,
-                cached_triangle, cached_lit, cached_colour, hidden, radiance, not_finite, clipped,
-            )  # fmt: skip
+            env = at // (view.width * view.height)
+            y = at // view.width % view.height
+            x = at % view.width
+            shade_pixel(view, env, y, x, band, seen, surfaces, lights, sky, casters, kept, image)
+            if wp.static(masked):
+                # For the next list.
+                seen.hidden[env, y, x] = wp.uint32(0)
             j += workers
 
     return shade, shade_list

@@ -16,10 +16,49 @@ wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_shadow_rays(directional: bool, point: bool, spot: bool, trees: bool) -> wp.Kernel:
-    """The kernel `shadow_rays` with only what a scene has."""
+def make_shadow_rays(directional: bool, point: bool, spot: bool, trees: bool) -> tuple[wp.Kernel, wp.Kernel]:
+    """The kernels `shadow_rays`, of all pixels, and `listed_shadow_rays` with only what a scene has."""
     towards, idle = make_directions(directional, point, spot)
     occluded, _ = make_occlusion(trees, False)
+
+    @wp.func
+    def trace(
+        view: View,
+        env: int,
+        y: int,
+        x: int,
+        l: int,
+        packed: wp.array3d(dtype=wp.uint64),
+        instance: wp.array(dtype=int),
+        normals: wp.array(dtype=wp.vec3),
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        lights: Lights,
+        casters: Casters,
+        hidden: wp.array3d(dtype=wp.uint32),
+    ):
+        """Set bit l of a pixel from which light l is not seen though it might be."""
+        hit = packed[env, y, x]
+        t = triangle_of(hit)
+        if t == MISS:
+            return
+        i = instance[t]
+        d = pixel_ray(view, x, y)
+        s = SurfacePoint()
+        s.position = depth_of(hit) * d
+        normal = rotation[env, i] * normals[t]
+        side = wp.where(wp.dot(normal, d) > 0.0, -1.0, 1.0)
+        s.normal = side * normal
+        # The shading normal is not known here; it can only spare more rays.
+        s.facing = s.normal
+        if idle(lights, env, l, s):
+            return
+        ray, length, strength = towards(lights, env, l, s.position)
+        if wp.dot(s.normal, ray) > 0.0 and strength > 0.0:
+            lift, alone = shadow_start(casters, i, s.position, s.normal, side > 0.0)
+            last = casters.order.shape[0]
+            if occluded(casters, env, 0, last, alone, lift, ray, length):
+                wp.atomic_or(hidden, env, y, x, wp.uint32(1) << wp.uint32(l))
 
     # Somewhat fewer registers than it would take let more rays run at once.
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=96)
@@ -37,32 +76,40 @@ def make_shadow_rays(directional: bool, point: bool, spot: bool, trees: bool) ->
         # out
         hidden: wp.array3d(dtype=wp.uint32),
     ):
-        """Set bit l of a pixel from which light l, one of those in `shadowed`, is not seen though it might be."""
+        """The bits of those lights that are in `shadowed`, in every pixel."""
         n, env, tile, lane = wp.tid()
         y, x = tile_pixel(view, tile, lane)
         if y >= view.height or x >= view.width:
             return
-        hit = packed[env, y, x]
-        t = triangle_of(hit)
-        if t == MISS:
-            return
         l = shadowed[n]
-        i = instance[t]
-        d = pixel_ray(view, x, y)
-        s = SurfacePoint()
-        s.position = depth_of(hit) * d
-        normal = rotation[env, i] * normals[t]
-        side = wp.where(wp.dot(normal, d) > 0.0, -1.0, 1.0)
-        s.normal = side * normal
-        # The shading normal is not known here; it can only spare more rays.
-        s.facing = s.normal
-        if idle(lights, env, l, s):
-            return
-        ray, length, strength = towards(lights, env, l, s.position)
-        if wp.dot(s.normal, ray) > 0.0 and strength > 0.0:
-            lift, alone = shadow_start(casters, i, s.position, s.normal, side > 0.0)
-            last = casters.order.shape[0]
-            if occluded(casters, rotation, translation, env, 0, last, alone, lift, ray, length):
-                wp.atomic_or(hidden, env, y, x, wp.uint32(1) << wp.uint32(l))
+        trace(view, env, y, x, l, packed, instance, normals, rotation, translation, lights, casters, hidden)
 
-    return shadow_rays
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=96)
+    def listed_shadow_rays(
+        # in
+        view: View,
+        packed: wp.array3d(dtype=wp.uint64),
+        instance: wp.array(dtype=int),
+        normals: wp.array(dtype=wp.vec3),
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        lights: Lights,
+        shadowed: wp.array(dtype=int),
+        casters: Casters,
+        workers: int,
+        pixels: wp.array(dtype=int),
+        count: wp.array(dtype=int),
+        # out
+        hidden: wp.array3d(dtype=wp.uint32),
+    ):
+        """The same of count[0] listed pixels, indices into [E, H, W], which `workers` threads share for each light."""
+        n, j = wp.tid()
+        l = shadowed[n]
+        while j < count[0]:
+            env = pixels[j] // (view.width * view.height)
+            y = pixels[j] // view.width % view.height
+            x = pixels[j] % view.width
+            trace(view, env, y, x, l, packed, instance, normals, rotation, translation, lights, casters, hidden)
+            j += workers
+
+    return shadow_rays, listed_shadow_rays

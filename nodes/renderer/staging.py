@@ -33,9 +33,11 @@ class Staging:
     these are few of many, `sparse` is set, and `advance` sends them alone.
     """
 
-    def __init__(self, envs: int, bodies: int, movers: np.ndarray, device: Any) -> None:
+    def __init__(self, envs: int, bodies: int, movers: np.ndarray, device: Any, sparse: bool | None = None) -> None:
+        """sparse: None = where it pays."""
         self._device, shape = device, (envs, bodies)
-        self.sparse = envs * bodies * POSE >= SPARSE_FROM and len(movers) * SPARSE <= bodies
+        pays = envs * bodies * POSE >= SPARSE_FROM and len(movers) * SPARSE <= bodies
+        self.sparse = pays if sparse is None else sparse
         self.sent = movers if self.sparse else np.arange(bodies)
         """Bodies int64 [M] whose poses `advance` takes."""
         self.now = wp.zeros(shape, dtype=wp.transformd, device=device)

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
 
 from evis.scene.model import Camera, Scene
-from nodes.renderer import output_kernels
-from nodes.renderer.renderer import Renderer
+from nodes.renderer.renderer import LIGHT, Renderer
+from nodes.renderer.write_kernels import make_image, make_mean
 
 if TYPE_CHECKING:
     from nodes.renderer.path import PathOptions
 
-make_mean = cache(output_kernels.make_mean)
-
 
 class SupersampledRenderer:
-    """As Renderer, with every pixel's radiance the mean of samples x samples samples that cover it evenly.
+    """As Renderer, with every pixel's light the mean of samples x samples samples that cover it evenly.
 
     Depth, ids, normals and motion belong to the pixel's centre: where a pixel covers two surfaces its radiance is a mix
     of both. An interpolator that moves pixels by their motion smears such mixed pixels; for one that moves samples
@@ -47,12 +44,13 @@ class SupersampledRenderer:
         )
         self.samples, self.half, self.apart = samples, half, apart
         self.device = self.plain.device
-        self._clipped = wp.zeros(1, dtype=wp.int32, device=self.plain.device)
+        # Means that were not finite, of which there are none, and those that were clipped.
+        self._counts = wp.zeros((2, 1), dtype=wp.int32, device=self.plain.device)
 
     def counts(self) -> tuple[int, int]:
-        """Samples of the last drawn radiance that were not finite, and pixels clipped to float16; waits for it."""
+        """Samples of the last drawn light that were not finite, and pixels clipped to float16; waits for it."""
         not_finite, clipped = self.fine.counts()
-        return not_finite, clipped if self.apart else int(self._clipped.numpy()[0])
+        return not_finite, clipped if self.apart else int(self._counts.numpy()[1, 0])
 
     @property
     def not_finite(self) -> int:
@@ -66,17 +64,21 @@ class SupersampledRenderer:
 
     def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:
         """Shape and dtype of an output."""
-        return (self.fine if self.apart and name == "radiance" else self.plain).array_shape(name)
+        return self._whose(name).array_shape(name)
 
     def buffers(self, outputs: Iterable[str]) -> dict[str, wp.array]:
         """As Renderer.buffers."""
-        return {n: (self.fine if self.apart and n == "radiance" else self.plain).target(n, None) for n in outputs}
+        return {name: self._whose(name).target(name, None) for name in outputs}
+
+    def _whose(self, name: str) -> Renderer:
+        """The renderer that an output has its size of."""
+        return self.fine if self.apart and name in LIGHT else self.plain
 
     def prepare(self, outputs: Iterable[str]) -> None:
         """Compile and load the kernels that `outputs` need."""
         wanted = set(outputs)
-        self.plain.prepare(wanted - {"radiance"})
-        self.fine.prepare(wanted & {"radiance"})
+        self.plain.prepare(wanted.difference(LIGHT))
+        self.fine.prepare(wanted.intersection(LIGHT))
 
     def render(
         self,
@@ -88,16 +90,19 @@ class SupersampledRenderer:
     ) -> dict[str, Any]:
         """As Renderer.render."""
         wanted, given = set(outputs), out or {}
-        images = self.plain.render(poses, previous, wanted - {"radiance"}, out)
-        if "radiance" not in wanted:
+        light = wanted.intersection(LIGHT)
+        images = self.plain.render(poses, previous, wanted - light, out)
+        if not light:
             return images
         if self.apart:
-            return images | self.fine.render(poses, None, ("radiance",), out, t_ns)
-        device = self.fine.device
+            return images | self.fine.render(poses, None, light, out, t_ns)
         fine = self.fine.target("radiance", None)
         self.fine.render(poses, None, ("radiance",), {"radiance": fine}, t_ns)
-        target = self.plain.target("radiance", given.get("radiance"))
-        self._clipped.zero_()
-        inputs = [self.samples, fine, target, self._clipped]
-        wp.launch(make_mean(self.half), dim=self.plain.shape, inputs=inputs, device=device)
-        return images | {"radiance": self.plain.on_host(target, given.get("radiance"))}
+        targets = {name: self.plain.target(name, given.get(name)) for name in light}
+        image = make_image(self.half)()
+        for name, target in targets.items():
+            setattr(image, name, target)
+        image.not_finite, image.clipped = self._counts[0], self._counts[1]
+        self._counts.zero_()
+        wp.launch(make_mean(self.half), self.plain.shape, [self.samples, fine, image], device=self.device)
+        return images | {name: self.plain.on_host(target, given.get(name)) for name, target in targets.items()}

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Camera, Scene
+from evis.warp_start import start_warp
 from nodes.renderer import output_kernels, pose_kernels
 from nodes.renderer.bands import Bands
 from nodes.renderer.cameras import lens_of, make_view
@@ -46,7 +47,9 @@ class Visibility:
         threads: int = 1,
         pooled: bool | None = None,
         layered: bool = True,
+        sparse: bool | None = None,
     ) -> None:
+        """sparse: whether only bodies that may move are sent from one instant to the next; None = where it pays."""
         self.scene, self.camera, self.envs, self.margin = scene, camera, envs, margin
         self.device = _device(device)
         self.shape = (envs, camera.height + 2 * margin, camera.width + 2 * margin)
@@ -77,8 +80,11 @@ class Visibility:
         self._layer = self.empty(self.shape if self._layered else (0, 0, 0), wp.uint64)
         self._still_bodies = np.array([is_static(scene, k) for k in range(len(self.names))], bool)
         movers = np.flatnonzero(~self._still_bodies)
-        self._staging = Staging(envs, len(self.names), movers, self.device)
+        self._staging = Staging(envs, len(self.names), movers, self.device, sparse)
         self._sent_names = [self.names[k] for k in self._staging.sent]
+        # Of what is sent, the body whose pose most often tells that something has moved.
+        place = int(np.searchsorted(self._staging.sent, self.camera_body))
+        self._telling = slice(place, place + 1)
         self.poses = self._staging.now
         order = np.concatenate([np.argsort(~still, kind="stable"), [count]])
         self._still_count = int(still.sum())
@@ -111,7 +117,8 @@ class Visibility:
         if staging.sparse:
             fresh = fresh.take(staging.sent, axis=1)
         check_values(fresh, self._sent_names)
-        if same_bytes(fresh, staging.latest()):
+        latest, one = staging.latest(), self._telling
+        if fresh[:1, one].tobytes() == latest[:1, one].tobytes() and same_bytes(fresh, latest):
             return None
         still_same = self._layered and (staging.sparse or self._still_same(last, fresh))
         staging.advance(fresh)
@@ -120,8 +127,20 @@ class Visibility:
         self.moved, self.still_displaced = displaced, displaced and not still_same
         return self._frames_of(last if staging.sparse else fresh)
 
+    def send(self, fresh: np.ndarray) -> Frames:
+        """The next instant, from the last one on: poses float64 [E, M, 7] of the bodies that may move, in their order;
+        all others stay. What is sent is there after `settle`, or `arrive` in a recording.
+
+        For a visibility that is `sparse`. Raises ValueError naming a body whose pose is not finite.
+        """
+        staging, last = self._staging, self._staging.last
+        assert staging.sparse and last is not None
+        check_values(fresh, self._sent_names)
+        staging.advance(fresh)
+        return self._frames_of(last)
+
     def arrive(self) -> None:
-        """What `advance` sent becomes `poses`: a launch only, if `coming`."""
+        """What `advance` or `send` sent becomes `poses`: a launch only, if `coming`."""
         self._staging.arrive()
 
     def settle(self) -> None:
@@ -296,6 +315,7 @@ def store(target: wp.array, values: np.ndarray) -> None:
 
 def _device(name: str) -> Any:
     try:
+        start_warp()
         return wp.get_device(name)
     except (ValueError, RuntimeError):
         known = ", ".join(str(d) for d in wp.get_devices())

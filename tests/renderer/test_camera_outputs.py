@@ -20,7 +20,7 @@ class Bus:
     def __init__(self, *wanted):
         self.wanted, self.sent, self.counts = set(wanted), {}, {}
 
-    def wants(self, node, port):
+    def wants(self, node, port, array=""):
         return port in self.wanted
 
     def loan(self, node, port, arrays):
@@ -124,8 +124,8 @@ def test_the_node_averages_samples_and_publishes_one_value_per_pixel():
     assert made.runtime.sent["info"].width == 48
     bodies = made.scene.bodies
     pose = np.array([[[b.trajectory.pose(np.array([0]))[0] for b in bodies]]])
-    state = WorldState(Header(0, clock="sim"), np.array([0]), pose, np.zeros((*pose.shape[:3], 6)),
-                       np.zeros(1, np.int32), names=[b.name for b in bodies])  # fmt: skip
+    state = WorldState.dense(Header(0, clock="sim"), np.array([0]), pose, np.zeros((*pose.shape[:3], 6)),
+                             np.zeros(1, np.int32), names=[b.name for b in bodies])  # fmt: skip
     made.update({"state": state})
     sent = made.runtime.sent
     assert sent["keyframe"].radiance.shape == (1, 42, 54, 3) and sent["depth"].depth.shape == (1, 42, 54)

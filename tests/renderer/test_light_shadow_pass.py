@@ -45,3 +45,29 @@ def test_rays_of_their_own_pass_hide_the_same(count):
     # Of the sun and the bulb, not of what casts no shadow.
     assert all(((hidden >> bit) & 1).mean() > 0.01 for bit in (1, 2))
     assert not (hidden & ~np.uint32(6)).any()
+
+
+def test_lists_of_pixels_have_their_rays_traced_first_too():
+    """Two lists after each other: what the first one found must not hide lights from the second."""
+    now = poses(*(at(0.4 * (n % 5) - 0.8, 0.35 * (n // 5) - 0.6, 1.4) for n in range(20)), at(0, 0, 0))
+    world = crowd([FILL, SUN, BULB], 20)
+    visibility = Visibility(world, world.cameras[0])
+    frames = visibility.update(now)
+    whole = Shading(visibility, split=False)
+    whole.update(frames)
+    image = wp.zeros(visibility.shape, dtype=wp.vec3, device="cpu")
+    whole.shade(image)
+    shading = Shading(visibility, remember=False, split=True)
+    shading.update(frames)
+    assert shading.shadow_pass is not None
+    pixels = np.random.default_rng(3).permutation(image.size).astype(np.int32)
+    for part, ready in ((pixels[:3000], False), (pixels[2000:], True)):
+        listed = wp.zeros(visibility.shape, dtype=wp.vec3, device="cpu")
+        count = wp.array([len(part)], dtype=wp.int32, device="cpu")
+        shading.shade_list(listed, wp.array(part, dtype=wp.int32, device="cpu"), count, [0], ready)
+        shown = np.zeros(image.size, bool)
+        shown[part] = True
+        expected = np.where(shown[:, None], image.numpy().reshape(-1, 3), 0.0)
+        assert np.array_equal(listed.numpy().reshape(-1, 3), expected)
+        # Nothing is left for the next list.
+        assert not shading.shadow_pass.hidden.numpy().any()

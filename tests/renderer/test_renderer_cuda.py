@@ -6,7 +6,9 @@ import warp as wp
 from renderer_scenes import ALL, at, camera, poses, quad, scene, sphere
 
 from evis.scene.model import WORLD, Camera, Light, Material
+from nodes.renderer import raster
 from nodes.renderer.renderer import LAST, Renderer
+from nodes.renderer.visibility import Visibility
 
 pytestmark = [
     pytest.mark.gpu,
@@ -127,3 +129,18 @@ def test_a_pose_that_is_not_a_number_is_named_on_cuda():
     bad[0, 7, 1] = np.nan
     with pytest.raises(ValueError, match=r"pose of body 'body7' is not finite \(environment 0\)"):
         renderer.render(bad, LAST, ALL)
+
+
+def test_threads_that_share_the_pixels_of_a_tile_draw_what_each_would_alone(monkeypatch):
+    """As they do where blocks and pixels are many. What is on an edge may differ where both kernels round otherwise."""
+    world = room()
+    now = poses(at(0.1, 0.2, 1.5, (0.3, 0.2, 0.1)), at(-0.2, 0.1, 1.0), at(0, 0, 0))
+    monkeypatch.setattr(raster, "FEW", 0)
+    drawn = []
+    for large in (raster.LARGE_IMAGE, 1 << 30):
+        monkeypatch.setattr(raster, "LARGE_IMAGE", large)
+        visibility = Visibility(world, world.cameras[0], device="cuda")
+        visibility.update(now)
+        drawn.append(visibility.packed.numpy())
+    assert (drawn[0] != drawn[1]).mean() < 1e-4
+    assert len(np.unique(drawn[0] & np.uint64(0xFFFFFFFF))) > 1000

@@ -17,7 +17,7 @@ class Bus:
     def __init__(self, *wanted):
         self.wanted, self.sent, self.counts = set(wanted), [], {}
 
-    def wants(self, node, port):
+    def wants(self, node, port, array=""):
         return port in self.wanted
 
     def loan(self, node, port, arrays):
@@ -54,7 +54,7 @@ def state(scene, *milliseconds, episodes=(0,), stamp=0):
     names = [b.name for b in scene.bodies]
     header = Header(stamp, clock="sim", episode=max(episodes))
     twist = np.zeros((*pose.shape[:3], 6))
-    return WorldState(header, np.array([stamp]), pose, twist, np.array(episodes, np.int32), names=names)
+    return WorldState.dense(header, np.array([stamp]), pose, twist, np.array(episodes, np.int32), names=names)
 
 
 def test_info_describes_the_camera_and_names_every_id(disk):
@@ -131,7 +131,7 @@ def test_another_scenes_state_is_refused(disk):
 def test_a_pose_that_is_not_a_number_names_its_body(disk):
     node, _ = start("keyframe")
     broken = state(disk, 0.0)
-    broken.pose[0, 0, disk.body_index("disk"), 2] = np.nan
+    broken.end_pose[0, disk.body_index("disk"), 2] = np.nan
     with pytest.raises(ValueError, match="body 'disk' is not finite"):
         node.update({"state": broken})
 

@@ -114,11 +114,32 @@ def test_cameras_look_where_mujoco_s_do(scene, reference):
 def test_lights_follow_the_documented_rule(scene):
     """pi times diffuse for a directional light, intensity for a bulb that has one, ambient terms as environment."""
     sun, bulb = scene.lights
-    assert (sun.kind, bulb.kind) == ("directional", "point")
+    # MuJoCo's lights are spots of 45 degrees and power 10 unless they say otherwise: half at 21 degrees.
+    assert (sun.kind, bulb.kind) == ("directional", "spot")
+    assert np.allclose(bulb.direction, [0, 0, -1]) and np.isclose(np.degrees(bulb.cone[1]), 30, atol=0.1)
     assert np.allclose(sun.colour, np.pi * np.array([1, 0.5, 0.25])) and np.allclose(bulb.colour, 30)
     assert np.allclose(sun.vector, np.array([0, 1, -1]) / np.sqrt(2)) and np.allclose(bulb.vector, [0, 0, 2])
     # a light that says nothing has MuJoCo's default ambient of 0
     assert np.allclose(scene.environment, [0.15, 0.2, 0.3])
+
+
+@pytest.mark.parametrize(("cutoff", "exponent"), [(60, 2), (80, 10), (30, 0), (20, 1)])
+def test_spots_fall_to_half_where_their_power_of_the_cosine_does(tmp_path, cutoff, exponent):
+    """The step of the renderer's cone, 3 t^2 - 2 t^3 in the cosine; sharp where the power is above half at the edge."""
+    light = f'<light name="s" pos="0 0 2" dir="0 1 -1" cutoff="{cutoff}" exponent="{exponent}"/>'
+    bulb = '<light name="b" type="point" pos="0 0 1"/>'
+    (tmp_path / "spot.xml").write_text(f"<mujoco><worldbody>{light}{bulb}</worldbody></mujoco>")
+    spot, point = load_scene(str(tmp_path / "spot.xml")).lights
+    assert (spot.kind, point.kind) == ("spot", "point")
+    assert np.allclose(spot.direction, np.array([0, 1, -1]) / np.sqrt(2))
+    inner, outer = spot.cone
+    assert np.degrees(outer) <= cutoff + 1e-5 and 0 <= inner <= outer
+    half = 0.5 ** (1 / exponent) if exponent else 0.0
+    if half > np.cos(outer):
+        t = (half - np.cos(outer)) / (np.cos(inner) - np.cos(outer))
+        assert np.isclose(t * t * (3 - 2 * t), 0.5)
+    else:
+        assert inner == outer and np.isclose(np.degrees(outer), cutoff)
 
 
 def test_colours_become_linear(scene):

@@ -171,3 +171,29 @@ def test_scene_args_text():
 def test_only_scenes_with_a_model_are_dynamic():
     """Known without reading the model."""
     assert is_dynamic("falling_objects") and not is_dynamic("spinning_disk")
+
+
+@pytest.mark.parametrize(
+    ("more", "dark"),
+    [
+        ("", True),
+        ("environment: 0.2\n", False),
+        ("lights: {lamp: {kind: point, position: [0, 0, 2], intensity: 5}}\n", False),
+        ("materials: {paint: {emission: 3}}\n", False),
+    ],
+)
+@pytest.mark.parametrize("visuals", [True, False])
+def test_a_scene_without_any_light_says_so(tmp_path, more, dark, visuals):
+    path = tmp_path / "dark.yaml"
+    head = "cameras: {cam0: {fov: 40 deg}}\nbodies: {b: {shapes: [{shape: box, size: [1, 1, 1], material: paint}]}}\n"
+    path.write_text(head + (more if "paint" in more else f"materials: {{paint: {{albedo: 0.5}}}}\n{more}"))
+    notes = load_scene(str(path), visuals=visuals).notes
+    assert [note.startswith("nothing gives light") for note in notes] == ([True] if dark else [])
+
+
+@pytest.mark.parametrize("name", ["c d", "a/b", "", "é*"])
+def test_a_camera_whose_name_no_topic_can_have_is_refused(tmp_path, name):
+    path = tmp_path / "named.yaml"
+    path.write_text(f"cameras: {{'{name}': {{fov: 40 deg}}}}\n")
+    with pytest.raises(SceneError, match=r"named\.yaml:1: .*take letters, digits, _ \. and -"):
+        load_scene(str(path), visuals=False)

@@ -102,6 +102,31 @@ def test_gltf_materials_are_metallic_roughness(load, gltf):
     assert load(gltf, head="", textures=False).materials[0].texture is None
 
 
+def test_gltf_materials_may_share_a_name(load, tmp_path):
+    """Written by hand, as trimesh would rename them: two squares, a dark red one and a green one, both `paint`."""
+    points = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], "<f4").tobytes()
+    data = points + np.array([0, 1, 2, 0, 2, 3], "<u2").tobytes()
+    colours = [[0.021, 0.0, 0.0, 1.0], [0.0, 0.9, 0.0, 1.0]]
+    pbr = [{"name": "paint", "pbrMetallicRoughness": {"baseColorFactor": c, "metallicFactor": 0}} for c in colours]
+    meshes = [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": k}]} for k in range(2)]
+    limits = {"min": [0, 0, 0], "max": [1, 1, 0]}
+    document = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0, 1]}], "meshes": meshes, "materials": pbr,
+        "nodes": [{"mesh": 0, "name": "a"}, {"mesh": 1, "name": "b"}], "buffers": [{"byteLength": 60}],
+        "bufferViews": [{"buffer": 0, "byteLength": 48}, {"buffer": 0, "byteOffset": 48, "byteLength": 12}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", **limits},
+                      {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"}],
+    }  # fmt: skip
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    body = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
+    (tmp_path / "two.glb").write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body)
+    scene = load("file: two.glb", head="")
+    seen = [scene.materials[instance.material] for instance in scene.instances]
+    np.testing.assert_allclose([material.albedo for material in seen], np.array(colours)[:, :3], atol=1e-7)
+    assert len({material.name for material in seen}) == 2
+
+
 def test_gltf_nodes_stand_z_up_and_face_the_same_way(load, gltf):
     """y up becomes z up, the node's transform counts, a mirrored node is not inside out, uv stay at their corners."""
     scene = load(gltf, head="")

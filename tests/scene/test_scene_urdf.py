@@ -81,3 +81,58 @@ def test_it_can_be_launched_by_its_path(robot):
 
     launch, arguments = find_launch(str(robot))
     assert launch.stem == "simulator" and arguments == {"scene": str(robot)}
+
+
+TETRAHEDRON = """v 0 0 0
+v 3 0 0
+v 0 2 0
+v 0 0 1
+f 1 3 2
+f 1 2 4
+f 1 4 3
+f 2 3 4
+"""
+
+
+@pytest.mark.parametrize(
+    "how", ["above", "named", "beside", "ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH", "file", "relative"]
+)
+def test_meshes_are_found_as_ros_finds_them(tmp_path, monkeypatch, how):
+    """The package above the URDF by its folder or by package.xml, beside it, or where the environment says."""
+    for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
+        monkeypatch.delenv(name, raising=False)
+    package = {"above": "ws/my_robot", "named": "ws/checkout", "beside": "ws/my_robot"}.get(how, "else/share/my_robot")
+    urdf = tmp_path / ("ws/other/urdf" if how == "beside" else f"{package}/urdf") / "r.urdf"
+    if how.endswith("PATH"):
+        urdf = tmp_path / "far" / "r.urdf"
+        monkeypatch.setenv(how, str(tmp_path / ("else/share" if how.startswith("ROS") else "else")))
+    mesh = tmp_path / package / "meshes" / "part.obj"
+    for path in (urdf, mesh):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    mesh.write_text(TETRAHEDRON)
+    if how == "named":
+        (tmp_path / package / "package.xml").write_text("<package><name>my_robot</name></package>")
+    called = {"file": f"file://{mesh}", "relative": "../meshes/part.obj"}.get(how, "package://my_robot/meshes/part.obj")
+    shape = f'<geometry><mesh filename="{called}"/></geometry>'
+    urdf.write_text(
+        URDF.replace('<geometry><box size="0.2 0.4 0.1"/></geometry>', shape).replace(
+            '<geometry><sphere radius="0.05"/></geometry>', shape
+        )
+    )
+    scene, bare = load_scene(str(urdf)), load_scene(str(urdf), visuals=False)
+    assert scene.notes == bare.notes == []
+    seen = {(scene.bodies[i.body].name if i.body >= 0 else "world"): i for i in scene.instances}
+    for name in ("world", "tip"):
+        corners = np.unique(seen[name].mesh.vertices.round(5), axis=0)
+        lengths = [np.linalg.norm(a - b) for i, a in enumerate(corners) for b in corners[:i]]
+        assert np.allclose(sorted(lengths), np.sqrt([1, 4, 5, 9, 10, 13]), atol=1e-4)
+    from nodes.physics.mujoco_engine import MujocoEngine
+
+    assert MujocoEngine(bare).model.nmesh == 1
+
+
+def test_a_package_that_is_not_there_is_said_by_who_moves_and_by_who_draws(robot):
+    robot.write_text(URDF.replace('<box size="0.2 0.4 0.1"/>', '<mesh filename="package://r/gone.dae"/>'))
+    for visuals in (True, False):
+        (note,) = load_scene(str(robot), visuals=visuals).notes
+        assert "no file package://r/gone.dae; package 'r' is looked for above" in note and "ROS_PACKAGE_PATH" in note

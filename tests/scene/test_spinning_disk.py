@@ -93,3 +93,20 @@ def test_lamp_and_shade_are_more_than_a_thousand_to_one():
     disk = scene.bodies[0].trajectory.pose(np.zeros(1, np.int64))[0, :3]
     irradiance = light.colour.max() / np.sum((light.vector - disk) ** 2)
     assert brightest > 1000 * darkest and brightest > 50 * white * irradiance / np.pi
+
+
+@pytest.mark.parametrize("height", [1, 2, 5, 6, 260, 7900, 7901, 8192])
+@pytest.mark.parametrize("standoff", [0.8, 1.1])
+def test_any_image_has_a_texture_of_a_size_that_there_may_be(monkeypatch, height, standoff):
+    """A texel for each pixel across the disk of 0.3 m, 2 to 4096 of them; made small here, for that takes long."""
+    asked = []
+
+    def blobs(size, *how):
+        asked.append(size)
+        return np.ones((8, 8), np.float32)
+
+    monkeypatch.setattr(made, "blobs", blobs)
+    scene = load_scene("spinning_disk", {"width": 1, "height": height, "standoff": standoff})
+    (size,) = asked
+    across = scene.cameras[0].k[1, 1] * 0.3 / standoff
+    assert 2 <= size <= 4096 and abs(size - np.clip(across, 2, 4096)) <= 1 + 0.01 * across
