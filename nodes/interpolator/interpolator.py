@@ -14,7 +14,7 @@ from evis.scene.model import Camera, Scene
 from nodes.interpolator import kernels, rehearsal, splat
 from nodes.interpolator.adaptive import AdaptiveCount
 from nodes.interpolator.keyframe import Method, Report, States, View, device_named
-from nodes.interpolator.luminance import luminance_of, scalars
+from nodes.interpolator.luminance import luminance_of, rgb_of, scalars
 from nodes.interpolator.passthrough import Passthrough, crop
 from nodes.renderer.cameras import finer
 
@@ -105,7 +105,7 @@ class Interpolator:
         self,
         stamp_ns: int,
         episodes: np.ndarray,
-        radiance: Image,
+        image: Image,
         depth: Image | None,
         motion: Image | None,
         margin: int = 0,
@@ -114,16 +114,17 @@ class Interpolator:
     ) -> tuple[np.ndarray, Any]:
         """Frames of the gap that ends with this keyframe.
 
-        radiance: float32 or float16 [E, H, W, 3]. depth: float32 [E, H, W] m. motion: float32 [E, H, W, 2] px; all of
-        numpy or on the device, where they must stay as they are until the next call but one. margin:
-        pixels beyond the image on every side. allocate: gives the array of a shape to write the frames into. states: of
-        the bodies, from the keyframe before to this one. Of depth, motion and states only what the method uses is read.
+        image: radiance [E, H, W, 3] or, unless frames are in colour, luminance [E, H, W]; float32 or float16. depth:
+        float32 [E, H, W] m. motion: float32 [E, H, W, 2] px; all of numpy or on the device, where they must stay as
+        they are until the next call but one. margin: pixels beyond the image on every side. allocate: gives the array
+        of a shape to write the frames into. states: of the bodies, from the keyframe before to this one. Of depth,
+        motion and states only what the method uses is read.
         Returns (stamps int64 [K] ns, frames float32 [E, K, h, w] or, in colour, [E, K, h, w, 3]); K = 1 where all
         environments begin an episode. Environments that begin one while others go on hold this keyframe in all K
         frames. Where the camera is known and keyframes, margin included, are n times its size, they hold n x n samples
         of every pixel apart, which are averaged in the frames. `report` tells what was filled. Raises ValueError.
         """
-        envs, height, width = radiance.shape[:3]
+        envs, height, width = image.shape[:3]
         if min(height, width) <= 2 * margin:
             raise ValueError(f"keyframe of {width}x{height} px is no larger than its margin of {margin} px per side")
         size = (envs, height, width), margin
@@ -135,7 +136,7 @@ class Interpolator:
         if self._size is None:
             self._samples = self._samples_of(height, width, margin)
         self._size = size
-        view = View(self._image(radiance), self._use("depth", depth), self._use("motion", motion), stamp_ns=stamp_ns)
+        view = View(self._image(image), self._use("depth", depth), self._use("motion", motion), stamp_ns=stamp_ns)
         view.states = self._check(states)
         held = np.ones(envs, bool) if self._last is None else np.asarray(episodes) != self._episodes
         begins = bool(held.all())
@@ -301,13 +302,11 @@ class Interpolator:
             raise ValueError(f"the {self._name} interpolator needs {name} with every keyframe")
         return scalars(image, self._device)
 
-    def _image(self, radiance: Image) -> wp.array:
-        """What is warped: luminance, or RGB, in float32 on the device."""
-        if self._colour:
-            image = scalars(radiance, self._device)
-            if image.dtype is wp.float32:
-                return image
-            single = wp.empty(image.shape, dtype=wp.float32, device=self._device)
-            wp.utils.array_cast(image.flatten(), single.flatten())
-            return single
-        return luminance_of(radiance, self._device)
+    def _image(self, image: Image) -> wp.array:
+        """What is warped: luminance, or RGB, in float32 on the device. Raises ValueError where there is no RGB."""
+        if not self._colour:
+            return luminance_of(image, self._device)
+        if scalars(image, self._device).ndim != 4:
+            raise ValueError("keyframes carry luminance, colour frames need their radiance (keyframes:=rgb)")
+        rgb = rgb_of(image, self._device)
+        return rgb.view(wp.float32).reshape((*rgb.shape, 3))

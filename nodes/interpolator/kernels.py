@@ -5,6 +5,8 @@ from typing import Any
 
 import warp as wp
 
+from nodes.renderer.write_kernels import luminance as luminance_of_colour
+
 wp.set_module_options({"enable_backward": False})
 
 SUBPIXEL = wp.constant(4096)
@@ -51,12 +53,11 @@ def luminance(
     # out
     image: wp.array(dtype=wp.float32),
 ):
-    """Equation (3): I = 0.2126 R + 0.7152 G + 0.0722 B, of pixels [N, 3] in float32 or float16."""
+    """Equation (3) of pixels [N, 3]; of float16 it is rounded to that, as it is where the renderer gives it."""
     i = wp.tid()
-    r = wp.float32(radiance[i, 0])
-    g = wp.float32(radiance[i, 1])
-    b = wp.float32(radiance[i, 2])
-    image[i] = 0.2126 * r + 0.7152 * g + 0.0722 * b
+    red = radiance[i, 0]
+    value = luminance_of_colour(wp.vec3(wp.float32(red), wp.float32(radiance[i, 1]), wp.float32(radiance[i, 2])))
+    image[i] = wp.float32(type(red)(value))
 
 
 @wp.kernel

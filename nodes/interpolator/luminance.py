@@ -11,8 +11,13 @@ from nodes.interpolator import kernels
 
 
 def luminance_of(radiance: np.ndarray | wp.array, device: Any = "cpu") -> wp.array:
-    """float32 [...] Rec. 709 luminance of linear radiance [..., 3] in float32 or float16, on the device."""
+    """float32 Rec. 709 luminance [E, H, W] of linear radiance [E, H, W, 3] in float32 or float16, on the device.
+
+    That of float16 is as exact as float16. What is luminance [E, H, W] already is as it is, copied only where needed.
+    """
     pixels = scalars(radiance, device)
+    if pixels.ndim == 3:
+        return _single(pixels)
     image = wp.empty(pixels.shape[:-1], dtype=wp.float32, device=device)
     wp.launch(kernels.luminance, image.size, [pixels.reshape((-1, 3))], [image.flatten()], device=device)
     return image
@@ -20,12 +25,17 @@ def luminance_of(radiance: np.ndarray | wp.array, device: Any = "cpu") -> wp.arr
 
 def rgb_of(radiance: np.ndarray | wp.array, device: Any = "cpu") -> wp.array:
     """wp.vec3 [...] linear RGB of radiance [..., 3] in float32 or float16, on the device; a copy only where needed."""
-    pixels = scalars(radiance, device)
-    if pixels.dtype is not wp.float32:
-        single: wp.array = wp.empty(pixels.shape, dtype=wp.float32, device=device)
-        wp.utils.array_cast(pixels.flatten(), single.flatten())
-        pixels = single
+    pixels = _single(scalars(radiance, device))
     return pixels.view(wp.vec3).reshape(pixels.shape[:-1])
+
+
+def _single(pixels: wp.array) -> wp.array:
+    """The same in float32; a copy only where it is not."""
+    if pixels.dtype is wp.float32:
+        return pixels
+    single: wp.array = wp.empty(pixels.shape, dtype=wp.float32, device=pixels.device)
+    wp.utils.array_cast(pixels.flatten(), single.flatten())
+    return single
 
 
 def scalars(image: np.ndarray | wp.array, device: Any) -> wp.array:

@@ -66,6 +66,7 @@ class InterpolatorNode(Node):
         "sky_occlusion": Param(bool, False, "whether the renderer has light of the sky that things hide"),
         "path_samples": Param(int, 16, "the renderer's paths per pixel", minimum=1, maximum=65536),
         "roulette": Param(bool, False, "whether the renderer ends paths at random"),
+        "supersampling": Param(int, 0, "the renderer's samples per pixel and axis, 0 = the camera's", "", 0, 16),
         "upsampling": Param(int, 8, "frames per gap (K)", minimum=1, maximum=4096),
         "adaptive_px": Param(
             float, 0.0,
@@ -86,9 +87,28 @@ class InterpolatorNode(Node):
     interpolator: Interpolator
 
     @classmethod
+    def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """What only `rigid` looks at, for other methods."""
+        method = usable(params)
+        paths = params["bounces"] or params["sky_occlusion"]
+        if method == "rigid":
+            why = "no light comes by paths without bounces or sky_occlusion"
+            return {} if paths else dict.fromkeys(("path_samples", "roulette"), why)
+        light = ("tolerance", "sample_px", "light_samples", "bounces", "sky_occlusion", "path_samples", "roulette")
+        found = dict.fromkeys(light, f"method {method} shades nothing anew")
+        if "state" not in READS[method]:
+            found |= dict.fromkeys(("scene", "scene_args"), f"method {method} needs no scene")
+        return found | ({"adaptive_px": "method none makes no frames"} if method == "none" else {})
+
+    @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
         """Depth and motion only for the method that warps by them, states for the one that knows the bodies."""
         return frozenset({"keyframe"}) | READS[usable(params)]
+
+    @classmethod
+    def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
+        """Of keyframes luminance will do, unless frames are in colour."""
+        return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
 
     def setup(self) -> None:
         from nodes.interpolator.interpolator import Interpolator
@@ -114,7 +134,7 @@ class InterpolatorNode(Node):
         size = (camera.height, camera.width) if camera else (p["height"], p["width"])
         if all(size):
             # Samples that are to be moved apart come as a larger image.
-            n = camera.supersampling if camera else 1
+            n = p["supersampling"] or camera.supersampling if camera else 1
             height, width = (n * (length + 2 * p["margin"]) for length in size)
             self.interpolator.rehearse(p["envs"], height, width, n * p["margin"])
         else:
@@ -137,7 +157,7 @@ class InterpolatorNode(Node):
         t, frames = self.interpolator.push(
             key.header.stamp_ns,
             key.episodes,
-            key.radiance,
+            key.image,
             depth.depth if isinstance(depth, Depth) else None,
             motion.motion if isinstance(motion, Motion) else None,
             key.margin,
@@ -172,7 +192,7 @@ class InterpolatorNode(Node):
                 f"{self.name}: /state has bodies {', '.join(state.names)}, the scene has {', '.join(self._names)}; "
                 "give both nodes the same scene and scene_args"
             )
-        return States(state.t, state.pose, state.twist)
+        return States(state.t, *state.rows())
 
     def _allocate(self, shape: tuple[int, ...]) -> Any:
         device, field = self._device, self._field

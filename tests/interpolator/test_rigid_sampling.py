@@ -96,6 +96,8 @@ def test_through_a_lens_as_through_a_pinhole():
     scene = world([wall(painted(1024))], view=view, camera_motion=sideways(3.0))
     each, some = (cross(scene, 32, sample_px=step) for step in (0.0, 1.0))
     assert some.report.sampled < 0.25 * each.report.sampled
+    # 3 px, and more towards the corners, are three spans or more: two samples between.
+    assert some.report.sampled >= 1.95 * PIXELS
     assert some.error().max() < each.error().max() + TOLERANCE / 2
     # f theta_d / sin theta across the radius: 80 in the middle, 87.2 in the farthest corner, at theta = 0.755.
     assert 80 < pixels_per_radian(Visibility(scene, view)) < 87.2

@@ -12,15 +12,6 @@ from nodes.renderer.kernels import MISS, View, depth_of, pixel_ray, triangle_of
 wp.set_module_options({"enable_backward": False})
 
 
-@wp.struct
-class Scenery:
-    """Of each triangle: its instance and patch; of each instance: its body, the world's index being their number."""
-
-    instance: wp.array(dtype=int)
-    patch: wp.array(dtype=int)
-    body: wp.array(dtype=int)
-
-
 @cache
 def make_keyframe(channels: int, flicker: bool) -> Any:
     """The struct of a keyframe as `Prepared` has it, [E H W] but for image, and how the bodies [P E, N + 2] of the
@@ -32,6 +23,7 @@ def make_keyframe(channels: int, flicker: bool) -> Any:
         support: wp.array(dtype=int)
         inverse: wp.array(dtype=float)
         logs: wp.array(dtype=LOGS[channels, flicker])
+        texels: wp.array(dtype=wp.vec4)
         turn: wp.array2d(dtype=wp.mat33)
         shift: wp.array2d(dtype=wp.vec3)
 
@@ -46,8 +38,11 @@ def make_gather(lens: str, channels: int, listed: bool, flicker: bool) -> wp.Ker
     Keyframe: Any = make_keyframe(channels, flicker)
     pixel = wp.float32 if channels == 1 else wp.vec3
     look_up = make_look_up(lens, channels, listed, flicker)
+    # Fewer than it would take: while some threads wait for memory there must be others. With care, and of RGB, all of
+    # them are worth more.
+    registers = 64 if channels == 1 and not flicker and not listed else None
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
     def gather(
         # in
         view: View,
@@ -64,7 +59,7 @@ def make_gather(lens: str, channels: int, listed: bool, flicker: bool) -> wp.Ker
         strength: wp.array(dtype=float),
         packed: wp.array3d(dtype=wp.uint64),
         quiet: wp.array3d(dtype=wp.uint64),
-        scenery: Scenery,
+        pieces: wp.array(dtype=wp.vec2i),
         a: Keyframe,
         b: Keyframe,
         # in or out
@@ -76,7 +71,8 @@ def make_gather(lens: str, channels: int, listed: bool, flicker: bool) -> wp.Ker
         count: wp.array(dtype=int),
     ):
         """Frames [E K, h, w] of the sub-frames in slots slot0.. of `packed` [P E, H, W]; slot s is sub-frame index[s],
-        when lights that flicker have that `strength`.
+        when lights that flicker have that `strength`. pieces: of each triangle, its body (the world's index being their
+        number) and its patch.
 
         Listed: `todo` has the pixels to do, as indices into [.., E, h, w] from slot0 on; on a CPU entries first..last -
         1, on a GPU (last < 0) todo_count[band] of them, shared by `workers` threads. Otherwise a thread does one pixel;
@@ -122,16 +118,45 @@ def make_gather(lens: str, channels: int, listed: bool, flicker: bool) -> wp.Ker
                 p = wp.int32(0)
                 if not sky:
                     point = depth_of(hit) * d
-                    body = scenery.body[scenery.instance[t]]
-                    p = scenery.patch[t]
+                    piece = pieces[t]
+                    body = piece[0]
+                    p = piece[1]
                 base = env * view.height * view.width
                 m_a = a.turn[n, body] * point + a.shift[n, body]
                 m_b = b.turn[n, body] * point + b.shift[n, body]
                 state_a, value = look_up(
-                    view, base, y, x, p, sky, d, point, m_a, tolerance, a.patch, a.support, a.inverse, a.logs
+                    view,
+                    base,
+                    y,
+                    x,
+                    p,
+                    sky,
+                    d,
+                    point,
+                    m_a,
+                    tolerance,
+                    a.patch,
+                    a.support,
+                    a.inverse,
+                    a.logs,
+                    a.texels,
                 )
                 state_b, other = look_up(
-                    view, base, y, x, p, sky, d, point, m_b, tolerance, b.patch, b.support, b.inverse, b.logs
+                    view,
+                    base,
+                    y,
+                    x,
+                    p,
+                    sky,
+                    d,
+                    point,
+                    m_b,
+                    tolerance,
+                    b.patch,
+                    b.support,
+                    b.inverse,
+                    b.logs,
+                    b.texels,
                 )
                 seen_a = state_a == SEEN
                 seen_b = state_b == SEEN

@@ -42,12 +42,22 @@ def usable(value: wp.vec3):  # noqa: F811 - overloaded by its type
 
 
 @wp.func
-def patch_at(hit: wp.uint64, patch_of: wp.array(dtype=int)):
+def texel_of(patch: int, nearness: float, log: wp.float32):
+    return wp.vec4(wp.cast(patch, wp.float32), nearness, log, 0.0)
+
+
+@wp.func
+def texel_of(patch: int, nearness: float, log: Any):  # noqa: F811 - overloaded by its type
+    return wp.vec4(wp.cast(patch, wp.float32), nearness, 0.0, 0.0)
+
+
+@wp.func
+def patch_at(hit: wp.uint64, pieces: wp.array(dtype=wp.vec2i)):
     """Patch (0 = sky) and inverse distance [1/m] (0 = sky) of what a pixel shows."""
     t = triangle_of(hit)
     if t == MISS:
         return 0, 0.0
-    return patch_of[t], 1.0 / depth_of(hit)
+    return pieces[t][1], 1.0 / depth_of(hit)
 
 
 @wp.kernel
@@ -55,23 +65,26 @@ def take_in(
     # in
     span: int,
     packed: wp.array3d(dtype=wp.uint64),
-    patch_of: wp.array(dtype=int),
+    pieces: wp.array(dtype=wp.vec2i),
     image: wp.array3d(dtype=Any),
     # out
     logs: wp.array3d(dtype=Any),
     patch: wp.array3d(dtype=int),
     inverse: wp.array3d(dtype=float),
+    texels: wp.array3d(dtype=wp.vec4),
     nonfinite: wp.array(dtype=int),
 ):
     """Log radiance, patch (0 = sky) and inverse distance [1/m] (0 = sky) of every pixel; `span` pixels a thread."""
     env, y, part = wp.tid()
     for x in range(part * span, wp.min(part * span + span, packed.shape[2])):
-        p, w = patch_at(packed[env, y, x], patch_of)
+        p, w = patch_at(packed[env, y, x], pieces)
         value = image[env, y, x]
         if not usable(value):
             p = UNUSABLE
             wp.atomic_add(nonfinite, 0, 1)
-        logs[env, y, x] = log_of(value)
+        log = log_of(value)
+        logs[env, y, x] = log
+        texels[env, y, x] = texel_of(p, w, log)
         patch[env, y, x] = p
         inverse[env, y, x] = w
 
@@ -99,7 +112,7 @@ def take_in_lights(
     # in
     span: int,
     packed: wp.array3d(dtype=wp.uint64),
-    patch_of: wp.array(dtype=int),
+    pieces: wp.array(dtype=wp.vec2i),
     image: wp.array3d(dtype=Any),
     mean: wp.array3d(dtype=wp.vec3),
     steady: wp.array3d(dtype=wp.vec3),
@@ -107,17 +120,20 @@ def take_in_lights(
     logs: wp.array3d(dtype=Any),
     patch: wp.array3d(dtype=int),
     inverse: wp.array3d(dtype=float),
+    texels: wp.array3d(dtype=wp.vec4),
     nonfinite: wp.array(dtype=int),
 ):
     """As take_in, of the radiance with the lights at their mean and of that without the lights that flicker."""
     env, y, part = wp.tid()
     for x in range(part * span, wp.min(part * span + span, packed.shape[2])):
-        p, w = patch_at(packed[env, y, x], patch_of)
+        p, w = patch_at(packed[env, y, x], pieces)
         value = image[env, y, x]
         if not (usable(value) and usable(mean[env, y, x]) and usable(steady[env, y, x])):
             p = UNUSABLE
             wp.atomic_add(nonfinite, 0, 1)
-        logs[env, y, x] = log_pair(mean[env, y, x], steady[env, y, x], value)
+        log = log_pair(mean[env, y, x], steady[env, y, x], value)
+        logs[env, y, x] = log
+        texels[env, y, x] = texel_of(p, w, log)
         patch[env, y, x] = p
         inverse[env, y, x] = w
 
@@ -216,8 +232,7 @@ def find_quiet(
     packed_b: wp.array3d(dtype=wp.uint64),
     image_a: wp.array3d(dtype=Any),
     image_b: wp.array3d(dtype=Any),
-    instance_of: wp.array(dtype=int),
-    body_of: wp.array(dtype=int),
+    pieces: wp.array(dtype=wp.vec2i),
     still: wp.array2d(dtype=int),
     # out
     quiet: wp.array3d(dtype=wp.uint64),
@@ -238,7 +253,7 @@ def find_quiet(
             t = triangle_of(hit)
             body = sky
             if t != MISS:
-                body = body_of[instance_of[t]]
+                body = pieces[t][0]
             if still[env, body] == 1:
                 entry = hit
         quiet[env, y, x] = entry

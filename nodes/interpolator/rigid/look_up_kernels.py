@@ -127,6 +127,28 @@ def within(value: Any, low: Any, high: Any):
     return wp.min(wp.max(value, low), high)
 
 
+TEXEL = """
+#if defined(__CUDA_ARCH__)
+    const float4 t = __ldg(reinterpret_cast<const float4*>(texels.data) + at);
+    return wp::vec_t<4, wp::float32>(t.x, t.y, t.z, t.w);
+#else
+    return texels.data[at];
+#endif
+"""
+
+
+@wp.func_native(TEXEL)
+def texel(texels: wp.array(dtype=wp.vec4), at: wp.int32) -> wp.vec4:
+    """A pixel's patch (its bits), inverse distance and, in luminance, log radiance, read at once."""
+    ...
+
+
+@wp.func
+def shows(t: wp.vec4, p: int, w: float):
+    """Whether a pixel shows patch p at about the inverse distance w."""
+    return wp.cast(t[0], wp.int32) == p and wp.abs(t[1] - w) <= SAME_SHEET * w
+
+
 LOGS: dict[tuple[int, bool], Any] = {(1, False): wp.float32, (3, False): wp.vec3, (1, True): wp.vec2, (3, True): SIX}
 """What is looked up, by the number of channels and whether lights flicker: log radiance under the lights as they are,
 or both of `lit`'s."""
@@ -159,19 +181,42 @@ def make_look_up(lens: str, channels: int, careful: bool, flicker: bool = False)
         return w[0] * logs[at - 1] + w[1] * logs[at] + w[2] * logs[at + 1] + w[3] * logs[at + 2]
 
     @wp.func
-    def sample(
-        at: int,
+    def log_of(t: wp.vec4, at: int, logs: wp.array(dtype=pixel)):
+        """Log radiance of a pixel, from its texel where that holds it."""
+        if wp.static(pixel is wp.float32):
+            return t[2]
+        else:
+            return logs[at]
+
+    @wp.func
+    def masked_row(
+        row: int,
+        core: int,
         p: int,
         w: float,
-        patch: wp.array(dtype=int),
-        inverse: wp.array(dtype=float),
+        wx: wp.vec4,
+        texels: wp.array(dtype=wp.vec4),
         logs: wp.array(dtype=pixel),
-        instead: pixel,
     ):
-        """Log radiance of a pixel of patch p at about the inverse distance w; `instead` where something else."""
-        if patch[at] == p and wp.abs(inverse[at] - w) <= SAME_SHEET * w:
-            return logs[at]
-        return instead
+        """A row of `masked`; core: the nearest row of the middle."""
+        # All are read before any is used, for a GPU waits once then.
+        t0 = texel(texels, row - 1)
+        t1 = texel(texels, row)
+        t2 = texel(texels, row + 1)
+        t3 = texel(texels, row + 2)
+        a = log_of(t1, row, logs)
+        b = log_of(t2, row + 1, logs)
+        if not shows(t1, p, w):
+            a = logs[core]
+        if not shows(t2, p, w):
+            b = logs[core + 1]
+        far_left = a
+        far_right = b
+        if shows(t0, p, w):
+            far_left = log_of(t0, row - 1, logs)
+        if shows(t3, p, w):
+            far_right = log_of(t3, row + 2, logs)
+        return wx[0] * far_left + wx[1] * a + wx[2] * b + wx[3] * far_right
 
     @wp.func
     def masked(
@@ -181,26 +226,16 @@ def make_look_up(lens: str, channels: int, careful: bool, flicker: bool = False)
         w: float,
         wx: wp.vec4,
         wy: wp.vec4,
-        patch: wp.array(dtype=int),
-        inverse: wp.array(dtype=float),
+        texels: wp.array(dtype=wp.vec4),
         logs: wp.array(dtype=pixel),
     ):
         """Cubic convolution where only the middle four of the 4 x 4 pixels are sure to belong to the patch: each of the
         others that does not is replaced by the next one of the middle."""
-        value = pixel(0.0)
-        j = wp.int32(0)
-        # A loop that is not unrolled: this is rarely gone through, and less code makes all else faster.
-        while j < 4:
-            row = at + (j - 1) * width
-            core = at + wp.clamp(j - 1, 0, 1) * width
-            a = sample(row, p, w, patch, inverse, logs, logs[core])
-            b = sample(row + 1, p, w, patch, inverse, logs, logs[core + 1])
-            left = sample(row - 1, p, w, patch, inverse, logs, a)
-            right = sample(row + 2, p, w, patch, inverse, logs, b)
-            share = wp.where(j == 0, wy[0], wp.where(j == 1, wy[1], wp.where(j == 2, wy[2], wy[3])))
-            value += share * (wx[0] * left + wx[1] * a + wx[2] * b + wx[3] * right)
-            j += 1
-        return value
+        below = at + width
+        value = wy[0] * masked_row(at - width, at, p, w, wx, texels, logs)
+        value += wy[1] * masked_row(at, at, p, w, wx, texels, logs)
+        value += wy[2] * masked_row(below, below, p, w, wx, texels, logs)
+        return value + wy[3] * masked_row(below + width, below, p, w, wx, texels, logs)
 
     @wp.func
     def edge(
@@ -211,8 +246,7 @@ def make_look_up(lens: str, channels: int, careful: bool, flicker: bool = False)
         fx: float,
         fy: float,
         tolerance: float,
-        patch: wp.array(dtype=int),
-        inverse: wp.array(dtype=float),
+        texels: wp.array(dtype=wp.vec4),
         logs: wp.array(dtype=pixel),
     ):
         """(state, log radiance) where not even the middle four all belong to the patch: the bilinear mean of those that
@@ -222,21 +256,19 @@ def make_look_up(lens: str, channels: int, careful: bool, flicker: bool = False)
         low = pixel(1.0e30)
         high = pixel(-1.0e30)
         count = wp.int32(0)
-        tap = wp.int32(0)
-        while tap < 16:
-            i = tap % 4
-            j = tap // 4
-            here = at + (j - 1) * width + i - 1
-            if patch[here] == p and wp.abs(inverse[here] - w) <= SAME_SHEET * w:
-                value = logs[here]
-                low = least(low, value)
-                high = most(high, value)
-                count += 1
-                if i >= 1 and i <= 2 and j >= 1 and j <= 2:
-                    share = wp.where(i == 1, 1.0 - fx, fx) * wp.where(j == 1, 1.0 - fy, fy)
-                    total += share * value
-                    weight += share
-            tap += 1
+        for j in range(4):
+            for i in range(4):
+                here = at + (j - 1) * width + i - 1
+                t = texel(texels, here)
+                value = log_of(t, here, logs)
+                if shows(t, p, w):
+                    low = least(low, value)
+                    high = most(high, value)
+                    count += 1
+                    if i >= 1 and i <= 2 and j >= 1 and j <= 2:
+                        share = wp.where(i == 1, 1.0 - fx, fx) * wp.where(j == 1, 1.0 - fy, fy)
+                        total += share * value
+                        weight += share
         if count >= ENOUGH and weight > 0.01 and apart(low, high) <= tolerance:
             return SEEN, total / weight
         return HIDDEN, total
@@ -257,6 +289,7 @@ def make_look_up(lens: str, channels: int, careful: bool, flicker: bool = False)
         support: wp.array(dtype=int),
         inverse: wp.array(dtype=float),
         logs: wp.array(dtype=pixel),
+        texels: wp.array(dtype=wp.vec4),
     ):
         """(state, log radiance) of the point in a keyframe, m away from where it is in its camera frame. base: index of
         the environment's first pixel. State: SEEN, HIDDEN, or HARD where only a careful look would tell."""
@@ -308,14 +341,14 @@ def make_look_up(lens: str, channels: int, careful: bool, flicker: bool = False)
                         seen = wp.int32(HARD)
                         if wp.static(careful):
                             seen = wp.int32(SEEN)
-                            value = masked(view.width, at, p, w, weights(fx), weights(fy), patch, inverse, logs)
+                            value = masked(view.width, at, p, w, weights(fx), weights(fy), texels, logs)
                     # A step into the black, of many thresholds, must not overshoot by one.
                     beyond = pixel(tolerance)
                     value = within(value, low - beyond, high + beyond)
                 elif patch[at] == p or patch[at + 1] == p or patch[below] == p or patch[below + 1] == p:
                     seen = wp.int32(HARD)
                     if wp.static(careful):
-                        seen, value = edge(view.width, at, p, w, fx, fy, tolerance, patch, inverse, logs)
+                        seen, value = edge(view.width, at, p, w, fx, fy, tolerance, texels, logs)
         return seen, value
 
     return look_up

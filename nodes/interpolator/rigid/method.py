@@ -24,7 +24,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -34,18 +33,18 @@ from evis.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
 from nodes.interpolator.keyframe import Report, View
 from nodes.interpolator.rigid import keyframe_kernels
-from nodes.interpolator.rigid.displacement_kernels import displace
-from nodes.interpolator.rigid.gather_kernels import Scenery, make_gather, make_place
 from nodes.interpolator.rigid.keyframes import Prepared
+from nodes.interpolator.rigid.looking import Looking
 from nodes.interpolator.rigid.patches import patches_of
 from nodes.interpolator.rigid.placement import Placement
-from nodes.interpolator.rigid.sampling import Part, Sampling, Todo
+from nodes.interpolator.rigid.sampling import Part, Sampling
+from nodes.interpolator.rigid.slots import Slots
 from nodes.interpolator.rigid.sparse_raster import SparseRaster
 from nodes.renderer.geometry import is_static
 from nodes.renderer.lights import waveform_strength
 from nodes.renderer.path import PathOptions
-from nodes.renderer.recording import Recording
-from nodes.renderer.shading import LIST_WORKERS, Shading
+from nodes.renderer.recording import Branch, Recording
+from nodes.renderer.shading import Shading
 from nodes.renderer.visibility import Visibility
 
 TOLERANCE = 0.1
@@ -54,8 +53,6 @@ threshold of common sensors."""
 
 SAMPLE_PX = {True: 1.0, False: 0.0}
 """Path [px] between two samples of a pixel, on a CPU and on a GPU, where lists cost more than they save."""
-
-HELD = int(keyframe_kernels.HELD)
 
 PORTION, LEAST = {True: 1 << 21, False: 1 << 25}, 8
 """Pixels of the sub-frames that are worked on at once, on a CPU and on a GPU: what caches and memory hold; and least
@@ -87,7 +84,7 @@ class Rigid:
         on the device, for a GPU (None); otherwise by lists that the host divides. The frames are the same, bit for bit.
         """
         self._envs, self._upsampling, self._channels = envs, upsampling, channels
-        self._margin, self._tolerance = margin, tolerance
+        self._margin = margin
         cpu = wp.get_device(device).is_cpu
         pixels = (camera.height + 2 * margin) * (camera.width + 2 * margin)
         waveforms = {light.waveform for light in scene.lights if light.waveform is not None}
@@ -99,109 +96,91 @@ class Rigid:
         at_once = max(LEAST, PORTION[True] // pixels) if step > 0 else max(1, PORTION[cpu] // (envs * pixels))
         portions = -(-upsampling // at_once)
         self._slots = -(-upsampling // portions)
-        self.visibility = Visibility(scene, camera, envs * self._slots, margin, device, threads)
-        self.shading = Shading(self.visibility, light_samples=light_samples, paths=paths, remember=False)
         self._placement = Placement(scene)
+        sparse = True if len(self._placement.movers) else None
+        self.visibility = Visibility(scene, camera, envs * self._slots, margin, device, threads, sparse=sparse)
+        self._places = Slots(scene, self.visibility, self._placement, self._slots)
+        self.shading = Shading(self.visibility, light_samples=light_samples, paths=paths, remember=False)
         self._device = self.visibility.device
         shape = self.visibility.shape
         self._size = (shape[1] - 2 * margin, shape[2] - 2 * margin)
-        # As many as the visibility has, for its bands shade the lists of these.
-        self._bands = len(self.visibility.bands.rows)
-        self._pool = ThreadPoolExecutor(self._bands) if self._bands > 1 else None
+        # As many as the visibility has bands, for these shade the lists.
+        bands = len(self.visibility.bands.rows)
+        pool = ThreadPoolExecutor(bands) if bands > 1 else None
         bodies, exact = len(scene.bodies), self._waveform is not None
         self._a, self._b = (Prepared((envs, *shape[1:]), bodies, channels, self._device, exact) for _ in "AB")
         self._at_b: View | None = None
         self._even = True
-        self._recording = Recording(self._device)
+        self._recording, self._beside = Recording(self._device), Branch(self._device)
         # B's own slot comes first, so that its z-buffer is there for all the others.
         order = [upsampling, *range(1, upsampling)]
         self._portions = [order[k : k + self._slots] for k in range(0, upsampling, self._slots)]
+        # The sub-frame, counted from 0, of each slot; those that are left over repeat the last one.
+        self._shown = [[part[min(s, len(part) - 1)] - 1 for s in range(self._slots)] for part in self._portions]
         put = self.visibility.put
-        self._index = [put(np.array(part, np.int32), wp.int32) for part in self._portions]
-        self._scenery = Scenery()
-        self._scenery.instance = self.visibility.triangle_instance
         patch, count = patches_of(scene)
-        self._scenery.patch = put(patch, wp.int32)
         self._moving = put(self._may_move(patch, count), wp.int32)
         on = np.array([i.body if i.body >= 0 else bodies for i in scene.instances], np.int32)
-        self._scenery.body = put(on, wp.int32)
+        # Of each triangle its body, the world's index being their number, and its patch.
+        pieces = np.stack([on[self.visibility.geometry.triangle_instance], patch], axis=-1)
+        self._pieces = put(pieces.reshape(-1, 2), wp.vec2i)
         with wp.ScopedDevice(self._device):
-            rows = envs * self._slots
-            self._turn = [wp.empty((rows, bodies + 2), dtype=wp.mat33) for _ in "AB"]
-            self._shift = [wp.empty((rows, bodies + 2), dtype=wp.vec3) for _ in "AB"]
-            self._pixels = wp.empty(rows * self._size[0] * self._size[1], dtype=wp.int32)
-            self._radiance = wp.empty(shape, dtype=wp.vec3)
             self._quiet = wp.empty((envs, *shape[1:]), dtype=wp.uint64)
             self._still = wp.zeros((envs, bodies + 2), dtype=wp.int32)
             # Of the last sub-frame of the portion before.
             self._before = wp.empty((envs, bodies), dtype=wp.transformd), wp.empty_like(self._quiet)
-            self._strength = wp.zeros(self._slots if exact else 0, dtype=wp.float32)
-            whole = envs * shape[1] * shape[2] if exact else 0
-            # B's own slot is the first: the pixels of its environments are the first of all.
-            starts = [whole * k // self._bands for k in range(self._bands + 1)]
-            self._all: wp.array = wp.array(np.arange(whole, dtype=np.int32))
-            self._all_count: wp.array = wp.array(np.diff(starts).astype(np.int32))
-            self._all_starts = starts[:-1]
         self._flags = np.zeros(self._still.shape, np.int32)
-        self._movers = np.array([n for n in range(bodies) if not is_static(scene, n)], np.int64)
-        # The portion that lights and what casts shadows are placed for.
-        self._lit: Part | None = None
-        self._loaded = False
         on_device = not cpu if on_device is None else on_device
         # What is quick to look up in the order of the pixels; only the rest is listed.
         self._staged = on_device and step == 0
         self._sampling = Sampling(
-            self.visibility, self._scenery, envs, self._slots, portions, upsampling, channels, step,
-            float(np.exp(tolerance / 2)), on_device, self._pool,
+            self.visibility, self._pieces, envs, self._slots, portions, upsampling, channels, step,
+            float(np.exp(tolerance / 2)), on_device, pool,
         )  # fmt: skip
+        relight = self._flicker and not exact
+        given = (self.shading, self._sampling, self._pieces, self._portions, envs, channels, tolerance)
+        self._looking = Looking(*given, relight, exact, self._staged)
         self._sparse: SparseRaster | None = None
         self._strides = [1] * envs
         if step > 0 and SparseRaster.pays(self.visibility):
             self._sparse = SparseRaster(self.visibility, envs, step)
-        self._count = wp.zeros(self._sampling.counts.size + 1, dtype=wp.int32, device=self._device)
+        # What the report needs, where the host reads it.
+        self._told = [wp.zeros(n.size, dtype=wp.int32, device="cpu", pinned=not cpu) for n in self._looking.counted]
         self._buffer: wp.array | None = None
-        self._first_look = make_gather(self.visibility.lens, channels, listed=False, flicker=exact)
-        self._gather = make_gather(self.visibility.lens, channels, listed=True, flicker=exact)
-        self._place = make_place(channels)
 
     def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
         """See Method. Views need `states` and `stamp_ns`; out may be an array of the device."""
         assert a.states is not None and b.states is not None
         stamps = subframe_stamps(a.stamp_ns, b.stamp_ns, self._upsampling)
-        poses = self._placement.at(stamps, b.states)
-        before = np.asarray(a.states.pose[:, -1])
-        # An environment that begins an episode stands where it is at B, and is B throughout.
         held = np.asarray(held, bool)
-        poses[:, held] = poses[-1, held]
+        places = self._places
+        places.begin(stamps, a.states, b.states, held)
         if self._at_b is not a:
-            self._prepare(a, before)
+            self._prepare(a)
         self._a, self._b = self._b, self._a
         self._at_b = b
-        self._b.take(b.image)
-        self._find_still(poses, before, held)
         if self._sparse is not None:
-            eyes = np.concatenate([before[None], poses])[:, :, self.visibility.camera_body]
-            self._strides = self._sparse.strides(eyes, self._a.packed)
+            self._strides = self._sparse.strides(places.camera_path(), self._a.packed)
         frames = self._target(out)
-        for portion, part in enumerate(self._portions):
-            # Slots that are left over repeat the last one.
-            slots = [part[min(s, len(part) - 1)] - 1 for s in range(self._slots)]
-            placed = self.visibility.frames(poses[slots].reshape(-1, *poses.shape[2:]))
-            self.visibility.place(placed)
-            self.shading.update(placed)
+        for portion, slots in enumerate(self._shown):
+            self.shading.update(places.place(slots))
+            key = (portion, self._even, self.visibility.still_moved, self.visibility.coming)
+            self._recording.run(("draw", *key), partial(self._draw, portion))
+            self.visibility.drawn()
+            # While a GPU draws.
+            if portion == 0:
+                self._take(b, held)
             if self._flicker:
                 self.shading.set_times(np.repeat(stamps[slots], self._envs))
             if self._waveform is not None:
                 strength = [waveform_strength(self._waveform, int(t)) for t in stamps[slots]]
-                self._strength.assign(np.array(strength, np.float32))
-            key = (portion, self._even, self.visibility.still_moved)
-            self._recording.run(key, partial(self._launch, portion, frames))
-            self.visibility.drawn()
+                self._looking.strength.assign(np.array(strength, np.float32))
+            self._recording.run(("look", portion, self._even), partial(self._look, portion, frames))
         self._even = not self._even
-        if self._device.is_cuda:
-            self._placement.expect(stamps)
         if frames is self._buffer:
             self._hand_over(frames, out)
+        if self._device.is_cuda:
+            self._placement.expect(stamps)
         return self._report()
 
     def _may_move(self, patch: np.ndarray, count: int) -> np.ndarray:
@@ -213,147 +192,94 @@ class Rigid:
         moving[patch[~v.geometry.static[v.geometry.triangle_instance]]] = True
         return moving
 
-    def _launch(self, portion: int, frames: wp.array) -> None:
-        """One portion of the sub-frames for what is placed; the first one begins with B itself, the last one ends with
-        it. Launches only, which a GPU may have recorded."""
+    def _take(self, b: View, held: np.ndarray) -> None:
+        """What does not depend on the sub-frames: the later keyframe, and what stands still before it."""
+        self._b.take(b.image)
+        flags = self._places.still(self._flicker, held)
+        if flags is not self._flags and not np.array_equal(flags, self._flags):
+            self._still.assign(flags)
+        self._flags = flags
+
+    def _draw(self, portion: int) -> None:
+        """Who is seen in a portion of the sub-frames, for what is placed; the first one begins with B itself, the last
+        one ends with it. Launches only, which a GPU may have recorded."""
+        v, part = self.visibility, self._portions[portion]
+        first, closed = int(portion == 0), portion == len(self._portions) - 1
+        v.arrive()
+        if max(self._strides) > 1 and self._sparse is not None:
+            self._launch_beside(portion)
+            self._sparse.draw(first, len(part) - first, self._strides, closed)
+        else:
+            v.draw(partial(self._launch_beside, portion))
+        self._beside.join()
+
+    def _look(self, portion: int, frames: wp.array) -> None:
+        """The frames of a portion that is drawn. Launches only."""
         v, part = self.visibility, self._portions[portion]
         first, closed = int(portion == 0), portion == len(self._portions) - 1
         count = len(part) - first
-        if max(self._strides) > 1 and self._sparse is not None:
-            self._sparse.draw(first, count, self._strides, closed)
-        else:
-            v.draw()
+        with self._beside.aside():
+            if closed:
+                m, image = self._margin, self._b.image
+                by_env = frames.reshape((self._envs, self._upsampling, *self._size))
+                wp.copy(by_env[:, self._upsampling - 1], image[:, m : image.shape[1] - m, m : image.shape[2] - m])
+            if first:
+                self._find_quiet()
         if first:
-            self._count.zero_()
-            self._sampling.clear()
             if self._waveform is not None:
-                self._b.take_lights(self._lit_by)
-            self._b.fill(v, self._envs, self._scenery.patch, self._moving, self._count[-1:])
-            self._find_quiet()
-        if closed:
-            m, image = self._margin, self._b.image
-            by_env = frames.reshape((self._envs, self._upsampling, *self._size))
-            wp.copy(by_env[:, self._upsampling - 1], image[:, m : image.shape[1] - m, m : image.shape[2] - m])
+                self._b.take_lights(partial(self._looking.light, placed=True))
+            self._b.fill(v, self._envs, self._pieces, self._moving, self._looking.nonfinite)
+        self._beside.join()
         if count:
-            for then, turn, shift in zip((self._a, self._b), self._turn, self._shift):
-                given = [v.camera_body, v.poses, then.poses]
-                wp.launch(displace, turn.shape, given, [turn, shift], device=self._device)
             before = (self._a.poses, self._a.packed) if first else self._before
-            self._sample(Part(portion, first, count, part[first] - 1, closed, before), frames)
+            given = Part(portion, first, count, part[first] - 1, closed, before)
+            self._looking.look(given, self._a, self._b, self._quiet, frames)
             if not closed:
                 last = slice((len(part) - 1) * self._envs, len(part) * self._envs)
                 for source, target in zip((v.poses, v.packed), self._before):
                     wp.copy(target, source[last])
+        if closed:
+            for told, counted in zip(self._told, self._looking.counted):
+                wp.copy(told, counted)
 
-    def _lit_by(self, which: str) -> wp.array:
-        """Radiance of all pixels of the first slot, with the lights so strong."""
-        self.shading.lights.select(which)
-        self.shading.shade_list(self._radiance, self._all, self._all_count, self._all_starts)
-        self.shading.lights.select("now")
-        return self._radiance
+    def _launch_beside(self, portion: int) -> None:
+        """What needs the placed instances but not who is seen: beside the raster on a GPU."""
+        with self._beside.aside():
+            if portion == 0:
+                self._looking.clear()
+                self._b.take_poses(self.visibility, self._envs)
+            self._looking.place(self._a, self._b)
 
     def _report(self) -> Report:
-        count = self._count.numpy()
+        if self._device.is_cuda:
+            wp.synchronize_stream(self._device.stream)
+        count, sampled = (told.numpy() for told in self._told)
         samples = self._envs * (self._upsampling - 1) * self._size[0] * self._size[1]
-        sampled = samples if self._staged else int(self._sampling.counts.numpy().sum())
-        return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=sampled)
-
-    def _find_still(self, poses: np.ndarray, before: np.ndarray, held: np.ndarray) -> None:
-        """Which bodies do not move against the camera in the gap, for `find_quiet`."""
-        # Others are at each sub-frame where they are at the last one.
-        movers = self._movers
-        still = (poses[-1] == before).all(axis=-1)
-        still[:, movers] &= (poses[:-1].take(movers, axis=2) == before.take(movers, axis=1)).all(axis=(0, 3))
-        camera = still[:, self.visibility.camera_body, None] & (not self._flicker)
-        # What emits no light changes with the lamps, but the sky does not.
-        rests = still[:, self.visibility.camera_body, None]
-        flags = np.concatenate([still & camera, camera, rests], axis=1).astype(np.int32)
-        flags[held] = HELD
-        if not np.array_equal(flags, self._flags):
-            self._flags = flags
-            self._still.assign(flags)
+        looked_up = samples if self._staged else int(sampled.sum())
+        return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=looked_up)
 
     def _find_quiet(self) -> None:
         """Pixels that do not change unless something comes before them."""
         v, a, b = self.visibility, self._a, self._b
-        given = [v.span, a.packed, b.packed, a.image, b.image, v.triangle_instance, self._scenery.body, self._still]
+        given = [v.span, a.packed, v.packed[: self._envs], a.image, b.image, self._pieces, self._still]
         dim = (self._envs, v.shape[1], v.shape[2] // v.span)
         wp.launch(keyframe_kernels.find_quiet, dim, given, [self._quiet], device=self._device)
 
-    def _sample(self, part: Part, frames: wp.array) -> None:
-        """Look up what may have changed, shade what no keyframe shows, and again where samples are too far apart."""
-        todo: Todo | None
-        how = self._arguments(part)
-        self._lit = None
-        if self._staged:
-            todo = self._first_pixels(part, how, frames)
-        else:
-            todo = self._sampling.plan(part, self._b, self._quiet, frames)
-        while todo is not None:
-            self._shade(part, todo, self._look_up(todo, how, frames), frames)
-            todo = self._sampling.refine(self._a)
-
-    def _arguments(self, part: Part) -> list[Any]:
-        """What the kernels that look up have in common."""
-        a, b = (key.seen_from(*moved) for key, moved in zip((self._a, self._b), zip(self._turn, self._shift)))
-        relight = int(self._flicker and self._waveform is None)
-        how: list[Any] = [part.slot0, self._envs, self._upsampling, self._tolerance, relight]
-        how += [self._index[part.number], self._strength]
-        return [*how, self.visibility.packed, self._quiet, self._scenery, a, b]
-
-    def _first_pixels(self, part: Part, how: list[Any], frames: wp.array) -> Todo:
-        """Look up all pixels of a portion but those that need care, which are listed."""
-        todo = self._sampling.everything(part)
-        dim = part.count * self._envs * self._size[0] * self._size[1]
-        given = [self.visibility.view, 0, 0, 1, todo.at, *how, todo.pixels, self._sampling.counts]
-        wp.launch(self._first_look, dim, [*given, frames, self._pixels, self._count], device=self._device)
-        return todo
-
-    def _look_up(self, todo: Todo, how: list[Any], frames: wp.array) -> list[int]:
-        """Look up what is listed. Gives where the list of each band begins of what no keyframe shows."""
-        view, made = self.visibility.view, [frames, self._pixels, self._count]
-        shared = [*how, todo.pixels, self._sampling.counts, *made]
-        if todo.starts is None:
-            given: list[Any] = [view, 0, -1, LIST_WORKERS, todo.at, *shared]
-            wp.launch(self._gather, LIST_WORKERS, given, device=self._device)
-            return [0] * self._bands
-        launches = [
-            (self._gather, 1, [view, first, last, 1, todo.at + k, *shared])
-            for k, (first, last) in enumerate(pairwise(todo.starts))
-        ]
-        self._sampling.launch(launches)
-        return todo.starts[:-1]
-
-    def _shade(self, part: Part, todo: Todo, firsts: list[int], frames: wp.array) -> None:
-        """The listed pixels, anew."""
-        count = self._count[todo.at : todo.at + self._bands]
-        # The first time also for nothing, so that what is rehearsed loads all kernels.
-        if self._loaded and todo.starts is not None and not count.numpy().any():
-            return
-        self._loaded = True
-        self.shading.shade_list(self._radiance, self._pixels, count, firsts, self._lit is part)
-        self._lit = part
-        workers = 1 if self._device.is_cpu else LIST_WORKERS
-        for band, first in enumerate(firsts):
-            given: list[Any] = [workers, first, band, self._envs, self._upsampling, self._margin]
-            given += [self._index[part.number], self._pixels, count, self._radiance]
-            wp.launch(self._place, workers, given, [frames], device=self._device)
-
-    def _prepare(self, view: View, poses: np.ndarray) -> None:
+    def _prepare(self, view: View) -> None:
         """A keyframe whose z-buffer is not there from the gap before."""
         v = self.visibility
-        placed = v.frames(np.tile(poses, (self._slots, 1, 1)))
+        placed = self._places.place_before()
         if self._sparse is not None:
-            v.place(placed)
             self._sparse.draw(1, 0, [1] * self._envs, True)
-            v.drawn()
         else:
-            v.update(placed)
+            v.draw()
+        v.drawn()
         self._b.take(view.image)
+        self._b.take_poses(v, self._envs)
         if self._waveform is not None:
             self.shading.update(placed)
-            self._b.take_lights(self._lit_by)
-        self._b.fill(self.visibility, self._envs, self._scenery.patch, self._moving, self._count[-1:])
+            self._b.take_lights(partial(self._looking.light, placed=False))
+        self._b.fill(self.visibility, self._envs, self._pieces, self._moving, self._looking.nonfinite)
 
     def _target(self, out: np.ndarray | wp.array) -> wp.array:
         """The output on a CPU, a buffer in its place on a GPU, as [E K, h, w] pixels."""

@@ -13,16 +13,20 @@ from nodes.interpolator.rigid.prescribed import PrescribedPoses
 
 
 class Placement:
-    """Poses of a scene's bodies at any time of a gap. Only those that move are worked out."""
+    """Poses of a scene's bodies at any time of a gap. Only those that may move, `movers` int64 [M], are worked out."""
 
     def __init__(self, scene: Scene) -> None:
         paths = [body.trajectory for body in scene.bodies]
-        self._driven = np.array([n for n, path in enumerate(paths) if path is None], np.int64)
-        moving = [(n, path) for n, path in enumerate(paths) if path is not None and not path.is_static()]
-        prescribed = [(n, path) for n, path in moving if isinstance(path, Prescribed)]
+        self.movers = np.array([n for n, path in enumerate(paths) if path is None or not path.is_static()], np.int64)
+        moving = [(m, paths[n]) for m, n in enumerate(self.movers.tolist())]
+        # Their places among the movers.
+        self._driven = np.array([m for m, path in moving if path is None], np.int64)
+        prescribed = [(m, path) for m, path in moving if isinstance(path, Prescribed)]
         self._prescribed = PrescribedPoses([path for _, path in prescribed])
-        self._together = np.array([n for n, _ in prescribed], np.int64)
-        self._alone: list[tuple[int, Trajectory]] = [(n, p) for n, p in moving if not isinstance(p, Prescribed)]
+        self._together = np.array([m for m, _ in prescribed], np.int64)
+        self._alone: list[tuple[int, Trajectory]] = [
+            (m, path) for m, path in moving if path is not None and not isinstance(path, Prescribed)
+        ]
         # Of the gap that is expected next, by its stamps: [bodies, K - 1, 7].
         self._ahead: dict[bytes, np.ndarray] = {}
 
@@ -31,7 +35,13 @@ class Placement:
 
         Raises ValueError where the states do not reach back to the first stamp.
         """
-        last = np.asarray(states.pose[:, -1], np.float64)
+        poses = np.repeat(np.asarray(states.pose[:, -1], np.float64)[None], len(stamps), axis=0)
+        poses[:, :, self.movers] = self.moved(stamps, states)
+        return poses
+
+    def moved(self, stamps: np.ndarray, states: States) -> np.ndarray:
+        """The same of the `movers` alone, float64 [K, E, M, 7]."""
+        last = np.asarray(states.pose[:, -1], np.float64).take(self.movers, axis=1)
         poses = np.repeat(last[None], len(stamps), axis=0)
         if len(stamps) == 1:
             return poses
@@ -39,8 +49,8 @@ class Placement:
             known = self._ahead.get(stamps[:-1].tobytes())
             known = self._prescribed.at(stamps[:-1]) if known is None else known
             poses[:-1, :, self._together] = np.swapaxes(known, 0, 1)[:, None]
-        for n, path in self._alone:
-            poses[:-1, :, n] = path.pose(stamps[:-1])[:, None]
+        for m, path in self._alone:
+            poses[:-1, :, m] = path.pose(stamps[:-1])[:, None]
         if len(self._driven):
             self._drive(stamps[:-1], states, poses[:-1])
         return poses
@@ -59,12 +69,13 @@ class Placement:
             self._ahead = {t.tobytes(): part for t, part in zip(nexts, parts)}
 
     def _drive(self, stamps: np.ndarray, states: States, poses: np.ndarray) -> None:
-        """The bodies that physics moves: those that do so in this interval, between the sub-steps about the stamps."""
-        driven = self._driven
+        """Those that physics moves in this interval, between the sub-steps about the stamps; poses [.., E, M, 7]."""
+        columns = self._driven
+        bodies = self.movers[columns]
         pose, twist = np.asarray(states.pose), np.asarray(states.twist)
         if pose.shape[1] > 1 and stamps.size and states.t[0] <= stamps.min() and stamps.max() <= states.t[-1]:
             rests = (pose == pose[:, -1:]).all(axis=(0, 1, 3)) & ~twist.any(axis=(0, 1, 3))
-            driven = driven[~rests[driven]]
-        if len(driven):
-            pose, twist = pose[:, :, driven], twist[:, :, driven]
-            poses[:, :, driven] = np.swapaxes(pose_at(stamps, states.t, pose, twist), 0, 1)
+            columns, bodies = columns[~rests[bodies]], bodies[~rests[bodies]]
+        if len(bodies):
+            pose, twist = pose[:, :, bodies], twist[:, :, bodies]
+            poses[:, :, columns] = np.swapaxes(pose_at(stamps, states.t, pose, twist), 0, 1)

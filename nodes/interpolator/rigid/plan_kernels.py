@@ -11,7 +11,6 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.rigid.gather_kernels import Scenery
 from nodes.interpolator.rigid.look_up_kernels import SAME_SHEET
 from nodes.interpolator.rigid.room_kernels import take_place
 from nodes.interpolator.rigid.walk_kernels import Walk
@@ -34,23 +33,23 @@ LENGTHS = wp.constant(8192)
 
 
 @wp.func
-def joined(a: wp.uint64, b: wp.uint64, patch: wp.array(dtype=int)):
+def joined(a: wp.uint64, b: wp.uint64, pieces: wp.array(dtype=wp.vec2i)):
     """Whether two hits of a pixel are on one piece of surface."""
     t = triangle_of(a)
     u = triangle_of(b)
     if t == u:
         return True
-    if t == MISS or u == MISS or patch[t] != patch[u]:
+    if t == MISS or u == MISS or pieces[t][1] != pieces[u][1]:
         return False
     return wp.abs(depth_of(a) - depth_of(b)) <= SAME_SHEET * depth_of(b)
 
 
 @wp.func
-def body_at(t: int, env: int, scenery: Scenery, walk: Walk):
+def body_at(t: int, env: int, pieces: wp.array(dtype=wp.vec2i), walk: Walk):
     """Under which index `walk` has a triangle."""
     if t == MISS:
         return walk.as_world.shape[1] - 1
-    return walk.as_world[env, scenery.body[scenery.instance[t]]]
+    return walk.as_world[env, pieces[t][0]]
 
 
 @wp.func
@@ -102,7 +101,7 @@ def make_plan(channels: int) -> wp.Kernel:
         packed: wp.array3d(dtype=wp.uint64),
         after: wp.array3d(dtype=wp.uint64),
         quiet: wp.array3d(dtype=wp.uint64),
-        scenery: Scenery,
+        pieces: wp.array(dtype=wp.vec2i),
         walk: Walk,
         image: wp.array3d(dtype=pixel),
         # out
@@ -141,7 +140,7 @@ def make_plan(channels: int) -> wp.Kernel:
             # Sub-frames that are samples without looking at how fast it is, for it has just been far too fast.
             skip = wp.int32(0)
             t = triangle_of(hit)
-            body = body_at(t, env, scenery, walk)
+            body = body_at(t, env, pieces, walk)
             for k in range(1, count + closed + 1):
                 now = after[env, y, x]
                 known = wp.bool(True)
@@ -155,8 +154,8 @@ def make_plan(channels: int) -> wp.Kernel:
                 elif step > 0.0:
                     u = triangle_of(now)
                     if u != t:
-                        body = body_at(u, env, scenery, walk)
-                    if u == t or joined(hit, now, scenery.patch):
+                        body = body_at(u, env, pieces, walk)
+                    if u == t or joined(hit, now, pieces):
                         far = flow(view, gain, k * envs + env, body, d, wp.where(u == MISS, 1.0, depth_of(now)), walk)
                         path += far
                         reaches = path <= step

@@ -15,7 +15,6 @@ import numpy as np
 import warp as wp
 
 from nodes.interpolator.rigid import plan_kernels
-from nodes.interpolator.rigid.gather_kernels import Scenery
 from nodes.interpolator.rigid.keyframes import Prepared
 from nodes.interpolator.rigid.plan_kernels import make_plan, make_refine
 from nodes.interpolator.rigid.walk_kernels import Walk, walk_bodies
@@ -57,7 +56,7 @@ class Sampling:
     def __init__(
         self,
         visibility: Visibility,
-        scenery: Scenery,
+        pieces: wp.array,
         envs: int,
         slots: int,
         portions: int,
@@ -72,7 +71,7 @@ class Sampling:
         the radiance of two samples, up to which there is a line between them. on_device: in a GPU's way, for which all
         rounds are launched; otherwise by lists that are read in between. pool: as many threads as there are bands."""
         v = self._v = visibility
-        self._scenery, self._envs, self._upsampling, self._pool = scenery, envs, upsampling, pool
+        self._pieces, self._envs, self._upsampling, self._pool = pieces, envs, upsampling, pool
         self._step, self._ratio, self._on_device = sample_px, ratio, on_device
         self.bands = len(v.bands.rows)
         self._size = (v.shape[1] - 2 * v.margin, v.shape[2] - 2 * v.margin)
@@ -115,7 +114,7 @@ class Sampling:
             wp.launch(walk_bodies, self._walk.as_world.shape, given, [self._walk], device=v.device)
         active = self._all if self._on_device else self._changed(part, b, quiet, frames)
         how: list[Any] = [self._step, self._gain, *shared, part.start, self._envs, self._upsampling]
-        how += [active, packed, v.packed, b.packed, quiet, self._scenery, self._walk, b.image]
+        how += [active, packed, v.packed, b.packed, quiet, self._pieces, self._walk, b.image]
         how += [self._codes, self._todo, self.counts, self._spans[0], self._span_counts, frames]
         at = self._at()
         if self._on_device:

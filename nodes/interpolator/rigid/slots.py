@@ -1,0 +1,91 @@
+"""Where the bodies are in a gap, brought to the slots of a visibility: only what may move is sent."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evis.scene.model import Scene
+from nodes.interpolator.keyframe import States
+from nodes.interpolator.rigid import keyframe_kernels
+from nodes.interpolator.rigid.placement import Placement
+from nodes.renderer.poses import Frames, same_bytes
+from nodes.renderer.visibility import Visibility
+
+HELD = int(keyframe_kernels.HELD)
+
+
+class Slots:
+    """Poses of E environments at the sub-frames of one gap after another: `begin`, then `place` each portion.
+
+    moved: float64 [K, E, M, 7], of the bodies that may move. before, rest: of all at the keyframes, float64 [E, N, 7].
+    """
+
+    def __init__(self, scene: Scene, visibility: Visibility, placement: Placement, slots: int) -> None:
+        """visibility: of E x slots environments."""
+        self._v, self._placement, self._slots = visibility, placement, slots
+        self._envs, bodies = visibility.envs // slots, len(scene.bodies)
+        self._movers = placement.movers
+        self._others = np.setdiff1d(np.arange(bodies), self._movers)
+        # Of the other bodies [E, N - M, 7], where they were placed last.
+        self._placed: np.ndarray | None = None
+        self._frames: Frames | None = None
+        self._none = np.zeros((self._envs, bodies + 2), np.int32)
+        place = np.flatnonzero(self._movers == visibility.camera_body)
+        self._camera = int(place[0]) if len(place) else None
+        self.moved, self.before, self.rest = (np.zeros((0, 0, 0, 7)) for _ in range(3))
+
+    def begin(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> None:
+        """A gap with sub-frames at stamps int64 [K] ns between keyframes a and b; held: bool [E], who is at b all
+        along. Raises ValueError where the states do not reach back to the first stamp."""
+        self.before, self.rest = (np.asarray(s.pose[:, -1], np.float64) for s in (a, b))
+        self.moved = self._placement.moved(stamps, b)
+        if held.any():
+            self.moved[:, held] = self.moved[-1, held]
+
+    def camera(self) -> np.ndarray:
+        """Poses of the camera float64 [K, E, 7]."""
+        if self._camera is not None:
+            return self.moved[:, :, self._camera]
+        return np.repeat(self.rest[None, :, self._v.camera_body], len(self.moved), 0)
+
+    def camera_path(self) -> np.ndarray:
+        """The same and keyframe a's before, float64 [K + 1, E, 7]."""
+        return np.concatenate([self.before[None, :, self._v.camera_body], self.camera()])
+
+    def still(self, flicker: bool, held: np.ndarray) -> np.ndarray:
+        """Flags int32 [E, N + 2] of `keyframe_kernels.find_quiet`; flicker: whether light changes."""
+        rest, before = self.rest, self.before
+        rests = (self.camera() == before[:, self._v.camera_body]).all(axis=(0, 2))
+        if not rests.any() and not held.any():
+            return self._none
+        flags = np.zeros_like(self._none)
+        if rests.any():
+            still = (rest == before).all(axis=-1)
+            still[:, self._movers] &= (self.moved == before.take(self._movers, axis=1)).all(axis=(0, 3))
+            lit = rests & (not flicker)
+            flags[:, :-2] = still & lit[:, None]
+            # What emits no light changes with the lamps, but the sky does not.
+            flags[:, -2], flags[:, -1] = lit, rests
+        flags[held] = HELD
+        return flags
+
+    def place(self, which: list[int]) -> Frames:
+        """The sub-frames `which`, counted from 0, one of each slot; on a GPU they are there after `arrive`."""
+        fresh = self.moved[which].reshape(self._v.envs, len(self._movers), 7)
+        others = self.rest.take(self._others, axis=1)
+        if self._frames is None or self._placed is None or not same_bytes(others, self._placed):
+            poses = np.tile(self.rest, (self._slots, 1, 1))
+            poses[:, self._movers] = fresh
+            return self._place_all(poses, others)
+        if len(self._movers):
+            self._frames = self._v.send(fresh)
+        return self._frames
+
+    def place_before(self) -> Frames:
+        """Keyframe a in all slots."""
+        return self._place_all(np.tile(self.before, (self._slots, 1, 1)), self.before.take(self._others, axis=1))
+
+    def _place_all(self, poses: np.ndarray, others: np.ndarray) -> Frames:
+        self._placed, self._frames = others, self._v.frames(poses)
+        self._v.place(self._frames)
+        return self._frames
