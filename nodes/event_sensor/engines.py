@@ -108,6 +108,14 @@ def features_of(p: Mapping[str, Any]) -> Features:
     )
 
 
+def unlit_rate(p: Mapping[str, Any]) -> float:
+    """Most events per pixel and second that leak and noise make in constant light, on average; 0: few a frame."""
+    if p["model"] != "evis":
+        return 0.0
+    rate = p["leak_rate"] + p["shot_rate"] + p["hot_pixel_fraction"] * p["hot_pixel_rate"]
+    return float(min(rate, 1e6 / p["refractory_us"]) if p["refractory_us"] else rate)
+
+
 class Full:
     """Curves and faults."""
 
@@ -163,8 +171,10 @@ class Paper:
 
     def __init__(self, size: Size, seed: int, p: Mapping[str, Any], device: Any) -> None:
         total = size.envs * size.pixels
-        self._kernel = (kernels_paper.paper_rows, kernels_paper.paper_pixels)[device.is_cuda]
-        self._size, self._device, self.in_place = size, device, False
+        row = size.width * size.channels
+        self._columns = 1 if device.is_cuda else row
+        self._threads = (size.envs, size.height, row // self._columns)
+        self._device, self.in_place = device, False
         pattern = pattern_of(size, seed, p)
         self._pattern: tuple[wp.array, ...] = tuple(wp.array(a, dtype=wp.float32, device=device) for a in pattern)
         self._before: wp.array = wp.zeros(total, dtype=kernels_paper.PaperPixel, device=device)
@@ -178,9 +188,9 @@ class Paper:
         """Events of a batch to `keys`, as many as fit; all are counted."""
         b = batch
         wp.launch(
-            self._kernel,
-            self._size.threads(self._device.is_cuda),
-            [sensor, b.begin, b.episodes, b.images, b.t, b.t_base, *self._pattern, self._before],
+            kernels_paper.paper,
+            self._threads,
+            [sensor, b.begin, b.episodes, b.images, b.t, b.t_base, self._columns, *self._pattern, self._before],
             [self._after, keys, counters],
             device=self._device,
         )

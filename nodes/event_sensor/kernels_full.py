@@ -1,9 +1,8 @@
 # ruff: noqa: RUF046, UP018 - int(0) is how a Warp kernel declares a variable that changes
 """The sensor with curves between frames and with faults, in the order of time; only what is asked for is compiled.
 
-A pixel's life inside a step goes from one happening to the next: a crossing, a candidate of its noise process, the end
-of its dead time, the end of the step. Leak moves the signal here, S(t) = L(t) + rate C_on (t - origin), and not the
-reference, so that crossings stay roots of the same polynomial. A noise event resets the pixel: its reference becomes S.
+Here a pixel is taken from frame to frame: whether something may happen to it in a step, the curve of the step, the band
+it is left with. What happens within the step is in nodes.event_sensor.kernels_life.
 """
 
 from functools import lru_cache
@@ -12,9 +11,8 @@ from typing import Any
 import warp as wp
 
 from nodes.event_sensor import kernels_step as pieces
-from nodes.event_sensor.kernels import EVENTS, LARGEST, NONFINITE, Sensor, count_clipped, key_head, key_tail, valid
-from nodes.event_sensor.kernels_curve import turning_points
-from nodes.event_sensor.kernels_emit import crossings_fired, curve_value, emit
+from nodes.event_sensor.kernels import EVENTS, LARGEST, NONFINITE, Sensor, count_clipped, valid
+from nodes.event_sensor.kernels_life import step_life
 from nodes.event_sensor.kernels_noise import NEVER, draw, waiting_time
 from nodes.event_sensor.kernels_quiet import Quiet
 from nodes.event_sensor.kernels_state import ALIVE, NOWHERE, Cold, Features, cold_of
@@ -27,10 +25,8 @@ def sense_pixel(features: Features, lanes: bool) -> Any:
     """Function: all steps of one pixel in a message. It writes the events as keys, and counts. lanes: for a CPU."""
     frame, hermite = features.crossing == "frame", features.crossing == "hermite"
     ahead, curved, timed, hasty = features.ahead, features.curved, features.timed, features.hasty
-    leak, coin, noise = features.leak, features.coin, features.noise
-    refractory, mismatch, cap = features.refractory, features.mismatch, features.cap
-    spontaneous = noise or coin
-    value, fire = curve_value(features), crossings_fired(features, lanes)
+    leak, coin, noise, mismatch = features.leak, features.coin, features.noise, features.mismatch
+    live = step_life(features, lanes)
     curve, curve_quiet, rest = pieces.step_curve(features), pieces.surely_quiet(features), pieces.band_left(features)
 
     @wp.func
@@ -230,129 +226,11 @@ def sense_pixel(features: Features, lanes: bool) -> Any:
                     s[0] = s[0] + drift * wp.float64(start - origin)
                     if wp.static(leak):
                         s[1] = s[1] + drift * h
-                    turns = wp.vec2d(wp.float64(2.0), wp.float64(2.0))
-                    if wp.static(curved):
-                        turns = turning_points(s)
-                    # -- the happenings ---------------------------------------------------------------------------
-                    reference = pieces.reference_of(base, net, n_off, c_on, c_off)
-                    head = key_head(sensor, env)
-                    tail_on = key_tail(sensor, y, x, c, True)
-                    tail_off = key_tail(sensor, y, x, c, False)
-                    u = zero
-                    here = start
-                    fired = int(0)
-                    going = bool(True)
-                    while going:
-                        if wp.static(refractory):
-                            if dead != ALIVE:
-                                if dead > now:
-                                    break
-                                # Released: the pixel was held in reset, so its reference is what it sees now.
-                                here = wp.max(dead, start)
-                                dead = ALIVE
-                                u = wp.float64(here - start) / h
-                                base = value(s, u)
-                                if wp.static(frame):
-                                    if here == now:
-                                        base = l1 + drift * wp.float64(now - origin)
-                                net = 0
-                                n_off = 0
-                                reference = base
-                                if wp.static(noise):
-                                    if candidate <= here:
-                                        stream = pieces.stream_here(sensor, env, inner, episodes, k)
-                                        named = True
-                                        candidate, draws = pieces.candidate_after(here, stream, candidate, draws, rate)
-                                if wp.static(coin):
-                                    if coin_at <= here:
-                                        coin_at = NEVER
-                        until = now
-                        by_noise = bool(False)
-                        if wp.static(spontaneous):
-                            soonest = wp.min(candidate, coin_at)
-                            if soonest <= now:
-                                until = soonest
-                                by_noise = True
-                        u_end = one
-                        if by_noise:
-                            u_end = wp.float64(until - start) / h
-                        died = bool(False)
-                        while u < u_end and not died:
-                            piece = u_end
-                            if wp.static(curved):
-                                if turns[1] > u and turns[1] < piece:
-                                    piece = turns[1]
-                                if turns[0] > u and turns[0] < piece:
-                                    piece = turns[0]
-                            delta = value(s, piece) - reference
-                            on = delta > zero
-                            n, signed = pieces.crossed(delta, c_on, c_off, wp.static(refractory))
-                            if n > 0:
-                                tail = wp.where(on, tail_on, tail_off)
-                                here, fired = fire(
-                                    sensor, s, reference, signed, n, u, piece, start, until, h, t_base, head | tail,
-                                    here, fired, keys, counters,
-                                )  # fmt: skip
-                                net = net + wp.where(on, n, -n)
-                                n_off = n_off + wp.where(on, 0, n)
-                                reference = reference + wp.float64(n) * signed
-                                if wp.static(refractory):
-                                    dead = here + sensor.dead_ns
-                                    died = True
-                            u = piece
-                        if not died:
-                            going = False
-                            if wp.static(spontaneous):
-                                if by_noise:
-                                    going = True
-                                    here = until
-                                    u = u_end
-                                    fires = bool(True)
-                                    on = bool(True)
-                                    if until == coin_at:
-                                        coin_at = NEVER
-                                    else:
-                                        if not named:
-                                            stream = pieces.stream_here(sensor, env, inner, episodes, k)
-                                            named = True
-                                        light = wp.float64(hot.last)
-                                        if wp.static(not frame):
-                                            light += u * (wp.float64(v) - light)
-                                        fires, on, wait = pieces.noise_candidate(
-                                            sensor, stream, draws, rate, hot_share, light
-                                        )
-                                        draws = draws + wp.int64(1)
-                                        candidate = until + wait
-                                    if fires:
-                                        key = head | ((until - t_base) << sensor.shift_t)
-                                        key = key | wp.where(on, tail_on, tail_off)
-                                        emit(sensor, key, fired, wp.static(cap), keys, counters)
-                                        fired += 1
-                                        base = value(s, u)
-                                        if wp.static(frame):
-                                            if until == now:
-                                                base = l1 + drift * wp.float64(now - origin)
-                                        net = 0
-                                        n_off = 0
-                                        reference = base
-                                        if wp.static(refractory):
-                                            dead = until + sensor.dead_ns
-                    if wp.static(frame):
-                        # The signal jumps at the frame's stamp.
-                        if dead <= now:
-                            delta = l1 + drift * wp.float64(now - origin) - reference
-                            on = delta > zero
-                            n, signed = pieces.crossed(delta, c_on, c_off, wp.static(refractory))
-                            place = head | wp.where(on, tail_on, tail_off)
-                            here, fired = fire(
-                                sensor, wp.vec4d(l1, zero, zero, zero), reference, signed, n, one, one, start, now, h,
-                                t_base, place, now, fired, keys, counters,
-                            )  # fmt: skip
-                            net = net + wp.where(on, n, -n)
-                            n_off = n_off + wp.where(on, 0, n)
-                            if wp.static(refractory):
-                                if n > 0:
-                                    dead = now + sensor.dead_ns
+                    base, net, n_off, dead, candidate, draws = live(
+                        sensor, env, inner, episodes, k, y, x, c, s, l1, h, start, now, t_base, hot.last, v,
+                        c_on, c_off, drift, origin, rate, hot_share, coin_at,
+                        base, net, n_off, dead, candidate, draws, keys, counters,
+                    )  # fmt: skip
                     if wp.static(ahead):
                         hot.earlier = hot.early
                         hot.early = hot.last

@@ -200,7 +200,7 @@ def sense_paper(
 
 
 @wp.kernel
-def paper_rows(
+def paper(
     # in
     sensor: Sensor,
     begin: wp.array(dtype=wp.int32),
@@ -208,6 +208,7 @@ def paper_rows(
     luminance: wp.array(dtype=wp.float32),
     t: wp.array(dtype=wp.int64),
     t_base: wp.int64,
+    columns: wp.int32,
     thresholds_on: wp.array(dtype=wp.float32),
     thresholds_off: wp.array(dtype=wp.float32),
     leaks: wp.array(dtype=wp.float32),
@@ -218,44 +219,13 @@ def paper_rows(
     keys: wp.array(dtype=wp.int64),
     counters: wp.array(dtype=wp.int64),
 ):
-    """One row per thread, for a CPU."""
-    env, y = wp.tid()
-    x = int(0)
-    while x < sensor.width:
-        c = int(0)
-        while c < sensor.channels:
-            sense_paper(
-                sensor, env, y, x, c, begin[env], episodes[0, env], luminance, t, t_base, thresholds_on,
-                thresholds_off, leaks, hots, before, after, keys, counters,
-            )  # fmt: skip
-            c += 1
-        x += 1
-
-
-@wp.kernel
-def paper_pixels(
-    # in
-    sensor: Sensor,
-    begin: wp.array(dtype=wp.int32),
-    episodes: wp.array2d(dtype=wp.int32),
-    luminance: wp.array(dtype=wp.float32),
-    t: wp.array(dtype=wp.int64),
-    t_base: wp.int64,
-    thresholds_on: wp.array(dtype=wp.float32),
-    thresholds_off: wp.array(dtype=wp.float32),
-    leaks: wp.array(dtype=wp.float32),
-    hots: wp.array(dtype=wp.float32),
-    before: wp.array(dtype=PaperPixel),
-    # out
-    after: wp.array(dtype=PaperPixel),
-    keys: wp.array(dtype=wp.int64),
-    counters: wp.array(dtype=wp.int64),
-):
-    """One pixel and channel per thread, for a GPU."""
-    env, y, column = wp.tid()
-    x = column // sensor.channels
-    c = column % sensor.channels
-    sense_paper(
-        sensor, env, y, x, c, begin[env], episodes[0, env], luminance, t, t_base, thresholds_on, thresholds_off,
-        leaks, hots, before, after, keys, counters,
-    )  # fmt: skip
+    """`columns` pixels and channels of a row per thread: all of them on a CPU, one on a GPU."""
+    env, y, group = wp.tid()
+    column = group * columns
+    end = column + columns
+    while column < end:
+        sense_paper(
+            sensor, env, y, column // sensor.channels, column % sensor.channels, begin[env], episodes[0, env],
+            luminance, t, t_base, thresholds_on, thresholds_off, leaks, hots, before, after, keys, counters,
+        )  # fmt: skip
+        column += 1

@@ -95,11 +95,13 @@ def candidate_after(
 @wp.func
 def crossed(delta: wp.float64, c_on: wp.float64, c_off: wp.float64, one: wp.bool):
     """How many thresholds lie within `delta` of the reference, at most 1 where `one`; the threshold with its sign."""
-    signed = wp.where(delta > wp.float64(0.0), c_on, -c_off)
-    n = wp.int32((wp.abs(delta) + TOLERANCE) / wp.abs(signed))
-    if one:
-        n = wp.min(n, 1)
-    return n, signed
+    up = delta > wp.float64(0.0)
+    c = wp.where(up, c_on, c_off)
+    far = wp.abs(delta) + TOLERANCE
+    n = wp.int32(far >= c)
+    if not one:
+        n = wp.int32(far / c)
+    return n, wp.where(up, c, -c)
 
 
 @wp.func

@@ -9,6 +9,7 @@ import warp as wp
 from nodes.event_sensor.kernels import LEFT, Sensor
 from nodes.event_sensor.kernels_full import sense_pixel
 from nodes.event_sensor.kernels_quiet import RUN, Quiet, Run, left_over, saved
+from nodes.event_sensor.kernels_rows import list_loud_row
 from nodes.event_sensor.kernels_runs import passed, run_margins
 from nodes.event_sensor.kernels_state import Cold, Features
 
@@ -26,7 +27,7 @@ def full_kernels(features: Features) -> tuple[Any, Any]:
     """(kernel over rows, kernel over pixels) with just these features."""
     sense, sense_alone = sense_pixel(features, True), sense_pixel(features, False)
     margins_of, (run_passes, pixel_passes) = run_margins(features), passed(features)
-    looked_over, looks_on = not features.coin, features.crossing == "cubic"
+    looks_on, straight = features.crossing == "cubic", features.hasty
 
     @wp.kernel(module="unique")
     def sense_rows(
@@ -78,6 +79,8 @@ def full_kernels(features: Features) -> tuple[Any, Any]:
         if resume > 0 and going_on >= 0:
             while loud[j + 1] < going_on:
                 j += 1
+        elif wp.static(straight) and whole:
+            list_loud_row(luminance, at_first, wp.int64(size), count, t_end, quiet, start, row, colds, loud)
         else:
             loud[0] = 0
             i = int(0)
@@ -85,7 +88,7 @@ def full_kernels(features: Features) -> tuple[Any, Any]:
             while i < row:
                 lanes = wp.min(row - i, wp.static(RUN))
                 margins = Run(-1.0)
-                if wp.static(looked_over):
+                if wp.static(not features.coin and features.curved):
                     if whole and lanes == wp.static(RUN):
                         margins = margins_of(
                             sensor, quiet, luminance_runs, slope_runs, start + i, at_first + wp.int64(i),

@@ -14,21 +14,25 @@ from nodes.event_sensor.packet import KeyLayout, env_offsets, sort_keys, unpack
 
 
 class Listing:
-    """Of the last call. total: pixels of all environments. found: called with the counters of each call."""
+    """Of the last call. total: pixels of all environments. found: called with the counters of each call.
+
+    ordered: in the order of time; else by environment alone, for whoever sorts them later.
+    """
 
     def __init__(
         self, engine: Any, sensor: kernels.Sensor, layout: KeyLayout, envs: int, total: int,
-        found: Callable[[np.ndarray], None],
+        found: Callable[[np.ndarray], None], ordered: bool = True,
     ) -> None:  # fmt: skip
+        self._sorts = ordered and not engine.sorts
         self._engine, self._sensor, self._layout, self._envs, self._found = engine, sensor, layout, envs, found
         self._counters: wp.array = wp.zeros(len(kernels.COUNTERS) + 1, dtype=wp.int64, device="cpu")
-        self._sorted = np.zeros(0, np.int64)
+        self._listed = np.zeros(0, np.int64)
         self._t_base = 0
         self._grow(max(2 * total, 4096))
 
     def _grow(self, capacity: int) -> None:
         self._keys: wp.array = wp.empty(capacity + SPARE, dtype=wp.int64, device="cpu")
-        self._spare: wp.array = wp.empty(0 if self._engine.sorts else capacity, dtype=wp.int64, device="cpu")
+        self._spare: wp.array = wp.empty(capacity if self._sorts else 0, dtype=wp.int64, device="cpu")
         self._capacity = capacity
         self._sensor.capacity = wp.int64(capacity)
 
@@ -43,14 +47,14 @@ class Listing:
             found = self._run(batch.on("cpu"))
             self._found(found)
             count = int(found[0])
-        if self._engine.sorts:
-            self._sorted = self._keys.numpy()[:count]
+        if self._sorts:
+            self._listed = sort_keys(self._keys, self._spare, count, self._layout, stamp - batch.t_base)
         else:
-            self._sorted = sort_keys(self._keys, self._spare, count, self._layout, stamp - batch.t_base)
+            self._listed = self._keys.numpy()[:count]
 
     def clear(self) -> None:
         """No events."""
-        self._sorted = np.zeros(0, np.int64)
+        self._listed = np.zeros(0, np.int64)
 
     def _run(self, batch: Any) -> np.ndarray:
         self._counters.zero_()
@@ -74,12 +78,12 @@ class Listing:
                 self._counters.zero_()
 
     def __len__(self) -> int:
-        return len(self._sorted)
+        return len(self._listed)
 
     def read(self, out: dict[str, np.ndarray]) -> None:
         """Write the events to columns of their length."""
-        unpack(self._sorted, self._sensor, self._t_base, out)
+        unpack(self._listed, self._sensor, self._t_base, out)
 
     def env_offsets(self) -> np.ndarray:
         """int64 [E + 1]: where each environment's events begin."""
-        return env_offsets(self._sorted, self._layout, self._envs)
+        return env_offsets(self._listed, self._layout, self._envs)

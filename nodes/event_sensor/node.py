@@ -50,9 +50,21 @@ class EventSensorNode(Node):
     OUTPUTS = {"events": Output("/{camera}/events")}
 
     @classmethod
+    def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """What the event model lacks, or another parameter turns off."""
+        from nodes.event_sensor.effects import without_effect
+
+        return without_effect(resolve_sensor("event sensor", params["preset"], {name: params[name] for name in SENSOR}))
+
+    @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
         """One of the two: frames where an interpolator runs, keyframes where it is left out."""
         return frozenset({params["source"]})
+
+    @classmethod
+    def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
+        """Of keyframes luminance will do, unless there are sensors for each colour."""
+        return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
 
     def setup(self) -> None:
         from nodes.interpolator.keyframe import device_named
@@ -67,7 +79,7 @@ class EventSensorNode(Node):
         # Compile now rather than at the first frame.
         sensor = self._make(2, 2, 1)
         one = np.ones((1, 2, 2, 3), np.float32)
-        warm = self._of_keyframe(Keyframe(Header(0), one, np.zeros(1, np.int32)))
+        warm = self._of_keyframe(Keyframe(Header(0), np.zeros(1, np.int32), radiance=one))
         tail = (3,) if self.params["colour"] else ()
         slopes = {"dlog_dt": np.zeros((1, 1, 2, 2, *tail), np.float32)} if self._hermite else {}
         for k in range(2):
@@ -152,6 +164,11 @@ class EventSensorNode(Node):
         for name, now in counts.items():
             if now > self._counted.get(name, 0):
                 self.count(COUNTER_NAMES.get(name, name), now - self._counted.get(name, 0))
+        if counts["nonfinite"] and not self._counted.get("nonfinite"):
+            dark = self._resolved["dark_level"] > 0
+            kinds = "or negative" if dark else "negative or black (ln 0; a light or a dark_level helps against those)"
+            when = self._header.stamp_ns
+            self.warn(f"{counts['nonfinite']} samples at {when} ns are NaN, infinite, {kinds}; they are skipped")
         self._counted = counts
         h = self._header
         header = Header(h.stamp_ns, clock=h.clock, episode=h.episode)
@@ -163,7 +180,9 @@ class EventSensorNode(Node):
         """[E, 1, h, w(, 3)] without the margin, its RGB or its luminance; on a GPU [E, 1, h, w] of float32 or vec3."""
         from nodes.interpolator.luminance import luminance_of, rgb_of
 
-        image, m, colour = message.radiance, message.margin, self.params["colour"]
+        image, m, colour = message.image, message.margin, self.params["colour"]
+        if colour and image.ndim == 3 and message.radiance is None:
+            raise ValueError(f"{self.name}: keyframes carry luminance, colour needs their radiance (keyframes:=rgb)")
         if self._device.is_cpu:
             image = image if colour else luminance_of(image).numpy()
             return image[:, None, m : image.shape[1] - m, m : image.shape[2] - m]

@@ -50,7 +50,8 @@ class Optics:
         if self._defocus is not None:
             images = self._defocus(images.reshape(self._shape)).flatten()
         if self._photoreceptor is not None:
-            images = self._photoreceptor.advance(images.flatten(), t, before, fresh).flatten()
+            blurred = self._defocus is not None  # the blur's own buffer, not the frames of whoever called
+            images = self._photoreceptor.advance(images.flatten(), t, before, fresh, in_place=blurred).flatten()
         return images
 
     def slopes(self, slopes: wp.array, sharp: wp.array, seen: wp.array) -> wp.array:

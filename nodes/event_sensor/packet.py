@@ -48,7 +48,7 @@ class KeyLayout:
         if span_ns >> bits:
             raise ValueError(
                 f"a message of {span_ns} ns is too long for the event sensor: at this image size and number of "
-                f"environments it takes up to {(1 << bits) - 1} ns; raise keyframe_rate"
+                f"environments it takes up to {(1 << bits) - 1} ns; let frames come closer together"
             )
 
 

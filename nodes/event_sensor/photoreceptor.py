@@ -11,6 +11,9 @@ linearly from one frame to the next,
 so it is stable at any dt / tau, and in constant light does not depend on the frame rate. Where tau changes within a
 step, 1 / tau is the mean of its values at both ends, which is of second order in the step. Two poles are two equal low
 passes one after the other.
+
+On a CPU ln, exp and the step's response are polynomials good to 1e-9, on a GPU the library's functions: an event may
+move by as much as 1e-9 ln I moves its crossing (a few ns), and a float32 result by its last bit.
 """
 
 from __future__ import annotations
@@ -21,7 +24,8 @@ import numpy as np
 import warp as wp
 
 from nodes.event_sensor import photoreceptor_kernels as kernels
-from nodes.event_sensor.kernels_quiet import runs_of
+from nodes.event_sensor import photoreceptor_lanes_kernels as lanes
+from nodes.event_sensor.photoreceptor_lanes_kernels import Receptor
 
 
 class Photoreceptor:
@@ -55,33 +59,35 @@ class Photoreceptor:
         make = kernels.low_pass_gpu if self._device.is_cuda else kernels.low_pass
         self._kernel = make(poles, bandwidth_level > 0)
         self._envs, self._size = envs, height * width * channels
-        self._run = width * channels  # a thread on a CPU is a row of the image, on a GPU a pixel
         self._rate = 2.0 * math.pi * bandwidth_hz
         values = {
             "size": self._size,
-            "run": self._run,
             "rate": self._rate,
             "level": bandwidth_level,
             "dark": dark_level,
             "floor": kernels.FLOOR,
         }
-        self._receptor = kernels.Receptor()
+        self._receptor = Receptor()
         for name, value in values.items():
             setattr(self._receptor, name, value)
         total = envs * self._size
         self._last: wp.array = wp.full(total, -1.0, dtype=wp.float32, device=self._device)
         self._first: wp.array = wp.zeros(total, dtype=wp.float64, device=self._device)
         self._second: wp.array = wp.zeros(total if poles == 2 else 0, dtype=wp.float64, device=self._device)
+        self._place: wp.array = wp.empty(lanes.BLOCK, dtype=wp.int32, device="cpu")
         self._filtered: wp.array | None = None
 
-    def advance(self, images: wp.array, t: np.ndarray, t_base: int, fresh: np.ndarray) -> wp.array:
+    def advance(
+        self, images: wp.array, t: np.ndarray, t_base: int, fresh: np.ndarray, in_place: bool = False
+    ) -> wp.array:
         """Filtered luminance, float32 of the shape of `images`, in a buffer that the next call overwrites.
 
         images: float32, linear, on this device: the samples of [E, K, H, W, C] in this order, in any shape (Warp has
         four axes at most). t: int64 [K] ns, ascending. t_base: stamp [ns] of the frame before, where the first step
         starts. fresh: bool [E], environments whose first good sample here sets the state. ln(result + dark_level) is
         the filtered L. A sample that is NaN, infinite or negative comes out as NaN; its input is held at the last good
-        one. Raises ValueError when the number of samples does not fit.
+        one. in_place: the result goes to `images`, which takes no further memory. Raises ValueError when the number of
+        samples does not fit.
         """
         count = len(t)
         if math.prod(images.shape) != self._envs * count * self._size:
@@ -94,15 +100,18 @@ class Photoreceptor:
         seconds: wp.array = wp.array(np.maximum(gaps, 0) * 1e-9, dtype=wp.float64, device=device)
         steps: wp.array = wp.empty(count, dtype=wp.vec2d, device=device)
         wp.launch(kernels.responses, count, [self._rate, seconds], [steps], device=device)
-        if self._filtered is None or self._filtered.shape != images.shape:
-            self._filtered = wp.empty(images.shape, dtype=wp.float32, device=device)
+        if in_place:
+            filtered = images
+        else:
+            if self._filtered is None or self._filtered.shape != images.shape:
+                self._filtered = wp.empty(images.shape, dtype=wp.float32, device=device)
+            filtered = self._filtered
         starts: wp.array = wp.array(np.asarray(fresh, np.int32), device=device)
-        samples, filtered = [images.flatten()], [self._filtered.flatten()]
+        state = [self._last, self._first, self._second]
         threads = (self._envs, self._size)
         if not device.is_cuda:
-            threads = (self._envs, -(-self._size // self._run))
-            samples, filtered = ([*a, runs_of(a[0])] for a in (samples, filtered))
-        state = [self._last, self._first, self._second]
-        inputs = [self._receptor, starts, seconds, steps, *samples, *state]
-        wp.launch(self._kernel, threads, inputs, filtered, device=device)
-        return self._filtered
+            threads = (self._envs, -(-self._size // lanes.BLOCK))
+            state.append(self._place)
+        inputs = [self._receptor, starts, seconds, steps, images.flatten(), *state]
+        wp.launch(self._kernel, threads, inputs, [filtered.flatten()], device=device)
+        return filtered

@@ -6,55 +6,25 @@ What is kept is how far each pole is behind the input, e = y - L. In a step of a
     e1' = e1 d - dL f,   e2' = e2 d + e1 a d + dL (d - 2 f),   d = exp(-a),   f = (1 - d) / a,
 
 so nothing is a difference of nearly equal numbers, and the result I' + dark = (I + dark) exp(e) needs dL = ln of the
-ratio of two intensities alone. On a CPU RUN pixels at a time go through series for ln, exp and f, good to 1e-9, while
-an intensity changes by less than a factor of two in a step and |e| < 2.5; other pixels take the library's functions.
+ratio of two intensities alone. On a CPU nodes.event_sensor.photoreceptor_lanes_kernels takes the pixels of a block
+together, good to 1e-9; samples that it lists go through the library's functions here, as all do on a GPU.
 """
 
 import functools
-import math
 from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.kernels_quiet import RUN, Run
+from nodes.event_sensor import photoreceptor_lanes_kernels as lanes
+from nodes.event_sensor.photoreceptor_lanes_kernels import GRAIN, Receptor
 
 wp.set_module_options({"enable_backward": False})
 
-Lanes = wp.types.vector(length=RUN, dtype=wp.float64)
 FLOOR = 2.0**-24
 """Least I + I_dark, as in the sensor: the smallest positive half-precision radiance."""
 SMALL = wp.constant(wp.float64(0.02))
 """Below this dt / tau the difference in f cancels, and its series has the better error (1e-14)."""
-GRAIN = wp.constant(wp.float64(2.0**-8))
-"""e is kept in multiples of 2^-60, so that a pixel in constant light comes to rest."""
 LARGEST = wp.constant(3.4028235e38)
-STEEPEST = wp.constant(wp.float64(0.35))
-"""Of (I1 - I0) / (I1 + I0) for the series of the logarithm: a factor of 2.08."""
-FARTHEST = wp.constant(wp.float64(2.5))
-"""Of |e| for the series of exp."""
-WIDEST = wp.constant(wp.float64(32.0))
-"""Of dt / tau for the series of f."""
-TERMS = 9
-"""Of every series: the first one left out is below 6e-10 of the result."""
-Coefficients = wp.types.vector(length=TERMS, dtype=wp.float64)
-RATIO = wp.constant(Coefficients(*(2.0 / (2 * k + 1) for k in reversed(range(TERMS)))))
-"""ln((1 + z) / (1 - z)) / z, in powers of z^2."""
-SHRINKING = wp.constant(Coefficients(*((-1.0) ** k / math.factorial(k + 1) for k in reversed(range(TERMS)))))
-"""f = (1 - exp(-x)) / x."""
-GROWING = wp.constant(Coefficients(*(1.0 / math.factorial(k + 1) for k in reversed(range(TERMS)))))
-"""(exp(x) - 1) / x."""
-
-
-@wp.struct
-class Receptor:
-    """rate: 2 pi bandwidth [1/s] at intensities from `level` on. One thread does `run` pixels of `size`."""
-
-    size: wp.int32
-    run: wp.int32
-    rate: wp.float64
-    level: wp.float64
-    dark: wp.float64
-    floor: wp.float64
 
 
 @wp.func
@@ -147,176 +117,78 @@ def exact_step(poles: int, varying: bool) -> Any:
     return step
 
 
-@wp.func
-def series(coefficients: Coefficients, x: Lanes):
-    """The polynomial with these coefficients, highest power first."""
-    # Even and odd powers apart, which do not wait for each other.
-    square = wp.cw_mul(x, x)
-    even = Lanes(coefficients[0])
-    odd = Lanes(coefficients[1])
-    for k in range(2, wp.static(TERMS), 2):
-        even = wp.cw_mul(even, square) + Lanes(coefficients[k])
-    for k in range(3, wp.static(TERMS), 2):
-        odd = wp.cw_mul(odd, square) + Lanes(coefficients[k])
-    return even + wp.cw_mul(odd, x)
-
-
-@functools.cache
-def lanes_step(poles: int, varying: bool) -> Any:
-    """Function: one step of RUN pixels by series; returns outputs, both e and a margin, below 0 where it is not good.
-
-    half: rate * seconds / 2 / 2^halvings, so that half * (c0 + c1) is the argument of the series of f.
-    """
-    two = poles == 2
-
-    @wp.func
-    def step(
-        receptor: Receptor,
-        v: Lanes,
-        last: Lanes,
-        e1: Lanes,
-        e2: Lanes,
-        half: wp.float64,
-        halvings: wp.int32,
-        constant: wp.vec2d,
-    ):
-        one = Lanes(wp.float64(1.0))
-        dark = Lanes(receptor.dark)
-        before = last + dark
-        level = v + dark
-        z = wp.cw_div(level - before, level + before)
-        grown = wp.cw_mul(series(RATIO, wp.cw_mul(z, z)), z)
-        decay = Lanes(constant[0])
-        f = Lanes(constant[1])
-        a = wp.float64(2.0) * half * one
-        if wp.static(varying):
-            inverse = wp.float64(1.0) / receptor.level
-            x = half * (wp.min(one, inverse * before) + wp.min(one, inverse * level))
-            a = x
-            f = series(SHRINKING, x)
-            decay = one - wp.cw_mul(x, f)
-            i = int(0)
-            while i < halvings:
-                f = wp.float64(0.5) * wp.cw_mul(f, one + decay)
-                decay = wp.cw_mul(decay, decay)
-                a = a + a
-                i += 1
-        grain = Lanes(GRAIN)
-        second = e2
-        if wp.static(two):
-            second = wp.cw_mul(e2, decay) + wp.cw_mul(e1, wp.cw_mul(a, decay))
-            second = second + wp.cw_mul(grown, decay - wp.float64(2.0) * f)
-            second = (second + grain) - grain
-        first = wp.cw_mul(e1, decay) - wp.cw_mul(grown, f)
-        first = (first + grain) - grain
-        y = first
-        if wp.static(two):
-            y = second
-        x = wp.float64(0.125) * y
-        growth = wp.cw_mul(series(GROWING, x), x)
-        for _ in range(3):
-            growth = wp.cw_mul(growth, growth + wp.float64(2.0) * one)
-        out = v + wp.cw_mul(level, growth)
-        margin = wp.min(Lanes(STEEPEST) - wp.max(z, -z), Lanes(FARTHEST) - wp.max(y, -y))
-        margin = wp.min(wp.min(margin, level - Lanes(receptor.floor)), wp.min(v, last)) + (z - z)
-        return wp.max(out, Lanes(wp.float64(0.0))), first, second, wp.max(margin, -one)  # -1 for NaN
-
-    return step
-
-
 @functools.cache
 def low_pass(poles: int, varying: bool) -> wp.Kernel:
-    """The filter with one pole or two, with a corner that follows the intensity (`varying`) or not."""
+    """The filter with one pole or two, with a corner that follows the intensity (`varying`) or not, for a CPU."""
+    exact, step_block = exact_step(poles, varying), lanes.step_block(poles, varying)
     two = poles == 2
-    exact, by_series = exact_step(poles, varying), lanes_step(poles, varying)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def filter_pixels(
+    def filter_blocks(
         # in
         receptor: Receptor,
         fresh: wp.array(dtype=wp.int32),
         seconds: wp.array(dtype=wp.float64),
         steps: wp.array(dtype=wp.vec2d),
         luminance: wp.array(dtype=wp.float32),
-        luminance_runs: wp.array(dtype=Run),
-        # in and out: last good sample (-1: none yet), how far the poles are behind it in ln I
+        # in and out: last good sample (-1: none yet), how far the poles are behind it in ln I; places in a block
         last_sample: wp.array(dtype=wp.float32),
         first_pole: wp.array(dtype=wp.float64),
         second_pole: wp.array(dtype=wp.float64),
+        place: wp.array(dtype=wp.int32),
         # out
         filtered: wp.array(dtype=wp.float32),
-        filtered_runs: wp.array(dtype=Run),
     ):
-        env, chunk = wp.tid()
+        """A block of pixels per thread, through all frames."""
+        env, block = wp.tid()
         count = seconds.shape[0]
-        i = chunk * receptor.run
-        end = wp.min(i + receptor.run, receptor.size)
-        index = env * receptor.size + i
-        frame = wp.int64(receptor.size)
-        at_first = wp.int64(env) * wp.int64(count) * frame + wp.int64(i)
-        while i < end:
-            lanes = wp.min(end - i, wp.static(RUN))
-            # The state of the run, once for all frames.
-            last = Lanes()
-            e1 = Lanes()
-            e2 = Lanes()
-            lane = int(0)
-            while lane < lanes:
-                last[lane] = wp.float64(wp.where(fresh[env] != 0, -1.0, last_sample[index + lane]))
-                e1[lane] = first_pole[index + lane]
-                if wp.static(two):
-                    e2[lane] = second_pole[index + lane]
-                lane += 1
-            at = at_first
-            k = int(0)
-            while k < count:
-                most = receptor.rate * seconds[k]
-                half = wp.float64(0.5) * most
-                halvings = int(0)
+        first = block * wp.static(lanes.BLOCK)
+        size = wp.min(receptor.size - first, wp.static(lanes.BLOCK))
+        index = env * receptor.size + first
+        if fresh[env] != 0:
+            i = int(0)
+            while i < size:
+                last_sample[index + i] = -1.0
+                i += 1
+        at = wp.int64(env) * wp.int64(count) * wp.int64(receptor.size) + wp.int64(first)
+        k = int(0)
+        while k < count:
+            half = wp.float64(0.5) * receptor.rate * seconds[k]
+            halvings = int(0)
+            ahead = wp.int64(wp.where(k + 1 < count, receptor.size, 0))
+            alone = int(size)  # pixels that are filtered one by one
+            together = not (wp.static(varying) and half > lanes.WIDEST)
+            if together:
                 if wp.static(varying):
-                    while half > wp.float64(0.25):
+                    while half > lanes.REACH:
                         half = wp.float64(0.5) * half
                         halvings += 1
-                margin = Lanes(wp.float64(-1.0))
-                seen = last
-                first = e1
-                second = e2
-                if lanes == wp.static(RUN) and most < WIDEST:
-                    v = Lanes(luminance_runs[at])
-                    out, first, second, margin = by_series(receptor, v, last, e1, e2, half, halvings, steps[k])
-                    seen = v
-                    filtered_runs[at] = Run(out)
-                if wp.min(margin) < wp.float64(0.0):
-                    lane = int(0)
-                    while lane < lanes:
-                        if margin[lane] < wp.float64(0.0):
-                            here = at + wp.int64(lane)
-                            result, good, a1, a2 = exact(
-                                receptor, luminance[here], wp.float32(last[lane]), e1[lane], e2[lane], seconds[k],
-                                steps[k],
-                            )  # fmt: skip
-                            filtered[here] = result
-                            seen[lane] = wp.float64(good)
-                            first[lane] = a1
-                            second[lane] = a2
-                        lane += 1
-                last = seen
-                e1 = first
-                e2 = second
-                at += frame
-                k += 1
-            lane = int(0)
-            while lane < lanes:
-                last_sample[index + lane] = wp.float32(last[lane])
-                first_pole[index + lane] = e1[lane]
+                alone = step_block(
+                    receptor, luminance, at, ahead, index, size, half, halvings, steps[k][0], steps[k][1], last_sample,
+                    first_pole, second_pole, filtered, place,
+                )  # fmt: skip
+            j = int(0)
+            while j < alone:
+                i = j
+                if together:
+                    i = place[j]
+                here = index + i
+                e2 = wp.float64(0.0)
                 if wp.static(two):
-                    second_pole[index + lane] = e2[lane]
-                lane += 1
-            i += lanes
-            index += lanes
-            at_first += wp.int64(lanes)
+                    e2 = second_pole[here]
+                out, seen, after1, after2 = exact(
+                    receptor, luminance[at + wp.int64(i)], last_sample[here], first_pole[here], e2, seconds[k], steps[k]
+                )  # fmt: skip
+                filtered[at + wp.int64(i)] = out
+                last_sample[here] = seen
+                first_pole[here] = after1
+                if wp.static(two):
+                    second_pole[here] = after2
+                j += 1
+            at += wp.int64(receptor.size)
+            k += 1
 
-    return filter_pixels
+    return filter_blocks
 
 
 @functools.cache

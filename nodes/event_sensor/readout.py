@@ -89,6 +89,11 @@ class Readout:
         self.delayed = self.delay_ns = self.longest_ns = self.dropped = self.cut = 0
 
     @property
+    def queues(self) -> bool:
+        """There is a rate, so that events have to come in the order of time."""
+        return bool(self._queue.service > 0)
+
+    @property
     def latency_ns(self) -> int:
         """Mean of the delay that the jitter adds [ns]."""
         return round(float(kernels.REACH) * self._sigma)
@@ -108,7 +113,8 @@ class Readout:
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Events of the packet (t_base, stamp] as they leave: columns and int64 [E + 1] offsets, sorted by t, y, x.
 
-        columns: t int64 [n] ns, x, y uint16, p uint8 and perhaps c uint8, of one packet, by environment and time.
+        columns: t int64 [n] ns, x, y uint16, p uint8 and perhaps c uint8, of one packet, by environment and, where
+        it `queues`, time.
         t_base, stamp: its interval [ns], which starts where the last one ended. fresh: bool [E], environments that
         start again here with an empty queue. Raises ValueError for a packet too long for the queue's clock.
         """
@@ -117,9 +123,9 @@ class Readout:
             raise ValueError(f"a packet of {stamp - t_base} ns is too long for the readout; it takes {longest:.3g} s")
         self._start(t_base, fresh)
         stamps = self._serve(columns, np.ascontiguousarray(env_offsets, np.int64), t_base)
-        env = np.repeat(np.arange(self._envs, dtype=np.int32), np.diff(env_offsets))
+        env = self._environments(np.diff(env_offsets))
         new = {**columns, "t": stamps, "env": env}
-        if stamps.size and stamps.min() < 0:
+        if self._queue.capacity and stamps.size and stamps.min() < 0:
             new = {name: column[stamps >= 0] for name, column in new.items()}
         if self.waiting and self._held is not None:
             new = {name: np.concatenate((self._held[name], column)) for name, column in new.items()}
@@ -144,7 +150,7 @@ class Readout:
         if rest.any():
             tails = [slice(a, b) for a, b in zip(ends, offsets[1:])]
             self._held = {name: np.concatenate([c[part] for part in tails]) for name, c in events.items()}
-            self._held["env"] = np.repeat(np.arange(self._envs, dtype=np.int32), rest)
+            self._held["env"] = self._environments(rest)
             heads = [slice(a, b) for a, b in zip(offsets[:-1], ends)]
             one = self._envs == 1
             events = {n: c[heads[0]] if one else np.concatenate([c[part] for part in heads]) for n, c in events.items()}
@@ -154,6 +160,12 @@ class Readout:
     def counts(self) -> dict[str, int]:
         """Counters that only go up, by name."""
         return {n: getattr(self, n) for n in ("delayed", "delay_ns", "dropped", "cut")}
+
+    def _environments(self, counts: np.ndarray) -> np.ndarray:
+        """int32: which environment each event belongs to, counts[e] of environment e."""
+        if self._envs == 1:
+            return np.zeros(int(counts[0]), np.int32)
+        return np.repeat(np.arange(self._envs, dtype=np.int32), counts)
 
     def _start(self, t_base: int, fresh: np.ndarray | None) -> None:
         """Bring the clocks to `t_base`, and empty the queues of fresh environments."""
@@ -170,7 +182,7 @@ class Readout:
 
     def _serve(self, columns: dict[str, np.ndarray], offsets: np.ndarray, t_base: int) -> np.ndarray:
         """Stamps of the new events, -1 for those that the full queue turned away."""
-        stamps = np.empty(len(columns["t"]), np.int64)
+        stamps = np.array(columns["t"], np.int64)
         if not len(stamps):
             return stamps
         statistics = np.zeros((self._envs, 4), np.int64)
@@ -190,7 +202,8 @@ class Readout:
     def _sorted(self, events: dict[str, np.ndarray], t_base: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """By environment, t, y, x, channel, polarity; offsets of the environments."""
         env, t = events.pop("env"), events["t"]
-        offsets = np.append(0, np.cumsum(np.bincount(env, minlength=self._envs))).astype(np.int64)
+        counts = np.bincount(env, minlength=self._envs) if self._envs > 1 else np.array([t.size])
+        offsets = np.append(0, np.cumsum(counts)).astype(np.int64)
         if not t.size:
             return events, offsets
         span = int(t.max()) - t_base
@@ -199,12 +212,11 @@ class Readout:
             return {name: column[order] for name, column in events.items()}, offsets
         if self._keys.size < t.size:
             self._keys, self._spare = (wp.empty(t.size + t.size // 4, dtype=wp.int64, device="cpu") for _ in range(2))
-        blocks = -(-t.size // kernels.BLOCK)
         ascending = np.ones(1, np.int32)
         given = [env, *(np.ascontiguousarray(events[n]) for n in ("t", "x", "y", "p")), events.get("c", NONE)]
         arrays: list[wp.array] = [wp.array(a, copy=False, device="cpu") for a in given]
         found: wp.array = wp.array(ascending, copy=False, device="cpu")
-        wp.launch(kernels.pack, blocks, [self._shifts, t_base, *arrays], [self._keys, found], device="cpu")
+        wp.launch(kernels.pack, 1, [self._shifts, t_base, *arrays], [self._keys, found], device="cpu")
         if ascending[0]:
             return events, offsets
         keys = sort_keys(self._keys, self._spare, t.size, self._layout, span)

@@ -22,7 +22,6 @@ thresholds are equal. A drift that shares its crossing with the signal can have 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,8 +31,9 @@ from nodes.event_sensor import kernels
 from nodes.event_sensor.arrays import on_device, shape_of
 from nodes.event_sensor.device_events import DeviceEvents, Pending, Ready
 from nodes.event_sensor.engines import FLOOR as FLOOR
-from nodes.event_sensor.engines import Batch, Size, make_engine, sensor_struct
+from nodes.event_sensor.engines import Batch, Size, make_engine, sensor_struct, unlit_rate
 from nodes.event_sensor.listing import Listing
+from nodes.event_sensor.look_ahead import LookAhead
 from nodes.event_sensor.optics import Optics
 from nodes.event_sensor.packet import Events as Events
 from nodes.event_sensor.packet import KeyLayout, merged, parted
@@ -45,18 +45,10 @@ wp.config.log_level = wp.LOG_WARNING
 Frames = np.ndarray | wp.array | Any
 """Images in memory: numpy, Warp, or anything with __cuda_array_interface__."""
 
+LATEST = 5 * 10**18
+"""Stamps lie within this of 0 [ns], 158 years, so that waiting times can be added to them."""
 LOOK_AHEAD = ("monotone", "cubic")
 """Crossing methods whose curve needs the frame after the step."""
-
-
-@dataclass
-class Held:
-    """The frame whose step waits for the next one. begins: bool [E], environments whose episode it begins."""
-
-    images: wp.array
-    stamp: int
-    begins: np.ndarray
-    episodes: np.ndarray
 
 
 class EventSensor:
@@ -105,6 +97,7 @@ class EventSensor:
         size = Size(height, width, channels, envs)
         self._engine = make_engine(size, seed, p, self._device)
         self._size = size.pixels
+        self._unlit = 1e-9 * unlit_rate(p) * envs * size.pixels
         self._ahead = p["model"] == "evis" and p["crossing"] in LOOK_AHEAD
         self._hermite = p["model"] == "evis" and p["crossing"] == "hermite"
         self._optics = Optics(height, width, envs, channels, p, self._hermite, self._device)
@@ -120,14 +113,15 @@ class EventSensor:
         self._episodes: np.ndarray | None = None
         self._going_on = np.zeros(envs, bool)
         self._last_stamp = self._settled = self._settled_before = 0
-        self._held: Held | None = None
+        self._waiting = LookAhead(envs, self._size, self._device)
         self._left: tuple[dict[str, np.ndarray], np.ndarray] | None = None
 
     def _make_side(self, size: Size) -> Any:
         """Where events are listed and sorted: on the host or on a GPU."""
         total = size.envs * size.pixels
         if not self._device.is_cuda:
-            return Listing(self._engine, self._sensor, self._layout, size.envs, total, self._count)
+            ordered = self._readout is None or self._readout.queues
+            return Listing(self._engine, self._sensor, self._layout, size.envs, total, self._count, ordered)
         from nodes.event_sensor.cuda.side import DeviceSide
 
         stamped = self.parameters["model"] == "evis-paper" or self.parameters["crossing"] == "frame"
@@ -225,11 +219,17 @@ class EventSensor:
         again = fresh is not self._going_on and bool(fresh.all())
         if self._hermite and (dlog_dt is None or shape_of(dlog_dt) != shape_of(luminance)):
             raise ValueError("crossing=hermite needs dlog_dt of the luminance's shape; without it take crossing=cubic")
-        if self._held is not None and again and t[0] <= self._last_stamp:
+        if self._waiting.held is not None and again and t[0] <= self._last_stamp:
             raise ValueError(f"time goes back to {t[0]} ns; flush() first gives the events that are held back")
-        begun = self._held is not None or not again
+        begun = self._waiting.held is not None or not again
         t_base = self._settled if begun else int(t[0])
         self._layout.check_span(int(t[-1]) - t_base)
+        if self._unlit * (int(t[-1]) - t_base) >= 2**31:
+            raise ValueError(
+                f"leak and noise make {self._unlit * 1e9:.3g} events per second in {self.envs} x {self._size} pixels, "
+                f"too many for a message of {int(t[-1]) - t_base} ns; lower their rates or let frames come closer "
+                "together"
+            )
         images, slopes = on_device(luminance, self._device), self._nothing
         if not self._optics.clear:
             sharp = images
@@ -245,25 +245,12 @@ class EventSensor:
         episodes, self._last_stamp = self._episodes, int(t[-1])
         if not self._ahead:
             return self._batch(images, slopes, t, len(t), t_base, [fresh], [episodes]), fresh
-        begins, of, old = [fresh], [episodes], self._held
-        if old is not None:
-            begins, of = [old.begins, fresh], [old.episodes, episodes]
-            t = np.concatenate(([old.stamp], t))
-        new = images.reshape((self.envs, -1, self._size))
-        rest = begins[len(t) - 1] if len(t) <= len(begins) else np.zeros(self.envs, bool)
-        last: wp.array = wp.empty((self.envs, self._size), dtype=wp.float32, device=self._device)
-        _copy(last, new[:, -1])
-        self._held = Held(last, int(t[-1]), rest, of[-1])
-        if old is not None:
-            joined: wp.array = wp.empty((self.envs, len(t), self._size), dtype=wp.float32, device=self._device)
-            _copy(joined[:, 0], old.images)
-            _copy(joined[:, 1:], new)
-            images = joined
+        images, t, begins, of = self._waiting.join(images, t, fresh, episodes)
         return self._batch(images, slopes, t, len(t) - 1, t_base, begins, of), begins[0]
 
     def finish(self) -> int:
         """Take no more frames; returns how many events were held back. `advance` may go on afterwards."""
-        held, self._held = self._held, None
+        held = self._waiting.release()
         if held is None:
             self.t_base = self._settled
             self._side.clear()
@@ -290,6 +277,8 @@ class EventSensor:
             raise ValueError(f"event sensor got episodes of shape {episodes.shape}, expected ({self.envs},)")
         if len(t) > 1 and (t[1:] <= t[:-1]).any():
             raise ValueError("event sensor got stamps that do not ascend")
+        if not (-LATEST <= t[0] and t[-1] <= LATEST):
+            raise ValueError(f"event sensor got stamps from {t[0]} to {t[-1]} ns; they must lie within +-{LATEST} ns")
         if self._episodes is None:
             return np.ones(self.envs, bool)
         # Mostly no episode begins: no arithmetic for that.
@@ -387,11 +376,3 @@ class EventSensor:
     def env_offsets(self) -> np.ndarray:
         """int64 [E + 1] of the last `advance` or `finish`."""
         return self._side.env_offsets() if self._left is None else self._left[1]
-
-
-def _copy(to: wp.array, source: wp.array) -> None:
-    """Copy between arrays of one device, which may be slices; numpy moves whole rows where it can."""
-    if wp.get_device(to.device).is_cuda:
-        wp.copy(to, source)
-    else:
-        to.numpy()[...] = source.numpy()

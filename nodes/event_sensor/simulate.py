@@ -76,6 +76,14 @@ class Simulation:
         self.frames, self.until_ns = self.frames + len(t), int(t[-1])
         return made
 
+    def check(self, colour: bool = False) -> None:
+        """Raise ValueError for parameters that do not go together, which the first frame would raise otherwise."""
+        before = self._shape, self._sensor
+        try:
+            self._start((1, 1, 3) if colour else (1, 1))
+        finally:
+            self._shape, self._sensor = before
+
     def counts(self) -> dict[str, int]:
         """Samples and events set aside so far, by reason: nonfinite, clipped, dropped, ..."""
         return dict(self._sensor.counts()) if self._sensor is not None else {}

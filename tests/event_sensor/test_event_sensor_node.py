@@ -17,7 +17,7 @@ class Bus:
     """Stands for the executor."""
 
     def __init__(self):
-        self.sent, self.counted = [], {}
+        self.sent, self.counted, self.warned = [], {}, []
 
     def loan(self, node, port, arrays):
         return {name: np.zeros(shape, dtype) for name, (shape, dtype) in arrays.items()}
@@ -28,6 +28,9 @@ class Bus:
 
     def count(self, node, name, amount):
         self.counted[name] = self.counted.get(name, 0) + amount
+
+    def diagnose(self, node, level, text):
+        self.warned.append((level, text))
 
 
 def start(**params):
@@ -60,6 +63,32 @@ def test_one_packet_per_message_the_first_is_empty(video):
     assert np.concatenate([p.t for p in packets]).tolist() == whole["t"].tolist()
 
 
+def test_the_rate_of_events_in_light_that_swings_is_that_of_the_closed_form():
+    """L = s + A (sin(2 pi f t + phi) - sin phi): floor((A - d) / C) + floor((A + d) / C) ON a period, d = A sin phi.
+
+    For 2 s of frames at 2 kHz, eight a message; amplitudes of which no level lies within 0.004 of an extremum, where
+    straight lines between frames may pass it by. What a period begins with at 0 it ends with: one event at the most.
+    """
+    rng, c, seconds = np.random.default_rng(2), 0.2, 2
+    a, phi, f = rng.uniform(0.25, 1.25, 400), rng.uniform(0, 2 * np.pi, 400), rng.integers(1, 21, 400)
+    reach = (a * (1 + np.outer([-1, 1], np.sin(phi)))) / c
+    clear = ((reach % 1 > 0.02) & (reach % 1 < 0.98)).all(0)
+    a, phi, f, reach = a[clear], phi[clear], f[clear], np.floor(reach[:, clear]).sum(0)
+    t = np.arange(2000 * seconds + 1, dtype=np.int64) * 500_000
+    light = np.exp(a * np.sin(2 * np.pi * f * t[:, None] * 1e-9 + phi)).astype(np.float32)[:, None, :]
+    node = start(threshold=c)
+    node.update({"frames": frames(t[:1], light[:1])})
+    for k in range(1, len(t), 8):
+        node.update({"frames": frames(t[k : k + 8], light[k : k + 8])})
+    packets = node.runtime.sent[1:]
+    assert all(((p.t > p.t0_ns) & (p.t <= p.header.stamp_ns)).all() for p in packets)
+    for on in (0, 1):
+        counts = sum(np.bincount(p.x[p.p == on], minlength=len(a)) for p in packets)
+        assert np.abs(counts - seconds * f * reach).max() <= 1
+    per_second = sum(len(p.t) for p in packets) / seconds
+    assert abs(per_second - 2 * (f * reach).sum()) < 0.5 * len(a) and len(a) > 300
+
+
 def test_keyframes_go_straight_in_where_there_is_no_interpolator(video):
     node = start(source="keyframe", threshold_on=0.2, threshold_off=0.3)
     assert EventSensorNode.needs(node.params, frozenset({"events"})) == {"keyframe"}
@@ -67,7 +96,7 @@ def test_keyframes_go_straight_in_where_there_is_no_interpolator(video):
     for k in range(17):
         radiance = np.full((1, 10, 12, 3), 1e4, np.float32)
         radiance[0, 2:-2, 2:-2] = video[k][..., None]
-        key = Keyframe(Header(int(t[k])), radiance, np.zeros(1, np.int32), margin=2)
+        key = Keyframe(Header(int(t[k])), np.zeros(1, np.int32), radiance, margin=2)
         node.update({"keyframe": key})
     whole = simulate_frames(video, t, threshold_on=0.2, threshold_off=0.3)
     got = np.concatenate([p.t for p in node.runtime.sent])
@@ -99,6 +128,17 @@ def test_what_was_bad_is_counted_once(video):
     for part in (slice(0, 1), slice(1, 9), slice(9, 17)):
         node.update({"frames": frames(t[part], video[part])})
     assert node.runtime.counted == {"nonfinite_samples": 2}
+    assert len(node.runtime.warned) == 1 and "1 samples at 8000000 ns" in node.runtime.warned[0][1]
+
+
+@pytest.mark.parametrize("dark_level", [0.0, 0.1])
+def test_black_frames_are_said_once_and_not_with_a_dark_level(video, dark_level):
+    node = start(dark_level=dark_level)
+    for k in range(3):
+        node.update({"frames": frames(np.array([k * MS]), 0 * video[k : k + 1])})
+    said = [text for level, text in node.runtime.warned if level == "warning" and "black (ln 0;" in text]
+    assert len(said) == len(node.runtime.warned) == (0 if dark_level else 1)
+    assert node.runtime.counted == ({} if dark_level else {"nonfinite_samples": 3 * 48})
 
 
 @pytest.mark.parametrize("crossing", ["cubic", "monotone"])

@@ -12,6 +12,7 @@ from nodes.event_sensor.photoreceptor import Photoreceptor
 
 # A float32 luminance is known to 6e-8 of itself, which is 6e-8 in L; input and output are both rounded.
 ROUNDING = 1.5e-7
+MS = 1_000_000
 TAU = 1e-3
 HZ = 1 / (2 * math.pi * TAU)
 
@@ -301,18 +302,72 @@ def test_the_sensor_counts_and_skips_what_the_photoreceptor_marks():
     assert np.bincount(packet.x, minlength=2).tolist() == [7, 7], "ln 4.5 / 0.2 = 7.5"
 
 
+def ode_in_numpy(light, t, hz, level, poles, dark):
+    """The same equations from numpy's log, exp and expm1, in float64: light [T, N] -> output [T, N]."""
+    e1 = e2 = np.zeros(light.shape[1])
+    out, rate = [light[0].astype(np.float64)], 2 * math.pi * hz
+    for k in range(1, len(t)):
+        before, now = (light[i].astype(np.float64) + dark for i in (k - 1, k))
+        share = 0.5 * (np.minimum(1, before / level) + np.minimum(1, now / level)) if level else 1.0
+        a = rate * share * (t[k] - t[k - 1]) * 1e-9 * np.ones(light.shape[1])
+        decay, f, grown = np.exp(-a), -np.expm1(-a) / a, np.log(now / before)
+        e1, e2 = e1 * decay - grown * f, e2 * decay + e1 * a * decay + grown * (decay - 2 * f)
+        out.append(now * np.exp(e1 if poles == 1 else e2) - dark)
+    return np.array(out)
+
+
 @pytest.mark.parametrize("level", [0.0, 30.0])
 @pytest.mark.parametrize("poles", [1, 2])
-@pytest.mark.parametrize("hz", [0.5, 50.0, 3000.0])
-def test_pixels_in_a_row_are_filtered_as_single_ones(hz, poles, level):
-    """Rows go through series good to 1e-9, single pixels through libm: the same float32 but for its last bit."""
+@pytest.mark.parametrize("hz, jump", [(0.5, 0.7), (300.0, 0.02), (300.0, 3.0), (3000.0, 0.7), (1e6, 2.0)])
+def test_pixels_in_a_row_follow_the_equations_in_numpy(hz, jump, poles, level):
+    """Rows go through polynomials good to 1e-9, sixteen pixels at a time: float32 but for its last bit."""
     rng = np.random.default_rng(4)
-    steps = rng.normal(0, rng.choice([1e-3, 0.1, 0.7], 50), (30, 50))
-    luminance = (20 * np.exp(np.cumsum(steps, 0))).astype(np.float32)
+    luminance = (20 * np.exp(np.cumsum(rng.normal(0, jump, (30, 53)), 0))).astype(np.float32)
+    luminance[10, 5], luminance[11, 5] = 1e-7, 1e9
+    t = np.cumsum(rng.integers(100_000, 2_000_000, 30))
+    got = filtered(Photoreceptor(1, 53, 1, 1, hz, level, poles, 0.1), luminance, t, [1, 5, 17])
+    want = ode_in_numpy(luminance, t, hz, level, poles, 0.1)
+    np.testing.assert_allclose(got, want, rtol=2e-7, atol=2e-8)
+
+
+@pytest.mark.parametrize("level", [0.0, 30.0])
+@pytest.mark.parametrize("poles", [1, 2])
+def test_a_pixel_gives_the_same_wherever_it_lies(poles, level):
+    rng = np.random.default_rng(5)
+    luminance = (20 * np.exp(np.cumsum(rng.normal(0, 0.7, (30, 50)), 0))).astype(np.float32)
     luminance[rng.random(luminance.shape) < 0.01] = np.nan
     t = np.cumsum(rng.integers(100_000, 2_000_000, 30))
-    row = Photoreceptor(1, 50, 1, 1, hz, level, poles, 0.1)
-    together = filtered(row, luminance, t, [1, 5, 17])
-    for x in range(50):
-        alone = filtered(Photoreceptor(1, 1, 1, 1, hz, level, poles, 0.1), luminance[:, x : x + 1], t)
-        np.testing.assert_allclose(together[:, x : x + 1], alone, rtol=2e-7, atol=2e-8)
+    together = filtered(Photoreceptor(1, 50, 1, 1, 300.0, level, poles, 0.1), luminance, t, [1, 5, 17])
+    for x in (0, 15, 16, 33, 47, 48, 49):
+        alone = filtered(Photoreceptor(1, 1, 1, 1, 300.0, level, poles, 0.1), luminance[:, x : x + 1], t)
+        assert together[:, x].tobytes() == alone.tobytes()
+
+
+def test_in_place_gives_the_same():
+    """Black, bad and first samples included, which are done one by one after the others of their frame."""
+    rng = np.random.default_rng(7)
+    luminance = np.exp(rng.normal(0, 2, (20, 7, 11))).astype(np.float32)
+    for value in (0.0, np.nan, np.inf, -1.0):
+        luminance[rng.random(luminance.shape) < 0.03] = value
+    t = np.arange(20, dtype=np.int64) * MS
+    apart, same = (Photoreceptor(7, 11, 1, 1, 300.0, 2.0, 2, 0.0) for _ in range(2))
+    for part in (slice(0, 1), slice(1, 12), slice(12, 20)):
+        fresh, base = np.array([part.start == 0]), int(t[max(part.start - 1, 0)])
+        want = apart.advance(wp.array(luminance[part].ravel()), t[part], base, fresh)
+        images = wp.array(luminance[part].ravel())
+        assert same.advance(images, t[part], base, fresh, in_place=True) is images
+        assert images.numpy().tobytes() == want.numpy().tobytes()
+
+
+@pytest.mark.parametrize("step_ns", [1_000, 1_000_000, 1_000_000_000])
+@pytest.mark.parametrize("hz", [1.0, 1e6])
+@pytest.mark.parametrize("level", [0.0, 5.0])
+@pytest.mark.parametrize("poles", [1, 2])
+def test_slow_and_fast_receptors_at_short_and_long_steps(hz, step_ns, level, poles):
+    """1 Hz and 1 MHz at 1 us, 1 ms and 1 s: a dt of 6e-6 to 6e6 time constants."""
+    rng = np.random.default_rng(6)
+    luminance = np.exp(rng.normal(0, 2, (40, 20))).astype(np.float32)
+    luminance[:, 3] = np.where(np.arange(40) < 3, 1e-3, 1e6)
+    t = np.arange(40, dtype=np.int64) * step_ns
+    got = filtered(Photoreceptor(1, 20, 1, 1, hz, level, poles, 0.0), luminance, t)
+    np.testing.assert_allclose(got, ode_in_numpy(luminance, t, hz, level, poles, 0.0), rtol=2.5e-7)

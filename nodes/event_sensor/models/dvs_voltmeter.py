@@ -19,10 +19,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-import warp as wp
-
 from evis.params import Param
-from nodes.event_sensor.models import kernels
+from nodes.event_sensor.models.kernels import each_pixel
+from nodes.event_sensor.models.kernels_dvs_voltmeter import VoltPixel, VoltSensor, voltmeter_events
 from nodes.event_sensor.models.model import Model, filled
 
 
@@ -46,17 +45,9 @@ class DvsVoltmeter(Model):
     def __init__(self, height: int, width: int, envs: int = 1, *, seed: int = 0, **params: Any) -> None:
         super().__init__(height, width, envs, seed=seed, **params)
         p = self.params
-        self._sensor = filled(
-            kernels.VoltSensor(), **{name: p[name] for name in ("k2", "k3", "k4", "k5", "k6")},
+        sensor = filled(
+            VoltSensor(), **{name: p[name] for name in ("k2", "k3", "k4", "k5", "k6")},
             k1=1.0 / p["threshold_on"] if p["k1"] is None else p["k1"],
             off=p["threshold_off"] / p["threshold_on"], dn=255.0 / p["shot_white"],
         )  # fmt: skip
-        self._before = wp.zeros(envs * self._pixels, dtype=kernels.VoltPixel, device="cpu")
-        self._after = wp.zeros_like(self._before)
-
-    def emit(self, frame: Any, images: wp.array, fresh: wp.array, keys: wp.array, counters: wp.array) -> None:
-        inputs = [frame, self._sensor, images, fresh, self._before]
-        wp.launch(kernels.dvs_voltmeter, len(self._before), inputs, [self._after, keys, counters], device="cpu")
-
-    def commit(self) -> None:
-        self._before, self._after = self._after, self._before
+        self._keep(sensor, VoltPixel, each_pixel(voltmeter_events, VoltSensor, VoltPixel))

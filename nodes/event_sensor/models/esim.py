@@ -14,9 +14,8 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-import warp as wp
-
-from nodes.event_sensor.models import kernels
+from nodes.event_sensor.models.kernels import each_pixel
+from nodes.event_sensor.models.kernels_esim import EsimPixel, EsimSensor, esim_events
 from nodes.event_sensor.models.model import Model, filled
 
 
@@ -29,17 +28,9 @@ class Esim(Model):
     def __init__(self, height: int, width: int, envs: int = 1, *, seed: int = 0, **params: Any) -> None:
         super().__init__(height, width, envs, seed=seed, **params)
         p = self.params
-        self._sensor = filled(
-            kernels.EsimSensor(), threshold_on=p["threshold_on"], threshold_off=p["threshold_off"],
+        sensor = filled(
+            EsimSensor(), threshold_on=p["threshold_on"], threshold_off=p["threshold_off"],
             mismatch=p["threshold_mismatch"], floor=p["threshold_floor"], dark=p["dark_level"],
             refractory=round(p["refractory_us"] * 1e3),
         )  # fmt: skip
-        self._before = wp.zeros(envs * self._pixels, dtype=kernels.EsimPixel, device="cpu")
-        self._after = wp.zeros_like(self._before)
-
-    def emit(self, frame: Any, images: wp.array, fresh: wp.array, keys: wp.array, counters: wp.array) -> None:
-        inputs = [frame, self._sensor, images, fresh, self._before]
-        wp.launch(kernels.esim, len(self._before), inputs, [self._after, keys, counters], device="cpu")
-
-    def commit(self) -> None:
-        self._before, self._after = self._after, self._before
+        self._keep(sensor, EsimPixel, each_pixel(esim_events, EsimSensor, EsimPixel))

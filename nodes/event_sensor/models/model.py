@@ -56,10 +56,16 @@ class Model:
         self._counters = wp.zeros(2, dtype=wp.int64, device="cpu")
         self._keys: wp.array = wp.empty(max(4096, envs * self._pixels), dtype=wp.int64, device="cpu")
 
+    def _keep(self, sensor: Any, pixel: Any, kernel: Any = None) -> None:
+        """The model's parameters and its state per pixel, as structs; kernel: from each_pixel, where that is all."""
+        self._sensor, self._kernel = sensor, kernel
+        self._before: wp.array = wp.zeros(self.envs * self._pixels, dtype=pixel, device="cpu")
+        self._after: wp.array = wp.zeros_like(self._before)
+
     def _resolve(self, given: dict[str, Any]) -> dict[str, Any]:
         """All parameters of the model, threshold_on and threshold_off filled in."""
         declared = {name: SENSOR[name] for name in (*THRESHOLDS, *self.USES)} | dict(self.OWN)
-        for name in set(given) & set(SENSOR) - set(declared) - {"model"}:
+        for name in sorted(set(given) & set(SENSOR) - set(declared) - {"model"}):
             if given[name] is not None and SENSOR[name].convert(self.NAME, name, given[name]) != SENSOR[name].default:
                 raise ParamError(f"event model {self.NAME} has no {name}; it has {', '.join(sorted(declared))}")
         kept = {name: value for name, value in given.items() if name in declared or name not in SENSOR}
@@ -75,10 +81,12 @@ class Model:
 
     def emit(self, frame: kernels.Frame, images: wp.array, fresh: wp.array, keys: wp.array, counters: wp.array) -> None:
         """Events of a frame; may be called again with a longer buffer, so it leaves the state alone."""
-        raise TypeError(f"{type(self).__name__} has no emit")
+        inputs = [frame, self._sensor, images, fresh, self._before]
+        wp.launch(self._kernel, len(self._before), inputs, [self._after, keys, counters], device="cpu")
 
     def commit(self) -> None:
         """Make the state after `emit` the state before the next frame."""
+        self._before, self._after = self._after, self._before
 
     def process(self, luminance: np.ndarray, t: np.ndarray, episodes: np.ndarray) -> Events:
         """Events of K frames. luminance float32 [E, K, H, W], linear; t int64 [K] ns, ascending; episodes int [E].

@@ -23,7 +23,7 @@ import numpy as np
 import warp as wp
 
 from evis.params import Param
-from nodes.event_sensor.models import kernels
+from nodes.event_sensor.models import kernels_v2e as kernels
 from nodes.event_sensor.models.model import Model, filled
 
 NOISY = {
@@ -55,15 +55,14 @@ class V2e(Model):
         super().__init__(height, width, envs, seed=seed, **params)
         p = self.params
         same = ("threshold_on", "threshold_off", "leak_rate", "leak_jitter", "shot_rate")
-        self._sensor = filled(
+        sensor = filled(
             kernels.V2eSensor(), **{name: p[name] for name in same}, dark=p["dark_level"], linlog=int(p["linlog"]),
             dn=255.0 / p["shot_white"], refractory=round(p["refractory_us"] * 1e3),
             tau=1.0 / (2.0 * math.pi * p["bandwidth_hz"]) if p["bandwidth_hz"] > 0 else 0.0,
         )  # fmt: skip
         self._on, self._off, self._spread = self._fixed_pattern()
         size = envs * self._pixels
-        self._before = wp.zeros(size, dtype=kernels.V2ePixel, device="cpu")
-        self._after = wp.zeros_like(self._before)
+        self._keep(sensor, kernels.V2ePixel)
         self._crossings, self._shots = (wp.zeros(size, dtype=wp.int32, device="cpu") for _ in range(2))
         self._busiest = wp.zeros(envs, dtype=wp.int32, device="cpu")
 
@@ -88,6 +87,3 @@ class V2e(Model):
     def emit(self, frame: Any, images: wp.array, fresh: wp.array, keys: wp.array, counters: wp.array) -> None:
         inputs = [frame, self._sensor, self._on, self._off, self._crossings, self._shots, self._busiest, self._before]
         wp.launch(kernels.v2e_emit, len(self._before), inputs, [self._after, keys, counters], device="cpu")
-
-    def commit(self) -> None:
-        self._before, self._after = self._after, self._before

@@ -1,0 +1,67 @@
+"""Which parameters of a sensor change nothing, given its others, so that nobody believes they did."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from typing import Any
+
+NEEDS: dict[str, tuple[str, ...]] = {
+    "threshold_floor": ("threshold_mismatch",),
+    "leak_jitter": ("leak_rate",),
+    "leak_model": ("leak_rate",),
+    "shot_white": ("shot_rate",),
+    "hot_pixel_fraction": ("hot_pixel_rate",),
+    "hot_pixel_rate": ("hot_pixel_fraction",),
+    "bandwidth_level": ("bandwidth_hz",),
+    "bandwidth_poles": ("bandwidth_hz",),
+}
+"""Parameters that only say how something is that others turn on."""
+PAPER = {
+    "crossing": ("frame", "its events carry the stamps of frames"),
+    "leak_model": ("bernoulli", "its leak is the paper's coin"),
+}
+"""Of model evis-paper: what it is bound to, and why."""
+
+
+def without_effect(resolved: Mapping[str, Any]) -> dict[str, str]:
+    """Parameter -> why the sensor would be the same with any other value of it; of all of SENSOR, resolved.
+
+    What model evis-paper is bound to anyway is left out: it is what happens.
+    """
+    model = resolved["model"]
+    if not model.startswith("evis"):
+        return _of_model(model, resolved)
+    found = {
+        name: f"{' and '.join(needed)} is 0" for name, needed in NEEDS.items() if not all(resolved[n] for n in needed)
+    }
+    found |= _of_thresholds(resolved)
+    if model == "evis-paper":
+        found |= {
+            name: f"event model evis-paper has none: {why}"
+            for name, (bound, why) in PAPER.items()
+            if resolved[name] != bound
+        }
+    return found
+
+
+def _of_thresholds(resolved: Mapping[str, Any]) -> dict[str, str]:
+    both = all(resolved[side] is not None for side in ("threshold_on", "threshold_off"))
+    return {"threshold": "threshold_on and threshold_off are both given"} if both else {}
+
+
+def _of_model(model: str, resolved: Mapping[str, Any]) -> dict[str, str]:
+    """Of another published event model: what it does not have."""
+    from nodes.event_sensor.models import MODELS
+    from nodes.event_sensor.models.model import THRESHOLDS
+
+    uses = getattr(importlib.import_module(f"nodes.event_sensor.models.{model}"), MODELS[model]).USES
+    has = ", ".join(sorted((*THRESHOLDS, *uses)))
+    missing = {name for name in resolved if name not in (*THRESHOLDS, *uses, "model")}
+    found = dict.fromkeys(sorted(missing), f"event model {model} has none; it has {has}")
+    found |= {
+        name: f"{' and '.join(needed)} is 0"
+        for name, needed in NEEDS.items()
+        if name in uses and all(n in uses for n in needed) and not all(resolved[n] for n in needed)
+    }
+    return found | _of_thresholds(resolved)
