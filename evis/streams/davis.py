@@ -40,12 +40,12 @@ class Decoder(inivation.Decoder):
         self._frames = FrameReader(self.width, self.height, self.aps_orientation)
 
     def _events(self, words: np.ndarray, kind: np.ndarray, at: np.ndarray, times: np.ndarray) -> Events:
-        rows = np.flatnonzero(kind == ADDRESS)
-        row = np.append(self.state[_ROW], words[rows].astype(np.int64) & 0xFFF)
+        row = np.append(self.state[_ROW], words[kind == ADDRESS].astype(np.int64) & 0xFFF)
         self.state[_ROW] = row[-1]
         y, x = row[count_until(kind == ADDRESS, at)], words[at] & 0xFFF
         p = (words[at] >> 12 & 1).astype(np.uint8)
-        keep = (y < self.height) & (x < self.width)
+        columns, rows = self.readout
+        keep = (y < rows) & (x < columns)
         if not keep.all():
             self.state[OUTSIDE] += np.count_nonzero(~keep)
             times, x, y, p = times[keep], x[keep], y[keep], p[keep]

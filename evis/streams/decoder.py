@@ -29,6 +29,7 @@ CODECS = {
     "evt21": "evis.streams.evt21",
     "evt21_legacy": "evis.streams.evt21_legacy",
     "evt3": "evis.streams.evt3",
+    "evt4": "evis.streams.evt4",
     "davis346": "evis.streams.davis",
     "dvxplorer": "evis.streams.dvxplorer",
     "dvxplorer_mini": "evis.streams.dvxplorer_mini",
@@ -94,6 +95,8 @@ class Decoder(abc.ABC):
     """`module:function` of the Warp kernel; empty where records of fixed size are read with numpy alone."""
     has_side: ClassVar[bool] = False
     """The kernel also gives the words of other parts of the sensor, each with its time, for `_assemble`."""
+    transposed: bool = False
+    """The device reads out its pixels' columns as rows: what its words call x and y is y and x of the image."""
 
     def __init__(self, width: int = 0, height: int = 0, backend: str = "numpy") -> None:
         if backend not in ("numpy", "warp"):
@@ -115,7 +118,7 @@ class Decoder(abc.ABC):
         if self.backend == "warp" and self._launcher is None:
             self._launcher = WarpLauncher(self.kernel, self.has_side)
             self._launcher.load(np.zeros(1, self._words.dtype))
-            self._launcher.run(1, FOREVER, self.width, self.height, self.state.copy(), EventBuffer(0))
+            self._launcher.run(1, FOREVER, self.readout, self.transposed, self.state.copy(), EventBuffer(0))
 
     def resync(self) -> None:
         """Go on after bytes were lost: what is half read is dropped, and all words up to the next one with a time.
@@ -153,6 +156,11 @@ class Decoder(abc.ABC):
     def counts(self) -> dict[str, int]:
         """What was dropped or odd so far, by kind (`outside`, `untimed`, `unknown`, ...); only what is not 0."""
         return {kind: int(self.state[place]) for kind, place in self.counters.items() if self.state[place]}
+
+    @property
+    def readout(self) -> tuple[int, int]:
+        """Columns and rows as the device's words count them."""
+        return (self.height, self.width) if self.transposed else (self.width, self.height)
 
     @property
     def pending(self) -> int:
@@ -253,6 +261,8 @@ class Decoder(abc.ABC):
     def _block(self, limit: int) -> tuple[Events, int, int]:
         """A block by numpy: events, the word to go on with, time at the cut or -1."""
         events, used, following = self.decode_words(self._words[self._at : self._at + _BLOCK], limit)
+        if self.transposed:
+            events.x, events.y = events.y, events.x
         return events, self._at + used, following
 
     @abc.abstractmethod
@@ -291,7 +301,7 @@ class Decoder(abc.ABC):
             self._launcher.load(self._words)
             self._fresh = False
         triggers, side, self._at, following = self._launcher.run(
-            self._at, limit, self.width, self.height, self.state, buffer
+            self._at, limit, self.readout, self.transposed, self.state, buffer
         )
         if triggers is None and side is None:
             return None, following

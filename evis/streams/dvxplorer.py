@@ -16,22 +16,34 @@ from evis.streams.events import Events
 from evis.streams.inivation import ADDRESS, EVENT, IMU_DAMAGED, OUTSIDE, SIDE, STATE
 from evis.streams.inivation_imu import BOSCH, ImuReader
 
-_COLUMN, _ROW1, _ROW2 = STATE, STATE + 1, STATE + 2
+_COLUMN, _ROW1, _ROW2, _BINNED = STATE, STATE + 1, STATE + 2, STATE + 3
+
+
+def folded(address: np.ndarray, size: int) -> np.ndarray:
+    """Addresses of a binned sensor, whose far half is the near one."""
+    return np.where(address >= size, address - size, address)
 
 
 class Decoder(inivation.Decoder):
-    """DVXplorer words to events, inertial samples and triggers."""
+    """DVXplorer words to events, inertial samples and triggers.
+
+    binned: the sensor makes one of two by two pixels. A readout that runs from the far edge then begins at half of the
+    full sensor; width and height are those of the smaller image. Holds from the next reset on.
+    """
 
     encoding = "dvxplorer"
     geometry = (640, 480)
-    state_size = STATE + 3
+    state_size = STATE + 4
     kernel = "evis.streams.kernels_dvxplorer:decode_dvxplorer"
     kinds = inivation.classes(
         {1: ADDRESS, 2: EVENT, 3: EVENT, 4: ADDRESS}, dict.fromkeys([5, 7], SIDE), dict.fromkeys([0, 3], SIDE)
     )
 
+    binned = False
+
     def _begin(self) -> None:
         self.state[[_COLUMN, _ROW1, _ROW2]] = 0
+        self.state[_BINNED] = self.binned
         self._imu = ImuReader(BOSCH, self.imu_orientation)
 
     def _events(self, words: np.ndarray, kind: np.ndarray, at: np.ndarray, times: np.ndarray) -> Events:
@@ -41,7 +53,11 @@ class Decoder(inivation.Decoder):
         data = words[is_group].astype(np.int64)
         first = data & 0x3F
         second = np.where(data & 0x800, first - (data >> 6 & 31), first + (data >> 6 & 31))
-        row1, row2 = np.append(state[_ROW1], first * 8), np.append(state[_ROW2], second * 8)
+        first, second = first * 8, second * 8
+        columns, rows = self.readout
+        if state[_BINNED]:
+            column, first, second = folded(column, columns), folded(first, rows), folded(second, rows)
+        row1, row2 = np.append(state[_ROW1], first), np.append(state[_ROW2], second)
         state[_COLUMN], state[_ROW1], state[_ROW2] = column[-1], row1[-1], row2[-1]
         g = count_until(is_group, at)
         row = np.where(words[at] >> 12 == 3, row1[g], row2[g])
@@ -49,7 +65,7 @@ class Decoder(inivation.Decoder):
         flat = np.flatnonzero(bits.view(bool))
         of = flat >> 3
         x, y = column[count_until(is_column, at)][of], row[of] + (flat & 7)
-        keep = (y >= 0) & (y < self.height) & (x < self.width)
+        keep = (y >= 0) & (y < rows) & (x < columns)
         if not keep.all():
             state[OUTSIDE] += np.count_nonzero(~keep)
             x, y, of = x[keep], y[keep], of[keep]

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from evis.streams import decoder
+from evis.streams.dvxplorer import folded
 from evis.streams.encoder import Encoder as _Encoder
 from evis.streams.encoder import find_groups
 from evis.streams.events import Events
@@ -22,18 +23,18 @@ MAX_TURNS = 100_000
 """Turns of the reference (13 years) beyond which times do not count from the device's start, in either direction."""
 
 # places in the state vector, shared with the kernel; TIMED is 1 once a reference has come, -1 after a loss
-(_TIMED, _BASE, _TURNS, _LAST, _X, _NOW, _USED, _SUB, _OUTSIDE, _UNTIMED, _UNKNOWN, _LOST_TIME, _LOST_COLUMN) = range(
-    13
-)
+(
+    _TIMED, _BASE, _TURNS, _LAST, _X, _NOW, _USED, _SUB, _OUTSIDE, _UNTIMED, _UNKNOWN, _LOST_TIME, _LOST_COLUMN, _BINNED
+) = range(14)  # fmt: skip
 
 
 class Decoder(decoder.Decoder):
-    """DVXplorer Mini words to events."""
+    """DVXplorer Mini words to events. binned: see `evis.streams.dvxplorer.Decoder`."""
 
     encoding = "dvxplorer_mini"
     word = np.dtype("<u4")
     wrap_ns = 1_000_000 << REFERENCE_BITS
-    state_size = 13
+    state_size = 14
     counters = {
         "outside": _OUTSIDE,
         "untimed": _UNTIMED,
@@ -44,8 +45,11 @@ class Decoder(decoder.Decoder):
     geometry = (640, 480)
     kernel = "evis.streams.kernels_dvxplorer_mini:decode_dvxplorer_mini"
 
+    binned = False
+
     def _begin(self) -> None:
         self.state[[_X, _USED, _SUB]] = -1
+        self.state[_BINNED] = self.binned
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
         """The reference: columns and references one by one in Python, groups vectorised."""
@@ -105,13 +109,17 @@ class Decoder(decoder.Decoder):
         flat = np.flatnonzero(bits.view(bool))
         of, second = flat >> 4, flat >> 3 & 1
         word = words[of].astype(np.int64)
-        y = ((word >> 18 & 63) + np.where(second, word >> 26 & 31, 0)) * 8 + (flat & 7)
+        columns, rows = self.readout
+        x, row = x[of], ((word >> 18 & 63) + np.where(second, word >> 26 & 31, 0)) * 8
+        if self.state[_BINNED]:
+            x, row = folded(x, columns), folded(row, rows)
+        y = row + (flat & 7)
         p = (1 - (word >> 16 + second & 1)).astype(np.uint8)
-        keep = (y < self.height) & (x[of] < self.width)
+        keep = (y < rows) & (x < columns)
         if not keep.all():
             self.state[_OUTSIDE] += np.count_nonzero(~keep)
-            of, y, p = of[keep], y[keep], p[keep]
-        return Events(now[of] * 1000, x[of].astype(np.uint16), y.astype(np.uint16), p)
+            of, x, y, p = of[keep], x[keep], y[keep], p[keep]
+        return Events(now[of] * 1000, x.astype(np.uint16), y.astype(np.uint16), p)
 
 
 class Encoder(_Encoder):

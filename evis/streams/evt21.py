@@ -42,7 +42,7 @@ class Encoder(PropheseeEncoder):
     encoding = "evt21"
     high_bits, low_bits = 28, 6
     columns, rows, channels = 2048, 2048, 32
-    word = np.dtype("<u8")
+    word: ClassVar[np.dtype[Any]] = np.dtype("<u8")
 
     def time_high_words(self, high: np.ndarray) -> np.ndarray:
         """TIME_HIGH words."""

@@ -11,6 +11,8 @@ from fractions import Fraction
 
 import numpy as np
 
+from evis.whole_file import whole_file
+
 Pictures = Iterator[tuple[int, np.ndarray]]
 """(time [ns], uint8 [H, W, 3]) of each picture, all of one size."""
 
@@ -38,7 +40,8 @@ def save_gif(path: str, pictures: Pictures, dt_ms: float) -> None:
     _, first = _first(path, pictures)
     rest = (frame(p) for _, p in pictures)
     duration = max(_LEAST_MS, round(dt_ms / 10) * 10)
-    frame(first).save(path, "GIF", save_all=True, append_images=rest, duration=duration, loop=0, disposal=1)
+    with whole_file(path) as partial:
+        frame(first).save(partial, "GIF", save_all=True, append_images=rest, duration=duration, loop=0, disposal=1)
 
 
 def save_mp4(path: str, pictures: Pictures, dt_ms: float) -> None:
@@ -61,7 +64,7 @@ def _save_by_pyav(path: str, pictures: Pictures, rate: Fraction) -> None:
 
     _, first = _first(path, pictures)
     height, width = first.shape[:2]
-    with av.open(os.fspath(path), "w", format="mp4") as film:
+    with whole_file(path) as partial, av.open(os.fspath(partial), "w", format="mp4") as film:
         stream = film.add_stream("libx264", rate=rate)
         # most players want even sizes and this pixel format
         stream.width, stream.height, stream.pix_fmt = width + width % 2, height + height % 2, "yuv420p"
@@ -73,16 +76,21 @@ def _save_by_pyav(path: str, pictures: Pictures, rate: Fraction) -> None:
 
 
 def _save_by_program(program: str, path: str, pictures: Pictures, rate: Fraction) -> None:
-    _, first = _first(path, pictures)
-    height, width = first.shape[:2]
+    first = _first(path, pictures)
+    height, width = first[1].shape[:2]
     source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate), "-i", "-"]
     # most players want even sizes and this pixel format
-    target = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:0:0:white", "-pix_fmt", "yuv420p", "-f", "mp4", os.fspath(path)]
-    command = [program, "-y", "-loglevel", "error", *source, *target]
+    target = ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:0:0:white", "-pix_fmt", "yuv420p", "-f", "mp4"]
+    with whole_file(path) as partial:
+        _feed([program, "-y", "-loglevel", "error", *source, *target, os.fspath(partial)], path, first, pictures)
+
+
+def _feed(command: list[str], path: str, first: tuple[int, np.ndarray], pictures: Pictures) -> None:
+    """Run a program on the pictures' bytes. Raises ValueError where it fails."""
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
     assert process.stdin is not None and process.stderr is not None
     try:
-        for _, picture in itertools.chain([(0, first)], pictures):
+        for _, picture in itertools.chain([first], pictures):
             process.stdin.write(picture.tobytes())
         process.stdin.close()
     except BrokenPipeError:
@@ -120,4 +128,5 @@ def save_sheet(path: str, pictures: Pictures, dt_ms: float) -> None:
         if n > 1:
             ImageDraw.Draw(tile).text((4, 4), f"{start / 1e9:.3f} s", fill=(0, 0, 0))
         sheet.paste(tile, (i % columns * (width + border), i // columns * (height + border)))
-    sheet.save(path, "PNG")
+    with whole_file(path) as partial:
+        sheet.save(partial, "PNG")

@@ -22,14 +22,14 @@ class ImuChip:
     """How a chip's numbers become units.
 
     accelerometer_shift: place of its two scale bits, +-(2 << scale) g. gyroscope_dps: full range [deg/s] by scale.
-    temperature: (per count, at 0) [deg C]. swapped: x and y are exchanged on the wire.
+    temperature: (per count, at 0) [deg C]. order: where ax ay az T gx gy gz are among the seven values on the wire.
     """
 
     accelerometer_shift: int
     gyroscope_dps: tuple[int, ...]
     gyroscope_mask: int
     temperature: tuple[float, float]
-    swapped: bool
+    order: tuple[int, ...]
 
     def sample(self, words: np.ndarray) -> np.ndarray | None:
         """[7] acceleration, angular velocity, temperature of the words between start and end; None if damaged."""
@@ -46,9 +46,12 @@ class ImuChip:
             return None
         wire = np.full(7, np.nan)
         wire[use] = np.frombuffer(raw, ">i2")
-        per_g, per_dps = self._units(scales >> self.accelerometer_shift & 3, range_at)
-        if self.swapped:
-            wire = wire[[1, 0, 2, 3, 5, 4, 6]]
+        return self.in_units(wire, scales)
+
+    def in_units(self, wire: np.ndarray, scales: int) -> np.ndarray:
+        """[7] acceleration [m/s^2], angular velocity [rad/s], temperature [deg C] of the wire's seven values."""
+        per_g, per_dps = self._units(scales >> self.accelerometer_shift & 3, scales & self.gyroscope_mask)
+        wire = wire[list(self.order)]
         values = np.empty(7)
         values[:3] = wire[:3] / per_g * GRAVITY
         values[3:6] = np.radians(wire[4:] / per_dps)
@@ -57,6 +60,16 @@ class ImuChip:
 
     def words(self, acceleration: np.ndarray, angular_velocity: np.ndarray, temperature: float) -> np.ndarray:
         """The words of one sample, in the finest scales that hold it, without vectors with NaN. Raises ValueError."""
+        wire, scales = self.on_wire(acceleration, angular_velocity, temperature)
+        raw = wire[~np.isnan(wire)].astype(">i2").tobytes()
+        body = 0x5000 | np.frombuffer(raw, np.uint8).astype(np.int64)
+        return np.concatenate([[IMU_START, 0x5300 | scales], body, [IMU_END]])
+
+    def on_wire(
+        self, acceleration: np.ndarray, angular_velocity: np.ndarray, temperature: float
+    ) -> tuple[np.ndarray, int]:
+        """The seven whole numbers of a sample as float64 (NaN: absent), and the byte of kinds and scales. ValueError as
+        `words`."""
         g, dps = (
             np.asarray(v, np.float64) + (0 if np.isfinite(v).all() else np.nan)
             for v in (acceleration, angular_velocity)
@@ -79,21 +92,18 @@ class ImuChip:
         per_g, per_dps = self._units(accelerometer, range_at)
         heat = (temperature - self.temperature[1]) / self.temperature[0]
         wire = np.concatenate([g * per_g, [np.clip(heat, -32768, 32767)], dps * per_dps])
-        if self.swapped:
-            wire = wire[[1, 0, 2, 3, 5, 4, 6]]
-        raw = np.rint(wire[~np.isnan(wire)]).astype(">i2").tobytes()
-        scales = kinds << 5 | accelerometer << self.accelerometer_shift | range_at
-        body = 0x5000 | np.frombuffer(raw, np.uint8).astype(np.int64)
-        return np.concatenate([[IMU_START, 0x5300 | scales], body, [IMU_END]])
+        placed = np.empty(7)
+        placed[list(self.order)] = np.rint(wire)
+        return placed, kinds << 5 | accelerometer << self.accelerometer_shift | range_at
 
     def _units(self, accelerometer: int, range_at: int) -> tuple[float, float]:
         return 32768 / (2 << accelerometer), 32768 / self.gyroscope_dps[range_at]
 
 
-INVENSENSE = ImuChip(2, (250, 500, 1000, 2000), 3, (1 / 340, 35.0), False)
+INVENSENSE = ImuChip(2, (250, 500, 1000, 2000), 3, (1 / 340, 35.0), (0, 1, 2, 3, 4, 5, 6))
 """MPU-6050 and relatives, in the DAVIS346."""
-BOSCH = ImuChip(3, (2000, 1000, 500, 250, 125), 7, (1 / 512, 23.0), True)
-"""BMI160, in the DVXplorer."""
+BOSCH = ImuChip(3, (2000, 1000, 500, 250, 125), 7, (1 / 512, 23.0), (1, 0, 2, 3, 5, 4, 6))
+"""BMI160, in the DVXplorer, turned: x and y are exchanged on the wire."""
 
 
 class ImuReader:

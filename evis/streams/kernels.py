@@ -8,6 +8,7 @@ time [us] of the event at the cut or -1, side words.
 import numpy as np
 import warp as wp
 
+from evis.streams.kernels_writing import Sink
 from evis.warp_start import start_warp
 
 start_warp()
@@ -16,6 +17,14 @@ start_warp()
 def view(array: np.ndarray) -> wp.array:
     """The same memory as a Warp array on the CPU."""
     return wp.array(array, dtype=wp.dtype_from_numpy(array.dtype), device="cpu", copy=False)
+
+
+def sink(*columns: np.ndarray) -> Sink:
+    """Where a kernel writes, from arrays in the order of the fields of `Sink`."""
+    result = Sink()
+    for name, column in zip(Sink.vars, columns, strict=True):
+        setattr(result, name, view(column))
+    return result
 
 
 def record(kernel: wp.Kernel, inputs: list, outputs: list) -> wp.Launch:

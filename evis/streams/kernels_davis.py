@@ -3,7 +3,7 @@
 import warp as wp
 
 from evis.streams.kernels_inivation import first_timed, is_trigger, trigger_channel, trigger_rises, wrapped
-from evis.streams.kernels_writing import put_event, put_trigger, report
+from evis.streams.kernels_writing import Sink, put_event, put_trigger, report
 
 
 @wp.kernel(module="unique", enable_backward=False)
@@ -15,30 +15,20 @@ def decode_davis(
     width: int,
     height: int,
     # out
-    state: wp.array(dtype=wp.int64),
-    out: wp.array(dtype=wp.int64),
-    t: wp.array(dtype=wp.int64),
-    x: wp.array(dtype=wp.uint16),
-    y: wp.array(dtype=wp.uint16),
-    p: wp.array(dtype=wp.uint8),
-    trigger_t: wp.array(dtype=wp.int64),
-    trigger_id: wp.array(dtype=wp.uint8),
-    trigger_value: wp.array(dtype=wp.uint8),
-    side_t: wp.array(dtype=wp.int64),
-    side_word: wp.array(dtype=wp.uint16),
+    to: Sink,
 ):
-    timed = state[0]
-    offset = state[1]
-    now = state[2]
-    outside = state[3]
-    untimed = state[4]
-    unknown = state[5]
-    resets = state[6]
-    row = int(state[9])
+    timed = to.state[0]
+    offset = to.state[1]
+    now = to.state[2]
+    outside = to.state[3]
+    untimed = to.state[4]
+    unknown = to.state[5]
+    resets = to.state[6]
+    row = int(to.state[9])
     now_ns = now * wp.int64(1000)
-    last = t.shape[0]
-    last_trigger = trigger_t.shape[0]
-    last_side = side_t.shape[0]
+    last = to.t.shape[0]
+    last_trigger = to.trigger_t.shape[0]
+    last_side = to.side_t.shape[0]
     n = wp.int32(0)
     m = wp.int32(0)
     k = wp.int32(0)
@@ -71,8 +61,8 @@ def decode_davis(
             now = wp.int64(0)
             now_ns = wp.int64(0)
             resets += wp.int64(1)
-            side_t[k] = now
-            side_word[k] = words[i]
+            to.side_t[k] = now
+            to.side_word[k] = words[i]
             k += 1
         elif now > limit_us:
             next_us = now
@@ -83,29 +73,29 @@ def decode_davis(
             if row >= height or value >= width:
                 outside += wp.int64(1)
             else:
-                put_event(n, now_ns, value, row, wp.uint8(code & 1), t, x, y, p)
+                put_event(n, now_ns, value, row, wp.uint8(code & 1), to)
                 n += 1
         elif code == 0 and is_trigger(value):
             if m >= last_trigger:
                 break
-            put_trigger(m, now_ns, trigger_channel(value), trigger_rises(value), trigger_t, trigger_id, trigger_value)
+            put_trigger(m, now_ns, trigger_channel(value), trigger_rises(value), to)
             m += 1
         elif code == 4 or (code == 5 and value < 0x400) or (code == 0 and value >= 5 and value < 16 and value != 6):
             if k >= last_side:
                 break
-            side_t[k] = now
-            side_word[k] = words[i]
+            to.side_t[k] = now
+            to.side_word[k] = words[i]
             k += 1
         elif code != 6:
             unknown += wp.int64(1)
         i += 1
-    state[0] = timed
-    state[1] = offset
-    state[2] = now
-    state[3] = outside
-    state[4] = untimed
-    state[5] = unknown
-    state[6] = resets
-    state[9] = wp.int64(row)
-    report(i, n, m, next_us, out)
-    out[4] = wp.int64(k)
+    to.state[0] = timed
+    to.state[1] = offset
+    to.state[2] = now
+    to.state[3] = outside
+    to.state[4] = untimed
+    to.state[5] = unknown
+    to.state[6] = resets
+    to.state[9] = wp.int64(row)
+    report(i, n, m, next_us, to)
+    to.out[4] = wp.int64(k)

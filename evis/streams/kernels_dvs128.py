@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from evis.streams.kernels_writing import put_event, put_trigger, report
+from evis.streams.kernels_writing import Sink, put_event, put_trigger, report
 
 
 @wp.kernel(module="unique", enable_backward=False)
@@ -14,21 +14,13 @@ def decode_dvs128(
     width: int,
     height: int,
     # out
-    state: wp.array(dtype=wp.int64),
-    out: wp.array(dtype=wp.int64),
-    t: wp.array(dtype=wp.int64),
-    x: wp.array(dtype=wp.uint16),
-    y: wp.array(dtype=wp.uint16),
-    p: wp.array(dtype=wp.uint8),
-    trigger_t: wp.array(dtype=wp.int64),
-    trigger_id: wp.array(dtype=wp.uint8),
-    trigger_value: wp.array(dtype=wp.uint8),
+    to: Sink,
 ):
-    offset = state[1]
-    outside = state[2]
-    resets = state[3]
-    last = t.shape[0]
-    last_trigger = trigger_t.shape[0]
+    offset = to.state[1]
+    outside = to.state[2]
+    resets = to.state[3]
+    last = to.t.shape[0]
+    last_trigger = to.trigger_t.shape[0]
     n = wp.int32(0)
     m = wp.int32(0)
     next_us = wp.int64(-1)
@@ -50,7 +42,7 @@ def decode_dvs128(
             if address >= 0x8000:
                 if m >= last_trigger:
                     break
-                put_trigger(m, now * wp.int64(1000), 0, 1, trigger_t, trigger_id, trigger_value)
+                put_trigger(m, now * wp.int64(1000), 0, 1, to)
                 m += 1
             else:
                 if n >= last:
@@ -60,10 +52,10 @@ def decode_dvs128(
                 if row >= height or column >= width:
                     outside += wp.int64(1)
                 else:
-                    put_event(n, now * wp.int64(1000), column, row, wp.uint8(1 - (address & 1)), t, x, y, p)
+                    put_event(n, now * wp.int64(1000), column, row, wp.uint8(1 - (address & 1)), to)
                     n += 1
         i += 1
-    state[1] = offset
-    state[2] = outside
-    state[3] = resets
-    report(i, n, m, next_us, out)
+    to.state[1] = offset
+    to.state[2] = outside
+    to.state[3] = resets
+    report(i, n, m, next_us, to)

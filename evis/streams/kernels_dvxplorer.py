@@ -3,7 +3,8 @@
 import warp as wp
 
 from evis.streams.kernels_inivation import first_timed, is_trigger, trigger_channel, trigger_rises, wrapped
-from evis.streams.kernels_writing import put_event, put_trigger, report
+from evis.streams.kernels_runs import ones, put_rows
+from evis.streams.kernels_writing import Sink, put_trigger, report
 
 
 @wp.kernel(module="unique", enable_backward=False)
@@ -15,33 +16,24 @@ def decode_dvxplorer(
     width: int,
     height: int,
     # out
-    state: wp.array(dtype=wp.int64),
-    out: wp.array(dtype=wp.int64),
-    t: wp.array(dtype=wp.int64),
-    x: wp.array(dtype=wp.uint16),
-    y: wp.array(dtype=wp.uint16),
-    p: wp.array(dtype=wp.uint8),
-    trigger_t: wp.array(dtype=wp.int64),
-    trigger_id: wp.array(dtype=wp.uint8),
-    trigger_value: wp.array(dtype=wp.uint8),
-    side_t: wp.array(dtype=wp.int64),
-    side_word: wp.array(dtype=wp.uint16),
+    to: Sink,
 ):
-    timed = state[0]
-    offset = state[1]
-    now = state[2]
-    outside = state[3]
-    untimed = state[4]
-    unknown = state[5]
-    resets = state[6]
-    column = int(state[9])
-    row1 = int(state[10])
-    row2 = int(state[11])
+    timed = to.state[0]
+    offset = to.state[1]
+    now = to.state[2]
+    outside = to.state[3]
+    untimed = to.state[4]
+    unknown = to.state[5]
+    resets = to.state[6]
+    column = int(to.state[9])
+    row1 = int(to.state[10])
+    row2 = int(to.state[11])
+    binned = int(to.state[12])
     now_ns = now * wp.int64(1000)
     # a word gives up to 8 events: stop while they still fit
-    last = t.shape[0] - 8
-    last_trigger = trigger_t.shape[0]
-    last_side = side_t.shape[0]
+    last = to.t.shape[0] - 8
+    last_trigger = to.trigger_t.shape[0]
+    last_side = to.side_t.shape[0]
     n = wp.int32(0)
     m = wp.int32(0)
     k = wp.int32(0)
@@ -63,6 +55,8 @@ def decode_dvxplorer(
             now_ns = now * wp.int64(1000)
         elif code == 1:
             column = value & 0x3FF
+            if binned != 0 and column >= width:
+                column -= width
         elif code == 4:
             row1 = value & 0x3F
             row2 = row1 + ((value >> 6) & 31)
@@ -70,6 +64,9 @@ def decode_dvxplorer(
                 row2 = row1 - ((value >> 6) & 31)
             row1 = row1 * 8
             row2 = row2 * 8
+            if binned != 0:
+                row1 = wp.where(row1 >= height, row1 - height, row1)
+                row2 = wp.where(row2 >= height, row2 - height, row2)
         elif code == 7:
             offset = wrapped(offset, value)
             now = offset
@@ -81,8 +78,8 @@ def decode_dvxplorer(
             now = wp.int64(0)
             now_ns = wp.int64(0)
             resets += wp.int64(1)
-            side_t[k] = now
-            side_word[k] = words[i]
+            to.side_t[k] = now
+            to.side_word[k] = words[i]
             k += 1
         elif now > limit_us:
             next_us = now
@@ -95,38 +92,32 @@ def decode_dvxplorer(
                 row = row2
             sign = wp.uint8(1 - ((value >> 8) & 1))
             mask = value & 0xFF
-            while mask != 0:
-                if (mask & 1) != 0:
-                    if row < 0 or row >= height or column >= width:
-                        outside += wp.int64(1)
-                    else:
-                        put_event(n, now_ns, column, row, sign, t, x, y, p)
-                        n += 1
-                mask = mask >> 1
-                row += 1
+            before = n
+            n = put_rows(before, now_ns, column, row, sign, mask, width, height, to)
+            outside += wp.int64(ones(mask) - n + before)
         elif code == 0 and is_trigger(value):
             if m >= last_trigger:
                 break
-            put_trigger(m, now_ns, trigger_channel(value), trigger_rises(value), trigger_t, trigger_id, trigger_value)
+            put_trigger(m, now_ns, trigger_channel(value), trigger_rises(value), to)
             m += 1
         elif word == 5 or word == 7 or (word >> 8) == 0x50 or (word >> 8) == 0x53:
             if k >= last_side:
                 break
-            side_t[k] = now
-            side_word[k] = words[i]
+            to.side_t[k] = now
+            to.side_word[k] = words[i]
             k += 1
         else:
             unknown += wp.int64(1)
         i += 1
-    state[0] = timed
-    state[1] = offset
-    state[2] = now
-    state[3] = outside
-    state[4] = untimed
-    state[5] = unknown
-    state[6] = resets
-    state[9] = wp.int64(column)
-    state[10] = wp.int64(row1)
-    state[11] = wp.int64(row2)
-    report(i, n, m, next_us, out)
-    out[4] = wp.int64(k)
+    to.state[0] = timed
+    to.state[1] = offset
+    to.state[2] = now
+    to.state[3] = outside
+    to.state[4] = untimed
+    to.state[5] = unknown
+    to.state[6] = resets
+    to.state[9] = wp.int64(column)
+    to.state[10] = wp.int64(row1)
+    to.state[11] = wp.int64(row2)
+    report(i, n, m, next_us, to)
+    to.out[4] = wp.int64(k)

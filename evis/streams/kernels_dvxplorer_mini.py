@@ -4,7 +4,8 @@ The twin of `evis.streams.dvxplorer_mini.Decoder.decode_words`."""
 
 import warp as wp
 
-from evis.streams.kernels_writing import put_event, report
+from evis.streams.kernels_runs import ones, put_rows
+from evis.streams.kernels_writing import Sink, report
 
 
 @wp.kernel(module="unique", enable_backward=False)
@@ -16,31 +17,24 @@ def decode_dvxplorer_mini(
     width: int,
     height: int,
     # out
-    state: wp.array(dtype=wp.int64),
-    out: wp.array(dtype=wp.int64),
-    t: wp.array(dtype=wp.int64),
-    x: wp.array(dtype=wp.uint16),
-    y: wp.array(dtype=wp.uint16),
-    p: wp.array(dtype=wp.uint8),
-    trigger_t: wp.array(dtype=wp.int64),
-    trigger_id: wp.array(dtype=wp.uint8),
-    trigger_value: wp.array(dtype=wp.uint8),
+    to: Sink,
 ):
-    timed = state[0]
-    base = state[1]
-    turns = state[2]
-    newest = state[3]
-    column = int(state[4])
-    now = state[5]
-    used = state[6]
-    used_sub = int(state[7])
-    outside = state[8]
-    untimed = state[9]
-    unknown = state[10]
-    lost_time = state[11]
-    lost_column = state[12]
+    timed = to.state[0]
+    base = to.state[1]
+    turns = to.state[2]
+    newest = to.state[3]
+    column = int(to.state[4])
+    now = to.state[5]
+    used = to.state[6]
+    used_sub = int(to.state[7])
+    outside = to.state[8]
+    untimed = to.state[9]
+    unknown = to.state[10]
+    lost_time = to.state[11]
+    lost_column = to.state[12]
+    binned = int(to.state[13])
     # a word gives up to 16 events: stop while they still fit
-    last = t.shape[0] - 16
+    last = to.t.shape[0] - 16
     n = wp.int32(0)
     next_us = wp.int64(-1)
     i = int(start)
@@ -58,21 +52,19 @@ def decode_dvxplorer_mini(
                     next_us = now
                     break
                 row = ((value >> 18) & 63) * 8
+                across = column
+                if binned != 0 and across >= width:
+                    across -= width
                 for half in range(2):
-                    sign = wp.uint8(1 - ((value >> (16 + half)) & 1))
                     mask = (value >> (8 * half)) & 0xFF
-                    pixel = row
-                    if half == 1:
-                        pixel = row + ((value >> 26) & 31) * 8
-                    while mask != 0:
-                        if (mask & 1) != 0:
-                            if pixel >= height or column >= width:
-                                outside += wp.int64(1)
-                            else:
-                                put_event(n, now * wp.int64(1000), column, pixel, sign, t, x, y, p)
-                                n += 1
-                        mask = mask >> 1
-                        pixel += 1
+                    if mask != 0:
+                        pixel = row + half * ((value >> 26) & 31) * 8
+                        if binned != 0 and pixel >= height:
+                            pixel -= height
+                        sign = wp.uint8(1 - ((value >> (16 + half)) & 1))
+                        before = n
+                        n = put_rows(before, now * wp.int64(1000), across, pixel, sign, mask, width, height, to)
+                        outside += wp.int64(ones(mask) - n + before)
         elif (value & 0x04000000) != 0:
             lost = 0
             starts = (value >> 21) & 1
@@ -109,17 +101,17 @@ def decode_dvxplorer_mini(
         elif value != 0:
             unknown += wp.int64(1)
         i += 1
-    state[0] = timed
-    state[1] = base
-    state[2] = turns
-    state[3] = newest
-    state[4] = wp.int64(column)
-    state[5] = now
-    state[6] = used
-    state[7] = wp.int64(used_sub)
-    state[8] = outside
-    state[9] = untimed
-    state[10] = unknown
-    state[11] = lost_time
-    state[12] = lost_column
-    report(i, n, 0, next_us, out)
+    to.state[0] = timed
+    to.state[1] = base
+    to.state[2] = turns
+    to.state[3] = newest
+    to.state[4] = wp.int64(column)
+    to.state[5] = now
+    to.state[6] = used
+    to.state[7] = wp.int64(used_sub)
+    to.state[8] = outside
+    to.state[9] = untimed
+    to.state[10] = unknown
+    to.state[11] = lost_time
+    to.state[12] = lost_column
+    report(i, n, 0, next_us, to)

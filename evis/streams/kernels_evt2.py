@@ -3,7 +3,7 @@
 import warp as wp
 
 from evis.streams.kernels_runs import evt2_run, keep_inside, put_mask
-from evis.streams.kernels_writing import bound_of, put_trigger, report
+from evis.streams.kernels_writing import Sink, bound_of, put_trigger, report
 
 
 @wp.func
@@ -34,26 +34,18 @@ def make_decode(vectors: bool) -> wp.Kernel:
         width: int,
         height: int,
         # out
-        state: wp.array(dtype=wp.int64),
-        out: wp.array(dtype=wp.int64),
-        t: wp.array(dtype=wp.int64),
-        x: wp.array(dtype=wp.uint16),
-        y: wp.array(dtype=wp.uint16),
-        p: wp.array(dtype=wp.uint8),
-        trigger_t: wp.array(dtype=wp.int64),
-        trigger_id: wp.array(dtype=wp.uint8),
-        trigger_value: wp.array(dtype=wp.uint8),
+        to: Sink,
     ):
-        timed = state[0]
-        high = state[1]
-        loop = state[2]
-        outside = state[3]
-        untimed = state[4]
-        unknown = state[5]
+        timed = to.state[0]
+        high = to.state[1]
+        loop = to.state[2]
+        outside = to.state[3]
+        untimed = to.state[4]
+        unknown = to.state[5]
         base = time_of(loop, high)
         # stop while the events of a word still fit
-        last = t.shape[0] - wp.static(per_word)
-        last_trigger = trigger_t.shape[0]
+        last = to.t.shape[0] - wp.static(per_word)
+        last_trigger = to.trigger_t.shape[0]
         n = wp.int32(0)
         m = wp.int32(0)
         next_us = wp.int64(-1)
@@ -78,16 +70,16 @@ def make_decode(vectors: bool) -> wp.Kernel:
                     column = int((head >> wp.uint32(11)) & wp.uint32(0x7FF))
                     row = int(head & wp.uint32(0x7FF))
                     mask = wp.uint32(words[i] & wp.uint64(0xFFFFFFFF))
-                    n = put_mask(n, now * wp.int64(1000), column, row, wp.uint8(kind), mask, t, x, y, p)
+                    n = put_mask(n, now * wp.int64(1000), column, row, wp.uint8(kind), mask, to)
                     if row >= rows or column + 32 > columns:
                         met = n
-                        n = keep_inside(first, met, columns, rows, t, x, y, p)
+                        n = keep_inside(first, met, columns, rows, to)
                         outside += wp.int64(met - n)
                 else:
                     # all words up to the next TIME_HIGH at once, where none of them can be later than the limit
                     stop = wp.where(base + wp.int64(63) <= limit_us, wp.min(end, i + last - n + 1), i + 1)
-                    after = evt2_run(words, i, stop, base, n, t, x, y, p)
-                    n = keep_inside(first, first + after - i, columns, rows, t, x, y, p)
+                    after = evt2_run(words, i, stop, base, n, to)
+                    n = keep_inside(first, first + after - i, columns, rows, to)
                     outside += wp.int64(after - i - n + first)
                     i = after - 1
             elif kind == 8:
@@ -109,18 +101,18 @@ def make_decode(vectors: bool) -> wp.Kernel:
                     break
                 channel = int((head >> wp.uint32(8)) & wp.uint32(31))
                 value = int(head & wp.uint32(1))
-                put_trigger(m, now * wp.int64(1000), channel, value, trigger_t, trigger_id, trigger_value)
+                put_trigger(m, now * wp.int64(1000), channel, value, to)
                 m += 1
             elif kind < 14:
                 unknown += wp.int64(1)
             i += 1
-        state[0] = timed
-        state[1] = high
-        state[2] = loop
-        state[3] = outside
-        state[4] = untimed
-        state[5] = unknown
-        report(i, n, m, next_us, out)
+        to.state[0] = timed
+        to.state[1] = high
+        to.state[2] = loop
+        to.state[3] = outside
+        to.state[4] = untimed
+        to.state[5] = unknown
+        report(i, n, m, next_us, to)
 
     return decode
 

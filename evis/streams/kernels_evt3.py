@@ -3,7 +3,7 @@
 import warp as wp
 
 from evis.streams.kernels_runs import evt3_run, keep_inside, put_vector
-from evis.streams.kernels_writing import bound_of, put_event, put_trigger, report
+from evis.streams.kernels_writing import Sink, bound_of, put_event, put_trigger, report
 
 
 @wp.func
@@ -27,29 +27,21 @@ def decode_evt3(
     width: int,
     height: int,
     # out
-    state: wp.array(dtype=wp.int64),
-    out: wp.array(dtype=wp.int64),
-    t: wp.array(dtype=wp.int64),
-    x: wp.array(dtype=wp.uint16),
-    y: wp.array(dtype=wp.uint16),
-    p: wp.array(dtype=wp.uint8),
-    trigger_t: wp.array(dtype=wp.int64),
-    trigger_id: wp.array(dtype=wp.uint8),
-    trigger_value: wp.array(dtype=wp.uint8),
+    to: Sink,
 ):
-    timed = state[0]
-    high = int(state[1])
-    low = int(state[2])
-    loop = state[3]
-    row = int(state[4])
-    base = int(state[5])
-    sign = wp.uint8(state[6])
-    outside = state[7]
-    untimed = state[8]
-    unknown = state[9]
+    timed = to.state[0]
+    high = int(to.state[1])
+    low = int(to.state[2])
+    loop = to.state[3]
+    row = int(to.state[4])
+    base = int(to.state[5])
+    sign = wp.uint8(to.state[6])
+    outside = to.state[7]
+    untimed = to.state[8]
+    unknown = to.state[9]
     # a vector writes 12 places: stop while they still fit
-    last = t.shape[0] - 12
-    last_trigger = trigger_t.shape[0]
+    last = to.t.shape[0] - 12
+    last_trigger = to.trigger_t.shape[0]
     n = wp.int32(0)
     m = wp.int32(0)
     next_us = wp.int64(-1)
@@ -79,17 +71,17 @@ def decode_evt3(
             if low > latest:
                 next_us = since + wp.int64(low)
                 break
-            state[2] = wp.int64(low)
-            state[4] = wp.int64(row)
+            to.state[2] = wp.int64(low)
+            to.state[4] = wp.int64(row)
             # each word gives one event at most
             stop = wp.min(end, i + last - n + 1)
-            i = evt3_run(words, i, stop, since, high, latest, n, state, out, t, x, y, p)
-            met = int(out[1])
-            kept = keep_inside(n, met, columns, rows, t, x, y, p)
+            i = evt3_run(words, i, stop, since, high, latest, n, to)
+            met = int(to.out[1])
+            kept = keep_inside(n, met, columns, rows, to)
             outside += wp.int64(met - kept)
             n = kept
-            low = int(state[2])
-            row = int(state[4])
+            low = int(to.state[2])
+            row = int(to.state[4])
             continue
         if kind == 0:
             row = value & 0x7FF
@@ -104,14 +96,14 @@ def decode_evt3(
             pixels = wp.where(kind == 4, 12, 8)
             value = value & ((1 << pixels) - 1)
             if row < rows and base + 12 <= columns:
-                n = put_vector(n, now_ns, base, row, sign, value, t, x, y, p)
+                n = put_vector(n, now_ns, base, row, sign, value, to)
             else:
                 column = base
                 while value != 0:
                     pixel = column & 0xFFFF
                     if (value & 1) != 0:
                         if row < rows and pixel < columns:
-                            put_event(n, now_ns, pixel, row, sign, t, x, y, p)
+                            put_event(n, now_ns, pixel, row, sign, to)
                             n += 1
                         else:
                             outside += wp.int64(1)
@@ -135,19 +127,19 @@ def decode_evt3(
                 next_us = since + wp.int64(low)
                 break
             now_ns = (since + wp.int64(low)) * wp.int64(1000)
-            put_trigger(m, now_ns, (value >> 8) & 15, value & 1, trigger_t, trigger_id, trigger_value)
+            put_trigger(m, now_ns, (value >> 8) & 15, value & 1, to)
             m += 1
         elif kind != 7 and kind < 14:
             unknown += wp.int64(1)
         i += 1
-    state[0] = timed
-    state[1] = wp.int64(high)
-    state[2] = wp.int64(low)
-    state[3] = loop
-    state[4] = wp.int64(row)
-    state[5] = wp.int64(base)
-    state[6] = wp.int64(sign)
-    state[7] = outside
-    state[8] = untimed
-    state[9] = unknown
-    report(i, n, m, next_us, out)
+    to.state[0] = timed
+    to.state[1] = wp.int64(high)
+    to.state[2] = wp.int64(low)
+    to.state[3] = loop
+    to.state[4] = wp.int64(row)
+    to.state[5] = wp.int64(base)
+    to.state[6] = wp.int64(sign)
+    to.state[7] = outside
+    to.state[8] = untimed
+    to.state[9] = unknown
+    report(i, n, m, next_us, to)

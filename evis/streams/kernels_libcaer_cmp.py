@@ -2,7 +2,8 @@
 
 import warp as wp
 
-from evis.streams.kernels_writing import bound_of, put_event, report
+from evis.streams.kernels_runs import ones, put_rows
+from evis.streams.kernels_writing import Sink, bound_of, report
 
 
 @wp.kernel(module="unique", enable_backward=False)
@@ -14,27 +15,19 @@ def decode_libcaer_cmp(
     width: int,
     height: int,
     # out
-    state: wp.array(dtype=wp.int64),
-    out: wp.array(dtype=wp.int64),
-    t: wp.array(dtype=wp.int64),
-    x: wp.array(dtype=wp.uint16),
-    y: wp.array(dtype=wp.uint16),
-    p: wp.array(dtype=wp.uint8),
-    trigger_t: wp.array(dtype=wp.int64),
-    trigger_id: wp.array(dtype=wp.uint8),
-    trigger_value: wp.array(dtype=wp.uint8),
+    to: Sink,
 ):
-    base_us = state[1] / wp.int64(1000)
-    outside = state[3]
-    high = int(state[4])
-    low = int(state[5])
-    column = int(state[6])
-    base = int(state[7])
-    sign = int(state[8])
-    unknown = state[9]
+    base_us = to.state[1] / wp.int64(1000)
+    outside = to.state[3]
+    high = int(to.state[4])
+    low = int(to.state[5])
+    column = int(to.state[6])
+    base = int(to.state[7])
+    sign = int(to.state[8])
+    unknown = to.state[9]
     now = base_us + wp.int64((high << 12) + low)
     # a word gives up to 8 events: stop while they still fit
-    last = t.shape[0] - 8
+    last = to.t.shape[0] - 8
     n = wp.int32(0)
     next_us = wp.int64(-1)
     i = int(start)
@@ -60,16 +53,9 @@ def decode_libcaer_cmp(
                 mask = 1
             else:
                 base = (base + 8) & 0xFFFF
-            while mask != 0:
-                if (mask & 1) != 0:
-                    pixel = row & 0xFFFF
-                    if pixel >= rows or column >= columns:
-                        outside += wp.int64(1)
-                    else:
-                        put_event(n, now * wp.int64(1000), column, pixel, wp.uint8(polarity), t, x, y, p)
-                        n += 1
-                mask = mask >> 1
-                row += 1
+            before = n
+            n = put_rows(before, now * wp.int64(1000), column, row, wp.uint8(polarity), mask, columns, rows, to)
+            outside += wp.int64(ones(mask) - n + before)
         elif kind == 0:
             high = value
             now = base_us + wp.int64((high << 12) + low)
@@ -84,11 +70,11 @@ def decode_libcaer_cmp(
         else:
             unknown += wp.int64(1)
         i += 1
-    state[3] = outside
-    state[4] = wp.int64(high)
-    state[5] = wp.int64(low)
-    state[6] = wp.int64(column)
-    state[7] = wp.int64(base)
-    state[8] = wp.int64(sign)
-    state[9] = unknown
-    report(i, n, 0, next_us, out)
+    to.state[3] = outside
+    to.state[4] = wp.int64(high)
+    to.state[5] = wp.int64(low)
+    to.state[6] = wp.int64(column)
+    to.state[7] = wp.int64(base)
+    to.state[8] = wp.int64(sign)
+    to.state[9] = unknown
+    report(i, n, 0, next_us, to)

@@ -6,6 +6,8 @@ the work. All arrays here are contiguous, and callers see to the room.
 
 import warp as wp
 
+from evis.streams.kernels_writing import Sink
+
 RUN = 1024
 """Most words that `evt3_run` takes at a time: what it lays aside for them stays in the cache."""
 
@@ -15,7 +17,7 @@ RUN = 1024
     wp::int32 i = at, n = 0;
     const wp::int32 stop = end - at < {RUN} ? end : at + {RUN};
     const wp::uint32 same = 0x8000u | wp::uint32(high);
-    wp::uint32 low = wp::uint32(state.data[2]), row = wp::uint32(state.data[4]);
+    wp::uint32 low = wp::uint32(to.state.data[2]), row = wp::uint32(to.state.data[4]);
     // rows, pixels and times follow each other in an order that no processor can guess: no branches on them
     while (i < stop && low <= wp::uint32(latest)) {{
         const wp::uint32 word = words.data[i], kind = word >> 12, value = word & 0xFFF;
@@ -26,15 +28,15 @@ RUN = 1024
         row = kind == 0 ? value & 0x7FF : row;
         ++i;
     }}
-    state.data[2] = low;
-    state.data[4] = row;
+    to.state.data[2] = low;
+    to.state.data[4] = row;
     for (wp::int32 k = 0; k < n; ++k) {{
-        t.data[first + k] = (since + wp::int64(kept[k] >> 32)) * 1000;
-        x.data[first + k] = kept[k] & 0x7FF;
-        y.data[first + k] = kept[k] >> 16 & 0x7FF;
-        p.data[first + k] = kept[k] >> 11 & 1;
+        to.t.data[first + k] = (since + wp::int64(kept[k] >> 32)) * 1000;
+        to.x.data[first + k] = kept[k] & 0x7FF;
+        to.y.data[first + k] = kept[k] >> 16 & 0x7FF;
+        to.p.data[first + k] = kept[k] >> 11 & 1;
     }}
-    out.data[1] = first + n;
+    to.out.data[1] = first + n;
     return i;
 """)
 def evt3_run(
@@ -47,16 +49,12 @@ def evt3_run(
     latest: wp.int32,
     first: wp.int32,
     # out
-    state: wp.array(dtype=wp.int64),
-    out: wp.array(dtype=wp.int64),
-    t: wp.array(dtype=wp.int64),
-    x: wp.array(dtype=wp.uint16),
-    y: wp.array(dtype=wp.uint16),
-    p: wp.array(dtype=wp.uint8),
+    to: Sink,
 ) -> wp.int32:
     """Rows, pixels and low times from word `at` up to the first other word, or a low time behind `latest`.
 
-    Events go to place `first` on. Changes low time and row in `state`; out[1] = events. Returns the word to go on with.
+    Events go to place `first` on. Changes low time and row in its state; out[1] = events. Returns the word to go on
+    with.
     """
     ...
 
@@ -66,10 +64,10 @@ def evt3_run(
     while (i < end && words.data[i] >> 29 == 0) ++i;
     for (wp::int32 k = 0; k < i - at; ++k) {
         const wp::uint32 word = words.data[at + k];
-        t.data[first + k] = (since + wp::int64(word >> 22 & 63)) * 1000;
-        x.data[first + k] = word >> 11 & 0x7FF;
-        y.data[first + k] = word & 0x7FF;
-        p.data[first + k] = word >> 28;
+        to.t.data[first + k] = (since + wp::int64(word >> 22 & 63)) * 1000;
+        to.x.data[first + k] = word >> 11 & 0x7FF;
+        to.y.data[first + k] = word & 0x7FF;
+        to.p.data[first + k] = word >> 28;
     }
     return i;
 """)
@@ -81,10 +79,7 @@ def evt2_run(
     since: wp.int64,
     first: wp.int32,
     # out
-    t: wp.array(dtype=wp.int64),
-    x: wp.array(dtype=wp.uint16),
-    y: wp.array(dtype=wp.uint16),
-    p: wp.array(dtype=wp.uint8),
+    to: Sink,
 ) -> wp.int32:
     """Events from word `at` up to the first other word, to place `first` on. Returns the word to go on with."""
     ...
@@ -92,15 +87,15 @@ def evt2_run(
 
 @wp.func_native("""
     bool all = true;
-    for (wp::int32 k = first; k < last; ++k) all &= (x.data[k] < columns) & (y.data[k] < rows);
+    for (wp::int32 k = first; k < last; ++k) all &= (to.x.data[k] < columns) & (to.y.data[k] < rows);
     if (all) return last;
     wp::int32 n = first;
     for (wp::int32 k = first; k < last; ++k) {
-        const bool inside = (x.data[k] < columns) & (y.data[k] < rows);
-        t.data[n] = t.data[k];
-        x.data[n] = x.data[k];
-        y.data[n] = y.data[k];
-        p.data[n] = p.data[k];
+        const bool inside = (to.x.data[k] < columns) & (to.y.data[k] < rows);
+        to.t.data[n] = to.t.data[k];
+        to.x.data[n] = to.x.data[k];
+        to.y.data[n] = to.y.data[k];
+        to.p.data[n] = to.p.data[k];
         n += inside;
     }
     return n;
@@ -112,21 +107,18 @@ def keep_inside(
     columns: wp.int32,
     rows: wp.int32,
     # out
-    t: wp.array(dtype=wp.int64),
-    x: wp.array(dtype=wp.uint16),
-    y: wp.array(dtype=wp.uint16),
-    p: wp.array(dtype=wp.uint8),
+    to: Sink,
 ) -> wp.int32:
     """Close the gaps that events outside leave in first..last-1. Returns the place behind the last that is kept."""
     ...
 
 
 @wp.func_native("""
-    for (int k = 0; k < 12; ++k) t.data[n + k] = time_ns;
-    for (int k = 0; k < 12; ++k) y.data[n + k] = wp::uint16(row);
-    for (int k = 0; k < 12; ++k) p.data[n + k] = polarity;
+    for (int k = 0; k < 12; ++k) to.t.data[n + k] = time_ns;
+    for (int k = 0; k < 12; ++k) to.y.data[n + k] = wp::uint16(row);
+    for (int k = 0; k < 12; ++k) to.p.data[n + k] = polarity;
     for (int k = 0; k < 12; ++k) {
-        x.data[n] = wp::uint16(column + k);
+        to.x.data[n] = wp::uint16(column + k);
         n += mask >> k & 1;
     }
     return n;
@@ -139,10 +131,7 @@ def put_vector(
     polarity: wp.uint8,
     mask: wp.int32,
     # out
-    t: wp.array(dtype=wp.int64),
-    x: wp.array(dtype=wp.uint16),
-    y: wp.array(dtype=wp.uint16),
-    p: wp.array(dtype=wp.uint8),
+    to: Sink,
 ) -> wp.int32:
     """The pixels of a mask of 12 from `column` on; uses 12 places from n on. Returns the next place."""
     ...
@@ -150,11 +139,11 @@ def put_vector(
 
 @wp.func_native("""
     const wp::int32 first = n;
-    for (wp::uint32 rest = mask; rest; rest &= rest - 1) x.data[n++] = wp::uint16(column + __builtin_ctz(rest));
+    for (wp::uint32 rest = mask; rest; rest &= rest - 1) to.x.data[n++] = wp::uint16(column + __builtin_ctz(rest));
     for (wp::int32 k = first; k < n; ++k) {
-        t.data[k] = time_ns;
-        y.data[k] = wp::uint16(row);
-        p.data[k] = polarity;
+        to.t.data[k] = time_ns;
+        to.y.data[k] = wp::uint16(row);
+        to.p.data[k] = polarity;
     }
     return n;
 """)
@@ -166,10 +155,49 @@ def put_mask(
     polarity: wp.uint8,
     mask: wp.uint32,
     # out
-    t: wp.array(dtype=wp.int64),
-    x: wp.array(dtype=wp.uint16),
-    y: wp.array(dtype=wp.uint16),
-    p: wp.array(dtype=wp.uint8),
+    to: Sink,
 ) -> wp.int32:
     """The pixels of a mask of 32 from `column` on. Returns the next place."""
+    ...
+
+
+@wp.func_native("""
+    if (row >= 0 && row + 32 - __builtin_clz(mask | 1) <= rows && column < columns) {
+        for (wp::uint32 rest = mask; rest; rest &= rest - 1, ++n) {
+            to.t.data[n] = time_ns;
+            to.x.data[n] = wp::uint16(column);
+            to.y.data[n] = wp::uint16(row + __builtin_ctz(rest));
+            to.p.data[n] = polarity;
+        }
+        return n;
+    }
+    for (wp::uint32 rest = mask; rest; rest &= rest - 1) {
+        const wp::int32 at = row + __builtin_ctz(rest), pixel = at & 0xFFFF;
+        to.t.data[n] = time_ns;
+        to.x.data[n] = wp::uint16(column);
+        to.y.data[n] = wp::uint16(pixel);
+        to.p.data[n] = polarity;
+        n += (at >= 0) & (pixel < rows) & (column < columns);
+    }
+    return n;
+""")
+def put_rows(
+    n: wp.int32,
+    time_ns: wp.int64,
+    column: wp.int32,
+    row: wp.int32,
+    polarity: wp.uint8,
+    mask: wp.int32,
+    columns: wp.int32,
+    rows: wp.int32,
+    # out
+    to: Sink,
+) -> wp.int32:
+    """The pixels of a mask, one below the other from `row` on, that are inside. Returns the next place."""
+    ...
+
+
+@wp.func_native("return __builtin_popcount(mask);")
+def ones(mask: wp.int32) -> wp.int32:
+    """Pixels of a mask."""
     ...

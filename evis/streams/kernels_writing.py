@@ -3,12 +3,34 @@
 import warp as wp
 
 
+@wp.struct
+class Sink:
+    """What a decoder's kernel goes on from, and where it writes. All arrays are contiguous.
+
+    state: see the codec's `Decoder`. out: next word, events, triggers, time [us] of the event at the cut or -1, side
+    words. t [ns], x, y, p: events. trigger_t [ns], trigger_id, trigger_value. side_t [us], side_word: words of other
+    parts of the sensor.
+    """
+
+    state: wp.array(dtype=wp.int64)
+    out: wp.array(dtype=wp.int64)
+    t: wp.array(dtype=wp.int64)
+    x: wp.array(dtype=wp.uint16)
+    y: wp.array(dtype=wp.uint16)
+    p: wp.array(dtype=wp.uint8)
+    trigger_t: wp.array(dtype=wp.int64)
+    trigger_id: wp.array(dtype=wp.uint8)
+    trigger_value: wp.array(dtype=wp.uint8)
+    side_t: wp.array(dtype=wp.int64)
+    side_word: wp.array(dtype=wp.uint16)
+
+
 # in C++: Warp tests the sign of each index and multiplies it by the stride, which costs more than the four stores
 @wp.func_native("""
-    t.data[n] = time_ns;
-    x.data[n] = wp::uint16(column);
-    y.data[n] = wp::uint16(row);
-    p.data[n] = polarity;
+    to.t.data[n] = time_ns;
+    to.x.data[n] = wp::uint16(column);
+    to.y.data[n] = wp::uint16(row);
+    to.p.data[n] = polarity;
 """)
 def put_event(
     n: wp.int32,
@@ -17,12 +39,9 @@ def put_event(
     row: wp.int32,
     polarity: wp.uint8,
     # out
-    t: wp.array(dtype=wp.int64),
-    x: wp.array(dtype=wp.uint16),
-    y: wp.array(dtype=wp.uint16),
-    p: wp.array(dtype=wp.uint8),
+    to: Sink,
 ):
-    """Event n. The arrays are contiguous."""
+    """Event n."""
     ...
 
 
@@ -33,14 +52,12 @@ def put_trigger(
     channel: wp.int32,
     value: wp.int32,
     # out
-    trigger_t: wp.array(dtype=wp.int64),
-    trigger_id: wp.array(dtype=wp.uint8),
-    trigger_value: wp.array(dtype=wp.uint8),
+    to: Sink,
 ):
     """Trigger m."""
-    trigger_t[m] = time_ns
-    trigger_id[m] = wp.uint8(channel)
-    trigger_value[m] = wp.uint8(value)
+    to.trigger_t[m] = time_ns
+    to.trigger_id[m] = wp.uint8(channel)
+    to.trigger_value[m] = wp.uint8(value)
 
 
 @wp.func
@@ -56,10 +73,10 @@ def report(
     triggers: wp.int32,
     next_us: wp.int64,
     # out
-    out: wp.array(dtype=wp.int64),
+    to: Sink,
 ):
     """The word to go on with, how much was written, and the time of the event at the cut or -1."""
-    out[0] = wp.int64(at)
-    out[1] = wp.int64(events)
-    out[2] = wp.int64(triggers)
-    out[3] = next_us
+    to.out[0] = wp.int64(at)
+    to.out[1] = wp.int64(events)
+    to.out[2] = wp.int64(triggers)
+    to.out[3] = next_us

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,7 +16,13 @@ if TYPE_CHECKING:
 _TRIGGERS = 1 << 14
 _SIDE = 1 << 18
 # places of the kernels' parameters
-_WORDS, _AT, _LIMIT, _WIDTH, _HEIGHT, _STATE, _EVENTS = 0, 1, 2, 3, 4, 5, 7
+_WORDS, _AT, _LIMIT, _WIDTH, _HEIGHT, _SINK = range(6)
+
+
+def _point(array: Any, address: int, length: int) -> None:
+    """Let an array parameter be other memory of its type."""
+    array.data = address
+    array.shape[0] = length
 
 
 class WarpLauncher:
@@ -42,26 +48,18 @@ class WarpLauncher:
         """The buffer that the next runs read; kept alive here. Unaligned buffers are copied."""
         self._words = np.require(words, requirements=["C", "A"])
         if self._command is not None:
-            self._point(_WORDS, self._words.__array_interface__["data"][0], len(self._words))
+            _point(self._command.params[1 + _WORDS], self._words.__array_interface__["data"][0], len(self._words))
 
     def _record(self, state: np.ndarray, buffer: EventBuffer) -> wp.Launch:
         if self._words is None:
             raise ValueError("no words were loaded")
-        view = self._kernels.view
-        side = self._side if len(self._side[0]) else []
-        outputs = [view(a) for a in (state, self._out, *buffer.columns, *self._edges, *side)]
-        return self._kernels.record(self._kernel, [view(self._words), 0, 0, 0, 0], outputs)
-
-    def _point(self, place: int, address: int, length: int) -> None:
-        """Let an array parameter be other memory of its type."""
-        array = self._command.params[1 + place]  # type: ignore[union-attr]
-        array.data = address
-        array.shape[0] = length
+        sink = self._kernels.sink(state, self._out, *buffer.columns, *self._edges, *self._side)
+        return self._kernels.record(self._kernel, [self._kernels.view(self._words), 0, 0, 0, 0], [sink])
 
     def run(
-        self, at: int, limit: int, width: int, height: int, state: np.ndarray, buffer: EventBuffer
+        self, at: int, limit: int, readout: tuple[int, int], transposed: bool, state: np.ndarray, buffer: EventBuffer
     ) -> tuple[Triggers | None, tuple[np.ndarray, np.ndarray] | None, int, int]:
-        """Decode from word `at` to the end of `buffer`, as far as it has room.
+        """Decode from word `at` to the end of `buffer`, as far as it has room. readout: columns and rows of the words.
 
         Returns triggers and side words (time, word) where there are any, the word to go on with, and the time at the
         cut or -1.
@@ -69,14 +67,17 @@ class WarpLauncher:
         command = self._command
         if command is None:
             command = self._command = self._record(state, buffer)
+            self._sink = command.params[1 + _SINK]
         if state is not self._state:
             self._state = state
-            self._point(_STATE, state.__array_interface__["data"][0], len(state))
-        for place, value in ((_AT, at), (_LIMIT, limit), (_WIDTH, width), (_HEIGHT, height)):
+            _point(self._sink.state, state.__array_interface__["data"][0], len(state))
+        for place, value in ((_AT, at), (_LIMIT, limit), (_WIDTH, readout[0]), (_HEIGHT, readout[1])):
             command.set_param_at_index_from_ctype(place, value)
         filled, room = buffer.n, buffer.capacity - buffer.n
-        for place, (address, size) in enumerate(buffer.places, _EVENTS):
-            self._point(place, address + filled * size, room)
+        sink = self._sink
+        columns = (sink.t, sink.y, sink.x, sink.p) if transposed else (sink.t, sink.x, sink.y, sink.p)
+        for column, (address, size) in zip(columns, buffer.places):
+            _point(column, address + filled * size, room)
         command.launch()
         at, n, m, following, k = self._out.tolist()
         buffer.n += n

@@ -56,7 +56,8 @@ def windows(recording: Recording, dt_ns: int, from_ns: int, to_ns: int | None) -
     if first is None:
         return
     start = first + from_ns
-    recording.read_until(start - 1)
+    if from_ns:
+        recording.seek(start)
     end = None if to_ns is None else first + to_ns
     while recording.next_t_ns is not None and (end is None or start < end):
         stop = start + dt_ns if end is None else min(start + dt_ns, end)

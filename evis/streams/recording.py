@@ -17,12 +17,12 @@ import numpy as np
 from evis.streams.events import Events
 
 _FILES = (
-    "dat", "raw", "zip_text", "npz", "hdf5", "aedat2", "aedat3", "aedat4", "es", "rosbag1", "rosbag_db3",
-    "rosbag_mcap", "zstd_file", "text", "nmnist",
+    "dat", "raw", "zip_text", "packed_file", "npz", "npy", "hdf5", "aedat2", "aedat3", "aedat4", "es", "rosbag1",
+    "rosbag_db3", "rosbag_mcap", "text", "nmnist",
 )  # fmt: skip
 FORMATS = tuple(f"evis.streams.files.{name}" for name in _FILES)
 """Modules with `NAME`, `matches(head, path)` and `open_file(path, options)`; recognised by content, in this order."""
-_TOPICS_IN = ("hdf5", "aedat4", "rosbag1", "rosbag_db3", "rosbag_mcap", "zip_text", "zstd_file")
+_TOPICS_IN = ("hdf5", "aedat3", "aedat4", "rosbag1", "rosbag_db3", "rosbag_mcap", "zip_text", "packed_file")
 _WITH_TOPICS = frozenset(f"evis.streams.files.{n}" for n in _TOPICS_IN)
 WRITERS = {
     ".raw": "evis.streams.files.raw",
@@ -249,8 +249,8 @@ def _bags_in(folder: Path) -> list[Path]:
 def open_writer(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> Writer:
     """A writer for the format of the path's extension.
 
-    encoding, where the format has a choice: .raw evt3 (default), evt21, evt21_legacy, evt2; .aedat4 zstd (default),
-    lz4, none; .h5 and .hdf5 ecf (default), plain.
+    encoding, where the format has a choice: .raw evt3 (default), evt4, evt21, evt21_legacy, evt2; .aedat4 zstd
+    (default), lz4, none; .h5 and .hdf5 ecf (default), plain.
     """
     suffix = Path(path).suffix.lower()
     if suffix not in WRITERS:

@@ -9,12 +9,21 @@ from evis.streams import Events, Imu, Triggers
 from evis.streams.decoder import Decoder, decoder_for
 from evis.streams.encoder import Encoder, encoder_for
 
-WIRE = ("evt2", "evt21", "evt21_legacy", "evt3", "davis346", "dvxplorer", "dvxplorer_mini", "dvs128")
+WIRE = ("evt2", "evt21", "evt21_legacy", "evt3", "evt4", "davis346", "dvxplorer", "dvxplorer_mini", "dvs128")
 MESSAGES = ("libcaer", "libcaer_cmp", "mono", "trigger")
 ALL = WIRE + MESSAGES
 SIZES = {"davis346": (346, 260), "dvs128": (128, 128)}
-CHANNELS = {"evt2": 32, "evt21": 32, "evt21_legacy": 32, "evt3": 16, "davis346": 2, "dvxplorer": 2, "dvs128": 1}
-LOSSLESS_BACKWARD = ("evt2", "evt21", "evt21_legacy", "evt3", "libcaer", "libcaer_cmp", "mono")
+CHANNELS = {
+    "evt2": 32,
+    "evt21": 32,
+    "evt21_legacy": 32,
+    "evt3": 16,
+    "evt4": 32,
+    "davis346": 2,
+    "dvxplorer": 2,
+    "dvs128": 1,
+}
+LOSSLESS_BACKWARD = ("evt2", "evt21", "evt21_legacy", "evt3", "evt4", "libcaer", "libcaer_cmp", "mono")
 """Codecs that hold steps back in time wherever they come."""
 
 

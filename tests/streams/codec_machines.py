@@ -56,6 +56,37 @@ def run_evt21(words: Iterable[int], width: int, height: int) -> Result:
     return m.result()
 
 
+def run_evt4(words: Iterable[int], width: int, height: int) -> Result:
+    m = Machine(width, height)
+    high: int | None = None
+    loop = 0
+    vector: int | None = None
+    for word in words:
+        if vector is not None:
+            if high is not None:
+                t = loop * 2**34 + high * 64 + (vector >> 22 & 63)
+                for i in range(32):
+                    if word >> i & 1:
+                        m.emit(t, (vector >> 11 & 0x7FF) + i, vector & 0x7FF, vector >> 28 & 1)
+            vector = None
+            continue
+        kind = word >> 28
+        vector = word if kind in (0xC, 0xD) else None
+        if kind == 0xE:
+            value = word & 0xFFFFFFF
+            loop += high is not None and high >= value + 2**27
+            high = value
+        elif high is None:
+            m.counts["untimed"] += 1
+        elif kind in (0xA, 0xB):
+            m.emit(loop * 2**34 + high * 64 + (word >> 22 & 63), word >> 11 & 0x7FF, word & 0x7FF, kind & 1)
+        elif kind == 9:
+            m.triggers.append((loop * 2**34 + high * 64 + (word >> 22 & 63), word >> 8 & 31, word & 1))
+        elif kind not in (6, 7, 0xC, 0xD, 0xF):
+            m.counts["unknown"] += 1
+    return m.result()
+
+
 def _inivation(words: Iterable[int], m: Machine, event) -> Result:
     """The frame that DAVIS and DVXplorer share; `event(code, data, t)` says whether the code was its own."""
     timed, offset, now = False, 0, 0
@@ -200,6 +231,7 @@ def run_libcaer_cmp(words: Iterable[int], width: int, height: int) -> Result:
 
 MACHINES = {
     "evt21": run_evt21,
+    "evt4": run_evt4,
     "davis346": run_davis346,
     "dvxplorer": run_dvxplorer,
     "dvxplorer_mini": run_dvxplorer_mini,

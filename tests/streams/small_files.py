@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+
 import numpy as np
 import pytest
 from file_cases import (
@@ -103,6 +105,18 @@ def numpy_archive(folder):
     return (folder / "whole.npz").read_bytes()
 
 
+def table(folder):
+    """An event a row."""
+    np.save(folder / "whole.npy", np.stack([EVENTS.t // 1000, EVENTS.x, EVENTS.y, EVENTS.p], 1))
+    return (folder / "whole.npy").read_bytes()
+
+
+def table_archive(folder):
+    """The same, compressed."""
+    np.savez_compressed(folder / "table.npz", np.load(folder / "whole.npy") if table(folder) else None)
+    return (folder / "table.npz").read_bytes()
+
+
 CASES = {
     "dat": (written(".dat"), ".dat"), "es": (written(".es"), ".es"), "text": (written(".txt"), ".txt"),
     "csv": (written(".csv"), ".csv"), "aedat4": (written(".aedat4", "none"), ".aedat4"),
@@ -112,7 +126,9 @@ CASES = {
     "bag": (ros1_bag(), ".bag"), "bag bz2": (ros1_bag("BZ2"), ".bag"), "bag lz4": (ros1_bag("LZ4"), ".bag"),
     "bag packets": (packets_bag, ".bag"), "mcap": (mcap_bag("NONE"), ".mcap"), "mcap zstd": (mcap_bag("ZSTD"), ".mcap"),
     "mcap lz4": (mcap_bag("LZ4"), ".mcap"), "npz": (written(".npz"), ".npz"), "npz packed": (numpy_archive, ".npz"),
-    "zip": (lambda _: text_zip(EVENTS), ".zip"),
+    "zip": (lambda _: text_zip(EVENTS), ".zip"), "npy": (table, ".npy"), "npz rows": (table_archive, ".npz"),
+    "raw evt4": (written(".raw", "evt4"), ".raw"),
+    "text gzip": (lambda folder: gzip.compress(written(".txt")(folder), mtime=0), ".txt.gz"),
 }  # fmt: skip
 OTHERS = {
     "raw evt2": (written(".raw", "evt2"), ".raw"), "raw evt3": (written(".raw", "evt3"), ".raw"),

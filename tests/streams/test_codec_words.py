@@ -55,6 +55,11 @@ def likely_words(encoding: str, seed: int, n: int) -> bytes:
         words = us << 32 | x << 17 | y << 2 | any_word & 2 | (rng.random(n) < 0.9)
     elif encoding == "evt3":
         words = rng.choice([0, 2, 3, 4, 5, 6, 8, 10, 11, 14], n) << 12 | any_word & rng.choice([0xFFF, 0xBFF, 0x9FF], n)
+    elif encoding == "evt4":
+        kinds = [6, 7, 9, 0xA, 0xB, 0xC, 0xD, 0xE, 0xE, 0xF, 3]
+        words = rng.choice(kinds, n) << 28 | (any_word & 63) << 22 | x << 11 | y
+        any_mask = rng.random(n) < 0.2
+        words[any_mask] = low[any_mask]
     else:
         head = rng.choice([0, 1, 1, 8, 10, 13, 14], n) << 28 | (any_word & 63) << 22 | x << 11 | y
         words = head if encoding == "evt2" else head << 32 | low & any_word >> 20
@@ -153,7 +158,7 @@ def test_resync_keeps_the_turns_and_drops_what_is_half_read(encoding, backend):
     assert made.pending == 0 and made.counts == before
     after = made.decode(data)
     assert all(made.counts.get(kind, 0) >= n for kind, n in before.items())
-    if encoding in ("evt21", "evt21_legacy", "evt2", "evt3", "dvxplorer_mini"):
+    if encoding in ("evt21", "evt21_legacy", "evt2", "evt3", "evt4", "dvxplorer_mini"):
         assert made.state[2] >= last[2]
         assert len(after) and after.t[0] >= 0
     made.reset()

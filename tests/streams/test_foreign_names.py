@@ -90,7 +90,8 @@ def test_the_events_of_an_archive_are_found(tmp_path):
         ("timestamps x y polarity", WHOLE.t / 1e9, "s"),
         ("t_us x y p", WHOLE.t // 1000, "us"),
         ("t_ns x y on", WHOLE.t, ""),
-        ("t x y pol", WHOLE.t, ""),
+        ("t x y pol", WHOLE.t, "ns"),
+        ("t x y p", WHOLE.t / 1e9, "s"),
     ],
 )
 def test_arrays_of_other_names(names, times, unit, tmp_path):

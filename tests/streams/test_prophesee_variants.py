@@ -9,6 +9,7 @@ import pytest
 from file_cases import save
 
 from evis.streams import Events, RecordingError, open_recording
+from evis.streams.decoder import decoder_for
 
 N = 2000
 
@@ -64,6 +65,20 @@ def evt3(e: Events) -> bytes:
     return struct.pack(f"<{len(out)}H", *out)
 
 
+def evt4(e: Events) -> bytes:
+    """TIME_HIGH (0xE) where it changes, each third event as a vector (0xC, 0xD) of one pixel, the others alone."""
+    out, high = [], -1
+    for i, (t, x, y, p) in enumerate(rows(e)):
+        if t >> 6 != high:
+            high = t >> 6
+            out += [0xFFFFFFFF, 0xE << 28 | high]
+        if i % 3:
+            out.append((0xA + p) << 28 | (t & 63) << 22 | x << 11 | y)
+        else:
+            out += [(0xC + p) << 28 | (t & 63) << 22 | (x & ~31) << 11 | y, 1 << (x & 31)]
+    return struct.pack(f"<{len(out)}I", *out)
+
+
 def legacy(e: Events) -> bytes:
     return evt21(e, legacy=True)
 
@@ -94,6 +109,9 @@ HEADERS = [
     ("% evt 2.0\n% plugin_name hal_plugin_gen31_fx3\n", evt2, (640, 480), "sensor"),
     ("% Date 2014-02-28 13:37:42\n% system_ID 28\n% evt 2.0\n", evt2, (640, 480), "system_ID"),
     ("% evt 3.0\n% sensor_name IMX636\n% end\n", evt3, (1280, 720), "sensor"),
+    ("% evt\t3.0\n%\n% \n% geometry\t320x240\n% end\n", evt3, (320, 240), "header"),
+    ("% evt 4.0\n% geometry 320x240\n% end\n", evt4, (320, 240), "header"),
+    ("% format EVT4;height=240;width=320\n% end\n", evt4, (320, 240), "header"),
     ("% evt 3.0\n% generation 4.2\n% end\n", evt3, (1280, 720), "sensor"),
     ("% evt 3.0\n% sensor_name GenX320\n% end\n", evt3, (320, 320), "sensor"),
     ("% Date 2019-01-31 16:00:00\n% serial_number 7\n% end\n", evt2, (304, 240), "events"),
@@ -167,3 +185,22 @@ def test_dat_of_triggers(tmp_path):
     np.testing.assert_array_equal(got.triggers.t, np.arange(10) * 100_000)
     np.testing.assert_array_equal(got.triggers.id, np.full(10, 6))
     np.testing.assert_array_equal(got.triggers.value, np.arange(10) % 2)
+
+
+@pytest.mark.parametrize("backend", ["numpy", "warp"])
+@pytest.mark.parametrize("cut", [4, 8, 12, 16, 20])
+def test_evt4_words_by_hand(backend, cut):
+    """A vector of three pixels whose mask looks like a vector too, its pieces apart; a trigger; what is before time."""
+    words = [0xB << 28, 0xE << 28 | 2, 0xD << 28 | 5 << 22 | 64 << 11 | 7, 0xC0000001, 0x9 << 28 | 6 << 22 | 3 << 8 | 1]
+    data = struct.pack("<5I", *words)
+    decoder = decoder_for("evt4", 1280, 720, backend)
+    got = Events.concatenate([decoder.decode(data[:cut]), decoder.decode(data[cut:])])
+    assert list(rows(got)) == [(133, 64, 7, 1), (133, 94, 7, 1), (133, 95, 7, 1)]
+    assert (got.triggers.t.tolist(), got.triggers.id.tolist(), got.triggers.value.tolist()) == ([134_000], [3], [1])
+    assert decoder.counts == {"untimed": 1}
+
+
+def test_events_images_are_named(tmp_path):
+    """What a GenX320 makes of its events is no event stream."""
+    with pytest.raises(RecordingError, match="images that the sensor made of its events"):
+        open_recording(save(tmp_path / "a.raw", b"% format HISTO3D;height=320;width=320\n% end\n" + bytes(64)))

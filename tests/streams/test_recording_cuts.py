@@ -15,7 +15,7 @@ RECORD = {"dat": 8, "aedat2": 8, "nmnist": 5}
 """Formats whose number of events before a cut is a division."""
 
 
-SILENT = {"dat": 91, "nmnist": 91, "aedat2": 170, "es": 200, "text": 180, "csv": 180, "raw evt21": 91}
+SILENT = {"dat": 91, "nmnist": 91, "aedat2": 170, "es": 200, "text": 180, "csv": 180, "raw evt21": 91, "raw evt4": 172}
 """Cuts of a prefix that nobody can tell from an end: between records, lines, or lines of an AEDAT 2 header."""
 
 

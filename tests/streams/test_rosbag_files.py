@@ -8,14 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from file_cases import dvs_array_cdr, dvs_array_ros1, event_packet, mono, save, small_events
+from small_files import CASES
 from stream_cases import same
 
+from evis.bag import BagError
 from evis.bag.writer import BagWriter
 from evis.streams import Events, RecordingError, open_recording
 from evis.streams.evt3 import Encoder
 from msgs.camera import EventPacket
 from msgs.diagnostics import Diagnostics
 from msgs.header import Header
+from nodes.replayer.node import ReplayerNode
 
 rosbag1 = pytest.importorskip("rosbags.rosbag1")
 PARTS = [small_events(40 + i, 300, 200, seed=i) for i in range(6)]
@@ -217,3 +220,10 @@ def test_bags_without_events(tmp_path):
     for path in (ros1(tmp_path / "a.bag", images), mcap(tmp_path / "a.mcap", images, "")):
         with pytest.raises(RecordingError, match=r"no events on '/x', nor on any other topic$"):
             open_recording(path, topic="/x")
+
+
+def test_a_bag_of_another_recorder_is_not_replayed_as_nothing(tmp_path):
+    """It has none of our topics: the error says what plays its events."""
+    path = save(tmp_path / "a.mcap", CASES["mcap"][0](tmp_path))
+    with pytest.raises(BagError, match=r"a.mcap holds no topics of EVIS; .*evis launch camera.yaml file:=.*a.mcap"):
+        ReplayerNode.dynamic_outputs({"bag": str(path)})

@@ -1,4 +1,7 @@
-"""AEDAT 2.0 of jAER: `#` lines, then big-endian records of a 32-bit address and a 32-bit time in us."""
+"""AEDAT 2.0 of jAER: `#` lines, then big-endian records of a 32-bit address and a 32-bit time in us.
+
+AEDAT 1.0 is the same with addresses of 16 bits, from DVS128 cameras.
+"""
 
 from __future__ import annotations
 
@@ -14,35 +17,39 @@ from evis.streams.files.blocks import take_size
 from evis.streams.files.records import RecordFile
 from evis.streams.recording import HEAD, OpenOptions, RecordingInfo
 
-NAME = "AEDAT 2.0, 3.1 and 4"
+NAME = "AEDAT 1.0, 2.0, 3.1 and 4"
 
 DAVIS_SENSORS = ((240, 180), (346, 260), (640, 480))
-_CHIPS = {"davis240": (240, 180), "davis346": (346, 260), "davis640": (640, 480), "dvs128": (128, 128)}
+_CHIPS = {"davis240": (240, 180), "davis346": (346, 260), "davis640": (640, 480), "davis208": (208, 192),
+          "dvxplorer": (640, 480), "dvs640": (640, 480), "dvs128": (128, 128), "tmpdiff128": (128, 128)}  # fmt: skip
 # a record can begin with the byte of `#`, but is hardly a line of text
 _LINE = re.compile(rb"#[\t\x20-\xff]*\r?\n")
 _RECORD = np.dtype([("address", ">u4"), ("t", ">i4")])
+_SHORT = np.dtype([("address", ">u2"), ("t", ">i4")])
 
 
 def matches(head: bytes, path: Path) -> bool:
-    """The signature of 2.0; files of 1.0 and of no version are not told apart from others."""
-    return head.startswith(b"#!AER-DAT2")
+    """The signature; files without a version are not told apart from others."""
+    return head.startswith((b"#!AER-DAT2", b"#!AER-DAT1"))
 
 
 class Aedat2Recording(RecordFile):
-    """An AEDAT 2.0 file of a DVS128 or a DAVIS.
+    """An AEDAT 2.0 file of a DVS128 or a DAVIS, or one of version 1.0.
 
     DVS128 address: polarity OFF bit 0, x bits 1-7 counted from the right (as jAER shows it), y bits 8-14, external
     input bit 15. DAVIS: bit 31 APS or IMU; y bits 22-30, x bits 12-21, polarity bit 11, external input bit 10.
     """
 
-    record = _RECORD
     counter_bits = 32
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         lines, start = read_header(path)
-        chip = next((v for k, v in lines.items() if k.lower() == "aechip"), "").rpartition(".")[2]
+        with path.open("rb") as file:
+            old = file.read(10) == b"#!AER-DAT1"
+        self.record = _SHORT if old else _RECORD
+        chip = "DVS128" if old else next((v for k, v in lines.items() if k.lower() == "aechip"), "").rpartition(".")[2]
         self.info = RecordingInfo(
-            str(path), "aedat2", "", 0, 0, "header", path.stat().st_size, sensor=chip, header=lines
+            str(path), "aedat1" if old else "aedat2", "", 0, 0, "header", path.stat().st_size, sensor=chip, header=lines
         )
         self._open_records(path, start)
         try:

@@ -13,7 +13,7 @@ from evis.streams.events import Events, Frame, Imu, Triggers
 from evis.streams.files.blocks import BlockRecording, take_size
 from evis.streams.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
 
-NAME = "AEDAT 2.0, 3.1 and 4"
+NAME = "AEDAT 1.0, 2.0, 3.1 and 4"
 
 END = b"#!END-HEADER\r\n"
 SENSORS = {"DVS128": (128, 128), "DAVIS128": (128, 128), "DAVIS208": (208, 192), "DAVIS240": (240, 180),
@@ -37,7 +37,10 @@ def matches(head: bytes, path: Path) -> bool:
 
 
 class Aedat3Recording(BlockRecording):
-    """An AEDAT 3.1 file of one source: polarity events, special events, frames, IMU 6 and 9."""
+    """An AEDAT 3.1 file: polarity events, special events, frames, IMU 6 and 9 of one source.
+
+    The topic is the number of a source; by default the one of the first polarity events.
+    """
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path, self._place = path, 0
@@ -48,7 +51,9 @@ class Aedat3Recording(BlockRecording):
             self.info = RecordingInfo(str(path), "aedat3", "raw", 0, 0, "header", size, header=header)
             if header.get("Format", "RAW") != "RAW":
                 raise RecordingError(f"{path}: AEDAT 3.1 in the format {header['Format'][:30]}; known is RAW")
-            source = next((v for k, v in header.items() if k.startswith("Source")), "")
+            named = {m[1]: v for k, v in header.items() if (m := re.fullmatch(r"-?Source (\d+)", k))}
+            self._source_id = self._find_source(options.topic, named)
+            source = named.get(str(self._source_id), next(iter(named.values()), ""))
             self.info.sensor = source
             family = next((s for name, s in SENSORS.items() if source.upper().startswith(name)), (0, 0))
             self.info.width, self.info.height = family
@@ -70,25 +75,44 @@ class Aedat3Recording(BlockRecording):
         found = [re.fullmatch(r"#([\w -]{1,40}):\s*(.*)", line.strip()) for line in lines]
         return {f[1].strip(): f[2].strip() for f in found if f}, end + len(END) if end >= 0 else 0
 
+    def _find_source(self, topic: str, named: dict[str, str]) -> int | None:
+        """The source to read; None where there is no event."""
+        if topic:
+            if topic not in named:
+                there = ", ".join(f"{number} ({name})" for number, name in named.items())
+                raise RecordingError(f"{self._path}: no source '{topic}'; it has {there or 'none'}")
+            return int(topic)
+        if not self._begin:
+            return None
+        first = next(
+            (head for _, head in self._packets(self._begin, quiet=True) if int(head["type"]) == POLARITY), None
+        )
+        if first is not None and len(named) > 1:
+            chosen, others = str(int(first["source"])), ", ".join(f"{n} ({name})" for n, name in named.items())
+            self.info.warn(f"sources {others} in one file: read is {chosen}; name another as the topic")
+        return None if first is None else int(first["source"])
+
     def _load(self) -> Iterator[Events]:
         return self._load_at(self._begin)
 
-    def _packets(self, at: int) -> Iterator[tuple[int, np.void]]:
-        """(place of the first event, header) of each packet; the last may be cut."""
+    def _packets(self, at: int, quiet: bool = False) -> Iterator[tuple[int, np.void]]:
+        """(place of the first event, header) of each packet; the last may be cut. quiet: nothing is counted or said."""
         size = self.info.size_bytes
         while at < size:
             data = os.pread(self._descriptor, HEADER.itemsize, at)
             if len(data) < HEADER.itemsize:
-                self._cut(at)
+                if not quiet:
+                    self._cut(at)
                 return
             head = np.frombuffer(data, HEADER)[0]
             length, number = int(head["size"]), int(head["number"])
             if not 0 < length <= _MAX_FRAME or number < 0 or not 0 <= int(head["type"]) < 64:
-                self.count("packets_damaged")
-                self.info.warn(f"the packet header at byte {at} is damaged; what follows cannot be found")
+                if not quiet:
+                    self.count("packets_damaged")
+                    self.info.warn(f"the packet header at byte {at} is damaged; what follows cannot be found")
                 return
             at += HEADER.itemsize
-            if at + length * number > size:
+            if at + length * number > size and not quiet:
                 self._cut(at)
             yield at, head
             at += length * number
@@ -99,6 +123,9 @@ class Aedat3Recording(BlockRecording):
 
     def _load_at(self, at: int) -> Iterator[Events]:
         for start, head in self._packets(at):
+            if self._source_id is not None and int(head["source"]) != self._source_id:
+                self.count("packets_of_other_sources")
+                continue
             length = int(head["size"])
             number = min(int(head["number"]), max(self.info.size_bytes - start, 0) // length)
             step = max(_PART // length, 1)

@@ -19,7 +19,7 @@ from evis.streams.files.flat import Table
 from evis.streams.files.inflate import DamagedError, MissingError, inflate
 from evis.streams.recording import OpenOptions, RecordingError, RecordingInfo
 
-NAME = "AEDAT 2.0, 3.1 and 4"
+NAME = "AEDAT 1.0, 2.0, 3.1 and 4"
 
 MAGIC = b"#!AER-DAT4.0\r\n"
 COMPRESSIONS = {0: "none", 1: "lz4", 2: "lz4", 3: "zstd", 4: "zstd"}

@@ -44,11 +44,11 @@ class Hdf5Recording(BlockRecording):
     """
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
-        from evis.streams.files.hdf5_layouts import find_layout
-
         self._path, self._done = path, 0
         self.info = RecordingInfo(str(path), "hdf5", "", 0, 0, "", path.stat().st_size)
         self._file = self._open()
+        from evis.streams.files.hdf5_layouts import find_layout  # needs h5py, which is there now
+
         try:
             with self._named(self._cut()):
                 self._layout: Layout = find_layout(self._file, options.topic, self.info, options.backend)
@@ -98,9 +98,11 @@ class Hdf5Recording(BlockRecording):
             if type(error).__module__.startswith("warp"):
                 raise
             missing = "can't open directory" in str(error) or "filter" in str(error)
-            remedy = "; its compression needs: pip install 'evis[files]'" if missing else ""
-            what = cut if self.info.truncated and not missing else _short(error)
-            raise RecordingError(f"{self._path}: {what}{remedy}") from None
+            if missing:
+                text = "its compression is read by the package hdf5plugin: pip install 'evis[files]'"
+                raise RecordingError(f"{self._path}: {text}") from None
+            what = cut if self.info.truncated else _short(error)
+            raise RecordingError(f"{self._path}: {what}") from None
 
     def _load(self) -> Iterator[Events]:
         return self._load_at(0)

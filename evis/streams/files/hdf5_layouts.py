@@ -15,12 +15,14 @@ from evis.streams.events import Events, Triggers
 from evis.streams.files import ecf
 from evis.streams.files.hdf5_cut import Parts, common, rows_there
 from evis.streams.files.inflate import DamagedError
+from evis.streams.files.npy import NAMES
 from evis.streams.recording import RecordingError, RecordingInfo
 
-_COLUMNS = (("x", "y", "t", "p"), ("xs", "ys", "ts", "ps"))
 _MAX_CHUNK = 1 << 26
 _MOST_EVENTS_A_BYTE = 4096
 _MOST_OBJECTS, _DEEPEST = 10_000, 8
+_NS_FROM = 10**17
+"""Whole times from here on can be no us: 3000 years."""
 
 
 @dataclass
@@ -59,7 +61,7 @@ def find_layout(file: h5py.File, topic: str, info: RecordingInfo, backend: str) 
     if compound and topic.strip("/") in ("", "CD", "CD/events"):
         return _prophesee(file, table, info, backend)
     groups: list[str] = ["CD/events"] if compound else []
-    groups += [name for name, item in _walk(file) if _holds_events(item)]
+    groups += [name for name, item in (("/", file), *_walk(file)) if _holds_events(item) and name not in groups]
     if not groups:
         raise ValueError("an HDF5 file without events: no CD/events, no x, y, t, p, no N x 4 events")
     if topic and topic not in groups:
@@ -68,7 +70,9 @@ def find_layout(file: h5py.File, topic: str, info: RecordingInfo, backend: str) 
     if len(groups) > 1 and not topic:
         info.warn(f"events in {', '.join(groups)}: these are of {name}")
     found = file[name]
-    return _table(found, info) if isinstance(found, h5py.Dataset) else _columns(file, found, info)
+    if isinstance(found, h5py.Dataset):
+        return _records(found, info) if found.dtype.names else _table(found, info)
+    return _columns(file, found, info)
 
 
 def _get(group: Any, name: str) -> Any:
@@ -104,10 +108,18 @@ def _names(group: h5py.Group) -> list[str]:
 
 def _holds_events(item: Any) -> bool:
     if isinstance(item, h5py.Dataset):
+        if item.dtype.names:
+            return item.ndim == 1 and all(_named_in(item.dtype.names).values())
         return item.ndim == 2 and item.shape[1] == 4 and item.name.rpartition("/")[2] == "events"
-    return isinstance(item, h5py.Group) and any(
-        all(isinstance(_get(item, n), h5py.Dataset) for n in names) for names in _COLUMNS
-    )
+    if not isinstance(item, h5py.Group):
+        return False
+    names = _named_in(_names(item))
+    return all(names.values()) and all(isinstance(_get(item, n), h5py.Dataset) for n in names.values())
+
+
+def _named_in(there: Any) -> dict[str, str]:
+    """What t, x, y and p are called among the names; empty where one is missing."""
+    return {column: next((n for n in names if n in there), "") for column, names in NAMES.items()}
 
 
 # -- Prophesee ---------------------------------------------------------------------------------------------------------
@@ -184,14 +196,46 @@ def _ecf_chunk(table: h5py.Dataset, a: int, b: int, backend: str) -> Events:
     return Events(t * 1000, x, y, p)[: b - a]
 
 
+def _records(table: h5py.Dataset, info: RecordingInfo) -> Layout:
+    """An event a row, as a record with named fields."""
+    names = _named_in(table.dtype.names)
+    times = _Times(table, names["t"], info)
+
+    def read(a: int, b: int) -> Events:
+        rows = table[a:b]
+        return _events(times.in_ns(rows[names["t"]]), rows[names["x"]], rows[names["y"]], rows[names["p"]], 1)
+
+    _check_claim(info, table.shape[0], [table])
+    count = table.shape[0]
+    return Layout("records", count, [table], read, lambda i: int(read(i, i + 1).t[0]), lambda: (0, 0, ""))
+
+
+class _Times:
+    """Times of any type in ns: with a fraction s, whole us; ns where the name says it or us cannot be."""
+
+    def __init__(self, table: h5py.Dataset, name: str, info: RecordingInfo, offset_us: int = 0) -> None:
+        self._offset_us = offset_us
+        first = 0.0
+        if table.shape[0] and (not info.truncated or rows_there(table, info.size_bytes, 0, 1)):
+            value = table[0]
+            first = float(value[name] if table.dtype.names else value)
+        self._unit = 1 if name == "t_ns" or abs(first) >= _NS_FROM else 1000
+
+    def in_ns(self, values: np.ndarray) -> np.ndarray:
+        if values.dtype.kind == "f":  # whole seconds apart: their product with 1e9 would be rounded to 256 ns
+            whole = np.floor(values.astype(np.float64))
+            return whole.astype(np.int64) * 1_000_000_000 + np.rint((values - whole) * 1e9).astype(np.int64)
+        return (values.astype(np.int64) + self._offset_us) * self._unit
+
+
 # -- columns -----------------------------------------------------------------------------------------------------------
 
 
 def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
     with contextlib.suppress(ImportError):
         import hdf5plugin  # noqa: F401 (registers the compressions that DSEC and TUM-VIE use)
-    names = next(n for n in _COLUMNS if all(isinstance(_get(group, c), h5py.Dataset) for c in n))
-    x, y, t, p = (group[n] for n in names)
+    names = _named_in(_names(group))
+    t, x, y, p = (group[names[c]] for c in "txyp")
     offset_us = 0
     offset = _get(file, "t_offset")
     shifted = "t_offset" in _names(file)
@@ -199,21 +243,21 @@ def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
         offset_us = int(np.asarray(offset[()]).reshape(-1)[0])
     elif shifted:
         info.warn("t_offset cannot be read: times count from the start of the file's own clock")
-    indexed = any("ms_to_idx" in _names(g) for g in (file, group))
+    indexed = any({"ms_to_idx", "ms_map_idx"} & set(_names(g)) for g in (file, group))
     name = ("dsec" if shifted else "tum-vie") if indexed else "columns"
     count = min(d.shape[0] if d.ndim == 1 else 0 for d in (x, y, t, p))
     _check_claim(info, count, [x, y, t, p])
 
-    def times(values: np.ndarray) -> np.ndarray:
-        if values.dtype.kind == "f":
-            return np.rint(values.astype(np.float64) * 1e9).astype(np.int64)
-        return (values.astype(np.int64) + offset_us) * 1000
+    times = _Times(t, names["t"], info, offset_us).in_ns
 
     def read(a: int, b: int) -> Events:
         return _events(times(t[a:b]), x[a:b], y[a:b], p[a:b], 1)
 
     def size() -> tuple[int, int, str]:
         given = file.attrs.get("sensor_resolution")
+        calibrated = _get(group, "calib/resolution")
+        if given is None and isinstance(calibrated, h5py.Dataset) and calibrated.size == 2:
+            given = calibrated[()]
         if given is not None and np.shape(given) == (2,):
             height, width = sorted(int(v) for v in given)
             return width, height, "header"

@@ -1,6 +1,6 @@
 """Events as a NumPy archive: arrays t (int64 ns), x, y (uint16), p (uint8), and optionally c, width and height.
 
-Times under another name than `t` (ns) are us where they are whole numbers, and s otherwise. Archives of any size are
+Whole times under another name than `t` (ns) are us; times with a fraction are s. Archives of any size are
 read and written in blocks; nothing is ever unpickled.
 """
 
@@ -22,20 +22,14 @@ from numpy.lib import format as npy
 
 from evis.streams.events import Events
 from evis.streams.files.blocks import BlockRecording
+from evis.streams.files.npy import NAMES
 from evis.streams.files.zip_cut import Archive, CutArchive, open_archive
 from evis.streams.recording import OpenOptions, RecordingError, RecordingInfo, Writer
 
 NAME = "NumPy .npz of t, x, y, p"
 
-_BLOCK = 1 << 20
+_BLOCK, _LOOK = 1 << 20, 4096
 _TYPES: dict[str, Any] = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.uint8, "c": np.uint8}
-_OTHER_NAMES = {
-    "t": ("ts", "time", "times", "timestamp", "timestamps", "t_us", "t_ns"),
-    "x": ("xs",),
-    "y": ("ys",),
-    "p": ("ps", "pol", "polarity", "polarities", "on"),
-}
-"""What other programs call the arrays."""
 # what zipfile and NumPy's reader of headers raise; the latter falls back to a tokenizer
 _BROKEN = (
     KeyError, ValueError, EOFError, OSError, RuntimeError, NotImplementedError, SyntaxError, OverflowError,
@@ -70,7 +64,7 @@ class NpzRecording(BlockRecording):
         path, names, self._names = self._path, {n.removesuffix(".npy") for n in self._zip.namelist()}, {}
         if isinstance(self._zip, CutArchive):
             names = {n for n in names if self._has_header(n)}
-        self._names = {c: next((n for n in (c, *_OTHER_NAMES.get(c, ())) if n in names), "") for c in "txypc"}
+        self._names = {c: next((n for n in NAMES.get(c, (c,)) if n in names), "") for c in "txypc"}
         missing = [c for c in "txyp" if not self._names[c]]
         if missing and isinstance(self._zip, CutArchive):
             raise RecordingError(f"{path}: cut before the array {missing[0]}, so that no event is whole")
@@ -82,16 +76,19 @@ class NpzRecording(BlockRecording):
         lengths, rows, self._unit = {}, {}, "ns"
         for name in self._columns:
             with self._member(name) as (file, shape, dtype):
-                real = dtype.kind == "f" and name == "t" and self._names["t"] not in ("t", "t_us", "t_ns")
+                real = dtype.kind == "f" and name == "t" and self._names["t"] not in ("t_us", "t_ns")
                 if len(shape) != 1 or not (dtype.kind in "iu" or real or (name == "p" and dtype.kind in "bf")):
-                    unit = " of ns" if name == "t" else ""
+                    unit = " of ns, or of s with a fraction" if name == "t" else ""
                     raise RecordingError(
                         f"{path}: {name} is {dtype} {list(shape)}, must be a flat array of whole numbers{unit}"
                     )
                 lengths[name] = shape[0]
                 rows[name] = self._there(file, shape[0], dtype)
                 if name == "t":
-                    self._unit = "s" if real else "ns" if self._names["t"] in ("t", "t_ns") else "us"
+                    self._unit = "ns" if not real and self._names["t"] in ("t", "t_ns") else "us"
+                    if real:
+                        first = np.frombuffer(file.read(_LOOK * dtype.itemsize)[: rows[name] * dtype.itemsize], dtype)
+                        self._unit = "us" if (first == np.floor(first)).all() else "s"
         if len(set(lengths.values())) != 1:
             raise RecordingError(f"{path}: arrays of different lengths: {lengths}")
         self._n = min(rows.values())
@@ -102,7 +99,7 @@ class NpzRecording(BlockRecording):
         if not (width and height):
             width, height, source = self._largest("x"), self._largest("y"), "events"
             warnings.append(f"no width and height in the archive: {width}x{height} are the largest coordinates")
-        if self._unit != "ns":
+        if self._unit != "ns" or (self._names["t"] == "t" and source == "events"):
             warnings.append(f"the times in {self._names['t']} are taken as {self._unit}")
         size = path.stat().st_size
         self.info = RecordingInfo(str(path), "npz", "", width, height, source, size, warnings=warnings)
@@ -158,8 +155,10 @@ class NpzRecording(BlockRecording):
         most = 9e15 if self._unit == "us" else 9e9
         if not (np.isfinite(values).all() and (np.abs(values.astype(np.float64)) < most).all()):
             raise RecordingError(f"{self._path}: {self._names['t']} has times that are no {self._unit}")
-        if self._unit == "us":
+        if self._unit == "us" and (values.dtype.kind != "f" or (values == np.floor(values)).all()):
             return values.astype(np.int64) * 1000
+        if self._unit == "us":
+            raise RecordingError(f"{self._path}: {self._names['t']} begins with whole us and goes on with fractions")
         whole = np.floor(values.astype(np.float64))
         return whole.astype(np.int64) * 1_000_000_000 + np.rint((values - whole) * 1e9).astype(np.int64)
 

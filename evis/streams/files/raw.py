@@ -24,16 +24,17 @@ from evis.streams.files.raw_header import (
 )
 from evis.streams.recording import OpenOptions, Recording, RecordingError, RecordingInfo, Writer
 
-NAME = "Prophesee RAW (EVT2, EVT2.1, EVT3)"
+NAME = "Prophesee RAW (EVT2, EVT2.1, EVT3, EVT4)"
 
-# legal word types, bits of TIME_HIGH's value in them, and by how much the types are shifted, in words of the dtype
+# of encodings that can be told without a header: legal word types, bits of TIME_HIGH's value in them, and by how much
+# the types are shifted, in words of the dtype
 _LEGAL = {
     "evt3": ("<u2", (0, 2, 3, 4, 5, 6, 7, 8, 10, 14, 15), 12, 0),
     "evt2": ("<u4", (0, 1, 8, 10, 14, 15), 28, 0),
     "evt21": ("<u8", (0, 1, 8, 10, 14, 15), 60, 32),
     "evt21_legacy": ("<u8", (0, 1, 8, 10, 14, 15), 28, 0),
 }
-_NAMES = {"evt2": "2.0", "evt21": "2.1", "evt21_legacy": "2.1", "evt3": "3.0"}
+_NAMES = {"evt2": "2.0", "evt21": "2.1", "evt21_legacy": "2.1", "evt3": "3.0", "evt4": "4.0"}
 _COUNTERS = {"outside": "events_outside", "untimed": "words_before_time", "unknown": "words_unknown"}
 _MARK_BYTES = 4 << 20
 _GLANCE, _CHECKED = 1 << 17, 1 << 20
@@ -87,6 +88,8 @@ class RawRecording(Recording):
             self._file.seek(self._start)
         if encoding not in _NAMES:
             what = f"its encoding {encoding} is not supported" if encoding else "no encoding in the header or the data"
+            if encoding in ("histo3d", "diff3d"):
+                what = f"it holds images that the sensor made of its events ({encoding.upper()}), and no events"
             raise RecordingError(f"{path}: {what}; supported are {', '.join(_NAMES)}")
         self._size = size
         self._backend = backend_for(size) if options.backend == "auto" else options.backend
@@ -96,7 +99,7 @@ class RawRecording(Recording):
         if not self._start:
             self.info.warn(f"no header: the words read as {encoding}")
         self._decoder = decoder_for(encoding, 0, 0, self._backend)
-        if told and not (encoding == "evt21" and self._find_order(header)):
+        if encoding in _LEGAL and told and not (encoding == "evt21" and self._find_order(header)):
             self._check_encoding()
         rest = (size - self._start) % self._decoder.word.itemsize
         if rest:

@@ -37,13 +37,14 @@ _PRINTABLE = re.compile(r"[^\x00-\x08\x0a-\x1f\x7f-\x9f]*")
 def read_header(file: BinaryIO) -> tuple[dict[str, str], int]:
     """Header keys in lower case, and the position of the first word.
 
-    The header ends with `% end`, or before the first line that does not start with `% ` (old files).
+    The header ends with `% end`, or before the first line that does not start with `% ` and is not `%` alone (old
+    files).
     """
     header: dict[str, str] = {}
     position = 0
     while position < _MAX_HEADER:
         line = file.readline(_MAX_LINE)
-        if not line.startswith(b"% ") or not line.endswith(b"\n"):
+        if not line.startswith((b"% ", b"%\n", b"%\r\n")) or not line.endswith(b"\n"):
             break
         try:
             text = line.rstrip(b"\r\n").decode()
@@ -52,10 +53,11 @@ def read_header(file: BinaryIO) -> tuple[dict[str, str], int]:
         if not _PRINTABLE.fullmatch(text):
             break
         position += len(line)
-        key, _, value = text[2:].strip().partition(" ")
+        key, value = (*re.split(r"[ \t]+", text[1:].strip(), maxsplit=1), "")[:2]
         if key.lower() == "end" and not value:
             break
-        header[key.lower()] = value.strip()
+        if key:
+            header[key.lower()] = value
     file.seek(position)
     return header, position
 

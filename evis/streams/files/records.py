@@ -27,7 +27,7 @@ class RecordFile(BlockRecording):
     A subclass sets `info` (with the path) and calls `_open_records`.
     """
 
-    record: ClassVar[np.dtype]
+    record: np.dtype
     counter_bits: ClassVar[int]
 
     def _open_records(self, path: Path, start: int) -> None:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from evis.streams.decoder import decoder_for
 from evis.streams.events import Events
 from evis.streams.files.blocks import BlockRecording, take_size
-from evis.streams.files.inflate import DamagedError
+from evis.streams.files.inflate import DamagedError, inflate
 from evis.streams.files.ros_messages import PACKETS, TYPES, read_array, read_packet
 from evis.streams.recording import OpenOptions, RecordingError, open_recording
 
@@ -32,6 +32,16 @@ class BagMessage:
     data: bytes | memoryview
     cdr: bool
     cut: bool = False
+
+
+_ZSTD = b"\x28\xb5\x2f\xfd"
+
+
+def unpacked(message: BagMessage) -> BagMessage:
+    """rosbag2 can compress each message; no CDR begins as Zstandard does. Raises DamagedError."""
+    if not message.cdr or bytes(message.data[:4]) != _ZSTD:
+        return message
+    return replace(message, data=inflate("zstd", bytes(message.data), partial=message.cut))
 
 
 class RosRecording(BlockRecording):
@@ -72,6 +82,7 @@ class RosRecording(BlockRecording):
         for message in self._messages():
             met = True
             try:
+                message = unpacked(message)
                 if message.type in PACKETS:
                     packet = read_packet(message.data, message.cdr, message.cut)
                     size, self.info.encoding = (packet.width, packet.height), packet.encoding
@@ -108,7 +119,7 @@ class RosRecording(BlockRecording):
                 if message.cut:
                     self.info.truncated = True
                     self.info.warn("cut inside a message")
-                yield from reader.events(message)
+                yield from reader.events(unpacked(message))
             except DamagedError as error:
                 if not message.cut:
                     self.count("messages_damaged")

@@ -8,7 +8,6 @@ import urllib.parse
 from collections.abc import Iterator
 from pathlib import Path
 
-from evis.streams.files.inflate import DamagedError, inflate
 from evis.streams.files.ros_messages import plain_type
 from evis.streams.files.ros_recording import BagMessage, RosRecording
 from evis.streams.recording import OpenOptions, RecordingError, RecordingInfo
@@ -16,7 +15,6 @@ from evis.streams.recording import OpenOptions, RecordingError, RecordingInfo
 NAME = "ROS 2 .db3 bag"
 
 MAGIC = b"SQLite format 3\0"
-_ZSTD = b"\x28\xb5\x2f\xfd"
 
 
 def matches(head: bytes, path: Path) -> bool:
@@ -88,13 +86,7 @@ class Db3Recording(RosRecording):
         if not isinstance(data, bytes):
             self.count("messages_damaged")
             return None
-        try:
-            # rosbag2 can compress each message
-            return BagMessage(kind, inflate("zstd", data) if data.startswith(_ZSTD) else data, True)
-        except DamagedError as error:
-            self.count("messages_damaged")
-            self.info.warn(f"damaged messages were left out: {error}")
-            return None
+        return BagMessage(kind, data, True)
 
     @property
     def position(self) -> float:

@@ -112,7 +112,7 @@ class TextRecording(BlockRecording):
     def _last(self, line: bytes) -> Events:
         """A file that does not end with a new line: its last line may be cut inside a number."""
         events = self._events(line + b"\n", count=False)
-        if len(events) and len(self._form.columns) == 4 and not self._form.time_last:
+        if len(events) and not self._form.time_last:
             return events  # the last character is the polarity's, which has only one
         self.info.truncated = True
         self.info.warn("the last line is cut and was left out")

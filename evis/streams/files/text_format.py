@@ -12,15 +12,18 @@ _NAMES = {
 }  # fmt: skip
 _OWN = "t,x,y,p"
 """The line of names that EVIS writes."""
-_NUMBER = rb"[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?"
-_EVENT = re.compile(rb"\s*(%s)[ \t,;]+(%s)[ \t,;]+(%s)[ \t,;]+(%s)\s*" % ((_NUMBER,) * 4))
+_NUMBER = re.compile(rb"[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
+_BOM = b"\xef\xbb\xbf"
+_TRUTH = re.compile(rb"\b(?:(true)|false)\b", re.I)
+_MOST_COLUMNS = 32
 _SIZE = re.compile(rb"\s*(?:[#%]\s*)?(?:(?:geometry|width height|size)\s*:?\s*)?(\d{1,5})[ \t,x]+(\d{1,5})\s*", re.I)
 _LOOK = 64
 
 
 @dataclass(frozen=True)
 class Format:
-    """columns: what each column is. unit: ns of one unit of time. begin: byte of the first event."""
+    """columns: what each column is, _ for one that is left out. unit: ns of one unit of time. begin: byte of the first
+    event."""
 
     columns: str
     unit: int
@@ -31,7 +34,7 @@ class Format:
     @property
     def name(self) -> str:
         """As in the encoding of `RecordingInfo`."""
-        return f"{self.columns}, t in {({1: 'ns', 1000: 'us', 10**9: 's'})[self.unit]}"
+        return f"{self.columns.replace('_', '')}, t in {({1: 'ns', 1000: 'us', 10**9: 's'})[self.unit]}"
 
     @property
     def time_last(self) -> bool:
@@ -42,57 +45,66 @@ class Format:
 def find_format(head: bytes) -> Format | None:
     """The format of a file with this beginning; None where it is not events as text.
 
-    Without names of columns, polarity is the one that is -1, 0 or 1; behind it may come the time (`x,y,p,t`). Times
-    with a decimal point are seconds; whole numbers are us, but ns behind EVIS' own line of names, `t_ns`, or where they
-    can be nothing else (1e17 us are 3000 years).
+    Without names of columns there are four, and polarity is the one that is -1, 0 or 1; behind it may come the time
+    (`x,y,p,t`). Times with a decimal point are seconds; whole numbers are us, but ns behind EVIS' own line of names,
+    `t_ns`, or where they can be nothing else (1e17 us are 3000 years).
     """
     if b"\0" in head:
         return None
-    lines, begin, names, size = head.split(b"\n"), 0, "", (0, 0)
+    begin = len(_BOM) if head.startswith(_BOM) else 0
+    lines, columns, unit, size = head[begin:].split(b"\n"), "", "", (0, 0)
     if len(lines) > 1 and len(head) >= 4096:
         lines.pop()  # may be cut
-    while lines and not _EVENT.fullmatch(lines[0]):
+    while lines and len(numbers_in(lines[0])) != (len(columns) or 4):
         line = lines.pop(0)
         begin += len(line) + 1
         found = _SIZE.fullmatch(line)
         if found and size == (0, 0):
             size = int(found[1]), int(found[2])
-        elif (columns := _columns(line)) and not names:
-            names, size = columns, size if size != (0, 0) else _sides(line)
+        elif (named := _columns(line))[0] and not columns:
+            (columns, unit), size = named, size if size != (0, 0) else _sides(line)
         elif line.strip() and not line.lstrip().startswith((b"#", b"%")):
             return None
-    rows = [m for line in lines[:_LOOK] if (m := _EVENT.fullmatch(line))]
+    width = len(columns) or 4
+    rows = [words for line in lines[:_LOOK] if len(words := numbers_in(line)) == width]
     if not rows or len(rows) < 0.9 * len([line for line in lines[:_LOOK] if line.strip()][:-1]):
         return None
-    values = [[float(v) for v in row.groups()] for row in rows]
-    columns = names[:4] or _guess(values)
+    values = [[float(v) for v in row] for row in rows]
+    own = unit == "own"
+    columns = columns or _guess(values)
     if not columns:
         return None
     place = columns.index("t")
-    whole = all(re.fullmatch(rb"[+-]?\d+", row[place + 1]) for row in rows)
+    whole = all(re.fullmatch(rb"[+-]?\d+", row[place]) for row in rows)
     if not whole:
         return Format(columns, 10**9, begin, size)
-    if names.endswith("n") or max(abs(row[place]) for row in values) >= 1e17:
-        own = names == "txypn"
+    if own or unit == "ns" or max(abs(row[place]) for row in values) >= 1e17:
         return Format(columns, 1, begin, size, "times are whole numbers: taken as ns" if own else "")
-    if names.endswith("u"):
-        return Format(columns, 1000, begin, size)
-    return Format(columns, 1000, begin, size, "times are whole numbers: taken as us")
+    return Format(columns, 1000, begin, size, "" if unit == "us" else "times are whole numbers: taken as us")
 
 
-def _columns(line: bytes) -> str:
-    """`txyp` in the order of a line of names, behind it `u` or `n` where the time is named as us or ns; else empty.
+def plain(data: bytes) -> bytes:
+    """True and false as 1 and 0."""
+    return _TRUTH.sub(lambda found: b"1" if found[1] else b"0", data)
 
-    A name may have the sensor's side behind an @.
-    """
+
+def numbers_in(line: bytes) -> list[bytes]:
+    """The numbers of a line that holds nothing else; else none."""
+    words = re.split(rb"[ \t,;]+", plain(line).strip(b" \t\r,;"), maxsplit=_MOST_COLUMNS)
+    return words if all(map(_NUMBER.fullmatch, words)) else []
+
+
+def _columns(line: bytes) -> tuple[str, str]:
+    """`txyp` in the order of a line of names, _ for others, and the time's unit where its name says it (own: the line
+    that EVIS writes); empty where they are not all there. A name may have the sensor's side behind an @."""
     text = line.decode("latin-1").strip()
-    words = [w.strip('"').lower().partition("@")[0] for w in re.split(r"[ \t,;]+", text.lstrip("# "))]
-    if len(words) != 4 or any(w not in _NAMES for w in words):
-        return ""
-    letters = "".join(_NAMES[w] for w in words)
-    time = words[letters.index("t")] if "t" in letters else ""
-    unit = "n" if time.endswith("_ns") or text == _OWN else "u" if time.endswith("_us") else ""
-    return letters + unit if sorted(letters) == list("ptxy") else ""
+    words = [w.strip('"').lower().partition("@")[0] for w in re.split(r"[ \t]*[,;][ \t]*|[ \t]+", text.lstrip("# "))]
+    letters = "".join(_NAMES.get(w, "_") for w in words)
+    if len(words) > _MOST_COLUMNS or any(letters.count(c) != 1 for c in "txyp"):
+        return "", ""
+    time = words[letters.index("t")]
+    unit = "own" if text == _OWN else time[-2:] if time.endswith(("_ns", "_us")) else ""
+    return letters, unit
 
 
 def _sides(line: bytes) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""Lines of four numbers to integers, exactly: no time goes through a float."""
+"""Lines of numbers to integers, exactly: no time goes through a float."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from evis.streams.files.text_format import plain
 
 if TYPE_CHECKING:
     from evis.streams.files.text_format import Format
@@ -25,6 +27,8 @@ def parse_lines(data: bytes, form: Format) -> Columns:
 
     Numbers of plain digits are read all at once; a block with anything else (exponents, comments) line by line.
     """
+    if b"e" in data or b"E" in data:  # exponents, or true and false
+        data = plain(data)
     fast = _fast(data, form)
     return fast if fast is not None else _slow(data, form)
 
@@ -40,14 +44,14 @@ def _fast(data: bytes, form: Format) -> Columns | None:
     begins[1:] &= ~solid[:-1]
     starts = np.flatnonzero(begins)
     line_ends = np.flatnonzero(kind == _END)
-    n = len(line_ends)
-    if len(starts) != 4 * n:
+    n, width = len(line_ends), len(form.columns)
+    if len(starts) != width * n:
         return None
     last = solid.copy()
     last[:-1] &= ~solid[1:]
     ends = np.flatnonzero(last) + 1
-    # the four words of a line lie between its end and the one before
-    if n and ((starts[3::4] > line_ends).any() or (starts[4::4] < line_ends[:-1]).any()):
+    # the words of a line lie between its end and the one before
+    if n and ((starts[width - 1 :: width] > line_ends).any() or (starts[width::width] < line_ends[:-1]).any()):
         return None
     # a digit counts 10^(digits behind it in its word)
     total = np.zeros(len(raw) + 1, np.int32)
@@ -66,9 +70,9 @@ def _fast(data: bytes, form: Format) -> Columns | None:
     behind = total[ends][word] - total[places] - 1
     value = np.add.reduceat((raw[places] - 48) * _POWERS[behind], total[starts]) if n else np.empty(0, np.int64)
     value[word_of_minus] *= -1
-    decimals = np.zeros(4 * n, np.int64)
+    decimals = np.zeros(width * n, np.int64)
     decimals[word_of_point] = total[ends][word_of_point] - total[points]
-    return _columns(value.reshape(n, 4), decimals.reshape(n, 4), digits.reshape(n, 4), form)
+    return _columns(value.reshape(n, width), decimals.reshape(n, width), digits.reshape(n, width), form)
 
 
 def _columns(value: np.ndarray, decimals: np.ndarray, digits: np.ndarray, form: Format) -> Columns | None:
@@ -99,7 +103,7 @@ def _slow(data: bytes, form: Format) -> Columns:
         words = line.replace(b",", b" ").replace(b";", b" ").split()
         if not words or words[0].startswith((b"#", b"%")):
             continue
-        row = _row(words, form) if len(words) == 4 else None
+        row = _row(words, form) if len(words) == len(form.columns) else None
         if row is None:
             bad += 1
         else:
@@ -111,7 +115,7 @@ def _slow(data: bytes, form: Format) -> Columns:
 
 def _row(words: list[bytes], form: Format) -> tuple[int, int, int, int] | None:
     try:
-        values = {n: Decimal(w.decode("ascii")) for n, w in zip(form.columns, words)}
+        values = {n: Decimal(w.decode("ascii")) for n, w in zip(form.columns, words) if n != "_"}
         if any(not v.is_finite() or v.adjusted() > 18 for v in values.values()):
             return None
         t = int((values["t"] * form.unit).to_integral_value())
