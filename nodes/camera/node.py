@@ -20,9 +20,15 @@ if TYPE_CHECKING:
 
 WAIT_S = 0.05
 """Longest wait inside a step, so that the graph can always be stopped."""
+REST_S = 1.0
+"""Between two rounds of a recording, so that its end can be seen."""
 STATUS_S = 5.0
 """Interval at which a USB camera's temperature and clock are asked for and published again."""
-FIRST_TIME = {"unplugged": "the camera was unplugged; waiting for it", "gaps": "bytes of the stream were lost"}
+FIRST_TIME = {
+    "unplugged": "the camera was unplugged; waiting for it",
+    "gaps": "bytes of the stream were lost",
+    "device_messages": "the camera reports an error of its own: device_message on its info topic",
+}
 """Counters whose first increment is said as a warning."""
 COUNT_S = 0.1
 """Interval at which the driver's totals are asked for; also with each packet before which something was lost."""
@@ -49,6 +55,7 @@ class CameraNode(Node):
         "raw": Param(bool, False, "packets carry the wire bytes too, where there are any"),
         "settings": Param(list, [], "the camera's own settings, as bias_fo=10,event_rate_limit=2e7"),
         "reconnect": Param(bool, False, "wait for a USB camera that was unplugged to come back"),
+        "again": Param(bool, False, "play `file` again and again, as further episodes, until stopped"),
         "faults": Param(str, "", "how an emulated device misbehaves, as stall_every=50,short=512"),
     }
     OUTPUTS = {
@@ -61,6 +68,13 @@ class CameraNode(Node):
     SOURCE = True
 
     @classmethod
+    def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """What is for a device, where a recording is played, and the other way round."""
+        from nodes.camera.effects import without_effect
+
+        return without_effect(params["file"], params["emulate"])
+
+    @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """A recording needs no USB."""
         from nodes.camera.find import is_model
@@ -69,6 +83,13 @@ class CameraNode(Node):
         return {"usb": "the camera is a recording"} if played else {}
 
     def setup(self) -> None:
+        self._counted: dict[str, float] = {}
+        self._interval_ns = round(self.params["packet_ms"] * 1e6)
+        self._rounds = self._episode = self._ends_at = 0
+        self._count_at = self._rest_until = 0.0
+        self._open()
+
+    def _open(self) -> None:
         from nodes.camera.file_source import FileSettings, FileSource, parse_pace
         from nodes.camera.find import find_driver, is_model
 
@@ -88,16 +109,16 @@ class CameraNode(Node):
             if not p["raw"]:  # bytes of unknown size beside the events would make the bus copy both
                 self.driver.allocate = self.columns  # type: ignore[attr-defined]
         self.driver.start()
-        self._counted: dict[str, float] = {}
-        self._interval_ns = round(p["packet_ms"] * 1e6)
-        self._episode, self._ends_at, self._count_at = 0, 0, 0.0
         self._status_at = time.monotonic() + STATUS_S
         about = self.about = self.driver.info()
-        for warning in about.details.get("warnings", ()):
+        for warning in about.details.get("warnings", ()) if not self._rounds else ():
             self.warn(warning)
         self.publish("info", camera_info(p["camera"], about, self.driver.t0_ns))
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
+        if time.monotonic() < self._rest_until:
+            time.sleep(WAIT_S)
+            return True
         reading = self.driver.read(WAIT_S)
         now = time.monotonic()
         if reading is None or reading.lost or now >= self._count_at:
@@ -105,16 +126,28 @@ class CameraNode(Node):
             self._count_new(self.driver.counters())
             self._watch()
         if reading is None:
-            return not self.driver.ended
+            return not self.driver.ended or self._begin_again()
         if reading.late_ns > self._interval_ns:
             self.count("late_packets")
             self.count("late_ms", reading.late_ns / 1e6)
-        for port, message in packets(reading, self.about, self.driver.episode, self.wants):
+        for port, message in packets(reading, self.about, self.driver.episode + self._rounds, self.wants):
             self.publish(port, message)
         if not self.params["duration"] or self.params["file"] or self.params["emulate"]:
             return True  # a recording ends by itself
         self._ends_at = self._ends_at or reading.t0_ns + round(self.params["duration"] * 1e9)
         return reading.stamp_ns < self._ends_at
+
+    def _begin_again(self) -> bool:
+        """Play the recording once more, where that is wanted."""
+        if not self.params["again"] or not self.params["file"]:
+            return False
+        self._count_new(self.driver.counters())
+        self.close()
+        self._counted = {}
+        self._rounds += 1
+        self._rest_until = time.monotonic() + REST_S
+        self._open()
+        return True
 
     def columns(self, n: int) -> Columns:
         """Where the driver decodes the next packet of at most n events: into the message that will be sent."""

@@ -61,6 +61,23 @@ def test_clock_info_and_triggers_of_the_real_camera():
     assert (len(t), int((t // 1000).sum())) == (known["n_triggers"], known["sum_t_triggers"])
 
 
+def test_a_recording_plays_again_as_further_episodes(tmp_path, monkeypatch):
+    """Every round has the same packets; without `again` there is one."""
+    monkeypatch.setattr("nodes.camera.node.REST_S", 0.0)
+    path = write(tmp_path / "a.npz", [1 * MS, 12 * MS, 27 * MS])
+    once = play(Runtime(), file=str(path), pace="fast").messages["events"]
+    runtime = Runtime()
+    with pytest.raises(AssertionError, match="does not end"):
+        play(runtime, max_steps=200, file=str(path), pace="fast", again=True)
+    rounds = {}
+    for packet in runtime.messages["events"]:
+        rounds.setdefault(packet.header.episode, []).append(packet)
+    assert len(rounds) > 5 and sorted(rounds) == list(range(len(rounds)))
+    for episode in range(len(rounds) - 1):
+        assert [p.header.stamp_ns for p in rounds[episode]] == [p.header.stamp_ns for p in once]
+        assert joined(rounds[episode]).t.tolist() == joined(once).t.tolist() == [1 * MS, 12 * MS, 27 * MS]
+
+
 @pytest.mark.parametrize("name", REAL)
 def test_raw_bytes_are_the_file(name):
     """With raw, the packets together carry every byte behind the file's header."""

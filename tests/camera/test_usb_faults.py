@@ -10,7 +10,7 @@ from nodes.camera.emulated.faults import Faults
 from nodes.camera.find import list_devices
 from nodes.camera.usb.models import MODELS
 
-FAMILIES = ["evk4", "silkyevcam", "davis346", "dvxplorer", "dvxplorer_mini", "dvs128"]
+FAMILIES = ["evk4", "silkyevcam", "davis346", "dvxplorer", "dvxplorer_mini", "dvxplorer_micro", "dvs128"]
 
 
 def one_line(error: pytest.ExceptionInfo[BaseException]) -> str:

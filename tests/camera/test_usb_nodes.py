@@ -81,7 +81,7 @@ def simulated(episode: int, seed: int, width: int, height: int) -> list[EventPac
     return packets
 
 
-@pytest.mark.parametrize("name", [n for n in MODELS if n != "dvxplorer_mini"])
+@pytest.mark.parametrize("name", [n for n in MODELS if MODELS[n].encoding != "dvxplorer_mini"])
 def test_simulator_behind_a_usb_camera(name):
     """sim -> encoder -> emulated device -> driver: the simulator's events, times cut to whole us, over a reset too."""
     model = MODELS[name]

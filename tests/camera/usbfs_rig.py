@@ -43,7 +43,9 @@ def describe(device: EmulatedDevice) -> str:
     """The device in umockdev's words, with the binary descriptors that the kernel would show."""
     d = device.identity
     endpoints = b"".join(
-        struct.pack("<BBBBHB", 7, 5, e, 2, 1024, 0) + struct.pack("<BBBBH", 6, 0x30, 0, 0, 0) for e in d.endpoints
+        struct.pack("<BBBBHB", 7, 5, e, 3 if e in d.interrupt else 2, 1024, e in d.interrupt)
+        + struct.pack("<BBBBH", 6, 0x30, 0, 0, 0)
+        for e in d.endpoints
     )
     interface = struct.pack("<9B", 9, 4, 0, 0, len(d.endpoints), 0xFF, 0x19, 0, 0)
     size = 9 + len(interface) + len(endpoints)
@@ -176,6 +178,7 @@ def main() -> None:
     digest = hashlib.sha256()
     for values in (events.t // 1000, events.x, events.y, events.p):
         digest.update(values.tobytes())
+    result |= {"samples": len(events.imu), "acceleration": float(events.imu.acceleration.sum())}
     print(json.dumps({**result, "events": len(events), "sha256": digest.hexdigest()}))
 
 

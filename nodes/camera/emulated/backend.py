@@ -84,7 +84,7 @@ class EmulatedBackend(usb.backend.IBackend):
             bLength=7,
             bDescriptorType=5,
             bEndpointAddress=dev.identity.endpoints[ep],
-            bmAttributes=2,
+            bmAttributes=3 if dev.identity.endpoints[ep] in dev.identity.interrupt else 2,
             wMaxPacketSize=1024,
             bInterval=0,
             bRefresh=0,
@@ -127,6 +127,9 @@ class EmulatedBackend(usb.backend.IBackend):
     def bulk_read(self, dev_handle: EmulatedDevice, ep: int, intf: int, buff: Any, timeout: int) -> int:
         dev_handle.check_claimed()
         return dev_handle.bulk_in(ep, buff, timeout / 1000)
+
+    def intr_read(self, dev_handle: EmulatedDevice, ep: int, intf: int, buff: Any, timeout: int) -> int:
+        return self.bulk_read(dev_handle, ep, intf, buff, timeout)
 
     def ctrl_transfer(
         self,

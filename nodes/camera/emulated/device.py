@@ -20,7 +20,7 @@ LANGUAGE = 0x0409
 
 @dataclass
 class Identity:
-    """What the descriptors say. endpoints in the order of the interface."""
+    """What the descriptors say. endpoints in the order of the interface; those of `interrupt` are no bulk endpoints."""
 
     vendor: int
     product: int
@@ -30,6 +30,7 @@ class Identity:
     endpoints: tuple[int, ...]
     subclass: int = 0
     maker: str = "emulated"
+    interrupt: tuple[int, ...] = ()
 
 
 def stall() -> NoReturn:
@@ -73,8 +74,8 @@ class EmulatedDevice(abc.ABC):
         """Bytes on the command endpoint, where the device has one."""
         stall()
 
-    def answer(self) -> bytes:
-        """What waits on the answer endpoint; empty for nothing."""
+    def answer(self, timeout_s: float) -> bytes:
+        """What waits on the answer endpoint, or comes in time; empty for nothing."""
         return b""
 
     @abc.abstractmethod
@@ -146,7 +147,7 @@ class EmulatedDevice(abc.ABC):
     def bulk_in(self, endpoint: int, buffer: Any, timeout_s: float) -> int:
         """Bytes of an endpoint into `buffer`; how many."""
         if endpoint != self.DATA:
-            data: bytes | memoryview = self.answer()
+            data: bytes | memoryview = self.answer(timeout_s)
             if not data:
                 timeout()
         else:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from evis.streams import open_recording
+from evis.streams import Events, open_recording
 from nodes.camera.emulated.reencode import Reencoder
 from nodes.camera.emulated.windows import plain_windows, sorted_windows
 from nodes.camera.usb.models import Model
@@ -20,18 +20,58 @@ WINDOW_NS = 1_000_000
 """A camera at real pace hands over what one window of device time holds [ns]."""
 LATEST_START_NS = 3600 * NS
 """A recording that is encoded anew and starts later than this is sent from near 0: a camera counts from its start."""
-WITH_SAMPLES = ("davis346", "dvxplorer")
-"""Encodings that carry inertial samples, and frames in one case."""
+WITH_SAMPLES = ("davis346", "dvxplorer", "dvxplorer_mini")
+"""Cameras with inertial samples, and frames in one case."""
+BESIDE = "dvxplorer_mini"
+"""Its samples come on an endpoint of their own; stretches of one window keep them near the events of their time."""
+SIDE_TAKEN_S = 0.2
+"""So long the events of a stretch wait for the samples before them to be taken [s]."""
 PIECE = 1 << 20
+
+
+class SideQueue:
+    """Packets of a second endpoint, and whether anybody takes them."""
+
+    def __init__(self) -> None:
+        self._packets: deque[bytes] = deque()
+        self._changed = threading.Condition()
+        self._wanted = False
+
+    def put(self, packets: list[bytes]) -> None:
+        """Append."""
+        with self._changed:
+            self._packets.extend(packets)
+            self._changed.notify_all()
+
+    def get(self, timeout_s: float) -> bytes:
+        """The next packet; nothing when none came in time."""
+        with self._changed:
+            self._wanted = True
+            if not self._packets:
+                self._changed.wait(timeout_s)
+            packet = self._packets.popleft() if self._packets else b""
+            self._changed.notify_all()
+            return packet
+
+    def wait_taken(self) -> None:
+        """Wait until all are taken, if anybody takes them."""
+        with self._changed:
+            if self._wanted and self._packets:
+                self._changed.wait_for(lambda: not self._packets, SIDE_TAKEN_S)
 
 
 class Feed(abc.ABC):
     """Bytes of a bulk endpoint, taken by `read`. None of them is lost while nobody reads."""
 
+    def __init__(self) -> None:
+        self.side = SideQueue()
+
     @abc.abstractmethod
     def read(self, size: int, timeout_s: float) -> bytes | memoryview:
         """At most `size` bytes; none when nothing came in time. Raises EOFError at the end."""
 
+    change: Callable[[Events], Events] | None = None
+    """What the device's registers make of the events of a recording that is encoded anew."""
     shift_ns = 0
     """Added to the device's times by the driver, so that a recording keeps its own."""
 
@@ -57,7 +97,10 @@ class _Pieces(Feed):
         now: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
+        super().__init__()
         self._speed, self._now, self._sleep = speed, now, sleep
+        self._ahead: list[bytes] = []
+        """Packets beside the next piece."""
         self._pieces: Iterator[tuple[int, bytes]] | None = None
         self._left = memoryview(b"")
         self._next: tuple[int, bytes] | None = None
@@ -91,6 +134,10 @@ class _Pieces(Feed):
                 return
             if wait > 0:
                 self._sleep(wait)
+        if self._ahead:
+            self.side.put(self._ahead)
+            self._ahead = []
+            self.side.wait_taken()
         self._left, self._next = memoryview(data), None
 
 
@@ -109,7 +156,7 @@ class RecordingFeed(_Pieces):
         self.shift_ns = 0 if self.same or first is None or first < LATEST_START_NS else first // NS * NS
         """What is subtracted from the recording's times [ns]; the driver is told and adds it again."""
         self._model = model
-        self._encoder = None if self.same else Reencoder(model, self.shift_ns)
+        self._encoder = None if self.same else Reencoder(model, self.shift_ns, about.format)
         self._duration_ns = round(duration_s * NS)
         if about.width > model.width or about.height > model.height:
             self._recording.close()
@@ -124,14 +171,16 @@ class RecordingFeed(_Pieces):
         if first is None:
             return
         end = first - 1 + self._duration_ns if self._duration_ns else None
-        window = WINDOW_NS if self._speed else 20 * WINDOW_NS
+        window = WINDOW_NS if self._speed or self._model.encoding == BESIDE else 20 * WINDOW_NS
         if self._encoder is None:
             for stamp, _ in plain_windows(recording, window, end):
                 yield stamp, self._wire()
         else:
             windows = sorted_windows if self._model.encoding in WITH_SAMPLES else plain_windows
             for stamp, events in windows(recording, window, end):
-                yield stamp, self._encoder.encode(events)
+                data = self._encoder.encode(self.change(events) if self.change else events)
+                self._ahead += self._encoder.take_beside()
+                yield stamp, data
         if end is None:  # words behind the last event
             recording.read_until(2**62)
             if self._encoder is None:
@@ -159,6 +208,7 @@ class LiveFeed(Feed):
     """Bytes that another thread puts in: the simulator's own events, encoded."""
 
     def __init__(self) -> None:
+        super().__init__()
         self._queue: deque[memoryview] = deque()
         self._changed = threading.Condition()
         self._ended = False
@@ -198,6 +248,7 @@ class FloodFeed(Feed):
     """
 
     def __init__(self, turns: Iterator[np.ndarray], rate: float, fifo: int = 1 << 20, seconds: float = 0.0) -> None:
+        super().__init__()
         self._turns, self._rate, self._fifo, self._seconds = turns, rate, fifo, seconds
         self._current = next(turns)
         self._at = 0

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import errno
 import struct
 
+import numpy as np
 import usb.core
 
+from evis.streams.events import Events
 from nodes.camera.emulated.device import EmulatedDevice, Identity, stall
 from nodes.camera.emulated.faults import Faults
 from nodes.camera.emulated.feed import Feed
@@ -14,28 +17,36 @@ from nodes.camera.usb.models import Model
 
 DATA_IN, DEBUG_IN = 0x82, 0x81
 REGISTER, SEVERAL = 0xBF, 0xC2
+BINNING = 5, 0x3202
 CLOCKS = {(6, 3): 90, (6, 4): 30, (6, 5): 80, (6, 6): 1000}
 GATES = {
     "davis346": {(0, 0): 1, (0, 1): 1, (0, 3): 1, (9, 0): 1, (1, 3): 1},
     "dvxplorer": {(0, 0): 1, (0, 1): 1, (0, 3): 1, (9, 0): 1, (1, 3): 1, (5, 0x3000): 2, (5, 0x3067): 0x80},
+    "dvxplorer_lite": {(0, 0): 1, (0, 1): 1, (0, 3): 1, (9, 0): 1, (1, 3): 1, (5, 0x3000): 2, (5, 0x3204): 9},
     "dvxplorer_mini": {(5, 0x3000): 2},
+    "dvxplorer_micro": {(1, 3): 1, (1, 11): 1},
 }
-FIRMWARE = {"davis346": 0x0006, "dvxplorer": 0x0009, "dvxplorer_mini": 0x0401}
+FIRMWARE = {"davis346": 0x0006, "dvxplorer": 0x0009, "dvxplorer_lite": 0x0009, "dvxplorer_mini": 0x0401,
+            "dvxplorer_micro": 0x040A}  # fmt: skip
+CHIPS = {"dvxplorer_lite": 19}
+MODULES = {"dvxplorer_mini": (1, 3, 5), "dvxplorer_micro": (1, 3)}
+"""Of the small ones, which have neither multiplexer nor system registers; the others have all."""
 
 
 class Fx3Device(EmulatedDevice):
-    """A DAVIS346, DVXplorer or Mini."""
+    """A DAVIS346, DVXplorer, Mini or Micro."""
 
     DATA = DATA_IN
 
     def __init__(self, model: Model, identity: Identity, feed: Feed, faults: Faults) -> None:
         super().__init__(identity, feed, faults)
         self.model = model
+        self.register_size = 8 if model.name == "dvxplorer_micro" else 4
         self.power_up()
 
     def power_up(self) -> None:
         logic = 11 if self.faults.unknown_firmware else 18
-        fixed = {(6, 0): logic, (6, 7): 4, (6, 1): 1, (6, 2): 1, **CLOCKS}
+        fixed = {(6, 0): logic, (6, 7): 4, (6, 1): CHIPS.get(self.model.name, 1), (6, 2): 1, **CLOCKS}
         size = {
             (1, 0): self.model.width,
             (1, 1): self.model.height,
@@ -44,8 +55,7 @@ class Fx3Device(EmulatedDevice):
         }
         if self.faults.unknown_chip:
             size[1, 0] = 999
-        # the Mini has neither multiplexer nor system registers
-        self.fixed = size if self.model.name == "dvxplorer_mini" else {**fixed, **size, (2, 6): 1}
+        self.fixed = size if self.model.name in MODULES else {**fixed, **size, (2, 6): 1}
         self.registers: dict[tuple[int, int], int] = {}
         self.writes: list[tuple[int, int, int]] = []
 
@@ -55,11 +65,12 @@ class Fx3Device(EmulatedDevice):
     def vendor_in(self, request: int, value: int, index: int) -> bytes:
         if request != REGISTER or not self._has(value):
             stall()
-        return struct.pack(">I", self.fixed.get((value, index), self.registers.get((value, index), 0)))
+        number = self.fixed.get((value, index), self.registers.get((value, index), 0))
+        return number.to_bytes(self.register_size, "big")
 
     def vendor_out(self, request: int, value: int, index: int, data: bytes) -> None:
-        if request == REGISTER and len(data) == 4:
-            self._store(value, index, struct.unpack(">I", data)[0])
+        if request == REGISTER and len(data) == self.register_size:
+            self._store(value, index, int.from_bytes(data, "big"))
         elif request == SEVERAL and len(data) == 6 * value:
             for i in range(value):
                 module, parameter, number = struct.unpack_from(">BBI", data, 6 * i)
@@ -72,14 +83,29 @@ class Fx3Device(EmulatedDevice):
             raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
         self.writes.append((module, parameter, number))
         self.registers[module, parameter] = number
+        if (module, parameter) == BINNING:
+            self.feed.change = self._binned if number else None
+
+    def _binned(self, events: Events) -> Events:
+        """One pixel of two by two; what is read out from the far edge begins at half of the sensor."""
+        flips = self.fixed.get((1, 2), 0)
+        x = (events.x >> 1) + np.uint16(self.model.width // 2 if flips & 2 else 0)
+        y = (events.y >> 1) + np.uint16(self.model.height // 2 if flips & 1 else 0)
+        return dataclasses.replace(events, x=x, y=y)
+
+    def answer(self, timeout_s: float) -> bytes:
+        """A Mini's inertial samples, while its chip runs; the debug endpoint of the others is silent."""
+        runs = any(self.registers.get((3, p), 0) for p in (2, 3, 4))
+        return self.feed.side.get(timeout_s) if self.model.name in MODULES and runs else b""
 
     def _has(self, module: int) -> bool:
-        return module in ((1, 3, 5) if self.model.name == "dvxplorer_mini" else (0, 1, 2, 3, 4, 5, 6, 9))
+        return module in MODULES.get(self.model.name, (0, 1, 2, 3, 4, 5, 6, 9))
 
 
 def make_device(model: Model, feed: Feed, faults: Faults, serial: str) -> Fx3Device:
     """An emulated iniVation FX3 camera."""
     vendor, product = model.ids[0]
-    bcd = 0x0001 if faults.unknown_firmware and model.name != "dvxplorer_mini" else FIRMWARE[model.name]
-    identity = Identity(vendor, product, bcd, model.sensor, serial, (DEBUG_IN, DATA_IN), maker="iniVation (emulated)")
+    bcd = 0x0001 if faults.unknown_firmware and model.name not in MODULES else FIRMWARE[model.name]
+    maker, endpoints = "iniVation (emulated)", (DEBUG_IN, DATA_IN)
+    identity = Identity(vendor, product, bcd, model.sensor, serial, endpoints, maker=maker, interrupt=(DEBUG_IN,))
     return Fx3Device(model, identity, feed, faults)

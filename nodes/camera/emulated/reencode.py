@@ -7,6 +7,7 @@ from collections import Counter
 
 import numpy as np
 
+from evis.streams.dvxplorer_mini_imu import MiniImu
 from evis.streams.encoder import encoder_for
 from evis.streams.events import Events, Triggers
 from nodes.camera.usb.models import Model
@@ -17,24 +18,34 @@ ONE_READOUT = "dvxplorer_mini"
 """Two readouts of this wire cannot have the same time: a stretch that begins in the us of the last is moved by 1 us."""
 PULSE = 2
 """Trigger channel of iniVation cameras that has only the value 1."""
+FRAME_MARKS = {"aedat4": (2, 3)}
+"""Formats with triggers that are the readout and the exposure of frames, and their channels."""
 
 
 class Reencoder:
     """An encoder that takes what the model can send and counts what it cannot.
 
     Times become whole us, as sensors count. shift_ns is subtracted first. counts: triggers of channels that the model
-    lacks, frames and inertial samples of models without them, events put in order of time for wires that run forward.
+    lacks, marks of a frame's readout and exposure (its own words say them), frames and inertial samples of models
+    without them, events put in order of time for wires that run forward. source: format of the recording.
     """
 
-    def __init__(self, model: Model, shift_ns: int = 0) -> None:
+    def __init__(self, model: Model, shift_ns: int = 0, source: str = "") -> None:
         self.model, self._shift = model, shift_ns
+        self._marks = FRAME_MARKS.get(source, ())
         self._encoder = encoder_for(model.encoding)
         self._last_us = -1
+        self._beside: list[bytes] = []
         self.counts: Counter[str] = Counter()
 
     def encode(self, events: Events) -> bytes:
         """The words of a stretch of the stream. Raises ValueError for what cannot be put on the wire at all."""
         return self._encoder.encode(self._fit(events))
+
+    def take_beside(self) -> list[bytes]:
+        """The packets of inertial samples that the last stretch has beside its words."""
+        packets, self._beside = self._beside, []
+        return packets
 
     def advance(self, t_ns: int) -> bytes:
         """Time words up to t_ns, as a sensor that sees nothing sends them."""
@@ -43,6 +54,10 @@ class Reencoder:
     def _fit(self, events: Events) -> Events:
         events = moved(events, -self._shift)
         edges = events.triggers
+        marks = np.isin(edges.id, self._marks)
+        if marks.any():
+            self.counts["frame_marks_left_out"] += int(marks.sum())
+            edges = Triggers(edges.t[~marks], edges.id[~marks], edges.value[~marks])
         keep = edges.id < self._encoder.channels
         if self.model.encoding not in UNORDERED:
             keep &= (edges.id != PULSE) | (edges.value == 1)
@@ -54,7 +69,12 @@ class Reencoder:
             self.counts["frames_left_out"] += len(frames)
             frames = []
         if len(imu) and self.model.encoding not in ("davis346", "dvxplorer"):
-            self.counts["imu_left_out"] += len(imu)
+            if self.model.encoding == "dvxplorer_mini":
+                columns = zip(imu.acceleration, imu.angular_velocity, imu.temperature.tolist())
+                imu_of = MiniImu(straight=self.model.name == "dvxplorer_micro")
+                self._beside += [imu_of.packet(*sample) for sample in columns]
+            else:
+                self.counts["imu_left_out"] += len(imu)
             imu = type(imu)()
         events = dataclasses.replace(events, c=None, triggers=edges, frames=frames, imu=imu)
         return events if self.model.encoding in UNORDERED else self._ordered(events)

@@ -95,7 +95,7 @@ class TreuzellDevice(EmulatedDevice):
     def vendor_out(self, request: int, value: int, index: int, data: bytes) -> None:
         raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
 
-    def answer(self) -> bytes:
+    def answer(self, timeout_s: float) -> bytes:
         if not self._answers:
             timeout()
         return self._answers.popleft()

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from nodes.camera.driver import Configuration, DeviceInfo, setting
-from nodes.camera.inivation.fx3 import APS, CHIP, DVS, IMU, INPUT, Fx3Camera, sequences
+from nodes.camera.inivation.fx3 import APS, CHIP, DVS, IMU, INPUT, TRANSPOSED, Fx3Camera, sequences
 from nodes.camera.usb.access import label
 from nodes.camera.usb.driver import UsbSettings
 
@@ -118,6 +118,7 @@ class Camera(Fx3Camera):
         self._global_shutter = r.read(APS, 6)
         details |= {"usb": label(self.device), "chip": r.read(6, 1), "aps_orientation": r.read(APS, 2)}
         details |= {"dvs_orientation": r.read(DVS, 2), "imu_orientation": r.read(IMU, 1)}
+        self._transposed = bool(details["dvs_orientation"] & TRANSPOSED)
         return DeviceInfo(
             m.name, self.serial, m.sensor, m.width, m.height, m.encoding, f"device:{self.serial}", details
         )
@@ -145,7 +146,8 @@ class Camera(Fx3Camera):
             r.write(DVS, enable + 1, max(1, round(value / FILTER_TICK_US)))
         right = s.roi_x + s.roi_width - 1 if s.roi_width else WIDTH - 1
         bottom = s.roi_y + s.roi_height - 1 if s.roi_height else HEIGHT - 1
-        for parameter, value in ((41, s.roi_x), (42, s.roi_y), (43, right), (44, bottom)):
+        x_registers, y_registers = ((42, 44), (41, 43)) if self._transposed else ((41, 43), (42, 44))
+        for parameter, value in (*zip(x_registers, (s.roi_x, right)), *zip(y_registers, (s.roi_y, bottom))):
             r.write(DVS, parameter, value)
         r.write(APS, 12, round(s.exposure_us * self._clocks["AC"]))
         r.write(APS, 13, round(s.frame_interval_us * self._clocks["AC"]))
@@ -167,6 +169,7 @@ class Camera(Fx3Camera):
         assert self._info is not None
         decoder.aps_orientation = self._info.details["aps_orientation"]
         decoder.imu_orientation = self._info.details["imu_orientation"]
+        decoder.transposed = self._transposed
         decoder.reset()
 
     def _end(self) -> None:

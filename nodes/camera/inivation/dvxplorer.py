@@ -1,20 +1,26 @@
-"""iniVation DVXplorer and DVXplorer Mini: 640x480 events; inertial samples and triggers of the former."""
+"""iniVation DVXplorer, its Lite, Mini and Micro: events and inertial samples; triggers of the first two."""
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from evis.streams.dvxplorer_mini_imu import MiniImu
 from nodes.camera.driver import Configuration, DeviceInfo, setting
-from nodes.camera.inivation.fx3 import CHIP, IMU, INPUT, Fx3Camera, sequences
+from nodes.camera.inivation import dvxplorer_micro
+from nodes.camera.inivation.fx3 import CHIP, DEBUG_IN, DVS, IMU, INPUT, SYSTEM, TRANSPOSED, Fx3Camera, sequences
 from nodes.camera.usb.access import label
 from nodes.camera.usb.driver import UsbSettings
 from nodes.camera.usb.models import MODELS
+from nodes.camera.usb.side import SideReader
 
 WIDTH, HEIGHT = 640, 480
 OLDEST = 8
 MINI = 4
 """High byte of bcdDevice of a Mini (MIPI behind a CX3): its firmware starts the chip, it has no multiplexer."""
+LITE = 19
+"""Chip identifier of a Lite: a quarter of the pixels; its subsampling registers count from 1."""
 SENSITIVITY = {
     "very_low": (6, 125, 6, 2),
     "low": (6, 125, 3, 5),
@@ -23,7 +29,10 @@ SENSITIVITY = {
     "very_high": (4, 127, 2, 6),
 }
 """Values of the chip registers 0x0B, 0x12, 0x1C (ON) and 0x1E (OFF)."""
-CROP = 0x3300
+CROP, BINNING, SUBSAMPLING = 0x3300, 0x3202, 0x3204
+FLIP_X, FLIP_Y = 2, 1
+"""Bits of the orientation register: the chip counts from the far edge."""
+SIDE_PAUSE_S = 0.0005
 
 
 @dataclass
@@ -35,6 +44,7 @@ class DvxplorerSettings(UsbSettings):
     roi_y: int = setting(0, "top row of the region of interest", "px", 0, HEIGHT - 1)
     roi_width: int = setting(0, "its width; 0 = to the right edge", "px", 0, WIDTH)
     roi_height: int = setting(0, "its height; 0 = to the bottom edge", "px", 0, HEIGHT)
+    binning: bool = setting(False, f"one pixel of two by two: {WIDTH // 2}x{HEIGHT // 2}")
     imu: bool = setting(True, "send inertial samples")
     trigger_in: bool = setting(False, "report edges of the trigger input")
 
@@ -42,32 +52,46 @@ class DvxplorerSettings(UsbSettings):
         super().check()
         if self.sensitivity not in SENSITIVITY:
             raise ValueError(f"sensitivity is '{self.sensitivity}', must be one of {', '.join(SENSITIVITY)}")
-        if self.roi_x + (self.roi_width or 1) > WIDTH or self.roi_y + (self.roi_height or 1) > HEIGHT:
+        self.check_region(WIDTH, HEIGHT)
+        if self.binning and (self.roi_x or self.roi_y or self.roi_width or self.roi_height):
+            raise ValueError("binning and a region of interest are given; the camera does one of them")
+
+    def check_region(self, width: int, height: int) -> None:
+        """Raise ValueError unless the region of interest lies inside a sensor of this size."""
+        if self.roi_x + (self.roi_width or 1) > width or self.roi_y + (self.roi_height or 1) > height:
             raise ValueError(
                 f"roi {self.roi_x},{self.roi_y} {self.roi_width}x{self.roi_height} px does not lie inside "
-                f"{WIDTH}x{HEIGHT}"
+                f"{width}x{height}"
             )
 
 
 class Camera(Fx3Camera):
-    """A DVXplorer or a Mini, told apart by bcdDevice."""
+    """A DVXplorer, a Mini or a Micro (a Mini with firmware from 10 on is the same), told apart by bcdDevice; or a Lite,
+    told by its chip."""
 
     SETTINGS: ClassVar[type[Configuration]] = DvxplorerSettings
 
     def _connect(self) -> DeviceInfo:
         self.mini = self.device.bcdDevice >> 8 == MINI
-        m = self.model = MODELS["dvxplorer_mini" if self.mini else "dvxplorer"]
-        details = self._take(0 if self.mini else OLDEST)
+        self.micro = self.mini and self.device.bcdDevice & 0xFF >= dvxplorer_micro.FIRMWARE
+        self.model = MODELS["dvxplorer_micro" if self.micro else "dvxplorer_mini" if self.mini else "dvxplorer"]
+        details = self._take(0 if self.mini else OLDEST, 8 if self.micro else 4)
         self._clocks = {"LC": 0.0, "UC": 0.0}
         self._lists = sequences("dvxplorer")
         if not self.mini:
             details["logic"] = self._check_logic(2)
             self._clocks = self.registers.clocks()
-        size = self.registers.read(1, 0), self.registers.read(1, 1)
-        if sorted(size) != [HEIGHT, WIDTH]:
-            raise OSError(f"{self.name}: unknown sensor of {size[0]}x{size[1]} px, not {WIDTH}x{HEIGHT}")
+        self.lite = not self.mini and self.registers.read(SYSTEM, 1) == LITE
+        if self.lite:
+            self.model = MODELS["dvxplorer_lite"]
+        m = self.model
+        size = self.registers.read(DVS, 0), self.registers.read(DVS, 1)
+        if sorted(size) != [m.height, m.width]:
+            raise OSError(f"{self.name}: unknown sensor of {size[0]}x{size[1]} px, not {m.width}x{m.height}")
         details["usb"] = label(self.device)
-        details |= {"dvs_orientation": self.registers.read(1, 2), "imu_orientation": self.registers.read(IMU, 1)}
+        details["dvs_orientation"] = self.registers.read(DVS, 2)
+        details["imu_orientation"] = 0 if self.micro else self.registers.read(IMU, 1)
+        self._orientation = 0 if self.micro else details["dvs_orientation"]  # a Micro's firmware turns the image itself
         return DeviceInfo(
             m.name, self.serial, m.sensor, m.width, m.height, m.encoding, f"device:{self.serial}", details
         )
@@ -83,34 +107,86 @@ class Camera(Fx3Camera):
             words = tuple(w for w in words if w[0] == "d" or w.startswith((f"{CHIP},", f"{IMU},")) or w == "halt")
         self.registers.run(words, self._clocks, {"halt": self._halt})
 
+    def _write(self, writes: dvxplorer_micro.Writes) -> None:
+        for module, parameter, value in writes:
+            self.registers.write(module, parameter, value)
+
+    def _apply_micro(self, s: DvxplorerSettings) -> None:
+        if s.binning or s.roi_x or s.roi_y or s.roi_width or s.roi_height:
+            raise ValueError(f"{self.name}: binning and a region of interest are not driven on this model")
+        assert self._info is not None
+        orientation = self._info.details["dvs_orientation"]
+        self._write(dvxplorer_micro.configuration(s.sensitivity, WIDTH, HEIGHT, orientation))
+
     def _apply(self, settings: Any) -> None:
         s, r = settings, self.registers
+        if self.micro:
+            self._apply_micro(s)
+            return
+        width, height = self.model.width, self.model.height
+        s.check_region(width, height)
+        if self.lite and s.binning:
+            raise ValueError(f"{self.name}: the Lite has no binning")
         self._run("default_configuration")
         current = r.read(CHIP, 0x3200)
         r.write(CHIP, 0x3200, current | 6)
         for address, value in zip((0x0B, 0x12, 0x1C, 0x1E), SENSITIVITY[s.sensitivity]):
             r.write(CHIP, address, value)
+        r.write(CHIP, BINNING, int(s.binning))
+        if self.lite:
+            r.write(CHIP, SUBSAMPLING, 0b001_001)  # none, in both directions
+        factor = 2 if s.binning else 1
+        self._info = dataclasses.replace(self.info(), width=width // factor, height=height // factor)
         if s.roi_x or s.roi_y or s.roi_width or s.roi_height:
             self._crop()
 
     def _crop(self) -> None:
-        """The chip's cropper: columns as numbers, rows as groups of eight with a mask in the first and last."""
+        """The chip's cropper: columns as numbers, rows as groups of eight with a mask in the first and last.
+
+        It counts as the chip does, before the image is flipped. Where first and last group are the same, the chip looks
+        at the mask of the last alone.
+        """
         s, r = self._settings, self.registers
-        left, top = s.roi_x, s.roi_y
-        right = left + s.roi_width - 1 if s.roi_width else WIDTH - 1
-        bottom = top + s.roi_height - 1 if s.roi_height else HEIGHT - 1
+        columns, rows = self.model.width, self.model.height
+        across = s.roi_x, s.roi_x + s.roi_width - 1 if s.roi_width else columns - 1
+        down = s.roi_y, s.roi_y + s.roi_height - 1 if s.roi_height else rows - 1
+        if self._orientation & TRANSPOSED:
+            across, down, columns, rows = down, across, rows, columns
+        left, right = (columns - 1 - across[1], columns - 1 - across[0]) if self._orientation & FLIP_X else across
+        top, bottom = (rows - 1 - down[1], rows - 1 - down[0]) if self._orientation & FLIP_Y else down
         first, last = 0xFF << top % 8 & 0xFF, 0xFF >> 7 - bottom % 8
+        if top // 8 == bottom // 8:
+            first, last = 0xFF, first & last
         values = (0, top // 8, first, bottom // 8, last, left >> 8, left & 0xFF, right >> 8, right & 0xFF)
         for i, value in enumerate(values):
             r.write(CHIP, CROP + i, value)
 
     def _prepare(self, decoder: Any) -> None:
         assert self._info is not None
+        decoder.transposed, decoder.binned = bool(self._orientation & TRANSPOSED), self._settings.binning
         if not self.mini:
             decoder.imu_orientation = self._info.details["imu_orientation"]
-            decoder.reset()
+        decoder.reset()
+
+    def _make_side(self) -> SideReader | None:
+        """A Mini's inertial samples come on the debug endpoint."""
+        if not self.mini or not self._settings.imu:
+            return None
+        assert self._info is not None
+        imu = MiniImu(self.micro, self._info.details["imu_orientation"])
+
+        def read(buffer: Any, timeout_ms: int) -> int:
+            size: int = self.device.read(DEBUG_IN, buffer, timeout_ms)
+            return size
+
+        pause_s = 0.0 if self.bus.emulated else SIDE_PAUSE_S
+        return SideReader(read, lambda: self.device.clear_halt(DEBUG_IN), imu, pause_s)
 
     def _begin(self) -> None:
+        if self.micro:
+            self._halt()
+            self._write(dvxplorer_micro.running(True, self._settings.imu))
+            return
         self._run("start")
         s, r = self._settings, self.registers
         if not s.imu:
@@ -121,7 +197,11 @@ class Camera(Fx3Camera):
                 r.write(INPUT, parameter, 1)
 
     def _end(self) -> None:
-        self._run("stop")
+        if self.micro:
+            self._write(dvxplorer_micro.running(False, False))
+        else:
+            self._run("stop")
 
     def _disconnect(self) -> None:
-        self._run("close")
+        if not self.mini:
+            self._run("close")

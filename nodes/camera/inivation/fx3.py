@@ -6,7 +6,6 @@ Facts from the public sources of libcaer (BSD-2-Clause).
 from __future__ import annotations
 
 import re
-import struct
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
@@ -15,31 +14,34 @@ from typing import Any
 from nodes.camera.usb.access import CONTROL_MS, claim, text
 from nodes.camera.usb.driver import UsbDriver
 
-DATA_IN = 0x82
+DATA_IN, DEBUG_IN = 0x82, 0x81
 REGISTER = 0xBF
 OUT, IN = 0x40, 0xC0
 MULTIPLEXER, DVS, APS, IMU, INPUT, CHIP, SYSTEM, USB = 0, 1, 2, 3, 4, 5, 6, 9
 LOGIC_VERSION = 18
+TRANSPOSED = 4
+"""Bit of a sensor's orientation register: its columns are read out as rows."""
 DRAIN_READS = 64
 _WRITE = re.compile(r"(\d+),(\d+)=(\d+|(?:(\d+)\*)?(LC|UC|GS))|d(\d+)")
 
 
 class Registers:
-    """Registers of one camera. sleep [s]."""
+    """Registers of one camera. sleep [s]. size: of a register on the wire [bytes]."""
 
-    def __init__(self, device: Any, sleep: Callable[[float], None]) -> None:
-        self._device, self._sleep = device, sleep
+    def __init__(self, device: Any, sleep: Callable[[float], None], size: int = 4) -> None:
+        self._device, self._sleep, self._size = device, sleep, size
 
     def read(self, module: int, parameter: int) -> int:
         """One register. Raises usb.core.USBError, OSError for an answer that is too short."""
-        body = bytes(self._device.ctrl_transfer(IN, REGISTER, module, parameter, 4, CONTROL_MS))
-        if len(body) != 4:
-            raise OSError(f"register {module},{parameter}: an answer of {len(body)} bytes, not 4")
-        return int(struct.unpack(">I", body)[0])
+        body = bytes(self._device.ctrl_transfer(IN, REGISTER, module, parameter, self._size, CONTROL_MS))
+        if len(body) != self._size:
+            raise OSError(f"register {module},{parameter}: an answer of {len(body)} bytes, not {self._size}")
+        return int.from_bytes(body, "big")
 
     def write(self, module: int, parameter: int, value: int) -> None:
         """One register."""
-        self._device.ctrl_transfer(OUT, REGISTER, module, parameter, struct.pack(">I", value), CONTROL_MS)
+        body = value.to_bytes(self._size, "big")
+        self._device.ctrl_transfer(OUT, REGISTER, module, parameter, body, CONTROL_MS)
 
     def run(self, words: tuple[str, ...], values: Mapping[str, float], hooks: Mapping[str, Callable[[], None]]) -> None:
         """A sequence: writes, waits, and named steps (`halt`, `configuration`). values: clocks in MHz (LC, UC), GS."""
@@ -76,10 +78,10 @@ class Fx3Camera(UsbDriver):
     ENDPOINT = DATA_IN
     registers: Registers
 
-    def _take(self, oldest: int) -> dict[str, Any]:
+    def _take(self, oldest: int, register_size: int = 4) -> dict[str, Any]:
         """Claim the device and check its firmware; gives the first details. Raises OSError."""
         claim(self.device, 0)
-        self.registers = Registers(self.device, self.bus.sleep)
+        self.registers = Registers(self.device, self.bus.sleep, register_size)
         firmware = self.device.bcdDevice & 0xFF
         if firmware < oldest:
             raise OSError(f"{self.name}: unknown firmware {firmware}; {oldest} or later is needed: update it with DV")

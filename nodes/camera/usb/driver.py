@@ -21,6 +21,7 @@ from nodes.camera.usb.stream import Stream
 
 if TYPE_CHECKING:
     from evis.streams.decoder import Decoder
+    from nodes.camera.usb.side import SideReader
 
 RETRY_S = 0.5
 """Interval of the search for a camera that was unplugged [s]."""
@@ -142,6 +143,8 @@ class UsbDriver(Driver):
             clock = self._stream.clock
             self._info.details["clock_offset_ns"] = clock.offset_ns
             self._info.details["clock_drift_ppm"] = round(clock.drift_ppm, 3)
+        if self._stream is not None and self._stream.side is not None and self._stream.side.message:
+            self._info.details["device_message"] = self._stream.side.message
         return self._info
 
     def configure(self, configuration: Configuration) -> None:
@@ -170,7 +173,7 @@ class UsbDriver(Driver):
         s, model = self._settings, self.model
         if self._info is None:
             raise ValueError(f"{self.model.title}: not open")
-        decoder = decoder_for(model.encoding, model.width, model.height, s.decoder)
+        decoder = decoder_for(model.encoding, self._info.width, self._info.height, s.decoder)
         self._prepare(decoder)
         decoder.prepare()
         try:
@@ -184,10 +187,16 @@ class UsbDriver(Driver):
         live = self._live and not self.wait_when_full
         shift_ns = feed.shift_ns if feed else 0
         longest_ns = round(s.longest_ms * 1e6)
-        self._stream = Stream(reader, decoder, packet_ns, s.raw, live, shift_ns, longest_ns, self.allocate)
+        self._stream = Stream(
+            reader, decoder, packet_ns, s.raw, live, shift_ns, longest_ns, self.allocate, self._make_side()
+        )
         first = feed.first_ns if feed else None
         self.t0_ns = 0 if first is None else (first - 1) // packet_ns * packet_ns
-        reader.start()
+        self._stream.start()
+
+    def _make_side(self) -> SideReader | None:
+        """What reads inertial samples beside the stream, where the camera sends them so."""
+        return None
 
     def _make_reader(self) -> Reader:
         """Emulated devices know no queue of transfers: they are read one transfer at a time."""
@@ -248,7 +257,7 @@ class UsbDriver(Driver):
     def _let_go(self) -> None:
         """Close what is left of a stream and a device, keeping the counters."""
         if self._stream is not None:
-            self._stream.reader.close()
+            self._stream.close()
             self._before += Counter(self._stream_counts())
             self._bytes += self._stream.reader.bytes
         self._stream = None
@@ -303,7 +312,8 @@ class UsbDriver(Driver):
         assert self._stream is not None
         named = {"outside": "events_outside", "untimed": "words_before_time", "unknown": "words_unknown"}
         decoded = {named.get(k, k): v for k, v in self._stream.decoder.counts.items()}
-        return {**self._stream.reader.counts, **self._stream.counts, **decoded}
+        side = self._stream.side.counts if self._stream.side else {}
+        return {**self._stream.reader.counts, **self._stream.counts, **decoded, **side}
 
     def counters(self) -> dict[str, int]:
         total = Counter(self._before)
@@ -323,7 +333,7 @@ class UsbDriver(Driver):
             self._end()
         except (usb.core.USBError, OSError):
             pass  # a camera that is gone is silent
-        stream.reader.close()
+        stream.close()
         self._stream = stream
         self._before += Counter(self._stream_counts())
         self._bytes += stream.reader.bytes

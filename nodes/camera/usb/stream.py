@@ -14,6 +14,7 @@ from nodes.camera.driver import Reading
 from nodes.camera.usb.access import StreamEnd
 from nodes.camera.usb.clock import ClockMap
 from nodes.camera.usb.reader import Chunk, Reader
+from nodes.camera.usb.side import SideReader
 
 FAR_NS = 2**63 - 1
 US = 1000
@@ -46,7 +47,7 @@ class Stream:
     ROOMY_EVENTS) have room: fewer, larger packets, whose ends still lie on whole intervals. What is too fast even then
     is lost in the reader, which counts it.
 
-    allocate: gives the arrays of a packet, which is decoded in place.
+    allocate: gives the arrays of a packet, which is decoded in place. side: inertial samples beside the stream.
     """
 
     def __init__(
@@ -59,8 +60,10 @@ class Stream:
         origin_ns: int = 0,
         longest_ns: int = 0,
         allocate: Allocate = plain,
+        side: SideReader | None = None,
     ) -> None:
         self.reader, self.decoder, self.packet_ns, self._raw, self._live = reader, decoder, packet_ns, raw, live
+        self.side = side
         self.clock = ClockMap()
         self.counts: Counter[str] = Counter()
         self.ended = False
@@ -82,6 +85,18 @@ class Stream:
         self._earliest = FAR_NS
         self._others: list[Events] = []
         self._bytes: list[np.ndarray] = []
+
+    def start(self) -> None:
+        """Let the threads read."""
+        self.reader.start()
+        if self.side is not None:
+            self.side.start()
+
+    def close(self) -> None:
+        """End the threads."""
+        self.reader.close()
+        if self.side is not None:
+            self.side.close()
 
     def read(self, timeout_s: float) -> Reading | None:
         """The next interval; None when it is not complete after timeout_s, and at the end. Raises OSError."""
@@ -153,6 +168,8 @@ class Stream:
             self._decode(self._stamp - self._offset)
         if self._fresh and self._newest is not None:  # this chunk had events
             self.clock.add(self._chunk.t_host_ns, self._newest)
+            if self.side is not None:
+                self.side.seen(self._chunk.t_host_ns, self._newest)
             self._fresh = False
         return None
 
@@ -213,13 +230,16 @@ class Stream:
             self._earliest = min(self._earliest, earliest)
         self._others += others
 
-    def _finish(self) -> Reading:
-        """Close the interval and begin the next one."""
+    def _finish(self, last: bool = False) -> Reading:
+        """Close the interval and begin the next one. last: nothing will follow."""
         assert self._t0 is not None
         events = self._buffer.events() if self._buffer is not None else Events.empty()
         if self._others:
             others = Events.concatenate(self._others)
             events.triggers, events.imu, events.frames = others.triggers, others.imu, others.frames
+        if self.side is not None:
+            to_device = self.clock.to_device if self._live and self.clock.known else None
+            events.imu = self.side.take(None if last else self._stamp, to_device)
         raw = None
         if self._raw:
             raw = np.concatenate(self._bytes) if self._bytes else np.empty(0, np.uint8)
@@ -258,10 +278,17 @@ class Stream:
         if self._chunk is None or self._t0 is None:
             return None
         self._decode(None)
+        if self.side is not None:
+            if self._newest is not None:
+                self.side.seen(self._chunk.t_host_ns, self._newest)
+            self.side.rest()
         self._chunk = None
-        if not self._others and not (self._buffer is not None and self._buffer.n):
-            return None
-        return self._finish()
+        reading = self._finish(last=True)
+        return reading if len(reading.events) or self._has_more(reading.events) else None
+
+    @staticmethod
+    def _has_more(events: Events) -> bool:
+        return bool(len(events.triggers) or len(events.imu) or events.frames)
 
 
 def _shift(events: Events, offset_ns: int) -> None:

@@ -1,0 +1,56 @@
+"""DVXplorer Micro, and a Mini with firmware from 10 on: registers of eight bytes, and a firmware that sets up the chip.
+
+Facts from jAER's public sources, which follow iniVation's own library.
+"""
+
+from __future__ import annotations
+
+from nodes.camera.inivation.fx3 import DVS, IMU
+
+FIRMWARE = 10
+"""Low byte of bcdDevice from which on this holds."""
+FLATTEN, SUBSAMPLE_X, SUBSAMPLE_Y, HOLD, RESET, RESET_SKIP, TIMEOUT_ON, TIMEOUT_US, READOUTS = (
+    4,
+    5,
+    6,
+    8,
+    9,
+    10,
+    11,
+    12,
+    13,
+)
+THRESHOLD_ON, THRESHOLD_OFF, CROP_X, CROP_Y, CROP_WIDTH, CROP_HEIGHT, CROP_APPLY, FLIP_X, FLIP_Y = (
+    14,
+    15,
+    *range(19, 26),
+)
+"""Parameters of the module DVS."""
+VARIABLE_5000 = 8
+"""Readouts as events come, at most 5000 a second."""
+THRESHOLDS = {"very_low": 15, "low": 12, "default": 9, "high": 5, "very_high": 2}
+"""Contrast thresholds, 0 to 17, of the presets of the chip's own registers."""
+RATE_800_HZ, FILTER_NORMAL, RANGE_4_G, RANGE_500_DPS = 11, 2, 1, 2
+"""Values of the BMI160's own registers."""
+
+Writes = tuple[tuple[int, int, int], ...]
+"""(module, parameter, value)."""
+
+
+def configuration(sensitivity: str, width: int, height: int, orientation: int) -> Writes:
+    """The camera's settings. orientation: register (DVS, 2), two letters: X and Y for axes that are to be flipped."""
+    threshold = THRESHOLDS[sensitivity]
+    flip_x, flip_y = (chr(orientation >> shift & 0xFF).upper() == letter for shift, letter in ((8, "X"), (0, "Y")))
+    dvs = {
+        FLATTEN: 0, SUBSAMPLE_X: 0, SUBSAMPLE_Y: 0, HOLD: 1, RESET: 0, RESET_SKIP: 0, TIMEOUT_ON: 1, TIMEOUT_US: 2000,
+        READOUTS: VARIABLE_5000, THRESHOLD_ON: threshold, THRESHOLD_OFF: threshold,
+        CROP_X: 0, CROP_Y: 0, CROP_WIDTH: width, CROP_HEIGHT: height, CROP_APPLY: 0,
+        FLIP_X: int(flip_x), FLIP_Y: int(flip_y),
+    }  # fmt: skip
+    imu = (RATE_800_HZ, FILTER_NORMAL, RANGE_4_G, RATE_800_HZ, FILTER_NORMAL, RANGE_500_DPS)
+    return (*((DVS, p, v) for p, v in dvs.items()), *((IMU, 5 + i, v) for i, v in enumerate(imu)))
+
+
+def running(events: bool, samples: bool) -> Writes:
+    """The sensor and its inertial chip on or off."""
+    return ((DVS, 3, int(events)), *((IMU, p, int(samples)) for p in (2, 3, 4)))
