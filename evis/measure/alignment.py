@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.measure.plane import Plane
+
 SIGMAS = (4.0, 3.0, 2.0, 2.0, 1.5, 1.5)
 """Blur of each turn [px]."""
 EVENTS = 1500
@@ -25,11 +27,12 @@ _SIDE = 128
 
 
 def align(
-    tau: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, half_s: float, omega: float, pivot: np.ndarray
+    tau: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, half_s: float, omega: float
 ) -> tuple[float, float]:
     """Speed [rad/s, positive from x to y], starting from `omega`, and the share of events that were gathered.
 
-    tau: float [n, s] within +-half_s of the middle; x, y [px]; p 0 or 1. NaN with fewer than 40 events.
+    tau: float [n, s] within +-half_s of the middle; x, y: in the plane of the rotation, from its pivot [px]; p 0 or 1.
+    NaN with fewer than 40 events.
     """
     if len(tau) < 40:
         return float("nan"), 0.0
@@ -37,9 +40,9 @@ def align(
     tau, x, y, p = tau[part], x[part], y[part], p[part].astype(np.int64)
     scale = max(1.0, max(np.ptp(x), np.ptp(y)) / _SIDE)
     corner = np.array([x.min(), y.min()])
-    x, y = (x - pivot[0]) / scale, (y - pivot[1]) / scale
+    x, y = x / scale, y / scale
     weight = _weights(tau, half_s)
-    origin = (pivot - corner) / scale + _MARGIN
+    origin = _MARGIN - corner / scale
     shape = tuple(int(np.ptp(v)) + 2 * _MARGIN + 2 for v in (y, x))
     motion = np.array([omega, 0.0, 0.0])
     for sigma in SIGMAS:
@@ -48,18 +51,18 @@ def align(
 
 
 def in_view(
-    tau: np.ndarray, x: np.ndarray, y: np.ndarray, half_s: float, omega: float, pivot: np.ndarray, view: np.ndarray
+    tau: np.ndarray, u: np.ndarray, v: np.ndarray, half_s: float, omega: float, plane: Plane, view: np.ndarray
 ) -> np.ndarray:
     """Which events [n] turn about the pivot at `omega` [rad/s] for the whole window without leaving the view.
 
-    tau: float [n, s] within +-half_s; x, y [px]; view: [4, px] least and greatest x, least and greatest y.
+    tau: float [n, s] within +-half_s; u, v: in the plane, from the pivot [px]; view: [4, px] least and greatest x,
+    least and greatest y of the image.
     """
-    dx, dy = x - pivot[0], y - pivot[1]
     keep = np.ones(len(tau), bool)
     for end in half_s * np.linspace(-1, 1, 5):
         cos, sin = np.cos(omega * (end - tau)), np.sin(omega * (end - tau))
-        u, v = pivot[0] + cos * dx - sin * dy, pivot[1] + sin * dx + cos * dy
-        keep &= (u >= view[0]) & (u <= view[1]) & (v >= view[2]) & (v <= view[3])
+        x, y = plane.to_image(cos * u - sin * v, sin * u + cos * v)
+        keep &= (x >= view[0]) & (x <= view[1]) & (y >= view[2]) & (y <= view[3])
     return keep
 
 

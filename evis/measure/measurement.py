@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -23,15 +24,23 @@ class Measurement:
     """Feed blocks of events in the order of the stream, then ask for the report.
 
     width, height: of the sensor [px]; window_ns: length of the windows of rate, noise and sharpness; rotation: whether
-    to look for one. An event earlier than one before it counts as if it came with that one; how many is reported.
+    to look for one; working: is told what goes on while that takes its seconds. An event earlier than one before it
+    counts as if it came with that one; how many is reported.
     """
 
-    def __init__(self, width: int, height: int, window_ns: int = 10_000_000, rotation: bool = True) -> None:
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        window_ns: int = 10_000_000,
+        rotation: bool = True,
+        working: Callable[[str], None] = lambda text: None,
+    ) -> None:
         if window_ns < 1000:
             raise ValueError(f"a window of {window_ns} ns is too short; take 1000 ns or more")
         self._rate, self._noise = Rate(window_ns), Noise(width, height)
         self._sharpness, self._size = Sharpness(width, height), (width, height)
-        self._window_ns, self._rotating = window_ns, rotation
+        self._window_ns, self._rotating, self._working = window_ns, rotation, working
         self._held: list[tuple[np.ndarray, ...]] = []
         self._first = self._latest = self._segment_first = self._window = 0
         self._started = False
@@ -113,7 +122,9 @@ class Measurement:
         self._thinned = []
         keep = usual_pixels(x, y, *self._size)
         t, x, y, p = t[keep], x[keep].astype(np.float64), y[keep].astype(np.float64), p[keep].astype(np.int64)
-        self._segments.append(measure_rotation(t, x, y, p) | {"events": len(t)})
+        number = len(self._segments) + 1
+        found = measure_rotation(t, x, y, p, lambda text: self._working(f"rotation, stretch {number}: {text}"))
+        self._segments.append(found | {"events": len(t)})
 
 
 def _thin(t: np.ndarray) -> np.ndarray:

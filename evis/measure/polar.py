@@ -11,9 +11,12 @@ HARMONICS = 40
 RINGS = 5
 
 
-def rings_of(x: np.ndarray, y: np.ndarray, pivot: np.ndarray) -> np.ndarray:
-    """Edges [RINGS + 1, px] that share the events out equally, without the 4 px next to the pivot."""
-    radius = np.hypot(x - pivot[0], y - pivot[1])
+def rings_of(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Edges [RINGS + 1, px] that share the events out equally, without the 4 px next to the pivot.
+
+    u, v: places in the plane of the rotation, from its pivot [n, px].
+    """
+    radius = np.hypot(u, v)
     radius = radius[radius > 4]
     if len(radius) < RINGS:
         return np.linspace(4, 40, RINGS + 1)
@@ -23,16 +26,16 @@ def rings_of(x: np.ndarray, y: np.ndarray, pivot: np.ndarray) -> np.ndarray:
 
 
 def harmonics_of(
-    step: np.ndarray, steps: int, x: np.ndarray, y: np.ndarray, p: np.ndarray, pivot: np.ndarray, edges: np.ndarray
+    step: np.ndarray, steps: int, u: np.ndarray, v: np.ndarray, p: np.ndarray, edges: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fourier coefficients of the angle histograms of each step, and the events in each.
 
-    step: int [n], which of the `steps` descriptors an event belongs to. x, y [px], p: [n]. Returns complex64
-    [HARMONICS, steps, 2 RINGS], orders 1 to HARMONICS, and float [steps]. A turn by a multiplies order m by e^(-i m a).
+    step: int [n], which of the `steps` descriptors an event belongs to. u, v: from the pivot [px], p: [n]. Returns
+    complex64 [HARMONICS, steps, 2 RINGS], orders 1 to HARMONICS, and float [steps]. A turn by a multiplies order m by
+    e^(-i m a).
     """
-    dx, dy = x - pivot[0], y - pivot[1]
-    ring = np.searchsorted(edges, np.hypot(dx, dy)) - 1
-    angle = np.floor(np.arctan2(dy, dx) * (ANGLES / (2 * np.pi))).astype(np.int64) % ANGLES
+    ring = np.searchsorted(edges, np.hypot(u, v)) - 1
+    angle = np.floor(np.arctan2(v, u) * (ANGLES / (2 * np.pi))).astype(np.int64) % ANGLES
     inside = (ring >= 0) & (ring < RINGS)
     key = ((step * RINGS + ring) * 2 + p) * ANGLES + angle
     counts = np.bincount(key[inside], minlength=steps * RINGS * 2 * ANGLES).astype(np.float32)
@@ -55,16 +58,20 @@ def time_weights(counts: np.ndarray) -> np.ndarray:
     return taper / (counts + 0.2 * counts.mean() + 1) ** 0.75
 
 
-def contrast(coefficients: np.ndarray, weights: np.ndarray, omegas: np.ndarray, orders: np.ndarray) -> np.ndarray:
+def turns(omegas: np.ndarray, steps: int, orders: int) -> np.ndarray:
+    """Factors that turn each step of a window back at each speed [rad/s]: complex64 [orders, speeds, steps]."""
+    tau = (np.arange(steps) - (steps - 1) / 2) * (STEP_NS * 1e-9)
+    m = np.arange(1, orders + 1)
+    return np.exp(1j * m[:, None, None] * omegas[None, :, None] * tau).astype(np.complex64)
+
+
+def contrast(coefficients: np.ndarray, weights: np.ndarray, turned: np.ndarray, orders: np.ndarray) -> np.ndarray:
     """Energy of the angle histograms of a window when its steps are turned back at each speed: float [speeds].
 
-    coefficients: [HARMONICS, steps, columns]; weights: [steps]; omegas: [speeds, rad/s]; orders: [HARMONICS].
+    coefficients: [HARMONICS, steps, columns]; weights: [steps]; turned: of `turns`; orders: weights [HARMONICS].
     """
-    steps = coefficients.shape[1]
-    tau = (np.arange(steps) - (steps - 1) / 2) * (STEP_NS * 1e-9)
-    m = np.arange(1, len(orders) + 1)
-    turn = (np.exp(1j * m[:, None, None] * omegas[None, :, None] * tau) * weights).astype(np.complex64)
-    return (orders[:, None] * (np.abs(turn @ coefficients) ** 2).sum(2)).sum(0)
+    weighted = coefficients * weights.astype(np.float32)[:, None]
+    return (orders[:, None] * (np.abs(turned @ weighted) ** 2).sum(2)).sum(0)
 
 
 def peak(at: np.ndarray, values: np.ndarray) -> float:

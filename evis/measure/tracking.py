@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from evis.measure.alignment import align, in_view
+from evis.measure.coherence import coherence
 from evis.measure.pivot import STEPS
-from evis.measure.polar import (
-    STEP_NS,
-    contrast,
-    harmonics_of,
-    order_weights,
-    peak,
-    rings_of,
-    time_weights,
-)
+from evis.measure.plane import Plane
+from evis.measure.polar import STEP_NS, contrast, harmonics_of, order_weights, peak, rings_of, time_weights, turns
 
 POINTS = 250
 """Points of a series at most; 3 ms apart where that is enough."""
@@ -44,30 +39,58 @@ class Track:
     def __len__(self) -> int:
         return len(self.t_ns)
 
+    @property
+    def angle(self) -> np.ndarray:
+        """The angle [n, rad], 0 at the first point; gaps of the series are bridged by the mean of their ends."""
+        if len(self) < 2:
+            return np.zeros(len(self))
+        step = np.diff(self.t_ns) * 1e-9
+        return np.concatenate([[0.0], np.cumsum((self.omega[1:] + self.omega[:-1]) / 2 * step)])
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """A track, and what speaks for it or against it.
+
+    covered: share of the events that it covers; torn: share of windows that another speed explains as well, as of a
+    pattern that moves by about half its own period within a descriptor; coherence: see there, NaN where too little
+    was seen.
+    """
+
+    series: Track
+    covered: float
+    torn: float
+    coherence: float
+
 
 def track(
-    t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, pivot: np.ndarray, fastest: float
-) -> tuple[Track, float, float]:
-    """Speeds over the events (t int64 [n, ns] ascending, x, y float [px], p), and the share of events they cover.
+    t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, plane: Plane, fastest: float,
+    working: Callable[[str], None] = lambda text: None,
+) -> Tracked:  # fmt: skip
+    """Speeds over the events: t int64 [n, ns] ascending, x, y float [px], p; fastest: largest speed [rad/s].
 
-    fastest: largest speed searched for [rad/s]. The third value is the share of windows that another speed explains
-    as well: those of a pattern that moves by about half its own period within a descriptor.
+    working: is told what goes on.
     """
     steps = int((t[-1] - t[0]) // STEP_NS) + 1
     which = ((t - t[0]) // STEP_NS).astype(np.int64)
-    coefficients, counts = harmonics_of(which, steps, x, y, p, pivot, rings_of(x, y, pivot))
+    u, v = plane.from_image(x, y)
+    coefficients, counts = harmonics_of(which, steps, u, v, p, rings_of(u, v))
     orders = order_weights(16)
     omegas = np.arange(-fastest, fastest + 1, max(1.0, fastest / 60))
+    turned = turns(omegas, STEPS, len(orders))
     around = np.convolve(counts, np.ones(STEPS), "same")
     middles = np.flatnonzero(around >= 60)
     middles = middles[(middles >= STEPS // 2) & (middles < steps - STEPS // 2)]
     spacing = max(_SPACING, -(-len(middles) // POINTS))
     view = np.array([x.min(), x.max(), y.min(), y.max()])
     times, speeds, weights, torn = [], [], [], 0
-    for middle in middles[middles % spacing == 0].tolist():
+    middles = middles[middles % spacing == 0]
+    for k, middle in enumerate(middles.tolist()):
+        if k % 8 == 0:
+            working(f"speed {k / len(middles):.0%}")
         window = slice(middle - STEPS // 2, middle + STEPS // 2 + 1)
         taper = time_weights(counts[window])
-        energy = contrast(coefficients[:, window], taper, omegas, orders)
+        energy = contrast(coefficients[:, window], taper, turned, orders)
         chance = orders.sum() * (taper**2 * counts[window]).sum()
         if energy.max() < _CLEAR * chance:
             continue
@@ -76,9 +99,9 @@ def track(
         half = float(np.clip(_TURN / max(abs(omega), 1) * 1e3, *_HALF_MS)) * 1e-3
         first, last = np.searchsorted(t, [at - int(half * 1e9), at + int(half * 1e9)])
         part = np.arange(first, last)
-        inner = part[in_view((t[part] - at) * 1e-9, x[part], y[part], half, omega, pivot, view)]
+        inner = part[in_view((t[part] - at) * 1e-9, u[part], v[part], half, omega, plane, view)]
         part = inner if len(inner) > _LEAST_INSIDE * len(part) else part
-        free, _ = align((t[part] - at) * 1e-9, x[part], y[part], p[part], half, omega, pivot)
+        free, _ = align((t[part] - at) * 1e-9, u[part], v[part], p[part], half, omega)
         if np.isfinite(free) and abs(free) < 2 * fastest:
             times.append(at)
             speeds.append(free)
@@ -87,7 +110,9 @@ def track(
     covered = min(1.0, float(np.sum(weights)) * spacing / STEPS / max(counts.sum(), 1))
     reach = max(_SMOOTH_NS, 3 * spacing * STEP_NS // 2)
     series = smooth(Track(np.array(times, np.int64), np.array(speeds)), reach)
-    return series, covered, torn / max(len(times), 1)
+    at_ns = int(t[0]) + np.arange(steps) * STEP_NS + STEP_NS // 2
+    turned_by = np.interp(at_ns, series.t_ns, series.angle, np.nan, np.nan) if times else np.full(steps, np.nan)
+    return Tracked(series, covered, torn / max(len(times), 1), coherence(coefficients, turned_by))
 
 
 def rival(energy: np.ndarray) -> float:

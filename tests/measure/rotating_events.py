@@ -15,16 +15,18 @@ def turning_edges(
     size: tuple[int, int] = (120, 100),
     jitter_us: float = 200.0,
     seed: int = 0,
+    tilt_deg: float = 0.0,
 ) -> tuple[np.ndarray, ...]:
     """A pixel has an event whenever a radial edge of the pattern passes over it.
 
     theta(t): angle [rad] at t [s]. edges: (angle, inner radius, outer radius, polarity of an edge that turns
-    positively). Returns t int64 [n, ns] ascending, x, y uint16, p uint8.
+    positively). tilt_deg: of the pattern's plane about the x axis, seen from far. Returns t int64 [n, ns] ascending,
+    x, y uint16, p uint8.
     """
     random = np.random.default_rng(seed)
     rows, columns = np.mgrid[0 : size[1], 0 : size[0]]
-    radius = np.hypot(columns - pivot[0], rows - pivot[1])
-    angle = np.arctan2(rows - pivot[1], columns - pivot[0])
+    down = (rows - pivot[1]) / np.cos(np.radians(tilt_deg))
+    radius, angle = np.hypot(columns - pivot[0], down), np.arctan2(down, columns - pivot[0])
     grid = np.arange(0, duration_s, 1e-5)
     turned = theta(grid)
     parts = []

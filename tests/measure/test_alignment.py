@@ -8,6 +8,7 @@ from rotating_events import spokes, texture, turning_edges
 
 from evis.measure.alignment import align, in_view
 from evis.measure.merge import merge
+from evis.measure.plane import Plane
 from evis.measure.rotation import nothing
 from evis.measure.tracking import rival
 
@@ -26,7 +27,8 @@ def window(edges: list, omega: float = 20.0) -> tuple[np.ndarray, ...]:
 @pytest.mark.parametrize("start", [17.0, 20.0, 23.0])
 def test_speed_from_either_side(edges, start):
     """Within 0.5 % of 20 rad/s, from 15 % off too, and about a pivot that is 3 px off: times are known to 0.2 ms."""
-    found, gathered = align(*window(edges), HALF_S, start, PIVOT + np.array([2.0, -2.0]))
+    tau, x, y, p = window(edges)
+    found, gathered = align(tau, x - PIVOT[0] - 2, y - PIVOT[1] + 2, p, HALF_S, start)
     assert found == pytest.approx(20.0, rel=0.005)
     assert gathered > 0.5
 
@@ -37,21 +39,23 @@ def test_a_cut_does_not_hold_the_motion_back():
     view = np.array([0.0, 75.0, 0.0, 65.0])
     seen = (x <= view[1]) & (y <= view[3])
     tau, x, y, p = tau[seen], x[seen], y[seen], p[seen]
-    inner = in_view(tau, x, y, HALF_S, 20.0, PIVOT, view)
+    u, v = Plane(PIVOT).from_image(x, y)
+    inner = in_view(tau, u, v, HALF_S, 20.0, Plane(PIVOT), view)
     assert 40 < inner.sum() < len(tau)
-    found, _ = align(tau[inner], x[inner], y[inner], p[inner], HALF_S, 20.0, PIVOT)
+    found, _ = align(tau[inner], u[inner], v[inner], p[inner], HALF_S, 20.0)
     assert found == pytest.approx(20.0, rel=0.005)
 
 
 def test_in_view_against_a_loop():
-    """An event stays in view if all of its places do, at the window's ends, quarters and middle."""
-    tau, x, y, _ = (v[::37] for v in window(texture()))
-    view = np.array([20.0, 90.0, 10.0, 80.0])
-    for k, kept in enumerate(in_view(tau, x, y, HALF_S, 20.0, PIVOT, view)):
+    """An event stays in view if all of its places do, at the window's ends, quarters and middle; on an ellipse here."""
+    tau, u, v, _ = (v[::37] for v in window(texture()))
+    view, flat = np.array([20.0, 90.0, 10.0, 80.0]), np.exp([0.3, -0.3])
+    u, v = u - PIVOT[0], v - PIVOT[1]
+    for k, kept in enumerate(in_view(tau, u, v, HALF_S, 20.0, Plane(PIVOT, (0.3, 0.0)), view)):
         places = []
         for at in (-HALF_S, -HALF_S / 2, 0.0, HALF_S / 2, HALF_S):
-            turn = np.exp(1j * 20.0 * (at - tau[k])) * complex(x[k] - PIVOT[0], y[k] - PIVOT[1])
-            places.append((PIVOT[0] + turn.real, PIVOT[1] + turn.imag))
+            turn = np.exp(1j * 20.0 * (at - tau[k])) * complex(u[k], v[k])
+            places.append((PIVOT[0] + turn.real / flat[0], PIVOT[1] + turn.imag / flat[1]))
         assert kept == all(view[0] <= u <= view[1] and view[2] <= v <= view[3] for u, v in places)
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import io
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -28,10 +30,19 @@ def turning(tmp_path_factory):
     return path
 
 
-def test_json_and_picture(turning, capsys, tmp_path):
-    """The keys that scripts rely on; a picture that is one."""
+class Terminal(io.StringIO):
+    """Keeps what is drawn."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_json_and_picture(turning, capsys, tmp_path, monkeypatch):
+    """The keys that scripts rely on; a picture that is one; a bar that also moves during the fit."""
     picture = tmp_path / "speed.png"
+    monkeypatch.setattr(sys, "stderr", Terminal())
     assert command.run(parse(turning, "--json", "--size", "120x100", "--png", picture)) == 0
+    assert "rotation, stretch 1: speed" in sys.stderr.getvalue()
     result = json.loads(capsys.readouterr().out)
     assert result["rotation"]["omega_rad_s"] == pytest.approx(45, rel=0.01)
     assert 0.5 <= result["rotation"]["confidence"] <= 1
