@@ -38,7 +38,7 @@ def keyframe(k: int) -> Keyframe:
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float32)
     smooth = np.exp(np.sin(x / 90 + k % VARIANTS) + np.cos(y / 70))
     radiance = smooth[..., None] * rng.uniform(0.8, 1.2, (HEIGHT, WIDTH, 3)).astype(np.float32)
-    return Keyframe(Header(k * 33_333_333, k), radiance[None].astype(np.float32), np.zeros(1, np.int32))
+    return Keyframe(Header(k * 33_333_333, k), np.zeros(1, np.int32), radiance[None].astype(np.float32))
 
 
 def depth(k: int) -> Depth:

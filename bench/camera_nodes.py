@@ -17,6 +17,7 @@ from evis.streams import Events
 from evis.streams.encoder import encoder_for
 from msgs.header import Message
 from nodes.camera.node import CameraNode
+from nodes.camera.usb.driver import UsbDriver
 
 TURN_US = 5 * 4096
 """Device time of one turn of the prepared bytes: whole TIME_HIGH periods, so that only those words change."""
@@ -54,14 +55,15 @@ def turns(words: np.ndarray) -> Iterator[np.ndarray]:
 class FloodCameraNode(CameraNode):
     """The camera node as it is, with an emulated EVK4 that waits for nobody. Writes what it measured at its end."""
 
-    PARAMS: ClassVar[Mapping[str, Param]] = {
+    driver: UsbDriver
+    PARAMS: ClassVar[dict[str, Param]] = {
         **CameraNode.PARAMS,
         "rate": Param(float, 200e6, "bytes per second that the sensor sends", "B/s", 1e3, 1e10),
         "seconds": Param(float, 3.0, "how long", "s", 0.1, 600),
         "out": Param(str, "", "file for the result"),
     }
 
-    def setup(self) -> None:
+    def _open(self) -> None:
         from nodes.camera.emulated.bus import driver_on
         from nodes.camera.emulated.feed import FloodFeed
         from nodes.camera.usb.models import MODELS
@@ -77,9 +79,7 @@ class FloodCameraNode(CameraNode):
         self.driver.allocate = self.columns
         self.meter = Meter(self.driver.emulated.bulk_in)
         self.driver.emulated.bulk_in = self.meter
-        self._counted: dict[str, float] = {}
-        self._interval_ns = round(p["packet_ms"] * 1e6)
-        self._episode, self._ends_at, self._count_at, self._status_at = 0, 0, 0.0, time.monotonic() + 1e9
+        self._status_at = time.monotonic() + 1e9
         self.about = self.driver.info()
         self._latency: list[int] = []
         self._began = 0.0

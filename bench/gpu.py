@@ -20,10 +20,11 @@ import warp as wp
 
 from bench import event_sensor_gpu
 from evis.scene import load_scene
-from nodes.renderer.renderer import LAST, OUTPUTS, Renderer
+from nodes.renderer.renderer import GEOMETRIC, LAST, Renderer
 from nodes.renderer.visibility import Visibility
 
 DEVICE = "cuda:0"
+OUTPUTS = ("radiance", *GEOMETRIC)
 STEP_NS = 4_000_000
 """Between two keyframes of a measurement: everything that can move does."""
 RENDERED = (

@@ -10,9 +10,10 @@ from bench.metrics import Stream, victor_purpura
 from bench.pipeline import THRESHOLD, simulate
 from bench.probe import probe
 from bench.probe_setting import Setting
+from bench.probe_trial import settle
 from bench.world import World
 from evis.clock import NS
-from nodes.interpolator.choice import choose
+from nodes.interpolator.choice import EVEN
 
 
 @dataclass(frozen=True)
@@ -33,53 +34,64 @@ def compare(
     light: dict[str, Any],
     known: Callable[[str, float, int], Fixed | None],
 ) -> list[dict[str, Any]]:
-    """Rows of auto by its own rule and at the run times of three fixed choices, linear crossing times throughout.
+    """Rows of auto by its own rule, at the run times of three fixed choices and with the errors of two, linear crossing
+    times throughout.
 
-    known: a fixed choice that was run already. Every choice is run in full; the ratio is its error over that of the
-    best fixed choice that takes no more time than it does itself, and than was wanted.
+    known: a fixed choice that was run already. Every choice is run in full. error ratio: its error over that of the
+    best fixed choice that takes no more time than it does itself; of a run time wanted, also of the best that keeps it.
+    time ratio, where an error is wanted: its run time over that of the fastest fixed choice with no more error than it
+    has itself or than was wanted.
     """
     scene = world.scene
     sensor = {"threshold": THRESHOLD, "crossing": "linear"}
     setting = Setting(scene, scene.camera("cam0"), duration_ns, sensor=sensor, light=light)
     began = setting.clock()
-    candidates = probe(setting)
+    measured = probe(setting)
     spent = setting.clock() - began
-    moving = _physics(setting, world)
-    by_time = sorted(fixed, key=lambda f: f.seconds)
-    budgets = [None, *(by_time[len(by_time) * part // 4].seconds for part in (1, 2, 3))]
+    moving = measured.moving
+    by_time, by_error = sorted(fixed, key=lambda f: f.seconds), sorted(fixed, key=lambda f: f.error)
+    wishes: list[tuple[str, float | None]] = [("rule", None)]
+    wishes += [("time", by_time[len(by_time) * part // 4].seconds) for part in (1, 2, 3)]
+    wishes += [("error", by_error[len(by_error) * part // 4].error) for part in (1, 2)]
     rows = []
-    for budget in budgets:
-        wanted = None if budget is None else 1 / (budget + moving)
-        best = choose(candidates, wanted_rtf=wanted).candidate
+    for kind, wanted in wishes:
+        began, tried = setting.clock(), len(measured.trials)
+        error, rtf = (
+            (wanted if kind == "error" else None),
+            (1 / (wanted + moving) if kind == "time" and wanted else None),
+        )
+        best = settle(setting, measured, error, rtf).candidate
+        trials = setting.clock() - began
         way = (best.method, best.keyframe_rate, best.upsampling)
         if best.method == "none":
             way = ("none", best.frame_rate, 1)
         own = known(*way) or _run(world, way, duration_ns, truth, light)
-        rival = min((f for f in [*fixed, own] if f.seconds <= 1.02 * own.seconds), key=lambda f: f.error)
-        in_budget = [f.error for f in fixed if f.seconds <= 1.02 * (budget or own.seconds)]
-        rows.append({
+        rivals = [*fixed, own]
+        rival = min((f for f in rivals if f.seconds <= EVEN * own.seconds), key=lambda f: f.error)
+        line: dict[str, Any] = {
             "scene": name,
-            "wanted": "its own rule" if budget is None else f"{budget:.2f} s/s",
+            "wanted": {"rule": "its own rule", "time": f"{wanted or 0:.2f} s/s", "error": f"VP {wanted or 0:.3f}"}[
+                kind
+            ],
             "auto": own.label,
             "predicted [s/s]": round(best.seconds - moving, 2),
             "run time [s/s]": round(own.seconds, 2),
             "predicted VP 1/ms": round(best.error, 4),
             "VP 1/ms": round(own.error, 4),
             "best fixed": f"{rival.label} ({rival.error:.4f}, {rival.seconds:.2f} s/s)",
-            "ratio": round(own.error / max(rival.error, 1e-9), 2),
-            "ratio, wanted time": round(own.error / max(min(in_budget, default=own.error), 1e-9), 2),
-            "measuring took [s]": round(spent, 1),
-        })  # fmt: skip
+            "error ratio": round(own.error / max(rival.error, 1e-9), 2),
+            "error ratio, wanted time": "",
+            "time ratio": "",
+            "measuring took [s]": f"{spent:.1f} + {trials:.1f} ({len(measured.trials) - tried} trials)",
+        }
+        if kind == "time" and wanted:
+            in_time = min((f.error for f in fixed if f.seconds <= EVEN * wanted), default=own.error)
+            line["error ratio, wanted time"] = round(own.error / max(in_time, 1e-9), 2)
+        if kind == "error" and wanted:
+            as_good = min(f.seconds for f in rivals if f.error <= EVEN * max(wanted, own.error))
+            line["time ratio"] = round(own.seconds / as_good, 2)
+        rows.append(line)
     return rows
-
-
-def _physics(setting: Setting, world: World) -> float:
-    """Seconds per simulated second that the engine takes, which the runs here do not contain."""
-    if not world.scene.dynamic:
-        return 0.0
-    began = setting.clock()
-    World(world.scene, setting.duration_ns)
-    return (setting.clock() - began) / (setting.duration_ns / NS)
 
 
 def _run(world: World, way: tuple[str, float, int], duration_ns: int, truth: Stream, light: dict[str, Any]) -> Fixed:

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from bench.probe_setting import LIGHT
 from evis.clock import subframe_stamps
 from evis.geometry import se3
 from evis.scene.model import Body, Camera, Instance, Light, Material, Mesh, Scene, Waveform
 from evis.scene.motion import Linear, Motion, Prescribed, Spin
 from nodes.interpolator.interpolator import NEEDS, Interpolator
 from nodes.interpolator.keyframe import States
-from nodes.interpolator.luminance import luminance_of
 from nodes.renderer.renderer import Renderer
 
 GAP = 10_000_000
@@ -205,7 +205,7 @@ def frames_of(scene: Scene, method: str, upsampling: int = UPSAMPLING) -> Frames
     camera = scene.cameras[0]
     renderer = Renderer(scene, camera)
     interpolator = Interpolator(method, upsampling, scene=scene, camera=camera)
-    outputs = {"radiance"} | (NEEDS[method] & {"depth", "motion"})
+    outputs = {LIGHT} | (NEEDS[method] & {"depth", "motion"})
     before = None
     for k in range(3):
         stamp = START + (k - 1) * GAP
@@ -214,32 +214,40 @@ def frames_of(scene: Scene, method: str, upsampling: int = UPSAMPLING) -> Frames
         poses = states.pose[:, -1]
         images = {n: v.copy() for n, v in renderer.render(poses, before, outputs, {}, stamp).items()}
         _, frames = interpolator.push(
-            stamp, np.zeros(1, np.int32), images["radiance"], images.get("depth"), images.get("motion"),
+            stamp, np.zeros(1, np.int32), images[LIGHT], images.get("depth"), images.get("motion"),
             states=states if "states" in NEEDS[method] else None,
         )  # fmt: skip
         before = poses
     dense = []
     for stamp in subframe_stamps(START, START + GAP, upsampling)[:-1].tolist():
         poses = states_of(scene, np.array([stamp])).pose[:, 0]
-        radiance = renderer.render(poses, None, {"radiance"}, {}, stamp)["radiance"]
-        dense.append(luminance_of(radiance, renderer.device).numpy()[0].copy())
+        dense.append(renderer.render(poses, None, {LIGHT}, {}, stamp)[LIGHT][0].copy())
     report = interpolator.report
     return Frames(frames[0, :-1], np.array(dense), report.reshaded, report.filled)
 
 
-def rows() -> list[dict[str, Any]]:
-    """Of every case: root mean square error of every method, in thresholds, and the share of pixels that is off by
-    more than one."""
-    lines = []
+def measured() -> list[dict[str, Any]]:
+    """Of every case, by method: `rms`, root mean square error in thresholds; `off`, share of pixels that are off by
+    more than one; and the share that `rigid` shades anew."""
+    found = []
     for name, make in CASES.items():
         scene = make()
-        line: dict[str, Any] = {"case": name}
+        case: dict[str, Any] = {"case": name, "rms": {}, "off": {}}
         for method in METHODS:
-            found = frames_of(scene, method)
-            errors = found.errors()
-            wrong = 100 * float((errors > 1).mean())
-            line[method] = f"{np.sqrt(np.mean(errors**2)):.3f} ({wrong:.1f} %)"
+            frames = frames_of(scene, method)
+            errors = frames.errors()
+            case["rms"][method] = float(np.sqrt(np.mean(errors**2)))
+            case["off"][method] = float((errors > 1).mean())
             if method == "rigid":
-                line["shaded anew [%]"] = round(100 * found.reshaded / found.made.size, 2)
-        lines.append(line)
+                case["reshaded"] = frames.reshaded / frames.made.size
+        found.append(case)
+    return found
+
+
+def rows(cases: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """`measured` as a table."""
+    lines = []
+    for case in cases:
+        shown = {m: f"{rms:.3f} ({100 * case['off'][m]:.1f} %)" for m, rms in case["rms"].items()}
+        lines.append({"case": case["case"]} | shown | {"shaded anew [%]": round(100 * case["reshaded"], 2)})
     return lines

@@ -13,6 +13,8 @@ STYLES = {
     "rigid": ("^", "tab:red"),
 }
 """Marker and colour by method."""
+LEAST_FRAMES = 249
+"""Frames per second from which on points are shown."""
 LINES = {1000: ("-", "full"), 4000: ("--", "none")}
 """Line and filling by frames per second."""
 
@@ -44,7 +46,10 @@ def plot(sections: dict[str, Any], out: Path) -> list[Path]:
     ]
     handles += [Line2D([], [], color="tab:red", ls="", marker="^", ms=4, label="rigid, 250 to 500 frames/s")]
     figure.legend(handles=handles, loc="lower center", ncols=4, fontsize=9, frameon=False)
-    figure.suptitle("Error against run time; labels: keyframes per second (x K)", fontsize=12)
+    figure.suptitle(
+        "Error against run time, axes of each panel its own; labels: keyframes per second at the ends of a line",
+        fontsize=12,
+    )
     figure.tight_layout(rect=(0, 0.06, 1, 1))
     path = out / "interpolation.png"
     figure.savefig(path)
@@ -70,7 +75,7 @@ def _panel(axes: Any, rows: Sequence[dict[str, Any]]) -> None:
                 _line(axes, family, marker, colour, line, fill, place)
         for rate, k, *at in (p for p in points if p[0] * p[1] < 900):
             axes.plot(*at, marker, color=colour, ms=4)
-            if k in (8, 16):
+            if k == 8:
                 place = (-5, -3) if rate < 60 else (5, -3)
                 side = "right" if rate < 60 else "left"
                 axes.annotate(
@@ -89,7 +94,8 @@ def _panel(axes: Any, rows: Sequence[dict[str, Any]]) -> None:
 
 
 def _points(rows: Sequence[dict[str, Any]]) -> list[tuple[float, int, float, float]]:
-    """Keyframe rate, K, run time and error by the best crossing method, the highest rate first."""
+    """Keyframe rate, K, run time and error by the best crossing method, the highest rate first; what has few frames per
+    second is left out."""
     best: dict[str, dict[str, Any]] = {}
     for r in rows:
         key = r["keyframes x K"]
@@ -98,7 +104,8 @@ def _points(rows: Sequence[dict[str, Any]]) -> list[tuple[float, int, float, flo
     found = []
     for key, r in best.items():
         rate, k = key.split("x")
-        found.append((float(rate), int(k), r["run time [s/s]"], r["VP 1/ms"]))
+        if float(rate) * int(k) >= LEAST_FRAMES:
+            found.append((float(rate), int(k), r["run time [s/s]"], r["VP 1/ms"]))
     return sorted(found, reverse=True)
 
 
@@ -111,10 +118,11 @@ def _line(
     fill: str,
     place: tuple[float, float] | None,
 ) -> None:
-    """Points joined in the order of their keyframe rates, labelled with them at an offset [pt] unless None."""
+    """Points joined in the order of their keyframe rates; the ends are labelled, at an offset [pt] unless None."""
     x, y = [p[2] for p in points], [p[3] for p in points]
     axes.plot(x, y, marker + line, color=colour, fillstyle=fill, ms=6, lw=1.2)
-    for rate, _, *at in points if place is not None else ():
+    ends = [points[0], points[-1]] if len(points) > 1 else points
+    for rate, _, *at in ends if place is not None else ():
         axes.annotate(
             f"{rate:.0f}", at, fontsize=7, color=colour, xytext=place, textcoords="offset points", ha="center"
         )

@@ -12,11 +12,15 @@ from bench.pipeline import Run
 
 DENSE_HZ = (250, 500, 1000, 2000)
 """Rates of dense rendering [Hz]."""
+ALONE_HZ = (31.25, 62.5, 125)
+"""More of them: what keyframes give that nothing is put between."""
 RATES = ((250, 4), (125, 8), (62.5, 16), (31.25, 32))
 """Keyframe rates [Hz] and K that give 1000 frames per second."""
 MANY = ((250, 16), (125, 32), (62.5, 64), (31.25, 128))
 """The same shading and four times the frames: what shading does not limit."""
 METHODS = ("splat", "splat-forward", "rigid")
+LOST = 0.02
+"""Share of the pixels of a hard case, off by more than a threshold, from which on a method fails in it."""
 PAPER = "frame"
 """Time stamps of the published method: those of the frames."""
 SHADING_US = (1.0, 3.0, 10.0, 30.0)
@@ -134,14 +138,17 @@ def equal_shading(name: str, rows: Sequence[Row]) -> list[dict[str, Any]]:
             for kept in ([r for r in splat if r.crossing == PAPER], splat, [r for r in here if r.method == "rigid"])
         )
         least = max(rigid.error[VP], 1e-9)
+        alone = next(r.error[VP] for r in here if r.method == "none" and r.crossing == "linear")
         line: dict[str, Any] = {
             "scene": name,
             "keyframes [Hz]": f"{rate:g}",
+            "keyframes alone": f"{alone:.4f}",
             "paper": f"{paper.error[VP]:.4f} ({paper.label})",
             "splat, stamps of frames": f"{stamps.error[VP]:.4f} ({stamps.label})",
             "splat": f"{free.error[VP]:.4f} ({free.label} {free.crossing})",
             "rigid": f"{rigid.error[VP]:.4f} ({rigid.label} {rigid.crossing}{rigid.name.removeprefix('rigid')})",
             "times less": f"{paper.error[VP] / least:.1f}",
+            "times less than keyframes alone": f"{alone / least:.1f}",
             "times less, K free for both": f"{stamps.error[VP] / least:.1f}",
         }
         for crossing in ("linear", "monotone"):
@@ -157,6 +164,7 @@ def equal_shading(name: str, rows: Sequence[Row]) -> list[dict[str, Any]]:
 def failures(name: str, rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Runs of warps at 1000 frames per second that are far off."""
     dense = {r.crossing: r.error[VP] for r in rows if r.method == "none" and r.rate == 1000}
+    true = next(len(r.run.streams[r.crossing].t) for r in rows if r.method == "none" and r.rate == 1000)
     lines = []
     for row in rows:
         if row.method == "none" or row.crossing != "linear" or (row.rate, row.k) not in RATES:
@@ -165,8 +173,29 @@ def failures(name: str, rows: Sequence[Row]) -> list[dict[str, Any]]:
         if times > 2 or row.run.frame_error > 1:
             lines.append({
                 "scene": name, "method": row.name, "keyframes x K": row.label,
-                "error over dense 1000x1": round(times, 1), "frames, ln I / C": round(row.run.frame_error, 2),
+                "error over dense 1000x1": round(times, 1),
+                "events over dense 1000x1": round(len(row.run.streams[row.crossing].t) / max(true, 1), 2),
+                "frames, ln I / C": round(row.run.frame_error, 2),
             })  # fmt: skip
+    return lines
+
+
+def by_method(runs: Sequence[dict[str, Any]], cases: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Where each method fails, a line for each: its runs among `failures`, and the hard cases (interpolation_cases) in
+    which more than LOST of its pixels are off."""
+    names = list(dict.fromkeys([*(r["method"] for r in runs), *(m for c in cases for m in c["off"])]))
+    lines = []
+    for name in sorted(names):
+        scenes: dict[str, list[str]] = {}
+        for r in runs:
+            if r["method"] == name:
+                scenes.setdefault(r["scene"], []).append(r["keyframes x K"])
+        hard = [f"{c['case']} ({100 * c['off'][name]:.0f} %)" for c in cases if c["off"].get(name, 0.0) > LOST]
+        lines.append({
+            "method": name,
+            "fails on": "; ".join(f"{scene} at {', '.join(at)}" for scene, at in scenes.items()) or "no scene",
+            "fails in": "; ".join(hard) or "no hard case",
+        })  # fmt: skip
     return lines
 
 

@@ -1,10 +1,10 @@
 """Cost and error of every way to run a scene, from a few windows of its motion, before a run starts.
 
-The error is that of the events against dense rendering at a high rate, in a cut-out of the camera's image where there
-is change: a smaller camera with its principal point moved, so that pixels move as they do in the whole image. The
-windows are the environments of one rendering. Frames at smaller K are among those of the largest, so that each method
-runs once or twice per keyframe rate. The cost is measured at the full size: keyframes with what each method reads of
-them, whole gaps of each method at the keyframe rates that it is compared at, the sensor's frames.
+The error is that of the events against dense rendering at a high rate, in cut-outs of the camera's image where there is
+change, each at another time: a smaller camera with its principal point moved, so that pixels move as they do in the
+whole image. Frames at smaller K are among those of the largest, so that each method runs once or twice per keyframe
+rate. The cost is measured at the full size: keyframes with what each method reads of them, whole gaps of each method at
+the keyframe rates that it is compared at, the sensor's frames. Where it decides, `probe_trial` looks again.
 
 What costs no less than something else and cannot be much better is left out before its error is looked at: of the same
 frames no method is better than dense rendering, nor is it at longer gaps better than at shorter ones. All else is
@@ -21,6 +21,7 @@ import numpy as np
 from bench.probe_cost import FullSize
 from bench.probe_error import MARGIN, Windows
 from bench.probe_setting import REFERENCE_HZ, Grid, Setting, Way
+from bench.probe_trial import Measured
 from bench.world import World
 from evis.clock import NS
 from nodes.interpolator.choice import BASE_RATE, EVEN, Candidate, with_steps_between
@@ -28,7 +29,7 @@ from nodes.interpolator.choice import BASE_RATE, EVEN, Candidate, with_steps_bet
 WINDOWS = 2
 CUTS = ((80, 60), (40, 30))
 """Sizes of the cut-out: the first unless its pixels are dear [px]."""
-ALLOWED_S = 3.0
+ALLOWED_S = 2.5
 """Time for all but a method's first look, which is taken whatever it takes: kernels may have to be compiled [s]."""
 GAIN = 1.1
 """Error over that of something as cheap, from which on a way is looked at."""
@@ -44,14 +45,14 @@ FIRST = {"splat": BASE_RATE, "rigid": 2 * BASE_RATE}
 Say = Callable[[str], None]
 
 
-def probe(setting: Setting, say: Say = lambda line: None) -> list[Candidate]:
-    """All candidates with their cost and error. say: told what is being done, for a terminal."""
+def probe(setting: Setting, say: Say = lambda line: None) -> Measured:
+    """All candidates with their cost and error, before any trial. say: told what is being done, for a terminal."""
     length = Grid.of(setting).length
     end = max(setting.duration_ns, length)
     say("moving the scene")
     started = setting.clock()
     world = World(setting.scene, end, setting.seed)
-    moving = (setting.clock() - started) / (end / NS) if setting.scene.dynamic else 0.0
+    moving = (setting.clock() - started) / (end / NS) * setting.envs if setting.scene.dynamic else 0.0
     starts = starts_of(setting, end - length)
     say("costs at full size")
     full = FullSize(setting, world, starts)
@@ -61,7 +62,7 @@ def probe(setting: Setting, say: Say = lambda line: None) -> list[Candidate]:
     search.run()
     if not setting.upsampling:
         search.extrapolate()
-    return search.found if setting.upsampling else with_steps_between(search.found)
+    return Measured(search.found if setting.upsampling else with_steps_between(search.found), moving)
 
 
 def starts_of(setting: Setting, last: int) -> list[int]:
@@ -76,11 +77,11 @@ def _reference(setting: Setting, world: World, starts: list[int], full: FullSize
     least, allowed = list(grids.items())[-1]
     pixel_s = full.keyframe["none"] / (setting.camera.width * setting.camera.height)
     for size in CUTS:
-        cut = full.cut(size)
-        pixels = (cut[2] + 2 * MARGIN) * (cut[3] + 2 * MARGIN)
-        if pixel_s * pixels * len(starts) * least.gap <= allowed:
+        cuts = full.cuts(size, WINDOWS)
+        pixels = sum((width + 2 * MARGIN) * (height + 2 * MARGIN) for _, _, width, height in cuts)
+        if pixel_s * pixels * least.gap <= allowed:
             break
-    windows = Windows(setting, world, starts, cut)
+    windows = Windows(setting, world, [starts[n % len(starts)] for n in range(WINDOWS)], cuts)
     per_step = windows.seconds_per_step()
     grid = next((grid for grid, allowed in grids.items() if grid.gap * per_step <= allowed), least)
     say(f"dense frames at {grid.base:g} Hz")
@@ -92,7 +93,7 @@ class Search:
     """Candidates, found one method and keyframe rate after another."""
 
     def __init__(self, setting: Setting, grid: Grid, full: FullSize, windows: Windows, moving: float, say: Say) -> None:
-        """moving: the physics engine's seconds per simulated second."""
+        """moving: the physics engine's seconds per simulated second, of all environments."""
         self._setting, self._grid, self._full, self._windows, self._say = setting, grid, full, windows, say
         self._moving = moving
         self._looked_at: dict[tuple[str, float], float] = {}

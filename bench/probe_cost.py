@@ -6,16 +6,25 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import warp as wp
 
-from bench.probe_setting import METHODS, Setting, Way, make_interpolator, make_renderer
+from bench.probe_setting import LIGHT, METHODS, Setting, Way, draw, frames_for, kept, make_interpolator, make_renderer
 from bench.world import World
 from evis.clock import NS
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.interpolator import NEEDS, Interpolator
-from nodes.interpolator.keyframe import States, device_named
-from nodes.interpolator.luminance import luminance_of
+from nodes.interpolator.keyframe import States
 from nodes.interpolator.rehearsal import LONGEST
+from nodes.renderer.renderer import LAST
 
+STEP_NS = NS // 1000
+"""Between two keyframes that are timed [ns]."""
+SHARES = np.arange(1, 9, dtype=np.float32) / 8
+"""Of a change, in the frames of a long call of the sensor."""
+SAME = ([-1], [-1] * 8)
+"""Frames of a short and of a long call in which nothing happens."""
+REPEATS = 4
+"""Calls of the sensor of which the shortest counts."""
 GAP_FRAMES = (8, 32)
 """K of the gaps that are measured: the first at every keyframe rate, the other at one, for what K does not change."""
 MOST_SAMPLES = 1 << 27
@@ -44,22 +53,26 @@ class FullSize:
         s = self._setting = setting
         self._shifted = s.shifted().scene
         self._world, self._starts = world, starts
-        self._envs = s.envs if s.device.startswith("cuda") else 1
+        self._envs = s.envs if s.on_gpu else 1
         self._changes: list[np.ndarray] = []
         self._slow = False
+        # The first times a GPU loads kernels and records what it does.
+        self._more = 4 if s.on_gpu else 0
         self._renderers: dict[bool, Any] = {}
         self._methods: dict[str, list[Interpolator]] = {}
         self._shares: dict[str, float] = {}
         """Of a method: what does not grow with K, in frames."""
         self.keyframe: dict[str, float] = {}
         """Seconds per keyframe and environment, by the method that reads it."""
-        self.sense = self.events = 0.0
-        """The sensor's seconds per frame, and per simulated second for its events, of an environment."""
+        self.pass_on = 0.0
+        """Seconds in which a keyframe of dense rendering becomes a frame, of an environment."""
+        self.call = self.sense = self.events = 0.0
+        """The sensor's seconds per gap, per frame, and per simulated second for its events, of an environment."""
         self.gaps: dict[tuple[str, float], GapCost] = {}
         """By method and keyframe rate, of an environment."""
 
     def measure_keyframes(self) -> None:
-        """Sets `keyframe`, `sense` and `events`."""
+        """Sets `keyframe`, `pass_on`, `call`, `sense` and `events`."""
         s, m = self._setting, self._setting.margin
         inner = (..., slice(m, m + s.camera.height), slice(m, m + s.camera.width))
         frames: list[np.ndarray] = []
@@ -72,45 +85,63 @@ class FullSize:
             renderer.prepare(outputs)
             took: list[float] = []
             for start in self._starts if method == "none" else self._starts[:1]:
-                times = []
-                for stamp in (start, start + NS // 1000, start + NS // 500)[: 2 if self._slow else 3]:
+                times: list[float] = []
+                for stamp in range(start, start + (2 if self._slow else 3 + self._more) * STEP_NS, STEP_NS):
                     began = s.clock()
-                    images = renderer.render(self._poses(stamp), self._poses(start), outputs, {}, stamp)
+                    images = draw(s, renderer, self._poses(stamp), LAST if times else None, outputs, stamp)
                     times.append(s.clock() - began)
                     if method == "none" and len(times) < 3:
-                        frames.append(luminance_of(images["radiance"].copy(), device_named(s.device)).numpy()[inner])
+                        frames.append(on_host(images[LIGHT])[inner].copy())
                     self._slow |= len(times) > 1 and times[1] > SLOW_S
                 # The first drawing places what stands still.
                 took.append(min(times[1:]))
             self.keyframe[method] = float(np.mean(took)) / self._envs
+        again = self._starts[-1:] * (3 + self._more)
+        self.pass_on = min(self._push(self._interpolator("none", 1), "none", again, STEP_NS, 0))
+        self.pass_on /= self._envs
         self._measure_sensor(frames)
 
     def _measure_sensor(self, frames: list[np.ndarray]) -> None:
-        """Cost of a frame in which nothing happens, and of the events per simulated second."""
+        """Cost of a call, of a frame, and of the events per simulated second: a change has as many of them in one frame
+        as in several."""
         s, envs = self._setting, self._envs
         sensor = EventSensor(s.camera.height, s.camera.width, envs, device=s.device, **s.sensor)
-        episodes = np.zeros(envs, np.int32)
-        still: list[float] = []
-        busy: list[float] = []
         stamp = 0
+
+        def spent(given: np.ndarray) -> float:
+            """Of a call with frames [E, K, H, W], a millisecond apart."""
+            nonlocal stamp
+            t = stamp + STEP_NS * np.arange(1, given.shape[1] + 1)
+            stamp = int(t[-1])
+            frames: Any = wp.array(given, dtype=wp.float32, device=s.device) if s.on_gpu else given
+            began = s.clock()
+            sensor.process(frames, t, episodes)
+            return s.clock() - began
+
+        still, busy, step = [], [], []
         for n, (before, after) in enumerate(zip(frames[::2], frames[1::2], strict=True)):
+            episodes = np.full(envs, n, np.int32)
             with np.errstate(divide="ignore", invalid="ignore"):
                 change = np.abs(np.log(after[0]) - np.log(before[0]))
             self._changes.append(np.nan_to_num(change, nan=0.0, posinf=0.0))
-            # There and back: the first time, memory for the events is found.
-            changing: list[float] = []
-            for k, frame in enumerate((before, before, after, before, after, before)):
-                given = np.repeat(frame[:, None], 2, 1)
-                t = np.array([stamp + NS // 1000, stamp + NS // 500])
-                began = s.clock()
-                sensor.process(given, t, episodes + n)
-                took = s.clock() - began
-                stamp = int(t[-1])
-                (changing if k > 1 else still).append(took)
-            busy.append(min(changing[1:]))
-        self.sense = float(np.min(still)) / 2 / envs
-        # A millisecond's events, and two frames.
-        self.events = max(float(np.mean(busy)) / envs - 2 * self.sense, 0.0) * 1000
+            there = np.stack([before + share * (after - before) for share in SHARES], 1)
+            back = np.stack([after + share * (before - after) for share in SHARES], 1)
+            # There and back first: memory for the events is found.
+            took = [(spent(there), spent(back)) for _ in range(1 + REPEATS)]
+            busy.append(min(map(min, took[1:])))
+            took = [(spent(there[:, -1:]), spent(back[:, -1:])) for _ in range(REPEATS)]
+            step.append(min(map(min, took)))
+            still.append([min(spent(back[:, ends]) for _ in range(REPEATS)) for ends in SAME])
+        one, many = (min(times) / envs for times in zip(*still))
+        call = max(one - (many - one) / (len(SAME[1]) - 1), 0.0)
+        self.call, jump = call, float(np.mean(step)) / envs
+        self.sense = max(float(np.mean(busy)) / envs - jump, 0.0) / (len(SHARES) - 1)
+        if s.on_gpu:
+            # Events of a gap are read at once, and that there are some counts for more than how many.
+            self.call = max(jump - self.sense, 0.0)
+        else:
+            # What changes in a millisecond.
+            self.events = max(jump - call - self.sense, 0.0) * 1000
 
     def measure_gap(self, method: str, rate: float) -> None:
         """Sets `gaps` of a method and keyframe rate [Hz]."""
@@ -146,9 +177,10 @@ class FullSize:
         """
         method, rate, k = way
         frames = rate * k
-        seconds = (frames if method == "none" else rate) * self.keyframe[method] + frames * self.sense + self.events
+        keyframes = frames if method == "none" else rate
+        seconds = keyframes * (self.keyframe[method] + self.call) + frames * self.sense + self.events
         if method == "none":
-            return seconds
+            return seconds + frames * self.pass_on
         known = sorted(r for m, r in self.gaps if m == method)
         if not known:
             return None
@@ -159,21 +191,25 @@ class FullSize:
         )
         return seconds + rate * (fixed + k * frame)
 
-    def cut(self, size: tuple[int, int]) -> tuple[int, int, int, int]:
-        """Left, top, width and height of a cut-out no larger than `size`: half of all change is above its middle, half
-        left of it."""
+    def cuts(self, size: tuple[int, int], count: int) -> list[tuple[int, int, int, int]]:
+        """Left, top, width and height of so many cut-outs no larger than `size`, side by side where the change is: each
+        stands for a part of the columns with the same share of all change, and has half of its part's on either side
+        of its middle, and above and below."""
         change = np.sum(self._changes, axis=0)
         height, width = change.shape
         w, h = min(size[0], width), min(size[1], height)
+        by_column = np.cumsum(change.sum(axis=0))
+        edges = [int(np.searchsorted(by_column, by_column[-1] * n / count)) for n in range(1, count)]
+        parts = zip([0, *edges], [*edges, width])
         found = []
-        for axis, n, total in ((0, w, width), (1, h, height)):
-            summed = np.cumsum(change.sum(axis=axis))
-            middle = int(np.searchsorted(summed, summed[-1] / 2)) if summed[-1] > 0 else total // 2
-            found.append(int(np.clip(middle - n // 2, 0, total - n)))
-        return found[0], found[1], w, h
+        for left, right in parts if by_column[-1] > 0 else [(0, width)] * count:
+            part = change[:, left : max(right, left + 1)]
+            x, y = left + _middle(part.sum(axis=0)), _middle(part.sum(axis=1))
+            found.append((int(np.clip(x - w // 2, 0, width - w)), int(np.clip(y - h // 2, 0, height - h)), w, h))
+        return found
 
     def _outputs(self, method: str) -> set[str]:
-        return {"radiance"} | (NEEDS[method] & {"depth", "motion"})
+        return {LIGHT} | (NEEDS[method] & {"depth", "motion"})
 
     def _renderer(self, method: str) -> Any:
         s = self._setting
@@ -202,7 +238,7 @@ class FullSize:
         # The last window first: in the first one things may still be at rest.
         for n, start in enumerate(self._starts[::-1][: 1 if self._slow else None]):
             start = min(start, end - gap)
-            times = [start, start + gap, start]
+            times = [start, start + gap, start] + [start + gap, start] * (self._more // 2)
             found.append(min(self._push(interpolator, method, times, gap, round(rate * 1000) + n)))
         return float(np.mean(found)) / self._envs
 
@@ -213,13 +249,12 @@ class FullSize:
         outputs, renderer = self._outputs(method), self._renderer(method)
         for n, now in enumerate(times):
             before = times[max(n - 1, 0)]
-            drawn = renderer.render(self._poses(now), self._poses(before), outputs, {}, now)
-            images = {name: image.copy() for name, image in drawn.items()}
+            images = kept(s, draw(s, renderer, self._poses(now), self._poses(before), outputs, now))
             states = self._states(before, now, n * gap, gap) if "states" in NEEDS[method] else None
             began = s.clock()
             interpolator.push(
-                n * gap, np.full(self._envs, episode, np.int32), images["radiance"], images.get("depth"),
-                images.get("motion"), s.margin * self._samples(method), states=states,
+                n * gap, np.full(self._envs, episode, np.int32), images[LIGHT], images.get("depth"),
+                images.get("motion"), s.margin * self._samples(method), frames_for(s), states,
             )  # fmt: skip
             if n:
                 took.append(s.clock() - began)
@@ -239,3 +274,14 @@ class FullSize:
 
     def _poses(self, stamp: int) -> np.ndarray:
         return np.repeat(self._world.poses(min(stamp, int(self._world.t[-1]))), self._envs, 0)
+
+
+def on_host(image: Any) -> np.ndarray:
+    """As numpy."""
+    return image.numpy() if isinstance(image, wp.array) else image
+
+
+def _middle(values: np.ndarray) -> int:
+    """Where half of them are summed up; the middle one where there is nothing."""
+    summed = np.cumsum(values)
+    return int(np.searchsorted(summed, summed[-1] / 2)) if summed[-1] > 0 else len(values) // 2

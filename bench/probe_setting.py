@@ -11,10 +11,12 @@ import warp as wp
 
 from evis.clock import NS
 from evis.scene.model import Camera, Scene
-from nodes.interpolator.interpolator import Interpolator
+from nodes.interpolator.interpolator import Allocate, Interpolator, new_frames
 from nodes.renderer.renderer import Renderer
 from nodes.renderer.supersampling import SupersampledRenderer
 
+LIGHT = "luminance"
+"""What keyframes carry where nobody reads their colour."""
 METHODS = ("none", "splat", "rigid")
 RATES = {"none": (250.0,), "splat": (31.25, 62.5, 125.0, 250.0), "rigid": (31.25, 62.5, 125.0, 250.0)}
 """Keyframe rates [Hz] that are tried where the user gives none; that of `none` where K is given."""
@@ -54,9 +56,14 @@ class Setting:
         bodies = [b if fixed else replace(b, trajectory=None) for b, fixed in zip(self.scene.bodies, still)]
         return replace(self, scene=replace(self.scene, bodies=bodies))
 
+    @property
+    def on_gpu(self) -> bool:
+        """Whether images stay on a GPU."""
+        return self.device.startswith("cuda")
+
     def clock(self) -> float:
         """CPU time where one thread does all the work, for others may be at work here; else wall time [s]."""
-        if self.device.startswith("cuda"):
+        if self.on_gpu:
             wp.init()
             wp.synchronize_device(self.device)
             return time.perf_counter()
@@ -128,3 +135,20 @@ def make_renderer(s: Setting, camera: Camera, method: str, **how: Any) -> Render
         apart = method == "rigid"
         return SupersampledRenderer(s.scene, camera, camera.supersampling, **how, **s.light, apart=apart)
     return Renderer(s.scene, camera, **how, **s.light)
+
+
+def draw(s: Setting, renderer: Any, poses: np.ndarray, before: Any, outputs: set[str], stamp: int) -> dict[str, Any]:
+    """Images in the renderer's own memory: of numpy, or on a GPU where they are, as the graph hands them on."""
+    return renderer.render(poses, before, outputs, renderer.buffers(outputs) if s.on_gpu else {}, stamp)
+
+
+def kept(s: Setting, images: dict[str, Any]) -> dict[str, Any]:
+    """Copies of such images, for the interpolator remembers them."""
+    return {name: wp.clone(image) if s.on_gpu else image.copy() for name, image in images.items()}
+
+
+def frames_for(s: Setting) -> Allocate:
+    """Where the interpolator puts its frames, as in the graph."""
+    if not s.on_gpu:
+        return new_frames
+    return lambda shape: wp.empty(shape[:4], dtype=wp.float32, device=s.device)

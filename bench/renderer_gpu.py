@@ -17,11 +17,12 @@ import numpy as np
 import warp as wp
 
 from evis.scene import load_scene
-from nodes.renderer.renderer import LAST, OUTPUTS, Renderer
+from nodes.renderer.renderer import GEOMETRIC, LAST, Renderer
 from nodes.renderer.visibility import Visibility
 
 DEVICE = "cuda:0"
 COMMAND = "python -m bench.renderer_gpu"
+OUTPUTS = ("radiance", *GEOMETRIC)
 STEP_NS = 4_000_000
 """Between two keyframes."""
 

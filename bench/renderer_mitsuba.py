@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -10,11 +11,16 @@ import numpy as np
 from evis.geometry import se3
 from evis.scene.model import Light, Scene
 
-VARIANT = "scalar_rgb"
-"""The one that needs no LLVM library beside it."""
+LLVM = "DRJIT_LIBLLVM_PATH"
+"""Where this environment variable names an LLVM library, later than 16, Mitsuba's compiling variant runs too."""
 
 
-def tracing(scene: Scene, poses: np.ndarray, depth: int, samples: int) -> Callable[[], np.ndarray] | None:
+def variants() -> dict[str, str]:
+    """Mitsuba's variants that are compared, by the name in the table."""
+    return {"Mitsuba": "scalar_rgb"} | ({"Mitsuba llvm": "llvm_ad_rgb"} if os.environ.get(LLVM) else {})
+
+
+def tracing(scene: Scene, poses: np.ndarray, depth: int, samples: int, variant: str) -> Callable[[], np.ndarray] | None:
     """A function that traces the scene at `poses` [N, 7]; None where Mitsuba is not installed.
 
     depth: Mitsuba's max_depth, 2 for direct light. The scene's first camera, its lights without cones and its plain
@@ -24,10 +30,11 @@ def tracing(scene: Scene, poses: np.ndarray, depth: int, samples: int) -> Callab
         import mitsuba as mi
     except ImportError:
         return None
-    mi.set_variant(VARIANT)
+    mi.set_variant(variant)
     built: Any = mi.load_dict(_description(mi, scene, poses, depth))
 
     def draw() -> np.ndarray:
+        mi.set_variant(variant)
         return np.array(mi.render(built, spp=samples))
 
     return draw

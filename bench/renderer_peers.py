@@ -69,7 +69,9 @@ def contenders(scene: Scene, poses: np.ndarray, device: str) -> list[Contender]:
     for depth, what in ((2, "radiance"), (3, f"one bounce, {PATHS} paths")):
         if depth == 3:
             listed.append((what, "EVIS", ours(scene, poses, "radiance", device, PathOptions(1, PATHS))))
-        listed.append((what, "Mitsuba", renderer_mitsuba.tracing(scene, first, depth, 1 if depth == 2 else PATHS)))
+        for name, variant in renderer_mitsuba.variants().items():
+            samples = 1 if depth == 2 else PATHS
+            listed.append((what, name, renderer_mitsuba.tracing(scene, first, depth, samples, variant)))
     return listed
 
 

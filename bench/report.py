@@ -21,6 +21,7 @@ SUBJECTS = {
     "renderer": "milliseconds per keyframe and stage, raster against rays",
     "renderer_paths": "milliseconds of path tracing, and how still its noise is",
     "renderer_peers": "the renderer beside MuJoCo's, MuJoCo Warp's and Mitsuba 3, those that are installed",
+    "visibility": "what sub-frames see: the raster beside points moved from keyframes, time and error",
     "interpolation_speed": "nanoseconds per pixel and sub-frame of interpolator and sensor",
     "streams": "decoding speed, against other libraries",
     "bag": "recording speed",

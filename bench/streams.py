@@ -24,7 +24,19 @@ from evis.streams.decoder import CODECS, Decoder, decoder_for
 from evis.streams.encoder import encoder_for
 from evis.streams.files.raw_header import read_header
 
-WORDS = ("evt3", "evt2", "evt21", "davis346", "dvxplorer", "dvxplorer_mini", "dvs128", "libcaer", "libcaer_cmp", "mono")
+WORDS = (
+    "evt3",
+    "evt2",
+    "evt21",
+    "evt4",
+    "davis346",
+    "dvxplorer",
+    "dvxplorer_mini",
+    "dvs128",
+    "libcaer",
+    "libcaer_cmp",
+    "mono",
+)
 SIZES = {"davis346": (346, 260), "dvs128": (128, 128), "dvxplorer": (640, 480), "dvxplorer_mini": (640, 480)}
 REAL = {
     "real VGA EVT3": ("derived/gen31_vga_from_bag1.raw", "evt3", 640, 480),

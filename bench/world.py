@@ -6,7 +6,7 @@ import numpy as np
 
 from evis.geometry.interpolate import state_at
 from evis.scene.model import Scene
-from nodes.physics.interval import Engine, Interval, grid_inside
+from nodes.physics.interval import Engine, grid_inside
 
 STEP_NS = 1_000_000
 """Interval that a dynamics engine is asked for at once; it takes sub-steps of its own inside."""
@@ -30,11 +30,10 @@ class World:
         for stamp in (*range(step_ns, duration_ns, step_ns), duration_ns):
             parts.append(engine.advance(stamp))
         # Each interval begins with the last state of the one before.
-        keep = [parts[0], *(_without_first(p) for p in parts[1:])]
         self.scene = scene
-        self.t = np.concatenate([p.t for p in keep])
-        self.pose = np.concatenate([p.pose for p in keep], axis=1)
-        self.twist = np.concatenate([p.twist for p in keep], axis=1)
+        self.t = np.concatenate([parts[0].t, *(p.t[1:] for p in parts[1:])])
+        self.pose = np.concatenate([parts[0].pose, *(p.pose[:, 1:] for p in parts[1:])], axis=1)
+        self.twist = np.concatenate([parts[0].twist, *(p.twist[:, 1:] for p in parts[1:])], axis=1)
         if scene.dynamic and any(p.faults for p in parts):
             raise ValueError(f"scene {scene.name} diverged within {duration_ns * 1e-9:g} s")
 
@@ -48,7 +47,3 @@ class World:
     def poses(self, stamp_ns: int) -> np.ndarray:
         """Body poses float64 [1, N, 7] at one stamp."""
         return state_at(stamp_ns, self.t, self.pose, self.twist)[0]
-
-
-def _without_first(interval: Interval) -> Interval:
-    return Interval(interval.t[1:], interval.pose[:, 1:], interval.twist[:, 1:])

@@ -1,5 +1,7 @@
 """What auto's probe looks at, and what it makes of measured gaps, on costs and errors that are known by hand."""
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -13,9 +15,13 @@ ABOVE = {"rigid": 0.01, "splat": 0.3}
 """Error above dense rendering."""
 
 
+@functools.cache
+def disk():
+    return load_scene("spinning_disk", {"width": 48, "height": 36})
+
+
 def setting(**given):
-    scene = load_scene("spinning_disk", {"width": 48, "height": 36})
-    return Setting(scene, scene.camera("cam0"), 1_000_000_000, **given)
+    return Setting(disk(), disk().camera("cam0"), 1_000_000_000, **given)
 
 
 def dense_error(frame_rate):
