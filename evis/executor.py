@@ -326,9 +326,10 @@ class Executor:
 
     # -- what nodes call ---------------------------------------------------------------------------------------------
 
-    def wants(self, node: Node, port: str) -> bool:
+    def wants(self, node: Node, port: str, array: str = "") -> bool:
         """See Node.wants."""
-        return self._hosts[node.name].wants(port)
+        host = self._hosts[node.name]
+        return host.wants_array(port, array) if array else host.wants(port)
 
     def loan(self, node: Node, port: str, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> dict[str, np.ndarray]:
         """See Node.loan."""

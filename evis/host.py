@@ -76,6 +76,8 @@ class Host:
     downstream: list[tuple[Host, str, str]] = field(default_factory=list)
     """(consumer, port, topic) of consumers in this process."""
     subscriptions: list[Subscription] = field(default_factory=list)
+    arrays: dict[str, list[str]] = field(default_factory=dict)
+    """Topics of which the declared readers need only some arrays, as TopicPlan.arrays says."""
     gates: list[Publisher] = field(default_factory=list)
     """Publishers that must have credit before this node is called."""
     single_open: set[str] = field(default_factory=set)
@@ -105,6 +107,15 @@ class Host:
             return False
         kept = port in self.plan.keep
         return kept or any(t == topic for _, _, t in self.downstream) or self.publishers[topic].wanted()
+
+    def wants_array(self, port: str, array: str) -> bool:
+        """Does anybody read this array of an output's messages now? Taps read all."""
+        topic = self.plan.outputs.get(port)
+        if topic is None:
+            return False
+        if topic not in self.arrays or array in self.arrays[topic]:
+            return self.wants(port)
+        return self.publishers[topic].tapped()
 
     def inputs_over(self) -> bool:
         """Nothing more will come that could be given to the node."""
@@ -174,6 +185,8 @@ class Wiring:
 
     def _outputs(self, host: Host) -> None:
         for topic in host.plan.outputs.values():
+            if (arrays := self.plan.topics[topic].arrays) is not None:
+                host.arrays[topic] = arrays
             remote = []
             for edge in self.plan.topics[topic].edges:
                 if edge.kind == "tap":

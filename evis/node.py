@@ -70,8 +70,21 @@ class Node:
         return frozenset(cls.INPUTS)
 
     @classmethod
+    def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
+        """Arrays of an input's messages that may be left out elsewhere, of which this node needs just these.
+
+        None, unless a subclass knows better: all that there are. See `wants`.
+        """
+        return None
+
+    @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """Heavy packages that these parameters leave out, with the reason: {"mujoco": "scene has no dynamics"}."""
+        return {}
+
+    @classmethod
+    def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """Parameters that change nothing beside these others, with the reason; who gives one is told so."""
         return {}
 
     @classmethod
@@ -114,9 +127,12 @@ class Node:
 
     # -- what a node uses --------------------------------------------------------------------------------------------
 
-    def wants(self, port: str) -> bool:
-        """True while somebody reads this output; False for a port that the planner left out."""
-        return self.runtime.wants(self, port)
+    def wants(self, port: str, array: str = "") -> bool:
+        """True while somebody reads this output; False for a port that the planner left out.
+
+        array: whether somebody reads that one of its messages' arrays, as `reads` tells; viewers read all.
+        """
+        return self.runtime.wants(self, port, array) if array else self.runtime.wants(self, port)
 
     def loan(self, port: str, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, np.ndarray]:
         """Arrays to write this port's next message into, name -> (shape, dtype); no copy is made when it is sent."""

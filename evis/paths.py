@@ -46,11 +46,15 @@ def _is_scene(path: Path) -> bool:
     return bool(keys & {"cameras", "bodies", "world", "mjcf"}) and "nodes" not in keys
 
 
+class UnknownLaunch(FileNotFoundError):
+    """What was named is neither a launch file nor a scene."""
+
+
 def find_launch(name: str) -> tuple[Path, dict[str, str]]:
     """The launch file for what stands after `evis launch`, and the arguments that go with it.
 
     name: a path or name of a launch file or of a scene, or an MJCF or URDF file (a scene goes with simulator.yaml and
-    scene:=NAME). Raises FileNotFoundError naming the nearest one.
+    scene:=NAME). Raises UnknownLaunch naming the nearest one.
     """
     is_model = name.endswith((".xml", ".urdf")) and Path(name).is_file()
     path = None if is_model else find("launch", name)
@@ -61,8 +65,8 @@ def find_launch(name: str) -> tuple[Path, dict[str, str]]:
         return simulator, {"scene": name}
     if Path(name).is_file():
         play = f"replay bag:={name}" if name.endswith(".mcap") else f"camera file:={name}"
-        raise FileNotFoundError(f"{name} is no launch file and no scene; `evis launch {play}` plays a recording")
+        raise UnknownLaunch(f"{name} is no launch file and no scene; `evis launch {play}` plays a recording")
     known = sorted({*names("launch"), *names("scenes")})
     near = difflib.get_close_matches(Path(name).stem, known, n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(known) or 'none'}"
-    raise FileNotFoundError(f"no launch file or scene '{name}'; {hint}")
+    raise UnknownLaunch(f"no launch file or scene '{name}'; {hint}")

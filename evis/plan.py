@@ -28,6 +28,8 @@ class TopicPlan:
     port: str
     edges: list[Edge] = field(default_factory=list)
     latched: bool = False
+    arrays: list[str] | None = None
+    """Arrays that the declared consumers need of its messages, as their classes say; None = all."""
 
 
 @dataclass

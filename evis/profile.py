@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from msgs.camera import EventPacket, Frames, Keyframe
+from msgs.camera import CameraInfo, EventPacket, Frames, Keyframe
 from msgs.header import Message
 
 
@@ -29,15 +29,15 @@ class NodeProfile:
     counters: Counter[str] = field(default_factory=Counter)
     stamp_ns: int = 0
     first_stamp_ns: int | None = None
+    """So far back that `stamp_ns` minus it is all the time that was played."""
+    episode: int = 0
     first_event_at: float = 0.0
     """time.monotonic() when the first packet with an event left; 0 = not yet."""
 
     def saw(self, topic: str, message: Message) -> None:
         """Count a published message."""
         self.published[topic] += 1
-        self.stamp_ns = max(self.stamp_ns, message.header.stamp_ns)
-        if self.first_stamp_ns is None:
-            self.first_stamp_ns = message.header.stamp_ns
+        self._pass(message)
         if isinstance(message, EventPacket):
             if message.t is not None:
                 self.events += len(message.t)
@@ -46,9 +46,23 @@ class NodeProfile:
             if message.lost:
                 self.counters["lost"] += message.lost
         elif isinstance(message, Keyframe):
-            self.keyframes += message.radiance.shape[0]
+            self.keyframes += message.image.shape[0]
         elif isinstance(message, Frames):
             self.frames += len(message.t) * len(message.episodes)
+
+    def _pass(self, message: Message) -> None:
+        """Time goes on to a message; a description that a recording began with is no part of what is played of it."""
+        stamp, episode = message.header.stamp_ns, message.header.episode
+        if isinstance(message, CameraInfo) and message.header.clock == "sim":
+            return
+        if self.first_stamp_ns is None:
+            self.first_stamp_ns = stamp
+        elif episode > self.episode and stamp < self.stamp_ns:
+            # It plays again: what was played before stays counted.
+            self.first_stamp_ns += stamp - self.stamp_ns
+            self.stamp_ns = stamp
+        self.episode = max(self.episode, episode)
+        self.stamp_ns = max(self.stamp_ns, stamp)
 
     def summary(self) -> dict[str, Any]:
         """Plain numbers for the run's summary and /diagnostics."""

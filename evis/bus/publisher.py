@@ -147,6 +147,10 @@ class Publisher:
         """True when somebody reads this topic: a declared consumer, or a tap right now."""
         return bool(self._consumers.all) or self._tap.listeners > 0
 
+    def tapped(self) -> bool:
+        """True while a tap listens."""
+        return self._tap.listeners > 0
+
     def loan(self, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, np.ndarray]:
         """Aligned arrays to write the next message into, name -> (shape, dtype). Valid until the next `send`."""
         if not self._pool.ready():

@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if command not in COMMANDS:
         import difflib
 
-        near = difflib.get_close_matches(command, COMMANDS, n=1, cutoff=0.5)
+        near = difflib.get_close_matches(command, COMMANDS, n=1, cutoff=0.6)
         hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(COMMANDS)}"
         print(f"evis: no command '{command}'; {hint}", file=sys.stderr)
         return 2

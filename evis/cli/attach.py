@@ -7,10 +7,13 @@ import contextlib
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from evis.launch.rundir import is_live, live_runs
 from evis.plan import Plan
-from msgs.header import Message
+
+if TYPE_CHECKING:
+    from msgs.header import Message
 
 
 def add_run_option(parser: argparse.ArgumentParser) -> None:
@@ -52,9 +55,10 @@ def listen(plan: Plan, topic: str, timeout_s: float | None = None) -> Iterator[t
     """
     import zmq
 
-    from evis.bus import END, Subscriber, endpoints_for
+    from evis.bus import Subscriber, endpoints_for
     from evis.host import SYSTEM_TOPICS, system_topic
     from evis.launch.control import ask_for
+    from msgs.header import Message
     from msgs.topics import find_topic
 
     names = [topic]
@@ -75,14 +79,16 @@ def listen(plan: Plan, topic: str, timeout_s: float | None = None) -> Iterator[t
         while subscribers and (deadline is None or time.monotonic() < deadline):
             poller.poll(100)
             for subscriber in list(subscribers):
-                message = subscriber.receive(0)
-                if message is END:
-                    poller.unregister(subscriber.socket)
-                    subscriber.close()
-                    subscribers.remove(subscriber)
-                elif isinstance(message, Message):
+                while (message := subscriber.receive(0)) is not None:
+                    if not isinstance(message, Message):
+                        poller.unregister(subscriber.socket)
+                        subscriber.close()
+                        subscribers.remove(subscriber)
+                        break
                     yield time.monotonic(), message
                     message.release()
+                    if deadline is not None and time.monotonic() > deadline:
+                        break
             if not is_live(Path(plan.directory)):
                 return
     finally:

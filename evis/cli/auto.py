@@ -6,7 +6,6 @@ itself. The choice is made of arguments, so that the plan, the bag and the resul
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import hashlib
 import json
@@ -14,7 +13,9 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,10 +23,10 @@ import numpy as np
 
 if TYPE_CHECKING:
     from bench.probe_setting import Setting
+    from bench.probe_trial import Measured
     from evis.launch.expand import NodeSpec
     from evis.launch.files import LaunchFile
     from evis.launch.planner import Options
-    from nodes.interpolator.choice import Candidate
 
 SENSOR = ("threshold", "threshold_on", "threshold_off", "crossing", "dark_level")
 """The sensor's parameters that count; noise is no matter of how frames are made."""
@@ -59,7 +60,7 @@ def resolve_auto(
             if values[name] is not None:
                 raise ArgumentError(f"{name} is for interpolator:=auto, which chooses by it")
         return dict(given), {}
-    from nodes.interpolator.choice import choose
+    from bench.probe_trial import settle
 
     # Any method with frames in between stands for the choice, so that all nodes are there with their parameters.
     stand_in = {**given, "interpolator": "rigid", "upsampling": 2}
@@ -70,24 +71,29 @@ def resolve_auto(
         # The rates of the others are fractions of it; what is measured is the first camera at its own.
         wishes["keyframe_rate"] = next(n.params["keyframe_rate"] for n in graph.nodes if n.type == "renderer")
     setting = setting_of(graph.nodes, options.duration_s, wishes)
-    candidates, cached = measured(setting)
-    choice = choose(candidates, values["wanted_error"], values["wanted_rtf"])
+    found, cached = measured(setting)
+    tried = len(found.trials)
+    with told() as say:
+        choice = settle(setting, found, values["wanted_error"], values["wanted_rtf"], say)
+    if not cached or len(found.trials) > tried:
+        keep(setting, found)
     best = choice.candidate
     taken = {
         "interpolator": best.method,
         "keyframe_rate": values["keyframe_rate"] if own_rates else best.keyframe_rate,
         "upsampling": best.upsampling,
     }
-    found = {
+    expectation = {
         "expected_error": best.error,
         "expected_s_per_simulated_s": best.seconds,
-        "candidates": len(candidates),
+        "candidates": len(found.candidates),
+        "trials": len(found.trials),
     }
     expected = f"error {best.error:.3g} of 1, {best.seconds:.3g} s per simulated second"
     chosen: dict[str, Any] = taken | {"why": choice.why}
     if values["wanted_error"] is not None or values["wanted_rtf"] is not None:
         chosen["wish_kept"] = choice.met
-    chosen |= found | {"from_cache": cached, "summary": f"{best}: {choice.why}; expected: {expected}"}
+    chosen |= expectation | {"from_cache": cached, "summary": f"{best}: {choice.why}; expected: {expected}"}
     return {**given, **taken}, chosen
 
 
@@ -114,7 +120,9 @@ def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapp
     # Its curve needs the light's slope, which frames of a warp do not have.
     sensor["crossing"] = "monotone" if sensor["crossing"] == "hermite" else sensor["crossing"]
     frames = by_type.get("interpolator", {})
-    light: dict[str, Any] = {}
+    if p.get("supersampling"):
+        camera = replace(camera, supersampling=int(p["supersampling"]))
+    light: dict[str, Any] = {"light_samples": p["light_samples"]} if p.get("light_samples") else {}
     if p.get("bounces") or p.get("sky_occlusion"):
         from nodes.renderer.path import PathOptions
 
@@ -132,18 +140,36 @@ def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapp
     )
 
 
-def measured(setting: Setting) -> tuple[list[Candidate], bool]:
+def measured(setting: Setting) -> tuple[Measured, bool]:
     """What every candidate costs and how far off it is, and whether that was known."""
     from bench.probe import probe
-    from nodes.interpolator.choice import Candidate
+    from bench.probe_trial import Measured
     from nodes.interpolator.keyframe import device_named
 
     device_named(setting.device)
-    path = cache_folder() / f"{fingerprint(setting)}.json"
     try:
-        return [Candidate(**row) for row in json.loads(path.read_text())], True
-    except (OSError, ValueError, TypeError):
+        return Measured.of_json(json.loads(path_of(setting).read_text())), True
+    except (OSError, ValueError, TypeError, KeyError):
         pass
+    with told() as say:
+        return probe(setting, say), False
+
+
+def keep(setting: Setting, found: Measured) -> None:
+    """Write down what was measured, for the next time."""
+    path = path_of(setting)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_suffix(f".{os.getpid()}")
+        part.write_text(json.dumps(found.as_json(), indent=1))
+        part.replace(path)
+    except OSError as error:
+        print(f"interpolator auto: what was measured is not kept: {error}", file=sys.stderr)
+
+
+@contextmanager
+def told() -> Iterator[Callable[[str], None]]:
+    """Shows on a terminal what is being measured, and for how long, in a line that is gone afterwards."""
     shown, began = sys.stderr.isatty(), time.monotonic()
 
     def say(line: str) -> None:
@@ -151,17 +177,16 @@ def measured(setting: Setting) -> tuple[list[Candidate], bool]:
             spent = f"{time.monotonic() - began:.0f} s"
             print(f"\r\033[Kinterpolator auto, measuring, {spent}: {line}", end="", file=sys.stderr, flush=True)
 
-    candidates = probe(setting, say)
-    if shown:
-        print("\r\033[K", end="", file=sys.stderr, flush=True)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(f".{os.getpid()}")
-        part.write_text(json.dumps([dataclasses.asdict(c) for c in candidates], indent=1))
-        part.replace(path)
-    except OSError as error:
-        print(f"interpolator auto: what was measured is not kept: {error}", file=sys.stderr)
-    return candidates, False
+        yield say
+    finally:
+        if shown:
+            print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+
+def path_of(setting: Setting) -> Path:
+    """File of what was measured of a setting."""
+    return cache_folder() / f"{fingerprint(setting)}.json"
 
 
 def cache_folder() -> Path:

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         return actions.add_parser(name, help=text, description=text, epilog=epilog)
 
     record = action("record", "record topics of a running graph beside it; what it misses is counted")
-    record.add_argument("bag", metavar="BAG", help="file to write; an older one is kept as BAG.bak")
+    record.add_argument("bag", metavar="BAG", help="file to write; an older one is kept as BAG.bak, BAG.bak2, ...")
     record.add_argument("--topics", default="", metavar="GLOB,...", help="topics besides the default ones")
     record.add_argument("--duration", type=float, metavar="S", help="seconds to record (until the graph ends)")
     record.add_argument("--preview-hz", type=float, default=10.0, metavar="HZ", help="rate of the preview images (10)")
@@ -99,8 +99,11 @@ def _recover(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _export(args: argparse.Namespace) -> dict[str, Any]:
-    from evis.bag.export import export
+    from evis.bag.export import ENDINGS, export
 
+    suffix = Path(args.out).suffix.lower()
+    if suffix and suffix not in ENDINGS:
+        raise UsageError(f"{args.out}: cannot write '{suffix}'; the extensions are {', '.join(ENDINGS)}")
     result = export(args.bag, args.topic, args.out, half=args.half)
     if "problem" in result:
         print(

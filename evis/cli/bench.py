@@ -7,6 +7,8 @@ import difflib
 import json
 import sys
 
+from evis.cli.parser import UsageError
+
 HELP = "measure, and write the report that the README's figures come from"
 EXAMPLE = "example: evis bench graph --quick --out report"
 
@@ -38,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
         if subject not in SUBJECTS:
             near = difflib.get_close_matches(subject, SUBJECTS, n=1)
             hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(SUBJECTS)}"
-            raise ValueError(f"no subject '{subject}'; {hint}")
+            raise UsageError(f"no subject '{subject}'; {hint}")
     report = measure(args.what or list(SUBJECTS), Path(args.out), args.quick, say)
     if args.json:
         print(json.dumps(report, default=str))

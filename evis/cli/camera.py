@@ -8,6 +8,8 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
+from evis.cli.parser import UsageError
+
 if TYPE_CHECKING:
     from nodes.camera.driver import Driver
 
@@ -48,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     info, stream = actions.choices["info"], actions.choices["stream"]
     info.add_argument("--settings", action="store_true", help="also the settings that it takes, with units and ranges")
     stream.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="one of the camera's settings")
-    stream.add_argument("--pace", default="realtime", help="of a --file: realtime, fast or a speed such as 2.0")
+    stream.add_argument("--pace", metavar="P", help="of a --file: realtime (default), fast or a speed such as 2.0")
     stream.add_argument("--duration", type=float, default=0.0, metavar="S", help="stop after this device time")
     stream.add_argument("--packet-ms", type=float, default=10.0, metavar="MS", help="interval of one packet (10)")
     stream.add_argument("--reconnect", action="store_true", help="wait for a camera that was unplugged to come back")
@@ -64,14 +66,35 @@ def run(args: argparse.Namespace) -> int:
         print(rules(), end="")
         return 0
     from nodes.camera.file_source import parse_pace
-    from nodes.camera.find import find_driver
+    from nodes.camera.find import find_driver, is_model
+    from nodes.camera.usb.models import model_named
 
+    if is_model(args.emulate):
+        try:
+            model_named(args.emulate)
+        except ValueError as error:
+            raise UsageError(str(error)) from None
     speed, duration = 1.0, 0.0
     if args.action == "stream":
-        speed, duration = parse_pace(args.pace), args.duration
+        try:
+            speed, duration = parse_pace(args.pace or "realtime"), args.duration
+        except ValueError as error:
+            raise UsageError(f"--{error}") from None
+    _check_effect(args)
     streams = args.action == "stream"
     with find_driver(args.file, args.emulate, args.serial, speed, duration, args.faults, streams) as driver:
         return _info(driver, args) if args.action == "info" else _stream(driver, args, speed)
+
+
+def _check_effect(args: argparse.Namespace) -> None:
+    """Raise UsageError for an option that changes nothing for what plays."""
+    from nodes.camera.effects import without_effect
+
+    idle = without_effect(args.file, args.emulate)
+    options = {"settings": "set", "reconnect": "reconnect", "faults": "faults", "pace": "pace"}
+    for name, option in options.items():
+        if name in idle and getattr(args, option, None):
+            raise UsageError(f"--{option} has no effect: {idle[name]}; leave it out")
 
 
 def _list(args: argparse.Namespace) -> int:
@@ -94,6 +117,11 @@ def _list(args: argparse.Namespace) -> int:
     return 0
 
 
+def _shown(value: Any) -> str:
+    """A setting's default as it is given: true, not True."""
+    return "-" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+
+
 def _info(driver: Driver, args: argparse.Namespace) -> int:
     from nodes.camera.driver import describe
 
@@ -110,8 +138,9 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
         print(f"{name:{width}}  {value if value not in ('', [], {}) else '-'}")
     for name, facts in settings.items():
         low, high = facts["minimum"], facts["maximum"]
-        span = "" if low is None else f", {low:g} to {high:g}" if high is not None else f", at least {low:g}"
-        print(f"  {name:22}{facts['default']} {facts['unit']}{span}: {facts['help']}")
+        span = "" if low is None else f"{low:g} to {high:g}" if high is not None else f"at least {low:g}"
+        of = f" ({', '.join(filter(None, (facts['unit'], span)))})" if facts["unit"] or span else ""
+        print(f"  {name}={_shown(facts['default'])}".ljust(32) + f"  {facts['help']}{of}")
     return 0
 
 

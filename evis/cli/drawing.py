@@ -8,6 +8,7 @@ from typing import Any
 from PIL import Image, ImageDraw, ImageFont
 
 from evis.plan import Plan
+from evis.whole_file import whole_file
 
 BOX = (190, 44)
 GAP = (230, 40)
@@ -60,7 +61,8 @@ def draw(plan: Plan, path: Path) -> None:
         pen.text((x + BOX[0] / 2, y + 15), name, _INK, font, anchor="mm")
         note = "dormant" if node.dormant else f"process {node.process}"
         pen.text((x + BOX[0] / 2, y + 33), note, _TAP, small, anchor="mm")
-    image.save(path, format="PNG")
+    with whole_file(path) as partial:
+        image.save(partial, format="PNG")
 
 
 def _links(plan: Plan) -> dict[tuple[str, str], list[tuple[str, bool]]]:

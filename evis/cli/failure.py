@@ -11,12 +11,13 @@ from collections.abc import Callable
 def guarded(who: str, debug: bool, action: Callable[[], int]) -> int:
     """Run `action` and turn what it raises into an exit status and one line on stderr."""
     from evis.cli.parser import UsageError
+    from evis.paths import UnknownLaunch
 
     try:
         status = action()
         sys.stdout.flush()
         return status
-    except UsageError as error:
+    except (UsageError, UnknownLaunch) as error:
         print(f"{who}: {one_line(error)}", file=sys.stderr)
         return 2
     except BrokenPipeError:

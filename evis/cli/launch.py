@@ -75,7 +75,6 @@ def run(args: argparse.Namespace) -> int:
     """Plan, explain or run."""
     from evis.launch.arguments import ArgumentError
     from evis.launch.explain import as_dict, as_text
-    from evis.launch.supervisor import Supervisor
 
     try:
         plan = make_plan(args)
@@ -85,6 +84,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(as_dict(plan)) if args.json else as_text(plan))
         return 0
     from evis.cli.progress import Progress
+    from evis.launch.supervisor import Supervisor
 
     if plan.chosen:
         print(f"interpolator auto: {plan.chosen['summary']}", file=sys.stderr, flush=True)
@@ -136,10 +136,12 @@ def make_plan(args: argparse.Namespace) -> Any:
     )
     if options.record_topics and not options.record:
         raise UsageError("--record-topics needs --record BAG")
-    from evis.cli.auto import resolve_auto
+    from evis.cli.auto import WARP, resolve_auto
 
     given, chosen = resolve_auto(launch, given, options)
-    plan = plan_launch(launch, given, options)
+    # Where the method is chosen by measuring, what is only for some methods was given for the case.
+    held = None if not chosen else [key for key in given if key not in (*WARP, "adaptive_px")]
+    plan = plan_launch(launch, given, options, held)
     plan.chosen = chosen
     if preset:
         plan.name = preset["scene"]

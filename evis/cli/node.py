@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 from evis.cli.attach import add_run_option, find_run, listen
-from evis.cli.parser import Parser
+from evis.cli.parser import Parser, UsageError
 
 HELP = "list and describe the nodes of a running graph"
 EXAMPLE = "example: evis node info event_sensor"
@@ -81,9 +81,9 @@ def _type(args: argparse.Namespace, plan: Any) -> int:
     from evis.launch import catalog
     from evis.launch.document import LaunchError, nearest
 
-    known = [*(plan.nodes if plan else ()), *catalog.types()]
+    known = list(dict.fromkeys([*(plan.nodes if plan else ()), *catalog.types()]))
     if args.node not in known and ":" not in args.node:
-        raise ValueError(f"no node or node type '{args.node}'; {nearest(args.node, known)}")
+        raise UsageError(f"no node or node type '{args.node}'; {nearest(args.node, known)}")
     try:
         target, cls = catalog.load(args.node, "")
     except LaunchError as error:

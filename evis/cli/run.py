@@ -34,7 +34,9 @@ def run(args: argparse.Namespace) -> int:
     from evis.launch.arguments import ArgumentError, parse_pairs
     from evis.launch.catalog import load
     from evis.launch.document import LaunchError
+    from evis.launch.effects import check_parameters
     from evis.launch.expand import NodeSpec
+    from evis.params import ParamError
 
     try:
         params = parse_pairs(args.pairs)
@@ -43,11 +45,17 @@ def run(args: argparse.Namespace) -> int:
     sys.path.append(os.getcwd())  # a node of the user's own
     try:
         _, cls = load(args.node, "evis run")
+    except LaunchError as error:
+        raise UsageError(str(error).removeprefix("evis run: ")) from None
+    try:
         if args.duration is not None and "duration" in cls.PARAMS:
             params.setdefault("duration", str(args.duration))
+        check_parameters(cls, args.node, params)
         name = args.node.rpartition(":")[2].lower()
         spec = NodeSpec(name=name, type=args.node, where="evis run", params=dict(params), process=name)
         summary = _alone(spec, args) if cls.SOURCE else _attached(spec, args)
+    except (ArgumentError, ParamError) as error:
+        raise UsageError(str(error).removeprefix("evis run: ")) from None
     except LaunchError as error:
         raise ValueError(str(error).removeprefix("evis run: ")) from None
     if args.json:

@@ -51,6 +51,8 @@ def run(args: argparse.Namespace) -> int:
     plan = find_run(args.run)
     url = page_of(Path(plan.directory))
     if url is not None:
+        if args.port:
+            raise UsageError(f"--port has no effect: the graph has its page already, {url}")
         _announce(args, url)
         return 0
     return _attach(args, plan)
@@ -96,51 +98,57 @@ def _play(args: argparse.Namespace) -> int:
     path = Path(args.file)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}")
-    make_plan = _planner(path.resolve())
-    make_plan()  # a file that cannot be read is told before an address is
+    plan = _plan_of(path.resolve())  # a file that cannot be read is told before an address is
     listener, _ = address.bind("127.0.0.1", args.port)
     token = secrets.token_urlsafe(16)
     lender = address.Lender(listener)
     _announce(args, address.url(listener, token))
     try:
-        return _rounds(args, make_plan, {"token": token, "listener": lender.path})
+        return _serve(args, plan, {"token": token, "listener": lender.path})
     finally:
         lender.close()
 
 
-def _rounds(args: argparse.Namespace, make_plan: Callable[[], Plan], params: dict[str, Any]) -> int:
+def _serve(args: argparse.Namespace, plan: Plan, params: dict[str, Any]) -> int:
     from evis.cli.progress import Progress
     from evis.launch.supervisor import Supervisor
 
-    while True:
-        plan = make_plan()
-        for node in plan.nodes.values():
-            if node.target.endswith(":VisualizerNode"):
-                node.params.update(params)
-        with Progress(None) as progress:
-            say = _without_address(progress.say)
-            report = Supervisor(plan, say=say, tick=progress.tick, debug=args.debug).run()
-        if report.failure is not None:
-            print(f"evis view: {report.failure}", file=sys.stderr)
-            return 1
-        if args.once or report.interrupted:
-            return 0
+    for node in plan.nodes.values():
+        if node.target.endswith(":VisualizerNode"):
+            node.params.update(params)
+        elif not args.once:
+            node.params["again"] = True  # the only other node is the source
+    with Progress(None) as progress:
+        say = _without_address(progress.say)
+        report = Supervisor(plan, say=say, tick=progress.tick, debug=args.debug).run()
+    if report.failure is not None:
+        print(f"evis view: {report.failure}", file=sys.stderr)
+        return 1
+    return 0
 
 
 def _without_address(say: Callable[[str], None]) -> Callable[[str], None]:
-    """The visualizer's own line would come again at every round."""
+    """The visualizer's own line says again what stands there already."""
     return lambda line: None if "open http://" in line else say(line)
 
 
-def _planner(path: Path) -> Callable[[], Plan]:
-    """Makes the plan that plays a file at real pace with a visualizer."""
+def _is_ours(path: Path) -> bool:
+    """Whether a bag has topics of ours to replay; of another recorder's bag the events are played. Raises BagError."""
+    from evis.bag.reader import BagReader
+
+    with BagReader(path) as reader:
+        return bool(reader.topics)
+
+
+def _plan_of(path: Path) -> Plan:
+    """Plays a file at real pace, with a visualizer."""
     from evis import paths
     from evis.launch.files import load
     from evis.launch.planner import Options, plan_launch
 
-    if path.suffix == ".mcap":
+    if path.suffix == ".mcap" and _is_ours(path):
         name, given = "replay", {"bag": str(path), "pace": "realtime"}
     else:
         name, given = "camera", {"file": str(path), "pace": "realtime"}
     launch = load(paths.find_launch(name)[0])
-    return lambda: plan_launch(launch, given, Options(view=True))
+    return plan_launch(launch, given, Options(view=True))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterable
 
 from evis.launch.child import Child
@@ -13,21 +14,32 @@ _LINES = 12
 
 def why(child: Child) -> str:
     """One line about a failure: what the node said, or how the process died."""
-    return f"{child.failure[0]}: {child.failure[1]}" if child.failure else child.death()
+    if child.failure is None:
+        return child.death()
+    node, text = child.failure
+    return text if text.startswith(f"{node}: ") else f"{node}: {text}"
 
 
 def first_cause(children: Iterable[Child]) -> Child:
-    """Of those that failed: a death without a word before a report, a report before "my neighbour is gone"."""
+    """Of those that failed: a death without a word before a report, a report before "my neighbour is gone".
+
+    One that was told to end by SIGTERM comes after who reports something, and before its neighbours.
+    """
     failed = list(children)
-    deaths = [c for c in failed if c.failure is None]
+    silent = [c for c in failed if c.failure is None]
+    deaths = [c for c in silent if c.exit_status not in (143, -signal.SIGTERM)]
     reports = [c for c in failed if c.failure and _PEER_LOST not in c.failure[1]]
-    return (deaths or reports or failed)[0]
+    return (deaths or reports or silent or failed)[0]
 
 
-def by_force(children: Iterable[Child], patience_s: float) -> str:
-    """One line about processes that had to be killed at the end."""
-    names = ", ".join(c.title for c in children)
-    return f"{names} did not end in {patience_s:g} s and was ended by force; its files may be incomplete"
+def by_force(children: Iterable[Child], patience_s: float, asked: bool) -> str:
+    """One line about processes that had to be killed at the end. asked: by a second Ctrl-C, and not for waiting."""
+    found = list(children)
+    names = ", ".join(c.title for c in found)
+    was, its = ("was", "its") if len(found) == 1 else ("were", "their")
+    if asked:
+        return f"{names} {was} ended by force, as a second Ctrl-C asks; {its} files may be incomplete"
+    return f"{names} did not end in {patience_s:g} s and {was} ended by force; {its} files may be incomplete"
 
 
 def last_words(child: Child) -> list[str]:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import difflib
 import os
+import re
 from pathlib import Path
 
+from evis.launch.arguments import ArgumentError
 from evis.launch.document import LaunchError
 from evis.launch.wiring import Wired
-from evis.params import resolve
+from evis.params import ParamError
 
 
 def check_files(node: Wired) -> None:
     """`scene` with its `scene_args`, `file`, `bag` and `emulate` must exist; a recorder's `path` must be writable.
 
-    Raises LaunchError naming node, file and remedy.
+    Raises LaunchError naming node, file and remedy, ArgumentError for what a user gave.
     """
     where = f"{node.spec.where}: '{node.name}'"
     for key in ("file", "bag", "emulate"):
@@ -23,6 +25,7 @@ def check_files(node: Wired) -> None:
             continue  # a camera model and no recording
         if isinstance(value, str) and value and not Path(value).exists():
             raise LaunchError(f"{where}: no {key} '{value}'{_beside(Path(value))}")
+    _check_device(node)
     if isinstance(node.params.get("scene"), str):
         _check_scene(node, where)
     target = node.params.get("path")
@@ -31,20 +34,28 @@ def check_files(node: Wired) -> None:
 
 
 def _check_scene(node: Wired, where: str) -> None:
-    from evis.scene.load import parse_args, scene_args
+    from evis.scene.load import check_args, parse_args
 
     try:
-        known = scene_args(node.params["scene"])
-        resolve(f"scene {node.params['scene']}", known, parse_args(node.params.get("scene_args")))
+        check_args(node.params["scene"], parse_args(node.params.get("scene_args")))
+    except (ParamError, FileNotFoundError) as error:
+        raise ArgumentError(str(error)) from None
     except (ValueError, OSError) as error:
         raise LaunchError(f"{where}: {error}") from None
+
+
+def _check_device(node: Wired) -> None:
+    """Whether the device is there only its kernels can say; whether it can be one is known now."""
+    device = node.params.get("device")
+    if isinstance(device, str) and not re.fullmatch(r"cpu|cuda(:\d{1,3})?", device):
+        raise ArgumentError(f"device is '{device}', must be cpu, cuda or cuda:N")
 
 
 def check_writable(path: Path, where: str) -> None:
     """Raise LaunchError unless a file can be made at `path`."""
     folder = path.parent
     if path.is_dir():
-        raise LaunchError(f"{where} cannot write '{path}': it is a folder; name a file such as {path.name}.mcap")
+        raise LaunchError(f"{where} cannot write '{path}': it is a folder; name a file such as {path / 'a.mcap'}")
     if not folder.is_dir():
         raise LaunchError(f"{where} cannot write '{path}': there is no folder '{folder}'")
     if not os.access(path if path.exists() else folder, os.W_OK):

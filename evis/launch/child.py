@@ -71,6 +71,11 @@ class Child:
         """Is there a process?"""
         return self.process is not None and self.process.poll() is None
 
+    @property
+    def exit_status(self) -> int | None:
+        """How its process ended, the number of a signal below 0; None while there is one."""
+        return self.process.poll() if self.process is not None else None
+
     def start(self) -> None:
         """Start the process in a session of its own: a terminal's Ctrl-C reaches the supervisor alone."""
         environment = dict(os.environ)

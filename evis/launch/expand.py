@@ -11,7 +11,7 @@ from evis.launch.arguments import resolve
 from evis.launch.document import LaunchError, Table, nearest, submap
 from evis.launch.expression import ExpressionError, UnknownName, substitute, text_of
 from evis.launch.files import LaunchFile
-from evis.launch.rates import pairs, with_camera_rates
+from evis.launch.rates import pairs, with_camera_rates, with_cameras
 from evis.launch.recorded import recorded
 
 NODE_KEYS = (
@@ -65,7 +65,7 @@ def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, A
         values = resolve(launch.path.name, launch.arguments, recorded(submap(table, "recorded"), values, given))
     if not launch.includes:
         # Only where the scene's arguments are known in full.
-        values = with_camera_rates(launch.path.name, values)
+        values = with_camera_rates(launch.path.name, with_cameras(launch.path.name, values))
     scope = {**options, **values}
     mode = str(_fill(table, "mode", scope, "lockstep"))
     if mode not in MODES:
@@ -84,8 +84,9 @@ def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, A
             node.process = f"{prefix}/{node.process}" if prefix else node.process
         result.nodes += part.nodes
         result.absent |= part.absent
-        if "camera_rate" in values:
-            result.values["camera_rate"] = part.values.get("camera_rate", values["camera_rate"])
+        for name in ("camera_rate", "cameras"):
+            if name in values and part.values.get(name) is not None:
+                result.values[name] = part.values[name]
         if "mode" not in table:
             result.mode = part.mode
     nodes = submap(table, "nodes")

@@ -8,6 +8,7 @@ time nor memory.
 from __future__ import annotations
 
 import ast
+import contextlib
 import math
 import operator
 import os
@@ -162,6 +163,21 @@ def substitute(value: Any, arguments: Mapping[str, Any]) -> Any:
     if "${" in _HOLE.sub("", value):
         raise ExpressionError(f"'{value}' has a ${{ without its }}")
     return _HOLE.sub(lambda hole: text_of(_fill(hole[1], arguments)), value)
+
+
+def names_in(value: Any) -> set[str]:
+    """The names that the `${...}` of a value of a launch file ask for, lists and maps gone through."""
+    if isinstance(value, dict):
+        return set().union(*map(names_in, value.values()))
+    if isinstance(value, list):
+        return set().union(*map(names_in, value))
+    found: set[str] = set()
+    for inside in _HOLE.findall(value) if isinstance(value, str) else ():
+        if not _ENVIRONMENT.match(inside.strip()):
+            with contextlib.suppress(SyntaxError, ValueError, RecursionError, MemoryError):
+                tree = ast.parse(inside.strip(), mode="eval")
+                found |= {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    return found
 
 
 def text_of(value: Any) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,16 @@ import yaml
 
 from evis.launch.checks import check_files
 from evis.launch.document import LaunchError
+from evis.launch.effects import check_effect
 from evis.launch.expand import Expanded, NodeSpec, expand
 from evis.launch.files import LaunchFile, load
 from evis.launch.order import data_flow_order
 from evis.launch.pace import check_pace
 from evis.launch.pruning import Demand, Pruner, left_out
 from evis.launch.wiring import SYSTEM_TOPICS, Wired, publishers, wire
+from evis.node import Node
 from evis.plan import Edge, LeftOut, NodePlan, Plan, TopicPlan
+from msgs.camera import Keyframe
 from msgs.topics import find_topic
 
 COMPOSED = "graph"
@@ -49,11 +52,15 @@ def plan_file(path: Path, given: Mapping[str, Any], options: Options) -> Plan:
     return plan_launch(load(path), given, options)
 
 
-def plan_launch(launch: LaunchFile, given: Mapping[str, Any], options: Options) -> Plan:
-    """As `plan_file`, of a file that has been read."""
+def plan_launch(
+    launch: LaunchFile, given: Mapping[str, Any], options: Options, held: Collection[str] | None = None
+) -> Plan:
+    """As `plan_file`, of a file that has been read. held: the given arguments that must have an effect, all if None."""
     if options.duration_s is not None and options.duration_s <= 0:
         raise LaunchError(f"--duration is {options.duration_s:g}, it must be longer than 0 s")
-    plan = plan_nodes(expand(launch, given, options.names()), launch.path.resolve().parent, options)
+    expanded = expand(launch, given, options.names())
+    plan = plan_nodes(expanded, launch.path.resolve().parent, options)
+    check_effect(launch, list(given) if held is None else held, expanded, plan)
     plan.name = launch.path.stem
     return plan
 
@@ -85,7 +92,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     _connect(plan, chosen, demand)
     plan.nodes = _in_order(plan)
     check_pace(plan, {node.name: node for node in chosen})
-    plan.left_out = left_out(nodes, demand, expanded.absent) + _unmade(plan, chosen)
+    plan.left_out = left_out(nodes, demand, expanded.absent) + _unmade(plan, chosen) + _colourless(plan)
     plan.launch_text = _resolved(expanded, nodes)
     return plan
 
@@ -175,6 +182,17 @@ def _connect(plan: Plan, chosen: list[Wired], demand: Demand) -> None:
             for topic in topics:
                 if topic not in SYSTEM_TOPICS:
                     plan.topics[topic].edges.append(Edge(node.name, port, _kind(node, port, topic, planned)))
+    classes = {node.name: node.cls for node in chosen}
+    for name in plan.topics:
+        plan.topics[name].arrays = _read_arrays(plan, name, classes)
+
+
+def _read_arrays(plan: Plan, topic: str, classes: Mapping[str, type[Node]]) -> list[str] | None:
+    """Arrays that the declared consumers of a topic need; None where one takes all, or there is none."""
+    declared = [edge for edge in plan.topics[topic].edges if edge.kind != "tap"]
+    read = [classes[edge.node].reads(plan.nodes[edge.node].params, edge.port) for edge in declared]
+    known = [arrays for arrays in read if arrays is not None]
+    return sorted(frozenset().union(*known)) if known and len(known) == len(read) else None
 
 
 def _kind(node: Wired, port: str, topic: str, planned: NodePlan) -> str:
@@ -198,6 +216,16 @@ def _unmade(plan: Plan, chosen: list[Wired]) -> list[LeftOut]:
         for port, topic in node.outputs.items()
         if topic not in SYSTEM_TOPICS and port not in plan.nodes[node.name].outputs
     ]
+
+
+def _colourless(plan: Plan) -> list[LeftOut]:
+    """Colour of the keyframes, where nobody reads it."""
+    keyframes = [topic for topic in plan.topics.values() if topic.type == Keyframe.__name__]
+    grey = [topic.name for topic in keyframes if topic.arrays is not None and "radiance" not in topic.arrays]
+    if not grey:
+        return []
+    which = "keyframes" if len(grey) == len(keyframes) else f"keyframes of {', '.join(grey)}"
+    return [LeftOut(which, "luminance only; nobody reads colour")]
 
 
 def _resolved(expanded: Expanded, nodes: Sequence[Wired]) -> str:

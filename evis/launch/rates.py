@@ -1,4 +1,4 @@
-"""Keyframe rates of single cameras: what `camera_rate` gives, and the scene for the cameras that it does not name."""
+"""Which cameras of a scene are simulated, and which have a keyframe rate of their own: as given, or as it says."""
 
 from __future__ import annotations
 
@@ -11,6 +11,31 @@ from evis.launch.document import LaunchError, nearest
 
 NEEDED = ("camera_rate", "cameras", "keyframe_rate", "scene")
 """Arguments of a launch file that has cameras with rates of their own."""
+
+
+def with_cameras(file: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """`values` whose `cameras`, where that is None, are the scene's: cam0, or all where none is called so.
+
+    Raises ArgumentError for a camera that the scene file does not declare.
+    """
+    if not {"scene", "cameras"} <= values.keys() or not values["scene"]:
+        return dict(values)
+    from evis.scene.load import camera_names
+
+    try:
+        names = camera_names(str(values["scene"]))
+    except (ValueError, OSError):
+        names = None  # whoever loads the scene says what is wrong with it
+    if values["cameras"] == []:
+        raise ArgumentError(f"{file}: cameras is empty; name one, as cameras:=cam0")
+    if values["cameras"] is None:
+        return {**values, "cameras": ["cam0"] if not names or "cam0" in names else names}
+    unknown = [str(camera) for camera in values["cameras"] if str(camera) not in (names or [str(camera)])]
+    if unknown and names:
+        raise ArgumentError(
+            f"{file}: scene {values['scene']} has no camera '{unknown[0]}'; {nearest(unknown[0], names)}"
+        )
+    return dict(values)
 
 
 def with_camera_rates(file: str, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -79,7 +79,9 @@ def as_table(report: Report) -> str:
         f"{'node':<20}{'updates':>10}{'ms/update':>12}{'busy s':>10}  counters",
     ]
     for name, node in s["nodes"].items():
-        counters = ", ".join(f"{k}={v:g}" for k, v in node.get("counters", {}).items())
+        counters = ", ".join(
+            f"{k}={v:,}" if isinstance(v, int) else f"{k}={v:,.10g}" for k, v in node.get("counters", {}).items()
+        )
         lines.append(
             f"{name:<20}{node.get('updates', 0):>10}{node.get('ms_per_update', 0.0):>12.3f}"
             f"{node.get('busy_s', 0.0):>10.3f}  {counters}".rstrip()

@@ -289,7 +289,7 @@ class Supervisor:
             return
         if not self._failed_at:
             # One that is stopped before it has begun has nothing to lose.
-            self._cause = by_force(failed, DRAIN_S) if self._went_at else None
+            self._cause = by_force(failed, DRAIN_S, self._interrupts > 1) if self._went_at else None
             return
         child = first_cause(failed)
         self._cause = why(child)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from evis.launch import catalog
+from evis.launch.arguments import ArgumentError
 from evis.launch.document import LaunchError, nearest
 from evis.launch.expand import NodeSpec
 from evis.launch.expression import text_of
@@ -40,19 +41,19 @@ class Wired:
         return self.spec.name
 
     def needs(self, wanted: Iterable[str]) -> frozenset[str]:
-        """Input ports that the wanted outputs take. Raises LaunchError for parameters that do not go together."""
+        """Input ports that the wanted outputs take. Raises ArgumentError for parameters that do not go together."""
         try:
             return self.cls.needs(self.params, frozenset(wanted))
         except ValueError as error:
-            raise LaunchError(f"{self.spec.where}: '{self.name}': {error}") from None
+            raise ArgumentError(f"{self.spec.where}: '{self.name}': {error}") from None
 
     @property
     def divides(self) -> int:
-        """Updates to each message, as the node's class says. Raises LaunchError as `needs` does."""
+        """Updates to each message, as the node's class says. Raises ArgumentError as `needs` does."""
         try:
             return self.cls.divides(self.params)
         except ValueError as error:
-            raise LaunchError(f"{self.spec.where}: '{self.name}': {error}") from None
+            raise ArgumentError(f"{self.spec.where}: '{self.name}': {error}") from None
 
     @property
     def any_port(self) -> str | None:

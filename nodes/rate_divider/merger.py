@@ -10,7 +10,7 @@ import numpy as np
 from msgs.header import Header
 from msgs.world import WorldState
 
-STEPS = ("pose", "twist", "qpos", "qvel")
+STEPS = ("moving_pose", "moving_twist", "qpos", "qvel")
 """Arrays [E, S, ...] with a row for each sub-step."""
 CONTACTS = ("env", "body", "position", "normal", "force", "distance")
 """Contacts are those at the last stamp, so the last state's count."""
@@ -68,9 +68,12 @@ def merged(parts: Sequence[WorldState], begun: np.ndarray, allocate: Allocate) -
     their restart.
     """
     last = parts[-1]
+    moving = _moving(parts)
     given = {"t": np.concatenate([parts[0].t, *(part.t[1:] for part in parts[1:])]), "episodes": last.episodes}
+    given |= {"end_pose": last.end_pose, "moving": moving}
     given |= {f"contact_{name}": getattr(last, f"contact_{name}") for name in CONTACTS}
-    rows = {name: _rows(parts, name) for name in STEPS if getattr(last, name) is not None}
+    rows = dict(zip(STEPS, zip(*(_steps(part, moving, skip=bool(i)) for i, part in enumerate(parts)))))
+    rows = {name: pieces for name, pieces in rows.items() if pieces[-1] is not None}
     wanted: dict[str, tuple[tuple[int, ...], Any]] = {
         name: ((len(last.episodes), len(given["t"]), *pieces[0].shape[2:]), pieces[0].dtype)
         for name, pieces in rows.items()
@@ -87,13 +90,27 @@ def merged(parts: Sequence[WorldState], begun: np.ndarray, allocate: Allocate) -
     return WorldState(header, names=list(last.names), **arrays)
 
 
-def _rows(parts: Sequence[WorldState], name: str) -> list[np.ndarray]:
-    return [getattr(part, name)[:, 1 if i else 0 :] for i, part in enumerate(parts)]
+def _moving(parts: Sequence[WorldState]) -> np.ndarray:
+    """The bodies that move within any of the parts, int32 ascending, or stand elsewhere in one than in another."""
+    end = parts[-1].end_pose
+    moves = np.zeros(end.shape[1], bool)
+    for part in parts:
+        moves |= (part.end_pose != end).any(axis=(0, 2))
+        moves[part.moving] = True
+    return np.flatnonzero(moves).astype(np.int32)
+
+
+def _steps(part: WorldState, moving: np.ndarray, skip: bool) -> tuple[Any, ...]:
+    """The arrays of STEPS with a row for each of these bodies, the first sub-step left out where it is a repetition."""
+    if np.array_equal(part.moving, moving):
+        pose, twist = part.moving_pose, part.moving_twist
+    else:
+        pose, twist = part.rows(moving)
+    return tuple(None if array is None else array[:, int(skip) :] for array in (pose, twist, part.qpos, part.qvel))
 
 
 def _copy(state: WorldState) -> WorldState:
     """What a group needs of a state that is not its last."""
-    arrays: dict[str, Any] = {
-        name: np.array(getattr(state, name)) for name in STEPS if getattr(state, name) is not None
-    }
-    return WorldState(state.header, t=np.array(state.t), episodes=np.array(state.episodes), **arrays)
+    names = ("t", "end_pose", "moving", "episodes", *STEPS)
+    arrays: dict[str, Any] = {n: np.array(getattr(state, n)) for n in names if getattr(state, n) is not None}
+    return WorldState(state.header, **arrays)

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from bus_workers import meet, publisher_on, subscriber_on, wait_for
 
 from evis.bus import END
-from msgs.camera import CameraInfo
+from msgs.camera import CameraInfo, Depth
 from msgs.header import Header
 
 
 def info(width: int) -> CameraInfo:
     return CameraInfo(Header(0), k=np.eye(3), distortion=np.zeros(0), width=width)
+
+
+def depth(stamp: int) -> Depth:
+    return Depth(Header(stamp), depth=np.full((1, 3, 4), stamp, np.float32))
 
 
 @pytest.mark.parametrize("tap", [False, True])
@@ -56,6 +62,26 @@ def test_a_latched_value_sent_while_a_consumer_connects_comes_once(context, endp
     wait_for(lambda: (publisher.pump(), publisher.credit() == 1)[1])
     for one in publisher, consumer, first:
         one.close()
+
+
+def test_a_tap_that_lags_behind_gets_the_newest_and_is_told_what_it_missed(context, endpoints):
+    """30 messages wait, more than the topic's queue of 2 and fewer than its socket holds."""
+    publisher = publisher_on(context, endpoints, [], tap_hz=0)
+    tap = subscriber_on(context, endpoints, "viewer", tap=True)
+    wait_for(lambda: (publisher.pump(), publisher.wanted())[1])
+    first = depth(0)
+    publisher.send(first, timeout_s=5)
+    wait_for(lambda: (message := tap.receive(0)) is not None and message.header.stamp_ns == 0)
+    for i in range(1, 31):
+        publisher.send(depth(i), timeout_s=5)
+        time.sleep(0.005)  # so that the publisher's own short queue is sent
+    time.sleep(0.2)
+    got = []
+    while (message := tap.receive(100)) is not None:
+        got.append(message.header.stamp_ns)
+    assert got == [29, 30] and tap.lost == 28
+    tap.close()
+    publisher.close()
 
 
 def test_the_end_reaches_taps_too(context, endpoints):

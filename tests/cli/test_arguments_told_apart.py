@@ -66,7 +66,7 @@ def test_a_recording_is_no_launch_file(tmp_path: Path, evis_here: Evis) -> None:
     for name, how in (("a.mcap", "replay bag:=a.mcap"), ("a.raw", "camera file:=a.raw")):
         (tmp_path / name).write_bytes(b"x")
         result = evis_here("launch", name)
-        assert result.code == 1 and how in result.line
+        assert result.code == 2 and how in result.line
 
 
 def frames(folder: Path, count: int = 2) -> str:

@@ -53,7 +53,9 @@ def test_what_was_measured_is_kept_for_every_wish(evis_here, cache, monkeypatch)
     assert [c["from_cache"] for c in chosen] == [False, True, True, True, True]
     assert chosen[0] | {"from_cache": True} == chosen[1] and plans[0]["args"] == plans[1]["args"]
     assert all((c["keyframe_rate"], c["upsampling"]) == (100, 4) for c in chosen)
-    assert all(c["interpolator"] in ("none", "splat", "rigid") and c["candidates"] == 3 for c in chosen)
+    assert all(c["interpolator"] in ("none", "splat", "rigid") for c in chosen)
+    # Of the three ways, one that was measured to cost no less than dense rendering of the same frames is left out.
+    assert len({c["candidates"] for c in chosen}) == 1 and chosen[0]["candidates"] in (1, 2, 3)
     assert all(
         {key: plan["args"][key] for key in TAKEN} == {key: plan["chosen"][key] for key in TAKEN} for plan in plans
     )

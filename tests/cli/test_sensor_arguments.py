@@ -9,14 +9,15 @@ import pytest
 from evis import paths
 from evis.launch.document import LaunchError
 from evis.launch.files import load
-from evis.launch.planner import Options, plan_file
+from evis.launch.planner import Options, plan_launch
 from nodes.event_sensor.parameters import SENSOR, resolve_sensor
 
 ARGUMENT = {name: "defocus" if name == "defocus_px" else name for name in SENSOR}
 
 
 def sensor_params(name: str, **given: Any) -> dict[str, Any]:
-    made = plan_file(paths.find_launch(name)[0], given, Options())
+    """Of a plan that is not held to what the arguments change."""
+    made = plan_launch(load(paths.find_launch(name)[0]), given, Options(), held=())
     return made.nodes["event_sensor"].params
 
 

@@ -99,10 +99,32 @@ def test_recording_counts_as_reading(tmp_path: Path) -> None:
 
 def test_several_cameras_have_a_chain_each() -> None:
     with pytest.raises(LaunchError):
-        plan("spinning_disk", cameras="cam0,cam0")
-    made = plan("spinning_disk", cameras="cam0,cam1")
-    assert {"renderer_cam0", "renderer_cam1", "event_sensor_cam1"} <= made.nodes.keys()
-    assert {n.process for n in made.nodes.values() if n.name.endswith("sensor_cam1")} == {"sensor_cam1"}
+        plan("stereo_room", cameras="left,left")
+    made = plan("stereo_room")
+    assert {"renderer_left", "renderer_right", "event_sensor_right"} <= made.nodes.keys()
+    assert {n.process for n in made.nodes.values() if n.name.endswith("sensor_right")} == {"sensor_right"}
+
+
+EYE = "{position: [0, -2, 0], look_at: [0, 0, 0]}"
+
+
+@pytest.mark.parametrize(
+    ("cameras", "expected"),
+    [
+        (f"{{l: {EYE}, r: {EYE}}}", ["l", "r"]),
+        (f"{{eye: {EYE}}}", ["cam0"]),
+        (f"{{other: {EYE}, cam0: {EYE}}}", ["cam0"]),
+    ],
+)
+def test_a_scene_of_ones_own_is_seen_by_its_cameras(tmp_path: Path, cameras: str, expected: list[str]) -> None:
+    """All, where none is called cam0; the only one is, whatever its name in the file."""
+    scene = tmp_path / "own.yaml"
+    scene.write_text(f"cameras: {cameras}\nbodies: {{b: {{shapes: [{{shape: box, size: [1, 1, 1]}}]}}}}\n")
+    made = plan("simulator", scene=str(scene))
+    assert made.args["cameras"] == expected
+    assert sorted(n.params["camera"] for n in made.nodes.values() if n.name.startswith("renderer")) == expected
+    with pytest.raises(LaunchError, match="has no camera 'top'"):
+        plan("simulator", scene=str(scene), cameras="top")
 
 
 @pytest.mark.parametrize(
@@ -162,7 +184,7 @@ def test_regeneration_takes_the_arguments_of_the_recorded_run(tmp_path: Path) ->
     }
     writer = BagWriter(path, describe_run("", {}, **stored))
     writer.write("/cam0/info", CameraInfo(Header(0), np.eye(3), np.zeros(0), width=4, height=4))
-    writer.write("/cam0/keyframe", Keyframe(Header(0), np.ones((1, 4, 4, 3), np.float32), np.zeros(1, np.int32)))
+    writer.write("/cam0/keyframe", Keyframe(Header(0), np.zeros(1, np.int32), np.ones((1, 4, 4, 3), np.float32)))
     writer.close()
     given = {"bag": str(path), "regenerate": "true", "interpolator": "none"}
     made = plan("replay", **given)

@@ -151,14 +151,15 @@ def test_a_wrong_rate_in_a_scene_is_an_error_of_the_scene(rate: str, tmp_path: P
 
 
 def test_auto_keeps_the_keyframe_rate_that_the_others_divide(monkeypatch: pytest.MonkeyPatch) -> None:
+    from bench.probe_trial import Measured
     from evis.cli import auto
     from nodes.interpolator.choice import Candidate
 
     asked = []
 
-    def measured(setting: Any) -> tuple[list[Candidate], bool]:
+    def measured(setting: Any) -> tuple[Measured, bool]:
         asked.append((setting.keyframe_rate, setting.camera.name))
-        return [Candidate("rigid", setting.keyframe_rate, 4, 0.1, 0.01)], True
+        return Measured([Candidate("rigid", setting.keyframe_rate, 4, 0.1, 0.01)]), True
 
     monkeypatch.setattr(auto, "measured", measured)
     launch = load(paths.find_launch("stereo_room")[0])

@@ -113,7 +113,7 @@ def test_stamps_of_the_slower_camera_are_its_rates(bags: dict[str, dict[str, lis
 def test_an_impact_within_a_gap_is_where_it_was(bags: dict[str, dict[str, list[Message]]]) -> None:
     """The merged states hold the sub-steps: the ball turns round at the time of its fall, not at a keyframe."""
     gap = bags["mixed"]["/side/state"][6]
-    height = gap.pose[0, :, gap.names.index("ball"), 2]
+    height = gap.rows([gap.names.index("ball")])[0][0, :, 0, 2]
     lowest = gap.t[np.argmin(height)] * 1e-9
     assert gap.t[0] * 1e-9 < IMPACT_S < lowest < gap.t[-1] * 1e-9
     # The floor gives way for some milliseconds (solref); no keyframe is as near.

@@ -14,8 +14,9 @@ from nodes.rate_divider.merger import Merger
 from nodes.rate_divider.node import RateDividerNode
 
 MS = 1_000_000
-FIELDS = ("t", "pose", "twist", "episodes", "qpos", "qvel", *(f"contact_{n}" for n in ("env", "body", "position",
-          "normal", "force", "distance")))  # fmt: skip
+CONTACTS = ("env", "body", "position", "normal", "force", "distance")
+FIELDS = ("t", "end_pose", "moving", "moving_pose", "moving_twist", "episodes", "qpos", "qvel",
+          *(f"contact_{n}" for n in CONTACTS))  # fmt: skip
 
 
 def allocate(**arrays):
@@ -32,8 +33,8 @@ def states(engine, rate, count, envs=1):
         contacts = {f"contact_{n}": a for n, a in vars(now.contacts).items()} if now.contacts is not None else {}
         result.append(
             WorldState(
-                Header(stamp, seq=k), now.t, now.pose, now.twist, np.zeros(envs, np.int32), now.qpos, now.qvel,
-                names=["body"], **contacts,
+                Header(stamp, seq=k), now.t, now.end_pose, now.moving, now.moving_pose, now.moving_twist,
+                np.zeros(envs, np.int32), now.qpos, now.qvel, names=["body"], **contacts,
             )
         )  # fmt: skip
     return result
@@ -94,7 +95,7 @@ def test_stamps_beside_the_grid_stay_and_times_ascend():
     assert [m.header.stamp_ns for m in made] == [0, 100_000_000, 200_000_000]
     assert made[1].t[0] == 0 and (np.diff(made[1].t) > 0).all() and {33_333_333, 66_666_667} <= set(made[1].t.tolist())
     exact, _ = PrescribedEngine(scene)._states.at(made[1].t)
-    np.testing.assert_array_equal(made[1].pose[0], exact)
+    np.testing.assert_array_equal(made[1].rows()[0][0], exact)
 
 
 def simple(t, episode=0, episodes=(0, 0), x=None):
@@ -102,7 +103,7 @@ def simple(t, episode=0, episodes=(0, 0), x=None):
     pose = np.zeros((2, len(t), 1, 7))
     pose[..., 0] = np.arange(len(t))[None, :, None] if x is None else np.asarray(x)[:, :, None]
     header = Header(int(t[-1]), episode=episode)
-    return WorldState(header, t, pose, np.zeros((2, len(t), 1, 6)), np.array(episodes, np.int32), names=["ball"])
+    return WorldState.dense(header, t, pose, np.zeros((2, len(t), 1, 6)), np.array(episodes, np.int32), names=["ball"])
 
 
 def stamps(made):
@@ -143,16 +144,16 @@ def test_an_environment_that_restarts_within_a_group_stands_where_it_ends(at):
         group.append(simple([i, i + 1], episodes=(0, int(i >= at)), x=path))
     *_, made = push_all(Merger(3), [simple(0), *group])
     assert made.episodes.tolist() == [0, 1]
-    np.testing.assert_array_equal(made.pose[0, :, 0, 0], [0, 1, 2, 3])
-    np.testing.assert_array_equal(made.pose[1, :, 0, 0], np.full(4, 7.0 + 2 - at))
-    assert not (made.pose == -99).any()
+    np.testing.assert_array_equal(made.rows()[0][0, :, 0, 0], [0, 1, 2, 3])
+    np.testing.assert_array_equal(made.rows()[0][1, :, 0, 0], np.full(4, 7.0 + 2 - at))
+    assert not (made.rows()[0] == -99).any()
 
 
 def test_the_group_after_a_restart_is_whole_again():
     first = [simple(0), simple([0, 1], episodes=(0, 1)), simple([1, 2], episodes=(0, 1))]
     later = [simple([2, 3], episodes=(0, 1)), simple([3, 4], episodes=(0, 1))]
     made = push_all(Merger(2), [*first, *later])
-    np.testing.assert_array_equal(made[-1].pose[:, :, 0, 0], [[0, 1, 1], [0, 1, 1]])
+    np.testing.assert_array_equal(made[-1].rows()[0][:, :, 0, 0], [[0, 1, 1], [0, 1, 1]])
 
 
 def test_the_node_says_which_rates_do_not_go_together():

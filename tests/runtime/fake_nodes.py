@@ -55,7 +55,7 @@ class Counter(Node):
         if self.wants("state"):
             zeros = np.zeros((1, 1, 0, 7)), np.zeros((1, 1, 0, 6))
             t, episodes = np.array([header.stamp_ns]), np.zeros(1, np.int32)
-            self.publish("state", WorldState(Header(header.stamp_ns), t, *zeros, episodes))
+            self.publish("state", WorldState.dense(Header(header.stamp_ns), t, *zeros, episodes))
         self.k += 1
         return self.k < self.params["count"]
 

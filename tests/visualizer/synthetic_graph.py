@@ -148,7 +148,7 @@ def images_at(k: int, envs: int = 1) -> dict[str, Message]:
     ids = np.where(disk, 1, np.where(r < 60, 2, 0)).astype(np.int32)
     header, tile = Header(_stamp(k), k), lambda a: np.repeat(a[None], envs, 0)
     return {
-        "/cam0/keyframe": Keyframe(header, tile(rgb), np.zeros(envs, np.int32)),
+        "/cam0/keyframe": Keyframe(header, np.zeros(envs, np.int32), tile(rgb)),
         "/cam0/depth": Depth(header, tile(depth)),
         "/cam0/motion": Motion(header, tile(motion.astype(np.float32))),
         "/cam0/ids": Ids(header, tile(ids)),
@@ -189,7 +189,7 @@ def others_at(k: int) -> dict[str, Message]:
     }  # fmt: skip
     pose = np.array([[[[0, 0, 1.5, 0, 0, 0, 1.0]]]])
     return {
-        "/state": WorldState(header, t[-1:], pose, np.zeros((1, 1, 1, 6)), np.zeros(1, np.int32), names=["disk"]),
+        "/state": WorldState.dense(header, t[-1:], pose, np.zeros((1, 1, 1, 6)), np.zeros(1, np.int32), names=["disk"]),
         "/davis/imu": Imu(header, t, wave * 9.81, wave * 2),
         "/clock": Clock(header, real_time_factor=0.83),
         "/diagnostics": Diagnostics(Header(time.time_ns(), k, "wall"), node="event_sensor", values=values),

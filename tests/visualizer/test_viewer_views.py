@@ -225,7 +225,7 @@ def test_margin_is_cropped_and_large_images_are_thinned() -> None:
     radiance = np.zeros((1, 20, 30, 3), np.float32)
     radiance[:, 4:16, 4:26] = 1
     view = ImageView("radiance", 0)
-    view.capture(Keyframe(Header(0), radiance, np.zeros(1, np.int32), margin=4))
+    view.capture(Keyframe(Header(0), np.zeros(1, np.int32), radiance, margin=4))
     shown = picture(view)
     assert shown.shape == (12, 22, 3) and shown.min() > 60
     view = ImageView("depth", 0)

@@ -6,7 +6,17 @@ import argparse
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
-from evis.cli.events.files import add_input, add_output, check_output, holds_whole_us, open_input, percent, rounded
+from evis.cli.events.files import (
+    add_input,
+    add_output,
+    add_part,
+    blocks_of,
+    check_output,
+    holds_whole_us,
+    open_input,
+    percent,
+    rounded,
+)
 
 if TYPE_CHECKING:
     from evis.streams import Events
@@ -18,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the action's arguments."""
     add_input(parser, "source", "IN")
     add_output(parser)
+    add_part(parser)
     parser.add_argument("--rebase", action="store_true", help="let the times count from the first one")
 
 
@@ -31,9 +42,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         about = recording.info
         if not about.width:
             raise ValueError(f"{args.source}: holds no events and no sensor size; there is nothing to convert")
-        shift = (recording.next_t_ns or 0) if args.rebase else 0
+        shift = (recording.next_t_ns or 0) + round(args.start * 1e9) if args.rebase else 0
         with open_writer(args.out, about.width, about.height, args.encoding) as writer:
-            for events in recording.blocks():
+            for events in blocks_of(recording, args):
                 if shift:
                     _shift(events, shift)
                 writer.write(events)

@@ -17,8 +17,10 @@ if TYPE_CHECKING:
 
 
 OUTPUTS = ".raw, .npz, .csv, .txt, .dat, .es, .aedat4, .h5 or .hdf5"
+STEP_NS = 20_000_000
+"""What is read at a time of a part of a recording [ns]."""
 _ENCODINGS = {
-    ".raw": ("evt3", "evt21", "evt21_legacy", "evt2"),
+    ".raw": ("evt3", "evt4", "evt21", "evt21_legacy", "evt2"),
     ".aedat4": ("zstd", "lz4", "none"),
     ".h5": ("ecf", "plain"),
     ".hdf5": ("ecf", "plain"),
@@ -30,6 +32,40 @@ def add_input(parser: argparse.ArgumentParser, name: str = "recording", metavar:
     parser.add_argument(name, metavar=metavar, help="a recording in any format; its content decides which")
     parser.add_argument("--topic", default="", metavar="NAME", help="of a file with several event streams (the first)")
     parser.add_argument("--size", type=size, metavar="WxH", help="of the sensor, in place of what the file says")
+
+
+def add_part(parser: argparse.ArgumentParser) -> None:
+    """--from and --to."""
+    parser.add_argument("--from", type=_seconds, default=0.0, dest="start", metavar="S", help="after the first event")
+    parser.add_argument("--to", type=_seconds, dest="stop", metavar="S", help="after the first event; not included")
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value <= 1e9:
+        raise argparse.ArgumentTypeError(f"'{text}' is no time in seconds after the first event")
+    return value
+
+
+def blocks_of(recording: Recording, args: argparse.Namespace) -> Iterator[Events]:
+    """The recording, or the part of it that `add_part` describes. Raises UsageError."""
+    if args.stop is not None and args.stop <= args.start:
+        raise UsageError(f"--from {args.start:g} --to {args.stop:g}: the end must be later than the start")
+    first = recording.next_t_ns
+    if first is None or (not args.start and args.stop is None):
+        yield from recording.blocks()
+        return
+    if args.start:
+        recording.seek(first + round(args.start * 1e9))
+    if args.stop is None:
+        yield from recording.blocks()
+        return
+    end = first + round(args.stop * 1e9)
+    while (following := recording.next_t_ns) is not None and following < end:
+        yield recording.read_until(min(following + STEP_NS, end) - 1)
 
 
 def size(text: str) -> tuple[int, int]:
@@ -54,8 +90,8 @@ def add_output(parser: argparse.ArgumentParser) -> None:
         "--encoding",
         default="",
         metavar="NAME",
-        help="of .raw: evt3 (default), evt21, evt21_legacy, evt2; of .aedat4: zstd (default), lz4, none; of .h5 and "
-        ".hdf5: ecf (default), plain",
+        help="of .raw: evt3 (default), evt4, evt21, evt21_legacy, evt2; of .aedat4: zstd (default), lz4, none; of .h5 "
+        "and .hdf5: ecf (default), plain",
     )
 
 

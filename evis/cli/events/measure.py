@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from typing import Any
 
 from evis.cli.attach import add_run_option
-from evis.cli.events.files import add_input, open_input, percent
+from evis.cli.events.files import add_input, add_part, blocks_of, open_input
+from evis.cli.events.measure_progress import Progress
 
 HELP = "event rate, rotation speed, noise and sharpness of a recording or of a topic of a running graph"
 
@@ -17,6 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     action = next(a for a in parser._actions if a.dest == "recording")
     action.nargs = "?"
     action.help = "a recording in any format, or a bag; without one --topic is listened to in the running graph"
+    add_part(parser)
     parser.add_argument("--window", type=_window, default=10.0, metavar="MS", help="of rate, noise and sharpness (10)")
     parser.add_argument("--listen", type=_seconds, default=3.0, metavar="S", help="to a running graph for so long (3)")
     parser.add_argument(
@@ -66,18 +69,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 def _file(args: argparse.Namespace) -> dict[str, Any]:
     from evis.measure import Measurement
 
-    with open_input(args, args.recording) as recording, percent(recording, "measuring") as step:
+    with open_input(args, args.recording) as recording, Progress("measuring") as progress:
         about = recording.info
         # a file may hold no event and say nothing of a sensor
-        measurement = Measurement(
-            max(about.width, 1), max(about.height, 1), round(args.window * 1e6), not args.no_rotation
-        )
-        for events in recording.blocks():
+        size = max(about.width, 1), max(about.height, 1)
+        measurement = Measurement(*size, round(args.window * 1e6), not args.no_rotation, progress.say)
+        for events in blocks_of(recording, args):
             measurement.add(events.t, events.x, events.y, events.p)
-            step()
-        lost = recording.counters()
+            progress.at(recording.position)
+        lost, report = recording.counters(), measurement.report()
     head = {"source": args.recording, "format": about.format, "width": about.width, "height": about.height}
-    result = head | measurement.report() | lost
+    result = head | report | lost
     if about.truncated:
         result["truncated"] = True
     return result | ({"warnings": about.warnings} if about.warnings else {})
@@ -93,28 +95,30 @@ def _topic(args: argparse.Namespace) -> dict[str, Any]:
     check_topic(plan, args.topic)
     measurement, decoder, seen, lost, last = None, None, 0, 0, None
     width = height = 0
-    try:
-        for _, message in listen(plan, args.topic, args.listen):
-            if not isinstance(message, EventPacket):
-                raise ValueError(f"{args.topic} carries {type(message).__name__}, no events")
-            if measurement is None:
-                width, height = message.width, message.height
-                measurement = Measurement(width, height, round(args.window * 1e6), not args.no_rotation)
-            lost += message.lost + (message.header.seq - last - 1 if last is not None else 0)
-            last, seen = message.header.seq, seen + 1
-            if message.t is not None and message.x is not None and message.y is not None and message.p is not None:
-                end = int(message.env_offsets[1]) if len(message.env_offsets) > 1 else len(message.t)
-                measurement.add(message.t[:end], message.x[:end], message.y[:end], message.p[:end])
-            elif message.raw is not None:
-                decoder = decoder or decoder_for(message.encoding, width, height)
-                events = decoder.decode(bytes(message.raw))
-                measurement.add(events.t, events.x, events.y, events.p)
-    except KeyboardInterrupt:
-        pass
-    if measurement is None:
-        raise ValueError(f"{args.topic}: no packet came in {args.listen:g} s")
-    head = {"source": args.topic, "run": plan.run_id, "width": width, "height": height}
-    return head | {"packets": seen, "packets_missed": lost} | measurement.report()
+    with Progress(f"listening for {args.listen:g} s") as progress:
+        with suppress(KeyboardInterrupt):
+            for _, message in listen(plan, args.topic, args.listen):
+                progress.say(f"{seen} packets")
+                if not isinstance(message, EventPacket):
+                    raise ValueError(f"{args.topic} carries {type(message).__name__}, no events")
+                if measurement is None:
+                    width, height = message.width, message.height
+                    measurement = Measurement(
+                        width, height, round(args.window * 1e6), not args.no_rotation, progress.say
+                    )
+                lost += message.lost + (message.header.seq - last - 1 if last is not None else 0)
+                last, seen = message.header.seq, seen + 1
+                if message.t is not None and message.x is not None and message.y is not None and message.p is not None:
+                    end = int(message.env_offsets[1]) if len(message.env_offsets) > 1 else len(message.t)
+                    measurement.add(message.t[:end], message.x[:end], message.y[:end], message.p[:end])
+                elif message.raw is not None:
+                    decoder = decoder or decoder_for(message.encoding, width, height)
+                    events = decoder.decode(bytes(message.raw))
+                    measurement.add(events.t, events.x, events.y, events.p)
+        if measurement is None:
+            raise ValueError(f"{args.topic}: no packet came in {args.listen:g} s")
+        head = {"source": args.topic, "run": plan.run_id, "width": width, "height": height}
+        return head | {"packets": seen, "packets_missed": lost} | measurement.report()
 
 
 def for_people(result: dict[str, Any]) -> dict[str, Any]:

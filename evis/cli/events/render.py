@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from evis.cli.events.files import add_input, open_input, percent
+from evis.cli.parser import UsageError
 
 HELP = "draw a recording: an animation (.gif, .mp4) or a sheet of pictures (.png)"
 MAX_PICTURES = 3000
@@ -36,7 +37,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     savers = {".gif": save_gif, ".mp4": save_mp4, ".png": save_sheet}
     save = next((s for end, s in savers.items() if args.out.lower().endswith(end)), None)
     if save is None:
-        raise ValueError(f"{args.out}: can draw {', '.join(savers)}")
+        raise UsageError(f"{args.out}: can draw {', '.join(savers)}")
     surface_wanted = args.style == "time-surface"
     _check(args, surface_wanted)
     dt_ns, from_ns = round(args.dt * 1e6), round(args.start * 1e9)
@@ -65,10 +66,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _check(args: argparse.Namespace, surface: bool) -> None:
     if not 0.001 <= args.dt <= 1e6:
-        raise ValueError(f"--dt is {args.dt:g} ms, must be 0.001 to 1000000")
+        raise UsageError(f"--dt is {args.dt:g} ms, must be 0.001 to 1000000")
     if args.tau is not None and not surface:
-        raise ValueError("--tau goes with --style time-surface")
+        raise UsageError("--tau goes with --style time-surface")
     if args.tau is not None and not 0.001 <= args.tau <= 1e6:
-        raise ValueError(f"--tau is {args.tau:g} ms, must be 0.001 to 1000000")
+        raise UsageError(f"--tau is {args.tau:g} ms, must be 0.001 to 1000000")
     if not 0 <= args.start <= 1e9 or (args.stop is not None and not args.start < args.stop <= 1e9):
-        raise ValueError("--from and --to are seconds after the recording's start, --from below --to")
+        raise UsageError("--from and --to are seconds after the recording's start, --from below --to")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from typing import Any
 
 from evis.params import Param
@@ -30,6 +31,16 @@ def add_sensor_options(parser: argparse.ArgumentParser) -> None:
 def sensor_values(args: argparse.Namespace) -> dict[str, Any]:
     """What was given, by the names of SENSOR; None is not given."""
     return {name: getattr(args, name) for name in SENSOR}
+
+
+def check_sensor_options(args: argparse.Namespace, resolved: Mapping[str, Any]) -> None:
+    """Raise ValueError for an option that was given and that changes nothing. resolved: all parameters of SENSOR."""
+    from nodes.event_sensor.effects import without_effect
+
+    idle = without_effect(resolved)
+    for name, value in sensor_values(args).items():
+        if value is not None and resolved[name] and name in idle:
+            raise ValueError(f"{option(name)} {value} has no effect: {idle[name]}; leave it out")
 
 
 def option(name: str) -> str:

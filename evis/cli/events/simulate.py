@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from evis.cli.events.files import add_output, check_output, counted, holds_whole_us, rounded
-from evis.cli.events.sensor_options import add_sensor_options, sensor_values
+from evis.cli.events.sensor_options import add_sensor_options, check_sensor_options, sensor_values
 from evis.cli.parser import UsageError
 
 if TYPE_CHECKING:
@@ -61,6 +61,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     _start_warp(args.device)
     try:
         simulation = Simulation(preset=args.preset, seed=args.seed, device=args.device, **sensor_values(args))
+        check_sensor_options(args, simulation.parameters)
+        simulation.check(args.colour)
     except ValueError as error:
         raise UsageError(str(error)) from None
     hermite = simulation.parameters["crossing"] == "hermite"

@@ -55,8 +55,8 @@ export class SeriesPanel extends Panel {
     context.fillStyle = "#8d95a8";
     context.fillText(title, LEFT, top - 12);
     context.textAlign = "right";
-    context.fillText(high.toPrecision(3), LEFT - 8, top + 14);
-    context.fillText(low.toPrecision(3), LEFT - 8, top + tall);
+    context.fillText(limit(high, low), LEFT - 8, top + 14);
+    context.fillText(limit(low, high), LEFT - 8, top + tall);
     context.textAlign = "left";
     context.strokeStyle = "#2a2f3d";
     context.strokeRect(LEFT, top, WIDTH - LEFT - 14, tall);
@@ -68,4 +68,11 @@ export class SeriesPanel extends Panel {
       context.stroke();
     });
   }
+}
+
+// One end of an axis in few digits; what is nothing beside the other end is 0.
+function limit(value, other) {
+  if (Math.abs(value) < 1e-6 * Math.abs(other) || Math.abs(value) < 1e-12) return "0";
+  const size = Math.abs(value);
+  return size >= 1e-3 && size < 1e5 ? value.toPrecision(3) : value.toExponential(1);
 }

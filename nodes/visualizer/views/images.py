@@ -63,7 +63,7 @@ class ImageView(View):
                 last = message.rgb if message.rgb is not None else message.luminance
                 return None if last is None else (self._of_env(last)[-1], {})
             case Keyframe():
-                return self._of_env(message.radiance), {}
+                return self._of_env(message.image), {}
             case Depth():
                 return self._of_env(message.depth), {}
             case Motion():
@@ -104,6 +104,8 @@ class ImageView(View):
             picture, full, unknown = colour.flow_colours(array, self._limits)
             meta["legend"] = {"kind": "flow", "to": full, "unit": picked["unit"]}
             bad = unknown if self.name == "motion" else 0
+        elif self.name == "semantic":
+            picture = colour.id_colours(array)
         elif self.name in ("ids", "segmentation"):
             picture = colour.id_colours(array)
             meta["instances"] = [[int(i), colour.id_colour(int(i))] for i in np.unique(array)[:64]]

@@ -39,7 +39,9 @@ def boxes(message: Labels, env: int) -> list[list[Any]]:
 
 
 def _speeds(twist: np.ndarray) -> list[float | str]:
-    return [number(np.linalg.norm(twist[:3])), number(np.linalg.norm(twist[3:]))]
+    """Linear and angular speed; what only rounding makes is none."""
+    speeds = [float(np.linalg.norm(part)) for part in (twist[:3], twist[3:])]
+    return [number(0.0 if speed < 1e-9 else speed) for speed in speeds]
 
 
 def _name(names: list[str], index: int) -> str:
@@ -72,7 +74,7 @@ class TableView(View):
             case Labels():
                 return self._labels(message)
             case WorldState():
-                return [self._bodies(message.names, np.asarray(message.pose)[:, -1], np.asarray(message.twist)[:, -1])]
+                return [self._bodies(message.names, message.end_pose, message.end_twist())]
             case Action():
                 values = np.asarray(message.controls)
                 chosen = values[min(self.env, len(values) - 1)] if len(values) else values
@@ -118,17 +120,18 @@ def _table(title: str, columns: list[str], rows: list[list[Any]]) -> dict[str, A
 
 def _camera(info: CameraInfo) -> dict[str, Any]:
     k = np.asarray(info.k)
+    known, timed = bool(k[0, 0] or k[1, 1]), info.keyframe_rate > 0
     rows: list[list[Any]] = [
         ["size", f"{info.width} x {info.height} px, margin {info.margin}"],
-        ["focal length", f"{k[0, 0]:.4g} {k[1, 1]:.4g} px"],
-        ["principal point", f"{k[0, 2]:.4g} {k[1, 2]:.4g} px"],
+        ["focal length", f"{k[0, 0]:.4g} {k[1, 1]:.4g} px" if known else "not known"],
+        ["principal point", f"{k[0, 2]:.4g} {k[1, 2]:.4g} px" if known else "not known"],
         ["distortion", info.distortion_model],
         ["clock", info.clock],
         ["environments", str(info.envs)],
-        ["keyframe rate", f"{info.keyframe_rate:g} Hz, upsampling {info.upsampling}"],
+        ["keyframe rate", f"{info.keyframe_rate:g} Hz" if timed else "-"],
         ["instances", ", ".join(info.instances[:32]) or "-"],
     ]
-    rows += [[str(key), str(value)[:120]] for key, value in info.sensor.items()]
+    rows += [[str(key), str(value)[:120] or "-"] for key, value in info.sensor.items()]
     return _table(info.name, ["property", "value"], rows)
 
 

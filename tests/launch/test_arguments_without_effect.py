@@ -1,0 +1,161 @@
+"""An argument that changes nothing is refused with the reason; whether it changes nothing is tried out."""
+
+import numpy as np
+import pytest
+
+from evis.launch.arguments import ArgumentError
+from evis.launch.effects import check_parameters
+from evis.launch.expression import names_in
+from evis.launch.files import load
+from evis.launch.planner import Options, plan_launch
+from evis.params import Param
+from evis.paths import find_launch
+from nodes.camera.node import CameraNode
+from nodes.event_sensor.effects import without_effect
+from nodes.event_sensor.parameters import SENSOR, resolve_sensor
+from nodes.event_sensor.simulate import simulate
+
+
+def plan(name, held=None, **given):
+    path, preset = find_launch(name)
+    return plan_launch(load(path), {**preset, **given}, Options(view=False), held)
+
+
+@pytest.mark.parametrize(
+    "given, why",
+    [
+        ({"interpolator": "none", "adaptive_px": 2}, "adaptive_px:=2.0 has no effect: interpolator is left out, for"),
+        ({"interpolator": "none", "tolerance": 0.1}, "tolerance:=0.1 has no effect: interpolator is left out"),
+        ({"upsampling": 1, "sample_px": 2}, "sample_px:=2.0 has no effect: interpolator is left out"),
+        ({"interpolator": "splat", "tolerance": 0.2}, "tolerance:=0.2 has no effect: method splat shades nothing anew"),
+        ({"path_samples": 64}, "path_samples:=64 has no effect: no light comes by paths"),
+        ({"model": "evis-paper", "crossing": "linear"}, "crossing:=linear has no effect: event model evis-paper"),
+        ({"model": "esim", "leak_rate": 1}, "leak_rate:=1.0 has no effect: event model esim has none; it has"),
+        ({"hot_pixel_rate": 5}, "hot_pixel_rate:=5.0 has no effect: hot_pixel_fraction is 0"),
+        ({"threshold": 0.2, "threshold_on": 0.1, "threshold_off": 0.3}, "threshold:=0.2 has no effect: threshold_on"),
+    ],
+)  # fmt: skip
+def test_what_changes_nothing_is_refused(given, why):
+    with pytest.raises(ArgumentError) as caught:
+        plan("spinning_disk", **given)
+    assert str(caught.value).startswith(why) and str(caught.value).endswith("; leave it out")
+    plan("spinning_disk", held=(), **given)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"interpolator": "splat", "adaptive_px": 2},
+        {"interpolator": "none", "upsampling": 4, "adaptive_px": 0},
+        {"tolerance": 0.1, "sample_px": 0, "bounces": 1, "path_samples": 64},
+        {"interpolator": "splat", "bounces": 1, "path_samples": 64},
+        {"model": "evis-paper", "crossing": "frame", "leak_rate": 1},
+        {"leak_rate": 1, "leak_jitter": 0.2, "leak_model": "drift", "preset": "davis346"},
+        {"leak_jitter": 0, "omega": 20, "seed": 3, "envs": 2, "colour": True},
+        {"threshold_on": 0.1, "threshold": 0.3, "labels": "flow", "imu": True},
+    ],
+)
+def test_what_changes_something_is_taken(given):
+    plan("spinning_disk", **given)
+
+
+LAUNCH = """
+args: {{a: {{default: 0}}, b: {{default: 0}}, c: {{default: 0}}, on: {{default: true}}, free: {{default: 1}}}}
+include: {{file: inner.yaml, if: "${{on}}", args: {{packet: "${{a or 5}}"}}}}
+nodes:
+  other:
+    type: camera
+    if: "${{not on}}"
+    otherwise: not while it is on
+    params: {{file: {file}, packet_ms: "${{b}}"}}
+"""
+INNER = """
+args: {{packet: {{default: 1}}, c: {{default: 1}}}}
+nodes:
+  eye:
+    type: camera
+    keep: [events]
+    params: {{camera: eye, file: {file}, packet_ms: "${{packet}}", faults: "${{c}}"}}
+"""
+
+
+def test_arguments_are_followed_through_includes(tmp_path):
+    recording = tmp_path / "r.raw"
+    recording.write_bytes(b"")
+    (tmp_path / "inner.yaml").write_text(INNER.format(file=recording))
+    (tmp_path / "outer.yaml").write_text(LAUNCH.format(file=recording))
+    launch = load(tmp_path / "outer.yaml")
+    plan_launch(launch, {"a": 3, "on": True, "free": 2}, Options(view=False))
+    with pytest.raises(ArgumentError, match=r"^b:=3 has no effect: other is left out, for not while it is on; leave"):
+        plan_launch(launch, {"b": 3}, Options(view=False))
+    with pytest.raises(ArgumentError, match=r"^c:=3 has no effect: it is for an emulated camera"):
+        plan_launch(launch, {"c": 3}, Options(view=False))
+
+
+def test_names_are_found_wherever_they_stand():
+    assert names_in({"a": ["x ${b + c}", "${d if e else 'f'}"], "g": 3, "h": "${env:HOME}", "i": "${j +"}) == set(
+        "bcde"
+    )
+
+
+def test_a_node_by_hand_is_held_to_the_same():
+    with pytest.raises(ArgumentError, match=r"^faults:=stall_every=5 has no effect"):
+        check_parameters(CameraNode, "camera", {"file": "a.raw", "faults": "stall_every=5"})
+    check_parameters(CameraNode, "camera", {"file": "a.raw", "pace": "2"})
+    check_parameters(CameraNode, "camera", {"emulate": "evk4", "file": "a.raw", "faults": "stall_every=5"})
+
+
+def frames():
+    rng = np.random.default_rng(0)
+    wave = np.exp(np.cumsum(rng.normal(size=(40, 6, 7)) * 0.4, axis=0)).astype(np.float32)
+    return [(k * 10_000_000, image) for k, image in enumerate(wave)]
+
+
+def events(given):
+    made = list(simulate(frames(), seed=1, **given))
+    return [np.concatenate([getattr(m, name) for m in made]).tolist() for name in "txyp"]
+
+
+def another(name: str, param: Param, now):
+    """A value that differs from the one now, and that the other rules allow."""
+    if param.choices:
+        return next(c for c in param.choices if c != now and c != "hermite")
+    most = param.maximum if param.maximum is not None else 1e3
+    value = (0.9 if now is None else now + 0.25) if most >= 0.5 else most
+    return param.type(min(value if param.type is float else (now or 0) + 1, most))
+
+
+@pytest.mark.parametrize(
+    "base",
+    [
+        {},
+        {"threshold_on": 0.2, "threshold_off": 0.3},
+        {"model": "evis-paper", "crossing": "linear", "leak_rate": 5},
+        {"shot_rate": 20.0, "leak_rate": 5, "hot_pixel_fraction": 0.3},
+    ],
+)
+def test_what_is_said_to_have_no_effect_has_none(base):
+    """Every parameter that is named, set to something else, gives the same events."""
+    idle = without_effect(resolve_sensor("sensor", "ideal", base))
+    assert idle
+    before = resolve_sensor("sensor", "ideal", base)
+    same = events(base)
+    assert len(same[0]) > 500
+    for name in idle:
+        if name == "crossing":
+            continue  # the sensor refuses all but those two for evis-paper
+        if name in ("hot_pixel_fraction", "hot_pixel_rate") and before["shot_rate"]:
+            continue  # another stream of random numbers
+        assert events({**base, name: another(name, SENSOR[name], before[name])}) == same, name
+    if "crossing" in idle:
+        assert events({**base, "crossing": "frame"}) == same
+
+
+def test_what_has_an_effect_is_not_named():
+    base = {"leak_rate": 50.0, "threshold_mismatch": 0.1, "bandwidth_hz": 20.0}
+    idle = without_effect(resolve_sensor("sensor", "ideal", base))
+    same = events(base)
+    for name, value in {
+        "leak_jitter": 0.5, "threshold_floor": 0.19, "bandwidth_poles": 2, "threshold": 0.3, "bandwidth_level": 1.0,
+    }.items():  # fmt: skip
+        assert name not in idle and events({**base, name: value}) != same, name
