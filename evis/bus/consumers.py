@@ -258,11 +258,15 @@ class Consumers:
         self.rejected += 1
         self._router.send_multipart([route, wire.pack_map(wire.REFUSED, reason=reason)])
 
-    def unfinished(self) -> bool:
-        """True while some have not answered the end of the stream. Raises PeerLost for one that left without a word."""
+    def unfinished(self, heard_at: float) -> bool:
+        """True while some have not answered the end of the stream. Raises PeerLost for one that left without a word.
+
+        heard_at: time.monotonic() before the sockets were last read. Time that passed since tells nothing: this process
+        may have been held up with the answer in its queue.
+        """
         waiting = [c for c in self.all.values() if not c.ended]
         for consumer in waiting:
-            if consumer.gone_at and time.monotonic() - consumer.gone_at > LAST_WORD_S:
+            if consumer.gone_at and heard_at - consumer.gone_at > LAST_WORD_S:
                 consumer.forget()
                 raise PeerLost(consumer.name, self.topic)
         return bool(waiting)

@@ -277,6 +277,7 @@ class Publisher:
         False when some have not answered within timeout_s (0: just look); call again. Raises PeerLost for one that died
         meanwhile.
         """
+        heard_at = time.monotonic()
         self.pump()
         if not self._consumers.finishing:
             self._consumers.finishing = True
@@ -284,11 +285,13 @@ class Publisher:
             self._tap.end(end)
             self._broadcast(end)
         deadline = time.monotonic() + (1e9 if timeout_s is None else timeout_s)
-        while self._consumers.unfinished():
+        while self._consumers.unfinished(heard_at):
             left_s = deadline - time.monotonic()
             if left_s <= 0:
                 return False
             self._await(min(POLL_MS, int(1000 * left_s) + 1))
+            heard_at = time.monotonic()
+            self.pump()
         return True
 
     def close(self) -> None:

@@ -5,6 +5,7 @@ A full queue drops, here or at the listener; sequence numbers tell it how much i
 
 from __future__ import annotations
 
+import math
 import time
 
 import zmq
@@ -38,7 +39,7 @@ class Tap:
         self.latched: list[Buffer] | None = None
         """Last value of a latched topic, given to each newcomer."""
         self._interval = 1.0 / hz if hz > 0 else 0.0
-        self._next = 0.0
+        self._next = -math.inf  # of a clock that starts anywhere: 0 would be late or far ahead by the machine's uptime
 
     def open(self, sock: zmq.Socket, address: str) -> str:
         """Bind; returns the address."""

@@ -26,8 +26,10 @@ END_HEADER = b"END"
 MAX_TALK = 1 << 16
 """Longest frame that a publisher accepts [bytes]; who sends more is disconnected."""
 
-HEARTBEAT_MS, HEARTBEAT_TIMEOUT_MS = 200, 600
-"""A frozen peer is noticed in less than a second; a dead one at once."""
+HEARTBEAT_MS, HEARTBEAT_TIMEOUT_MS = 1000, 5000
+"""A peer that does not answer for the second is frozen; a dead one is noticed at once, by its closed connection.
+
+A loaded machine may hold a process for seconds: that is no death. Together less than the supervisor's SILENCE_S."""
 
 SOON_MS = 5
 """A peer that is at work answers through its pipe within this time; only then are the sockets worth a look."""

@@ -17,6 +17,8 @@ import zmq
 
 HEARTBEAT_S = 0.5
 """Interval of the heartbeats [s]."""
+BYE_S = 2.0
+"""Longest wait of a process that ends for the supervisor's answer [s]."""
 
 
 def control_address(directory: str) -> str:
@@ -137,12 +139,12 @@ class ControlClient:
         self._final = True
 
     def close(self) -> None:
-        """Close, after the supervisor has said that it has the last message (or is gone: 2 s)."""
+        """Close, after the supervisor has said that it has the last message (or is gone: BYE_S)."""
         if self._closing.is_set():
             return
         self._closing.set()
         self._thread.join()
-        end = time.monotonic() + 2.0
+        end = time.monotonic() + BYE_S
         while self._final and time.monotonic() < end:
             if any("bye" in message for message in self.poll(0.1)):
                 break

@@ -84,8 +84,11 @@ class RunDirectory:
         self.run_id = f"{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(3)}"
         self.path = root() / self.run_id
         self.path.mkdir(mode=0o700)
-        self._lock = open(self.path / LOCK, "w")
+        # Locked before it has its name: another launcher sweeps what has a lock file that nobody holds.
+        unnamed = self.path / f"{LOCK}.new"
+        self._lock = open(unnamed, "w")
         fcntl.flock(self._lock, fcntl.LOCK_EX)
+        unnamed.rename(self.path / LOCK)
         janitor = Path(__file__).with_name("janitor.py")
         self._janitor = subprocess.Popen(
             [sys.executable, "-I", "-S", str(janitor), str(self.path)],

@@ -31,9 +31,13 @@ STARTUP_SILENCE_S = 60.0
 """The same before its first heartbeat: imports come first [s]."""
 SETTLE_S = 0.4
 """How long to listen after a failure, so that the cause is named and not its consequences [s]."""
+LAST_WORD_S = 0.2
+"""How long to listen for what a process wrote before it ended [s]; it waits for the answer, but not for ever."""
 MAX_RESPAWNS = 5
 BUSY_S = 30.0
 """A node that has been in one call for so long is mentioned, once [s]."""
+HELD_S = 1.0
+"""A turn of the supervisor's own loop that took longer was held up: by Ctrl-Z, or by a busy machine [s]."""
 _TICK_S = 0.05
 
 
@@ -61,6 +65,7 @@ class Supervisor:
         self._started = 0.0
         self._went_at = 0.0
         self._ended_at = 0.0
+        self._turned_at = 0.0
         self._logs = Logs(self._say, debug)
 
     def run(self) -> Report:
@@ -136,6 +141,7 @@ class Supervisor:
         while not all(child.ended and not child.alive() for child in self._children.values()):
             for process, message in self._server.poll(_TICK_S):
                 self._handle(process, message)
+            self._forgive_own_pause()
             for child in list(self._children.values()):
                 self._watch(child)
             self._start_together()
@@ -145,6 +151,16 @@ class Supervisor:
         self._logs.forward(self._children.values())
         if self._cause is None:
             self._name_cause()
+
+    def _forgive_own_pause(self) -> None:
+        """While this process was held up it heard nobody: that was no silence of theirs, and no patience of ours."""
+        now = time.monotonic()
+        pause, self._turned_at = now - (self._turned_at or now), now
+        if pause > HELD_S:
+            for child in self._children.values():
+                child.heard_at = min(now, child.heard_at + pause)
+            if self._stopped_at:
+                self._stopped_at = min(now, self._stopped_at + pause)
 
     def _handle(self, process: str, message: dict[str, Any]) -> None:
         if "want" in message:
@@ -198,8 +214,10 @@ class Supervisor:
             return
         if not child.alive():
             # What it wrote last may still be under way to us.
-            for process, message in self._server.poll(0.0):
-                self._handle(process, message)
+            end = time.monotonic() + LAST_WORD_S
+            while not child.ended and time.monotonic() < end:
+                for process, message in self._server.poll(LAST_WORD_S):
+                    self._handle(process, message)
             if not child.ended:
                 child.state = "failed"
                 self._on_failure(child)

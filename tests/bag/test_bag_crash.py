@@ -74,7 +74,7 @@ def child(path, period, end):
 def test_kill_9_loses_at_most_one_chunk(tmp_path):
     """A process kills itself while it writes; all but the open chunk is there, in order and bit by bit."""
     process = child(tmp_path / "a.mcap", 1e6, "os.kill(os.getpid(), signal.SIGKILL)")
-    process.communicate(timeout=60)
+    process.communicate(timeout=600)
     assert process.returncode == -signal.SIGKILL
     with BagWriter(tmp_path / "whole.mcap", chunk_bytes=20_000, chunk_period_s=1e6) as writer:
         for k in range(40):
@@ -94,7 +94,7 @@ def test_kill_9_after_a_pause_loses_nothing(tmp_path):
     process = child(tmp_path / "a.mcap", 0.1, "print('written', flush=True)\nimport time; time.sleep(600)")
     try:
         assert process.stdout.readline() == b"written\n"
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 60
         while time.monotonic() < deadline and len(read(tmp_path / "a.mcap")[0]) < 40 * len(scene(0)):
             time.sleep(0.05)
     finally:
@@ -109,7 +109,7 @@ def test_a_pause_does_not_hold_back_messages(tmp_path):
     """One message and then silence: after 100 ms it is in the file."""
     writer = BagWriter(tmp_path / "a.mcap")
     writer.write("/state", scene(0)["/state"])
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 60
     while time.monotonic() < deadline and not read(tmp_path / "a.mcap")[0]:
         time.sleep(0.02)
     messages, _ = read(tmp_path / "a.mcap")

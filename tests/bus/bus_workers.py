@@ -49,12 +49,12 @@ def send_stream(publisher: Publisher, count: int) -> None:
             out = publisher.loan(depth=(array.shape, array.dtype))["depth"]
             out[...] = array
             array = out
-        slot = publisher.send(Depth(Header(i), depth=array), timeout_s=30)
+        slot = publisher.send(Depth(Header(i), depth=array), timeout_s=60)
         if slot is not None:
             slot.unpin()
 
 
-def wait_for(condition: Any, timeout_s: float = 20.0) -> None:
+def wait_for(condition: Any, timeout_s: float = 60.0) -> None:
     """Poll until true."""
     deadline = time.monotonic() + timeout_s
     while not condition():
@@ -117,7 +117,7 @@ def read(pipe: Any, endpoints: Endpoints, name: str, options: dict[str, Any]) ->
         shared += "mmap" in repr(_base(message.depth))
         if count == options.get("hang_after"):
             pipe.send("hanging")
-            time.sleep(60)
+            time.sleep(600)
         if options.get("keep"):
             message.keep()
             kept.append((message, message.depth.tobytes()))
@@ -152,8 +152,8 @@ def publish(pipe: Any, endpoints: Endpoints, consumers: list[str], options: dict
     send_stream(publisher, options["count"])
     pipe.send(os.getpid())
     if options.get("hang"):
-        time.sleep(60)
-    publisher.finish(30)
+        time.sleep(600)
+    publisher.finish(60)
     publisher.close()
     context.term()
 

@@ -51,7 +51,7 @@ class Child:
         self.process.start()
         theirs.close()
 
-    def hear(self, timeout_s: float = 30.0) -> Any:
+    def hear(self, timeout_s: float = 60.0) -> Any:
         """The next report."""
         assert self.pipe.poll(timeout_s), "the child says nothing"
         return self.pipe.recv()

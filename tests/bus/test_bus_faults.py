@@ -11,42 +11,61 @@ import numpy as np
 import pytest
 from bus_workers import TOPIC, image, meet, publish, publisher_on, send_stream, subscriber_on, wait_for
 
-from evis.bus import BusError, PeerLost
+from evis.bus import BusError, PeerLost, wire
+from evis.launch.supervisor import SILENCE_S
 from msgs.camera import Depth
 from msgs.header import Header
 
 
-@pytest.mark.parametrize(("signal_number", "within_s"), [(signal.SIGKILL, 1.0), (signal.SIGSTOP, 2.0)])
-def test_a_dead_or_frozen_consumer_is_named(context, endpoints, reader, signal_number, within_s):
-    child = reader(endpoints, "labeler")
-    publisher = publisher_on(context, endpoints, ["labeler:in"])
-    wait_for(lambda: not publisher.missing())
-    os.kill(child.process.pid, signal_number)
-    start = time.monotonic()
+@pytest.fixture
+def no_heartbeats(monkeypatch):
+    """What is noticed without them is noticed at once."""
+    monkeypatch.setattr(wire, "HEARTBEAT_MS", 0)
+
+
+def assert_named(publisher):
+    """The publisher waits for credit, as it does in a run, and learns whom it waits for in vain."""
     with pytest.raises(PeerLost, match=r"labeler:in .*/cam0/depth") as caught:
-        while time.monotonic() - start < 10:  # the publisher waits for credit, as it does in a run
-            publisher.send(Depth(Header(0), depth=np.zeros((1, 2, 2), np.float32)), timeout_s=5)
+        while True:
+            publisher.send(Depth(Header(0), depth=np.zeros((1, 2, 2), np.float32)), timeout_s=60)
     assert (caught.value.node, caught.value.topic) == ("labeler:in", TOPIC)
-    assert time.monotonic() - start < within_s
     publisher.close()
 
 
-def test_a_killed_publisher_is_noticed_and_leaves_no_memory(context, endpoints, child):
+def test_a_dead_consumer_is_named_at_once(context, endpoints, reader, no_heartbeats):
+    child = reader(endpoints, "labeler")
+    publisher = publisher_on(context, endpoints, ["labeler:in"])
+    wait_for(lambda: not publisher.missing())
+    os.kill(child.process.pid, signal.SIGKILL)
+    assert_named(publisher)
+
+
+def test_a_frozen_consumer_is_named(context, endpoints, reader):
+    """By its neighbours, before the supervisor ends it as silent; and one that was held for 2 s is not frozen."""
+    assert wire.HEARTBEAT_MS + wire.HEARTBEAT_TIMEOUT_MS < 1000 * SILENCE_S
+    child = reader(endpoints, "labeler")
+    publisher = publisher_on(context, endpoints, ["labeler:in"])
+    wait_for(lambda: not publisher.missing())
+    os.kill(child.process.pid, signal.SIGSTOP)
+    time.sleep(2)
+    os.kill(child.process.pid, signal.SIGCONT)
+    send_stream(publisher, 10)
+    os.kill(child.process.pid, signal.SIGSTOP)
+    assert_named(publisher)
+
+
+def test_a_killed_publisher_is_noticed_and_leaves_no_memory(context, endpoints, child, no_heartbeats):
     before = set(os.listdir("/dev/shm"))
     sender = child(publish, endpoints, ["labeler:in"], {"count": 2, "hang": True})
     subscriber = subscriber_on(context, endpoints)
-    first, second = (subscriber.receive(20_000) for _ in range(2))
+    first, second = (subscriber.receive(60_000) for _ in range(2))
     assert first.header.stamp_ns == 0
     second.keep()
     first.release()
     second.release()
     os.kill(sender.hear(), signal.SIGKILL)
-    start = time.monotonic()
     with pytest.raises(PeerLost, match="renderer"):
-        while time.monotonic() - start < 10:
-            assert subscriber.receive(20) is None
-            subscriber.raise_if_publisher_lost()
-    assert time.monotonic() - start < 1.0
+        wait_for(lambda: subscriber.receive(20) or subscriber.raise_if_publisher_lost())
     assert set(os.listdir("/dev/shm")) - before == set()
     assert np.array_equal(second.depth, image(1))  # the pages live as long as somebody looks at them
     second.release()
@@ -58,9 +77,9 @@ def test_messages_sent_before_a_publisher_died_are_received_first(context, endpo
     subscriber = subscriber_on(context, endpoints)
     wait_for(subscriber.connected)
     os.kill(sender.hear(), signal.SIGKILL)
-    time.sleep(0.1)
+    wait_for(lambda: subscriber._watch() or subscriber._disconnected)
     subscriber.raise_if_publisher_lost()  # not yet: there is something to read
-    assert subscriber.receive(1000).header.stamp_ns == 0
+    assert subscriber.receive(60_000).header.stamp_ns == 0
     with pytest.raises(PeerLost):
         wait_for(lambda: subscriber.raise_if_publisher_lost())
     subscriber.close()
@@ -75,7 +94,7 @@ def test_a_consumer_that_leaves_early_is_lost_and_may_come_back(context, endpoin
     again = subscriber_on(context, endpoints)
     meet(publisher, again)
     publisher.send(Depth(Header(7), depth=np.zeros((1, 2, 2), np.float32)))
-    assert again.receive(5000).header.stamp_ns == 7
+    assert again.receive(60_000).header.stamp_ns == 7
     again.close()
 
 
@@ -88,7 +107,7 @@ def test_a_consumer_that_dies_during_the_end_is_named(context, endpoints, reader
     assert publisher.finish(0.05) is False
     child.process.kill()
     with pytest.raises(PeerLost, match="labeler:in"):
-        publisher.finish(10)
+        publisher.finish(60)
     publisher.close()
 
 
@@ -127,7 +146,7 @@ def test_messages_kept_for_ever_end_in_an_error_that_says_so(pair):
     with pytest.raises(BusError, match="keep"):
         for i in range(200):
             publisher.send(Depth(Header(i), depth=depth)).unpin()
-            message = subscriber.receive(5000)
+            message = subscriber.receive(60_000)
             message.keep()
             message.release()
             kept.append(message)
@@ -136,13 +155,13 @@ def test_messages_kept_for_ever_end_in_an_error_that_says_so(pair):
         message.release()
     wait_for(lambda: (publisher.pump(), len(publisher._pool._free) == 64)[1])
     publisher.send(Depth(Header(0), depth=depth)).unpin()  # and goes on when they are released
-    assert subscriber.receive(5000) is not None
+    assert subscriber.receive(60_000) is not None
 
 
 def test_one_release_too_many_is_an_error(pair):
     publisher, subscriber = pair
     publisher.send(Depth(Header(0), depth=np.zeros((1, 100, 100), np.float32))).unpin()
-    message = subscriber.receive(5000)
+    message = subscriber.receive(60_000)
     message.release()
     with pytest.raises(BusError, match="released more often"):
         message.release()
@@ -155,11 +174,11 @@ def test_received_arrays_cannot_be_written(pair):
     for side in (2, 200):
         publisher.send(Depth(Header(0), depth=np.zeros((1, side, side), np.float32)))
         with pytest.raises(ValueError, match="read-only"):
-            subscriber.receive(5000).depth[...] = 1
+            subscriber.receive(60_000).depth[...] = 1
 
 
 def test_a_message_from_the_bus_is_not_published_again(pair):
     publisher, subscriber = pair
     publisher.send(Depth(Header(0), depth=np.zeros((1, 2, 2), np.float32)))
     with pytest.raises(BusError, match="make a new one"):
-        publisher.send(subscriber.receive(5000))
+        publisher.send(subscriber.receive(60_000))

@@ -28,7 +28,7 @@ def test_a_type_mismatch_names_both_sides_on_both_sides(context, endpoints):
     wait_for(lambda: (publisher.pump(), publisher._tap.listeners)[1])
     publisher._tap.send(encode(Depth(Header(0), depth=np.zeros((1, 2, 2), np.float32))))
     with pytest.raises(BusError, match=r"viewer:in: the sender publishes Depth, this side expects Motion"):
-        tap.receive(5000)
+        tap.receive(60_000)
     for one in publisher, subscriber, tap:
         one.close()
 
@@ -73,10 +73,10 @@ def test_hostile_frames_are_counted_and_harm_nothing(context, endpoints, pair):
     for attacker in attackers:
         attacker.close(linger=0)
     for i in range(50):
-        slot = publisher.send(Depth(Header(i), depth=image(i)), timeout_s=5)
+        slot = publisher.send(Depth(Header(i), depth=image(i)), timeout_s=60)
         if slot is not None:
             slot.unpin()
-        message = subscriber.receive(5000)
+        message = subscriber.receive(60_000)
         assert message.header.stamp_ns == i and np.array_equal(message.depth, image(i))
         message.release()
     assert subscriber.rejected == subscriber.lost == 0
@@ -85,7 +85,7 @@ def test_hostile_frames_are_counted_and_harm_nothing(context, endpoints, pair):
 def test_a_consumer_cannot_return_a_credit_twice(pair):
     publisher, subscriber = pair
     publisher.send(Depth(Header(0), depth=np.zeros((1, 2, 2), np.float32)))
-    subscriber.receive(5000).release()
+    subscriber.receive(60_000).release()
     subscriber.reply(b"C", 0)
     wait_for(lambda: (publisher.pump(), publisher.stats()["rejected"] == 1)[1])
     assert publisher.credit() == 2
@@ -110,7 +110,7 @@ def test_hostile_headers_from_a_publisher_raise_and_do_not_crash(pair):
     for header, error in hostile_headers():
         publisher._data.send_multipart([TOPIC.encode(), header])
         with pytest.raises(error, match="/cam0/depth"):
-            subscriber.receive(5000)
+            subscriber.receive(60_000)
 
 
 def test_a_slot_that_could_shrink_or_is_too_short_is_not_read(pair):
@@ -123,13 +123,13 @@ def test_a_slot_that_could_shrink_or_is_too_short_is_not_read(pair):
         slot = ["memfd", os.getpid(), unsealed, 1, 0, size, [0]]
         publisher._data.send_multipart([TOPIC.encode(), msgpack.packb({**good, "extra": {"slot": slot}})])
         with pytest.raises(error):
-            subscriber.receive(5000)
+            subscriber.receive(60_000)
     os.close(unsealed)
     ours = publisher._pool.take(1000)
     slot = ["memfd", os.getpid(), ours.fd, 2, 0, ours.size + 4096, [0]]
     publisher._data.send_multipart([TOPIC.encode(), msgpack.packb({**good, "extra": {"slot": slot}})])
     with pytest.raises(BusError, match="announced"):
-        subscriber.receive(5000)
+        subscriber.receive(60_000)
     ours.unpin()
 
 
@@ -142,6 +142,6 @@ def test_a_tap_counts_garbage_and_goes_on(context, endpoints):
         publisher._tap.send(garbage)
         wait_for(lambda count=count: (tap.receive(), tap.rejected == count)[1])
     publisher.send(Depth(Header(3), depth=np.zeros((1, 2, 2), np.float32)))
-    assert tap.receive(5000).header.stamp_ns == 3
+    assert tap.receive(60_000).header.stamp_ns == 3
     tap.close()
     publisher.close()

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
+import zmq
 from bus_workers import meet, publisher_on, subscriber_on, wait_for
 
 from evis.bus import END
@@ -31,8 +30,8 @@ def test_a_late_joiner_gets_the_latched_value_once(context, endpoints, tap):
     message = late.receive()
     assert (message.width, message.header.seq) == (2, 1)
     message.release()
-    publisher.send(info(3), timeout_s=5)
-    assert late.receive(5000).width == 3
+    publisher.send(info(3), timeout_s=60)
+    assert late.receive(60_000).width == 3
     second = subscriber_on(context, endpoints, "viewer", CameraInfo, tap=True)
     wait_for(lambda: (publisher.pump(), second.socket.poll(0))[-1])
     assert second.receive().width == 3
@@ -52,34 +51,47 @@ def test_a_latched_value_sent_while_a_consumer_connects_comes_once(context, endp
     meet(publisher, consumer)
     received = []
     for width in (2, 3, 4, 5):
-        while (message := consumer.receive(100)) is not None:
-            received.append(message.width)
-            message.release()
-        first.receive(5000).release()
-        publisher.send(info(width), timeout_s=5)
-    assert [*received, consumer.receive(5000).width] == [1, 2, 3, 4, 5]
-    first.receive(5000).release()
+        message = consumer.receive(60_000)
+        received.append(message.width)
+        message.release()
+        first.receive(60_000).release()
+        publisher.send(info(width), timeout_s=60)
+    assert [*received, consumer.receive(60_000).width] == [1, 2, 3, 4, 5]
+    assert consumer.receive(100) is None
+    first.receive(60_000).release()
     wait_for(lambda: (publisher.pump(), publisher.credit() == 1)[1])
     for one in publisher, consumer, first:
         one.close()
 
 
-def test_a_tap_that_lags_behind_gets_the_newest_and_is_told_what_it_missed(context, endpoints):
-    """30 messages wait, more than the topic's queue of 2 and fewer than its socket holds."""
+def test_a_tap_that_lags_behind_gets_the_newest_and_is_told_what_it_missed(context, endpoints, monkeypatch):
+    """30 messages wait, more than the topic's queue of 2 and fewer than its socket holds.
+
+    They are put into the queue of another socket as they come: so all are there, and none is on its way. The queue of
+    the publisher, which would drop too, is longer here.
+    """
+    monkeypatch.setattr("evis.bus.publisher.queue_length", lambda topic: 64)
     publisher = publisher_on(context, endpoints, [], tap_hz=0)
     tap = subscriber_on(context, endpoints, "viewer", tap=True)
     wait_for(lambda: (publisher.pump(), publisher.wanted())[1])
     first = depth(0)
-    publisher.send(first, timeout_s=5)
+    publisher.send(first, timeout_s=60)
     wait_for(lambda: (message := tap.receive(0)) is not None and message.header.stamp_ns == 0)
+    waiting, come = context.socket(zmq.PAIR), tap._data
+    tap._data = context.socket(zmq.PAIR)
+    tap._data.bind("inproc://waiting")
+    waiting.connect("inproc://waiting")
     for i in range(1, 31):
-        publisher.send(depth(i), timeout_s=5)
-        time.sleep(0.005)  # so that the publisher's own short queue is sent
-    time.sleep(0.2)
+        publisher.send(depth(i), timeout_s=60)
+        assert come.poll(60_000)
+        waiting.send_multipart(come.recv_multipart())
     got = []
     while (message := tap.receive(100)) is not None:
         got.append(message.header.stamp_ns)
     assert got == [29, 30] and tap.lost == 28
+    for one in waiting, tap._data:
+        one.close(linger=0)
+    tap._data = come
     tap.close()
     publisher.close()
 
@@ -90,7 +102,7 @@ def test_the_end_reaches_taps_too(context, endpoints):
     tap = subscriber_on(context, endpoints, "viewer", tap=True)
     wait_for(lambda: (publisher.pump(), publisher.wanted())[1])
     assert publisher.finish(0)
-    assert tap.receive(5000) is END
+    assert tap.receive(60_000) is END
     tap.close()
     wait_for(lambda: (publisher.pump(), not publisher.wanted())[1])
     publisher.close()

@@ -19,10 +19,10 @@ from msgs.world import WorldState
 
 
 def deliver(publisher, subscriber, i):
-    slot = publisher.send(Depth(Header(i), depth=image(i)), timeout_s=5)
+    slot = publisher.send(Depth(Header(i), depth=image(i)), timeout_s=60)
     if slot is not None:
         slot.unpin()
-    message = subscriber.receive(5000)
+    message = subscriber.receive(60_000)
     assert message.header.stamp_ns == i and np.array_equal(message.depth, image(i))
     message.release()
 
@@ -61,7 +61,7 @@ def test_messages_too_long_for_the_pipe_keep_their_place(context, endpoints, rea
     wait_for(lambda: not publisher.missing())
     publisher._consumers.all["labeler:in"].room = 250  # descriptors do not fit, the smallest images do
     send_stream(publisher, 200)
-    assert publisher.finish(10)
+    assert publisher.finish(60)
     report = child.hear()
     assert report["hash"] == truth(200) and report["lost"] == report["rejected"] == 0
     publisher.close()
@@ -88,7 +88,7 @@ def test_a_credit_that_finds_the_pipe_full_is_not_lost(pair):
     publisher, subscriber = pair
     publisher.send(Depth(Header(0), depth=np.zeros((1, 2, 2), np.float32)))
     publisher.send(Depth(Header(1), depth=np.zeros((1, 2, 2), np.float32)))
-    first, second = subscriber.receive(5000), subscriber.receive(5000)
+    first, second = subscriber.receive(60_000), subscriber.receive(60_000)
     first.release()
     stuffing = 0
     while subscriber._credits.write(bytes(16)):
@@ -118,7 +118,7 @@ def test_a_wrong_credit_is_counted(pair, op, seq):
     subscriber._credits.write_credit(subscriber._link, op, seq)
     wait_for(lambda: (publisher.pump(), publisher.stats()["rejected"] == 1)[1])
     assert publisher.credit() == 1
-    subscriber.receive(5000).release()
+    subscriber.receive(60_000).release()
     wait_for(lambda: (publisher.pump(), publisher.credit() == 2)[1])
 
 
@@ -154,7 +154,7 @@ def test_what_is_no_record_is_an_error_and_no_crash(context, endpoints, record):
     meet(publisher, subscriber)
     assert publisher._consumers.all["labeler:in"].outlet.write(record)
     with pytest.raises(BusError, match=r"/cam0/depth: labeler:in cannot read what came through its pipe"):
-        subscriber.receive(5000)
+        subscriber.receive(60_000)
     subscriber.close()
     publisher.close()
 
@@ -200,8 +200,8 @@ def test_without_a_pipe_the_sockets_do_it(context, endpoints, monkeypatch, side)
         deliver(publisher, subscriber, i)
     assert subscriber._piped is (side == "consumer")
     assert not publisher.finish(0)
-    assert subscriber.receive(5000) is END
-    assert publisher.finish(5)
+    assert subscriber.receive(60_000) is END
+    assert publisher.finish(60)
     subscriber.close()
     publisher.close()
 
@@ -214,9 +214,9 @@ def test_a_small_message_with_a_long_header_comes_over_the_socket(context, endpo
     for bodies in (["a"], names, ["b"], names):
         pose, twist = np.zeros((1, 1, 0, 7)), np.zeros((1, 1, 0, 6))
         t, episodes = np.zeros(1, np.int64), np.zeros(1, np.int32)
-        publisher.send(WorldState.dense(Header(0), t, pose, twist, episodes, names=bodies), timeout_s=5)
-        assert zmq.select(subscriber.sockets(), [], [], 5)[0]
-        message = subscriber.receive(5000)
+        publisher.send(WorldState.dense(Header(0), t, pose, twist, episodes, names=bodies), timeout_s=60)
+        assert zmq.select(subscriber.sockets(), [], [], 60)[0]
+        message = subscriber.receive(60_000)
         assert message.names == bodies
         message.release()
     subscriber.close()

@@ -42,7 +42,7 @@ def test_stream(capsys, tmp_path):
     assert (total["packets"], total["events"]) == (2, 20)
 
 
-def test_no_camera_is_an_error():
+def test_no_camera_is_an_error(no_camera):
     """With the remedy."""
     parser = argparse.ArgumentParser()
     camera.add_arguments(parser)

@@ -172,7 +172,7 @@ def test_a_file_without_events_ends_at_once(tmp_path):
         ({"flie": "a.raw"}, ParamError, "did you mean 'file'"),
     ],
 )
-def test_wrong_use_is_named(params, error, text):
+def test_wrong_use_is_named(params, error, text, no_camera):
     """One line with the parameter and the remedy."""
     with pytest.raises(error, match=text) as caught:
         play(Runtime(), **params)

@@ -204,7 +204,7 @@ def test_a_driver_can_be_used_again(name, tmp_path):
         parts = []
         for _ in range(2):
             driver.start()
-            reading = driver.read(2.0)
+            reading = driver.read(60.0)
             assert reading is not None
             parts.append(reading)
             driver.stop()

@@ -52,7 +52,7 @@ def drive(wrapper: str, name: str, path: Path, transfers: str, faults: str = "")
         transfers,
         faults,
     ]
-    run = subprocess.run(command, capture_output=True, text=True, timeout=60, env={**os.environ, "PYTHONPATH": paths})
+    run = subprocess.run(command, capture_output=True, text=True, timeout=600, env={**os.environ, "PYTHONPATH": paths})
     assert run.returncode == 0, run.stderr[-2000:]
     return json.loads(run.stdout.strip().splitlines()[-1])
 

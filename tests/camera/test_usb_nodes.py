@@ -188,12 +188,12 @@ def test_launch_streams_a_recording_through_the_driver(tmp_path):
         f"file:={tmp_path / 'a.raw'}",
     ]
     command += ["settings:=decoder=numpy", "--record", str(tmp_path / "a.mcap"), "--no-view", "--json"]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stderr
     summary = json.loads(result.stdout.strip().splitlines()[-1])
     assert (summary["events"], summary["drops"]) == (20_000, 0)
     missing = subprocess.run(
-        [*command[:5], "emulate:=silkyevkam", "--no-view"], capture_output=True, text=True, timeout=60
+        [*command[:5], "emulate:=silkyevkam", "--no-view"], capture_output=True, text=True, timeout=600
     )
     assert (
         missing.returncode == 1 and "did you mean silkyevcam?" in missing.stderr and "\n" not in missing.stderr.strip()

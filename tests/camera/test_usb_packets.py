@@ -91,7 +91,7 @@ class Burst:
             memoryview(buffer)[: len(block)] = block
             return len(block)
         self.given.set()
-        self.over.wait(10)
+        self.over.wait(60)
         raise StreamEnd("over")
 
 
@@ -102,7 +102,7 @@ def readings_of(sent: Events, packet_ns: int, longest_ns: int, live: bool) -> tu
     reader = Reader(source.read, lambda: None, 256, 4096)
     stream = Stream(reader, decoder_for("evt3"), packet_ns, False, live, 0, longest_ns)
     reader.start()
-    assert source.given.wait(10)
+    assert source.given.wait(60)
     time.sleep(packet_ns / 1e9)
     source.over.set()
     readings = []
@@ -167,7 +167,7 @@ def test_arrays_come_from_whom_was_asked(backend):
     stream = Stream(reader, decoder_for("evt3", 0, 0, backend), 10 * MS, False, False, allocate=allocate)
     reader.start()
     source.over.set()
-    reading = stream.read(5.0)
+    reading = stream.read(60.0)
     reader.close()
     assert reading is not None and columns(reading.events) == columns(sent)
     last = given[-1]

@@ -32,7 +32,7 @@ def evis(runtime_folder: Path, tmp_path: Path) -> Callable[..., Result]:
             text=True,
             cwd=tmp_path,
             env={**environment(runtime_folder), **variables},
-            timeout=120,
+            timeout=600,
         )
         return Result(done.returncode, done.stdout, done.stderr)
 

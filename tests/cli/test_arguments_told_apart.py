@@ -123,7 +123,7 @@ def test_a_full_disk_is_named_and_leaves_nothing(tmp_path: Path, suffix: str) ->
 
     done = subprocess.run(
         [sys.executable, "-m", "evis.cli", "events", "simulate", name, f"out.{suffix}"],
-        cwd=tmp_path, capture_output=True, text=True, preexec_fn=small_files, timeout=60,
+        cwd=tmp_path, capture_output=True, text=True, preexec_fn=small_files, timeout=600,
     )  # fmt: skip
     assert done.returncode == 1
     assert done.stderr.splitlines() == [f"evis events: out.{suffix}: writing failed: File too large"]

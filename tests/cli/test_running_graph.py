@@ -23,6 +23,19 @@ nodes:
 """
 
 
+LIMIT_S = 60.0
+"""For all that is waited for: far more than a loaded machine needs."""
+
+
+def until(condition: Callable[[], Any]) -> Any:
+    """Wait for something true, and give it. What a look at a running graph sees hangs on when it looks."""
+    end = time.monotonic() + LIMIT_S
+    while not (value := condition()):
+        assert time.monotonic() < end, "it did not happen"
+        time.sleep(0.05)
+    return value
+
+
 @pytest.fixture(scope="module")
 def running(runtime_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A graph that runs while the tests of this module look at it."""
@@ -32,12 +45,10 @@ def running(runtime_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> I
         [sys.executable, "-m", "evis.cli", "launch", "graph.yaml", "--json"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, env=environment(runtime_folder),
     )  # fmt: skip
-    end = time.monotonic() + 20
-    while not list((runtime_folder / "evis").glob("*/plan.json")) and time.monotonic() < end:
-        time.sleep(0.05)
+    until(lambda: list((runtime_folder / "evis").glob("*/plan.json")))
     yield folder
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 0, err
     assert json.loads(out.splitlines()[-1])["drops"] == 0
 
@@ -54,7 +65,7 @@ def test_topic_list_and_info(running: Path, evis_here: Evis) -> None:
 
 
 def test_topic_echo_shows_what_is_sent_and_wakes_idle_outputs(running: Path, evis_here: Evis) -> None:
-    lines = evis_here("topic", "echo", "/cam0/ids", "-n", "3", "--json", "--full", "--timeout", "20").out.splitlines()
+    lines = evis_here("topic", "echo", "/cam0/ids", "-n", "3", "--json", "--full", "--timeout", "60").out.splitlines()
     messages = [json.loads(line) for line in lines]
     assert len(messages) == 3
     for message in messages:  # the ticker writes its number into every pixel, and its number of ms into the stamp
@@ -64,29 +75,43 @@ def test_topic_echo_shows_what_is_sent_and_wakes_idle_outputs(running: Path, evi
     assert "float32 [1 4 4]" in text
 
 
+def _state(evis_here: Evis, node: str) -> dict[str, Any]:
+    """What a node said of itself last, once it has been heard."""
+    return until(lambda: json.loads(evis_here("node", "info", node, "--json").out)["state"])
+
+
 def _published(evis_here: Evis) -> int:
-    """Messages of /cam0/depth so far, by the ticker's last heartbeat."""
-    state = json.loads(evis_here("node", "info", "ticker", "--json").out)["state"]
-    return int(state["published"]["/cam0/depth"])
+    """Messages of /cam0/depth so far, as the ticker counts them."""
+    return int(_state(evis_here, "ticker")["published"]["/cam0/depth"])
+
+
+def _measured(evis_here: Evis, what: str, window: str) -> dict[str, Any]:
+    """A measurement in which messages came, in a window that was not cut short by a pause of the machine."""
+
+    def measure() -> dict[str, Any] | None:
+        result = evis_here("topic", what, "/cam0/depth", "--window", window, "--json")
+        return json.loads(result.out) if result.code == 0 else None
+
+    return until(measure)
 
 
 def test_rates_are_the_publishers(running: Path, evis_here: Evis) -> None:
     """A tap sees at most 30 messages a second; the rate comes from the sequence numbers, as the ticker counts them.
 
-    The source makes 200 a second at the most, and fewer on a busy machine.
+    The source makes 200 a second at the most, and fewer on a busy machine; where this process is held up, messages that
+    waited for it come at once, and the window is measured again.
     """
     before = _published(evis_here)
-    body = json.loads(evis_here("topic", "hz", "/cam0/depth", "--window", "1.5", "--json").out)
-    assert body["hz"] == pytest.approx((body["published"] - 1) / body["window_s"]) and 0 < body["hz"] <= 200
+    body = until(lambda: (b := _measured(evis_here, "hz", "1.5"))["window_s"] > 1 and b["hz"] <= 200 and b)
+    assert body["hz"] == pytest.approx((body["published"] - 1) / body["window_s"]) and body["hz"] > 0
     assert body["published"] > body["seen"] or body["hz"] < 35
     stale = after = _published(evis_here)
     while after == stale:  # until the first heartbeat behind the measurement
         time.sleep(0.05)
         after = _published(evis_here)
     assert body["published"] <= after - before
-    bandwidth = json.loads(evis_here("topic", "bw", "/cam0/depth", "--window", "1", "--json").out)
-    assert bandwidth["mean_bytes"] == 64
-    delay = json.loads(evis_here("topic", "delay", "/cam0/depth", "--window", "1", "--json").out)
+    assert _measured(evis_here, "bw", "1")["mean_bytes"] == 64
+    delay = _measured(evis_here, "delay", "1")
     assert delay["least_s"] == 0 <= delay["mean_s"] <= delay["most_s"]
     assert "0 message(s)" in evis_here("topic", "hz", "/cam0/labels", "--window", "0.5").line
 
@@ -95,7 +120,8 @@ def test_node_list_and_info(running: Path, evis_here: Evis) -> None:
     body = json.loads(evis_here("node", "list", "--json").out)
     assert [n["node"] for n in body["nodes"]] == ["ticker", "relay"]
     info = json.loads(evis_here("node", "info", "relay", "--json").out)
-    assert info["inputs"] == {"depth": ["/cam0/depth"]} and info["state"]["events"] > 0
+    assert info["inputs"] == {"depth": ["/cam0/depth"]}
+    assert until(lambda: _state(evis_here, "relay")["events"] > 0)
 
 
 def test_graph_of_the_running_one(running: Path, evis_here: Evis) -> None:
@@ -105,10 +131,15 @@ def test_graph_of_the_running_one(running: Path, evis_here: Evis) -> None:
 
 def test_a_node_attaches_by_hand_and_loses_only_for_itself(running: Path, evis: Evis, tmp_path: Path) -> None:
     out = tmp_path / "seen"
-    result = evis("run", "graph_nodes:Collector", f"path:={out}", "--duration", "1", "--json")
-    assert result.code == 0, result.err
-    stamps = [int(line) for line in out.read_text().split() if line != "ended"]
-    assert len(stamps) > 5 and stamps == sorted(set(stamps))
+
+    def collect() -> list[int]:
+        result = evis("run", "graph_nodes:Collector", f"path:={out}", "--duration", "1", "--json")
+        assert result.code == 0, result.err
+        stamps = [int(line) for line in out.read_text().split() if line != "ended"]
+        return stamps if len(stamps) > 5 else []
+
+    stamps = until(collect)  # on a loaded machine the second may be over before it has joined
+    assert stamps == sorted(set(stamps))
     assert "reads /cam7/events, which nobody publishes" in evis("run", "graph_nodes:Collector", "camera:=cam7").line
 
 

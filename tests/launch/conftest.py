@@ -38,8 +38,8 @@ def launch(runtime: Path) -> Iterator[Callable[..., Launcher]]:
     """Start launchers."""
     started: list[Launcher] = []
 
-    def starter(path: Path, *words: str) -> Launcher:
-        launcher = Launcher(path, *words)
+    def starter(path: Path, *words: str, patient: bool = False) -> Launcher:
+        launcher = Launcher(path, *words, patient=patient)
         started.append(launcher)
         return launcher
 

@@ -28,6 +28,8 @@ class Ticker(Node):
         "sleep": Param(float, 0.0, "per step", unit="s"),
         "setup_s": Param(float, 0.0, "slow start", unit="s"),
         "marker": Param(str, "", "file that says when it started to step"),
+        "mark_at": Param(int, 0, "or when it came to this step"),
+        "set_up": Param(str, "", "file that says when it was set up"),
     }
     OUTPUTS = {"depth": Output("/{camera}/depth"), "ids": Output("/{camera}/ids")}
     SOURCE = True
@@ -35,9 +37,11 @@ class Ticker(Node):
     def setup(self) -> None:
         time.sleep(self.params["setup_s"])
         self.k = 0
+        if self.params["set_up"]:
+            Path(self.params["set_up"]).write_text(str(time.monotonic()))
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
-        if self.k == 0 and self.params["marker"]:
+        if self.k == self.params["mark_at"] and self.params["marker"]:
             Path(self.params["marker"]).write_text(str(time.monotonic()))
         time.sleep(self.params["sleep"])
         header = Header(self.k * MS)

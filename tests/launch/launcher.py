@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -15,13 +17,25 @@ import psutil
 HERE = Path(__file__).parent
 
 
-class Launcher:
-    """`evis launch` in a process of its own, and its children."""
+LIMIT_S = 60.0
+"""For all that is waited for: far more than a loaded machine needs, only what hangs takes it."""
+PATIENT = """
+import sys
+from evis.launch import supervisor
+supervisor.DRAIN_S = 1e9
+from evis.cli import main
+sys.exit(main())
+"""
 
-    def __init__(self, path: Path, *words: str) -> None:
+
+class Launcher:
+    """`evis launch` in a process of its own, and its children. patient: it ends nodes by force only when asked to."""
+
+    def __init__(self, path: Path, *words: str, patient: bool = False) -> None:
         environment = {**os.environ, "PYTHONPATH": str(HERE)}
+        how = ["-c", PATIENT] if patient else ["-m", "evis.cli"]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "evis.cli", "launch", str(path), *words],
+            [sys.executable, *how, "launch", str(path), *words],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -42,7 +56,34 @@ class Launcher:
         """The process of that name."""
         return next(p for p in self.children() if _command(p)[-1] == name)
 
-    def wait_for(self, condition: Callable[[], Any], timeout_s: float = 20.0) -> Any:
+    def interrupt(self) -> None:
+        """Ctrl-C, and wait until it has been noticed: of two that come before that, a process sees only one."""
+        self.process.send_signal(signal.SIGINT)
+        self.wait_for(lambda: not self._pending(signal.SIGINT))
+        # Delivered; and its own loop has slept some times since, so that Python has had its turn.
+        turns = self._turns()
+        self.wait_for(lambda: self._turns() >= turns + 4)
+
+    def _pending(self, number: signal.Signals) -> bool:
+        """Is the signal still waiting for the process?"""
+        try:
+            status = Path(f"/proc/{self.process.pid}/status").read_text()
+        except OSError:
+            return False
+        mask = next(line.split()[1] for line in status.splitlines() if line.startswith("ShdPnd:"))
+        return bool(int(mask, 16) >> (number - 1) & 1)
+
+    def _turns(self) -> float:
+        """How often its main thread has gone to sleep; without end when it is gone."""
+        try:
+            return psutil.Process(self.process.pid).num_ctx_switches().voluntary if self._alive() else math.inf
+        except psutil.NoSuchProcess:
+            return math.inf
+
+    def _alive(self) -> bool:
+        return self.process.poll() is None
+
+    def wait_for(self, condition: Callable[[], Any], timeout_s: float = LIMIT_S) -> Any:
         """Until `condition` gives something true."""
         end = time.monotonic() + timeout_s
         while time.monotonic() < end:
@@ -52,7 +93,7 @@ class Launcher:
             time.sleep(0.02)
         raise AssertionError(f"nothing after {timeout_s} s; stderr: {self.stop()}")
 
-    def end(self, timeout_s: float = 30.0) -> tuple[int, str, str]:
+    def end(self, timeout_s: float = LIMIT_S) -> tuple[int, str, str]:
         """Exit status, stdout, stderr."""
         out, err = self.process.communicate(timeout=timeout_s)
         return self.process.returncode, out, err
@@ -63,7 +104,7 @@ class Launcher:
             self.process.kill()
         return self.process.communicate()[1]
 
-    def survivors(self, timeout_s: float = 5.0) -> list[psutil.Process]:
+    def survivors(self, timeout_s: float = LIMIT_S) -> list[psutil.Process]:
         """Descendants that are still there a moment later; a zombie is dead."""
         end = time.monotonic() + timeout_s
         while (left := [p for p in self.seen if _alive(p)]) and time.monotonic() < end:

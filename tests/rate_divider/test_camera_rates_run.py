@@ -47,7 +47,7 @@ def evis(runtime: Path, *words: str) -> dict[str, object]:
     environment = {**os.environ, "XDG_RUNTIME_DIR": str(runtime), "EVIS_NO_VIEW": "1"}
     done = subprocess.run(
         [sys.executable, "-m", "evis.cli", "launch", *words, "--json"],
-        capture_output=True, text=True, env=environment, timeout=240,
+        capture_output=True, text=True, env=environment, timeout=600,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)

@@ -83,7 +83,7 @@ def test_a_viewer_gets_colour_while_it_looks(tmp_path):
 
 
 def until(publisher, condition):
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 60
     while not condition():
         publisher.pump()
         assert time.monotonic() < deadline
@@ -151,7 +151,7 @@ def test_a_stereo_graph_gives_the_same_events(tmp_path):
         bag = tmp_path / f"{keyframes}.mcap"
         words = ["width:=48", "height:=36", "upsampling:=4", f"keyframes:={keyframes}", "margin:=4"]
         command = [sys.executable, "-m", "evis.cli", "launch", "stereo_room", "--duration", "0.1", "--no-view", *words]
-        subprocess.run([*command, "--record", str(bag)], check=True, timeout=120, capture_output=True)
+        subprocess.run([*command, "--record", str(bag)], check=True, timeout=600, capture_output=True)
         with BagReader(bag) as reader:
             topics = ["/left/events", "/right/events"]
             found[keyframes] = [(t, *(getattr(m, n).tobytes() for n in "txyp")) for t, m in reader.messages(topics)]

@@ -50,7 +50,7 @@ def make_plan(directory: Path, processes: list[str], **params: dict[str, Any]) -
     return plan
 
 
-def run(plan: Plan, timeout: float = 60.0) -> dict[str, BaseException]:
+def run(plan: Plan, timeout: float = 120.0) -> dict[str, BaseException]:
     """Every process of the plan as a thread; what each of them raised."""
     errors: dict[str, BaseException] = {}
     executors = {process: Executor(plan, process) for process in plan.processes()}
@@ -59,7 +59,7 @@ def run(plan: Plan, timeout: float = 60.0) -> dict[str, BaseException]:
         executor = executors[process]
         try:
             executor.setup()
-            executor.wait_connected(20.0)
+            executor.wait_connected(60.0)
             executor.run()
         except BaseException as error:
             errors[process] = error
@@ -135,7 +135,7 @@ def test_realtime_follows_the_stamps(tmp_path: Path) -> None:
     plan.mode = "realtime"
     executor = Executor(plan, "p")
     executor.setup()
-    executor.wait_connected(5.0)
+    executor.wait_connected(60.0)
     import time
 
     start = time.monotonic()

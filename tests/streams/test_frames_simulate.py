@@ -229,7 +229,7 @@ sys.exit(main(["events", "simulate", "slow", {str(tmp_path / "e.npz")!r}, "--thr
     assert process.stdout is not None and process.stdout.readline() == "far enough\n"
     time.sleep(0.05)
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=600)
     assert process.returncode == 1
     assert errors.count("\n") == 1 and "stopped; " in errors and "holds the events of" in errors
     frames = int(errors.partition("holds the events of ")[2].split()[0])

@@ -35,7 +35,7 @@ with open_recording(path, size=(640, 480)) as recording:
 def read_small(path, small, seek=-1) -> tuple[int, bool]:
     """(events, truncated) as the limited process finds them. small: a file of the same format, to load the code."""
     run = [sys.executable, "-c", CODE, str(path), str(seek), str(small)]
-    done = subprocess.run(run, capture_output=True, text=True, timeout=200, env=os.environ | {"OMP_NUM_THREADS": "1"})
+    done = subprocess.run(run, capture_output=True, text=True, timeout=600, env=os.environ | {"OMP_NUM_THREADS": "1"})
     assert done.returncode == 0, done.stderr
     count, truncated = done.stdout.split()
     return int(count), truncated == "True"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,9 @@ import pytest
 aiohttp = pytest.importorskip("aiohttp")
 
 from synthetic_graph import make_node, make_plan  # noqa: E402
+
+LIMIT_S = 60.0
+"""For all that is waited for: far more than a loaded machine needs."""
 
 
 class PageClient:
@@ -25,7 +29,7 @@ class PageClient:
     async def __aenter__(self) -> PageClient:
         self.http = aiohttp.ClientSession()
         self.ws = await self.http.ws_connect(f"{self.page}{self.token}/ws")
-        self.hello = json.loads((await self.ws.receive(5)).data)
+        self.hello = json.loads((await self.ws.receive(LIMIT_S)).data)
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -38,7 +42,7 @@ class PageClient:
     async def ack(self) -> None:
         await self.ws.send_json({"op": "ack"})
 
-    async def bundle(self, timeout: float = 5) -> list[dict[str, Any]]:
+    async def bundle(self, timeout: float = LIMIT_S) -> list[dict[str, Any]]:
         """Parts of the next bundle, each with its payload."""
         message = await self.ws.receive(timeout)
         assert message.type is aiohttp.WSMsgType.BINARY, message
@@ -55,7 +59,8 @@ class PageClient:
 
     async def part(self, panel: str, pump: Callable[[], None]) -> dict[str, Any]:
         """The next part of a panel; `pump` makes the graph go on, everything is acknowledged."""
-        for _ in range(100):
+        deadline = time.monotonic() + LIMIT_S
+        while time.monotonic() < deadline:
             pump()
             try:
                 parts = await self.bundle(0.2)

@@ -231,7 +231,8 @@ class Player:
 
     def close(self) -> None:
         self._stop.set()
-        self._thread.join(5)
+        self._thread.join(60)
+        assert not self._thread.is_alive()
         self.node.finish()
         self.node.close()
         if self.error:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_browser_page import browser, pixels, playwright, wait_for_picture
+from test_browser_page import LIMIT_S, browser, pixels, playwright, until, wait_for_picture
 
 __all__ = ["browser"]  # a fixture
 
@@ -45,15 +45,15 @@ def stop(process: subprocess.Popen[str]) -> tuple[str, str]:
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
     try:
-        return process.communicate(timeout=20)
+        return process.communicate(timeout=LIMIT_S)
     finally:
         process.kill()
 
 
 @pytest.fixture
 def graph(private_runs: Path) -> Iterator[subprocess.Popen[str]]:
-    """A spinning disk, for longer than the test."""
-    process = start("launch", "spinning_disk", "--duration", "120")
+    """A spinning disk, for longer than any test."""
+    process = start("launch", "spinning_disk", "--duration", "100000")
     yield process
     _, errors = stop(process)
     assert process.returncode == 0, errors
@@ -71,18 +71,15 @@ def viewer_url(runs: Path, process: subprocess.Popen[str]) -> str:
 
 
 def assert_moves(tab: Any, topic: str) -> None:
-    """A panel shows something, and something else within twenty seconds.
+    """A panel shows something, and then something else.
 
     The first packet that reaches a page which joins may hold hardly any events, so the picture is waited for as well.
     """
     wait_for_picture(tab, topic)
-    deadline = time.monotonic() + 20
-    while (first := pixels(tab, topic)).std() <= 5:
-        assert time.monotonic() < deadline, f"{topic} shows nothing"
-        tab.wait_for_timeout(100)
-    while (np.abs(pixels(tab, topic) - first).max(axis=-1) > 40).mean() < 0.005:
-        assert time.monotonic() < deadline, f"{topic} does not change"
-        tab.wait_for_timeout(100)
+    until(tab, lambda: pixels(tab, topic).std() > 5, f"a picture of {topic}")
+    first = pixels(tab, topic)
+    changed = lambda: (np.abs(pixels(tab, topic) - first).max(axis=-1) > 40).mean() >= 0.005
+    until(tab, changed, f"another picture of {topic}")
 
 
 def test_running_graph_in_a_browser(
@@ -90,7 +87,7 @@ def test_running_graph_in_a_browser(
 ) -> None:
     """Keyframes and events of the default launch move on the page, and the rates are there."""
     url = viewer_url(private_runs, graph)
-    found = subprocess.run([*EVIS, "view", "--json"], capture_output=True, text=True, timeout=60, check=True)
+    found = subprocess.run([*EVIS, "view", "--json"], capture_output=True, text=True, timeout=LIMIT_S, check=True)
     assert json.loads(found.stdout) == {"url": url}
     tab = browser.new_page()
     problems: list[str] = []
@@ -99,8 +96,8 @@ def test_running_graph_in_a_browser(
     playwright.expect(tab.locator("#state")).to_have_text("live", timeout=START_S * 1000)
     assert_moves(tab, "/cam0/keyframe")
     assert_moves(tab, "/cam0/events")
-    playwright.expect(tab.locator("[data-panel=rates]")).to_contain_text("event_sensor", timeout=10000)
-    playwright.expect(tab.locator('[data-panel="/cam0/events"] .foot')).to_contain_text("ev/s", timeout=10000)
+    playwright.expect(tab.locator("[data-panel=rates]")).to_contain_text("event_sensor")
+    playwright.expect(tab.locator('[data-panel="/cam0/events"] .foot')).to_contain_text("ev/s")
     tab.screenshot(path=tmp_path / "graph.png")
     tab.close()
     assert problems == []
@@ -117,7 +114,7 @@ def test_view_joins_a_graph_without_a_page(browser: Any, private_runs: Path) -> 
         viewer = start("view", "--port", "0")
         assert viewer.stdout is not None
         tab = browser.new_page()
-        tab.goto(viewer.stdout.readline().strip(), timeout=60000)
+        tab.goto(viewer.stdout.readline().strip(), timeout=1000 * LIMIT_S)
         try:
             playwright.expect(tab.locator("#state")).to_have_text("live", timeout=START_S * 1000)
             assert_moves(tab, "/cam0/events")
@@ -142,7 +139,7 @@ def test_view_plays_a_recording(browser: Any, private_runs: Path, tmp_path: Path
     assert process.stdout is not None
     url = process.stdout.readline().strip()
     tab = browser.new_page()
-    tab.goto(url, timeout=60000)
+    tab.goto(url, timeout=1000 * LIMIT_S)
     try:
         assert_moves(tab, "/cam0/events")
     finally:
@@ -162,6 +159,6 @@ def test_view_plays_a_recording(browser: Any, private_runs: Path, tmp_path: Path
     ],
 )
 def test_wrong_use_is_one_line(private_runs: Path, words: list[str], status: int, text: str) -> None:
-    done = subprocess.run([*EVIS, "view", *words], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([*EVIS, "view", *words], capture_output=True, text=True, timeout=LIMIT_S)
     assert done.returncode == status and text in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1

@@ -18,7 +18,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     out = tmp_path_factory.mktemp("demo")
     done = subprocess.run(
         [sys.executable, "-m", "evis.demo", "--out", str(out), "--duration", "0.2"],
-        capture_output=True, text=True, timeout=280, check=False,
+        capture_output=True, text=True, timeout=600, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return out, done.stdout
@@ -56,7 +56,7 @@ def test_view_plays_the_bag_once(made: tuple[Path, str]) -> None:
     bag = made[0] / "spinning_disk.mcap"
     done = subprocess.run(
         [sys.executable, "-m", "evis.cli", "view", str(bag), "--once", "--port", "0"],
-        capture_output=True, text=True, timeout=60, check=False,
+        capture_output=True, text=True, timeout=600, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("http://127.0.0.1:") and len(done.stdout.splitlines()) == 1
@@ -66,6 +66,6 @@ def test_demo_that_cannot_write_says_so(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     done = subprocess.run(
         [sys.executable, "-m", "evis.demo", "--out", str(tmp_path / "file" / "demo")],
-        capture_output=True, text=True, timeout=60, check=False,
+        capture_output=True, text=True, timeout=600, check=False,
     )  # fmt: skip
     assert done.returncode == 1 and len(done.stderr.strip().splitlines()) == 1

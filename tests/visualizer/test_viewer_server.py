@@ -27,17 +27,17 @@ EVENTS = ("e", "/cam0/events", "events", 0)
 def fetch(url: str) -> tuple[int, str]:
     """Status and text of a GET."""
     try:
-        with urllib.request.urlopen(url, timeout=5) as response:
+        with urllib.request.urlopen(url, timeout=60) as response:
             return response.status, response.read().decode()
     except urllib.error.HTTPError as error:
         return error.code, error.read().decode()
 
 
 async def until(condition: Callable[[], bool], step: Callable[[], None] = lambda: None) -> None:
-    """Wait up to five seconds, calling `step` in between."""
-    deadline = time.monotonic() + 5
+    """Wait, calling `step` in between."""
+    deadline = time.monotonic() + 60
     while not condition():
-        assert time.monotonic() < deadline, "it did not happen within 5 s"
+        assert time.monotonic() < deadline, "it did not happen within 60 s"
         step()
         await asyncio.sleep(0.01)
 
@@ -226,7 +226,7 @@ def test_bad_requests_are_answered(node: Any, client: Any) -> None:
             async def answer(text: str) -> str:
                 await page.ws.send_str(text)
                 while True:
-                    message = await page.ws.receive(5)
+                    message = await page.ws.receive(60)
                     if message.type is aiohttp.WSMsgType.TEXT:
                         return message.json()["text"]
 
@@ -334,25 +334,31 @@ def test_images_labels_and_rates_arrive(node: Any, client: Any) -> None:
     assert status["clock"]["t"] > 0
 
 
-def test_shutdown_with_open_pages_is_quick(node: Any, client: Any) -> None:
-    """Pages are told that the graph has ended, by a message and the close code; the node is gone within a second."""
+def test_shutdown_with_open_pages_is_quick(node: Any, client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages are told that the graph has ended, by a message and the close code; the node waits for less than a second.
 
-    async def look() -> tuple[float, Any]:
+    That is the bound that the supervisor's escalation relies on: the node asks for no more, and a page that answers
+    nothing does not hold the server up.
+    """
+    thread, asked = node._server._thread, []
+    end = thread.join
+    monkeypatch.setattr(thread, "join", lambda timeout=None: asked.append(timeout) or end(60))
+
+    async def look() -> list[Any]:
         async with client() as page, client() as stuck:
             await page.show(EVENTS)
             await stuck.show(EVENTS)
             await page.bundle()
             node.finish()
-            start = time.monotonic()
-            await asyncio.get_running_loop().run_in_executor(None, node.close)
-            took = time.monotonic() - start
-            last = [await page.ws.receive(5)]
+            closing = asyncio.get_running_loop().run_in_executor(None, node.close)
+            last = [await page.ws.receive(60)]
             while last[-1].type in (aiohttp.WSMsgType.TEXT, aiohttp.WSMsgType.BINARY):
-                last.append(await page.ws.receive(5))
-            return took, last[-2:]
+                last.append(await page.ws.receive(60))
+            await closing
+            assert not thread.is_alive()  # while the stuck page is still open
+            return last[-2:]
 
-    took, (end, message) = asyncio.run(look())
-    assert not node._server._thread.is_alive()
-    assert json.loads(end.data) == {"op": "end"}
+    said, message = asyncio.run(look())
+    assert json.loads(said.data) == {"op": "end"}
     assert message.type is aiohttp.WSMsgType.CLOSE and message.data == 1001
-    assert took < 1.0  # the bound that the supervisor's escalation relies on
+    assert sum(asked) < 1.0

@@ -321,11 +321,9 @@ def test_payloads_start_aligned() -> None:
     assert data.index(b"12345") % 4 == 0 and data.index(b"abcdefgh") % 4 == 0
 
 
-def test_meter_measures_a_rate() -> None:
-    meter = Meter()
-    import time
-
-    now = time.monotonic()
+def test_meter_measures_a_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    meter, now = Meter(), 100.0
+    monkeypatch.setattr("nodes.visualizer.statistics.time.monotonic", lambda: now)
     for i in range(100):
         meter.add(now - 2 + 0.02 * i, 7 * i)
     assert meter.rate() == pytest.approx(350)

@@ -24,18 +24,27 @@ WITH_SAMPLES = ("davis346", "dvxplorer", "dvxplorer_mini")
 """Cameras with inertial samples, and frames in one case."""
 BESIDE = "dvxplorer_mini"
 """Its samples come on an endpoint of their own; stretches of one window keep them near the events of their time."""
-SIDE_TAKEN_S = 0.2
-"""So long the events of a stretch wait for the samples before them to be taken [s]."""
+SIDE_TAKEN_S = 5.0
+"""So long the events of a stretch wait for the samples before them to be taken, and then for none any more [s]."""
 PIECE = 1 << 20
 
 
 class SideQueue:
-    """Packets of a second endpoint, and whether anybody takes them."""
+    """Packets of a second endpoint, and whether anybody takes them.
+
+    A packet is taken when its reader comes for the next one: then it has noted when the one before came.
+    """
 
     def __init__(self) -> None:
         self._packets: deque[bytes] = deque()
         self._changed = threading.Condition()
         self._wanted = False
+        self._in_hand = False
+
+    def expect(self, somebody: bool) -> None:
+        """Whether packets will be taken: the device was told to send them."""
+        with self._changed:
+            self._wanted = somebody
 
     def put(self, packets: list[bytes]) -> None:
         """Append."""
@@ -46,18 +55,16 @@ class SideQueue:
     def get(self, timeout_s: float) -> bytes:
         """The next packet; nothing when none came in time."""
         with self._changed:
-            self._wanted = True
-            if not self._packets:
-                self._changed.wait(timeout_s)
-            packet = self._packets.popleft() if self._packets else b""
+            self._wanted, self._in_hand = True, False
             self._changed.notify_all()
-            return packet
+            self._in_hand = self._changed.wait_for(lambda: bool(self._packets), timeout_s)
+            return self._packets.popleft() if self._in_hand else b""
 
     def wait_taken(self) -> None:
         """Wait until all are taken, if anybody takes them."""
         with self._changed:
-            if self._wanted and self._packets:
-                self._changed.wait_for(lambda: not self._packets, SIDE_TAKEN_S)
+            if self._wanted:
+                self._wanted = self._changed.wait_for(lambda: not (self._packets or self._in_hand), SIDE_TAKEN_S)
 
 
 class Feed(abc.ABC):

@@ -18,6 +18,8 @@ from nodes.camera.usb.models import Model
 DATA_IN, DEBUG_IN = 0x82, 0x81
 REGISTER, SEVERAL = 0xBF, 0xC2
 BINNING = 5, 0x3202
+IMU = 3
+"""Module of the inertial chip."""
 CLOCKS = {(6, 3): 90, (6, 4): 30, (6, 5): 80, (6, 6): 1000}
 GATES = {
     "davis346": {(0, 0): 1, (0, 1): 1, (0, 3): 1, (9, 0): 1, (1, 3): 1},
@@ -85,6 +87,12 @@ class Fx3Device(EmulatedDevice):
         self.registers[module, parameter] = number
         if (module, parameter) == BINNING:
             self.feed.change = self._binned if number else None
+        if module == IMU:
+            self.feed.side.expect(self._samples_run())
+
+    def _samples_run(self) -> bool:
+        """Any part of the inertial chip is on."""
+        return any(self.registers.get((IMU, p), 0) for p in (2, 3, 4))
 
     def _binned(self, events: Events) -> Events:
         """One pixel of two by two; what is read out from the far edge begins at half of the sensor."""
@@ -95,8 +103,8 @@ class Fx3Device(EmulatedDevice):
 
     def answer(self, timeout_s: float) -> bytes:
         """A Mini's inertial samples, while its chip runs; the debug endpoint of the others is silent."""
-        runs = any(self.registers.get((3, p), 0) for p in (2, 3, 4))
-        return self.feed.side.get(timeout_s) if self.model.name in MODULES and runs else b""
+        runs = self.model.name in MODULES and self._samples_run()
+        return self.feed.side.get(timeout_s) if runs else b""
 
     def _has(self, module: int) -> bool:
         return module in MODULES.get(self.model.name, (0, 1, 2, 3, 4, 5, 6, 9))

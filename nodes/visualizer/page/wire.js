@@ -28,8 +28,13 @@ export class Wire {
     this.socket = new WebSocket(url);
     this.socket.binaryType = "arraybuffer";
     this.socket.onmessage = (message) => this.receive(message.data);
+    let ended = false; // said in words: the code is lost when the closing handshake is cut off
+    this.end = () => {
+      ended = true;
+      this.handlers.state("finished");
+    };
     this.socket.onclose = (event) => {
-      this.handlers.state(event.code === 1001 ? "finished" : "closed");
+      this.handlers.state(ended || event.code === 1001 ? "finished" : "closed");
       setTimeout(() => this.connect(), RETRY_MS);
     };
   }
@@ -41,7 +46,7 @@ export class Wire {
         this.handlers.hello(message);
         this.show(this.panels);
       } else if (message.op === "end") {
-        this.handlers.state("finished");
+        this.end();
       } else if (message.op === "error") {
         this.handlers.error(message.text);
       }
