@@ -22,6 +22,7 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
     include:    a file with materials, world, bodies, lights and environment that several scenes share
     timestep:   sub-step of prescribed motion [s]
     mjcf:       a MuJoCo model or URDF with the bodies that move by dynamics;  initial_spread: {position, rotation}
+    keyframe:   of the model, where it starts: a name, a number, none; auto (the default): `home`, if it has that
 
     FRAME:  position and rotation: {axis, angle} (or a list) | quaternion | look_at (with up), in the frame of `parent`;
             or view: {camera, offset, depth}, a place in a camera's image
@@ -105,15 +106,23 @@ class _Builder:
             spread.done()
         self.model: Any = None
         if self.top.has("mjcf"):
-            from evis.scene.mjcf import add_model
+            from evis.scene.mjcf import add_model, keyframe_of
 
             scene.mjcf = (path.parent / self.top.text("mjcf")).resolve()
             if not scene.mjcf.is_file():
                 raise self.top.error("mjcf", f"names {scene.mjcf.name}, which is not in {path.parent or '.'}")
             size = (int(self.arguments["width"]), int(self.arguments["height"]))
             self.model = add_model(scene, size, own_cameras="cameras" in self.top.table, visuals=self.visuals)
-        elif spread:
-            raise self.top.error("initial_spread", "is for scenes with an mjcf; prescribed motion has no random start")
+            try:
+                scene.keyframe = keyframe_of(self.model, self.top.text("keyframe", "auto"))
+            except ValueError as error:
+                if isinstance(error, SceneError):
+                    raise
+                raise self.top.error("keyframe", str(error)) from None
+            return
+        for key in ("initial_spread", "keyframe"):
+            if self.top.has(key):
+                raise self.top.error(key, "is for scenes with an mjcf; prescribed motion starts where it says")
 
     def _frames(self) -> None:
         """Bodies and cameras: numbered first, then placed, since each may stand on another."""
@@ -284,7 +293,7 @@ class _Builder:
             from evis.scene.mjcf import complete
 
             sky = self.top.has("environment") or self.top.has("environment_map")
-            complete(scene, self.model, self.arguments, lit=self.top.has("lights"), sky=sky)
+            complete(scene, self.model, self.arguments, lit=self.top.has("lights"), sky=sky, visuals=self.visuals)
         elif not any(self.top.has(key) for key in ("lights", "environment", "environment_map")):
             if not (_mentions(self.top.table, "emission") or _mentions(self.top.table, "file")):  # a mesh may glow
                 scene.notes.append("nothing gives light, so every image is black: add `lights:` or `environment:`")

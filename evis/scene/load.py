@@ -106,9 +106,7 @@ def find_scene(name_or_path: str) -> Path:
 
 def _document(path: Path) -> Table:
     if path.suffix in MODELS:
-        table = Table(str(path), 1)
-        table["mjcf"] = path.name
-        return table
+        return _bare(path)
     try:
         table = _read(path)
     except LaunchError as error:
@@ -127,6 +125,17 @@ def _document(path: Path) -> Table:
         elif key in _SECTIONS:
             table[key] = _merged(table, key, value, own)
         table.lines.setdefault(key, table.lines["include"])
+    return table
+
+
+def _bare(path: Path) -> Table:
+    """The scene that a model is by itself; of an MJCF the keyframe to start from is an argument."""
+    table = Table(str(path), 1)
+    table["mjcf"] = path.name
+    if path.suffix == ".xml":
+        start, arguments = Table(str(path), 1), Table(str(path), 1)
+        start.update(type="str", default="auto", help="keyframe to start from: a name, a number, none, or auto: home")
+        arguments["keyframe"], table["args"], table["keyframe"] = start, arguments, "${keyframe}"
     return table
 
 

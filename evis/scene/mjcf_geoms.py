@@ -9,7 +9,8 @@ import numpy as np
 
 from evis.geometry import se3
 from evis.scene import shapes
-from evis.scene.mjcf_materials import cube_coordinates, material_of, repeats, texture_kind
+from evis.scene.mjcf_materials import material_of
+from evis.scene.mjcf_textures import add_coordinates
 from evis.scene.model import Instance, Mesh, Scene
 
 GROUPS = (0, 1, 2)
@@ -28,10 +29,7 @@ def add_geom(scene: Scene, model: Any, geom: int) -> None:
     if mesh is None:
         scene.notes.append(f"geom {geom} of type {kind.name.removeprefix('mjGEOM_').lower()} is not drawn")
         return
-    if texture_kind(model, geom) == "cube":
-        mesh.uv = cube_coordinates(model, geom, mesh)
-    elif mesh.uv is not None and kind != _TYPE.mjGEOM_PLANE:
-        mesh.uv = (mesh.uv * repeats(model, geom)).astype(np.float32)
+    add_coordinates(model, geom, mesh)
     owner = scene.bodies[body].name if body >= 0 else "world"
     label = kind.name.removeprefix("mjGEOM_").lower()
     alone = body >= 0 and np.count_nonzero(model.geom_bodyid == body + 1) == 1
@@ -66,12 +64,7 @@ def _plane(model: Any, geom: int, size: np.ndarray) -> Mesh:
     """A plane that is infinite in MuJoCo (size 0) ends at ten times the model's extent, at least 20 m off."""
     far = max(20.0, 10.0 * float(model.stat.extent))
     half = np.where(size[:2] > 0, size[:2], far)
-    repeat = repeats(model, geom)
-    material = int(model.geom_matid[geom])
-    uniform = material >= 0 and bool(model.mat_texuniform[material])
-    # Per metre where the texture is uniform or the plane infinite, else per plane.
-    repeat = np.where(uniform | (size[:2] <= 0), 2 * half * repeat, repeat)
-    return shapes.plane(2 * half, repeat, cells=16)
+    return shapes.plane(2 * half, cells=16)
 
 
 def _asset(model: Any, mesh: int) -> Mesh:

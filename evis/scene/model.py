@@ -36,6 +36,8 @@ class Body:
     trajectory: Trajectory | None
     mount: tuple[int, np.ndarray] | None = None
     """Rigid on a body that the physics engine moves (a camera on a robot): (its index, pose in its frame)."""
+    follows: tuple[str, int] | None = None
+    """Moved by MuJoCo's rule for a camera or light that tracks or targets a body: (`camera` or `light`, its number)."""
 
 
 @dataclass
@@ -155,6 +157,8 @@ class Scene:
     """Radiance [3] of the sky, also the ambient light."""
     mjcf: Path | None = None
     """The MuJoCo model, for a scene with dynamics."""
+    keyframe: int = -1
+    """Dynamics: number of the model's keyframe that is the start, -1 for its reference pose."""
     timestep_ns: int = 1_000_000
     """Sub-step of /state for prescribed motion [ns]."""
     initial_spread: tuple[float, float] = (0.0, 0.0)
@@ -164,6 +168,8 @@ class Scene:
     environment_map: np.ndarray | None = None
     """Radiance of the sky by direction, in place of `environment`: float32 [h, w, 3], equirectangular, row 0 up (+z),
     column 0 at +x turning to +y."""
+    sky_lights: bool = True
+    """False: `environment_map` is seen behind everything, and what lights surfaces from afar is `environment`."""
 
     @property
     def dynamic(self) -> bool:

@@ -17,6 +17,7 @@ import numpy as np
 from evis.geometry import interpolate, se3
 from evis.scene.model import Scene
 from nodes.physics.contacts import contacts_of, gather
+from nodes.physics.followers import Followers
 from nodes.physics.interval import Interval
 from nodes.physics.prescribed import PrescribedStates
 from nodes.physics.watchdog import Watchdog
@@ -71,9 +72,18 @@ class MujocoEngine:
         self._watchdogs = [Watchdog(self.model, speed_limit) for _ in range(envs)]
         self._warnings = [(0, text) for text in self._watchdogs[0].risks()]
         self._episodes = [0] * envs
-        self._moved = [n for n, body in enumerate(scene.bodies) if body.trajectory is None and body.mount is None]
-        if self._moved and self._moved[-1] >= self.model.nbody - 1:
-            raise ValueError(f"scene {scene.name}: body '{scene.bodies[self._moved[-1]].name}' has no motion")
+        follows = [(n, body.follows) for n, body in enumerate(scene.bodies) if body.follows is not None]
+        self._followers = Followers(self.model, [what for _, what in follows])
+        own = [
+            n
+            for n, body in enumerate(scene.bodies)
+            if body.trajectory is None and body.mount is None and body.follows is None
+        ]
+        if own and own[-1] >= self.model.nbody - 1:
+            raise ValueError(f"scene {scene.name}: body '{scene.bodies[own[-1]].name}' has no motion")
+        self._moved = [*own, *(n for n, _ in follows)]
+        self._columns = [*own, *range(self.model.nbody - 1, self.model.nbody - 1 + len(follows))]
+        """Which rows of a snapshot the bodies of `_moved` are: the model's own bodies come first there."""
         self._prescribed = PrescribedStates(scene)
         self._stamp, self._grid = 0, 0
         for k in range(envs):
@@ -133,16 +143,20 @@ class MujocoEngine:
         self._before, self._now = self._now, self._snapshot()
         for k, data in enumerate(self.data):
             if k not in faults:
-                fault = self._watchdogs[k].check(data, self._now["twist"][k])
+                twist = self._now["twist"][k, : self.model.nbody - 1]
+                fault = self._watchdogs[k].check(data, twist)
                 if fault:
                     faults[k] = fault
                 else:
-                    self._warnings += [(k, text) for text in self._watchdogs[k].notices(data, self._now["twist"][k])]
+                    self._warnings += [(k, text) for text in self._watchdogs[k].notices(data, twist)]
 
     def _reset(self, k: int) -> None:
-        """Environment k to its start: the model's, moved a little by seed + k and the episode's number."""
+        """Environment k to its start: the scene's keyframe, moved a little by seed + k and the episode's number."""
         data = self.data[k]
-        mujoco.mj_resetData(self.model, data)
+        if self.scene.keyframe >= 0:
+            mujoco.mj_resetDataKeyframe(self.model, data, self.scene.keyframe)
+        else:
+            mujoco.mj_resetData(self.model, data)
         spread, turn = self.scene.initial_spread
         random = np.random.Generator(np.random.Philox(key=[self.seed + k, self._episodes[k]]))
         for joint in np.flatnonzero(self.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
@@ -164,19 +178,24 @@ class MujocoEngine:
                 state[name][k] = value[k]
 
     def _snapshot(self) -> dict[str, np.ndarray]:
-        """Poses, twists and joints of all environments, for the state they are in."""
+        """Poses and twists of the model's bodies, then of what follows them, and joints, of all environments."""
         model = self.model
-        n = model.nbody - 1
+        bodies = model.nbody - 1
+        n = bodies + len(self._followers)
         result = {"pose": np.empty((self.envs, n, 7)), "twist": np.empty((self.envs, n, 6))}
         result["qpos"], result["qvel"] = np.empty((self.envs, model.nq)), np.empty((self.envs, model.nv))
         for k, data in enumerate(self.data):
-            result["pose"][k, :, :3] = data.xpos[1:]
-            result["pose"][k, :, 3:] = se3.from_mujoco(data.xquat[1:])
+            pose, twist = result["pose"][k], result["twist"][k]
+            pose[:bodies, :3] = data.xpos[1:]
+            pose[:bodies, 3:] = se3.from_mujoco(data.xquat[1:])
             # cvel is (omega, v) of the point of the body that is at the centre of mass of its kinematic tree
             omega, v = data.cvel[1:, :3], data.cvel[1:, 3:]
             arm = data.xpos[1:] - data.subtree_com[model.body_rootid[1:]]
-            result["twist"][k, :, :3] = v + se3.cross(omega, arm)
-            result["twist"][k, :, 3:] = omega
+            twist[:bodies, :3] = v + se3.cross(omega, arm)
+            twist[:bodies, 3:] = omega
+            if len(self._followers):
+                velocity = np.concatenate((np.zeros((1, 6)), twist[:bodies]))
+                pose[bodies:], twist[bodies:] = self._followers.state(data, velocity)
             result["qpos"][k], result["qvel"][k] = data.qpos, data.qvel
         return result
 
@@ -200,9 +219,9 @@ class MujocoEngine:
     def _interval(self, t: np.ndarray, states: list[dict[str, Any]], faults: list[tuple[int, str]]) -> Interval:
         """The engine's bodies, the prescribed ones and the mounted ones, put together."""
         pose, twist = (np.tile(a, (self.envs, 1, 1, 1)) for a in self._prescribed.at(t))
-        moved = self._moved
-        pose[:, :, moved] = np.stack([s["pose"][:, moved] for s in states], axis=1)
-        twist[:, :, moved] = np.stack([s["twist"][:, moved] for s in states], axis=1)
+        moved, columns = self._moved, self._columns
+        pose[:, :, moved] = np.stack([s["pose"][:, columns] for s in states], axis=1)
+        twist[:, :, moved] = np.stack([s["twist"][:, columns] for s in states], axis=1)
         for n, body in enumerate(self.scene.bodies):
             if body.mount is not None:
                 parent, offset = body.mount

@@ -1,0 +1,115 @@
+"""Textures of a MuJoCo model, and where they lie on its geoms, as MuJoCo's renderer lays them.
+
+Their values are sRGB (IEC 61966-2-1) and made linear, but those of a texture that is marked linear.
+
+A 2d texture is projected along z with its middle at the geom's origin, unless a mesh has coordinates of its own, which
+`texrepeat` leaves alone. It is repeated `texrepeat` times over the extent in x and y; where `texuniform`, and on a
+plane without end, once in 2 m / texrepeat. A cube texture is looked up by direction from the geom's origin, with
+primitives taken as those of half-size 1 unless `texuniform`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from evis.scene.colour import linear_from_srgb
+from evis.scene.model import Mesh
+
+_ROLES = (mujoco.mjtTextureRole.mjTEXROLE_RGB, mujoco.mjtTextureRole.mjTEXROLE_RGBA)
+_TYPE = mujoco.mjtGeom
+_UNSCALED = (_TYPE.mjGEOM_MESH, _TYPE.mjGEOM_SDF, _TYPE.mjGEOM_HFIELD, _TYPE.mjGEOM_PLANE)
+"""Geoms that MuJoCo draws from vertices in metres; the others from primitives of half-size 1."""
+
+
+def texture_of(model: Any, geom: int) -> int:
+    """Number of the colour texture of a geom, -1 for none."""
+    material = int(model.geom_matid[geom])
+    if material < 0:
+        return -1
+    return max(int(model.mat_texid[material, int(role)]) for role in _ROLES)
+
+
+def pixels(model: Any, texture: int) -> np.ndarray:
+    """float32 [h, w, 3], linear; of a cube or sky the six faces one below the other, a single one six times."""
+    height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
+    channels, start = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
+    data = np.array(model.tex_data[start : start + height * width * channels]).reshape(height, width, channels)
+    value = np.repeat(data, 3, axis=-1) if channels < 3 else data[..., :3]
+    value = value[..., :3].astype(np.float32) / 255.0
+    if model.tex_colorspace[texture] != mujoco.mjtColorSpace.mjCOLORSPACE_LINEAR:
+        value = linear_from_srgb(value)
+    if model.tex_type[texture] != mujoco.mjtTexture.mjTEXTURE_2D and height == width:
+        value = np.tile(value, (6, 1, 1))
+    return np.ascontiguousarray(value)
+
+
+def add_coordinates(model: Any, geom: int, mesh: Mesh) -> None:
+    """Give the mesh of a geom its texture coordinates, float32 [F, 3, 2]; what has no texture needs none."""
+    texture = texture_of(model, geom)
+    if texture < 0:
+        mesh.uv = None
+    elif model.tex_type[texture] != mujoco.mjtTexture.mjTEXTURE_2D:
+        mesh.uv = _cube(model, geom, mesh, int(model.tex_width[texture]))
+    elif not _has_own(model, geom):
+        mesh.uv = _planar(model, geom, mesh)
+
+
+def _has_own(model: Any, geom: int) -> bool:
+    meshed = _TYPE(model.geom_type[geom]) in (_TYPE.mjGEOM_MESH, _TYPE.mjGEOM_SDF)
+    return bool(meshed and model.mesh_texcoordadr[model.geom_dataid[geom]] >= 0)
+
+
+def half_size(model: Any, geom: int) -> np.ndarray:
+    """Of a geom along its axes, float64 [3] m; 0 for a plane without end."""
+    kind, size = _TYPE(model.geom_type[geom]), np.array(model.geom_size[geom], np.float64)
+    if kind == _TYPE.mjGEOM_SPHERE:
+        return np.full(3, size[0])
+    if kind in (_TYPE.mjGEOM_CAPSULE, _TYPE.mjGEOM_CYLINDER):
+        return size[[0, 0, 1]]
+    return size
+
+
+def _planar(model: Any, geom: int, mesh: Mesh) -> np.ndarray:
+    material, size = int(model.geom_matid[geom]), half_size(model, geom)[:2]
+    rate = 0.5 * np.array(model.mat_texrepeat[material], np.float64)
+    if not model.mat_texuniform[material]:
+        rate = np.where(size > 0, rate / np.where(size > 0, size, 1.0), rate)
+    return (0.5 + rate * mesh.vertices[mesh.faces][..., :2]).astype(np.float32)
+
+
+def _cube(model: Any, geom: int, mesh: Mesh, width: int) -> np.ndarray:
+    """uv of a cube texture whose six faces lie one below the other (+x, -x, +y, -y, +z, -z).
+
+    Each triangle takes the face of the cube that it looks at most. Orientation within a face as in OpenGL's cube maps.
+    """
+    corners = _directions(model, geom, mesh)
+    middle = corners.mean(axis=1)
+    axis = np.argmax(np.abs(middle), axis=-1)
+    negative = np.take_along_axis(middle, axis[:, None], -1)[:, 0] < 0
+    x, y, z = np.moveaxis(corners, -1, 0)
+    # (s, t) for each face, before the division by the major coordinate
+    table = [(-z, -y), (z, -y), (x, z), (x, -z), (x, -y), (-x, -y)]
+    face = 2 * axis + negative
+    s, t = (np.stack([row[i] for row in table])[face, np.arange(len(face))] for i in (0, 1))
+    major = np.abs(np.take_along_axis(corners, axis[:, None, None], -1)[..., 0])
+    edge = 1.0 - 1.0 / width  # half a texel off the neighbouring face
+    s, t = (0.5 + 0.5 * np.clip(v / np.maximum(major, 1e-9), -edge, edge) for v in (s, t))
+    return np.stack((s, 1.0 - (face[:, None] + t) / 6.0), axis=-1).astype(np.float32)
+
+
+def _directions(model: Any, geom: int, mesh: Mesh) -> np.ndarray:
+    """In which a cube texture is looked up, float64 [F, 3, 3], of any length."""
+    corners, size = mesh.vertices[mesh.faces].astype(np.float64), half_size(model, geom)
+    uniform, kind = bool(model.mat_texuniform[model.geom_matid[geom]]), _TYPE(model.geom_type[geom])
+    if kind in _UNSCALED:
+        return corners * np.where(size > 0, size, 1.0) if uniform else corners
+    if kind == _TYPE.mjGEOM_CAPSULE:
+        # Its caps are halves of a sphere with a centre of their own.
+        high = corners[..., 2].mean(axis=1, keepdims=True)
+        cap = np.abs(high) > size[2]
+        z = (corners[..., 2] - np.sign(high) * size[2]) / size[0]
+        corners[..., 2] = np.where(cap, z * size[2], corners[..., 2])
+    return corners if uniform else corners / size
