@@ -2,52 +2,131 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
-_STABLE = {
-    mujoco.mjtIntegrator.mjINT_EULER: ("Euler", 2.0),
-    mujoco.mjtIntegrator.mjINT_RK4: ("RK4", 2.78),
-    mujoco.mjtIntegrator.mjINT_IMPLICIT: ("implicit", 2.0),
-    mujoco.mjtIntegrator.mjINT_IMPLICITFAST: ("implicitfast", 2.0),
+_NAMES = {
+    mujoco.mjtIntegrator.mjINT_EULER: "Euler",
+    mujoco.mjtIntegrator.mjINT_RK4: "RK4",
+    mujoco.mjtIntegrator.mjINT_IMPLICIT: "implicit",
+    mujoco.mjtIntegrator.mjINT_IMPLICITFAST: "implicitfast",
 }
 _GEOM = mujoco.mjtGeom
+_GROWTH = 1e-6
+"""Growth of a step that is rounding: an undamped oscillator keeps its amplitude."""
 
 
-def integrator_limit(model: Any) -> tuple[str, float]:
-    """Name of the integrator, and the omega*dt beyond which an undamped oscillator grows under it.
+def integrator_of(model: Any) -> str:
+    """Its name as in a model; `discrete` is stable for any spring."""
+    return _NAMES.get(mujoco.mjtIntegrator(model.opt.integrator), "discrete")
 
-    MuJoCo's implicit integrators are implicit in velocity only; `discrete` is stable for any spring.
+
+@dataclass(frozen=True)
+class Mode:
+    """x'' = -stiffness x - (implicit + explicit) x', what one joint or contact does by itself.
+
+    source: what it belongs to. stiffness [1/s^2]; implicit, explicit: damping [1/s] that the integrator takes at the
+    end and at the beginning of its step. MuJoCo takes that of joints at the end with Euler, that of actuators too with
+    `implicit` and `implicitfast`, none with RK4; springs always at the beginning, but with `discrete`.
     """
-    return _STABLE.get(mujoco.mjtIntegrator(model.opt.integrator), ("discrete", np.inf))
+
+    source: str
+    integrator: str
+    stiffness: float
+    implicit: float
+    explicit: float
+
+    @property
+    def rate(self) -> float:
+        """The faster of oscillation and decay [1/s]."""
+        return max(np.sqrt(self.stiffness), self.implicit + self.explicit)
+
+    def grows(self, dt: float) -> bool:
+        """Whether a step of dt [s] makes a small disturbance larger."""
+        return self.integrator != "discrete" and _spectral_radius(self._step(dt)) > 1 + _GROWTH
+
+    def longest_step(self, dt: float) -> float:
+        """The longest stable step below dt [s], at which it grows."""
+        low, high = 0.0, dt
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if self.grows(middle) else (middle, high)
+        return low
+
+    def _step(self, dt: float) -> np.ndarray:
+        """The step's matrix [2, 2] on (x, x')."""
+        k, c = dt * self.stiffness, dt * self.explicit
+        if self.integrator == "RK4":
+            a = np.array([[0.0, dt], [-k, -c - dt * self.implicit]])
+            return np.eye(2) + a @ (np.eye(2) + a @ (np.eye(2) / 2 + a @ (np.eye(2) / 6 + a / 24)))
+        # The velocity first, then the position by the new velocity.
+        velocity = np.array([-k, 1 - c]) / (1 + dt * self.implicit)
+        return np.array([np.array([1.0, 0.0]) + dt * velocity, velocity])
 
 
-def rates(model: Any) -> list[tuple[float, str]]:
-    """Rates [1/s] of joint springs, position servos and contacts with a direct solref, with what they belong to."""
-    result = []
+def modes(model: Any) -> list[Mode]:
+    """Joints with springs, dampers, position and velocity servos, and contacts with a direct solref."""
+    return [*_joints(model), *_contacts(model)]
+
+
+def _joints(model: Any) -> Iterator[Mode]:
+    integrator = integrator_of(model)
+    late = integrator in ("implicit", "implicitfast")
+    euler = integrator == "Euler" and not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
     springs = np.asarray(model.jnt_stiffness).reshape(model.njnt, -1)[:, 0] if model.njnt else np.zeros(0)
-    for joint in np.flatnonzero(springs > 0).tolist():
-        rate = _frequency(model, float(springs[joint]), int(model.jnt_dofadr[joint]))
-        result.append((rate, f"the spring of {_joint(model, joint)}"))
+    damping = np.asarray(model.dof_damping).reshape(model.nv, -1)[:, 0] if model.nv else np.zeros(0)
+    servos = _servos(model)
+    for joint in range(model.njnt):
+        dof = int(model.jnt_dofadr[joint])
+        inertia = max(float(model.dof_M0[dof]), 1e-300)
+        stiffness, drag = servos.get(joint, (0.0, 0.0))
+        parts = {"spring": float(springs[joint]), "damping": float(damping[dof]), "servo": stiffness + drag}
+        if not any(parts.values()):
+            continue
+        speeds = {
+            "spring": np.sqrt(parts["spring"] / inertia),
+            "damping": parts["damping"] / inertia,
+            "servo": max(np.sqrt(stiffness / inertia), drag / inertia),
+        }
+        joint_damping, servo_damping = parts["damping"] / inertia, drag / inertia
+        implicit = (joint_damping if late or euler else 0.0) + (servo_damping if late else 0.0)
+        yield Mode(
+            f"the {max(speeds, key=lambda part: speeds[part])} of {_joint(model, joint)}",
+            integrator,
+            (parts["spring"] + stiffness) / inertia,
+            implicit,
+            joint_damping + servo_damping - implicit,
+        )
+
+
+def _servos(model: Any) -> dict[int, tuple[float, float]]:
+    """Stiffness and damping that actuators with an affine bias give joints, by joint."""
+    found: dict[int, tuple[float, float]] = {}
     for actuator in np.flatnonzero(model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE).tolist():
         if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
             joint = int(model.actuator_trnid[actuator, 0])
-            stiffness = -float(model.actuator_biasprm[actuator, 1]) * float(model.actuator_gear[actuator, 0]) ** 2
-            if stiffness > 0:
-                rate = _frequency(model, stiffness, int(model.jnt_dofadr[joint]))
-                result.append((rate, f"the servo of {_joint(model, joint)}"))
+            square = float(model.actuator_gear[actuator, 0]) ** 2
+            stiffness, damping = (max(-float(p) * square, 0.0) for p in model.actuator_biasprm[actuator, 1:3])
+            before = found.get(joint, (0.0, 0.0))
+            found[joint] = (before[0] + stiffness, before[1] + damping)
+    return found
+
+
+def _contacts(model: Any) -> Iterator[Mode]:
     for geom in np.flatnonzero(model.geom_solref[:, 0] < 0).tolist():
-        # solref = (-stiffness, -damping): the reference acceleration is -damping v - stiffness r
-        stiffness, damping = -model.geom_solref[geom]
-        result.append((float(max(np.sqrt(stiffness), damping)), f"the direct solref of {_name(model, geom)}"))
-    return result
+        # solref = (-stiffness, -damping): the reference acceleration is -damping v - stiffness r, of the step's start.
+        stiffness, damping = (-float(value) for value in model.geom_solref[geom])
+        yield Mode(f"the direct solref of {geom_name(model, geom)}", integrator_of(model), stiffness, 0.0, damping)
 
 
-def thinnest_geom(model: Any) -> tuple[str, float]:
-    """Name and thickness [m] of the thinnest geom that collides; planes have no thickness to pass through."""
-    best = ("", np.inf)
+def thicknesses(model: Any) -> np.ndarray:
+    """float64 [geoms], m: how thick a geom is where it is thinnest; inf for what does not collide, and for planes and
+    height fields, which have no other side."""
+    found = np.full(model.ngeom, np.inf)
     for geom in range(model.ngeom):
         kind, size = model.geom_type[geom], model.geom_size[geom]
         if not (model.geom_contype[geom] or model.geom_conaffinity[geom]) or kind in (
@@ -63,20 +142,20 @@ def thinnest_geom(model: Any) -> tuple[str, float]:
             half = min(size)
         else:
             half = min(model.geom_aabb[geom, 3:])
-        if 2 * half < best[1]:
-            best = (_name(model, geom), 2 * float(half))
-    return best
+        found[geom] = 2 * float(half)
+    return found
 
 
-def _frequency(model: Any, stiffness: float, dof: int) -> float:
-    return float(np.sqrt(stiffness / max(float(model.dof_M0[dof]), 1e-300)))
+def geom_name(model: Any, geom: int) -> str:
+    """For a message."""
+    name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
+    body = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, model.geom_bodyid[geom])
+    return f"geom '{name}'" if name else f"geom {geom} of body '{body}'"
 
 
 def _joint(model: Any, joint: int) -> str:
     return f"joint '{mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, joint) or f'joint{joint}'}'"
 
 
-def _name(model: Any, geom: int) -> str:
-    name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
-    body = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, model.geom_bodyid[geom])
-    return f"geom '{name}'" if name else f"geom {geom} of body '{body}'"
+def _spectral_radius(matrix: np.ndarray) -> float:
+    return float(np.abs(np.linalg.eigvals(matrix)).max()) if np.isfinite(matrix).all() else np.inf

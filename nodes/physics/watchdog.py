@@ -7,7 +7,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from nodes.physics.stiffness import integrator_limit, rates, thinnest_geom
+from nodes.physics.stiffness import Mode, geom_name, integrator_of, modes, thicknesses
 
 _BAD = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 _LOST = {
@@ -27,7 +27,9 @@ class Watchdog:
         self._counts = [0, 0, 0]
         self._time = -1.0
         self._said: set[str] = set()
-        self._thin, self._thickness = thinnest_geom(model)
+        self._thicknesses = thicknesses(model)
+        self._thin = int(np.argmin(self._thicknesses)) if len(self._thicknesses) else -1
+        self._thickness = float(self._thicknesses[self._thin]) if len(self._thicknesses) else np.inf
 
     def restart(self, data: Any) -> None:
         """Begin anew from the state of `data`."""
@@ -75,12 +77,11 @@ class Watchdog:
 
     def risks(self) -> list[str]:
         """What in the model the integrator cannot follow at this timestep, known before the first step."""
-        dt, (name, limit) = self.model.opt.timestep, integrator_limit(self.model)
+        dt = self.model.opt.timestep
         return [
-            f"{source} has omega*dt = {rate * dt:.3g} and {name} is stable below {limit:g}; expect it to diverge, "
-            f'or use integrator="discrete" or a timestep below {limit / rate:.2g} s'
-            for rate, source in rates(self.model)
-            if rate * dt > limit
+            f"{_growth(mode, dt)}; expect it to diverge, or {_remedy(mode, dt)}"
+            for mode in modes(self.model)
+            if mode.grows(dt)
         ]
 
     def notices(self, data: Any, twist: np.ndarray) -> list[str]:
@@ -91,11 +92,13 @@ class Watchdog:
             body = int(np.argmax(square))
             step = float(np.sqrt(square[body])) * self.model.opt.timestep
             if step > 0.5 * self._thickness:
-                found["thin"] = (
+                found["through"] = (
                     f"body '{self._body(body + 1)}' goes {step:.3g} m in one step, more than half the thickness of "
-                    f"{self._thin} ({self._thickness:.3g} m), which it may pass through unnoticed; "
-                    f"use a timestep below {0.5 * self._thickness / np.sqrt(square[body]):.2g} s"
+                    f"{geom_name(self.model, self._thin)} ({self._thickness:.3g} m), which it may pass through "
+                    f"unnoticed; use a timestep below {0.5 * self._thickness / np.sqrt(square[body]):.2g} s"
                 )
+        if "through" not in found and (deep := self._deep(data)):
+            found["through"] = deep
         fresh = [text for key, text in found.items() if key not in self._said]
         self._said |= set(found)
         return fresh
@@ -103,19 +106,44 @@ class Watchdog:
     def _body(self, body: int) -> str:
         return mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_BODY, body) or f"body{body}"
 
+    def _deep(self, data: Any) -> str | None:
+        """A contact so deep that what touches may come out on the other side."""
+        contact = data.contact
+        if not data.ncon or (distance := contact.dist).min() > -0.5 * self._thickness:
+            return None
+        n = int(np.argmin(distance))
+        pair = contact.geom[n]
+        thin = int(pair[np.argmin(self._thicknesses[pair])])
+        if -distance[n] <= 0.5 * self._thicknesses[thin]:
+            return None
+        one, other = (geom_name(self.model, geom) for geom in pair.tolist())
+        return (
+            f"{one} and {other} overlap by {-distance[n]:.3g} m, more than half the thickness of "
+            f"{geom_name(self.model, thin)} ({self._thicknesses[thin]:.3g} m), and may pass through each other "
+            "unnoticed; use a stiffer contact (a smaller time constant in solref) or a shorter timestep"
+        )
+
     def _cause(self, data: Any, body: int) -> str:
         """The stiffest thing of the model against what the integrator can follow."""
-        dt = self.model.opt.timestep
-        name, limit = integrator_limit(self.model)
-        rate, source = max(rates(self.model), default=(0.0, ""))
-        if rate * dt > limit:
-            return (
-                f"{source} has omega*dt = {rate * dt:.3g} and {name} is stable below {limit:g}; "
-                f'use integrator="discrete" or a timestep below {limit / rate:.2g} s'
-            )
+        dt, name = self.model.opt.timestep, integrator_of(self.model)
+        found = modes(self.model)
+        growing = [mode for mode in found if mode.grows(dt)]
+        if growing:
+            worst = min(growing, key=lambda mode: mode.longest_step(dt))
+            return f"{_growth(worst, dt)}; {_remedy(worst, dt)}"
         spin = float(np.linalg.norm(data.cvel[body, :3]))
         if np.isfinite(spin) and spin * dt > 1.0 and name != "discrete":
             return f"it turns {spin * dt:.3g} rad in one step of {dt:g} s; use a timestep below {0.3 / spin:.2g} s"
-        if rate * dt > 1.0:
-            return f"{source} has omega*dt = {rate * dt:.3g}; use a shorter timestep or softer contacts"
+        fastest = max(found, key=lambda mode: mode.rate, default=None)
+        if fastest is not None and fastest.rate * dt > 1.0:
+            return f"{fastest.source} has omega*dt = {fastest.rate * dt:.3g}; use a shorter timestep or softer contacts"
         return "strong forces or deep penetration; use a shorter timestep, softer contacts, or smaller controls"
+
+
+def _growth(mode: Mode, dt: float) -> str:
+    limit = mode.rate * mode.longest_step(dt)
+    return f"{mode.source} has omega*dt = {mode.rate * dt:.3g} and {mode.integrator} is stable below {limit:.3g}"
+
+
+def _remedy(mode: Mode, dt: float) -> str:
+    return f'use integrator="discrete" or a timestep below {mode.longest_step(dt):.2g} s'
