@@ -34,6 +34,13 @@ TEXTS = [
     ("50 44\n", "{s} {x} {y} {p}", (50, 44)),
     ("# timestamps x y polarity\n", "{s}\t{x}\t{y}\t{p}", None),
     ("", "{us} {x} {y} {p}", None),
+    ("", "{x} {y} {us} {p}", None),
+    ("", "{p} {us} {x} {y}", None),
+    ("", "{x}.0 {y}.0 {p}.0 {us}.000", None),
+    ("# events t x y p\n# of a night\n", "{s} {x} {y} {p}", None),
+    ("t [s],x [px],y [px],p\n", "{s},{x},{y},{p}", None),
+    ("t [us],x,y,p\n", "{us},{x},{y},{p}", None),
+    ("t (ns),xs,ys,ps\n", "{ns},{x},{y},{p}", None),
 ]
 
 
@@ -44,6 +51,15 @@ def test_names_and_units_of_text(head, form, size, tmp_path):
         same(recording.read(), WHOLE)
         if size:
             assert (recording.info.width, recording.info.height, recording.info.geometry_from) == (*size, "header")
+
+
+def test_whole_seconds_are_seconds(tmp_path):
+    """With a point, beside coordinates without; or in a column that says so."""
+    t = np.arange(5) * 1_000_000_000
+    for head, form in (("", "{} 1 2 1"), ("t [s],x,y,p\n", "{},1,2,1"), ("t_s x y p\n", "{} 1 2 1")):
+        text = head + "".join(form.format(f"{i}.0" if not head else i) + "\n" for i in range(5))
+        with open_recording(save(tmp_path / "a.txt", text.encode())) as recording:
+            np.testing.assert_array_equal(recording.read().t, t)
 
 
 def test_times_since_1970_can_only_be_ns(tmp_path):
@@ -83,6 +99,15 @@ def test_the_events_of_an_archive_are_found(tmp_path):
         open_recording(path, topic="x")
 
 
+@pytest.mark.parametrize("name", ["events", "a b/d\u00e9j\u00e0 vu/\u4e8b\u4ef6.TXT", "events.log"])
+def test_text_of_any_name_in_an_archive(name, tmp_path):
+    """Where nothing is named as text, what holds events is it."""
+    path = archive(tmp_path / "a.zip", {"readme.md": "# Night\n", name: "40 44\n" + lines("{s} {x} {y} {p}")})
+    with open_recording(path) as recording:
+        same(recording.read(), WHOLE)
+        assert (recording.info.width, recording.info.height) == (40, 44)
+
+
 @pytest.mark.parametrize(
     ("names", "times", "unit"),
     [
@@ -102,6 +127,21 @@ def test_arrays_of_other_names(names, times, unit, tmp_path):
         same(recording.read(), WHOLE)
         said = [w for w in recording.info.warnings if "are taken as" in w]
         assert [w.endswith(f"as {unit}") for w in said] == ([True] if unit else [])
+
+
+@pytest.mark.parametrize("kind", ["f4", "f8", ">u2", "u8"])
+@pytest.mark.parametrize("column", [False, True])
+def test_arrays_of_other_types(kind, column, tmp_path):
+    """Coordinates as any number, arrays of one column; pixels that are none are refused."""
+    shape = (-1, 1) if column else (-1,)
+    arrays = {"x": WHOLE.x.astype(kind), "y": WHOLE.y.astype(kind), "p": WHOLE.p.astype(kind), "t_ns": WHOLE.t}
+    np.savez(tmp_path / "a.npz", **{n: a.reshape(shape) for n, a in arrays.items()})
+    with open_recording(tmp_path / "a.npz") as recording:
+        same(recording.read(), WHOLE)
+    if kind[0] == "f":
+        np.savez(tmp_path / "b.npz", **{**arrays, "x": arrays["x"] + np.float32(0.25)})
+        with pytest.raises(RecordingError, match="x has values that are no pixels"):
+            open_recording(tmp_path / "b.npz")
 
 
 def test_arrays_that_are_missing_are_named(tmp_path):

@@ -222,6 +222,16 @@ def h5_columns(names, times, group="events", **attributes):
     return build
 
 
+def h5_eds(file):
+    h5_columns("txyp", US, "/")(file)
+    file["ms_to_idx"] = np.arange(9)
+
+
+def h5_sides(file):
+    h5_columns("txyp", US)(file)
+    file["events/height"], file["events/width"] = 720, 1280
+
+
 def h5_records(file):
     file["events"] = records()
 
@@ -232,7 +242,11 @@ LAYOUTS = {
     "e2vid": (h5_columns(("ts", "xs", "ys", "ps"), WHOLE.t / 1e9, sensor_resolution=(34, 34)), "columns"),
     "ns": (h5_columns("txyp", WHOLE.t + 1_600_000_000_000_000_000), "columns"),
     "records": (h5_records, "records"),
+    "us as floats": (h5_columns("txyp", US.astype(float)), "columns"),
+    "eds": (h5_eds, "eds"),
+    "sides beside the events": (h5_sides, "columns"),
 }
+H5_SIZES = {"e2vid": (34, 34), "eds": (640, 480), "sides beside the events": (1280, 720)}
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
@@ -246,6 +260,18 @@ def test_hdf5_of_other_programs(name, tmp_path):
     shift = 1_600_000_000_000_000_000 if name == "ns" else 0
     same(got, Events(WHOLE.t + shift, WHOLE.x, WHOLE.y, WHOLE.p))
     assert info.encoding == layout
+    assert (info.width, info.height) == H5_SIZES.get(name, (34, 34))
+
+
+def test_hdf5_times_that_change_their_kind(tmp_path):
+    """Whole us, and then fractions: nobody knows what they are."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, values in zip("txyp", (np.arange(9000.0), np.ones(9000), np.ones(9000), np.ones(9000))):
+            file[name] = values
+        file["t"][8000] = 8000.5
+    with pytest.raises(RecordingError, match="begin with whole us and go on with fractions"):
+        read(tmp_path / "a.h5")
 
 
 @pytest.mark.parametrize("plugin", ["SQLITE3", "MCAP"])

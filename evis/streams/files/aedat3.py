@@ -17,7 +17,7 @@ NAME = "AEDAT 1.0, 2.0, 3.1 and 4"
 
 END = b"#!END-HEADER\r\n"
 SENSORS = {"DVS128": (128, 128), "DAVIS128": (128, 128), "DAVIS208": (208, 192), "DAVIS240": (240, 180),
-           "DAVIS346": (346, 260), "DAVIS640": (640, 480)}  # fmt: skip
+           "DAVIS346": (346, 260), "DAVIS640": (640, 480), "DAVISRGB": (640, 480), "DVXPLORER": (640, 480)}  # fmt: skip
 SPECIAL, POLARITY, FRAME, IMU6, IMU9 = range(5)
 HEADER = np.dtype([("type", "<i2"), ("source", "<i2"), ("size", "<i4"), ("offset", "<i4"), ("overflow", "<i4"),
                    ("capacity", "<i4"), ("number", "<i4"), ("valid", "<i4")])  # fmt: skip

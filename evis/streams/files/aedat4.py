@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from evis.streams.events import Events
-from evis.streams.files.aedat4_packets import KINDS, unpack
+from evis.streams.files.aedat4_packets import KINDS, Packets
 from evis.streams.files.blocks import BlockRecording, take_size
 from evis.streams.files.flat import Table
 from evis.streams.files.inflate import DamagedError, MissingError, inflate
@@ -26,6 +26,8 @@ COMPRESSIONS = {0: "none", 1: "lz4", 2: "lz4", 3: "zstd", 4: "zstd"}
 _FRAME_MAGIC = {"lz4": b"\x04\x22\x4d\x18", "zstd": b"\x28\xb5\x2f\xfd"}
 _MAX_HEADER = 16 << 20
 _WINDOW = 1 << 20
+_JOINED = 4 << 20
+"""Bytes of unpacked packets that make a block."""
 
 
 class Packet(NamedTuple):
@@ -45,7 +47,8 @@ def matches(head: bytes, path: Path) -> bool:
 class Aedat4Recording(BlockRecording):
     """An AEDAT 4 file: events, triggers, IMU samples and frames in the order of its packets.
 
-    A damaged packet is left out alone: it is counted as `packets_damaged` and named in the warnings.
+    A damaged packet is left out alone: it is counted as `packets_damaged` and named in the warnings. Packets of other
+    kinds (poses, boxes, ...) are counted as `packets_left_out`. Of several cameras, one is read: the topic's.
     """
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
@@ -71,6 +74,7 @@ class Aedat4Recording(BlockRecording):
         if len(head) == len(MAGIC) + 4 and head[: len(MAGIC)] == MAGIC:
             length = int.from_bytes(head[len(MAGIC) :], "little")
         self._begin, self._streams, self._compression = len(MAGIC) + 4 + length, {}, "none"
+        self._of_others: set[int] = set()
         self._end = self._size
         if not length or length > _MAX_HEADER or self._begin > self._size:
             self._begin = self._size
@@ -97,15 +101,24 @@ class Aedat4Recording(BlockRecording):
         """The stream of events: the one that was asked for, or the first."""
         info = self.info
         events = {i: s for i, s in self._streams.items() if s.get("typeIdentifier") == "EVTS"}
-        names = {str(i): i for i in events} | {s.get("originalOutputName", str(i)): i for i, s in events.items()}
+        names = {str(i): i for i in events}
+        for key in ("originalOutputName", "source"):  # a name that several streams have is none
+            found = [s.get(key, "") for s in events.values()]
+            names |= {name: i for name, i in zip(found, events) if name and found.count(name) == 1}
         if options.topic and options.topic not in names:
             raise RecordingError(
                 f"{self._path}: no event stream '{options.topic}'; it has {', '.join(names) or 'none'}"
             )
         self._events_stream = names[options.topic] if options.topic else min(events, default=-1)
         if len(events) > 1 and not options.topic:
-            info.warn(f"event streams {', '.join(map(str, events))}: this is {self._events_stream}")
+            there = (f"{i} ({', '.join(n for n, j in names.items() if j == i and n != str(i))})" for i in events)
+            info.warn(f"event streams {', '.join(there)}: this is {self._events_stream}; name another as the topic")
         about = events.get(self._events_stream, {})
+        # what belongs to another camera: its events, and all that names it as its source
+        sources = {s.get("source", "") for i, s in events.items() if i != self._events_stream}
+        sources -= {about.get("source", "")}
+        self._of_others = {i for i, s in self._streams.items() if s.get("source") in sources}
+        self._of_others |= events.keys() - {self._events_stream}
         width, height = (
             int(v) if re.fullmatch(r"\d{1,5}", v) else 0 for v in (about.get("sizeX", ""), about.get("sizeY", ""))
         )
@@ -130,7 +143,7 @@ class Aedat4Recording(BlockRecording):
             head = self._read(at, 20)
             stream, size = struct.unpack_from("<ii", head) if len(head) >= 8 else (-1, 0)
             known = size > 0 and (stream in self._streams or not self._streams)
-            if known and at + 8 + size <= self._end and self._starts_well(head):
+            if known and at + 8 + size <= self._end and self._starts_well(stream, head):
                 yield Packet(at, stream, size, False)
                 at += 8 + size
                 continue
@@ -143,15 +156,23 @@ class Aedat4Recording(BlockRecording):
                 return
             at = following
 
-    def _starts_well(self, head: memoryview) -> bool:
+    def _kind(self, stream: int) -> bytes:
+        """What a stream's packets hold by the header, empty where it does not say."""
+        return self._streams.get(stream, {}).get("typeIdentifier", "").encode()
+
+    def _starts_well(self, stream: int, head: memoryview) -> bool:
         """Whether the bytes behind a packet's header are what the compression begins with."""
         magic = _FRAME_MAGIC.get(self._compression)
-        return head[8:12] == magic if magic else head[16:20] in KINDS
+        if magic:
+            return head[8:12] == magic
+        kind = self._kind(stream)
+        return head[16:20] == kind if kind else head[16:20] in KINDS
 
     def _next_packet(self, at: int) -> int:
         """The next place that looks like a packet's header, -1 where there is none."""
         magic = _FRAME_MAGIC.get(self._compression)
-        pattern = re.compile(re.escape(magic) if magic else b"|".join(KINDS))
+        kinds = {*KINDS, *filter(None, map(self._kind, self._streams))}
+        pattern = re.compile(re.escape(magic) if magic else b"|".join(map(re.escape, sorted(kinds))))
         behind = 8 if magic else 16
         while at < self._end:
             window = self._read(at, min(_WINDOW + 32, self._end - at))
@@ -176,21 +197,27 @@ class Aedat4Recording(BlockRecording):
         return self._load_at(self._begin)
 
     def _load_at(self, at: int) -> Iterator[Events]:
-        if at < self._size:
-            for packet in self._packets(at):
-                self._place = packet.at + 8 + packet.size
-                if packet.cut:
-                    self.info.truncated = True
-                    self.info.warn(f"cut inside the packet at byte {packet.at}")
-                yield from self._unpack(packet)
+        joined = Packets()
+        for packet in self._packets(at) if at < self._size else ():
+            self._place = packet.at + 8 + packet.size
+            if packet.cut:
+                self.info.truncated = True
+                self.info.warn(f"cut inside the packet at byte {packet.at}")
+            self._unpack(packet, joined)
+            if joined.size >= _JOINED:
+                yield joined.take()
+        if joined.size:
+            yield joined.take()
 
-    def _unpack(self, packet: Packet) -> Iterator[Events]:
-        kind = self._streams.get(packet.stream, {}).get("typeIdentifier", "")
-        if packet.size <= 0 or (kind == "EVTS" and packet.stream != self._events_stream):
+    def _unpack(self, packet: Packet, joined: Packets) -> None:
+        if packet.size <= 0 or packet.stream in self._of_others:
+            return
+        if (kind := self._kind(packet.stream)) and kind not in KINDS:
+            self.count("packets_left_out")
             return
         try:
             data = inflate(self._compression, self._read(packet.at + 8, packet.size), partial=packet.cut)
-            yield unpack(data, packet.cut)
+            joined.add(data, packet.cut)
         except DamagedError as error:
             if not packet.cut:
                 self._damaged(packet.at, str(error))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from evis.streams.events import Events, Frame, Imu, Triggers
-from evis.streams.files.flat import Table
+from evis.streams.files.flat import Rows, Table, columns
 from evis.streams.files.inflate import DamagedError
 
 KINDS = (b"EVTS", b"FRME", b"IMUS", b"TRIG")
@@ -20,27 +20,56 @@ SOURCES = {1: (0, 1), 2: (0, 0), 3: (0, 1), 4: (1, 1), 5: (1, 0), 6: (2, 1), 7: 
 4 reset of the time."""
 
 _BY_SOURCE = np.array([SOURCES.get(i, (0, -1)) for i in range(256)], np.int8).T
+_IMU = ((0, "q"), *((i, "f") for i in range(1, 8)))
+_EDGE = ((0, "q"), (1, "b"))
 _RGB = {1: [0], 3: [2, 1, 0], 4: [2, 1, 0]}
 
 
-def unpack(data: bytes, cut: bool = False) -> Events:
-    """One uncompressed packet. cut: it may end early. Raises DamagedError."""
-    if data[8:12] not in KINDS:
-        raise DamagedError("it holds nothing that is known")
-    root = Table.root(data, data[8:12])
-    if data[8:12] == b"EVTS":
-        raw = root.vector(0, EVENT, cut)
-        return Events(
-            raw["t"] * 1000, raw["x"].astype(np.uint16), raw["y"].astype(np.uint16), (raw["on"] != 0).view(np.uint8)
-        )
-    events = Events.empty()
-    if data[8:12] == b"FRME":
-        events.frames.append(_frame(root))
-    elif data[8:12] == b"IMUS":
-        events.imu = _imu(root, cut)
-    else:
-        events.triggers = _triggers(root, cut)
-    return events
+class Packets:
+    """Uncompressed packets put together: their numbers become arrays once for many of them."""
+
+    def __init__(self) -> None:
+        self._events: list[np.ndarray] = []
+        self._imu: list[Rows] = []
+        self._edges: list[Rows] = []
+        self._frames: list[Frame] = []
+        self.size = 0
+        """Bytes of the packets that are here."""
+
+    def add(self, data: bytes, cut: bool = False) -> None:
+        """One more. cut: it may end early. Raises DamagedError and is as before."""
+        kind = data[8:12]
+        if kind not in KINDS:
+            raise DamagedError("it holds nothing that is known")
+        root = Table.root(data, kind)
+        if kind == b"EVTS":
+            self._events.append(root.vector(0, EVENT, cut))
+        elif kind == b"FRME":
+            self._frames.append(_frame(root))
+        elif kind == b"IMUS":
+            self._imu.append(root.rows(0, _IMU, cut))
+        else:
+            self._edges.append(root.rows(0, _EDGE, cut))
+        self.size += len(data)
+
+    def take(self) -> Events:
+        """What they hold, each kind in the order of the packets; none is left."""
+        events = _events(self._events) if self._events else Events.empty()
+        if self._imu:
+            events.imu = _imu(self._imu)
+        if self._edges:
+            events.triggers = _triggers(self._edges)
+        events.frames = self._frames
+        self._events, self._imu, self._edges, self._frames, self.size = [], [], [], [], 0
+        return events
+
+
+def _events(parts: list[np.ndarray]) -> Events:
+    t = np.concatenate([part["t"] for part in parts])
+    t *= 1000
+    x, y = (np.concatenate([part[n] for part in parts], dtype=np.uint16, casting="unsafe") for n in "xy")
+    on = np.concatenate([part["on"] for part in parts])
+    return Events(t, x, y, (on != 0).view(np.uint8))
 
 
 def _frame(frame: Table) -> Frame:
@@ -58,14 +87,14 @@ def _frame(frame: Table) -> Frame:
     return Frame(start or t, pixels, exposed or t, closed or t, frame.integer(8, "h"), frame.integer(9, "h"), end or t)
 
 
-def _imu(root: Table, cut: bool) -> Imu:
-    t, temperature, *axes = root.columns(0, {0: "q", **dict.fromkeys(range(1, 8), "f")}, cut)
+def _imu(parts: list[Rows]) -> Imu:
+    t, temperature, *axes = columns(parts, _IMU)
     values = np.stack(axes, 1).astype(np.float64)
     return Imu(t * 1000, values[:, :3] * GRAVITY, np.radians(values[:, 3:]), temperature.astype(np.float64))
 
 
-def _triggers(root: Table, cut: bool) -> Triggers:
-    t, source = root.columns(0, {0: "q", 1: "b"}, cut)
-    ids, values = _BY_SOURCE[:, source.view(np.uint8)]
+def _triggers(parts: list[Rows]) -> Triggers:
+    t, source = columns(parts, _EDGE)
+    ids, values = _BY_SOURCE[:, source.astype(np.uint8)]
     known = values >= 0
     return Triggers(t[known] * 1000, ids[known].astype(np.uint8), values[known].astype(np.uint8))

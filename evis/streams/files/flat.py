@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import functools
+import itertools
+import operator
 import struct
+from collections.abc import Sequence
 
 import numpy as np
 
 from evis.streams.files.inflate import DamagedError
 
 _READERS = {code: struct.Struct(code) for code in ("<b", "<h", "<H", "<i", "<I", "<q", "<f")}
+_OFFSET = np.dtype("<u4")
+
+Wanted = tuple[tuple[int, str], ...]
+"""Fields of a table: number and code as in `struct`."""
+Rows = tuple[np.dtype, bytes]
+"""Packed rows: their type, with fields named by number, and their bytes."""
 
 
 class Table:
@@ -68,7 +77,7 @@ class Table:
         if not place:
             return []
         start = place + _get("<I", self.data, place) + 4
-        offsets = self.vector(field, np.dtype("<u4"), cut).tolist()
+        offsets = self.vector(field, _OFFSET, cut).tolist()
         tables = []
         for i, offset in enumerate(offsets):
             try:
@@ -78,33 +87,32 @@ class Table:
                     raise
         return tables
 
-    def columns(self, field: int, wanted: dict[int, str], cut: bool = False) -> list[np.ndarray]:
-        """Numbers of a vector of tables, an array for each wanted field (its number -> code); 0 where it is absent."""
+    def rows(self, field: int, wanted: Wanted, cut: bool = False) -> Rows:
+        """Numbers of a vector of tables, a row for each table; fields that no table has are not in the rows' type."""
         place = self.place(field)
         start = place + _get("<I", self.data, place) + 4 if place else 0
-        offsets = self.vector(field, np.dtype("<u4"), cut)
+        offsets = self.vector(field, _OFFSET, cut)
         tables = (start + np.arange(0, 4 * len(offsets), 4) + offsets).tolist()
-        columns = self._alike(tables, wanted) if tables else None
-        return self._one_by_one(tables, wanted, cut) if columns is None else columns
+        rows = self._alike(tables, wanted) if tables else None
+        return self._one_by_one(tables, wanted, cut) if rows is None else rows
 
-    def _alike(self, tables: list[int], wanted: dict[int, str]) -> list[np.ndarray] | None:
-        """Columns of tables with their fields in the same places, as writers make them; None where it is not so."""
+    def _alike(self, tables: list[int], wanted: Wanted) -> Rows | None:
+        """Rows of tables with their fields in the same places, as writers make them; None where it is not so."""
+        soffset, data = _READERS["<i"].unpack_from, self.data
         try:
-            types = {at - _get("<i", self.data, at) for at in tables}
-            vtables = {bytes(self.data[v : v + _get("<H", self.data, v)]) for v in types}
-        except DamagedError:
+            types = {at - soffset(data, at)[0] for at in tables}
+            vtables = {bytes(data[v : v + _get("<H", data, v)]) for v in types}
+        except (struct.error, DamagedError):
             return None
-        rows = {_row(vtable, tuple(wanted.items())) for vtable in vtables}
-        row = rows.pop() if len(rows) == 1 else None
-        if row is None or min(types) < 0 or max(tables) + row.itemsize > len(self.data):
+        kinds = {_row(vtable, wanted) for vtable in vtables}
+        kind = kinds.pop() if len(kinds) == 1 else None
+        if kind is None or max(tables) + kind.itemsize > len(data):
             return None
-        joined = b"".join([bytes(self.data[at : at + row.itemsize]) for at in tables])
-        values = np.frombuffer(joined, row)
-        names = row.names or ()
-        return [values[str(i)] if str(i) in names else np.zeros(len(tables), "<" + code) for i, code in wanted.items()]
+        size = kind.itemsize
+        return kind, b"".join([data[at : at + size] for at in tables])
 
-    def _one_by_one(self, tables: list[int], wanted: dict[int, str], cut: bool) -> list[np.ndarray]:
-        readers = [(i, _READERS["<" + code].unpack_from) for i, code in wanted.items()]
+    def _one_by_one(self, tables: list[int], wanted: Wanted, cut: bool) -> Rows:
+        readers = [(i, _READERS["<" + code].unpack_from) for i, code in wanted]
         known: dict[int, list[int]] = {}  # where the wanted fields are in a table, by its vtable
         rows = []
         try:
@@ -113,17 +121,27 @@ class Table:
                 if vtable not in known:
                     table = Table(self.data, at)
                     known[vtable] = [p - at if (p := table.place(i)) else 0 for i, _ in readers]
-                rows.append([read(self.data, at + o)[0] if o else 0 for o, (_, read) in zip(known[vtable], readers)])
+                rows.append(
+                    tuple(read(self.data, at + o)[0] if o else 0 for o, (_, read) in zip(known[vtable], readers))
+                )
         except (struct.error, DamagedError):
             if not cut:
                 raise DamagedError("a flatbuffer table is damaged") from None
-        return [
-            np.array(column, "<" + c) for column, c in zip(zip(*rows) if rows else [[]] * len(wanted), wanted.values())
-        ]
+        kind = np.dtype([(str(i), "<" + code) for i, code in wanted])
+        return kind, np.array(rows, kind).tobytes()
+
+
+def columns(parts: Sequence[Rows], wanted: Wanted) -> list[np.ndarray]:
+    """One array for each wanted field, of the rows of many tables in a row; 0 where a field is absent."""
+    tables = []
+    for kind, alike in itertools.groupby(parts, operator.itemgetter(0)):
+        tables.append(np.frombuffer(b"".join([data for _, data in alike]), kind))
+    there = [[v[str(i)] if str(i) in (v.dtype.names or ()) else np.zeros(len(v), c) for v in tables] for i, c in wanted]
+    return [column[0] if len(column) == 1 else np.concatenate(column) for column in there]
 
 
 @functools.lru_cache(64)
-def _row(vtable: bytes, wanted: tuple[tuple[int, str], ...]) -> np.dtype | None:
+def _row(vtable: bytes, wanted: Wanted) -> np.dtype | None:
     """What a table of this vtable is as one row of numbers; fields that it lacks are not in it. None: it is damaged."""
     if len(vtable) < 4:
         return None

@@ -15,12 +15,14 @@ from evis.streams.events import Events, Triggers
 from evis.streams.files import ecf
 from evis.streams.files.hdf5_cut import Parts, common, rows_there
 from evis.streams.files.inflate import DamagedError
-from evis.streams.files.npy import NAMES
+from evis.streams.files.npy import NAMES, is_whole, seconds_in_ns
 from evis.streams.recording import RecordingError, RecordingInfo
 
 _MAX_CHUNK = 1 << 26
 _MOST_EVENTS_A_BYTE = 4096
 _MOST_OBJECTS, _DEEPEST = 10_000, 8
+_LOOK = 4096
+"""First times by which their unit is told."""
 _NS_FROM = 10**17
 """Whole times from here on can be no us: 3000 years."""
 
@@ -211,20 +213,24 @@ def _records(table: h5py.Dataset, info: RecordingInfo) -> Layout:
 
 
 class _Times:
-    """Times of any type in ns: with a fraction s, whole us; ns where the name says it or us cannot be."""
+    """Times of any type in ns: with fractions s, whole us; ns where the name says it or us cannot be."""
 
     def __init__(self, table: h5py.Dataset, name: str, info: RecordingInfo, offset_us: int = 0) -> None:
         self._offset_us = offset_us
-        first = 0.0
-        if table.shape[0] and (not info.truncated or rows_there(table, info.size_bytes, 0, 1)):
-            value = table[0]
-            first = float(value[name] if table.dtype.names else value)
-        self._unit = 1 if name == "t_ns" or abs(first) >= _NS_FROM else 1000
+        n = min(table.shape[0], _LOOK)
+        if info.truncated:
+            parts = rows_there(table, info.size_bytes, 0, n)
+            n = parts[0][1] if parts and parts[0][0] == 0 else 0
+        values = table[:n][name] if table.dtype.names else table[:n]
+        self._seconds = values.dtype.kind == "f" and not is_whole(values)
+        most = float(np.abs(values.astype(np.float64)).max(initial=0.0))
+        self._unit = 1 if name == "t_ns" or most >= _NS_FROM else 1000
 
     def in_ns(self, values: np.ndarray) -> np.ndarray:
-        if values.dtype.kind == "f":  # whole seconds apart: their product with 1e9 would be rounded to 256 ns
-            whole = np.floor(values.astype(np.float64))
-            return whole.astype(np.int64) * 1_000_000_000 + np.rint((values - whole) * 1e9).astype(np.int64)
+        if self._seconds:
+            return seconds_in_ns(values)
+        if values.dtype.kind == "f" and (values != np.floor(values)).any():
+            raise ValueError("its times begin with whole us and go on with fractions")
         return (values.astype(np.int64) + self._offset_us) * self._unit
 
 
@@ -244,7 +250,8 @@ def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
     elif shifted:
         info.warn("t_offset cannot be read: times count from the start of the file's own clock")
     indexed = any({"ms_to_idx", "ms_map_idx"} & set(_names(g)) for g in (file, group))
-    name = ("dsec" if shifted else "tum-vie") if indexed else "columns"
+    whole_file = group.name == "/"
+    name = ("dsec" if shifted else "eds" if whole_file else "tum-vie") if indexed else "columns"
     count = min(d.shape[0] if d.ndim == 1 else 0 for d in (x, y, t, p))
     _check_claim(info, count, [x, y, t, p])
 
@@ -258,10 +265,14 @@ def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
         calibrated = _get(group, "calib/resolution")
         if given is None and isinstance(calibrated, h5py.Dataset) and calibrated.size == 2:
             given = calibrated[()]
-        if given is not None and np.shape(given) == (2,):
+        if given is None:
+            sides = [_get(group, side) for side in ("height", "width")]
+            if all(isinstance(side, h5py.Dataset) and side.size == 1 and side.dtype.kind in "iu" for side in sides):
+                given = [np.asarray(side[()]).reshape(-1)[0] for side in sides]
+        if given is not None and np.shape(given) == (2,) and all(0 < v < 65536 for v in given):
             height, width = sorted(int(v) for v in given)
             return width, height, "header"
-        known = {"dsec": (640, 480), "tum-vie": (1280, 720)}.get(name)
+        known = {"dsec": (640, 480), "eds": (640, 480), "tum-vie": (1280, 720)}.get(name)
         n = _leading([x, y], info)
         fits = known and (not n or (int(x[:n].max()) < known[0] and int(y[:n].max()) < known[1]))
         return (*known, "sensor") if known and fits else (0, 0, "")
@@ -289,11 +300,6 @@ def _table(table: h5py.Dataset, info: RecordingInfo) -> Layout:
     if whole_numbers:
         info.warn("rows of whole numbers: taken as t in us, x, y, p")
 
-    def times(values: np.ndarray) -> np.ndarray:
-        # whole seconds apart: their product with 1e9 would be rounded to 256 ns
-        whole = np.floor(values)
-        return whole.astype(np.int64) * 1_000_000_000 + np.rint((values - whole) * 1e9).astype(np.int64)
-
     def read(a: int, b: int) -> Events:
         if whole_numbers:
             t, x, y, p = table[a:b].astype(np.int64).T
@@ -303,7 +309,8 @@ def _table(table: h5py.Dataset, info: RecordingInfo) -> Layout:
         rows = table[a:b].astype(np.float64)
         if not np.isfinite(rows).all() or (np.abs(rows) > 1e10).any():
             raise ValueError("values that are no events")
-        return _events(times(rows[:, 2]), rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64), rows[:, 3], 1)
+        x, y, t, p = rows.T
+        return _events(seconds_in_ns(t), x.astype(np.int64), y.astype(np.int64), p, 1)
 
     def size() -> tuple[int, int, str]:
         n = _leading([table], info)

@@ -152,10 +152,7 @@ class NpyRecording(BlockRecording):
         seconds = t.astype(np.float64) if self._unit == 10**9 else t.astype(np.float64) / 1e6
         if not (np.isfinite(seconds).all() and (np.abs(seconds) < 9e9).all()):
             raise RecordingError(f"{self._path}: times that are no {self.info.encoding.removeprefix('t in ')}")
-        if self._unit < 10**9:
-            return t.astype(np.int64) * self._unit
-        whole = np.floor(seconds)
-        return whole.astype(np.int64) * 1_000_000_000 + np.rint((seconds - whole) * 1e9).astype(np.int64)
+        return t.astype(np.int64) * self._unit if self._unit < 10**9 else seconds_in_ns(seconds)
 
     def _load_from(self, t_ns: int) -> Iterator[Events]:
         """Bisection by rows; their times are taken to go up."""
@@ -172,6 +169,21 @@ class NpyRecording(BlockRecording):
 
     def close(self) -> None:
         self._file.close()
+
+
+def is_whole(values: np.ndarray) -> bool:
+    """Whether all of them are whole numbers, and there are at least two different ones."""
+    return bool((values == np.floor(values)).all()) and bool((values != values[:1]).any())
+
+
+def seconds_in_ns(seconds: np.ndarray) -> np.ndarray:
+    """Times [s] as int64 [ns]. Raises ValueError where they are no times."""
+    values = seconds.astype(np.float64)
+    if not (np.isfinite(values).all() and (np.abs(values) < 9e9).all()):
+        raise ValueError("values that are no times in s")
+    # whole seconds apart: their product with 1e9 would be rounded to 256 ns
+    whole = np.floor(values)
+    return whole.astype(np.int64) * 1_000_000_000 + np.rint((values - whole) * 1e9).astype(np.int64)
 
 
 def open_file(path: Path, options: OpenOptions) -> NpyRecording:

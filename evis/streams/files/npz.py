@@ -22,7 +22,7 @@ from numpy.lib import format as npy
 
 from evis.streams.events import Events
 from evis.streams.files.blocks import BlockRecording
-from evis.streams.files.npy import NAMES
+from evis.streams.files.npy import NAMES, seconds_in_ns
 from evis.streams.files.zip_cut import Archive, CutArchive, open_archive
 from evis.streams.recording import OpenOptions, RecordingError, RecordingInfo, Writer
 
@@ -77,7 +77,8 @@ class NpzRecording(BlockRecording):
         for name in self._columns:
             with self._member(name) as (file, shape, dtype):
                 real = dtype.kind == "f" and name == "t" and self._names["t"] not in ("t_us", "t_ns")
-                if len(shape) != 1 or not (dtype.kind in "iu" or real or (name == "p" and dtype.kind in "bf")):
+                number = dtype.kind in "iu" or real or (dtype.kind == "f" and name in "xyp")
+                if shape[1:] not in ((), (1,)) or not shape or not (number or (name == "p" and dtype.kind == "b")):
                     unit = " of ns, or of s with a fraction" if name == "t" else ""
                     raise RecordingError(
                         f"{path}: {name} is {dtype} {list(shape)}, must be a flat array of whole numbers{unit}"
@@ -150,6 +151,10 @@ class NpzRecording(BlockRecording):
             if values.dtype.kind == "f" and not np.isin(values, (-1, 0, 1)).all():
                 raise RecordingError(f"{self._path}: {self._names['p']} has other values than -1, 0 and 1")
             return np.where(values == -1, 0, values).astype(values.dtype if values.dtype.kind == "i" else np.uint8)
+        if name in "xy" and values.dtype.kind == "f":
+            if not ((values >= 0) & (values < 65536) & (values == np.floor(values))).all():
+                raise RecordingError(f"{self._path}: {self._names[name]} has values that are no pixels")
+            return values.astype(np.uint16)
         if name != "t" or self._unit == "ns":
             return values
         most = 9e15 if self._unit == "us" else 9e9
@@ -159,8 +164,7 @@ class NpzRecording(BlockRecording):
             return values.astype(np.int64) * 1000
         if self._unit == "us":
             raise RecordingError(f"{self._path}: {self._names['t']} begins with whole us and goes on with fractions")
-        whole = np.floor(values.astype(np.float64))
-        return whole.astype(np.int64) * 1_000_000_000 + np.rint((values - whole) * 1e9).astype(np.int64)
+        return seconds_in_ns(values)
 
     def _largest(self, name: str) -> int:
         return max((int(v.max()) + 1 for v in self._column(name)), default=0)

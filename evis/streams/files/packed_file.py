@@ -19,7 +19,7 @@ import numpy as np
 from evis.streams.events import Events
 from evis.streams.files.npy import MAGIC as NPY
 from evis.streams.files.npy import NAMES
-from evis.streams.files.zip_cut import open_archive
+from evis.streams.files.zip_cut import RECORDINGS, open_archive
 from evis.streams.recording import HEAD, OpenOptions, Recording, RecordingError, open_recording
 
 NAME = "any of these in Zstandard, gzip, bzip2, xz or zip"
@@ -57,10 +57,6 @@ _UNPACKERS: dict[bytes, Callable[[], Any]] = {
     b"\xfd7zXZ\0": lzma.LZMADecompressor,
 }
 _SUFFIXES = (".zst", ".zstd", ".gz", ".bz2", ".xz", ".zip", ".npz")
-_RECORDINGS = (
-    ".raw", ".dat", ".aedat", ".aedat4", ".es", ".bag", ".db3", ".mcap", ".h5", ".hdf5", ".npz", ".npy", ".bin",
-)  # fmt: skip
-"""Names that make a file of an archive a recording; which one, its content says."""
 _MOST_LAYERS = 3
 _ERRORS = (OSError, EOFError, zlib.error, lzma.LZMAError, zipfile.BadZipFile, NotImplementedError, RuntimeError)
 _STEP = 1 << 20
@@ -87,7 +83,7 @@ def _members(path: Path) -> list[str]:
         archive.close()
     except (*_ERRORS, KeyError, ValueError):
         return []
-    found = tables if arrays else [n for n in names if n.lower().endswith(_RECORDINGS)]
+    found = tables if arrays else [n for n in names if n.lower().endswith(RECORDINGS)]
     named = [n for n in found if "event" in n.rpartition("/")[2].lower()]
     return named if len(named) == 1 else found
 

@@ -13,13 +13,15 @@ from evis.streams.events import Events
 from evis.streams.files.blocks import BlockRecording, take_size
 from evis.streams.files.text_format import Format, find_format
 from evis.streams.files.text_numbers import parse_lines
-from evis.streams.files.zip_cut import Archive, CutArchive, open_archive
+from evis.streams.files.zip_cut import RECORDINGS, Archive, CutArchive, open_archive
 from evis.streams.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
 
 NAME = "text (t x y p)"
 
 _ZIP = b"PK\x03\x04"
 _BLOCK = 1 << 20
+_MOST_TRIED = 32
+"""Members of an archive that are looked into."""
 _ARCHIVE_ERRORS = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError)
 
 
@@ -69,23 +71,19 @@ class TextRecording(BlockRecording):
         if self._zip is None:
             file: IO[bytes] = self._path.open("rb")
             return file, self._path.stat().st_size
-        members: dict[str, Any] = {m.filename: m for m in self._zip.infolist() if _is_text(m.filename)}
+        there = text_members(self._zip)
+        members: dict[str, Any] = {m.filename: m for m in self._zip.infolist() if m.filename in there}
         if topic and topic not in members:
             raise RecordingError(f"{self._path}: no text file '{topic}' in the archive; it has {', '.join(members)}")
         names = [topic] if topic else list(members)
         if len(names) > 1:
-            names = [name for name in names if self._holds_events(name)]
+            names = [name for name in names if _holds_events(self._zip, name)]
         if len(names) != 1:
             raise RecordingError(
                 f"{self._path}: an archive of {len(members)} text files, {len(names)} of them events; name one of "
                 f"{', '.join(members)} as the topic"
             )
         return self._zip.open(members[names[0]]), members[names[0]].file_size
-
-    def _holds_events(self, name: str) -> bool:
-        assert self._zip is not None
-        with self._zip.open(name) as member:
-            return find_format(member.read(HEAD)) is not None
 
     def _load(self) -> Iterator[Events]:
         yield from self._load_at(self._form.begin)
@@ -163,12 +161,24 @@ def is_text_archive(path: Path) -> bool:
     """A zip archive with a text file and no arrays."""
     try:
         archive = open_archive(path)
-        names = archive.namelist()
+        found = text_members(archive)
         archive.close()
-    except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError):
+    except (*_ARCHIVE_ERRORS, ValueError):
         return False
-    return any(map(_is_text, names)) and not any(n.lower().endswith(".npy") for n in names)
+    return bool(found)
 
 
-def _is_text(name: str) -> bool:
-    return name.lower().endswith((".txt", ".csv")) and not name.startswith("__MACOSX/")
+def text_members(archive: Archive) -> list[str]:
+    """Files named as text; where there is none and no other recording, those with events as text under any name."""
+    names = [n for n in archive.namelist() if not n.startswith("__MACOSX/") and not n.endswith("/")]
+    if any(n.lower().endswith(".npy") for n in names):
+        return []
+    found = [n for n in names if n.lower().endswith((".txt", ".csv"))]
+    if found or any(n.lower().endswith(RECORDINGS) for n in names) or len(names) > _MOST_TRIED:
+        return found
+    return [n for n in names if _holds_events(archive, n)]
+
+
+def _holds_events(archive: Archive, name: str) -> bool:
+    with archive.open(name) as member:
+        return find_format(member.read(HEAD)) is not None

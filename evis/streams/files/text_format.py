@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from dataclasses import dataclass
 
 _NAMES = {
     "t": "t", "time": "t", "timestamp": "t", "timestamps": "t", "ts": "t", "t_ns": "t", "t_us": "t", "time_us": "t",
-    "timestamp_us": "t", "timestamp_ns": "t", "x": "x", "y": "y",
-    "p": "p", "pol": "p", "polarity": "p", "on": "p",
+    "timestamp_us": "t", "timestamp_ns": "t", "time_ns": "t", "t_s": "t", "time_s": "t", "timestamp_s": "t",
+    "x": "x", "xs": "x", "y": "y", "ys": "y",
+    "p": "p", "ps": "p", "pol": "p", "polarity": "p", "polarities": "p", "on": "p",
 }  # fmt: skip
 _OWN = "t,x,y,p"
 """The line of names that EVIS writes."""
 _NUMBER = re.compile(rb"[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
 _BOM = b"\xef\xbb\xbf"
+_NAMED_UNIT = re.compile(r"([^,;]+?)[ \t]*[\[(]([^\])]{0,20})[\])]")
+_UNIT = re.compile(r"[ \t]*[\[(]([^\])]{0,20})[\])]")
 _TRUTH = re.compile(rb"\b(?:(true)|false)\b", re.I)
 _MOST_COLUMNS = 32
 _SIZE = re.compile(rb"\s*(?:[#%]\s*)?(?:(?:geometry|width height|size)\s*:?\s*)?(\d{1,5})[ \t,x]+(\d{1,5})\s*", re.I)
@@ -47,7 +51,9 @@ def find_format(head: bytes) -> Format | None:
 
     Without names of columns there are four, and polarity is the one that is -1, 0 or 1; behind it may come the time
     (`x,y,p,t`). Times with a decimal point are seconds; whole numbers are us, but ns behind EVIS' own line of names,
-    `t_ns`, or where they can be nothing else (1e17 us are 3000 years).
+    `t_ns`, or where they can be nothing else (1e17 us are 3000 years). So are times whose fractions are all 0 where
+    the coordinates are written with such too, as NumPy's `savetxt` writes an array. Orders of columns other than
+    `t x y p` and `x y p t` are known by their times, which must go up.
     """
     if b"\0" in head:
         return None
@@ -55,7 +61,10 @@ def find_format(head: bytes) -> Format | None:
     lines, columns, unit, size = head[begin:].split(b"\n"), "", "", (0, 0)
     if len(lines) > 1 and len(head) >= 4096:
         lines.pop()  # may be cut
-    while lines and len(numbers_in(lines[0])) != (len(columns) or 4):
+    while lines and (n := len(numbers_in(lines[0]))) != (len(columns) or 4):
+        if n == 4 == len(columns.strip("_")):
+            columns = columns.strip("_")  # a comment's words before or behind the names
+            break
         line = lines.pop(0)
         begin += len(line) + 1
         found = _SIZE.fullmatch(line)
@@ -76,7 +85,7 @@ def find_format(head: bytes) -> Format | None:
         return None
     place = columns.index("t")
     whole = all(re.fullmatch(rb"[+-]?\d+", row[place]) for row in rows)
-    if not whole:
+    if unit == "s" or not (whole or _saved(columns, rows, values)):
         return Format(columns, 10**9, begin, size)
     if own or unit == "ns" or max(abs(row[place]) for row in values) >= 1e17:
         return Format(columns, 1, begin, size, "times are whole numbers: taken as ns" if own else "")
@@ -98,12 +107,15 @@ def _columns(line: bytes) -> tuple[str, str]:
     """`txyp` in the order of a line of names, _ for others, and the time's unit where its name says it (own: the line
     that EVIS writes); empty where they are not all there. A name may have the sensor's side behind an @."""
     text = line.decode("latin-1").strip()
+    units = {found[1].strip('"# \t').lower(): found[2].lower() for found in _NAMED_UNIT.finditer(text)}
+    text = _UNIT.sub("", text)
     words = [w.strip('"').lower().partition("@")[0] for w in re.split(r"[ \t]*[,;][ \t]*|[ \t]+", text.lstrip("# "))]
     letters = "".join(_NAMES.get(w, "_") for w in words)
     if len(words) > _MOST_COLUMNS or any(letters.count(c) != 1 for c in "txyp"):
         return "", ""
     time = words[letters.index("t")]
-    unit = "own" if text == _OWN else time[-2:] if time.endswith(("_ns", "_us")) else ""
+    unit = next((u for u in ("ns", "us", "s") if time.endswith("_" + u) or units.get(time) == u), "")
+    unit = "own" if text == _OWN and not units else unit
     return letters, unit
 
 
@@ -113,11 +125,25 @@ def _sides(line: bytes) -> tuple[int, int]:
     return found.get(b"x", 0), found.get(b"y", 0)
 
 
+def _saved(columns: str, rows: list[list[bytes]], values: list[list[float]]) -> bool:
+    """Whether all numbers have a fraction that is 0, and the times are not all the same."""
+    place, others = columns.index("t"), [columns.index(n) for n in "xy"]
+    times = {row[place] for row in values}
+    fractions = all(b"." in row[i] for row in rows for i in others)
+    return fractions and len(times) > 1 and all(t == int(t) for t in times)
+
+
 def _guess(values: list[list[float]]) -> str:
-    for columns in ("txyp", "xypt"):
-        place = columns.index("p")
-        if all(row[place] in (-1, 0, 1) for row in values):
-            others = [row[columns.index(n)] for row in values for n in "xy"]
-            if all(0 <= v < 65536 and v == int(v) for v in others):
-                return columns
-    return ""
+    fits = [columns for columns in ("txyp", "xypt", "xytp", "ptxy", "pxyt") if _fits(columns, values)]
+    rising = [columns for columns in fits if _rises([row[columns.index("t")] for row in values])]
+    return next((columns for columns in (*rising, *fits) if columns in rising or columns in ("txyp", "xypt")), "")
+
+
+def _fits(columns: str, values: list[list[float]]) -> bool:
+    place = columns.index("p")
+    others = [row[columns.index(n)] for row in values for n in "xy"]
+    return all(row[place] in (-1, 0, 1) for row in values) and all(0 <= v < 65536 and v == int(v) for v in others)
+
+
+def _rises(times: list[float]) -> bool:
+    return times[0] < times[-1] and all(a <= b for a, b in itertools.pairwise(times))

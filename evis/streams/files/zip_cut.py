@@ -18,6 +18,10 @@ _MAGIC = b"PK\x03\x04"
 _ZIP64 = 0xFFFFFFFF
 _STEP = 1 << 16
 _MOST_MEMBERS = 100_000
+RECORDINGS = (
+    ".raw", ".dat", ".aedat", ".aedat4", ".es", ".bag", ".db3", ".mcap", ".h5", ".hdf5", ".npz", ".npy", ".bin",
+)  # fmt: skip
+"""Names that make a file of an archive a recording of another format; which one, its content says."""
 
 
 class Member(NamedTuple):
