@@ -49,6 +49,7 @@ class RendererNode(Node):
         "path_samples": Param(int, 16, "paths per pixel, where there are any", minimum=1, maximum=65536),
         "roulette": Param(bool, False, "from the second bounce on, end paths at random that carry little"),
         "keyframe_rate": Param(float, 30.0, "rate of the states, told to readers in /info", "Hz", 0),
+        "frame_rate": Param(float, 0.0, "rate at which things are seen, to warn of what is too fast; 0 = any", "Hz", 0),
     }
     INPUTS = {"state": Input("/state")}
     OUTPUTS = {
@@ -113,6 +114,7 @@ class RendererNode(Node):
         else:
             self.renderer = Renderer(self.scene, camera, **how)
         self.renderer.prepare(self._wanted())
+        self._warn_of_aliases()
         self._names = [body.name for body in self.scene.bodies]
         self._previous: np.ndarray | None = None
         self._episodes = np.zeros(0, np.int32)
@@ -135,6 +137,13 @@ class RendererNode(Node):
             classes=list(classes),
         )
         self.publish("info", info)
+
+    def _warn_of_aliases(self) -> None:
+        from evis.scene.sampling import undersampled
+
+        if self.params["frame_rate"]:
+            for line in undersampled(self.scene, self.params["frame_rate"]):
+                self.warn(line)
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         state = inputs["state"]
