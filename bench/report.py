@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import importlib
+import importlib.util
 import json
 import os
 import platform
@@ -62,6 +63,8 @@ def run(subjects: Sequence[str], out: Path, quick: bool, say: Callable[[str], No
         started = time.monotonic()
         try:
             module = importlib.import_module(f"bench.{subject}")
+            if hasattr(module, "plot") and importlib.util.find_spec("matplotlib") is None:
+                raise ImportError("its plot needs matplotlib: pip install 'evis[bench]'")
             report["subjects"][subject] = sections = module.measure(quick)
             if hasattr(module, "plot"):
                 report["plots"] += [path.name for path in module.plot(sections, out)]
