@@ -18,8 +18,9 @@ from evis.launch.control import ControlClient, control_address
 from evis.launch.death import die_with_parent
 from evis.plan import Plan
 
-BARRIER_S = 120.0
-"""Longest wait for the other processes: their setup may compile kernels for the first time."""
+BARRIER_S = 1800.0
+"""Longest wait for the other processes [s]: their setup may compile kernels for the first time, minutes on a small
+machine. One that dies meanwhile is the supervisor's to notice."""
 
 
 def _terminate(signum: int, frame: FrameType | None) -> None:

@@ -46,7 +46,7 @@ def test_ready_go_stop_done(server: ControlServer, runtime: Path, monkeypatch: p
         pass
     assert commands == [{"stop": 1}]
     client.done({"nodes": {"a": {"events": 3}}})
-    closing = threading.Thread(target=client.close)
+    closing = threading.Thread(target=client.close, daemon=True)
     closing.start()
     assert until(server, "done")[1]["summary"] == {"nodes": {"a": {"events": 3}}}
     server.send("sensor", {"bye": 1})
@@ -85,7 +85,7 @@ def test_the_last_message_arrives_though_the_sender_closes_at_once(server: Contr
 def test_a_gone_supervisor_does_not_hold_a_process(runtime: Path) -> None:
     client = ControlClient(control_address(str(runtime)), "a")
     client.done({})
-    closing = threading.Thread(target=client.close)
+    closing = threading.Thread(target=client.close, daemon=True)
     closing.start()
     closing.join(60)
     assert not closing.is_alive()
