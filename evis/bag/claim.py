@@ -33,7 +33,9 @@ def claim(path: Path) -> tuple[int, Path | None]:
             fresh.unlink(missing_ok=True)
             raise
         return descriptor, backup
-    except FileNotFoundError:
+    except FileNotFoundError as error:
+        if path.parent.is_dir():
+            raise BagError(f"cannot record to {path}: no file can be made in {path.parent} ({error.strerror})") from None
         raise BagError(f"cannot record to {path}: there is no directory {path.parent}; create it first") from None
     except OSError as error:
         raise BagError(f"cannot record to {path}: {error.strerror}") from None

@@ -40,6 +40,9 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
         kind = reader.topics[name]
         if half and (kind != "Keyframe" or out.suffix):
             raise BagError(f"half is for EXR files of keyframes; {topic} to {out.name} has none")
+        if kind != "Keyframe" and not out.suffix:
+            known = ", ".join(ENDINGS) if kind == "EventPacket" else ".npz or .jsonl"
+            raise BagError(f"{out}: no extension; name it {out.name}.npz (there are {known})")
         if kind == "EventPacket" and out.suffix != ".jsonl":
             result = _events(reader, name, env, out)
         elif kind == "Keyframe" and not out.suffix:

@@ -106,6 +106,19 @@ class PhysicsNode(Node):
         self.first = 0
         """Number of the stamp at which the run's episode began: cameras and actions are counted from it."""
         self.count_all = keyframe_count(round(p["duration"] * NS), p["keyframe_rate"]) if p["duration"] else None
+        if self.count_all is not None:
+            self._say_end(self.count_all - 1)
+
+    def _say_end(self, last: int) -> None:
+        """Warn where the run's last keyframe, of number `last`, comes before its end: what lies between is not simulated."""
+        duration, rate = self.params["duration"], self.params["keyframe_rate"]
+        if last == 0:
+            self.warn(
+                f"a duration of {duration:g} s ends before the second keyframe, at {1 / rate:.4g} s: "
+                "nothing moves, and there are no events; a longer duration or a higher keyframe_rate helps"
+            )
+        elif (end := keyframe_stamp(last, rate)) < round(duration * NS):
+            self.warn(f"the run ends at {end / NS:.6g} s, its last keyframe within {duration:g} s at {rate:g} keyframes a second")
 
     def due(self) -> Mapping[str, int]:
         """The action for the step that starts at the stamp published last, where it is time for one."""

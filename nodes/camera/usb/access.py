@@ -13,7 +13,7 @@ PERMISSION = (
     f"no permission to open it: run `evis camera udev | sudo tee {RULES_FILE}`, then "
     "`sudo udevadm control --reload && sudo udevadm trigger`, and plug it in again"
 )
-NO_LIBUSB = "libusb-1.0 was not found: `pip install evis[usb]` brings it, or install your system's libusb-1.0"
+NO_LIBUSB = "libusb-1.0 was not found: `pip install 'evis[usb]'` brings it, or install your system's libusb-1.0"
 CONTROL_MS = 1000
 """Longest wait for a control request or a command's answer [ms]."""
 
