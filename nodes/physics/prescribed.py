@@ -26,7 +26,9 @@ class PrescribedEngine:
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """The states from the previous stamp to `to_ns`; there is nothing to control."""
-        t = np.concatenate(([self._now], grid_inside(self._now, to_ns, self.scene.timestep_ns), [to_ns]))
+        # Where nothing moves nothing happens at sub-steps.
+        inner = grid_inside(self._now, to_ns, self.scene.timestep_ns) if len(self._states.moving) else ()
+        t = np.array([self._now, *inner, to_ns], np.int64)
         self._now = to_ns
         return self._at(t)
 
