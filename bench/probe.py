@@ -20,6 +20,7 @@ import numpy as np
 
 from bench.probe_cost import FullSize
 from bench.probe_error import MARGIN, Windows
+from bench.probe_overlap import Overlapped
 from bench.probe_setting import REFERENCE_HZ, Grid, Setting, Way
 from bench.probe_trial import Measured
 from bench.world import World
@@ -55,7 +56,7 @@ def probe(setting: Setting, say: Say = lambda line: None) -> Measured:
     moving = (setting.clock() - started) / (end / NS) * setting.envs if setting.scene.dynamic else 0.0
     starts = starts_of(setting, end - length)
     say("costs at full size")
-    full = FullSize(setting, world, starts)
+    full = (Overlapped if setting.on_gpu else FullSize)(setting, world, starts)
     full.measure_keyframes()
     windows, grid = _reference(setting, world, starts, full, say)
     search = Search(setting, grid, full, windows, moving, say)

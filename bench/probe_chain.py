@@ -30,11 +30,14 @@ class Chain:
     On a CPU environments cost the same each, so that one is run; on a GPU all at once.
     """
 
-    def __init__(self, setting: Setting) -> None:
+    def __init__(self, setting: Setting, world: World | None = None) -> None:
+        """world: the scene's motion, if it is known already."""
         self._setting = setting
         self._envs = setting.envs if setting.on_gpu else 1
-        self._world: World | None = None
+        self._world = world
         self._renderers: dict[bool, Any] = {}
+        self._interpolators: dict[tuple[str, int], Interpolator] = {}
+        self._episode = 0
 
     def gaps(self, way: Way, seconds: float) -> int:
         """How many to count in a round of a way that takes so many seconds per simulated second; 0 where the run has
@@ -55,20 +58,34 @@ class Chain:
 
     def seconds(self, way: Way, seconds: float) -> float:
         """Run time of a way [s per simulated s] that was taken to be `seconds`, physics not included."""
-        s, envs = self._setting, self._envs
+        found = [self.gap(way, self.gaps(way, seconds)) for _ in range(self.rounds(way, seconds))]
+        # Trials differ in K, and the frames of many environments are large.
+        self._interpolators.clear()
+        return min(found) * self._rate(way)[0] * self._setting.envs
+
+    def gap(self, way: Way, gaps: int) -> float:
+        """Mean time of a gap [s] of one environment, its keyframe and its events included, over the last ones of the
+        run; the one before them is left out. gaps = 0: of a run's only gap."""
+        s = self._setting
         method, (rate, k) = way[0], self._rate(way)
         if self._world is None:
             self._world = World(s.scene, s.duration_ns, s.seed)
-        camera, samples = s.camera, s.camera.supersampling if method == "rigid" else 1
-        interpolator = make_interpolator(s, s.scene, camera, method, k)
-        margin = s.margin * samples
-        interpolator.rehearse(envs, camera.height * samples + 2 * margin, camera.width * samples + 2 * margin, margin)
-        renderer, gaps = self._renderer(method, samples > 1), self.gaps(way, seconds)
-        first = keyframe_count(s.duration_ns, rate) - 2 - gaps
+        samples = s.camera.supersampling if method == "rigid" else 1
+        renderer, interpolator = self._renderer(method, samples > 1), self._interpolator(method, k, samples)
+        first = keyframe_count(int(self._world.t[-1]), rate) - 2 - gaps
         stamps = [keyframe_stamp(first + n, rate) for n in range(gaps + 2)]
-        given = renderer, interpolator, NEEDS[method], margin, stamps
-        found = [self._round(*given, episode) for episode in range(self.rounds(way, seconds))]
-        return min(found) * rate * s.envs / envs
+        self._episode += 1
+        took = self._round(renderer, interpolator, NEEDS[method], s.margin * samples, stamps, self._episode)
+        return float(np.mean(took[min(gaps, 1) + 1 :])) / self._envs
+
+    def _interpolator(self, method: str, k: int, samples: int) -> Interpolator:
+        """One that has everything: what is made in the first gap is no part of a run's cost."""
+        if (method, k) not in self._interpolators:
+            s, margin = self._setting, self._setting.margin * samples
+            made = self._interpolators[method, k] = make_interpolator(s, s.scene, s.camera, method, k)
+            size = (s.camera.height * samples + 2 * margin, s.camera.width * samples + 2 * margin)
+            made.rehearse(self._envs, *size, margin)
+        return self._interpolators[method, k]
 
     def _round(
         self,
@@ -78,8 +95,8 @@ class Chain:
         margin: int,
         stamps: list[int],
         episode: int,
-    ) -> float:
-        """Mean time of a gap [s] between keyframes at these stamps, but for the first one."""
+    ) -> list[float]:
+        """Times [s] of the keyframes at these stamps, all but the first one with the gap before it."""
         s, envs, world = self._setting, self._envs, self._world
         assert world is not None
         sensor = EventSensor(s.camera.height, s.camera.width, envs, device=s.device, **s.sensor)
@@ -100,7 +117,7 @@ class Chain:
             sensor.process(frames, t, episodes)
             took.append(s.clock() - began)
             last = stamp
-        return float(np.mean(took[2:]))
+        return took
 
     def _rate(self, way: Way) -> tuple[float, int]:
         """Keyframes per second and K; dense rendering has a keyframe for every frame."""

@@ -46,7 +46,8 @@ class GapCost:
 class FullSize:
     """What keyframes, sub-frames and the sensor's frames cost at the true size, and where in the image events are.
 
-    On a CPU environments cost the same each, so that one is measured; on a GPU all at once.
+    Stages are timed one by one, as on a CPU they follow each other. There environments cost the same each, so that one
+    is measured; on a GPU all at once (`probe_overlap`).
     """
 
     def __init__(self, setting: Setting, world: World, starts: list[int]) -> None:
@@ -96,12 +97,19 @@ class FullSize:
                 # The first drawing places what stands still.
                 took.append(min(times[1:]))
             self.keyframe[method] = float(np.mean(took)) / self._envs
-        again = self._starts[-1:] * (3 + self._more)
-        self.pass_on = min(self._push(self._interpolator("none", 1), "none", again, STEP_NS, 0))
-        self.pass_on /= self._envs
-        self._measure_sensor(frames)
+        pairs = list(zip(frames[::2], frames[1::2], strict=True))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            changes = (np.abs(np.log(after[0]) - np.log(before[0])) for before, after in pairs)
+            self._changes = [np.nan_to_num(change, nan=0.0, posinf=0.0) for change in changes]
+        self._measure_others(pairs)
 
-    def _measure_sensor(self, frames: list[np.ndarray]) -> None:
+    def _measure_others(self, pairs: list[tuple[np.ndarray, np.ndarray]]) -> None:
+        """What dense rendering costs beside its keyframes. pairs: frames [E, h, w] a step apart."""
+        again = self._starts[-1:] * 3
+        self.pass_on = min(self._push(self._interpolator("none", 1), "none", again, STEP_NS, 0)) / self._envs
+        self._measure_sensor(pairs)
+
+    def _measure_sensor(self, pairs: list[tuple[np.ndarray, np.ndarray]]) -> None:
         """Cost of a call, of a frame, and of the events per simulated second: a change has as many of them in one frame
         as in several."""
         s, envs = self._setting, self._envs
@@ -113,17 +121,13 @@ class FullSize:
             nonlocal stamp
             t = stamp + STEP_NS * np.arange(1, given.shape[1] + 1)
             stamp = int(t[-1])
-            frames: Any = wp.array(given, dtype=wp.float32, device=s.device) if s.on_gpu else given
             began = s.clock()
-            sensor.process(frames, t, episodes)
+            sensor.process(given, t, episodes)
             return s.clock() - began
 
         still, busy, step = [], [], []
-        for n, (before, after) in enumerate(zip(frames[::2], frames[1::2], strict=True)):
+        for n, (before, after) in enumerate(pairs):
             episodes = np.full(envs, n, np.int32)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                change = np.abs(np.log(after[0]) - np.log(before[0]))
-            self._changes.append(np.nan_to_num(change, nan=0.0, posinf=0.0))
             there = np.stack([before + share * (after - before) for share in SHARES], 1)
             back = np.stack([after + share * (before - after) for share in SHARES], 1)
             # There and back first: memory for the events is found.
@@ -136,12 +140,8 @@ class FullSize:
         call = max(one - (many - one) / (len(SAME[1]) - 1), 0.0)
         self.call, jump = call, float(np.mean(step)) / envs
         self.sense = max(float(np.mean(busy)) / envs - jump, 0.0) / (len(SHARES) - 1)
-        if s.on_gpu:
-            # Events of a gap are read at once, and that there are some counts for more than how many.
-            self.call = max(jump - self.sense, 0.0)
-        else:
-            # What changes in a millisecond.
-            self.events = max(jump - call - self.sense, 0.0) * 1000
+        # What changes in a millisecond.
+        self.events = max(jump - call - self.sense, 0.0) * 1000
 
     def measure_gap(self, method: str, rate: float) -> None:
         """Sets `gaps` of a method and keyframe rate [Hz]."""
@@ -170,17 +170,23 @@ class FullSize:
         return GAP_FRAMES if samples * GAP_FRAMES[1] <= MOST_SAMPLES else GAP_FRAMES[:1]
 
     def seconds(self, way: Way) -> float | None:
-        """Run time per simulated second of one environment, physics not included; None as long as it is not known.
-
-        A keyframe rate that was not measured costs what lies between those of the method that were, frame by frame,
-        or what the nearest one does.
-        """
+        """Run time per simulated second of one environment, physics not included; None as long as it is not known."""
         method, rate, k = way
         frames = rate * k
         keyframes = frames if method == "none" else rate
         seconds = keyframes * (self.keyframe[method] + self.call) + frames * self.sense + self.events
         if method == "none":
             return seconds + frames * self.pass_on
+        gaps = self._of_gaps(way)
+        return None if gaps is None else seconds + gaps
+
+    def _of_gaps(self, way: Way) -> float | None:
+        """What gaps alone cost per simulated second; None as long as it is not known.
+
+        A keyframe rate that was not measured costs what lies between those of the method that were, frame by frame,
+        or what the nearest one does.
+        """
+        method, rate, k = way
         known = sorted(r for m, r in self.gaps if m == method)
         if not known:
             return None
@@ -189,7 +195,7 @@ class FullSize:
             float(np.interp(np.log(rate), at, values))
             for values in zip(*((g.fixed, g.frame) for g in (self.gaps[method, r] for r in known)))
         )
-        return seconds + rate * (fixed + k * frame)
+        return rate * (fixed + k * frame)
 
     def cuts(self, size: tuple[int, int], count: int) -> list[tuple[int, int, int, int]]:
         """Left, top, width and height of so many cut-outs no larger than `size`, side by side where the change is: each
@@ -238,7 +244,7 @@ class FullSize:
         # The last window first: in the first one things may still be at rest.
         for n, start in enumerate(self._starts[::-1][: 1 if self._slow else None]):
             start = min(start, end - gap)
-            times = [start, start + gap, start] + [start + gap, start] * (self._more // 2)
+            times = [start, start + gap, start]
             found.append(min(self._push(interpolator, method, times, gap, round(rate * 1000) + n)))
         return float(np.mean(found)) / self._envs
 
