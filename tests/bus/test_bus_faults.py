@@ -66,7 +66,7 @@ def test_a_killed_publisher_is_noticed_and_leaves_no_memory(context, endpoints, 
     os.kill(sender.hear(), signal.SIGKILL)
     with pytest.raises(PeerLost, match="renderer"):
         wait_for(lambda: subscriber.receive(20) or subscriber.raise_if_publisher_lost())
-    assert set(os.listdir("/dev/shm")) - before == set()
+    wait_for(lambda: not set(os.listdir("/dev/shm")) - before)  # other programs come and go there
     assert np.array_equal(second.depth, image(1))  # the pages live as long as somebody looks at them
     second.release()
     subscriber.close()
