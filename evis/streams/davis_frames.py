@@ -105,20 +105,30 @@ def _region(words: np.ndarray, width: int, height: int) -> tuple[int, int, int, 
     return (x0, y0, x1 + 1 - x0, y1 + 1 - y0) if x0 <= x1 < width and y0 <= y1 < height else None
 
 
-def frame_blocks(frame: Frame, width: int, height: int) -> list[tuple[int, np.ndarray]]:
-    """(time [us], words) of a frame: start and region, exposure, then all columns at its end. Raises ValueError.
-
-    The reset level is 1023 everywhere; pixels are cut to 10 bits.
-    """
+def check_frame(frame: Frame, width: int, height: int) -> None:
+    """Raise ValueError for a frame that a DAVIS of this size cannot send."""
     if frame.pixels.ndim != 2 or frame.pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError("a DAVIS frame must be grey, uint8 or uint16 [h, w]")
     h, w = frame.pixels.shape
     if not (h and w and 0 <= frame.x0 <= width - w and 0 <= frame.y0 <= height - h):
         raise ValueError(f"a frame of {w}x{h} at {frame.x0}, {frame.y0} is not inside the sensor's {width}x{height}")
-    end_ns = frame.end_ns or frame.exposure_end_ns
-    times = [frame.t_ns, frame.exposure_start_ns, frame.exposure_end_ns, end_ns]
+    times = _times(frame)
     if sorted(times) != times:
         raise ValueError("a frame's times must not run back: start, exposure's start, exposure's end, end of readout")
+
+
+def _times(frame: Frame) -> list[int]:
+    return [frame.t_ns, frame.exposure_start_ns, frame.exposure_end_ns, frame.end_ns or frame.exposure_end_ns]
+
+
+def frame_blocks(frame: Frame, width: int, height: int) -> list[tuple[int, np.ndarray]]:
+    """(time [us], words) of a frame: start and region, exposure, then all columns at its end. Raises ValueError.
+
+    The reset level is 1023 everywhere; pixels are cut to 10 bits.
+    """
+    check_frame(frame, width, height)
+    h, w = frame.pixels.shape
+    times = _times(frame)
     corners = np.array([frame.x0, frame.y0, frame.x0 + w - 1, frame.y0 + h - 1])
     region = np.stack([0x5100 | corners >> 8, 0x5200 | corners & 0xFF], axis=1).reshape(-1)
     value = (

@@ -12,6 +12,32 @@ def time_of(loop: wp.int64, high: wp.int64):
     return (loop << wp.int64(34)) + (high << wp.int64(6))
 
 
+@wp.func
+def turns_of(loop: wp.int64, high: wp.int64, newest: wp.int64):
+    """Turns of the 28 bits when TIME_HIGH `newest` follows `high`."""
+    if high >= newest + (wp.int64(1) << wp.int64(27)) and loop < wp.int64(262144):
+        return loop + wp.int64(1)
+    return loop
+
+
+@wp.func
+def low_of(head: wp.uint32):
+    """Low part of the time [us]."""
+    return wp.int64((head >> wp.uint32(22)) & wp.uint32(63))
+
+
+@wp.func
+def column_of(head: wp.uint32):
+    """The pixel's column, or that of the first of a vector."""
+    return int((head >> wp.uint32(11)) & wp.uint32(0x7FF))
+
+
+@wp.func
+def row_of(head: wp.uint32):
+    """The pixel's row."""
+    return int(head & wp.uint32(0x7FF))
+
+
 def make_decode(vectors: bool) -> wp.Kernel:
     """vectors: EVT2.1, whose 64-bit words are an EVT2 word above a mask of 32 pixels; else EVT2."""
     word_type = wp.uint64 if vectors else wp.uint32
@@ -61,14 +87,14 @@ def make_decode(vectors: bool) -> wp.Kernel:
             elif kind < 2:
                 if n > last:
                     break
-                now = base + wp.int64((head >> wp.uint32(22)) & wp.uint32(63))
+                now = base + low_of(head)
                 if now > limit_us:
                     next_us = now
                     break
                 first = n
                 if wp.static(vectors):
-                    column = int((head >> wp.uint32(11)) & wp.uint32(0x7FF))
-                    row = int(head & wp.uint32(0x7FF))
+                    column = column_of(head)
+                    row = row_of(head)
                     mask = wp.uint32(words[i] & wp.uint64(0xFFFFFFFF))
                     n = put_mask(n, now * wp.int64(1000), column, row, wp.uint8(kind), mask, to)
                     if row >= rows or column + 32 > columns:
@@ -88,14 +114,13 @@ def make_decode(vectors: bool) -> wp.Kernel:
                 if timed == wp.int64(0):
                     high = newest
                 timed = wp.int64(1)
-                if high >= newest + (wp.int64(1) << wp.int64(27)) and loop < wp.int64(262144):
-                    loop += wp.int64(1)
+                loop = turns_of(loop, high, newest)
                 high = newest
                 base = time_of(loop, high)
             elif kind == 10:
                 if m >= last_trigger:
                     break
-                now = base + wp.int64((head >> wp.uint32(22)) & wp.uint32(63))
+                now = base + low_of(head)
                 if now > limit_us:
                     next_us = now
                     break

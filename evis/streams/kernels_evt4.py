@@ -2,15 +2,9 @@
 
 import warp as wp
 
-from evis.streams.kernels_evt2 import time_of
+from evis.streams.kernels_evt2 import column_of, low_of, row_of, time_of, turns_of
 from evis.streams.kernels_runs import keep_inside, put_mask
 from evis.streams.kernels_writing import Sink, bound_of, put_event, put_trigger, report
-
-
-@wp.func
-def low_of(word: wp.uint32):
-    """Low part of the time [us]."""
-    return wp.int64((word >> wp.uint32(22)) & wp.uint32(63))
 
 
 @wp.kernel(module="unique", enable_backward=False)
@@ -48,8 +42,8 @@ def decode_evt4(
         head = wp.where(opened != wp.uint32(0), opened, word)
         kind = int(head >> wp.uint32(28))
         now = base + low_of(head)
-        column = int((head >> wp.uint32(11)) & wp.uint32(0x7FF))
-        row = int(head & wp.uint32(0x7FF))
+        column = column_of(head)
+        row = row_of(head)
         if timed <= wp.int64(0) and kind != 14:
             if opened != wp.uint32(0):
                 opened = wp.uint32(0)
@@ -85,8 +79,7 @@ def decode_evt4(
             if timed == wp.int64(0):
                 high = newest
             timed = wp.int64(1)
-            if high >= newest + (wp.int64(1) << wp.int64(27)) and loop < wp.int64(262144):
-                loop += wp.int64(1)
+            loop = turns_of(loop, high, newest)
             high = newest
             base = time_of(loop, high)
         elif kind == 9:

@@ -210,6 +210,8 @@ def open_recording(
     bags = _bags_in(path) if path.is_dir() else []
     if bags:
         path = bags[0]
+    if path.is_fifo():
+        raise RecordingError(f"{path}: a pipe; recordings are read at more than one place: save it to a file first")
     if not path.is_file():
         raise RecordingError(f"{path}: not a file")
     if size is not None and not (0 < size[0] <= 65535 and 0 < size[1] <= 65535):

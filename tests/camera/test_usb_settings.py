@@ -222,5 +222,6 @@ def test_udev_rules_name_every_camera():
     pairs = {ids for m in MODELS.values() for ids in m.ids}
     for vendor, product in pairs:
         assert f'ATTR{{idVendor}}=="{vendor:04x}", ATTR{{idProduct}}=="{product:04x}"' in text
-    assert text.count("SUBSYSTEM") == len(pairs) and 'TAG+="uaccess"' in text
+    assert text.count("SUBSYSTEM") == len(pairs) == text.count('TAG+="uaccess"')
+    assert text.count('MODE="0660"') == len(pairs)  # the group may write, or nobody but root opens it
     assert np.all([line.startswith(("#", "SUBSYSTEM")) for line in text.splitlines()])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 
+import lz4.frame
 import numpy as np
 import pytest
 from file_cases import save, small_events
@@ -80,7 +81,7 @@ def packed(compression: str) -> bytes:
     data = header(STREAMS, 1 if compression else 0)
     for stream, body in packets:
         if compression:
-            body = pytest.importorskip("lz4.frame").compress(body)
+            body = lz4.frame.compress(body)
         data += struct.pack("<ii", stream, len(body)) + body
     return data
 
@@ -107,6 +108,42 @@ def test_one_camera_of_two(compression, tmp_path):
     np.testing.assert_array_equal(got.t, RIGHT.t)
     np.testing.assert_array_equal(got.triggers.t, [v * 1000 for i in range(4) for v in (1000 * i, 1000 * i + 1)])
     assert got.triggers.value.tolist() == [0, 1] * 4 and len(got.imu) == 4
+
+
+def frame(*fields: tuple[str, int]) -> bytes:
+    """A frame of 3 x 2 grey pixels; fields: code and value of t, readout start and end, exposure start and end."""
+    numbers = [*fields, ("b", 0), ("h", 3), ("h", 2), ("h", 4), ("h", 5)]
+    data, places = b"", []
+    for code, value in numbers:
+        places.append(4 + len(data) if value else 0)
+        data += struct.pack("<" + code, value) if value else b""
+    places.append(4 + len(data))
+    vtable = struct.pack("<13H", 26, 8 + len(data), *places)
+    vector = struct.pack("<II", 4, 6) + bytes(range(6))
+    body = struct.pack("<I4s", 8 + len(vtable), b"FRME") + vtable + struct.pack("<i", len(vtable)) + data + vector
+    return struct.pack("<I", len(body)) + body
+
+
+@pytest.mark.parametrize(
+    ("times", "want"),
+    [
+        ((500, 400, 900, 450, 480), (400, 450, 480, 900)),
+        ((500, 0, 0, 500, 800), (500, 500, 800, 800)),
+        ((500, 0, 0, 300, 350), (300, 300, 350, 500)),
+        ((500, 0, 0, 0, 0), (500, 500, 500, 500)),
+    ],
+)
+def test_times_of_frames(times, want, tmp_path):
+    """Start, exposure and end never run back, whichever of them the writer left out."""
+    body = frame(*(("q", v) for v in times))
+    streams = [STREAMS[0], {"typeIdentifier": "FRME", "source": "A_1"}]
+    data = header(streams, 0) + struct.pack("<ii", 1, len(body)) + body
+    with open_recording(save(tmp_path / "a.aedat4", data)) as recording:
+        (found,) = recording.read().frames
+        assert not recording.counters()
+    assert (found.t_ns, found.exposure_start_ns, found.exposure_end_ns, found.end_ns) == tuple(1000 * v for v in want)
+    np.testing.assert_array_equal(found.pixels, np.arange(6).reshape(2, 3))
+    assert (found.x0, found.y0) == (4, 5)
 
 
 def test_a_name_of_two_streams_is_none(tmp_path):

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import signal
+import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -241,3 +245,55 @@ def test_help_has_examples(capsys):
             parse(action, "--help")
         assert end.value.code == 0
         assert f"evis events {action}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_conversion_leaves_nothing(number, tmp_path):
+    """However it is ended; the file would take hours."""
+    whole = tmp_path / "a.dat"
+    whole.write_bytes(b"% Data file containing CD events.\n% Version 2\n% Height 480\n% Width 640\n\x0c\x08")
+    os.truncate(whole, 40 << 30)  # takes no room on the disk
+    done = subprocess.Popen(
+        [sys.executable, "-m", "evis.cli", "events", "convert", whole, tmp_path / "a.csv"],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    limit = time.monotonic() + 60
+    while len(list(tmp_path.iterdir())) < 2 and done.poll() is None and time.monotonic() < limit:
+        time.sleep(0.01)
+    assert len(list(tmp_path.iterdir())) == 2
+    done.send_signal(number)
+    _, told = done.communicate(timeout=60)
+    assert done.returncode == 1 and told == "evis events: interrupted\n"
+    assert list(tmp_path.iterdir()) == [whole]
+
+
+@pytest.mark.parametrize(("suffix", "said"), [(".csv", True), (".txt", True), (".dat", False)])
+def test_the_size_that_text_has_not(suffix, said, capsys, tmp_path):
+    """Is told when it is left out, with the option that gives it back."""
+    with open_writer(tmp_path / "a.raw", 640, 480) as writer:
+        writer.write(random_events(1, 50))
+    result = call(capsys, "convert", tmp_path / "a.raw", tmp_path / f"b{suffix}")
+    assert any("say --size 640x480" in w for w in result.get("warnings", [])) == said
+    info = call(capsys, "info", tmp_path / f"b{suffix}", "--size", "640x480")
+    assert (info["width"], info["height"], info["events"]) == (640, 480, 50)
+
+
+def test_options_with_the_underscore_of_launch(capsys):
+    """`refractory_us` is the parameter's name everywhere else."""
+    given = parse("simulate", "a.npz", "b.npz", "--refractory_us", "1", "--hot_pixel_rate=2")
+    assert given.refractory_us == "1"
+    with pytest.raises(SystemExit):
+        parse("simulate", "a.npz", "b.npz", "--refractory_ms", "1")
+    assert "no option '--refractory_ms'; did you mean '--refractory-us'?" in capsys.readouterr().err
+
+
+def test_simulate_tells_of_samples_without_a_logarithm(capsys, tmp_path):
+    """Black pixels of an archive are skipped, and what to do about them is said."""
+    frames = np.full((4, 6, 8), 0.5, np.float32)
+    frames[:, 0] = 0.0
+    np.savez(tmp_path / "f.npz", luminance=frames, t=np.arange(4) * 1_000_000)
+    result = call(capsys, "simulate", tmp_path / "f.npz", tmp_path / "o.npz")
+    assert result["nonfinite"] == 4 * 8 and "try --dark-level" in result["warnings"][0]
+    result = call(capsys, "simulate", tmp_path / "f.npz", tmp_path / "o.npz", "--dark_level", "0.01")
+    assert "warnings" not in result and "nonfinite" not in result

@@ -9,6 +9,7 @@ import lzma
 import struct
 import zipfile
 
+import h5py
 import numpy as np
 import pytest
 from file_cases import aedat3_packet, event_packet, mono, save, small_events
@@ -252,7 +253,6 @@ H5_SIZES = {"e2vid": (34, 34), "eds": (640, 480), "sides beside the events": (12
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_hdf5_of_other_programs(name, tmp_path):
     """Columns under other names, at the root, in ns; records anywhere."""
-    h5py = pytest.importorskip("h5py")
     build, layout = LAYOUTS[name]
     with h5py.File(tmp_path / "a.h5", "w") as file:
         build(file)
@@ -265,7 +265,6 @@ def test_hdf5_of_other_programs(name, tmp_path):
 
 def test_hdf5_times_that_change_their_kind(tmp_path):
     """Whole us, and then fractions: nobody knows what they are."""
-    h5py = pytest.importorskip("h5py")
     with h5py.File(tmp_path / "a.h5", "w") as file:
         for name, values in zip("txyp", (np.arange(9000.0), np.ones(9000), np.ones(9000), np.ones(9000))):
             file[name] = values

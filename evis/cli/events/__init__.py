@@ -6,6 +6,10 @@ import argparse
 import difflib
 import importlib
 import json
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from evis.cli.parser import Parser
@@ -21,17 +25,23 @@ EXAMPLES = {
 
 
 class ActionParser(Parser):
-    """Names the nearest option to one that does not exist."""
+    """Takes _ for - in names of options, as launch has it, and names the nearest to one that does not exist."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """As argparse's; an unknown option is an error here already."""
-        result, rest = super().parse_known_args(args, namespace)
+        spelled = None if args is None else [self._spelled(word) for word in args]
+        result, rest = super().parse_known_args(spelled, namespace)
         for word in rest:
             if word.startswith("--"):
                 name = word.partition("=")[0]
                 near = difflib.get_close_matches(name, self._option_string_actions, n=1)
                 self.error(f"no option '{name}'" + (f"; did you mean '{near[0]}'?" if near else ""))
         return result, rest
+
+    def _spelled(self, word: str) -> str:
+        name, equals, value = word.partition("=")
+        hyphened = name.replace("_", "-")
+        return hyphened + equals + value if word.startswith("--") and hyphened in self._option_string_actions else word
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,7 +60,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Do it. Raises ValueError or OSError with one line for a person."""
     module = _module(args.action)
-    result: dict[str, Any] = module.run(args)
+    with _ended_as_interrupted():
+        result: dict[str, Any] = module.run(args)
     if args.json:
         print(json.dumps(result))
         return 0
@@ -59,6 +70,23 @@ def run(args: argparse.Namespace) -> int:
     for name, value in result.items():
         print(f"{name:{width}}  {_shown(value)}")
     return 0
+
+
+@contextmanager
+def _ended_as_interrupted() -> Iterator[None]:
+    """SIGTERM ends as Ctrl-C does: nothing half written is left behind."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _shown(value: Any) -> str:

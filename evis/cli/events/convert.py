@@ -62,7 +62,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     result |= {name: n for name, n in counts.items() if n}
     if about.truncated:
         result["truncated"] = True
-    return result | ({"warnings": about.warnings} if about.warnings else {})
+    warnings = list(about.warnings)
+    if args.out.lower().endswith((".csv", ".txt")) and about.geometry_from != "events":
+        warnings.append(f"text has no sensor size; say --size {about.width}x{about.height} to what reads it")
+    return result | ({"warnings": warnings} if warnings else {})
 
 
 def _shift(events: Events, ns: int) -> None:

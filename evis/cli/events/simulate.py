@@ -173,7 +173,8 @@ class _Tally:
         kept = {"times_rounded_to_us": self._rounded, "colour_left_out": self._colourless}
         result |= {name: n for name, n in kept.items() if n} | counts
         warnings = []
-        if counts.get("nonfinite") and source.kind in ("png", "video") and not simulation.parameters["dark_level"]:
-            level = 0.01 * source.about["white"]
-            warnings.append(f"black samples have no logarithm and were skipped; try --dark-level {level:g}")
+        if counts.get("nonfinite") and not simulation.parameters["dark_level"]:
+            level = f" {0.01 * source.about['white']:g}" if "white" in source.about else ""
+            which = "black samples have" if level else "samples that are 0, negative or not finite have"
+            warnings.append(f"{which} no logarithm and were skipped; try --dark-level{level}")
         return result | ({"warnings": warnings} if warnings else {})

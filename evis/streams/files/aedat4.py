@@ -16,7 +16,7 @@ from evis.streams.events import Events
 from evis.streams.files.aedat4_packets import KINDS, Packets
 from evis.streams.files.blocks import BlockRecording, take_size
 from evis.streams.files.flat import Table
-from evis.streams.files.inflate import DamagedError, MissingError, inflate
+from evis.streams.files.inflate import DamagedError, inflate
 from evis.streams.recording import OpenOptions, RecordingError, RecordingInfo
 
 NAME = "AEDAT 1.0, 2.0, 3.1 and 4"
@@ -221,8 +221,6 @@ class Aedat4Recording(BlockRecording):
         except DamagedError as error:
             if not packet.cut:
                 self._damaged(packet.at, str(error))
-        except MissingError as error:
-            raise RecordingError(f"{self._path}: {error}") from None
 
     def _load_from(self, t_ns: int) -> Iterator[Events]:
         """By the table of packets at the end of the file; without it from the start."""

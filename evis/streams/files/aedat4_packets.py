@@ -84,7 +84,11 @@ def _frame(frame: Table) -> Frame:
         raise DamagedError(f"a frame of {width}x{height} with {len(values)} bytes")
     pixels = values.view(dtype).reshape(height, width, channels)[..., _RGB[channels]]
     pixels = pixels[..., 0] if channels == 1 else pixels
-    return Frame(start or t, pixels, exposed or t, closed or t, frame.integer(8, "h"), frame.integer(9, "h"), end or t)
+    # newer writers tell the exposure alone; the readout then has no length of its own
+    exposed = exposed or t
+    closed = closed or exposed + frame.integer(11, "q") * 1000
+    start, end = start or min(t, exposed), end or max(t, closed)
+    return Frame(start, pixels, exposed, closed, frame.integer(8, "h"), frame.integer(9, "h"), end)
 
 
 def _imu(parts: list[Rows]) -> Imu:

@@ -108,10 +108,8 @@ def _squeezer(compression: str, path: str):  # type: ignore[no-untyped-def]
         import zstandard
 
         return zstandard.ZstdCompressor(level=1).compress
-    try:
-        import lz4.frame
-    except ImportError:
-        raise RecordingError(f"{path}: LZ4 needs the package lz4: pip install 'evis[files]'") from None
+    import lz4.frame
+
     return lz4.frame.compress
 
 

@@ -172,14 +172,13 @@ def _masked(data: bytes, at: int, n: int) -> tuple[np.ndarray, np.ndarray, int]:
 
 
 def _launch(data: bytes, n: int, t0: int, yxp: bool, xp: bool) -> Columns:
-    from evis.streams.files import kernels
+    from evis.streams.files.kernels import run
+    from evis.streams.files.kernels_ecf import decode_ecf
 
-    # four more than n: packed events come in fours
+    # five more than n: packed events come in fours, masked columns in up to six
     t, x, y, p = (np.zeros(n + 5, d) for d in (np.int64, np.uint16, np.uint16, np.uint8))
     out = np.zeros(1, np.int64)
-    kernels.run(
-        kernels.decode_ecf, [np.frombuffer(data, np.uint8), n, np.int64(t0), int(yxp), int(xp)], [out, t, x, y, p]
-    )
+    run(decode_ecf, [np.frombuffer(data, np.uint8), n, np.int64(t0), int(yxp), int(xp)], [out, t, x, y, p])
     if out[0]:
         raise DamagedError("an ECF chunk is damaged (it ends early)")
     return t[:n], x[:n], y[:n], p[:n]

@@ -47,7 +47,7 @@ class Hdf5Recording(BlockRecording):
         self._path, self._done = path, 0
         self.info = RecordingInfo(str(path), "hdf5", "", 0, 0, "", path.stat().st_size)
         self._file = self._open()
-        from evis.streams.files.hdf5_layouts import find_layout  # needs h5py, which is there now
+        from evis.streams.files.hdf5_layouts import find_layout
 
         try:
             with self._named(self._cut()):
@@ -65,10 +65,8 @@ class Hdf5Recording(BlockRecording):
         super().__init__()
 
     def _open(self) -> h5py.File:
-        try:
-            import h5py
-        except ImportError:
-            raise RecordingError(f"{self._path}: HDF5 files need the package h5py: pip install 'evis[files]'") from None
+        import h5py
+
         stored = end_of_file(self._path)
         if stored > self.info.size_bytes:
             self.info.truncated = True
@@ -285,8 +283,8 @@ def open_file(path: Path, options: OpenOptions) -> Hdf5Recording:
     The library checks little and can hang or crash on a damaged file: what may is first done in a process of its own,
     all of the reading for files up to 1 MB, opening and the first and last events for larger ones.
     """
-    with contextlib.suppress(ImportError):
-        import evis.streams.files.hdf5_layouts  # noqa: F401 (imported once, here, and not in the trial too)
+    import evis.streams.files.hdf5_layouts  # noqa: F401 (imported once, here, and not in the trial too)
+
     if end := fate(lambda: _try(path, options)):
         raise RecordingError(f"{path}: damaged HDF5 file: its library {end} on it; no event can be read")
     return Hdf5Recording(path, options)

@@ -31,10 +31,8 @@ class Hdf5Writer(Writer):
 
     def __init__(self, path: str | os.PathLike[str], width: int, height: int, plain: bool) -> None:
         super().__init__(path)
-        try:
-            import h5py
-        except ImportError:
-            raise RecordingError(f"{path}: HDF5 files need the package h5py: pip install 'evis[files]'") from None
+        import h5py
+
         self._file: Any = h5py.File(self.partial, "w", libver=("earliest", "v110"), track_order=False)
         self._file.attrs["version"], self._file.attrs["geometry"] = "1.0", f"{width}x{height}"
         creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)

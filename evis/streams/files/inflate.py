@@ -14,10 +14,6 @@ class DamagedError(ValueError):
     """A packet or chunk that cannot be unpacked or read. `partial`: what came out before, where that was asked for."""
 
 
-class MissingError(ValueError):
-    """A compression whose library is not installed; the text names the remedy."""
-
-
 def inflate(kind: str, data: bytes | memoryview, limit: int = LIMIT, partial: bool = False) -> bytes:
     """Unpack `data`. kind: "" or none, lz4 (frame format), zstd, bz2.
 
@@ -53,10 +49,6 @@ def _unpacker(kind: str) -> Any:
         return _zstd
     if kind != "lz4":
         raise DamagedError(f"its compression '{kind[:20]}' is not known")
-    try:
-        import lz4.frame  # noqa: F401
-    except ImportError:
-        raise MissingError("LZ4 data need the package lz4: pip install 'evis[files]'") from None
     return _lz4
 
 

@@ -150,7 +150,9 @@ class NpyRecording(BlockRecording):
         if self._unit < 10**9 and t.dtype.kind in "iu":
             return t.astype(np.int64) * self._unit
         seconds = t.astype(np.float64) if self._unit == 10**9 else t.astype(np.float64) / 1e6
-        if not (np.isfinite(seconds).all() and (np.abs(seconds) < 9e9).all()):
+        if not np.isfinite(seconds).all():
+            raise RecordingError(f"{self._path}: a time is not finite")
+        if not (np.abs(seconds) < 9e9).all():
             raise RecordingError(f"{self._path}: times that are no {self.info.encoding.removeprefix('t in ')}")
         return t.astype(np.int64) * self._unit if self._unit < 10**9 else seconds_in_ns(seconds)
 

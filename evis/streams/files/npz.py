@@ -157,8 +157,10 @@ class NpzRecording(BlockRecording):
             return values.astype(np.uint16)
         if name != "t" or self._unit == "ns":
             return values
+        if not np.isfinite(values).all():
+            raise RecordingError(f"{self._path}: {self._names['t']} holds a value that is not finite")
         most = 9e15 if self._unit == "us" else 9e9
-        if not (np.isfinite(values).all() and (np.abs(values.astype(np.float64)) < most).all()):
+        if not (np.abs(values.astype(np.float64)) < most).all():
             raise RecordingError(f"{self._path}: {self._names['t']} has times that are no {self._unit}")
         if self._unit == "us" and (values.dtype.kind != "f" or (values == np.floor(values)).all()):
             return values.astype(np.int64) * 1000

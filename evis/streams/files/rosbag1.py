@@ -7,7 +7,7 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
-from evis.streams.files.inflate import DamagedError, MissingError, inflate
+from evis.streams.files.inflate import DamagedError, inflate
 from evis.streams.files.ros_messages import plain_type
 from evis.streams.files.ros_recording import BagMessage, RosRecording
 from evis.streams.recording import OpenOptions, RecordingError, RecordingInfo
@@ -107,8 +107,6 @@ class Rosbag1Recording(RosRecording):
                     self.count("chunks_damaged")
                     self.info.warn(f"the chunk at byte {start} was left out: {error}")
                     continue
-                except MissingError as error:
-                    raise RecordingError(f"{self._path}: {error}") from None
                 yield from self._walk(memoryview(data), cut)
             elif op in (MESSAGE, CONNECTION) and size <= _MAX_DATA:
                 yield from self._record(op, fields, memoryview(self._read(start, size)), cut)

@@ -1,4 +1,7 @@
-"""Events as text, written only: `.csv` with a header line and times in ns, `.txt` as `t x y p` with t in seconds."""
+"""Events as text, written only: `.csv` with a header line and times in ns, `.txt` as `t x y p` with t in seconds.
+
+Neither has the sensor's size: a line before the events would be one too many for most programs that read such files.
+"""
 
 from __future__ import annotations
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections import Counter
 
 import numpy as np
 
+from evis.streams.davis_frames import check_frame
 from evis.streams.dvxplorer_mini_imu import MiniImu
 from evis.streams.encoder import encoder_for
-from evis.streams.events import Events, Triggers
+from evis.streams.events import Events, Frame, Triggers
 from nodes.camera.usb.models import Model
 
 UNORDERED = ("evt2", "evt21", "evt3")
@@ -27,14 +29,15 @@ class Reencoder:
 
     Times become whole us, as sensors count. shift_ns is subtracted first. counts: triggers of channels that the model
     lacks, marks of a frame's readout and exposure (its own words say them), frames and inertial samples of models
-    without them, events put in order of time for wires that run forward. source: format of the recording.
+    without them, frames in colour or during another, events put in order of time for wires that run forward. source:
+    format of the recording.
     """
 
     def __init__(self, model: Model, shift_ns: int = 0, source: str = "") -> None:
         self.model, self._shift = model, shift_ns
         self._marks = FRAME_MARKS.get(source, ())
         self._encoder = encoder_for(model.encoding)
-        self._last_us = -1
+        self._last_us = self._readout_end = -1
         self._beside: list[bytes] = []
         self.counts: Counter[str] = Counter()
 
@@ -65,9 +68,10 @@ class Reencoder:
         if not keep.all():
             self.counts["triggers_left_out"] += int((~keep).sum())
             edges = Triggers(edges.t[keep], edges.id[keep], edges.value[keep])
-        if frames and self.model.encoding != "davis346":
-            self.counts["frames_left_out"] += len(frames)
-            frames = []
+        if frames:
+            kept = self._sendable(frames) if self.model.encoding == "davis346" else []
+            self.counts["frames_left_out"] += len(frames) - len(kept)
+            frames = kept
         if len(imu) and self.model.encoding not in ("davis346", "dvxplorer"):
             if self.model.encoding == "dvxplorer_mini":
                 columns = zip(imu.acceleration, imu.angular_velocity, imu.temperature.tolist())
@@ -78,6 +82,17 @@ class Reencoder:
             imu = type(imu)()
         events = dataclasses.replace(events, c=None, triggers=edges, frames=frames, imu=imu)
         return events if self.model.encoding in UNORDERED else self._ordered(events)
+
+    def _sendable(self, frames: list[Frame]) -> list[Frame]:
+        """Frames that the sensor could have read out, one after the other: grey, inside of it, none during another."""
+        kept = []
+        for frame in frames:
+            with contextlib.suppress(ValueError):
+                check_frame(frame, self.model.width, self.model.height)
+                if frame.t_ns > self._readout_end:
+                    kept.append(frame)
+                    self._readout_end = frame.end_ns or frame.exposure_end_ns
+        return kept
 
     def _ordered(self, events: Events) -> Events:
         """In order of time; events of equal times stay as they came."""

@@ -1,0 +1,205 @@
+"""ECF chunks as a sequential Warp CPU kernel (dim = 1); the plain loop of `ecf` is the reference.
+
+The parts of a chunk follow each other, each read by a function of its own: from byte `at` on, into its columns. It
+returns the byte behind the part, or -1 where the data end early. The columns have five places more than events.
+"""
+
+import warp as wp
+
+from evis.warp_start import start_warp
+
+start_warp()
+
+Bytes = wp.array(dtype=wp.uint8)
+U16 = wp.array(dtype=wp.uint16)
+
+
+@wp.func
+def half(data: Bytes, at: int):
+    """The little-endian u16 at a byte, 0 behind the end."""
+    if at + 2 > data.shape[0]:
+        return 0
+    return int(data[at]) | (int(data[at + 1]) << 8)
+
+
+@wp.func
+def word(data: Bytes, at: int):
+    """The little-endian u32 at a byte."""
+    return half(data, at) | (half(data, at + 2) << 16)
+
+
+@wp.func
+def read_times(data: Bytes, at: int, n: int, t0: wp.int64, t: wp.array(dtype=wp.int64)):
+    """Runs of events with one time: step and count, with longer steps and counts behind a 15."""
+    now = t0
+    i = wp.int32(0)
+    jump = wp.int64(0)
+    shift = wp.int32(0)
+    while i < n:
+        if at >= data.shape[0]:
+            return -1
+        step = int(data[at]) >> 4
+        count = int(data[at]) & 15
+        at += 1
+        if step == 15:
+            if shift > 56:
+                return -1
+            jump = jump | (wp.int64(count) << wp.int64(shift))
+            shift += 4
+        else:
+            if count == 15:
+                if at + 2 > data.shape[0]:
+                    return -1
+                count = half(data, at)
+                at += 2
+            now += jump + wp.int64(step)
+            jump = wp.int64(0)
+            shift = wp.int32(0)
+            last = wp.min(i + count, n)
+            for j in range(i, last):
+                t[j] = now
+            i = last
+    return at
+
+
+@wp.func
+def read_packed_events(data: Bytes, at: int, n: int, x: U16, y: U16, p: Bytes):
+    """Four events of 24 bits in three words."""
+    i = wp.int32(0)
+    while i < n:
+        if at + 12 > data.shape[0]:
+            return -1
+        a = word(data, at)
+        b = word(data, at + 4)
+        c = word(data, at + 8)
+        at += 12
+        for k in range(4):
+            v = (a >> 8) & 0xFFFFFF
+            if k == 1:
+                v = (a & 0xFF) | (((b >> 16) & 0xFFFF) << 8)
+            elif k == 2:
+                v = (b & 0xFFFF) | (((c >> 24) & 0xFF) << 16)
+            elif k == 3:
+                v = c & 0xFFFFFF
+            y[i + k] = wp.uint16((v >> 12) & 0x7FF)
+            x[i + k] = wp.uint16((v >> 1) & 0x7FF)
+            p[i + k] = wp.uint8(v & 1)
+        i += 4
+    return at
+
+
+@wp.func
+def read_rows(data: Bytes, at: int, n: int, y: U16):
+    """Runs of events in one row."""
+    i = wp.int32(0)
+    while i < n:
+        if at + 2 > data.shape[0]:
+            return -1
+        run = half(data, at)
+        at += 2
+        count = run & 31
+        if count == 31:
+            if at + 2 > data.shape[0]:
+                return -1
+            count = half(data, at)
+            at += 2
+        last = wp.min(i + count, n)
+        for j in range(i, last):
+            y[j] = wp.uint16(run >> 5)
+        i = last
+    return at
+
+
+@wp.func
+def read_packed_columns(data: Bytes, at: int, n: int, x: U16, p: Bytes):
+    """Column and polarity of four events, of 12 bits each, in three half words."""
+    i = wp.int32(0)
+    while i < n:
+        if at + 6 > data.shape[0]:
+            return -1
+        a = half(data, at)
+        b = half(data, at + 2)
+        c = half(data, at + 4)
+        at += 6
+        for k in range(4):
+            v = a >> 4
+            if k == 1:
+                v = (a & 15) | ((b >> 8) << 4)
+            elif k == 2:
+                v = (b & 0xFF) | ((c >> 12) << 8)
+            elif k == 3:
+                v = c & 0xFFF
+            x[i + k] = wp.uint16(v >> 1)
+            p[i + k] = wp.uint8(v & 1)
+        i += 4
+    return at
+
+
+@wp.func
+def read_masked_columns(data: Bytes, at: int, n: int, x: U16):
+    """A column, and a mask of the five behind it."""
+    i = wp.int32(0)
+    while i < n:
+        if at + 2 > data.shape[0]:
+            return -1
+        masked = half(data, at)
+        at += 2
+        x[i] = wp.uint16(masked >> 5)
+        i += 1
+        for k in range(5):
+            if ((masked >> (4 - k)) & 1) == 1:
+                x[i] = wp.uint16((masked >> 5) + k + 1)
+                i += 1
+    return at
+
+
+@wp.func
+def read_polarities(data: Bytes, at: int, n: int, p: Bytes):
+    """Runs of events of one polarity."""
+    i = wp.int32(0)
+    while i < n:
+        if at >= data.shape[0]:
+            return -1
+        run = int(data[at])
+        at += 1
+        count = run & 127
+        if count == 127:
+            if at + 2 > data.shape[0]:
+                return -1
+            count = half(data, at)
+            at += 2
+        last = wp.min(i + count, n)
+        for j in range(i, last):
+            p[j] = wp.uint8(run >> 7)
+        i = last
+    return at
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def decode_ecf(
+    # in
+    data: Bytes,
+    n: int,
+    t0: wp.int64,
+    yxp: int,
+    xp: int,
+    # out
+    out: wp.array(dtype=wp.int64),
+    t: wp.array(dtype=wp.int64),
+    x: U16,
+    y: U16,
+    p: Bytes,
+):
+    """out = 1 where the data end early."""
+    at = read_times(data, 12, n, t0, t)
+    if at >= 0 and yxp == 1:
+        at = read_packed_events(data, at, n, x, y, p)
+    elif at >= 0:
+        at = read_rows(data, at, n, y)
+        if at >= 0 and xp == 1:
+            at = read_packed_columns(data, at, n, x, p)
+        elif at >= 0:
+            at = read_masked_columns(data, at, n, x)
+            if at >= 0:
+                at = read_polarities(data, at, n, p)
+    out[0] = wp.int64(wp.where(at < 0, 1, 0))
