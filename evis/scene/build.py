@@ -177,7 +177,7 @@ class _Builder:
                 raise fields.error("look_at", "and a rotation are given; leave one out")
             try:
                 return se3.look_at(
-                    fields.vector("position", 3, [0, 0, 0]), fields.vector("look_at"), fields.vector("up", 3, [0, 0, 1])
+                    fields.place("position"), fields.vector("look_at"), fields.vector("up", 3, [0, 0, 1])
                 )
             except ValueError as error:
                 if isinstance(error, SceneError):
@@ -185,7 +185,7 @@ class _Builder:
                 raise fields.error("look_at", f"cannot be followed: {error}") from None
         view = fields.section("view", "view")
         if view is None:
-            return se3.make_pose(fields.vector("position", 3, [0, 0, 0]), fields.rotation())
+            return se3.make_pose(fields.place("position"), fields.rotation())
         if fields.has("position"):
             raise fields.error("view", "and position are given; leave one out")
         return se3.make_pose(self._in_view(view), fields.rotation())
@@ -233,7 +233,7 @@ class _Builder:
             else:
                 label = name if len(entries) == 1 else f"{name}_{i}"
             material = self._material(fields) if fields.has("material") else None
-            pose = se3.make_pose(fields.vector("position", 3, [0, 0, 0]), fields.rotation())
+            pose = se3.make_pose(fields.place("position"), fields.rotation())
             semantic = fields.text("semantic", shared or fields.text("name", stem))
             if fields.has("file"):
                 self._file(label, body, fields, material, pose, semantic)

@@ -30,7 +30,9 @@ def read_camera(name: str, fields: Fields, arguments: Mapping[str, Any]) -> Came
     else:
         fov, widest = fields.angle("fov"), 360 if model == "equidistant" else 180
         if not 0.0 < fov < np.radians(widest):
-            raise fields.error("fov", f"is {fov:g} rad; it must lie between 0 and {widest} deg")
+            raise fields.error(
+                "fov", f"is {fov:g} rad; it must lie between 0 and {widest} deg; degrees are written as in `40 deg`"
+            )
         focal = height / fov if model == "equidistant" else pinhole.focal_from_fov(height, fov)
     near = fields.number("near", 1e-3, above=0.0)
     supersampling = fields.whole("supersampling", 1, minimum=1, maximum=16)

@@ -1,6 +1,7 @@
 """Bodies, geoms, cameras and lights of a MuJoCo model as parts of a Scene. Imported only for scenes with dynamics.
 
-Only geom groups 0 to 2 are drawn (3 and up are collision shapes by custom), and nothing of alpha 0.
+Only geom groups 0 to 2 are drawn (3 and up are collision shapes by custom), and nothing of alpha 0; of a body under a
+skin, which is not drawn, its collision shapes where it has no others.
 """
 
 from __future__ import annotations
@@ -46,8 +47,10 @@ def add_model(scene: Scene, size: tuple[int, int], *, own_cameras: bool, visuals
         scene.bodies.append(Body(name_of(model, mujoco.mjtObj.mjOBJ_BODY, i, "body"), welded))
     for geom in np.flatnonzero(shown).tolist():
         add_geom(scene, model, geom)
-    if model.nflex or model.nskin:
-        scene.notes.append("flexes and skins are simulated but not drawn")
+    if model.nflex:
+        scene.notes.append("flexes are simulated but not drawn")
+    if model.nskin:
+        scene.notes.append("skins are not drawn; in their place are the shapes of the bodies under them")
     if not own_cameras:
         add_cameras(scene, model, data, size)
     return model
@@ -97,4 +100,13 @@ def _compile(scene: Scene, path: Path, visuals: bool) -> tuple[Any, np.ndarray]:
             scene.notes.append(note)
         return (full, drawn(full)) if visuals else (bare, np.zeros(bare.ngeom, bool))
     model = mujoco.MjModel.from_xml_path(str(path))
-    return model, np.isin(model.geom_group, GROUPS) & visuals
+    shown = np.isin(model.geom_group, GROUPS)
+    return model, (shown | _under_skins(model, shown)) & visuals
+
+
+def _under_skins(model: Any, shown: np.ndarray) -> np.ndarray:
+    """Geoms of bodies under a skin that have nothing else to be seen: of each the lowest group, bool [ngeom]."""
+    bodies = np.setdiff1d(model.skin_bonebodyid, model.geom_bodyid[shown])
+    lowest = np.full(model.nbody, np.iinfo(np.int32).max)
+    np.minimum.at(lowest, model.geom_bodyid, model.geom_group)
+    return np.isin(model.geom_bodyid, bodies) & (model.geom_group == lowest[model.geom_bodyid])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import mujoco
@@ -23,7 +24,8 @@ def add_cameras(scene: Scene, model: Any, data: Any, size: tuple[int, int]) -> N
         if model.cam_projection[i] != mujoco.mjtProjection.mjPROJ_PERSPECTIVE:
             scene.notes.append(f"camera '{name}' is left out: it is orthographic")
             continue
-        name = free_name(scene, name, "camera")
+        # It is part of the names of topics; MuJoCo's own tools put a / into those of attached models.
+        name = free_name(scene, re.sub(r"[^\w.-]", "_", name), "camera")
         scene.bodies.append(_frame(scene, model, data, i, name))
         scene.cameras.append(Camera(name, *size, _intrinsics(model, i, size)))
 

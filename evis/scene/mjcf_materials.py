@@ -15,6 +15,8 @@ from evis.scene.colour import linear_from_srgb
 from evis.scene.mjcf_textures import pixels, texture_of
 from evis.scene.model import Material, Scene
 
+LEAST = np.float32(0.01)
+"""No surface reflects less, as the blackest paints: MuJoCo's black would send back nothing, which has no logarithm."""
 _DEFAULT = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 """rgba of a geom that says nothing; then its material's counts."""
 
@@ -32,15 +34,15 @@ def material_of(scene: Scene, model: Any, geom: int) -> int | None:
     for index, material in enumerate(scene.materials):
         if material.name == name:
             return index
-    albedo = linear_from_srgb(np.clip(rgba[:3], 0.0, 1.0))
-    material = Material(name, albedo)
+    colour = linear_from_srgb(np.clip(rgba[:3], 0.0, 1.0))
+    material = Material(name, np.maximum(colour, LEAST))
     if number >= 0:
-        material.emission = (float(model.mat_emission[number]) * albedo).astype(np.float32)
+        material.emission = (float(model.mat_emission[number]) * colour).astype(np.float32)
         if model.mat_roughness[number] >= 0:
             material.roughness = float(model.mat_roughness[number])
         material.metallic = max(0.0, float(model.mat_metallic[number]))
         texture = texture_of(model, geom)
         if texture >= 0:
-            material.texture = pixels(model, texture)
+            material.texture = np.maximum(pixels(model, texture), LEAST)
     scene.materials.append(material)
     return len(scene.materials) - 1

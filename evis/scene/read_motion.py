@@ -10,6 +10,8 @@ from evis.scene import motion
 from evis.scene.reader import Fields
 from evis.scene.spline import Spline
 
+FASTEST = 1e6
+"""Frequency [Hz] of a motion; beyond it a period has too few of the clock's nanoseconds to be followed."""
 KINDS = ("linear", "sinusoid", "path", "spin", "swing", "turn")
 
 
@@ -34,16 +36,17 @@ def read_motion(fields: Fields) -> motion.Motion:
         first, last = (np.array([fields.number(key, 0.0)]) for key in ("start_rate", "end_rate"))
         result = motion.Turn(fields.direction("axis"), Spline(times, angles, loop, first, last))
     elif kind == "sinusoid":
-        result = motion.Sinusoid(
-            fields.vector("amplitude"), fields.number("frequency", minimum=0.0), fields.angle("phase", 0.0)
-        )
+        result = motion.Sinusoid(fields.vector("amplitude"), _frequency(fields), fields.angle("phase", 0.0))
     else:
         result = motion.Swing(
-            fields.direction("axis"), fields.angle("amplitude"), fields.number("frequency", minimum=0.0),
-            fields.angle("phase", 0.0),
+            fields.direction("axis"), fields.angle("amplitude"), _frequency(fields), fields.angle("phase", 0.0),
         )  # fmt: skip
     fields.done()
     return result
+
+
+def _frequency(fields: Fields) -> float:
+    return fields.number("frequency", minimum=0.0, maximum=FASTEST)
 
 
 def _times(fields: Fields) -> np.ndarray:

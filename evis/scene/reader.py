@@ -19,6 +19,10 @@ class SceneError(ValueError):
 
 
 _REQUIRED: Any = object()
+FARTHEST = 1e9
+"""From the origin [m]; there double precision still tells 0.1 um."""
+LARGEST = 1e30
+"""Beyond it single precision ends soon."""
 _ANGLE = re.compile(r"\s*(.+?)\s*(deg|rad)\s*\Z")
 
 
@@ -75,12 +79,25 @@ class Fields:
         return value
 
     def number(
-        self, key: str, default: Any = _REQUIRED, *, minimum: float | None = None, above: float | None = None
+        self,
+        key: str,
+        default: Any = _REQUIRED,
+        *,
+        minimum: float | None = None,
+        above: float | None = None,
+        maximum: float = LARGEST,
     ) -> float:
-        """A finite number, at least `minimum`, greater than `above`."""
-        return self.number_of(key, self.raw(key, default), minimum, above)
+        """A finite number, at least `minimum`, greater than `above`, of a size of at most `maximum`."""
+        return self.number_of(key, self.raw(key, default), minimum, above, maximum)
 
-    def number_of(self, key: str, value: Any, minimum: float | None = None, above: float | None = None) -> float:
+    def number_of(
+        self,
+        key: str,
+        value: Any,
+        minimum: float | None = None,
+        above: float | None = None,
+        maximum: float = LARGEST,
+    ) -> float:
         """As `number`, of a value found under `key`."""
         try:
             number = math.nan if isinstance(value, bool) else float(value)
@@ -92,6 +109,8 @@ class Fields:
             raise self.error(key, f"is {number:g}; the least is {minimum:g}")
         if above is not None and number <= above:
             raise self.error(key, f"is {number:g}; it must be more than {above:g}")
+        if abs(number) > maximum:
+            raise self.error(key, f"is {number:g}; the most is {maximum:g}")
         return number
 
     def whole(self, key: str, default: Any = _REQUIRED, *, minimum: int = 0, maximum: int = 1 << 16) -> int:
@@ -117,13 +136,19 @@ class Fields:
         """A float64 vector; `a, b, c` as text will do."""
         return self.vector_of(key, self.raw(key, default), length, above=above)
 
-    def vector_of(self, key: str, value: Any, length: int, *, above: float | None = None) -> np.ndarray:
+    def vector_of(
+        self, key: str, value: Any, length: int, *, above: float | None = None, maximum: float = LARGEST
+    ) -> np.ndarray:
         """As `vector`, of a value found under `key`."""
         if isinstance(value, str):
             value = value.split(",")
         if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != length:
             raise self.error(key, f"is {value!r}; it must be a list of {length} numbers")
-        return np.array([self.number_of(key, v, above=above) for v in value])
+        return np.array([self.number_of(key, v, above=above, maximum=maximum) for v in value])
+
+    def place(self, key: str) -> np.ndarray:
+        """A position [m], float64 [3], at the origin unless given; at most FARTHEST along each axis."""
+        return self.vector_of(key, self.raw(key, [0, 0, 0]), 3, maximum=FARTHEST)
 
     def direction(self, key: str, default: Any = _REQUIRED) -> np.ndarray:
         """A vector scaled to unit length."""

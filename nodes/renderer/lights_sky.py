@@ -32,7 +32,8 @@ def make_sky(visibility: Visibility, gloss: bool) -> Any:
     levels, diffuse = [np.zeros((0, 0, 3))], np.zeros((0, 0, 3))
     if scene.environment_map is not None:
         radiance = _checked(scene)
-        levels, diffuse = halvings(radiance), irradiance_map(radiance)
+        levels = halvings(radiance)
+        diffuse = irradiance_map(radiance) if scene.sky_lights else np.tile(scene.environment, (2, 2, 1))
     shapes = [level.shape for level in levels]
     starts = np.cumsum([0] + [h * w for h, w, _ in shapes])
     places = [(start, w, h) for start, (h, w, _) in zip(starts, shapes)] + [(0, diffuse.shape[1], diffuse.shape[0])]

@@ -85,6 +85,12 @@ def test_those_who_need_no_picture_have_the_same_bodies(scene_of, tmp_path):
     assert [b.name for b in seen] == ["post", "ball", "cam0", "ball_light"]
 
 
+def test_names_of_cameras_fit_into_topics(scene_of):
+    """Attached models have a / in their names; two that become alike stay apart."""
+    scene, _ = scene_of(world='<camera name="a"/><camera name="arm/eye"/><camera name="arm eye"/>')
+    assert [camera.name for camera in scene.cameras] == ["cam0", "arm_eye", "arm_eye_camera"]
+
+
 @pytest.mark.parametrize("distance", [1.0, 4.0])
 def test_attenuation_counts_at_the_centre(tmp_path, distance):
     """Radiance of a white surface at the centre that faces the light: diffuse / (a + b D + c D^2), as in MuJoCo."""

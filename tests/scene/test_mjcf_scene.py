@@ -147,8 +147,13 @@ def test_colours_become_linear(scene):
     assert np.allclose(linear_from_srgb(np.array([0, 0.02, 0.5, 1])), [0, 0.02 / 12.92, 0.21404, 1], atol=1e-5)
     material = {i.name: scene.materials[i.material] for i in scene.instances}
     assert np.allclose(material["rod"].albedo, linear_from_srgb(np.array([0.2, 0.4, 0.6])))
-    assert np.allclose(material["tetra"].emission, 4 * material["tetra"].albedo)
-    assert set(np.unique(material["floor"].texture)) == {0.0, 1.0} and material["floor"].texture.shape == (8, 8, 3)
+    assert np.allclose(material["tetra"].emission, 4 * linear_from_srgb(np.array([1, 0.5, 0])))
+    # Black is the darkest paint.
+    assert set(np.unique(material["floor"].texture)) == {np.float32(0.01), 1.0} and material["floor"].texture.shape == (
+        8,
+        8,
+        3,
+    )
     assert material["plate"].texture.shape == (24, 4, 3)
 
 
@@ -207,3 +212,22 @@ def test_a_model_without_light_gets_a_headlight(tmp_path):
     assert [(x.name, x.body) for x in scene.lights] == [("headlight", scene.body_index("cam0"))]
     camera = scene.bodies[scene.body_index("cam0")].trajectory.pose(np.zeros(1, np.int64))[0]
     assert se3.transform(se3.inverse(camera), np.zeros(3))[2] > 0.3
+
+
+def test_under_a_skin_the_collision_shapes_are_drawn(tmp_path):
+    """Of a body that has no others, those of its lowest group; a body without a skin keeps them hidden."""
+    (tmp_path / "soft.xml").write_text(
+        """<mujoco><worldbody>
+        <body name="bare"><freejoint/><geom name="hidden" size="0.1" group="4"/>
+        <geom name="core" size="0.1" group="3"/></body>
+        <body name="clad" pos="1 0 0"><freejoint/><geom name="seen" size="0.1"/>
+        <geom name="shape" size="0.1" group="3"/></body>
+        <body name="other" pos="2 0 0"><freejoint/><geom name="solo" size="0.1" group="3"/></body></worldbody>
+        <deformable><skin vertex="0 0 0 1 0 0 0 1 0" face="0 1 2">
+        <bone body="bare" bindpos="0 0 0" bindquat="1 0 0 0" vertid="0" vertweight="1"/>
+        <bone body="clad" bindpos="1 0 0" bindquat="1 0 0 0" vertid="1 2" vertweight="1 1"/></skin>
+        </deformable></mujoco>"""
+    )
+    scene = load_scene(str(tmp_path / "soft.xml"))
+    assert {instance.name for instance in scene.instances} == {"core", "seen"}
+    assert any("skins are not drawn" in note for note in scene.notes)

@@ -48,7 +48,7 @@ def test_visual_geometry_is_drawn_where_there_is_any(robot):
     sizes = {name: np.ptp(i.mesh.vertices, axis=0) for name, i in seen.items()}
     assert np.allclose(sizes["world"], [0.2, 0.4, 0.1]) and np.allclose(sizes["arm"], [0.04, 0.04, 0.5], atol=1e-4)
     assert np.allclose(sizes["tip"][2], 0.1) and np.allclose(seen["arm"].pose[:3], [0, 0, 0.25])
-    assert np.allclose(scene.materials[seen["world"].material].albedo, [0.21404, 0, 1], atol=1e-5)
+    assert np.allclose(scene.materials[seen["world"].material].albedo, [0.21404, 0.01, 1], atol=1e-5)
 
 
 def test_a_scene_file_may_name_one(robot, tmp_path):
