@@ -9,7 +9,8 @@ import sys
 def start_warp() -> None:
     """Start Warp. That a machine has no GPU driver is news only to who asks for a GPU, and is said then in our words.
 
-    Cheap when Warp runs already. Importing this module does not import Warp.
+    Cheap when Warp runs already. Importing this module does not import Warp. Raises OSError, with the remedy, where the
+    folder of compiled kernels cannot be made.
     """
     import warp as wp
 
@@ -19,6 +20,12 @@ def start_warp() -> None:
     try:
         os.dup2(nowhere, 2)  # the native part writes there itself
         wp.init()
+    except OSError as error:
+        folder = wp.config.kernel_cache_dir or error.filename
+        raise OSError(
+            f"compiled kernels cannot be kept in {folder} ({error.strerror}): "
+            "set WARP_CACHE_PATH or XDG_CACHE_HOME to a folder that can be written"
+        ) from None
     finally:
         os.dup2(kept, 2)
         os.close(kept)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import itertools
 import os
 import stat
@@ -14,31 +15,47 @@ def claim(path: Path) -> tuple[int, Path | None]:
     """Open a new file at `path` and give (descriptor, where what was there is now, or None).
 
     The old file becomes `<name>.bak`, or `<name>.bak2`, ... where there is such a one already, once the new one is
-    open. A bag without any message, as a run leaves that failed at its start, is not kept. Raises BagError.
+    open. A bag without any message, as a run leaves that failed at its start, is not kept. Raises BagError, also for a
+    bag that another process is still recording.
     """
     try:
         if path.exists() and not stat.S_ISREG(path.stat().st_mode):
             if path.is_dir():
                 raise BagError(f"cannot record to {path}: it is a folder; name a file such as {path / 'a.mcap'}")
             return os.open(path, os.O_WRONLY | os.O_CLOEXEC), None
+        backup = None
+        if path.exists():
+            _check_free(path)
+            backup = None if _has_nothing(path) else _free_name(path)
         fresh = path.with_name(f".{path.name}.{os.getpid()}")
         descriptor = os.open(fresh, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
         try:
-            backup = _free_name(path) if path.exists() and not _has_nothing(path) else None
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
             if backup:
                 os.replace(path, backup)
             os.replace(fresh, path)
-        except OSError:
+        except BaseException:
             os.close(descriptor)
             fresh.unlink(missing_ok=True)
             raise
         return descriptor, backup
     except FileNotFoundError as error:
         if path.parent.is_dir():
-            raise BagError(f"cannot record to {path}: no file can be made in {path.parent} ({error.strerror})") from None
+            raise BagError(f"cannot record to {path}: {path.parent} takes no files ({error.strerror})") from None
         raise BagError(f"cannot record to {path}: there is no directory {path.parent}; create it first") from None
     except OSError as error:
         raise BagError(f"cannot record to {path}: {error.strerror}") from None
+
+
+def _check_free(path: Path) -> None:
+    """Raise BagError for a bag that another process is recording: it holds the lock as long as the file is open."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise BagError(f"cannot record to {path}: another run is recording to it; name another file") from None
+    finally:
+        os.close(descriptor)
 
 
 def _free_name(path: Path) -> Path:

@@ -30,7 +30,8 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
     one EXR each (half: R, G, B as 16-bit floats, clamped and counted). Frames: .npz that `evis events simulate` takes.
     /state: .npz with every body at every sub-step. Any other: .npz (arrays stacked over messages), or .jsonl (a message
     per line).
-    Of a torn bag what is there is written, and `problem` says what is wrong with it. Raises BagError.
+    Of a torn bag what is there is written, and `problem` says what is wrong with it. `older` counts the EXR files of
+    another export that the folder still holds. Raises BagError.
     """
     out = Path(out)
     if out.suffix and not out.parent.is_dir():
@@ -124,7 +125,7 @@ def _keyframes(reader: BagReader, topic: str, env: int | None, out: Path, half: 
     camera = topic.rsplit("/", 1)[0]
     topics = [topic, *(t for n in BESIDE_KEYFRAME if (t := f"{camera}/{n}") in reader.topics)]
     out.mkdir(parents=True, exist_ok=True)
-    count = clamped = 0
+    count = clamped = written = 0
     names: set[str] = set()
     for group in _by_stamp(reader, topics):
         keyframe = group.get(Keyframe)
@@ -141,9 +142,13 @@ def _keyframes(reader: BagReader, topic: str, env: int | None, out: Path, half: 
                 done = f"the {count} keyframes before it are whole" if count else "it is the first"
                 raise BagError(f"{error}; {done}") from None
             clamped += high
+            written += 1
             names |= {n for c in arrays for n in (("R", "G", "B") if c == "RGB" else (c,))}
         count += 1
-    return {"keyframes": count, "channels": sorted(names), **({"clamped": clamped} if half else {})}
+    result = {"keyframes": count, "channels": sorted(names), **({"clamped": clamped} if half else {})}
+    if older := len(list(out.rglob("*.exr"))) - written:
+        result["older"] = older
+    return result
 
 
 def _by_stamp(reader: BagReader, topics: list[str]) -> Iterator[dict[type[Message], Message]]:

@@ -153,7 +153,8 @@ def _libusb() -> Finding:
     import usb.backend.libusb1
 
     if usb.backend.libusb1.get_backend() is None:
-        return Finding("libusb", "note", "libusb-1.0 is not installed: USB cameras need it; `pip install 'evis[usb]'` brings it")
+        remedy = "`pip install 'evis[usb]'` brings it"
+        return Finding("libusb", "note", f"libusb-1.0 is not installed: USB cameras need it; {remedy}")
     return Finding("libusb", "ok", "libusb-1.0 loads")
 
 

@@ -43,18 +43,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _planned(args: argparse.Namespace) -> Any:
-    from evis import paths
-    from evis.cli.launch import scene_arguments
-    from evis.launch.arguments import ArgumentError, parse_pairs
-    from evis.launch.files import load
-    from evis.launch.planner import Options, plan_file
+    from evis.cli.launch import read_target
+    from evis.launch.arguments import ArgumentError
+    from evis.launch.planner import Options, plan_launch
 
-    path, preset = paths.find_launch(args.target)
     try:
-        given = {**preset, **parse_pairs(args.pairs)}
-        if preset:
-            given = scene_arguments(given, list(load(path).arguments))
-        return plan_file(path, given, Options())
+        launch, given, _ = read_target(args.target, args.pairs)
+        return plan_launch(launch, given, Options())
     except ArgumentError as error:
         raise UsageError(str(error)) from None
 

@@ -104,9 +104,7 @@ def run(args: argparse.Namespace) -> int:
 def make_plan(args: argparse.Namespace) -> Any:
     """The plan that the command line asks for."""
     from evis import paths
-    from evis.launch.arguments import parse_pairs
     from evis.launch.checks import check_writable
-    from evis.launch.files import load
     from evis.launch.planner import Options, plan_launch
 
     if args.target is None:
@@ -115,16 +113,12 @@ def make_plan(args: argparse.Namespace) -> Any:
     if args.compose and args.split:
         raise UsageError("--compose and --split exclude each other")
     if args.duration is not None and not 0 < args.duration < 1e9:
-        raise UsageError(f"--duration is {args.duration:g}; it must be a time in seconds longer than 0")
-    path, preset = paths.find_launch(args.target)
-    launch = load(path)
-    given: dict[str, Any] = {**preset, **parse_pairs(args.pairs)}
+        raise UsageError(f"--duration is {args.duration:g}; it must be a time longer than 0 and less than 1e9 s")
+    launch, given, preset = read_target(args.target, args.pairs)
     if args.seed is not None:
         if "seed" in given:
             raise UsageError(f"the seed is given twice, as --seed {args.seed} and seed:={given['seed']}")
         given["seed"] = args.seed
-    if preset:
-        given = scene_arguments(given, list(launch.arguments))
     if args.record:
         check_writable(Path(args.record), "--record")
     options = Options(
@@ -148,17 +142,41 @@ def make_plan(args: argparse.Namespace) -> Any:
     return plan
 
 
-def scene_arguments(given: dict[str, Any], known: Sequence[str]) -> dict[str, Any]:
-    """For a scene by its name, what the launch file does not know goes to the scene. Raises ArgumentError."""
+def read_target(target: str, words: Sequence[str]) -> tuple[Any, dict[str, Any], dict[str, str]]:
+    """(launch file of a FILE|NAME, the arguments given to it, those among them that the name stands for).
+
+    words: key:=value. What is for the scene is among its scene_args. Raises UsageError, ArgumentError and LaunchError.
+    """
+    from evis import paths
+    from evis.launch.arguments import parse_pairs
+    from evis.launch.files import load
+
+    path, preset = paths.find_launch(target)
+    launch = load(path)
+    pairs = parse_pairs(words)
+    for key, value in preset.items():
+        if key in pairs:
+            raise UsageError(f"the {key} is given twice, as {value} and {key}:={pairs[key]}")
+    given: dict[str, Any] = {**preset, **pairs}
+    if "scene" in given and "scene_args" in launch.arguments:
+        given = _scene_arguments(given, list(launch.arguments), launch.path.name)
+    return launch, given, preset
+
+
+def _scene_arguments(given: dict[str, Any], known: Sequence[str], file: str) -> dict[str, Any]:
+    """What the launch file `file` does not know goes to the scene. Raises ArgumentError."""
     from evis.launch.arguments import ArgumentError
     from evis.launch.document import nearest
     from evis.scene.load import scene_args
 
-    scene = scene_args(given["scene"])
+    try:
+        scene = scene_args(given["scene"])
+    except FileNotFoundError as error:
+        raise ArgumentError(f"{file}: {error}") from None
     for key in given:
         if key not in known and key not in scene:
             hint = nearest(key, [*(k for k in scene if k not in known), *known])
-            raise ArgumentError(f"neither scene {Path(given['scene']).stem} nor simulator.yaml has '{key}'; {hint}")
+            raise ArgumentError(f"neither scene {Path(given['scene']).stem} nor {file} has '{key}'; {hint}")
     own = {k: v for k, v in given.items() if k in scene and k not in known}
     if not own:
         return given

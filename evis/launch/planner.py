@@ -100,13 +100,20 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
 def attach(plan: Plan, spec: NodeSpec, folder: Path) -> None:
     """Add one node to the plan of a running graph: its inputs are taps, its process is its own.
 
-    Raises LaunchError when the graph lacks a topic that it reads.
+    Raises LaunchError when the graph lacks a topic that it reads, or has one that it would publish.
     """
     node = wire(spec, folder)
+    for topic in node.outputs.values():
+        if topic in plan.topics:
+            raise LaunchError(
+                f"{spec.type} would publish {topic}, which {plan.topics[topic].node} of the running graph publishes; "
+                "a topic has one publisher: start the graph without that node, or give this one's topic another name "
+                "by `remap` in a launch file"
+            )
     available = {name: (node, "") for name in plan.topics}
     demand = Pruner([node], available).attached(node)
     planned = NodePlan(node.name, node.target, node.params, spec.process, demand.inputs[node.name])
-    planned.outputs = {port: topic for port, topic in node.outputs.items() if topic not in plan.topics}
+    planned.outputs = dict(node.outputs)
     plan.nodes[node.name] = planned
     for port, topic in planned.outputs.items():
         plan.topics[topic] = TopicPlan(topic, find_topic(topic).type.__name__, node.name, port)

@@ -291,6 +291,20 @@ def test_no_older_bag_is_ever_lost(tmp_path):
     assert [(tmp_path / name).read_bytes() for name in kept] == [*contents, torn]
 
 
+def test_a_bag_that_is_being_recorded_is_left_alone(tmp_path):
+    """A second writer of the same name, here or in another process, is refused; nothing of either is lost."""
+    path = tmp_path / "a.mcap"
+    with BagWriter(path):
+        before = path.read_bytes()
+        with pytest.raises(BagError, match="another run is recording to it"):
+            BagWriter(path)
+        other = "import sys; from evis.bag.writer import BagWriter; BagWriter(sys.argv[1])"
+        done = subprocess.run([sys.executable, "-c", other, str(path)], capture_output=True, text=True)
+        assert done.returncode and "another run is recording to it" in done.stderr
+        assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["a.mcap"]
+    BagWriter(path).close()
+
+
 def test_paths_that_cannot_be_written(tmp_path):
     with pytest.raises(BagError, match=r"there is no directory .*/missing"):
         BagWriter(tmp_path / "missing" / "a.mcap")

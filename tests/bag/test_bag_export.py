@@ -100,6 +100,16 @@ def test_keyframes_to_exr(tmp_path, margin):
         assert int(attributes["evis/stamp_ns"]) == truth["/cam0/keyframe"].header.stamp_ns
 
 
+def test_files_of_another_export_are_counted(tmp_path):
+    source = bag(tmp_path / "a.mcap")
+    assert "older" not in export(source, "/cam0/keyframe", tmp_path / "out")
+    assert "older" not in export(source, "/cam0/keyframe", tmp_path / "out"), "the same files again"
+    for k in (KEYFRAMES, KEYFRAMES + 1):
+        (tmp_path / "out" / f"{k:06d}.exr").write_bytes(b"of a longer run")
+    status, _, err = run("bag", "export", str(source), "--topic", "/cam0/keyframe", str(tmp_path / "out"))
+    assert status == 0 and "holds 2 EXR files that are not of this export" in err
+
+
 def test_keyframes_in_half_are_clamped_and_counted(tmp_path):
     radiance = np.array([[[[1e6, 1.0, 0.5], [-1e9, 65504.0, np.nan]]]], np.float32)
     with BagWriter(tmp_path / "a.mcap") as writer:
@@ -233,6 +243,7 @@ def test_command_line(tmp_path):
         (["bag", "info", "{}/none.mcap"], 1, "cannot read"),
         (["bag", "info", "{}/garbage.mcap"], 1, "not an MCAP bag"),
         (["bag", "export", "{}/a.mcap", "--topic", "/x", "o.npz"], 1, "no topic '/x'"),
+        (["bag", "export", "{}/a.mcap", "--topic", "/cam0/events", "{}/e"], 1, "e: no extension; name it e.npz"),
         (["bag", "recover", "{}/a.mcap", "{}/missing/b.mcap"], 1, "there is no directory"),
         (["bag", "inof", "x"], 2, "invalid choice"),
         (["bag"], 2, "ACTION"),

@@ -32,6 +32,8 @@ def test_a_scene_of_ones_own_is_launched_by_its_path(tmp_path: Path, evis_here: 
     params = made["nodes"]["renderer"]["params"]
     assert (params["scene"], params["scene_args"]) == ("mine.yaml", "side=2")
     assert evis_here("graph", "mine.yaml", "side:=2").code == 0
+    by_hand = json.loads(evis_here("launch", "simulator", "scene:=mine.yaml", "side:=2", "--explain", "--json").out)
+    assert by_hand["nodes"]["renderer"]["params"]["scene_args"] == "side=2"
     copy = tmp_path / "copy.yaml"
     copy.write_text((paths.data_folder("scenes") / "drone.yaml").read_text())
     assert paths.find_launch(str(copy)) == (paths.data_folder("launch") / "simulator.yaml", {"scene": str(copy)})
@@ -51,6 +53,8 @@ def test_an_argument_that_neither_scene_nor_launch_file_has(tmp_path: Path, evis
     [
         (["launch", "spinning_disk", "seed:=1", "--seed", "2"], "the seed is given twice"),
         (["launch", "spinning_disk", "omega:=20", "omega:=30"], "omega is given twice, as 20 and 30"),
+        (["launch", "drone", "scene:=falling_objects"], "the scene is given twice"),
+        (["launch", "spinning_disk", "--duration", "1e9"], "less than 1e9"),
         (["launch", "spinning_disk", "preset:=davis"], "did you mean 'davis346'?"),
         (["launch"], "warehouse"),
     ],

@@ -141,6 +141,7 @@ def test_a_node_attaches_by_hand_and_loses_only_for_itself(running: Path, evis: 
     stamps = until(collect)  # on a loaded machine the second may be over before it has joined
     assert stamps == sorted(set(stamps))
     assert "reads /cam7/events, which nobody publishes" in evis("run", "graph_nodes:Collector", "camera:=cam7").line
+    assert "would publish /cam0/events, which relay of the" in evis("run", "graph_nodes:Relay").line
 
 
 def test_the_run_can_be_named(running: Path, evis_here: Evis) -> None:
