@@ -238,7 +238,7 @@ class _Builder:
             if fields.has("file"):
                 self._file(label, body, fields, material, pose, semantic)
             elif material is None:
-                raise fields.error(None, "needs 'material'")
+                raise fields.error(None, "needs 'material', such as grey, with materials: {grey: {albedo: 0.5}}")
             else:
                 mesh = read_shape(fields, self.meshes)
                 self._add_instance(Instance(label, body, mesh, material, pose, semantic), fields)
@@ -302,11 +302,21 @@ class _Builder:
         # The only camera, or a model's first one, is found without its name; several keep those of the file.
         named = self.cameras and len(scene.cameras) > 1
         if not named and all(camera.name != "cam0" for camera in scene.cameras):
-            if "cam0" in self.index:
-                raise SceneError(f"{path.name}: 'cam0' is the name of the first camera, but here it is a body")
+            self._free_cam0(path)
             first = scene.cameras[0]
             scene.bodies[scene.body_index(first.name)].name = "cam0"
             first.name = "cam0"
+
+    def _free_cam0(self, path: Path) -> None:
+        """A link of a model that is called cam0 gives way to the camera; a body of the scene file is a mistake."""
+        if "cam0" not in self.index:
+            return
+        number = self.index["cam0"]
+        if self.model is None or number >= self.model.nbody - 1:
+            raise SceneError(f"{path.name}: 'cam0' is the name of the first camera, but here it is a body; rename it")
+        from evis.scene.mjcf_frames import free_name
+
+        self.scene.bodies[number].name = free_name(self.scene, "cam0", "body")
 
 
 def _mentions(value: Any, key: str) -> bool:

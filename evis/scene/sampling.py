@@ -6,40 +6,49 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from evis.scene.model import Scene
+from evis.scene.model import Scene, Waveform
 from evis.scene.motion import Prescribed, Sinusoid, Swing
 
 LOOKED_AT_S = np.linspace(0.0, 1.0, 257)
 """Times at which rotations are looked at [s]."""
 
 ENOUGH = 8
-"""Frames per period that are enough for most purposes."""
+"""Frames per period from which on a sinusoid keeps nine tenths of its change, at any phase, up to a depth of 0.5."""
 
 
 def undersampled(scene: Scene, frame_rate: float) -> list[str]:
     """A line for each light and each body of prescribed motion that frames at `frame_rate` [Hz] show falsely.
 
-    Two frames per period are too few (Nyquist), and so is a frame per half turn. What a physics engine moves is not
-    known beforehand.
+    Lights need ENOUGH frames per period, and two in the shorter part of a square wave; from two frames per period down
+    (Nyquist) the frequency is wrong too. So is a rotation's from a frame per half turn down. What a physics engine
+    moves is not known beforehand.
     """
-    frames = f"frames come at {frame_rate:g} Hz"
-    found: list[tuple[str, float]] = []
+    lines = []
     for light in scene.lights:
-        if light.waveform is not None and light.waveform.depth and 2 * light.waveform.frequency >= frame_rate:
-            found.append(
-                (f"light '{light.name}' flickers at {light.waveform.frequency:g} Hz", light.waveform.frequency)
-            )
+        if light.waveform is not None and light.waveform.depth:
+            frequency, wanted = light.waveform.frequency, _wanted(light.waveform)
+            if frame_rate < wanted:
+                what = f"light '{light.name}' flickers at {frequency:g} Hz"
+                lines.append(_line(what, frame_rate, wanted, 2 * frequency >= frame_rate))
     for body in scene.bodies:
         if isinstance(body.trajectory, Prescribed):
             fastest = max(_half_turns(body.trajectory), default=0.0)
             if fastest >= frame_rate:
                 what = f"body '{body.name}' makes {fastest / 2:.4g} turns or swings per second"
-                found.append((what, fastest / 2))
-    return [
-        f"{what} and {frames}, which show something slower or nothing; {ENOUGH * frequency:.4g} Hz would do "
-        "(keyframe_rate x upsampling)"
-        for what, frequency in found
-    ]
+                lines.append(_line(what, frame_rate, ENOUGH * fastest / 2, True))
+    return lines
+
+
+def _line(what: str, frame_rate: float, wanted: float, false: bool) -> str:
+    loss = "show something slower or nothing" if false else "miss a part of its events"
+    frames = f"frames come at {frame_rate:g} Hz, which {loss}"
+    return f"{what} and {frames}; {wanted:.4g} Hz would do (keyframe_rate x upsampling)"
+
+
+def _wanted(wave: Waveform) -> float:
+    """Frames per second."""
+    shorter = min(wave.duty, 1 - wave.duty) if wave.kind == "square" else 0.5
+    return wave.frequency * max(ENOUGH, 2 / shorter)
 
 
 def _half_turns(path: Prescribed) -> Iterator[float]:

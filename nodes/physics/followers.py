@@ -45,7 +45,7 @@ class Followers:
                 pose[row], twist[row] = self._camera(data, velocity, i)
             else:
                 pose[row], twist[row] = self._light(data, velocity, i)
-        return pose, twist + 0.0  # no -0.0: what is at rest has the bits of 0
+        return pose, twist
 
     def _camera(self, data: Any, velocity: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray]:
         model = self.model
@@ -109,6 +109,6 @@ def _swing(start: np.ndarray, now: np.ndarray, rate: np.ndarray) -> tuple[np.nda
         axis = np.cross(start, np.eye(3)[np.argmin(np.abs(start))])
         return np.append(axis / np.linalg.norm(axis), 0.0), np.cross(now, rate)
     q /= length
+    # Where q grows or shrinks, that is no turn: it ends up in the fourth component.
     change = np.append(np.cross(start, rate), start @ rate) / length
-    change -= q * (q @ change)
     return q, 2.0 * se3.multiply(change, se3.conjugate(q))[:3]

@@ -110,7 +110,7 @@ class PhysicsNode(Node):
             self._say_end(self.count_all - 1)
 
     def _say_end(self, last: int) -> None:
-        """Warn where the run's last keyframe, of number `last`, comes before its end: what lies between is not simulated."""
+        """Warn where the run's last keyframe, of number `last`, comes before its end: the rest is not simulated."""
         duration, rate = self.params["duration"], self.params["keyframe_rate"]
         if last == 0:
             self.warn(
@@ -118,7 +118,8 @@ class PhysicsNode(Node):
                 "nothing moves, and there are no events; a longer duration or a higher keyframe_rate helps"
             )
         elif (end := keyframe_stamp(last, rate)) < round(duration * NS):
-            self.warn(f"the run ends at {end / NS:.6g} s, its last keyframe within {duration:g} s at {rate:g} keyframes a second")
+            within = f"its last keyframe within {duration:g} s at {rate:g} keyframes a second"
+            self.warn(f"the run ends at {end / NS:.6g} s, {within}")
 
     def due(self) -> Mapping[str, int]:
         """The action for the step that starts at the stamp published last, where it is time for one."""

@@ -85,6 +85,17 @@ def test_those_who_need_no_picture_have_the_same_bodies(scene_of, tmp_path):
     assert [b.name for b in seen] == ["post", "ball", "cam0", "ball_light"]
 
 
+def test_a_link_called_cam0_gives_way_to_the_first_camera(tmp_path):
+    """Its instances stay its own."""
+    (tmp_path / "m.xml").write_text(
+        """<mujoco><worldbody><body name="cam0"><freejoint/><geom name="case" size="0.1"/><camera name="cam0"/></body>
+        </worldbody></mujoco>"""
+    )
+    scene = load_scene(str(tmp_path / "m.xml"))
+    assert [body.name for body in scene.bodies] == ["cam0_body", "cam0"] and scene.cameras[0].name == "cam0"
+    assert scene.bodies[1].mount[0] == 0 and scene.instances[0].body == 0
+
+
 def test_names_of_cameras_fit_into_topics(scene_of):
     """Attached models have a / in their names; two that become alike stay apart."""
     scene, _ = scene_of(world='<camera name="a"/><camera name="arm/eye"/><camera name="arm eye"/>')
