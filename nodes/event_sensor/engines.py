@@ -15,10 +15,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor import kernels, kernels_paper, noise
-from nodes.event_sensor.kernels_quiet import Quiet, arrays_of, quiet_state, runs_of
-from nodes.event_sensor.kernels_state import Cold, Features
-from nodes.event_sensor.kernels_threads import full_kernels
+from nodes.event_sensor import kernels, noise
+from nodes.event_sensor.kernels_state import Features
 from nodes.event_sensor.packet import KeyLayout
 from nodes.event_sensor.plain import Plain
 
@@ -116,94 +114,18 @@ def unlit_rate(p: Mapping[str, Any]) -> float:
     return float(min(rate, 1e6 / p["refractory_us"]) if p["refractory_us"] else rate)
 
 
-class Full:
-    """Curves and faults."""
-
-    sorts = False
-
-    def __init__(self, size: Size, seed: int, p: Mapping[str, Any], device: Any) -> None:
-        total = size.envs * size.pixels
-        features = features_of(p)
-        self._kernel = full_kernels(features)[device.is_cuda]
-        self._size, self._device, self.in_place = size, device, not device.is_cuda
-
-        def state() -> tuple[Quiet, wp.array]:
-            side: wp.array = wp.zeros(0 if self.in_place else total, dtype=wp.int32, device=device)
-            return quiet_state(total, features.timed, features.curved, device), side
-
-        self._before = state()
-        self._after = self._before if self.in_place else state()
-        self._loud: wp.array = wp.zeros(size.width * size.channels + 1, dtype=wp.int32, device=device)
-        struct: Any = Cold
-        colds: Any = np.zeros((1 if self.in_place else 2, total), struct.numpy_dtype())
-        for name, values in zip(("c_on", "c_off", "leak", "hot"), pattern_of(size, seed, p)):
-            if values.size:
-                colds[name] = values.reshape(-1)
-        self._colds: wp.array = wp.array(colds, dtype=Cold, device=device)
-
-    def arrays(self) -> tuple[wp.array, ...]:
-        """Everything that is kept per pixel."""
-        states = (self._before,) if self.in_place else (self._before, self._after)
-        kept = (a for quiet, side in states for a in (*arrays_of(quiet), side))
-        return *kept, self._colds
-
-    def launch(self, sensor: kernels.Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
-        """Events of a batch to `keys`, as many as fit. In place: from pixel resume - 1 to the first without room."""
-        b = batch
-        steps = [b.frames, b.count, b.t, b.t_base, b.t_before]
-        if self.in_place:
-            frames = [b.images, runs_of(b.images), b.slopes, runs_of(b.slopes)]
-            inputs = [sensor, b.begin, b.episodes, *frames, *steps, resume]
-            outputs = [*self._before, self._loud, self._colds, keys, counters]
-        else:
-            inputs = [sensor, b.begin, b.episodes, b.images, b.slopes, *steps, *self._before]
-            outputs = [*self._after, self._colds, keys, counters]
-        wp.launch(self._kernel, self._size.threads(not self.in_place), inputs, outputs, device=self._device)
-
-    def swap(self) -> None:
-        self._before, self._after = self._after, self._before
-
-
-class Paper:
-    """The paper's equations."""
-
-    sorts = False
-
-    def __init__(self, size: Size, seed: int, p: Mapping[str, Any], device: Any) -> None:
-        total = size.envs * size.pixels
-        row = size.width * size.channels
-        self._columns = 1 if device.is_cuda else row
-        self._threads = (size.envs, size.height, row // self._columns)
-        self._device, self.in_place = device, False
-        pattern = pattern_of(size, seed, p)
-        self._pattern: tuple[wp.array, ...] = tuple(wp.array(a, dtype=wp.float32, device=device) for a in pattern)
-        self._before: wp.array = wp.zeros(total, dtype=kernels_paper.PaperPixel, device=device)
-        self._after: wp.array = wp.zeros(total, dtype=kernels_paper.PaperPixel, device=device)
-
-    def arrays(self) -> tuple[wp.array, ...]:
-        """Everything that is kept per pixel."""
-        return self._before, self._after, *self._pattern
-
-    def launch(self, sensor: kernels.Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
-        """Events of a batch to `keys`, as many as fit; all are counted."""
-        b = batch
-        wp.launch(
-            kernels_paper.paper,
-            self._threads,
-            [sensor, b.begin, b.episodes, b.images, b.t, b.t_base, self._columns, *self._pattern, self._before],
-            [self._after, keys, counters],
-            device=self._device,
-        )
-
-    def swap(self) -> None:
-        self._before, self._after = self._after, self._before
-
-
 def make_engine(size: Size, seed: int, p: Mapping[str, Any], device: Any) -> Any:
-    """The engine for resolved parameters: the plain one unless a curve or a fault is asked for."""
+    """The engine for resolved parameters: the plain one unless a curve or a fault is asked for.
+
+    Only what is asked for is imported, for a module of kernels costs some ms.
+    """
     if p["model"] == "evis-paper":
+        from nodes.event_sensor.paper import Paper
+
         return Paper(size, seed, p, device)
     if features_of(p) not in (Features("linear"), Features("frame")):
+        from nodes.event_sensor.full import Full
+
         return Full(size, seed, p, device)
     frame = p["crossing"] == "frame"
     if device.is_cuda:

@@ -9,7 +9,6 @@ import numpy as np
 import warp as wp
 
 from nodes.event_sensor import kernels
-from nodes.event_sensor.defocus import Defocus
 
 
 class Optics:
@@ -22,6 +21,8 @@ class Optics:
         self._device = device
         self._defocus = self._defocus_slopes = self._photoreceptor = None
         if p["defocus_px"] > 0:
+            from nodes.event_sensor.defocus import Defocus
+
             self._defocus = Defocus(p["defocus_px"], str(device))
             if slopes:
                 self._defocus_slopes = Defocus(p["defocus_px"], str(device))
