@@ -153,10 +153,13 @@ class Writer(abc.ABC):
     """
 
     keeps: ClassVar[frozenset[str]] = frozenset()
+    _settled = True
+    """There is no partial file of its own: one of the same name would be another writer's."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         self.partial = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
+        self._settled = False
         if not self.path.parent.is_dir():
             raise RecordingError(f"{self.path}: the folder {self.path.parent} does not exist; make it first")
 
@@ -172,10 +175,17 @@ class Writer(abc.ABC):
         """Complete the file and give it its name."""
         self._finish()
         os.replace(self.partial, self.path)
+        self._settled = True
 
     def discard(self) -> None:
         """Leave nothing behind."""
         self.partial.unlink(missing_ok=True)
+        self._settled = True
+
+    def __del__(self) -> None:
+        # Interrupted between its opening and the block that would have closed it.
+        if not self._settled:
+            self.partial.unlink(missing_ok=True)
 
     def __enter__(self) -> Writer:
         return self
@@ -190,7 +200,7 @@ class Writer(abc.ABC):
         try:
             self.discard()
         except (OSError, RuntimeError):  # the second by HDF5
-            self.partial.unlink(missing_ok=True)  # to close it meant to write what no longer fits
+            Writer.discard(self)  # to close it meant to write what no longer fits
         if failure is not None:
             raise RecordingError(f"{self.path}: writing failed: {reason(failure)}") from None
 
