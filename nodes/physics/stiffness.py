@@ -149,7 +149,8 @@ def thicknesses(model: Any) -> np.ndarray:
 def geom_name(model: Any, geom: int) -> str:
     """For a message."""
     name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
-    body = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, model.geom_bodyid[geom])
+    number = int(model.geom_bodyid[geom])
+    body = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, number) or f"body{number}"
     return f"geom '{name}'" if name else f"geom {geom} of body '{body}'"
 
 

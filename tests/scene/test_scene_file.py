@@ -211,3 +211,16 @@ def test_a_camera_whose_name_no_topic_can_have_is_refused(tmp_path, name):
     path.write_text(f"cameras: {{'{name}': {{fov: 40 deg}}}}\n")
     with pytest.raises(SceneError, match=r"named\.yaml:1: .*take letters, digits, _ \. and -"):
         load_scene(str(path), visuals=False)
+
+
+def test_the_documents_list_the_keys_that_the_reader_names():
+    """The list in docs/scenes.md is that of the builder, word for word."""
+    import textwrap
+    from pathlib import Path
+
+    from evis.scene import build
+
+    assert build.__doc__ is not None
+    listed = build.__doc__.split("over the arguments.\n\n")[1].split("Entries of bodies")[0].rstrip()
+    document = Path(__file__).parents[2] / "docs" / "scenes.md"
+    assert textwrap.dedent(listed) in document.read_text()

@@ -34,14 +34,41 @@ def test_a_turn_is_named_when_frames_show_another_rate(rate):
     assert all(f"body 'rotor' makes {rate:.4g} turns" in line and "frames come at 240 Hz" in line for line in lines)
 
 
-@pytest.mark.parametrize(
-    "frequency, depth, lines", [(100, 0.5, 0), (119.9, 1, 0), (120, 1, 1), (240, 0.5, 1), (240, 0, 0)]
-)
-def test_flicker_up_to_half_of_the_frame_rate(frequency, depth, lines):
-    """At 240 Hz every frame falls on the same phase, at 120 Hz on two: both may look still."""
-    found = undersampled(scene(flicker=Waveform("sine", frequency, depth)), 240)
-    assert len(found) == lines
-    assert all(f"light 'sun' flickers at {frequency:g} Hz" in line for line in found)
+def kept(wave, frame_rate):
+    """Share of the change of ln I that samples show, the least over the phases, of a hundred periods."""
+    times = np.arange(int(100 * frame_rate / wave.frequency)) / frame_rate
+    shares = []
+    for phase in np.linspace(0, 1, 16, endpoint=False):
+        at = (wave.frequency * times + phase) % 1
+        if wave.kind == "sine":
+            strength, low, high = 1 + wave.depth * np.sin(2 * np.pi * at), 1 - wave.depth, 1 + wave.depth
+        else:
+            low, high = 1 - wave.depth, 1 + wave.depth * (1 - wave.duty) / wave.duty
+            strength = np.where(at < wave.duty, high, low)
+        whole = 2 * 100 * np.log(high / low)
+        shares.append(np.abs(np.diff(np.log(strength))).sum() / whole)
+    return min(shares)
+
+
+@pytest.mark.parametrize("wave", [
+    Waveform("sine", 100, 0.3), Waveform("sine", 240, 0.9), Waveform("square", 240, 0.8, duty=0.2),
+    Waveform("square", 100, 0.5, duty=0.95), Waveform("square", 100, 0.5, duty=0.5),
+])  # fmt: skip
+@pytest.mark.parametrize("per_period", [0.5, 1, 1.3, 2, 2.4, 4.1, 4.8, 6.3, 8, 10.3, 16.5, 40.2, 81])
+def test_flicker_is_named_where_frames_miss_a_part_of_it(wave, per_period):
+    """What is not named keeps nine tenths of its change at any phase, and four fifths where it is nearly dark once."""
+    frame_rate = per_period * wave.frequency
+    lines, share = undersampled(scene(flicker=wave), frame_rate), kept(wave, frame_rate)
+    assert len(lines) == 1 or share > (0.9 if wave.depth <= 0.5 else 0.8)
+    for line in lines:
+        assert f"light 'sun' flickers at {wave.frequency:g} Hz and frames come at {frame_rate:g} Hz" in line
+        assert ("something slower" in line) == (per_period <= 2)
+        wanted = float(line.split("; ")[1].split(" Hz")[0])
+        assert wanted > frame_rate and undersampled(scene(flicker=wave), wanted * 1.001) == []
+
+
+def test_a_light_that_does_not_vary_is_not_named():
+    assert undersampled(scene(flicker=Waveform("sine", 240, 0.0)), 240) == []
 
 
 def test_what_swings_counts_by_its_frequency_and_by_its_rate():
