@@ -26,8 +26,6 @@ COMPRESSIONS = {0: "none", 1: "lz4", 2: "lz4", 3: "zstd", 4: "zstd"}
 _FRAME_MAGIC = {"lz4": b"\x04\x22\x4d\x18", "zstd": b"\x28\xb5\x2f\xfd"}
 _MAX_HEADER = 16 << 20
 _WINDOW = 1 << 20
-_JOINED = 4 << 20
-"""Bytes of unpacked packets that make a block."""
 
 
 class Packet(NamedTuple):
@@ -204,9 +202,9 @@ class Aedat4Recording(BlockRecording):
                 self.info.truncated = True
                 self.info.warn(f"cut inside the packet at byte {packet.at}")
             self._unpack(packet, joined)
-            if joined.size >= _JOINED:
+            if joined.full:
                 yield joined.take()
-        if joined.size:
+        if not joined.empty:
             yield joined.take()
 
     def _unpack(self, packet: Packet, joined: Packets) -> None:

@@ -22,19 +22,28 @@ SOURCES = {1: (0, 1), 2: (0, 0), 3: (0, 1), 4: (1, 1), 5: (1, 0), 6: (2, 1), 7: 
 _BY_SOURCE = np.array([SOURCES.get(i, (0, -1)) for i in range(256)], np.int8).T
 _IMU = ((0, "q"), *((i, "f") for i in range(1, 8)))
 _EDGE = ((0, "q"), (1, "b"))
+_FIRST, _ROOM = 1 << 17, 1 << 13
+"""Events that are put together first, so that a small file is one block, and later: memory of this size goes round,
+where larger arrays come from the system page by page."""
+_FRAMES = 32
 _RGB = {1: [0], 3: [2, 1, 0], 4: [2, 1, 0]}
 
 
 class Packets:
-    """Uncompressed packets put together: their numbers become arrays once for many of them."""
+    """Uncompressed packets put together in arrays; full when another one like the last might not fit."""
 
     def __init__(self) -> None:
-        self._events: list[np.ndarray] = []
+        self._room = _FIRST
+        self._begin()
+
+    def _begin(self) -> None:
+        self._events = Events.empty()
+        self._n = self._last = 0
         self._imu: list[Rows] = []
         self._edges: list[Rows] = []
         self._frames: list[Frame] = []
-        self.size = 0
-        """Bytes of the packets that are here."""
+        self.empty = True
+        self.full = False
 
     def add(self, data: bytes, cut: bool = False) -> None:
         """One more. cut: it may end early. Raises DamagedError and is as before."""
@@ -43,33 +52,47 @@ class Packets:
             raise DamagedError("it holds nothing that is known")
         root = Table.root(data, kind)
         if kind == b"EVTS":
-            self._events.append(root.vector(0, EVENT, cut))
+            self._add_events(root.vector(0, EVENT, cut))
         elif kind == b"FRME":
             self._frames.append(_frame(root))
+            self.full |= len(self._frames) >= _FRAMES
         elif kind == b"IMUS":
             self._imu.append(root.rows(0, _IMU, cut))
         else:
             self._edges.append(root.rows(0, _EDGE, cut))
-        self.size += len(data)
+        self.empty = False
+
+    def _add_events(self, raw: np.ndarray) -> None:
+        """At once, while the unpacked bytes are in the cache."""
+        first, last = self._n, self._n + len(raw)
+        if last > len(self._events):
+            before, room = self._events[:first], max(self._room, last)
+            t, x, y, p = (np.empty(room, d) for d in (np.int64, np.uint16, np.uint16, np.uint8))
+            self._events = Events(t, x, y, p)
+            self._put(0, before.t, before.x, before.y, before.p)
+        np.multiply(raw["t"], 1000, out=self._events.t[first:last])
+        self._put(first, None, raw["x"], raw["y"], raw["on"] != 0)
+        self._n = last
+        self.full |= last + len(raw) > len(self._events)
+
+    def _put(self, first: int, t: np.ndarray | None, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> None:
+        last = first + len(x)
+        events = self._events
+        events.x[first:last], events.y[first:last], events.p[first:last] = x, y, p
+        if t is not None:
+            events.t[first:last] = t
 
     def take(self) -> Events:
         """What they hold, each kind in the order of the packets; none is left."""
-        events = _events(self._events) if self._events else Events.empty()
+        events = self._events[: self._n]
         if self._imu:
             events.imu = _imu(self._imu)
         if self._edges:
             events.triggers = _triggers(self._edges)
         events.frames = self._frames
-        self._events, self._imu, self._edges, self._frames, self.size = [], [], [], [], 0
+        self._room = _ROOM
+        self._begin()
         return events
-
-
-def _events(parts: list[np.ndarray]) -> Events:
-    t = np.concatenate([part["t"] for part in parts])
-    t *= 1000
-    x, y = (np.concatenate([part[n] for part in parts], dtype=np.uint16, casting="unsafe") for n in "xy")
-    on = np.concatenate([part["on"] for part in parts])
-    return Events(t, x, y, (on != 0).view(np.uint8))
 
 
 def _frame(frame: Table) -> Frame:
