@@ -50,6 +50,7 @@ def summarise(
         "keyframes": _total(nodes, "keyframes"),
         "frames": _total(nodes, "frames"),
         "drops": sum(n.get("counters", {}).get(key, 0) for n in nodes.values() for key in DROP_COUNTERS),
+        "dropped_events": sum(n.get("counters", {}).get("dropped_events", 0) for n in nodes.values()),
         "nodes": nodes,
         "left_out": [{"what": item.what, "why": item.why} for item in plan.left_out],
         "bus_s": round(overhead["bus"], 6),
@@ -74,7 +75,8 @@ def as_table(report: Report) -> str:
     s = report.summary
     lines = [
         f"{s['sim_s']:.3f} s in {s['wall_s']:.2f} s (real-time factor {s['rtf']:.3f}), start-up {s['startup_s']:.2f} s",
-        f"{s['events']:,} events, {s['keyframes']:,} keyframes, {s['frames']:,} frames, {s['drops']:,} drops",
+        f"{s['events']:,} events, {s['keyframes']:,} keyframes, {s['frames']:,} frames, "
+        f"{s['drops']:,} messages and {s['dropped_events']:,} events dropped",
         "",
         f"{'node':<20}{'updates':>10}{'ms/update':>12}{'busy s':>10}  counters",
     ]
