@@ -41,6 +41,8 @@ def load_parts(
 
     scale: [3], applied to the file's axes. y_up: the file's vertical axis is y (turned to z here); None: as the format
     has it. crease: edges sharper than this [rad] stay sharp, the others are smoothed. textures=False leaves images out.
+    Colours of vertices: glTF's COLOR_0 is linear; those of PLY (or of its faces) and OBJ are taken as sRGB, integers as
+    parts of their type's largest; alpha is left out. A mesh that has them and no material gets a white one.
     Materials: glTF's metallic-roughness ones (base colour factor linear, its texture sRGB, emission times
     KHR_materials_emissive_strength), MTL's Kd and map_Kd taken as sRGB. Raises SceneError naming the file.
     """
@@ -52,24 +54,29 @@ def load_parts(
         scene = trimesh.load_scene(str(path), process=False)
         # Sorted, for the ids of a scene must not depend on the process that loads it.
         places = [scene.graph[node] for node in sorted(scene.graph.nodes_geometry)]
-        nodes = [(transform, scene.geometry[name]) for transform, name in places]
+        nodes = [(transform, scene.geometry[name], str(name)) for transform, name in places]
         exact = _gltf_materials(path) if path.suffix.lower() in Y_UP else {}
+        coloured = textures and any(_kind(geometry) in ("vertex", "face") for geometry in scene.geometry.values())
+        stored = _stored(path) if coloured else {}
     except Exception as error:  # the readers of trimesh raise whatever they stumble over
         raise SceneError(f"{path.name} cannot be read as {path.suffix[1:].upper()}: {_line(error)}") from None
     turn = _upright(path, y_up)
     known: dict[int, Material | None] = {}
     parts = []
-    for transform, geometry in nodes:
+    white = Material(f"{path.stem}_white", np.ones(3, np.float32))
+    for transform, geometry, name in nodes:
         if not isinstance(geometry, trimesh.Trimesh) or not len(geometry.faces):
             continue  # points and lines have no surface
-        parts.append(Part(_mesh(path, geometry, np.asarray(transform), scale, turn, crease), None))
-        visual = geometry.visual
-        source = getattr(visual, "material", None) if getattr(visual, "kind", None) == "texture" else None
+        mesh = _mesh(path, geometry, np.asarray(transform), scale, turn, crease)
+        if textures:
+            mesh.colours = _colours(path, geometry, stored.get(name, stored.get("", {})), mesh.faces)
+        parts.append(Part(mesh, None if mesh.colours is None else white))
+        source = getattr(geometry.visual, "material", None) if _kind(geometry) == "texture" else None
         if source is not None:
             if id(source) not in known:
                 known[id(source)] = made = _material(path, source, exact, textures)
                 # Materials of a file may share a name; those of a scene may not.
-                taken = {other.name for other in known.values() if other is not None and other is not made}
+                taken = {other.name for other in (white, *known.values()) if other is not None and other is not made}
                 made.name += f"_{len(known)}" if made.name in taken else ""
             parts[-1].material = known[id(source)]
     if not parts:
@@ -103,6 +110,48 @@ def _mesh(path: Path, geometry: Any, transform: np.ndarray, scale: np.ndarray, t
     return Mesh(
         points.astype(np.float32), np.ascontiguousarray(faces, np.int32), corners, crease_normals(points, faces, crease)
     )
+
+
+def _kind(geometry: Any) -> str | None:
+    """What trimesh has of a mesh's looks: `texture`, `vertex` or `face` colours, or None."""
+    return getattr(getattr(geometry, "visual", None), "kind", None)
+
+
+def _stored(path: Path) -> dict[str, Mapping[str, Any]]:
+    """What the file's reader says of each mesh, by name, before trimesh rounds colours to 8 bits; "" = the only one."""
+    from trimesh.exchange.load import mesh_loaders
+    from trimesh.resolvers import FilePathResolver
+
+    kind = path.suffix.lower()[1:]
+    with path.open("rb") as file:
+        said = mesh_loaders[kind](file, file_type=kind, resolver=FilePathResolver(str(path)))
+    return dict(said["geometry"]) if "geometry" in said else {"": said}
+
+
+def _colours(path: Path, geometry: Any, stored: Mapping[str, Any], faces: np.ndarray) -> np.ndarray | None:
+    """Colours of a mesh's corners, linear float32 [F, 3, 3]; None where it has none."""
+    visual, kind = geometry.visual, _kind(geometry)
+    if kind == "texture":
+        colours = visual.vertex_attributes.get("color")
+        colours = geometry.vertex_attributes.get("color") if colours is None else colours
+    elif kind in ("vertex", "face"):
+        colours = stored.get(f"{kind}_colors")
+        colours = getattr(visual, f"{kind}_colors") if colours is None else colours
+    else:
+        return None
+    if colours is None:
+        return None
+    colours = np.asarray(colours)[:, :3]
+    whole = np.issubdtype(colours.dtype, np.integer)
+    colours = colours.astype(np.float64) / (np.iinfo(colours.dtype).max if whole else 1.0)
+    if kind != "face" and len(colours) <= faces.max():
+        raise SceneError(f"{path.name} has {len(colours)} colours of vertices for {len(geometry.vertices)} vertices")
+    if not (colours.min() >= 0.0 and colours.max() <= 1.0 + 1e-6):
+        raise SceneError(f"{path.name} has colours of {colours.min():g} ... {colours.max():g}; they must be 0 ... 1")
+    colours = np.minimum(colours, 1.0)
+    linear = colours if path.suffix.lower() in Y_UP else linear_from_srgb(colours)
+    corners = linear[:, None].repeat(3, axis=1) if kind == "face" else linear[faces]
+    return np.ascontiguousarray(corners, np.float32)
 
 
 def _material(path: Path, source: Any, exact: Mapping[str, Sequence[Mapping[str, Any]]], textures: bool) -> Material:

@@ -45,13 +45,15 @@ class Mesh:
     """Triangles in the body's frame of one instance.
 
     vertices float32 [V, 3] m; faces int32 [F, 3], counter-clockwise seen from outside; uv float32 [F, 3, 2] per corner
-    or None; normals float32 [F, 3, 3] per corner (smooth shading) or None (flat).
+    or None; normals float32 [F, 3, 3] per corner (smooth shading) or None (flat); colours float32 [F, 3, 3] per corner,
+    linear, 0 ... 1, by which the material's albedo is multiplied, or None (1).
     """
 
     vertices: np.ndarray
     faces: np.ndarray
     uv: np.ndarray | None = None
     normals: np.ndarray | None = None
+    colours: np.ndarray | None = None
 
 
 @dataclass

@@ -25,6 +25,7 @@ class Geometry:
     vertices; triangle_instance int32 [T]; first int64 [I + 1]: triangles of instance i are [first[i], first[i + 1]);
     normals float32 [T, 3] geometric unit normals (0 for a degenerate triangle, which is never seen);
     uv float32 [3 T, 2] or None; smooth float32 [3 T, 3] shading normals (0 = use the geometric one) or None;
+    tint float32 [3 T, 3] colours of the corners (1 where an instance has none) or None;
     body int64 [I]; rotation float64 [I, 3, 3] and translation float64 [I, 3] take the recentred frame to the body's;
     radius float32 [I] of the bounding sphere; shell int32 [I]; meshes: what each instance's ray tests go to.
     """
@@ -37,6 +38,7 @@ class Geometry:
     normals: np.ndarray
     uv: np.ndarray | None
     smooth: np.ndarray | None
+    tint: np.ndarray | None
     body: np.ndarray
     rotation: np.ndarray
     translation: np.ndarray
@@ -60,7 +62,7 @@ class _Shape(NamedTuple):
 
 def flatten(scene: Scene) -> Geometry:
     """The arrays of a scene. Raises ValueError naming the instance whose mesh, material or body is not usable."""
-    vertices, triangles, owners, normals, uv, smooth = [], [], [], [], [], []
+    vertices, triangles, owners, normals, uv, smooth, tint = [], [], [], [], [], [], []
     count = len(scene.instances)
     first = np.zeros(count + 1, np.int64)
     body = np.full(count, WORLD, np.int64)
@@ -76,6 +78,7 @@ def flatten(scene: Scene) -> Geometry:
             shapes[id(instance.mesh)] = _shape_of(instance.mesh)
     has_uv = any(scene.materials[i.material].texture is not None for i in scene.instances)
     has_smooth = any(i.mesh.normals is not None for i in scene.instances)
+    has_tint = any(i.mesh.colours is not None for i in scene.instances)
     base = 0
     for index, instance in enumerate(scene.instances):
         mesh = instance.mesh
@@ -90,6 +93,8 @@ def flatten(scene: Scene) -> Geometry:
             uv.append(np.zeros((len(faces), 3, 2), np.float32) if mesh.uv is None else mesh.uv)
         if has_smooth:
             smooth.append(np.zeros((len(faces), 3, 3), np.float32) if mesh.normals is None else mesh.normals)
+        if has_tint:
+            tint.append(np.ones((len(faces), 3, 3), np.float32) if mesh.colours is None else mesh.colours)
         base += len(points)
         first[index + 1] = first[index] + len(faces)
     return Geometry(
@@ -101,6 +106,7 @@ def flatten(scene: Scene) -> Geometry:
         normals=_stack(normals, np.float32, 3),
         uv=_stack(uv, np.float32, 2) if has_uv else None,
         smooth=_stack(smooth, np.float32, 3) if has_smooth else None,
+        tint=_stack(tint, np.float32, 3) if has_tint else None,
         body=body,
         rotation=rotation,
         translation=translation,
@@ -176,11 +182,14 @@ def _check_mesh(scene: Scene, instance: Instance) -> None:
         raise ValueError(f"{where} has a vertex or pose that is not finite")
     if faces.size and not 0 <= faces.min() <= faces.max() < len(points):
         raise ValueError(f"{where} has a face that names vertex {faces.max()} of {len(points)}")
-    for name, array in (("uv", mesh.uv), ("normals", mesh.normals)):
+    for name, array in (("uv", mesh.uv), ("normals", mesh.normals), ("colours", mesh.colours)):
         if array is not None and len(array) != len(faces):
             raise ValueError(f"{where} has {len(array)} {name} for {len(faces)} faces")
         if array is not None and not np.isfinite(array).all():
             raise ValueError(f"{where} has {name} that are not finite")
+    if mesh.colours is not None and mesh.colours.size and not 0 <= mesh.colours.min() <= mesh.colours.max() <= 1:
+        worst = mesh.colours.min() if mesh.colours.min() < 0 else mesh.colours.max()
+        raise ValueError(f"{where} has a colour of {worst:g}; colours of vertices must be 0 ... 1")
 
 
 def _stack(parts: list[np.ndarray], dtype: type, width: int) -> np.ndarray:

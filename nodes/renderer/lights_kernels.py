@@ -1,12 +1,9 @@
-"""Direct light on a surface point: directional, point, spot and area lights with their shadows."""
+"""Lights, the points of surfaces that they shine on, and the way from one to the other for lights without size."""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
-
-from nodes.renderer.ggx_kernels import specular
-from nodes.renderer.lights_shadow_kernels import Casters, make_occlusion
 
 wp.set_module_options({"enable_backward": False})
 
@@ -55,6 +52,20 @@ class SurfacePoint:
     alpha: float
     f0: wp.vec3
     key: wp.uint32
+
+
+@wp.struct
+class DirectLight:
+    """What lights give a surface point: irradiance for the diffuse term and radiance of the specular one.
+
+    still_irradiance, still_shine: without moving casters. bits: one for each light that still casters let through.
+    """
+
+    irradiance: wp.vec3
+    shine: wp.vec3
+    still_irradiance: wp.vec3
+    still_shine: wp.vec3
+    bits: wp.uint32
 
 
 @wp.func
@@ -119,126 +130,3 @@ def make_directions(directional: bool, point: bool, spot: bool) -> tuple[Any, An
         return False
 
     return towards, idle
-
-
-def make_lighting(
-    kinds: tuple[bool, bool, bool],
-    area: Any,
-    hard: bool,
-    soft: bool,
-    trees: bool,
-    joined: bool,
-    cache: bool,
-    gloss: bool,
-    masked: bool = False,
-) -> tuple[Any, Any]:
-    """The functions `unhidden` and `gather` with only what a scene has; area: the function of area lights, or None.
-
-    kinds: whether there are directional, point and spot lights; hard: whether one of these has shadows; soft: whether
-    an area light has. masked: rays to the other lights have been traced, see shadow_kernels.
-    """
-    delta = any(kinds)
-    occluded, crossed = make_occlusion(trees, joined)
-    towards, idle = make_directions(*kinds)
-
-    @wp.func
-    def unhidden(
-        lights: Lights,
-        casters: Casters,
-        env: int,
-        bits: wp.uint32,
-        s: SurfacePoint,
-    ):
-        """Whether no moving caster hides anything of the lights in `bits`."""
-        last = casters.order.shape[0]
-        for l in range(lights.kind.shape[0]):
-            if ((bits >> wp.uint32(l)) & wp.uint32(1)) != wp.uint32(0):
-                if wp.static(soft):
-                    if lights.kind[l] == AREA:
-                        centre = lights.vector[env, l] - s.lift
-                        far = wp.length(centre)
-                        reach = wp.length(lights.half_u[env, l]) + wp.length(lights.half_v[env, l])
-                        ray = centre / far
-                        first = casters.still
-                        if crossed(casters, env, first, last, s.alone, s.lift, ray, far, reach):
-                            return False
-                        continue
-                if wp.static(hard):
-                    ray, length, _ = towards(lights, env, l, s.position)
-                    if occluded(casters, env, casters.still, last, s.alone, s.lift, ray, length):
-                        return False
-        return True
-
-    @wp.func
-    def gather(
-        lights: Lights,
-        casters: Casters,
-        env: int,
-        s: SurfacePoint,
-        moved: int,
-        last: int,
-        known: bool,
-        bits: wp.uint32,
-        hidden: wp.uint32,
-    ):
-        """Irradiance for the diffuse term and radiance of the specular one, each also without moving casters.
-
-        Then a bit for each light that still casters let through; if `known`, those are given. hidden: if masked, a bit
-        for each light that is not seen from here.
-        """
-        irradiance = wp.vec3(0.0, 0.0, 0.0)
-        unblocked = wp.vec3(0.0, 0.0, 0.0)
-        shine = wp.vec3(0.0, 0.0, 0.0)
-        shine_unblocked = wp.vec3(0.0, 0.0, 0.0)
-        for l in range(lights.kind.shape[0]):
-            bit = wp.uint32(1) << wp.uint32(l)
-            if wp.static(area is not None):
-                if lights.kind[l] == AREA:
-                    if not known or (bits & bit) != wp.uint32(0) or lights.shadow[l] == 0:
-                        passes, full, still, full_shine, still_shine = area(lights, casters, env, l, s, moved, last)
-                        colour = lights.colour[env, l]
-                        irradiance += full * colour
-                        unblocked += still * colour
-                        if wp.static(gloss):
-                            shine += wp.cw_mul(full_shine, colour)
-                            shine_unblocked += wp.cw_mul(still_shine, colour)
-                        if passes and lights.shadow[l] == 1:
-                            bits = bits | bit
-                    continue
-            if wp.static(delta):
-                if idle(lights, env, l, s):
-                    continue
-                ray, length, strength = towards(lights, env, l, s.position)
-                cosine = wp.dot(s.facing, ray)
-                if cosine > 0.0 and wp.dot(s.normal, ray) > 0.0 and strength > 0.0:
-                    share = (cosine * strength) * lights.colour[env, l]
-                    open = wp.bool(True)
-                    free = wp.bool(True)
-                    if wp.static(masked):
-                        free = (hidden & bit) == wp.uint32(0)
-                    elif wp.static(hard):
-                        if lights.shadow[l] == 1:
-                            if wp.static(cache):
-                                if known:
-                                    open = (bits & bit) != wp.uint32(0)
-                                else:
-                                    open = not occluded(casters, env, 0, moved, s.alone, s.lift, ray, length)
-                                    bits = wp.where(open, bits | bit, bits)
-                            free = open
-                            if open:
-                                free = not occluded(casters, env, moved, last, s.alone, s.lift, ray, length)
-                    glint = wp.vec3(0.0, 0.0, 0.0)
-                    if wp.static(gloss):
-                        if s.alpha >= 0.0:
-                            glint = wp.cw_mul(specular(s.alpha, s.f0, s.facing, s.view, ray), share)
-                    if open:
-                        unblocked += share
-                        if wp.static(gloss):
-                            shine_unblocked += glint
-                    if free:
-                        irradiance += share
-                        if wp.static(gloss):
-                            shine += glint
-        return irradiance, unblocked, shine, shine_unblocked, bits
-
-    return unhidden, gather

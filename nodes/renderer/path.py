@@ -11,8 +11,10 @@ import warp as wp
 
 from evis.scene.model import Light, Scene
 from nodes.renderer import path_kernels
+from nodes.renderer.features import Features
 from nodes.renderer.path_sampling_kernels import GLOWING, PICTURE, Sources
 from nodes.renderer.path_surface_kernels import Bodies
+from nodes.renderer.path_walk_kernels import PathLimits
 from nodes.renderer.visibility import Visibility
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -46,12 +48,15 @@ class PathOptions:
 class Paths:
     """Adds to the direct light of lights what comes from the sky, glowing surfaces, and over other surfaces.
 
-    shared: static flags of the shading kernel that this one shares.
+    features: of the shading kernel. half: whether light is written as float16.
     """
 
-    def __init__(self, visibility: Visibility, options: PathOptions, half: bool, **shared: bool) -> None:
+    def __init__(self, visibility: Visibility, options: PathOptions, features: Features, half: bool) -> None:
         scene, geometry, put = visibility.scene, visibility.geometry, visibility.put
-        self.visibility, self.options = visibility, options
+        self.visibility = visibility
+        self._limits = PathLimits()
+        self._limits.bounces, self._limits.samples = options.bounces, options.samples
+        self._limits.roulette = int(options.roulette)
         self.direct = visibility.empty(visibility.shape, wp.vec3)
         self._bodies = Bodies()
         self._bodies.first = put(geometry.first[:-1], wp.int32)
@@ -61,18 +66,15 @@ class Paths:
         self._sources = make_sources(visibility, glows)
         self._sources.glows = put(self.glows, wp.int32)
         dark = not glows.any() and scene.environment_map is None and not np.any(scene.environment)
-        self._kernels = make_paths(
-            **shared, mapped=scene.environment_map is not None, glowing=bool(glows.any()), dark=dark, half=half
-        )
+        self._kernels = make_paths(features, bool(glows.any()), dark, half)
 
     def kernel(self, listed: bool) -> wp.Kernel:
         """The kernel for all pixels of the rows it gets, or for those of a list; arguments as of `make_shade`'s."""
         return self._kernels[listed]
 
     def arguments(self, light: list[Any], image: Any) -> list[Any]:
-        """The kernels' arguments from `bounces` on. light: what is seen, surfaces, lights, sky and casters."""
-        o = self.options
-        return [o.bounces, o.samples, int(o.roulette), *light, self._bodies, self._sources, self.direct, image]
+        """The kernels' arguments from `limits` on. light: what is seen, surfaces, lights, sky and casters."""
+        return [self._limits, *light, self._bodies, self._sources, self.direct, image]
 
 
 def glowing(scene: Scene, visibility: Visibility) -> np.ndarray:

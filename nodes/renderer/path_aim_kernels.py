@@ -1,12 +1,13 @@
-"""What a path's surface point reflects of sources of light that it aims at: lights, glowing triangles, the sky."""
+"""What a path's vertex reflects of sources of light that it aims at: lights, glowing triangles, the sky."""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
+from nodes.renderer.features import Features
 from nodes.renderer.lights_area_kernels import SHORT
-from nodes.renderer.lights_kernels import AREA, DIRECTIONAL, FAR, SPOT, Lights, SurfacePoint, spot_falloff
+from nodes.renderer.lights_kernels import AREA, DIRECTIONAL, FAR, SPOT, Lights, spot_falloff
 from nodes.renderer.lights_shadow_kernels import Casters, make_occlusion
 from nodes.renderer.lights_sky_kernels import Sky, make_sky
 from nodes.renderer.path_sampling_kernels import (
@@ -16,8 +17,8 @@ from nodes.renderer.path_sampling_kernels import (
     sky_density,
     sky_direction,
 )
-from nodes.renderer.path_surface_kernels import Bodies, make_reflection
-from nodes.renderer.shading_kernels import Surfaces
+from nodes.renderer.path_surface_kernels import Bodies, PathVertex, make_reflection
+from nodes.renderer.surface_kernels import Surfaces
 from nodes.renderer.write_kernels import luminance
 
 wp.set_module_options({"enable_backward": False})
@@ -55,33 +56,32 @@ def towards(lights: Lights, env: int, l: int, p: wp.vec3, normal: wp.vec3, u: wp
 
 
 @cache
-def make_aims(gloss: bool, mapped: bool, trees: bool, joined: bool) -> tuple[Any, Any, Any]:
+def make_aims(f: Features) -> tuple[Any, Any, Any]:
     """The functions `of_lights`, `of_glow` and `of_sky`."""
-    background, _, _ = make_sky(mapped)
-    occluded, _ = make_occlusion(trees, joined)
-    _, reflected = make_reflection(gloss)
+    background, _, _ = make_sky(f.mapped)
+    occluded, _ = make_occlusion(f.trees, f.joined)
+    _, reflected, _ = make_reflection(f.gloss)
 
     @wp.func
     def of_lights(
         lights: Lights,
         casters: Casters,
         env: int,
-        s: SurfacePoint,
-        diffuse: wp.vec3,
+        v: PathVertex,
         width: float,
         u: wp.vec2,
         choice: float,
     ):
-        """What the surface point reflects of one light, over the chance that it is that one."""
+        """What a vertex reflects of one light, over the chance that it is that one."""
         total = wp.float32(0.0)
         chosen = wp.int32(-1)
         weight = wp.float32(0.0)
         colour = wp.vec3(0.0, 0.0, 0.0)
         rest = choice
         for l in range(lights.kind.shape[0]):
-            ray, length, strength = towards(lights, env, l, s.position, s.facing, u, width)
+            ray, length, strength = towards(lights, env, l, v.point.position, v.point.facing, u, width)
             if strength > 0.0:
-                value, _ = reflected(s, diffuse, 0.0, ray)
+                value, _ = reflected(v, ray)
                 value = wp.cw_mul(value, strength * lights.colour[env, l])
                 given = luminance(value)
                 if given > 0.0:
@@ -98,9 +98,9 @@ def make_aims(gloss: bool, mapped: bool, trees: bool, joined: bool) -> tuple[Any
         if chosen < 0:
             return colour
         if lights.shadow[chosen] == 1:
-            ray, length, strength = towards(lights, env, chosen, s.position, s.facing, u, width)
+            ray, length, strength = towards(lights, env, chosen, v.point.position, v.point.facing, u, width)
             last = casters.order.shape[0]
-            if occluded(casters, env, 0, last, s.alone, s.lift, ray, length):
+            if occluded(casters, env, 0, last, v.point.alone, v.point.lift, ray, length):
                 return wp.vec3(0.0, 0.0, 0.0)
         return (total / weight) * colour
 
@@ -111,12 +111,10 @@ def make_aims(gloss: bool, mapped: bool, trees: bool, joined: bool) -> tuple[Any
         bodies: Bodies,
         casters: Casters,
         env: int,
-        s: SurfacePoint,
-        diffuse: wp.vec3,
-        share: float,
+        v: PathVertex,
         u: wp.vec2,
     ):
-        """What the surface point reflects of a point on a glowing triangle, weighted against finding it by chance."""
+        """What a vertex reflects of a point on a glowing triangle, weighted against finding it by chance."""
         zero = wp.vec3(0.0, 0.0, 0.0)
         g = searched(sources.glow_sum, u[0])
         root = wp.sqrt(rescaled(sources.glow_sum, g, u[0]))
@@ -126,9 +124,9 @@ def make_aims(gloss: bool, mapped: bool, trees: bool, joined: bool) -> tuple[Any
         c = sources.glow_corners[g, 2]
         turn = casters.rotation[env, i]
         place = turn * ((1.0 - root) * a + (root * (1.0 - u[1])) * b + (root * u[1]) * c) + casters.translation[env, i]
-        gap = place - s.lift
+        gap = place - v.point.lift
         length = wp.length(gap)
-        if i == s.alone or length == 0.0:
+        if i == v.point.alone or length == 0.0:
             return zero
         ray = gap / length
         leaving = -wp.dot(turn * wp.normalize(wp.cross(b - a, c - a)), ray)
@@ -136,13 +134,13 @@ def make_aims(gloss: bool, mapped: bool, trees: bool, joined: bool) -> tuple[Any
             leaving = wp.abs(leaving)
         if leaving <= 0.0:
             return zero
-        value, other = reflected(s, diffuse, share, ray)
+        value, other = reflected(v, ray)
         if other == 0.0:
             return zero
         emission = surfaces.emission[surfaces.material[i]]
         density = luminance(emission) * sources.glow_density * (length / leaving * length)
         last = casters.order.shape[0]
-        if occluded(casters, env, 0, last, s.alone, s.lift, ray, SHORT * length):
+        if occluded(casters, env, 0, last, v.point.alone, v.point.lift, ray, SHORT * length):
             return zero
         return wp.cw_mul(value, emission) / (density + other)
 
@@ -152,20 +150,18 @@ def make_aims(gloss: bool, mapped: bool, trees: bool, joined: bool) -> tuple[Any
         sky: Sky,
         casters: Casters,
         env: int,
-        s: SurfacePoint,
-        diffuse: wp.vec3,
-        share: float,
+        v: PathVertex,
         u: wp.vec2,
     ):
-        """What the surface point reflects of a direction of the map, weighted against finding it by chance."""
+        """What a vertex reflects of a direction of the map, weighted against finding it by chance."""
         zero = wp.vec3(0.0, 0.0, 0.0)
         world = sky_direction(sources, u)
         ray = wp.transpose(sky.camera[env]) * world
-        value, other = reflected(s, diffuse, share, ray)
+        value, other = reflected(v, ray)
         if other == 0.0:
             return zero
         last = casters.order.shape[0]
-        if occluded(casters, env, 0, last, s.alone, s.lift, ray, FAR):
+        if occluded(casters, env, 0, last, v.point.alone, v.point.lift, ray, FAR):
             return zero
         return wp.cw_mul(value, background(sky, env, ray)) / (sky_density(sources, world) + other)
 

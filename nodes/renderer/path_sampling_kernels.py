@@ -41,6 +41,17 @@ class Sources:
     sky_share: wp.array2d(dtype=float)
 
 
+@wp.struct
+class Numbers:
+    """What the random numbers of a path depend on: that it is sample k of `count`, and where it begins, a point of an
+    instance with `shift` (`frozen_shift`)."""
+
+    k: int
+    count: int
+    instance: int
+    shift: wp.vec4
+
+
 @wp.func
 def around(x: float):
     """The fraction of x, below 1 also after rounding."""
@@ -94,17 +105,17 @@ def reversed_bits(k: int):
 
 
 @wp.func
-def point_of(k: int, count: int, bounce: int, instance: int, shift: wp.vec2):
-    """Sample k of `count` in the unit square, moved round by `shift` (Cranley and Patterson, 1976).
+def point_of(numbers: Numbers, bounce: int, shift: wp.vec2):
+    """A path's point in the unit square, moved round by `shift` (Cranley and Patterson, 1976).
 
     Where a path begins these are Hammersley's points; further on, fixed random ones.
     """
-    x = (float(k) + 0.5) / float(count)
+    x = (float(numbers.k) + 0.5) / float(numbers.count)
     y = wp.float32(0.0)
     if bounce == 0:
-        y = reversed_bits(k)
+        y = reversed_bits(numbers.k)
     else:
-        state = wp.rand_init(instance * 7919 + bounce, k)
+        state = wp.rand_init(numbers.instance * 7919 + bounce, numbers.k)
         x = wp.randf(state)
         y = wp.randf(state)
     return wp.vec2(around(x + shift[0]), around(y + shift[1]))

@@ -10,13 +10,16 @@ import numpy as np
 import warp as wp
 
 from nodes.renderer import shading_kernels
+from nodes.renderer.features import Features
 from nodes.renderer.geometry import is_static
 from nodes.renderer.ggx import alpha_of, is_plain
 from nodes.renderer.lights import LightSet, check_colour
 from nodes.renderer.lights_sky import make_sky
+from nodes.renderer.memory_kernels import Kept
 from nodes.renderer.occlusion import Occluders
 from nodes.renderer.poses import Frames
 from nodes.renderer.shadow_pass import ShadowPass, shadowed
+from nodes.renderer.surface_kernels import Seen, Surfaces
 from nodes.renderer.textures import pack
 from nodes.renderer.visibility import Visibility
 from nodes.renderer.write_kernels import make_image
@@ -82,7 +85,7 @@ class Shading:
         self._listed = not remember
         self._still_place = -1
         shape = visibility.shape if cached else (0, 0, 0)
-        self._kept = shading_kernels.Kept()
+        self._kept = Kept()
         self._kept.triangle = wp.full(shape, -1, dtype=wp.int32, device=self.device)
         self._kept.lit = wp.zeros(shape, dtype=wp.uint32, device=self.device)
         self._kept.colour = wp.zeros(shape, dtype=wp.vec3, device=self.device)
@@ -90,41 +93,43 @@ class Shading:
         # Pixels that were not finite, and that were clipped, of each band.
         self._counts = wp.zeros((2, bands), dtype=wp.int32, device=self.device)
         kinds = self.lights.kinds
-        looks = {"textures": textured, "smooth": geometry.smooth is not None, "gloss": gloss}
         # In a GPU's way: rays in a pass of their own, and neighbouring threads on a tile of pixels.
         self._tiled = split = self.device.is_cuda if split is None else split
         self.shadow_pass: ShadowPass | None = None
         if split and not cached and shadowed(visibility):
             self.shadow_pass = ShadowPass(visibility, self.lights, self.occluders, self.normals)
-        self._seen = shading_kernels.Seen()
+        self._seen = Seen()
         self._seen.packed, self._seen.vertices = visibility.packed, visibility.vertices
         self._seen.rotation, self._seen.translation = visibility.rotation, visibility.translation
         if self.shadow_pass is not None:
             self._seen.hidden = self.shadow_pass.hidden
-        self._kernel, self._list_kernel = make_shade(
-            **looks,
+        self.features = Features(
+            textures=textured,
+            smooth=geometry.smooth is not None,
+            tinted=geometry.tint is not None,
+            gloss=gloss,
             directional="directional" in kinds,
             point="point" in kinds,
             spot="spot" in kinds,
             area="area" in kinds,
-            mapped=scene.environment_map is not None,
-            flicker=self.lights.flickers,
             hard=shadows and any(light.shadows and light.kind != "area" for light in scene.lights),
             soft=shadows and any(light.shadows and light.kind == "area" for light in scene.lights),
+            flicker=self.lights.flickers,
+            mapped=scene.environment_map is not None,
+            ambience=not rays,
             trees=self.occluders.trees,
             joined=merged,
             cached=cached,
-            half=half and not rays,
-            ambience=not rays,
             masked=self.shadow_pass is not None,
             tiled=self._tiled,
+            half=half and not rays,
         )
+        self._kernel, self._list_kernel = make_shade(self.features)
         self.paths: Paths | None = None
         if rays and paths is not None:
             from nodes.renderer.path import Paths
 
-            looks |= {"trees": self.occluders.trees, "joined": merged, "lit": bool(kinds)}
-            self.paths = Paths(visibility, paths, half, **looks)
+            self.paths = Paths(visibility, paths, self.features, half)
             self._direct = self._image(False, self.paths.direct, None)
         self._half = half
 
@@ -154,6 +159,8 @@ class Shading:
     def placed(self) -> None:
         """What shading needs of the visibility's placed instances."""
         self.occluders.launch_moving()
+        if self.shadow_pass is not None:
+            self.shadow_pass.place()
 
     def shade(self, radiance: wp.array | None, ready: bool = False, luminance: wp.array | None = None) -> None:
         """Write [E, H, W] radiance of `pixel`, luminance of `scalar`, or both: launches only, that a graph may hold.
@@ -244,7 +251,7 @@ class Shading:
     def _make_surfaces(self) -> tuple[Any, bool]:
         """The materials, and whether any is textured."""
         scene, geometry, put = self.scene, self.visibility.geometry, self.visibility.put
-        surfaces = shading_kernels.Surfaces()
+        surfaces = Surfaces()
         for material in scene.materials:
             check_colour(scene, f"material '{material.name}' albedo", material.albedo)
             check_colour(scene, f"material '{material.name}' emission", material.emission)
@@ -258,6 +265,7 @@ class Shading:
         surfaces.normals = self.normals
         surfaces.uv = put(none2 if geometry.uv is None else geometry.uv, wp.vec2)
         surfaces.smooth = put(none3 if geometry.smooth is None else geometry.smooth, wp.vec3)
+        surfaces.tint = put(none3 if geometry.tint is None else geometry.tint, wp.vec3)
         surfaces.material = put(np.array([i.material for i in scene.instances], np.int32), wp.int32)
         surfaces.albedo = put(np.array([m.albedo for m in scene.materials]).reshape(-1, 3), wp.vec3)
         surfaces.emission = put(np.array([m.emission for m in scene.materials]).reshape(-1, 3), wp.vec3)

@@ -11,13 +11,17 @@ import warp as wp
 from nodes.renderer.kernels import MISS, View, depth_of, pixel_ray, tile_pixel, triangle_of
 from nodes.renderer.lights_kernels import Lights, SurfacePoint, make_directions
 from nodes.renderer.lights_shadow_kernels import Casters, make_occlusion, shadow_start
+from nodes.renderer.shadow_grid_kernels import Grid, hidden_from
 
 wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_shadow_rays(directional: bool, point: bool, spot: bool, trees: bool) -> tuple[wp.Kernel, wp.Kernel]:
-    """The kernels `shadow_rays`, of all pixels, and `listed_shadow_rays` with only what a scene has."""
+def make_shadow_rays(
+    directional: bool, point: bool, spot: bool, trees: bool, grids: bool
+) -> tuple[wp.Kernel, wp.Kernel]:
+    """The kernels `shadow_rays`, of all pixels, and `listed_shadow_rays` with only what a scene has. grids: the lights
+    in `shadowed` are those of `grid`, in that order."""
     towards, idle = make_directions(directional, point, spot)
     occluded, _ = make_occlusion(trees, False)
 
@@ -27,17 +31,20 @@ def make_shadow_rays(directional: bool, point: bool, spot: bool, trees: bool) ->
         env: int,
         y: int,
         x: int,
-        l: int,
+        n: int,
         packed: wp.array3d(dtype=wp.uint64),
         instance: wp.array(dtype=int),
         normals: wp.array(dtype=wp.vec3),
         rotation: wp.array2d(dtype=wp.mat33),
         translation: wp.array2d(dtype=wp.vec3),
         lights: Lights,
+        shadowed: wp.array(dtype=int),
         casters: Casters,
+        grid: Grid,
         hidden: wp.array3d(dtype=wp.uint32),
     ):
-        """Set bit l of a pixel from which light l is not seen though it might be."""
+        """Set bit l of a pixel from which light l = shadowed[n] is not seen though it might be."""
+        l = shadowed[n]
         hit = packed[env, y, x]
         t = triangle_of(hit)
         if t == MISS:
@@ -56,12 +63,18 @@ def make_shadow_rays(directional: bool, point: bool, spot: bool, trees: bool) ->
         ray, length, strength = towards(lights, env, l, s.position)
         if wp.dot(s.normal, ray) > 0.0 and strength > 0.0:
             lift, alone = shadow_start(casters, i, s.position, s.normal, side > 0.0)
-            last = casters.order.shape[0]
-            if occluded(casters, env, 0, last, alone, lift, ray, length):
+            blocked = wp.bool(False)
+            if wp.static(grids):
+                blocked = hidden_from(casters, grid, n, env, alone, lift, ray, length)
+            else:
+                blocked = occluded(casters, env, 0, casters.order.shape[0], alone, lift, ray, length)
+            if blocked:
                 wp.atomic_or(hidden, env, y, x, wp.uint32(1) << wp.uint32(l))
 
     # Somewhat fewer registers than it would take let more rays run at once.
-    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=96)
+    registers = 80 if grids else 96
+
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
     def shadow_rays(
         # in
         view: View,
@@ -73,6 +86,7 @@ def make_shadow_rays(directional: bool, point: bool, spot: bool, trees: bool) ->
         lights: Lights,
         shadowed: wp.array(dtype=int),
         casters: Casters,
+        grid: Grid,
         # out
         hidden: wp.array3d(dtype=wp.uint32),
     ):
@@ -81,10 +95,25 @@ def make_shadow_rays(directional: bool, point: bool, spot: bool, trees: bool) ->
         y, x = tile_pixel(view, tile, lane)
         if y >= view.height or x >= view.width:
             return
-        l = shadowed[n]
-        trace(view, env, y, x, l, packed, instance, normals, rotation, translation, lights, casters, hidden)
+        trace(
+            view,
+            env,
+            y,
+            x,
+            n,
+            packed,
+            instance,
+            normals,
+            rotation,
+            translation,
+            lights,
+            shadowed,
+            casters,
+            grid,
+            hidden,
+        )
 
-    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=96)
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
     def listed_shadow_rays(
         # in
         view: View,
@@ -96,6 +125,7 @@ def make_shadow_rays(directional: bool, point: bool, spot: bool, trees: bool) ->
         lights: Lights,
         shadowed: wp.array(dtype=int),
         casters: Casters,
+        grid: Grid,
         workers: int,
         pixels: wp.array(dtype=int),
         count: wp.array(dtype=int),
@@ -104,12 +134,27 @@ def make_shadow_rays(directional: bool, point: bool, spot: bool, trees: bool) ->
     ):
         """The same of count[0] listed pixels, indices into [E, H, W], which `workers` threads share for each light."""
         n, j = wp.tid()
-        l = shadowed[n]
         while j < count[0]:
             env = pixels[j] // (view.width * view.height)
             y = pixels[j] // view.width % view.height
             x = pixels[j] % view.width
-            trace(view, env, y, x, l, packed, instance, normals, rotation, translation, lights, casters, hidden)
+            trace(
+                view,
+                env,
+                y,
+                x,
+                n,
+                packed,
+                instance,
+                normals,
+                rotation,
+                translation,
+                lights,
+                shadowed,
+                casters,
+                grid,
+                hidden,
+            )
             j += workers
 
     return shadow_rays, listed_shadow_rays

@@ -1,0 +1,61 @@
+"""What of a scene the kernels of light have code for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Features:
+    """What a scene needs of the kernels of light: the rest is not compiled. Equal ones share their kernels."""
+
+    textures: bool = False
+    """Some instance shows one."""
+    smooth: bool = False
+    """Some instance has shading normals of its own."""
+    tinted: bool = False
+    """Some mesh has colours at its vertices."""
+    gloss: bool = False
+    """Some material is not plain diffuse."""
+    directional: bool = False
+    """There are lights of this kind; likewise point, spot and area."""
+    point: bool = False
+    spot: bool = False
+    area: bool = False
+    hard: bool = False
+    """A light that is no area light has shadows."""
+    soft: bool = False
+    """An area light has shadows."""
+    flicker: bool = False
+    """Strengths of lights change."""
+    mapped: bool = False
+    """The sky is a map."""
+    ambience: bool = True
+    """Surfaces get the sky's light, which nothing hides; without it paths bring it."""
+    trees: bool = False
+    """Casters lie in trees."""
+    joined: bool = False
+    """There may be one mesh of all still triangles."""
+    cached: bool = False
+    """Light on still surfaces is remembered."""
+    masked: bool = False
+    """Rays to lights that are points have been traced before, by shadow_kernels."""
+    tiled: bool = False
+    """Threads that run together have a tile of pixels (kernels.tile_pixel)."""
+    half: bool = False
+    """Light is written as float16."""
+
+    @property
+    def delta(self) -> bool:
+        """Whether there are lights that are no area lights."""
+        return self.directional or self.point or self.spot
+
+    @property
+    def lit(self) -> bool:
+        """Whether there are lights."""
+        return self.delta or self.area
+
+    @property
+    def shadows(self) -> bool:
+        """Whether any light has shadows."""
+        return self.hard or self.soft

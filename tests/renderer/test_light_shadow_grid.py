@@ -1,0 +1,102 @@
+"""Shadow rays to spot lights by their grids: against the trees' answers bit for bit, and against closed form."""
+
+import numpy as np
+import pytest
+import warp as wp
+from renderer_scenes import at, camera, poses, quad, scene, sphere
+
+from evis.geometry import se3
+from evis.scene.model import WORLD, Light, Material
+from nodes.renderer.shading import Shading
+from nodes.renderer.shadow_grid import ShadowGrid
+from nodes.renderer.visibility import Visibility
+
+FLOOR = 2.5
+
+
+def spot(name, place, direction, cone):
+    return Light(name, "spot", np.full(3, 4.0), np.array(place), direction=np.array(direction), cone=(0.8 * cone, cone))
+
+
+def ball(radius, place, rings=10):
+    mesh = sphere(radius, rings)
+    mesh.vertices[:] += np.array(place, np.float32)
+    return mesh
+
+
+def room(still, moving, lights):
+    """Balls of the world and moving ones before a floor, seen by a camera that moves."""
+    floor = quad(4, 4)
+    floor.vertices[:, 2] = FLOOR
+    materials = [Material("grey", np.full(3, 0.5), two_sided=True)]
+    meshes = [(floor, WORLD, 0), *((mesh, WORLD, 0) for mesh in still), *((m, k, 0) for k, m in enumerate(moving))]
+    return scene(meshes, len(moving), materials, lights, camera(85, 61, 60.0), still_camera=False)
+
+
+LIGHTS = [
+    spot("above", (0.2, 0.1, -0.5), (0.1, 0, 1), 1.0),
+    # Balls lie on both sides of the plane through it, and one touches it.
+    spot("between", (-0.9, 0.05, 1.3), (1.0, 0.1, 0.2), 1.3),
+    spot("narrow", (0.5, -0.3, 0.2), (-0.2, 0.2, 1), 0.2),
+]
+
+
+@pytest.mark.parametrize("far", [0.0, 400.0])
+def test_grids_hide_what_trees_do(far):
+    """far: how far away the camera is [m]; rounding is then more than the grid has room for, and everything is tried"""
+    grid = np.random.default_rng(5)
+    still = [ball(0.12, p) for p in grid.uniform((-1.2, -0.9, 0.9), (1.2, 0.9, 2.2), (24, 3))]
+    still.append(ball(0.1, (-0.83, 0.05, 1.3)))
+    world = room(still, [sphere(0.1, 8)] * 5, LIGHTS)
+    if far:
+        view = world.cameras[0]
+        view.k[:2, :2] *= far / 2
+    spread = grid.uniform((-1.0, -0.7, 0.8), (1.0, 0.7, 2.2), (2, 5, 3))
+    now = np.concatenate([poses(*(at(*p) for p in spread[e]), at(0.1 * e, 0.05, -far)) for e in (0, 1)])
+    images = []
+    for split in (False, True):
+        visibility = Visibility(world, world.cameras[0], 2)
+        shading = Shading(visibility, split=split)
+        for bodies in (now[::-1], now):
+            shading.update(visibility.update(np.ascontiguousarray(bodies)))
+            image = wp.zeros(visibility.shape, dtype=wp.vec3, device="cpu")
+            shading.shade(image)
+        images.append(image.numpy())
+    assert all(ShadowGrid.suits(visibility, shading.occluders, light) for light in range(3))
+    assert np.array_equal(*images)
+    assert shading.shadow_pass is not None
+    hidden = shading.shadow_pass.hidden.numpy()
+    assert all(((hidden >> bit) & 1).any() for bit in range(3))
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_shadow_of_a_ball_on_a_floor(moves):
+    """The floor's points whose way to the light passes the ball's centre by less than its radius, and no others."""
+    radius, centre, light = 0.3, np.array([0.15, -0.1, 1.4]), np.array([-0.2, 0.1, 0.0])
+    corners = [ball(0.02, (x, y, 2.4)) for x in np.linspace(3.0, 3.9, 5) for y in np.linspace(3.0, 3.9, 4)]
+    still = corners if moves else [*corners, ball(radius, centre, 48)]
+    world = room(still, [sphere(radius, 48)] if moves else [], [spot("lamp", light, (0, 0, 1), 1.2)])
+    visibility = Visibility(world, world.cameras[0])
+    shading = Shading(visibility, split=True, remember=False)
+    eye = at(0, 0, 0, (0.05, -0.04, 0.3))
+    shading.update(visibility.update(poses(*([at(*centre)] if moves else []), eye)))
+    assert ShadowGrid.suits(visibility, shading.occluders, 0)
+    assert shading.shadow_pass is not None
+    shading.place()
+    shading.placed()
+    shading.shadow_pass.launch()
+    hidden = (shading.shadow_pass.hidden.numpy()[0] & 1) == 1
+    depth = (visibility.packed.numpy()[0] >> np.uint64(32)).astype(np.uint32).view(np.float32)
+    y, x = np.mgrid[: depth.shape[0], : depth.shape[1]]
+    k = world.cameras[0].k
+    rays = np.stack([(x - k[0, 2]) / k[0, 0], (y - k[1, 2]) / k[1, 1], np.ones(x.shape)], -1)
+    points = se3.transform(eye, rays * depth[..., None].astype(np.float64))
+    floor = np.abs(points[..., 2] - FLOOR) < 1e-4
+    way = points - light
+    way /= np.linalg.norm(way, axis=-1, keepdims=True)
+    beside = np.linalg.norm(np.cross(way, centre - light), axis=-1)
+    # Within the cone, and not at the edge, where the ball is a polyhedron.
+    inside, outside = floor & (beside < 0.98 * radius), floor & (beside > 1.001 * radius) & (way[..., 2] > np.cos(1.19))
+    assert inside.sum() > 100 and outside.sum() > 1000
+    assert hidden[inside].all()
+    assert not hidden[outside].any()
