@@ -99,8 +99,6 @@ def read_parts(fields: Fields, folder: Path, textures: bool, made: dict[Any, Any
     if key not in made:
         try:
             made[key] = meshfile.load_parts(path, size, None if up is None else up == "y", crease, textures)
-        except ImportError:
-            raise fields.error("file", "needs the package trimesh; pip install 'evis[mesh]'") from None
         except SceneError as error:
             raise fields.error("file", f"cannot be used: {error}") from None
     return made[key]
