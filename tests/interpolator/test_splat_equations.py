@@ -127,6 +127,22 @@ def test_frames_are_those_of_the_equations(seed, kind, where):
     np.testing.assert_array_equal(out[0, -1], b["image"])
 
 
+@pytest.mark.parametrize("where", ["cpu", "gpu kernels", CUDA])
+@pytest.mark.parametrize(("apart", "share"), [(0.0095, 0.5), (0.0105, 0.0)])
+def test_a_surface_is_one_percent_deep(apart, share, where):
+    """Columns at two depths move by half a pixel, so that two of them meet in every target: both count up to 1 %."""
+    far = np.arange(W) % 2 == 1
+    motion = np.zeros((H, W, 2), np.float32)
+    motion[..., 0] = 1.0
+    image = np.tile(np.where(far, 8.0, 2.0), (H, 1)).astype(np.float32)
+    depth = [np.tile(np.where(way, 1 + apart, 1.0), (H, 1)).astype(np.float32) for way in (~far, far)]
+    device = "cuda" if where == "cuda" else "cpu"
+    views = [view({"image": image, "depth": d, "motion": motion}, device) for d in depth]
+    out = np.empty((1, 2, H, W), np.float32)
+    make(where, 2).between(*views, [False], out)
+    np.testing.assert_allclose(out[0, 0, :, 1:-1], 2.0 + 6.0 * share, rtol=1e-5)
+
+
 def test_the_cases_have_holes_and_fills():
     """The random keyframes above exercise A and the fill: otherwise the comparison would say little."""
     rng = np.random.default_rng(0)

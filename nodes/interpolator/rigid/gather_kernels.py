@@ -5,42 +5,71 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.rigid.look_up_kernels import HARD, LOGS, SEEN, apart, make_look_up, radiance_of
+from nodes.interpolator.rigid.log_kernels import apart, radiance_of
+from nodes.interpolator.rigid.look_up_kernels import HARD, SEEN, Sight, make_keyframes, make_look_up
 from nodes.interpolator.rigid.room_kernels import take_place
 from nodes.renderer.kernels import MISS, View, depth_of, pixel_ray, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.struct
+class Portion:
+    """Sub-frames that are looked up together: those in `count` slots from slot0 on of `packed` [P E, H, W]; slot s is
+    sub-frame index[s] of `upsampling`, when lights that flicker have that `strength`.
+
+    quiet [E, H, W]: z-buffer entries with which nothing has changed. pieces: of each triangle, its body (the world's
+    index being their number) and its patch. tolerance: difference of the keyframes' log radiance up to which it is
+    blended; relight: 1 where all but the sky is to be shaded anew.
+    """
+
+    slot0: int
+    envs: int
+    upsampling: int
+    tolerance: float
+    relight: int
+    count: int
+    index: wp.array(dtype=int)
+    strength: wp.array(dtype=float)
+    packed: wp.array3d(dtype=wp.uint64)
+    quiet: wp.array3d(dtype=wp.uint64)
+    pieces: wp.array(dtype=wp.vec2i)
+
+
+@wp.func
+def sight_of(view: View, hit: wp.uint64, y: int, x: int, pieces: wp.array(dtype=wp.vec2i), sky: int):
+    """What a pixel shows, and its body; sky: the index that stands for it."""
+    s = Sight()
+    s.y = y
+    s.x = x
+    s.d = pixel_ray(view, x, y)
+    s.point = s.d
+    s.sky = 1
+    body = sky
+    t = triangle_of(hit)
+    if t != MISS:
+        s.sky = 0
+        s.point = depth_of(hit) * s.d
+        piece = pieces[t]
+        body = piece[0]
+        s.patch = piece[1]
+    return s, body
+
+
 @cache
-def make_keyframe(channels: int, flicker: bool) -> Any:
-    """The struct of a keyframe as `Prepared` has it, [E H W] but for image, and how the bodies [P E, N + 2] of the
-    sub-frames have moved since: see displacement_kernels. channels, flicker: as of LOGS."""
-
-    class Keyframe:
-        image: wp.array3d(dtype=LOGS[channels, False])  # type: ignore[valid-type]
-        patch: wp.array(dtype=int)
-        support: wp.array(dtype=int)
-        inverse: wp.array(dtype=float)
-        logs: wp.array(dtype=LOGS[channels, flicker])
-        texels: wp.array(dtype=wp.vec4)
-        turn: wp.array2d(dtype=wp.mat33)
-        shift: wp.array2d(dtype=wp.vec3)
-
-    Keyframe.__qualname__ = f"Keyframe{channels}{'lit' if flicker else ''}"
-    return wp.struct(Keyframe)
-
-
-@cache
-def make_gather(lens: str, channels: int, listed: bool, flicker: bool) -> wp.Kernel:
-    """lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). listed: does what it is told to do, with
-    care; otherwise all, and leaves the hard ones to one that is. flicker: as of LOGS."""
-    Keyframe: Any = make_keyframe(channels, flicker)
+def make_gather(lens: str, channels: int, flicker: bool, listed: bool) -> wp.Kernel:
+    """lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. listed: does what it
+    is told to do, with care; otherwise all, and leaves the hard ones to one that is."""
+    Keyframes: Any = make_keyframes(channels, flicker)
     pixel = wp.float32 if channels == 1 else wp.vec3
-    look_up = make_look_up(lens, channels, listed, flicker)
+    look_up = make_look_up(lens, channels, flicker, listed)
     # Fewer than it would take: while some threads wait for memory there must be others. With care, and of RGB, all of
     # them are worth more.
     registers = 64 if channels == 1 and not flicker and not listed else None
+
+    @wp.func
+    def moved(keys: Keyframes, row: int, body: int, point: wp.vec3):
+        return keys.turn[row, body] * point + keys.shift[row, body]
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
     def gather(
@@ -50,18 +79,8 @@ def make_gather(lens: str, channels: int, listed: bool, flicker: bool) -> wp.Ker
         last: int,
         workers: int,
         band: int,
-        slot0: int,
-        envs: int,
-        upsampling: int,
-        tolerance: float,
-        relight: int,
-        index: wp.array(dtype=int),
-        strength: wp.array(dtype=float),
-        packed: wp.array3d(dtype=wp.uint64),
-        quiet: wp.array3d(dtype=wp.uint64),
-        pieces: wp.array(dtype=wp.vec2i),
-        a: Keyframe,
-        b: Keyframe,
+        portion: Portion,
+        keys: Keyframes,
         # in or out
         todo: wp.array(dtype=int),
         todo_count: wp.array(dtype=int),
@@ -70,19 +89,18 @@ def make_gather(lens: str, channels: int, listed: bool, flicker: bool) -> wp.Ker
         pixels: wp.array(dtype=int),
         count: wp.array(dtype=int),
     ):
-        """Frames [E K, h, w] of the sub-frames in slots slot0.. of `packed` [P E, H, W]; slot s is sub-frame index[s],
-        when lights that flicker have that `strength`. pieces: of each triangle, its body (the world's index being their
-        number) and its patch.
+        """Frames [E K, h, w] of a portion.
 
         Listed: `todo` has the pixels to do, as indices into [.., E, h, w] from slot0 on; on a CPU entries first..last -
-        1, on a GPU (last < 0) todo_count[band] of them, shared by `workers` threads. Otherwise a thread does one pixel;
-        where `quiet` is hit nothing has changed, and what needs a careful look goes to `todo`. What no keyframe shows
-        goes to `pixels` from `first` on, as indices into [P E, H, W]; count[band]: how many. So does that of which the
-        keyframes differ by more than `tolerance` in log radiance, and with relight all but the sky.
+        1, on a GPU (last < 0) todo_count[band] of them, shared by `workers` threads. Otherwise a thread does one
+        pixel, and what needs a careful look goes to `todo`. What no keyframe shows goes to `pixels` from `first`
+        on, as indices into [P E, H, W]; count[band]: how many. So does that of which the keyframes differ by more than
+        the tolerance in log radiance.
         """
         width = view.width - 2 * view.margin
         height = view.height - 2 * view.margin
         m = view.margin
+        envs = portion.envs
         j = first + wp.tid()
         end = j + 1
         if wp.static(listed):
@@ -94,70 +112,41 @@ def make_gather(lens: str, channels: int, listed: bool, flicker: bool) -> wp.Ker
         n = wp.int32(0)
         while j < end:
             at = j
+            x = wp.int32(0)
             if wp.static(listed):
                 at = todo[j]
-            if row < 0 or at < left or at - left >= width:
-                row = at // width
-                left = row * width
-                y = row % height + m
-                n = row // height + slot0 * envs
-            x = at - left + m
+                if row < 0 or at < left or at - left >= width:
+                    row = at // width
+                    left = row * width
+                    y = row % height + m
+                    n = row // height + portion.slot0 * envs
+                x = at - left + m
+            else:
+                # A row of one sub-frame after that of the other: they look for nearly the same places.
+                row = j // width
+                line = row // portion.count
+                n = row - line * portion.count
+                y = line % height
+                n = n * envs + line // height
+                left = j - row * width
+                at = (n * height + y) * width + left
+                x = left + m
+                y += m
+                n += portion.slot0 * envs
             env = n % envs
-            i = index[n // envs]
-            frame = env * upsampling + i - 1
-            hit = packed[n, y, x]
+            i = portion.index[n // envs]
+            frame = env * portion.upsampling + i - 1
+            hit = portion.packed[n, y, x]
             changed = wp.bool(True)
             if wp.static(not listed):
-                changed = hit != quiet[env, y, x]
+                changed = hit != portion.quiet[env, y, x]
             if changed:
-                t = triangle_of(hit)
-                d = pixel_ray(view, x, y)
-                sky = t == MISS
-                point = d
-                body = a.turn.shape[1] - 1
-                p = wp.int32(0)
-                if not sky:
-                    point = depth_of(hit) * d
-                    piece = pieces[t]
-                    body = piece[0]
-                    p = piece[1]
+                s, body = sight_of(view, hit, y, x, portion.pieces, keys.turn.shape[1] - 1)
                 base = env * view.height * view.width
-                m_a = a.turn[n, body] * point + a.shift[n, body]
-                m_b = b.turn[n, body] * point + b.shift[n, body]
-                state_a, value = look_up(
-                    view,
-                    base,
-                    y,
-                    x,
-                    p,
-                    sky,
-                    d,
-                    point,
-                    m_a,
-                    tolerance,
-                    a.patch,
-                    a.support,
-                    a.inverse,
-                    a.logs,
-                    a.texels,
-                )
-                state_b, other = look_up(
-                    view,
-                    base,
-                    y,
-                    x,
-                    p,
-                    sky,
-                    d,
-                    point,
-                    m_b,
-                    tolerance,
-                    b.patch,
-                    b.support,
-                    b.inverse,
-                    b.logs,
-                    b.texels,
-                )
+                m_a = moved(keys, n, body, s.point)
+                m_b = moved(keys, n + keys.turn.shape[0] / 2, body, s.point)
+                state_a, value = look_up(view, keys, keys.first[0] + base, s, m_a, portion.tolerance)
+                state_b, other = look_up(view, keys, keys.first[1] + base, s, m_b, portion.tolerance)
                 seen_a = state_a == SEEN
                 seen_b = state_b == SEEN
                 difference = wp.float32(0.0)
@@ -171,21 +160,21 @@ def make_gather(lens: str, channels: int, listed: bool, flicker: bool) -> wp.Ker
                     hard = state_a == HARD or state_b == HARD
                 if hard:
                     todo[take_place(todo_count, band)] = at
-                elif relight == 1 and not sky:
+                elif portion.relight == 1 and s.sky == 0:
                     pixels[first + take_place(count, band)] = (n * view.height + y) * view.width + x
                 elif unchanged:
                     # The keyframe's own pixel, to the last bit: nothing has changed.
-                    frames[frame, y - m, x - m] = b.image[env, y, x]
-                elif (seen_a or seen_b) and difference <= tolerance:
+                    frames[frame, y - m, x - m] = keys.image[env, y, x]
+                elif (seen_a or seen_b) and difference <= portion.tolerance:
                     if not seen_a:
                         value = other
                     elif seen_b:
-                        value += float(i) / float(upsampling) * (other - value)
-                    frames[frame, y - m, x - m] = radiance_of(value, strength[n // envs])
+                        value += float(i) / float(portion.upsampling) * (other - value)
+                    frames[frame, y - m, x - m] = radiance_of(value, portion.strength[n // envs])
                 else:
                     pixels[first + take_place(count, band)] = (n * view.height + y) * view.width + x
             else:
-                frames[frame, y - m, x - m] = b.image[env, y, x]
+                frames[frame, y - m, x - m] = keys.image[env, y, x]
             j += workers
 
     return gather

@@ -4,7 +4,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.rigid.look_up_kernels import SIX
+from nodes.interpolator.rigid.log_kernels import SIX
 from nodes.renderer.kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})

@@ -7,38 +7,90 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.rigid import gather_kernels, keyframe_kernels
-from nodes.interpolator.rigid.look_up_kernels import LOGS
+from nodes.interpolator.rigid import keyframe_kernels
+from nodes.interpolator.rigid.displacement_kernels import displace
+from nodes.interpolator.rigid.log_kernels import LOGS
+from nodes.interpolator.rigid.look_up_kernels import make_keyframes
 from nodes.renderer.visibility import Visibility
+
+
+class Pair:
+    """Memory of two keyframes of E environments that take turns as A and B: arrays [2 E, H, W], one after the other.
+
+    patch, support int32, inverse float32 and texels vec4 as in keyframe_kernels; logs: as of LOGS. turn mat33 and shift
+    vec3 [2 P E, N + 2]: how the bodies of the sub-frames have moved since A, then since B.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int, int], slots: int, bodies: int, channels: int, device: Any, flicker: bool = False
+    ) -> None:
+        """shape: E, H, W. flicker: logs are of the radiance under the lights at their mean, and without those that
+        flicker."""
+        both, rows = (2 * shape[0], *shape[1:]), 2 * slots * shape[0]
+        with wp.ScopedDevice(device):
+            self.logs = wp.empty(both, dtype=LOGS[channels, flicker])
+            self.patch = wp.empty(both, dtype=wp.int32)
+            self.support = wp.empty(both, dtype=wp.int32)
+            self.inverse = wp.empty(both, dtype=wp.float32)
+            self.texels = wp.empty(both, dtype=wp.vec4)
+            self.turn = wp.empty((rows, bodies + 2), dtype=wp.mat33)
+            self.shift = wp.empty((rows, bodies + 2), dtype=wp.vec3)
+        self._struct = make_keyframes(channels, flicker)
+        keyframes = (Prepared(self, k, shape, bodies, channels, device, flicker) for k in range(2))
+        self.a, self.b = keyframes
+
+    def swap(self) -> None:
+        """A gap begins: what was B is A, and the other is to be filled."""
+        self.a, self.b = self.b, self.a
+
+    def displace(self, camera: int, poses: wp.array) -> None:
+        """`turn` and `shift`, for poses transformd [P E, N] of the sub-frames: launches only."""
+        rows = poses.shape[0]
+        for k, then in enumerate((self.a, self.b)):
+            out = [array[k * rows : (k + 1) * rows] for array in (self.turn, self.shift)]
+            wp.launch(displace, out[0].shape, [camera, poses, then.poses], out, device=poses.device)
+
+    def kernel(self) -> Any:
+        """The struct that the gather reads."""
+        keys: Any = self._struct()
+        size = self.a.patch.size
+        keys.first = wp.vec2i(size * self.a.number, size * self.b.number)
+        keys.image, keys.turn, keys.shift = self.b.image, self.turn, self.shift
+        for name in ("patch", "support", "inverse", "logs", "texels"):
+            setattr(keys, name, getattr(self, name).flatten())
+        return keys
 
 
 class Prepared:
     """Device arrays of one keyframe of E environments, written by `take`, `take_poses` and `fill`.
 
-    image: its luminance or RGB; packed: its z-buffer; logs: its logarithm; patch, support int32, inverse float32 and
-    texels vec4 [E, H, W] as in keyframe_kernels; poses: wp.transformd [E, N].
+    image: its luminance or RGB; packed: its z-buffer; logs: its logarithm; the others [E, H, W]: its part of a pair's;
+    poses: wp.transformd [E, N].
     """
 
     def __init__(
-        self, shape: tuple[int, int, int], bodies: int, channels: int, device: Any, flicker: bool = False
+        self,
+        pair: Pair,
+        number: int,
+        shape: tuple[int, int, int],
+        bodies: int,
+        channels: int,
+        device: Any,
+        flicker: bool,
     ) -> None:
-        """flicker: logs are of the radiance under the lights at their mean, and without those that flicker."""
+        """number: 0 or 1."""
+        self.number, self._shape, self._device = number, shape, device
         self.pixel: Any = wp.float32 if channels == 1 else wp.vec3
-        self._shape = shape
-        self._struct = gather_kernels.make_keyframe(channels, flicker)
-        self._device = device
         # Pixels that one thread does; on the CPU a row, for starting one costs more.
         self._span = shape[2] if device.is_cpu else 1
+        mine = slice(number * shape[0], (number + 1) * shape[0])
+        self.logs, self.patch, self.support = pair.logs[mine], pair.patch[mine], pair.support[mine]
+        self.inverse, self.texels = pair.inverse[mine], pair.texels[mine]
         with wp.ScopedDevice(device):
             self.image = wp.empty(shape, dtype=self.pixel)
             self.packed = wp.empty(shape, dtype=wp.uint64)
-            self.logs = wp.empty(shape, dtype=LOGS[channels, flicker])
             # At their mean, and without.
             self._lights = [wp.empty(shape, dtype=wp.vec3) for _ in range(2)] if flicker else []
-            self.patch = wp.empty(shape, dtype=wp.int32)
-            self.support = wp.empty(shape, dtype=wp.int32)
-            self.inverse = wp.empty(shape, dtype=wp.float32)
-            self.texels = wp.empty(shape, dtype=wp.vec4)
             self.poses = wp.empty((shape[0], bodies), dtype=wp.transformd)
 
     def take(self, image: wp.array) -> None:
@@ -68,11 +120,3 @@ class Prepared:
         wp.launch(kernel, dim, given, made, device=self._device)
         given = [self._span, moving, self.patch, self.inverse]
         wp.launch(keyframe_kernels.find_support, dim, given, [self.support], device=self._device)
-
-    def seen_from(self, turn: wp.array, shift: wp.array) -> Any:
-        """The struct that the gather reads, with the bodies' displacement [P E, N + 2] since."""
-        key: Any = self._struct()
-        key.image, key.turn, key.shift = self.image, turn, shift
-        for name in ("patch", "support", "inverse", "logs", "texels"):
-            setattr(key, name, getattr(self, name).flatten())
-        return key

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.rigid.log_kernels import LOGS, apart, half_black, least, most, within
 from nodes.renderer.distortion_kernels import angle_of, make_distorted
 from nodes.renderer.kernels import View
 
@@ -24,8 +25,39 @@ SEEN = wp.constant(1)
 HARD = wp.constant(2)
 FAR_AWAY = wp.constant(1.0e6)
 """Displacement [px] of what a keyframe's camera cannot see."""
-BLACK = wp.constant(-69.0)
-"""Log radiance up to which a pixel has no light at all: black is kept as ln 1e-30, and is 0 again in the frames."""
+
+
+@cache
+def make_keyframes(channels: int, flicker: bool) -> Any:
+    """The struct of both keyframes of a gap, as `Prepared` has them, in arrays of both [2 E H W], and how the bodies
+    [2 P E, N + 2] of the sub-frames have moved since A, then since B: see displacement_kernels. first: where A and B
+    begin; image: of B. channels, flicker: as of LOGS."""
+
+    class Keyframes:
+        first: wp.vec2i
+        image: wp.array3d(dtype=LOGS[channels, False])  # type: ignore[valid-type]
+        patch: wp.array(dtype=int)
+        support: wp.array(dtype=int)
+        inverse: wp.array(dtype=float)
+        logs: wp.array(dtype=LOGS[channels, flicker])
+        texels: wp.array(dtype=wp.vec4)
+        turn: wp.array2d(dtype=wp.mat33)
+        shift: wp.array2d(dtype=wp.vec3)
+
+    Keyframes.__qualname__ = f"Keyframes{channels}{'lit' if flicker else ''}"
+    return wp.struct(Keyframes)
+
+
+@wp.struct
+class Sight:
+    """What a pixel shows: its ray d, the point on it, both in the camera frame, and of which patch; sky: 1 for that."""
+
+    y: int
+    x: int
+    d: wp.vec3
+    point: wp.vec3
+    patch: int
+    sky: int
 
 
 @wp.func
@@ -37,94 +69,6 @@ def weights(f: float):
         ((2.0 - 1.5 * f) * f + 0.5) * f,
         (0.5 * f - 0.5) * f * f,
     )
-
-
-SIX = wp.types.vector(length=6, dtype=wp.float32)
-"""Log radiance in RGB under the lights at their mean, then without those that flicker."""
-
-
-@wp.func
-def light(value: float):
-    """Radiance of a logarithm."""
-    return wp.where(value <= BLACK, 0.0, wp.exp(value))
-
-
-@wp.func
-def radiance_of(value: wp.float32, strength: float):
-    return light(value)
-
-
-@wp.func
-def radiance_of(value: wp.vec3, strength: float):  # noqa: F811 - overloaded by its type
-    return wp.vec3(light(value[0]), light(value[1]), light(value[2]))
-
-
-@wp.func
-def lit(mean: float, steady: float, strength: float):
-    """Radiance from its logarithms with the lights at their mean and without those that flicker."""
-    rest = light(steady)
-    return rest + strength * wp.max(light(mean) - rest, 0.0)
-
-
-@wp.func
-def radiance_of(value: wp.vec2, strength: float):  # noqa: F811 - overloaded by its type
-    return lit(value[0], value[1], strength)
-
-
-@wp.func
-def radiance_of(value: SIX, strength: float):  # noqa: F811 - overloaded by its type
-    return wp.vec3(
-        lit(value[0], value[3], strength), lit(value[1], value[4], strength), lit(value[2], value[5], strength)
-    )
-
-
-@wp.func
-def apart(a: wp.float32, b: wp.float32):
-    return wp.abs(a - b)
-
-
-@wp.func
-def apart(a: wp.vec3, b: wp.vec3):  # noqa: F811 - overloaded by its type
-    return wp.max(wp.abs(a - b))
-
-
-@wp.func
-def apart(a: wp.vec2, b: wp.vec2):  # noqa: F811 - overloaded by its type
-    return wp.max(wp.abs(a - b))
-
-
-@wp.func
-def apart(a: SIX, b: SIX):  # noqa: F811 - overloaded by its type
-    return wp.max(wp.abs(a - b))
-
-
-@wp.func
-def half_black(low: wp.float32, high: wp.float32):
-    """Whether pixels from `low` to `high` are black in part: between ln 0 and ln I is nothing to be looked up."""
-    return low <= BLACK and high > BLACK
-
-
-@wp.func
-def half_black(low: Any, high: Any):  # noqa: F811 - overloaded by its type
-    result = wp.bool(False)
-    for i in range(len(low)):
-        result = result or (low[i] <= BLACK and high[i] > BLACK)
-    return result
-
-
-@wp.func
-def least(a: Any, b: Any):
-    return wp.min(a, b)
-
-
-@wp.func
-def most(a: Any, b: Any):
-    return wp.max(a, b)
-
-
-@wp.func
-def within(value: Any, low: Any, high: Any):
-    return wp.min(wp.max(value, low), high)
 
 
 TEXEL = """
@@ -143,30 +87,57 @@ def texel(texels: wp.array(dtype=wp.vec4), at: wp.int32) -> wp.vec4:
     ...
 
 
+ELEMENT = """
+#if defined(__CUDA_ARCH__)
+    return __ldg(values.data + at);
+#else
+    return values.data[at];
+#endif
+"""
+
+
+@wp.func_native(ELEMENT)
+def number(values: wp.array(dtype=wp.float32), at: wp.int32) -> wp.float32:
+    """An element of an array that nobody writes to meanwhile: fewer instructions than by its index."""
+    ...
+
+
+@wp.func_native(ELEMENT)
+def whole_number(values: wp.array(dtype=wp.int32), at: wp.int32) -> wp.int32:
+    """The same."""
+    ...
+
+
+@wp.func
+def element(values: wp.array(dtype=Any), at: int):
+    return values[at]
+
+
 @wp.func
 def shows(t: wp.vec4, p: int, w: float):
     """Whether a pixel shows patch p at about the inverse distance w."""
     return wp.cast(t[0], wp.int32) == p and wp.abs(t[1] - w) <= SAME_SHEET * w
 
 
-LOGS: dict[tuple[int, bool], Any] = {(1, False): wp.float32, (3, False): wp.vec3, (1, True): wp.vec2, (3, True): SIX}
-"""What is looked up, by the number of channels and whether lights flicker: log radiance under the lights as they are,
-or both of `lit`'s."""
+@wp.func
+def in_column(r0: Any, r1: Any, r2: Any, r3: Any, wy: wp.vec4):
+    """Four rows, weighted."""
+    value = wy[0] * r0 + wy[1] * r1
+    value += wy[2] * r2
+    value += wy[3] * r3
+    return value
 
 
 @cache
-def make_look_up(lens: str, channels: int, careful: bool, flicker: bool = False) -> wp.Function:
-    """lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). careful: also where a patch is not seen
-    in full. flicker: as of LOGS."""
-    bent = lens != "none"
-    distorted = make_distorted(lens) if bent else None
-    pixel = LOGS[channels, flicker]
+def make_displacement(lens: str) -> wp.Function:
+    """lens: `none` or a distortion model."""
+    distorted = make_distorted(lens) if lens != "none" else None
 
     @wp.func
     def displacement(view: View, d: wp.vec3, p: wp.vec3, m: wp.vec3, near: float):
         """Pixels from where the point p on ray d is to where p + m is; FAR_AWAY where the camera has no image of it."""
         v = wp.vec2(FAR_AWAY, FAR_AWAY)
-        if wp.static(bent):
+        if wp.static(distorted is not None):
             q = wp.vec3d(p) + wp.vec3d(m)
             if angle_of(q) < wp.float64(view.domain) and wp.length(q) >= wp.float64(near):
                 v = wp.vec2(distorted(view, q) - distorted(view, wp.vec3d(p)))
@@ -176,79 +147,83 @@ def make_look_up(lens: str, channels: int, careful: bool, flicker: bool = False)
                 v = wp.vec2(view.fx * (m[0] - d[0] * m[2]) / q_z, view.fy * (m[1] - d[1] * m[2]) / q_z)
         return v
 
-    @wp.func
-    def cubic_row(logs: wp.array(dtype=pixel), at: int, w: wp.vec4):
-        return w[0] * logs[at - 1] + w[1] * logs[at] + w[2] * logs[at + 1] + w[3] * logs[at + 2]
+    return displacement
+
+
+@cache
+def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function, wp.Function]:
+    """The functions `whole`, `masked` and `edge`, of places about which a patch is seen in full, in the middle, and in
+    part; channels, flicker: as of LOGS."""
+    Keyframes: Any = make_keyframes(channels, flicker)
+    pixel = LOGS[channels, flicker]
+    log_at = number if pixel is wp.float32 else element
 
     @wp.func
-    def log_of(t: wp.vec4, at: int, logs: wp.array(dtype=pixel)):
+    def cubic_row(keys: Keyframes, at: int, w: wp.vec4):
+        return (
+            w[0] * log_at(keys.logs, at - 1)
+            + w[1] * log_at(keys.logs, at)
+            + w[2] * log_at(keys.logs, at + 1)
+            + w[3] * log_at(keys.logs, at + 2)
+        )
+
+    @wp.func
+    def whole(keys: Keyframes, width: int, at: int, wx: wp.vec4, wy: wp.vec4):
+        """Cubic convolution about the pixel `at` and its neighbours to the right and below."""
+        below = at + width
+        return in_column(
+            cubic_row(keys, at - width, wx),
+            cubic_row(keys, at, wx),
+            cubic_row(keys, below, wx),
+            cubic_row(keys, below + width, wx),
+            wy,
+        )
+
+    @wp.func
+    def log_of(keys: Keyframes, t: wp.vec4, at: int):
         """Log radiance of a pixel, from its texel where that holds it."""
         if wp.static(pixel is wp.float32):
             return t[2]
         else:
-            return logs[at]
+            return keys.logs[at]
 
     @wp.func
-    def masked_row(
-        row: int,
-        core: int,
-        p: int,
-        w: float,
-        wx: wp.vec4,
-        texels: wp.array(dtype=wp.vec4),
-        logs: wp.array(dtype=pixel),
-    ):
+    def masked_row(keys: Keyframes, row: int, core: int, p: int, w: float, wx: wp.vec4):
         """A row of `masked`; core: the nearest row of the middle."""
         # All are read before any is used, for a GPU waits once then.
-        t0 = texel(texels, row - 1)
-        t1 = texel(texels, row)
-        t2 = texel(texels, row + 1)
-        t3 = texel(texels, row + 2)
-        a = log_of(t1, row, logs)
-        b = log_of(t2, row + 1, logs)
+        t0 = texel(keys.texels, row - 1)
+        t1 = texel(keys.texels, row)
+        t2 = texel(keys.texels, row + 1)
+        t3 = texel(keys.texels, row + 2)
+        a = log_of(keys, t1, row)
+        b = log_of(keys, t2, row + 1)
         if not shows(t1, p, w):
-            a = logs[core]
+            a = log_at(keys.logs, core)
         if not shows(t2, p, w):
-            b = logs[core + 1]
+            b = log_at(keys.logs, core + 1)
         far_left = a
         far_right = b
         if shows(t0, p, w):
-            far_left = log_of(t0, row - 1, logs)
+            far_left = log_of(keys, t0, row - 1)
         if shows(t3, p, w):
-            far_right = log_of(t3, row + 2, logs)
+            far_right = log_of(keys, t3, row + 2)
         return wx[0] * far_left + wx[1] * a + wx[2] * b + wx[3] * far_right
 
     @wp.func
-    def masked(
-        width: int,
-        at: int,
-        p: int,
-        w: float,
-        wx: wp.vec4,
-        wy: wp.vec4,
-        texels: wp.array(dtype=wp.vec4),
-        logs: wp.array(dtype=pixel),
-    ):
+    def masked(keys: Keyframes, width: int, at: int, p: int, w: float, wx: wp.vec4, wy: wp.vec4):
         """Cubic convolution where only the middle four of the 4 x 4 pixels are sure to belong to the patch: each of the
         others that does not is replaced by the next one of the middle."""
         below = at + width
-        value = wy[0] * masked_row(at - width, at, p, w, wx, texels, logs)
-        value += wy[1] * masked_row(at, at, p, w, wx, texels, logs)
-        value += wy[2] * masked_row(below, below, p, w, wx, texels, logs)
-        return value + wy[3] * masked_row(below + width, below, p, w, wx, texels, logs)
+        return in_column(
+            masked_row(keys, at - width, at, p, w, wx),
+            masked_row(keys, at, at, p, w, wx),
+            masked_row(keys, below, below, p, w, wx),
+            masked_row(keys, below + width, below, p, w, wx),
+            wy,
+        )
 
     @wp.func
-    def edge(
-        width: int,
-        at: int,
-        p: int,
-        w: float,
-        fx: float,
-        fy: float,
-        tolerance: float,
-        texels: wp.array(dtype=wp.vec4),
-        logs: wp.array(dtype=pixel),
-    ):
+    def edge(keys: Keyframes, width: int, at: int, p: int, w: float, fx: float, fy: float, tolerance: float):
         """(state, log radiance) where not even the middle four all belong to the patch: the bilinear mean of those that
         do, if the patch is so even here, over ENOUGH of the 4 x 4 pixels or more, that it cannot be far off."""
         total = pixel(0.0)
@@ -259,8 +234,8 @@ def make_look_up(lens: str, channels: int, careful: bool, flicker: bool = False)
         for j in range(4):
             for i in range(4):
                 here = at + (j - 1) * width + i - 1
-                t = texel(texels, here)
-                value = log_of(t, here, logs)
+                t = texel(keys.texels, here)
+                value = log_of(keys, t, here)
                 if shows(t, p, w):
                     low = least(low, value)
                     high = most(high, value)
@@ -273,82 +248,97 @@ def make_look_up(lens: str, channels: int, careful: bool, flicker: bool = False)
             return SEEN, total / weight
         return HIDDEN, total
 
+    return whole, masked, edge
+
+
+@cache
+def make_look_up(lens: str, channels: int, flicker: bool, careful: bool) -> wp.Function:
+    """lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. careful: also where
+    a patch is not seen in full."""
+    bent = lens != "none"
+    Keyframes: Any = make_keyframes(channels, flicker)
+    pixel = LOGS[channels, flicker]
+    displacement = make_displacement(lens)
+    whole, masked, edge = make_fetches(channels, flicker)
+    log_at = number if pixel is wp.float32 else element
+
     @wp.func
-    def look_up(
-        view: View,
-        base: int,
-        y: int,
-        x: int,
-        p: int,
-        sky: bool,
-        d: wp.vec3,
-        point: wp.vec3,
-        m: wp.vec3,
-        tolerance: float,
-        patch: wp.array(dtype=int),
-        support: wp.array(dtype=int),
-        inverse: wp.array(dtype=float),
-        logs: wp.array(dtype=pixel),
-        texels: wp.array(dtype=wp.vec4),
-    ):
+    def nearness(s: Sight, q: wp.vec3):
+        """Inverse distance of a point [1/m], 0 of the sky."""
+        if s.sky == 1:
+            return 0.0
+        return 1.0 / wp.where(wp.static(bent), wp.length(q), q[2])
+
+    @wp.func
+    def where_it_was(keys: Keyframes, s: Sight, at: int):
+        """Of a point that has not moved: the very pixel, if nothing hid it."""
+        if whole_number(keys.patch, at) == s.patch:
+            w = nearness(s, s.point)
+            if wp.abs(number(keys.inverse, at) - w) <= SAME_POINT * w:
+                return SEEN, log_at(keys.logs, at)
+        return HIDDEN, pixel(0.0)
+
+    @wp.func
+    def about(view: View, keys: Keyframes, s: Sight, at: int, fx: float, fy: float, w: float, tolerance: float):
+        """At the fraction (fx, fy) of the pixel `at` and the next ones; w: the point's inverse distance."""
+        width = view.width
+        below = at + width
+        seen = wp.int32(HIDDEN)
+        value = pixel(0.0)
+        code = whole_number(keys.support, at)
+        if (code >> 1) == s.patch and code >= 0:
+            upper = number(keys.inverse, at) * (1.0 - fx) + number(keys.inverse, at + 1) * fx
+            lower = number(keys.inverse, below) * (1.0 - fx) + number(keys.inverse, below + 1) * fx
+            a = log_at(keys.logs, at)
+            b = log_at(keys.logs, at + 1)
+            c = log_at(keys.logs, below)
+            d = log_at(keys.logs, below + 1)
+            low = least(least(a, b), least(c, d))
+            high = most(most(a, b), most(c, d))
+            near_enough = wp.abs(upper * (1.0 - fy) + lower * fy - w) <= SAME_POINT * w
+            near_enough = near_enough and not half_black(low, high)
+            if near_enough and (code & 1) == 1:
+                seen = wp.int32(SEEN)
+                value = whole(keys, width, at, weights(fx), weights(fy))
+            if near_enough and (code & 1) == 0 and apart(low, high) <= STEEP * tolerance:
+                seen = wp.int32(HARD)
+                if wp.static(careful):
+                    seen = wp.int32(SEEN)
+                    value = masked(keys, width, at, s.patch, w, weights(fx), weights(fy))
+            # A step into the black, of many thresholds, must not overshoot by one.
+            beyond = pixel(tolerance)
+            value = within(value, low - beyond, high + beyond)
+        elif (
+            whole_number(keys.patch, at) == s.patch
+            or whole_number(keys.patch, at + 1) == s.patch
+            or whole_number(keys.patch, below) == s.patch
+            or whole_number(keys.patch, below + 1) == s.patch
+        ):
+            seen = wp.int32(HARD)
+            if wp.static(careful):
+                seen, value = edge(keys, width, at, s.patch, w, fx, fy, tolerance)
+        return seen, value
+
+    @wp.func
+    def look_up(view: View, keys: Keyframes, base: int, s: Sight, m: wp.vec3, tolerance: float):
         """(state, log radiance) of the point in a keyframe, m away from where it is in its camera frame. base: index of
-        the environment's first pixel. State: SEEN, HIDDEN, or HARD where only a careful look would tell."""
+        the first pixel of the keyframe's environment. State: SEEN, HIDDEN, or HARD where only a careful look would
+        tell."""
         seen = wp.int32(HIDDEN)
         value = pixel(0.0)
         if m[0] == 0.0 and m[1] == 0.0 and m[2] == 0.0:
-            # Where it was: this very pixel, if nothing hid it.
-            at = base + y * view.width + x
-            if patch[at] == p:
-                w = wp.float32(0.0)
-                if not sky:
-                    w = 1.0 / wp.where(wp.static(bent), wp.length(point), point[2])
-                if wp.abs(inverse[at] - w) <= SAME_POINT * w:
-                    seen = wp.int32(SEEN)
-                    value = logs[at]
-            return seen, value
-        near = wp.where(sky, 1.0e-6, view.near)
-        v = displacement(view, d, point, m, near)
-        fx = wp.floor(v[0])
-        fy = wp.floor(v[1])
-        if wp.abs(fx) < 65536.0 and wp.abs(fy) < 65536.0:
-            ix = x + int(fx)
-            iy = y + int(fy)
-            if ix >= 1 and iy >= 1 and ix + 2 < view.width and iy + 2 < view.height:
-                at = base + iy * view.width + ix
-                code = support[at]
-                below = at + view.width
-                fx = v[0] - fx
-                fy = v[1] - fy
-                w = wp.float32(0.0)
-                if not sky:
-                    q = point + m
-                    w = 1.0 / wp.where(wp.static(bent), wp.length(q), q[2])
-                if (code >> 1) == p and code >= 0:
-                    upper = inverse[at] * (1.0 - fx) + inverse[at + 1] * fx
-                    lower = inverse[below] * (1.0 - fx) + inverse[below + 1] * fx
-                    low = least(least(logs[at], logs[at + 1]), least(logs[below], logs[below + 1]))
-                    high = most(most(logs[at], logs[at + 1]), most(logs[below], logs[below + 1]))
-                    near_enough = wp.abs(upper * (1.0 - fy) + lower * fy - w) <= SAME_POINT * w
-                    near_enough = near_enough and not half_black(low, high)
-                    if near_enough and (code & 1) == 1:
-                        seen = wp.int32(SEEN)
-                        wx = weights(fx)
-                        wy = weights(fy)
-                        value = wy[0] * cubic_row(logs, at - view.width, wx) + wy[1] * cubic_row(logs, at, wx)
-                        value += wy[2] * cubic_row(logs, below, wx)
-                        value += wy[3] * cubic_row(logs, below + view.width, wx)
-                    if near_enough and (code & 1) == 0 and apart(low, high) <= STEEP * tolerance:
-                        seen = wp.int32(HARD)
-                        if wp.static(careful):
-                            seen = wp.int32(SEEN)
-                            value = masked(view.width, at, p, w, weights(fx), weights(fy), texels, logs)
-                    # A step into the black, of many thresholds, must not overshoot by one.
-                    beyond = pixel(tolerance)
-                    value = within(value, low - beyond, high + beyond)
-                elif patch[at] == p or patch[at + 1] == p or patch[below] == p or patch[below + 1] == p:
-                    seen = wp.int32(HARD)
-                    if wp.static(careful):
-                        seen, value = edge(view.width, at, p, w, fx, fy, tolerance, texels, logs)
+            seen, value = where_it_was(keys, s, base + s.y * view.width + s.x)
+        else:
+            v = displacement(view, s.d, s.point, m, wp.where(s.sky == 1, 1.0e-6, view.near))
+            left = wp.floor(v[0])
+            top = wp.floor(v[1])
+            if wp.abs(left) < 65536.0 and wp.abs(top) < 65536.0:
+                x = s.x + int(left)
+                y = s.y + int(top)
+                if x >= 1 and y >= 1 and x + 2 < view.width and y + 2 < view.height:
+                    w = nearness(s, s.point + m)
+                    at = base + y * view.width + x
+                    seen, value = about(view, keys, s, at, v[0] - left, v[1] - top, w, tolerance)
         return seen, value
 
     return look_up

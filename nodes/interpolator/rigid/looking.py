@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.interpolator.rigid.displacement_kernels import displace
-from nodes.interpolator.rigid.gather_kernels import make_gather, make_place
-from nodes.interpolator.rigid.keyframes import Prepared
+from nodes.interpolator.rigid.gather_kernels import Portion, make_gather, make_place
+from nodes.interpolator.rigid.keyframes import Pair
 from nodes.interpolator.rigid.sampling import Part, Sampling, Todo
 from nodes.renderer.shading import LIST_WORKERS, Shading
 
@@ -50,14 +49,12 @@ class Looking:
         self._tolerance, self._relight, self._device = tolerance, int(relight), v.device
         self._staged = staged
         self._index = [v.put(np.array(part, np.int32), wp.int32) for part in portions]
-        slots, bodies = v.envs // envs, len(v.scene.bodies)
+        slots = v.envs // envs
         self._inner = envs * (v.shape[1] - 2 * v.margin) * (v.shape[2] - 2 * v.margin)
         whole = envs * v.shape[1] * v.shape[2] if exact else 0
         # B's own slot is the first: the pixels of its environments are the first of all.
         starts = [whole * k // sampling.bands for k in range(sampling.bands + 1)]
         with wp.ScopedDevice(v.device):
-            self._turn = [wp.empty((v.envs, bodies + 2), dtype=wp.mat33) for _ in "AB"]
-            self._shift = [wp.empty((v.envs, bodies + 2), dtype=wp.vec3) for _ in "AB"]
             self._radiance = wp.empty(v.shape, dtype=wp.vec3)
             self._pixels = wp.empty(slots * self._inner, dtype=wp.int32)
             self._count = wp.zeros(sampling.counts.size + 1, dtype=wp.int32)
@@ -65,8 +62,8 @@ class Looking:
             self._all: wp.array = wp.array(np.arange(whole, dtype=np.int32))
             self._all_count: wp.array = wp.array(np.diff(starts).astype(np.int32))
         self._all_starts = starts[:-1]
-        self._first_look = make_gather(v.lens, channels, listed=False, flicker=exact)
-        self._gather = make_gather(v.lens, channels, listed=True, flicker=exact)
+        self._first_look = make_gather(v.lens, channels, exact, listed=False)
+        self._gather = make_gather(v.lens, channels, exact, listed=True)
         self._place = make_place(channels)
         # The portion that lights and what casts shadows are placed for, on a CPU.
         self._lit: int | None = None
@@ -87,12 +84,11 @@ class Looking:
         self._count.zero_()
         self._sampling.clear()
 
-    def place(self, a: Prepared, b: Prepared) -> None:
+    def place(self, pair: Pair) -> None:
         """For poses that have arrived: where bodies were at the keyframes, and on a GPU lights and what shades them."""
         v = self._v
         self._lit = None
-        for then, turn, shift in zip((a, b), self._turn, self._shift):
-            wp.launch(displace, turn.shape, [v.camera_body, v.poses, then.poses], [turn, shift], device=v.device)
+        pair.displace(v.camera_body, v.poses)
         if v.device.is_cuda:
             self._shading.place()
             self._shading.placed()
@@ -106,19 +102,26 @@ class Looking:
         shading.lights.select("now")
         return self._radiance
 
-    def look(self, part: Part, a: Prepared, b: Prepared, quiet: wp.array, frames: wp.array) -> None:
+    def look(self, part: Part, pair: Pair, quiet: wp.array, frames: wp.array) -> None:
         """Look up what may have changed, shade what no keyframe shows, and again where samples are too far apart."""
         todo: Todo | None
-        keys = (key.seen_from(*moved) for key, moved in zip((a, b), zip(self._turn, self._shift)))
-        how: list[Any] = [part.slot0, self._envs, self._upsampling, self._tolerance, self._relight]
-        how += [self._index[part.number], self.strength, self._v.packed, quiet, self._pieces, *keys]
+        how: list[Any] = [self._portion(part, quiet), pair.kernel()]
         if self._staged:
             todo = self._first_pixels(part, how, frames)
         else:
-            todo = self._sampling.plan(part, b, quiet, frames)
+            todo = self._sampling.plan(part, pair.b, quiet, frames)
         while todo is not None:
             self._shade(part, todo, self._look_up(todo, how, frames), frames)
-            todo = self._sampling.refine(a)
+            todo = self._sampling.refine(pair.a)
+
+    def _portion(self, part: Part, quiet: wp.array) -> Any:
+        """What the gather reads of a portion and of the scene."""
+        portion: Any = Portion()
+        portion.slot0, portion.count, portion.envs = part.slot0, part.count, self._envs
+        portion.upsampling, portion.tolerance, portion.relight = self._upsampling, self._tolerance, self._relight
+        portion.index, portion.strength = self._index[part.number], self.strength
+        portion.packed, portion.quiet, portion.pieces = self._v.packed, quiet, self._pieces
+        return portion
 
     def _first_pixels(self, part: Part, how: list[Any], frames: wp.array) -> Todo:
         """Look up all pixels of a portion but those that need care, which are listed."""

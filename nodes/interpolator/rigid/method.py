@@ -33,7 +33,7 @@ from evis.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
 from nodes.interpolator.keyframe import Report, View
 from nodes.interpolator.rigid import keyframe_kernels
-from nodes.interpolator.rigid.keyframes import Prepared
+from nodes.interpolator.rigid.keyframes import Pair
 from nodes.interpolator.rigid.looking import Looking
 from nodes.interpolator.rigid.patches import patches_of
 from nodes.interpolator.rigid.placement import Placement
@@ -108,7 +108,7 @@ class Rigid:
         bands = len(self.visibility.bands.rows)
         pool = ThreadPoolExecutor(bands) if bands > 1 else None
         bodies, exact = len(scene.bodies), self._waveform is not None
-        self._a, self._b = (Prepared((envs, *shape[1:]), bodies, channels, self._device, exact) for _ in "AB")
+        self._pair = Pair((envs, *shape[1:]), self._slots, bodies, channels, self._device, exact)
         self._at_b: View | None = None
         self._even = True
         self._recording, self._beside = Recording(self._device), Branch(self._device)
@@ -157,14 +157,16 @@ class Rigid:
         places.begin(stamps, a.states, b.states, held)
         if self._at_b is not a:
             self._prepare(a)
-        self._a, self._b = self._b, self._a
+        self._pair.swap()
         self._at_b = b
         if self._sparse is not None:
-            self._strides = self._sparse.strides(places.camera_path(), self._a.packed)
+            self._strides = self._sparse.strides(places.camera_path(), self._pair.a.packed)
         frames = self._target(out)
         for portion, slots in enumerate(self._shown):
             self.shading.update(places.place(slots))
-            key = (portion, self._even, self.visibility.still_moved, self.visibility.coming)
+            # Launches that were recorded before the occluders' trees were built know others.
+            builds = self.shading.occluders.builds
+            key = portion, self._even, builds, self.visibility.still_moved, self.visibility.coming
             self._recording.run(("draw", *key), partial(self._draw, portion))
             self.visibility.drawn()
             # While a GPU draws.
@@ -175,7 +177,7 @@ class Rigid:
             if self._waveform is not None:
                 strength = [waveform_strength(self._waveform, int(t)) for t in stamps[slots]]
                 self._looking.strength.assign(np.array(strength, np.float32))
-            self._recording.run(("look", portion, self._even), partial(self._look, portion, frames))
+            self._recording.run(("look", portion, self._even, builds), partial(self._look, portion, frames))
         self._even = not self._even
         if frames is self._buffer:
             self._hand_over(frames, out)
@@ -194,7 +196,7 @@ class Rigid:
 
     def _take(self, b: View, held: np.ndarray) -> None:
         """What does not depend on the sub-frames: the later keyframe, and what stands still before it."""
-        self._b.take(b.image)
+        self._pair.b.take(b.image)
         flags = self._places.still(self._flicker, held)
         if flags is not self._flags and not np.array_equal(flags, self._flags):
             self._still.assign(flags)
@@ -220,20 +222,20 @@ class Rigid:
         count = len(part) - first
         with self._beside.aside():
             if closed:
-                m, image = self._margin, self._b.image
+                m, image = self._margin, self._pair.b.image
                 by_env = frames.reshape((self._envs, self._upsampling, *self._size))
                 wp.copy(by_env[:, self._upsampling - 1], image[:, m : image.shape[1] - m, m : image.shape[2] - m])
             if first:
                 self._find_quiet()
         if first:
             if self._waveform is not None:
-                self._b.take_lights(partial(self._looking.light, placed=True))
-            self._b.fill(v, self._envs, self._pieces, self._moving, self._looking.nonfinite)
+                self._pair.b.take_lights(partial(self._looking.light, placed=True))
+            self._pair.b.fill(v, self._envs, self._pieces, self._moving, self._looking.nonfinite)
         self._beside.join()
         if count:
-            before = (self._a.poses, self._a.packed) if first else self._before
+            before = (self._pair.a.poses, self._pair.a.packed) if first else self._before
             given = Part(portion, first, count, part[first] - 1, closed, before)
-            self._looking.look(given, self._a, self._b, self._quiet, frames)
+            self._looking.look(given, self._pair, self._quiet, frames)
             if not closed:
                 last = slice((len(part) - 1) * self._envs, len(part) * self._envs)
                 for source, target in zip((v.poses, v.packed), self._before):
@@ -247,8 +249,8 @@ class Rigid:
         with self._beside.aside():
             if portion == 0:
                 self._looking.clear()
-                self._b.take_poses(self.visibility, self._envs)
-            self._looking.place(self._a, self._b)
+                self._pair.b.take_poses(self.visibility, self._envs)
+            self._looking.place(self._pair)
 
     def _report(self) -> Report:
         if self._device.is_cuda:
@@ -260,7 +262,7 @@ class Rigid:
 
     def _find_quiet(self) -> None:
         """Pixels that do not change unless something comes before them."""
-        v, a, b = self.visibility, self._a, self._b
+        v, a, b = self.visibility, self._pair.a, self._pair.b
         given = [v.span, a.packed, v.packed[: self._envs], a.image, b.image, self._pieces, self._still]
         dim = (self._envs, v.shape[1], v.shape[2] // v.span)
         wp.launch(keyframe_kernels.find_quiet, dim, given, [self._quiet], device=self._device)
@@ -274,12 +276,12 @@ class Rigid:
         else:
             v.draw()
         v.drawn()
-        self._b.take(view.image)
-        self._b.take_poses(v, self._envs)
+        self._pair.b.take(view.image)
+        self._pair.b.take_poses(v, self._envs)
         if self._waveform is not None:
             self.shading.update(placed)
-            self._b.take_lights(partial(self._looking.light, placed=False))
-        self._b.fill(self.visibility, self._envs, self._pieces, self._moving, self._looking.nonfinite)
+            self._pair.b.take_lights(partial(self._looking.light, placed=False))
+        self._pair.b.fill(self.visibility, self._envs, self._pieces, self._moving, self._looking.nonfinite)
 
     def _target(self, out: np.ndarray | wp.array) -> wp.array:
         """The output on a CPU, a buffer in its place on a GPU, as [E K, h, w] pixels."""

@@ -32,6 +32,31 @@ LENGTHS = wp.constant(8192)
 """A span is (pixel, start LENGTHS + length): sub-frames start and start + length are known, those between are not."""
 
 
+@wp.struct
+class Stretch:
+    """A portion's sub-frames start0 + 1 .. start0 + count, in slots slot0.. of `packed` [P E, H, W].
+
+    before [E, H, W]: z-buffer of sub-frame start0; after: that of B, with which the portion ends where closed = 1.
+    quiet [E, H, W]: entries with which nothing has changed. step: path [px] up to which samples are spared; 0 = none.
+    gain: pixels per radian of a lens, at most. pieces: body and patch of each triangle.
+    """
+
+    count: int
+    closed: int
+    slot0: int
+    start0: int
+    envs: int
+    upsampling: int
+    step: float
+    gain: float
+    before: wp.array3d(dtype=wp.uint64)
+    packed: wp.array3d(dtype=wp.uint64)
+    after: wp.array3d(dtype=wp.uint64)
+    quiet: wp.array3d(dtype=wp.uint64)
+    pieces: wp.array(dtype=wp.vec2i)
+    walk: Walk
+
+
 @wp.func
 def joined(a: wp.uint64, b: wp.uint64, pieces: wp.array(dtype=wp.vec2i)):
     """Whether two hits of a pixel are on one piece of surface."""
@@ -88,21 +113,8 @@ def make_plan(channels: int) -> wp.Kernel:
         band: int,
         todo0: int,
         spans0: int,
-        step: float,
-        gain: float,
-        count: int,
-        closed: int,
-        slot0: int,
-        start0: int,
-        envs: int,
-        upsampling: int,
+        given: Stretch,
         active: wp.array(dtype=int),
-        before: wp.array3d(dtype=wp.uint64),
-        packed: wp.array3d(dtype=wp.uint64),
-        after: wp.array3d(dtype=wp.uint64),
-        quiet: wp.array3d(dtype=wp.uint64),
-        pieces: wp.array(dtype=wp.vec2i),
-        walk: Walk,
         image: wp.array3d(dtype=pixel),
         # out
         codes: wp.array2d(dtype=wp.uint8),
@@ -115,10 +127,7 @@ def make_plan(channels: int) -> wp.Kernel:
         """Pixels active[first .. last - 1], as indices into [E, h, w], `span` of them a thread. Samples go to `todo`
         from todo0 on, as indices into [count, E, h, w], spans to `spans` from spans0 on, and their numbers to [band].
 
-        The sub-frames start0 + 1 .. start0 + count are in slots slot0.. of `packed` [P E, H, W]; before [E, H, W] is
-        the z-buffer of sub-frame start0, after that of B, with which the portion ends where closed = 1. step: path [px]
-        up to which samples are spared; 0 = none. gain: pixels per radian of a lens, at most. codes: scratch, [count] of
-        columns from column0 + columns thread on.
+        codes: scratch, [count] of columns from column0 + columns thread on.
         """
         width = view.width - 2 * view.margin
         height = view.height - 2 * view.margin
@@ -131,63 +140,71 @@ def make_plan(channels: int) -> wp.Kernel:
             x = at % width + view.margin
             y = at // width % height + view.margin
             env = at // (width * height)
-            still = quiet[env, y, x]
+            still = given.quiet[env, y, x]
             d = pixel_ray(view, x, y)
-            hit = before[env, y, x]
+            hit = given.before[env, y, x]
             # The last sub-frame that is known or to be a sample, and the path since.
             start = wp.int32(0)
             path = wp.float32(0.0)
             # Sub-frames that are samples without looking at how fast it is, for it has just been far too fast.
             skip = wp.int32(0)
             t = triangle_of(hit)
-            body = body_at(t, env, pieces, walk)
-            for k in range(1, count + closed + 1):
-                now = after[env, y, x]
+            body = body_at(t, env, given.pieces, given.walk)
+            for k in range(1, given.count + given.closed + 1):
+                now = given.after[env, y, x]
                 known = wp.bool(True)
-                if k <= count:
-                    now = packed[(slot0 + k - 1) * envs + env, y, x]
+                if k <= given.count:
+                    now = given.packed[(given.slot0 + k - 1) * given.envs + env, y, x]
                     known = now == still
                 reaches = wp.bool(False)
                 if skip > 0:
                     skip -= 1
                     t = wp.int32(NONE)
-                elif step > 0.0:
+                elif given.step > 0.0:
                     u = triangle_of(now)
                     if u != t:
-                        body = body_at(u, env, pieces, walk)
-                    if u == t or joined(hit, now, pieces):
-                        far = flow(view, gain, k * envs + env, body, d, wp.where(u == MISS, 1.0, depth_of(now)), walk)
+                        body = body_at(u, env, given.pieces, given.walk)
+                    if u == t or joined(hit, now, given.pieces):
+                        far = flow(
+                            view,
+                            given.gain,
+                            k * given.envs + env,
+                            body,
+                            d,
+                            wp.where(u == MISS, 1.0, depth_of(now)),
+                            given.walk,
+                        )
                         path += far
-                        reaches = path <= step
-                        if not reaches and start < k - 1 and far <= step:
+                        reaches = path <= given.step
+                        if not reaches and start < k - 1 and far <= given.step:
                             # From the sub-frame before it does reach.
                             codes[k - 2, column + j] = SAMPLE
-                            put_span(at, start0 + start, k - 1 - start, spans0, band, spans, span_count)
+                            put_span(at, given.start0 + start, k - 1 - start, spans0, band, spans, span_count)
                             start = k - 1
                             path = far
                             reaches = wp.bool(True)
-                        if far > step:
-                            skip = int(wp.min(2.0 * far / step, MOST_SKIPPED))
+                        if far > given.step:
+                            skip = int(wp.min(2.0 * far / given.step, MOST_SKIPPED))
                     t = u
                 if start < k - 1 and not reaches:
                     codes[k - 2, column + j] = SAMPLE
-                    put_span(at, start0 + start, k - 1 - start, spans0, band, spans, span_count)
+                    put_span(at, given.start0 + start, k - 1 - start, spans0, band, spans, span_count)
                 code = BETWEEN
                 if known or not reaches:
                     if reaches:
-                        put_span(at, start0 + start, k - start, spans0, band, spans, span_count)
+                        put_span(at, given.start0 + start, k - start, spans0, band, spans, span_count)
                     code = wp.where(known, KEYFRAME, SAMPLE)
                     start = k
                     path = 0.0
-                if k <= count:
+                if k <= given.count:
                     codes[k - 1, column + j] = code
                 hit = now
-            if closed == 0 and start < count:
-                codes[count - 1, column + j] = SAMPLE
-                put_span(at, start0 + start, count - start, spans0, band, spans, span_count)
+            if given.closed == 0 and start < given.count:
+                codes[given.count - 1, column + j] = SAMPLE
+                put_span(at, given.start0 + start, given.count - start, spans0, band, spans, span_count)
         # Frame by frame, for the pixels of a row are looked up side by side.
-        inner = envs * height * width
-        for k in range(count):
+        inner = given.envs * height * width
+        for k in range(given.count):
             for j in range(begin, end):
                 code = codes[k, column + j]
                 at = active[j]
@@ -196,7 +213,7 @@ def make_plan(channels: int) -> wp.Kernel:
                 elif code == KEYFRAME:
                     env = at // (width * height)
                     y = at // width % height
-                    frames[env * upsampling + start0 + k, y, at % width] = image[
+                    frames[env * given.upsampling + given.start0 + k, y, at % width] = image[
                         env, y + view.margin, at % width + view.margin
                     ]
 

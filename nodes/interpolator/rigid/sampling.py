@@ -108,13 +108,17 @@ class Sampling:
         v, count = self._v, part.count
         self._part, self._frames, self._round = part, frames, 0
         poses, packed = part.before
-        shared: list[Any] = [count, int(part.closed), part.slot0]
         if self._step > 0:
-            given = [v.camera_body, *shared, poses, v.poses, b.poses]
+            given = [v.camera_body, count, int(part.closed), part.slot0, poses, v.poses, b.poses]
             wp.launch(walk_bodies, self._walk.as_world.shape, given, [self._walk], device=v.device)
         active = self._all if self._on_device else self._changed(part, b, quiet, frames)
-        how: list[Any] = [self._step, self._gain, *shared, part.start, self._envs, self._upsampling]
-        how += [active, packed, v.packed, b.packed, quiet, self._pieces, self._walk, b.image]
+        stretch: Any = plan_kernels.Stretch()
+        stretch.count, stretch.closed, stretch.slot0, stretch.start0 = count, int(part.closed), part.slot0, part.start
+        stretch.envs, stretch.upsampling = self._envs, self._upsampling
+        stretch.step, stretch.gain, stretch.walk = self._step, self._gain, self._walk
+        stretch.before, stretch.packed, stretch.after = packed, v.packed, b.packed
+        stretch.quiet, stretch.pieces = quiet, self._pieces
+        how: list[Any] = [stretch, active, b.image]
         how += [self._codes, self._todo, self.counts, self._spans[0], self._span_counts, frames]
         at = self._at()
         if self._on_device:

@@ -1,0 +1,101 @@
+"""Log radiance as it is looked up: of luminance or RGB, once or under two kinds of light."""
+
+from typing import Any
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+BLACK = wp.constant(-69.0)
+"""Log radiance up to which a pixel has no light at all: black is kept as ln 1e-30, and is 0 again in the frames."""
+
+SIX = wp.types.vector(length=6, dtype=wp.float32)
+"""Log radiance in RGB under the lights at their mean, then without those that flicker."""
+
+LOGS: dict[tuple[int, bool], Any] = {(1, False): wp.float32, (3, False): wp.vec3, (1, True): wp.vec2, (3, True): SIX}
+"""What is looked up, by the number of channels and whether lights flicker: log radiance under the lights as they are,
+or both of `lit`'s."""
+
+
+@wp.func
+def light(value: float):
+    """Radiance of a logarithm."""
+    return wp.where(value <= BLACK, 0.0, wp.exp(value))
+
+
+@wp.func
+def radiance_of(value: wp.float32, strength: float):
+    return light(value)
+
+
+@wp.func
+def radiance_of(value: wp.vec3, strength: float):  # noqa: F811 - overloaded by its type
+    return wp.vec3(light(value[0]), light(value[1]), light(value[2]))
+
+
+@wp.func
+def lit(mean: float, steady: float, strength: float):
+    """Radiance from its logarithms with the lights at their mean and without those that flicker."""
+    rest = light(steady)
+    return rest + strength * wp.max(light(mean) - rest, 0.0)
+
+
+@wp.func
+def radiance_of(value: wp.vec2, strength: float):  # noqa: F811 - overloaded by its type
+    return lit(value[0], value[1], strength)
+
+
+@wp.func
+def radiance_of(value: SIX, strength: float):  # noqa: F811 - overloaded by its type
+    return wp.vec3(
+        lit(value[0], value[3], strength), lit(value[1], value[4], strength), lit(value[2], value[5], strength)
+    )
+
+
+@wp.func
+def apart(a: wp.float32, b: wp.float32):
+    return wp.abs(a - b)
+
+
+@wp.func
+def apart(a: wp.vec3, b: wp.vec3):  # noqa: F811 - overloaded by its type
+    return wp.max(wp.abs(a - b))
+
+
+@wp.func
+def apart(a: wp.vec2, b: wp.vec2):  # noqa: F811 - overloaded by its type
+    return wp.max(wp.abs(a - b))
+
+
+@wp.func
+def apart(a: SIX, b: SIX):  # noqa: F811 - overloaded by its type
+    return wp.max(wp.abs(a - b))
+
+
+@wp.func
+def half_black(low: wp.float32, high: wp.float32):
+    """Whether pixels from `low` to `high` are black in part: between ln 0 and ln I is nothing to be looked up."""
+    return low <= BLACK and high > BLACK
+
+
+@wp.func
+def half_black(low: Any, high: Any):  # noqa: F811 - overloaded by its type
+    result = wp.bool(False)
+    for i in range(len(low)):
+        result = result or (low[i] <= BLACK and high[i] > BLACK)
+    return result
+
+
+@wp.func
+def least(a: Any, b: Any):
+    return wp.min(a, b)
+
+
+@wp.func
+def most(a: Any, b: Any):
+    return wp.max(a, b)
+
+
+@wp.func
+def within(value: Any, low: Any, high: Any):
+    return wp.min(wp.max(value, low), high)
