@@ -54,3 +54,12 @@ def test_a_notice_is_not_said_again_in_the_next_episode(engine):
     interval = engine.advance(30 * MS)
     assert engine.data[0].warning[mujoco.mjtWarning.mjWARN_BADCTRL].number > 0
     assert interval.faults == [] and interval.warnings == []
+
+
+def test_what_has_no_name_is_called_by_its_number():
+    """Geoms and the bodies that they are on."""
+    from nodes.physics.stiffness import geom_name
+
+    body, named = (f"<body{name}><freejoint/><geom size='1'/></body>" for name in ("", " name='ball'"))
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}{named}</worldbody></mujoco>")
+    assert [geom_name(model, g) for g in (0, 1)] == ["geom 0 of body 'body1'", "geom 1 of body 'ball'"]

@@ -276,7 +276,7 @@ def test_written_raw_is_read_by_the_evt3_library(tmp_path):
     ("arrays", "text"),
     [
         ({"t": np.zeros(3, complex)}, "t is complex128"),
-        ({"t": np.array([0.5, np.nan, 1])}, "times that are no s"),
+        ({"t": np.array([0.5, np.nan, 1])}, "t holds a value that is not finite"),
         ({"x": np.array([1, 2, 70000])}, "x runs from 1 to 70000"),
         ({"p": np.array([0, 1, 2])}, "p must be 0"),
         ({"y": np.zeros(2, np.uint16)}, "different lengths"),
