@@ -75,18 +75,23 @@ def run(args: argparse.Namespace) -> int:
 @contextmanager
 def _ended_as_interrupted() -> Iterator[None]:
     """SIGTERM ends as Ctrl-C does: nothing half written is left behind."""
+    from evis.cli.events.files import ENDING
+
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def interrupt(*_: object) -> None:
+        ENDING.set()
         raise KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, interrupt)
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        ENDING.clear()
 
 
 def _shown(value: Any) -> str:

@@ -6,6 +6,7 @@ import argparse
 import os
 import re
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from evis.streams import Events, Recording
 
 
+ENDING = threading.Event()
+"""Ctrl-C or SIGTERM came. Their exception is lost where it meets a destructor or a callback from C; this is not."""
 OUTPUTS = ".raw, .npz, .csv, .txt, .dat, .es, .aedat4, .h5 or .hdf5"
 STEP_NS = 20_000_000
 """What is read at a time of a part of a recording [ns]."""
@@ -51,7 +54,14 @@ def _seconds(text: str) -> float:
 
 
 def blocks_of(recording: Recording, args: argparse.Namespace) -> Iterator[Events]:
-    """The recording, or the part of it that `add_part` describes. Raises UsageError."""
+    """The recording, or the part of it that `add_part` describes. Raises UsageError, and KeyboardInterrupt once ENDING."""
+    for events in _part_of(recording, args):
+        if ENDING.is_set():
+            raise KeyboardInterrupt
+        yield events
+
+
+def _part_of(recording: Recording, args: argparse.Namespace) -> Iterator[Events]:
     if args.stop is not None and args.stop <= args.start:
         raise UsageError(f"--from {args.start:g} --to {args.stop:g}: the end must be later than the start")
     first = recording.next_t_ns
