@@ -54,7 +54,7 @@ def _seconds(text: str) -> float:
 
 
 def blocks_of(recording: Recording, args: argparse.Namespace) -> Iterator[Events]:
-    """The recording, or the part of it that `add_part` describes. Raises UsageError, and KeyboardInterrupt once ENDING."""
+    """The recording, or the part of it that `add_part` describes. Raises UsageError; once ENDING, KeyboardInterrupt."""
     for events in _part_of(recording, args):
         if ENDING.is_set():
             raise KeyboardInterrupt
