@@ -30,7 +30,7 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
     one EXR each (half: R, G, B as 16-bit floats, clamped and counted). Frames: .npz that `evis events simulate` takes.
     /state: .npz with every body at every sub-step. Any other: .npz (arrays stacked over messages), or .jsonl (a message
     per line).
-    Of a torn bag what is there is written, and `problem` says what is wrong with it. `older` counts the EXR files of
+    Of a torn bag what is there is written, and `problem` says what is wrong with it. `other_files` counts the EXR files of
     another export that the folder still holds. Raises BagError.
     """
     out = Path(out)
@@ -146,8 +146,8 @@ def _keyframes(reader: BagReader, topic: str, env: int | None, out: Path, half: 
             names |= {n for c in arrays for n in (("R", "G", "B") if c == "RGB" else (c,))}
         count += 1
     result = {"keyframes": count, "channels": sorted(names), **({"clamped": clamped} if half else {})}
-    if older := len(list(out.rglob("*.exr"))) - written:
-        result["older"] = older
+    if others := len(list(out.rglob("*.exr"))) - written:
+        result["other_files"] = others
     return result
 
 

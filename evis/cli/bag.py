@@ -111,9 +111,9 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
             "`evis bag recover` makes a whole bag of it",
             file=sys.stderr,
         )
-    if "older" in result:
-        older = result["older"]
-        print(f"evis bag export: {args.out} holds {older} EXR files that are not of this export", file=sys.stderr)
+    if "other_files" in result:
+        others = result["other_files"]
+        print(f"evis bag export: {args.out} holds {others} EXR files that are not of this export", file=sys.stderr)
     if "damaged" in result:
         print(
             f"evis bag export: {args.bag} is damaged; {result['damaged']} chunks or messages were left out",
