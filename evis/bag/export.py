@@ -30,8 +30,8 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
     one EXR each (half: R, G, B as 16-bit floats, clamped and counted). Frames: .npz that `evis events simulate` takes.
     /state: .npz with every body at every sub-step. Any other: .npz (arrays stacked over messages), or .jsonl (a message
     per line).
-    Of a torn bag what is there is written, and `problem` says what is wrong with it. `other_files` counts the EXR files of
-    another export that the folder still holds. Raises BagError.
+    Of a torn bag what is there is written, and `problem` says what is wrong with it. `other_files` counts the EXR files
+    of another export that the folder still holds. Raises BagError.
     """
     out = Path(out)
     if out.suffix and not out.parent.is_dir():
