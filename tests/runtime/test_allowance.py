@@ -25,7 +25,7 @@ def test_what_was_taken_counts():
 
 
 def test_the_refusal_names_a_limit_that_would_do(monkeypatch):
-    with pytest.raises(AllowanceError, match="set EVIS_UNPACK_LIMIT=8G") as refused:
+    with pytest.raises(AllowanceError, match="set EVIS_UNPACK_LIMIT=4G") as refused:
         Allowance(65_000).take(2_100_000_000)
     monkeypatch.setenv("EVIS_UNPACK_LIMIT", str(refused.value).rpartition("=")[2])
     Allowance(65_000).take(2_100_000_000)
