@@ -88,6 +88,11 @@ class Node:
         return {}
 
     @classmethod
+    def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
+        """What the parameter `seed` decides beside these others, in words; nothing: every seed gives the same."""
+        return ()
+
+    @classmethod
     def divides(cls, params: Mapping[str, Any]) -> int:
         """How many updates there are to each message published; of a source, how many steps to a delayed input.
 

@@ -79,6 +79,8 @@ class Plan:
     launch_text: str = ""
     """The launch file with every argument filled in, as YAML; goes into the bag."""
 
+    random: dict[str, list[str]] = field(default_factory=dict)
+    """Of each node that has a seed, what it decides, in words; none: every seed gives the same."""
     chosen: dict[str, Any] = field(default_factory=dict)
     """Arguments that were chosen for the user (interpolator:=auto), and `why`; empty when there are none."""
 

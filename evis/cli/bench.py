@@ -46,6 +46,8 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(report, default=str))
     else:
         print(f"report: {Path(args.out) / 'index.html'}")
+    for note in report["notes"]:
+        print(f"evis bench: {note}", file=sys.stderr)
     for failure in report["failures"]:
         print(f"evis bench: {failure['subject']} failed: {failure['error']}", file=sys.stderr)
     return 1 if report["failures"] else 0

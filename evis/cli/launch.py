@@ -26,7 +26,9 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--record-topics", metavar="GLOB,...", default="", help="topics to record besides the default ones"
     )
-    parser.add_argument("--seed", type=int, metavar="N", help="same as seed:=N")
+    parser.add_argument(
+        "--seed", type=int, metavar="N", help="same as seed:=N, of what is random in the graph; --explain says what"
+    )
     parser.add_argument("--compose", action="store_true", help="all nodes but the visualizer in one process")
     parser.add_argument("--split", action="store_true", help="every node in a process of its own")
     parser.add_argument("--no-view", action="store_true", help="no visualizer (also: EVIS_NO_VIEW=1)")

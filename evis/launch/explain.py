@@ -15,6 +15,9 @@ def as_text(plan: Plan) -> str:
         lines += ["", "arguments", *(f"  {k} = {_shown(v)}" for k, v in plan.args.items() if v is not None)]
     if plan.chosen:
         lines += ["", "chosen", *(f"  {k}: {_shown(v)}" for k, v in plan.chosen.items())]
+    if plan.random:
+        drawn = [f"  {name}: {', '.join(what)}" for name, what in plan.random.items() if what]
+        lines += ["", f"random, by seed {plan.seed}", *(drawn or ["  nothing: every seed gives the same run"])]
     lines += ["", "processes"]
     for process, nodes in plan.processes().items():
         lines.append(f"  {process}")

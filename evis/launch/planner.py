@@ -93,6 +93,11 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     plan.nodes = _in_order(plan)
     check_pace(plan, {node.name: node for node in chosen})
     plan.left_out = left_out(nodes, demand, expanded.absent) + _unmade(plan, chosen) + _colourless(plan)
+    plan.random = {
+        node.name: list(node.cls.random(node.params))
+        for node in chosen
+        if "seed" in node.cls.PARAMS and not plan.nodes[node.name].dormant
+    }
     plan.launch_text = _resolved(expanded, nodes)
     return plan
 

@@ -58,6 +58,7 @@ def summarise(
         "cpu_s": round(sum(part.get("cpu_s", 0.0) for part in parts), 6),
         "rss_mb": round(sum(part.get("rss_mb", 0.0) for part in parts), 1),
         "args": plan.args,
+        "random": plan.random,
     }
     if plan.chosen:
         summary["chosen"] = plan.chosen
@@ -73,10 +74,12 @@ def _total(nodes: dict[str, Any], key: str) -> int:
 def as_table(report: Report) -> str:
     """The summary for a person."""
     s = report.summary
+    unused = s["args"].get("seed") and s["random"] and not any(s["random"].values())
     lines = [
         f"{s['sim_s']:.3f} s in {s['wall_s']:.2f} s (real-time factor {s['rtf']:.3f}), start-up {s['startup_s']:.2f} s",
         f"{s['events']:,} events, {s['keyframes']:,} keyframes, {s['frames']:,} frames, "
         f"{s['drops']:,} messages and {s['dropped_events']:,} events dropped",
+        *([f"nothing in this run is random: seed {s['args']['seed']} changes nothing"] if unused else []),
         "",
         f"{'node':<20}{'updates':>10}{'ms/update':>12}{'busy s':>10}  counters",
     ]

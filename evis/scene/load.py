@@ -67,6 +67,14 @@ def is_dynamic(name_or_path: str) -> bool:
     return "mjcf" in _document(path)
 
 
+def starts_at_random(name_or_path: str) -> bool:
+    """True when the seed moves free bodies at the start. Reads the YAML only, as `is_dynamic` does."""
+    spread = _document(find_scene(name_or_path)).get("initial_spread")
+    return isinstance(spread, Table) and any(
+        str(value).split()[:1] not in (["0"], ["0.0"]) for value in spread.values()
+    )
+
+
 def camera_rates(name_or_path: str, overrides: Mapping[str, Any] | None = None) -> dict[str, float]:
     """Keyframes per second [Hz] of the cameras that have a rate of their own. Raises as load_scene does.
 

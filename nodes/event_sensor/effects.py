@@ -24,6 +24,27 @@ PAPER = {
 """Of model evis-paper: what it is bound to, and why."""
 
 
+RANDOM: dict[str, tuple[str, ...]] = {
+    "threshold mismatch": ("threshold_mismatch",),
+    "leak": ("leak_rate",),
+    "shot noise": ("shot_rate",),
+    "hot pixels": ("hot_pixel_fraction", "hot_pixel_rate"),
+    "timestamp jitter": ("timestamp_jitter_us",),
+}
+"""What is random in a sensor -> the parameters that turn it on, all of them together."""
+
+
+def random(resolved: Mapping[str, Any]) -> tuple[str, ...]:
+    """What in a sensor depends on its seed, for all of SENSOR, resolved; nothing: every seed gives the same events."""
+    model = resolved["model"]
+    if model == "dvs_voltmeter":
+        return ("its model of every crossing",)
+    idle = without_effect(resolved)
+    found = (what for what, names in RANDOM.items() if all(resolved[n] and n not in idle for n in names))
+    # v2e's leak is even and begins at the first frame unless it has a jitter.
+    return tuple(w for w in found if w != "leak" or model.startswith("evis") or resolved["leak_jitter"])
+
+
 def without_effect(resolved: Mapping[str, Any]) -> dict[str, str]:
     """Parameter -> why the sensor would be the same with any other value of it; of all of SENSOR, resolved.
 

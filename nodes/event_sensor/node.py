@@ -57,6 +57,14 @@ class EventSensorNode(Node):
         return without_effect(resolve_sensor("event sensor", params["preset"], {name: params[name] for name in SENSOR}))
 
     @classmethod
+    def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
+        """The faults that are drawn."""
+        from nodes.event_sensor import effects
+
+        resolved = resolve_sensor("event sensor", params["preset"], {name: params[name] for name in SENSOR})
+        return effects.random(resolved)
+
+    @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
         """One of the two: frames where an interpolator runs, keyframes where it is left out."""
         return frozenset({params["source"]})

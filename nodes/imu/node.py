@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from evis.node import Input, Node, Output
 from evis.params import Param
@@ -15,6 +15,13 @@ if TYPE_CHECKING:
     from nodes.imu.inertial import InertialUnit
 
 LARGEST = 1e6
+RANDOM = {
+    "accel_noise": "noise of the accelerometer",
+    "gyro_noise": "noise of the gyroscope",
+    "accel_bias": "bias of the accelerometer",
+    "gyro_bias": "bias of the gyroscope",
+}
+"""Parameters -> what they turn on that is random."""
 
 
 class ImuNode(Node):
@@ -38,6 +45,11 @@ class ImuNode(Node):
     }
     INPUTS: ClassVar[Mapping[str, Input]] = {"state": Input("/state")}
     OUTPUTS: ClassVar[Mapping[str, Output]] = {"imu": Output("/{camera}/imu")}
+
+    @classmethod
+    def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
+        """Noise and bias, those that it has."""
+        return tuple(what for name, what in RANDOM.items() if params[name])
 
     def setup(self) -> None:
         """Make the unit."""

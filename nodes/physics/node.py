@@ -25,7 +25,7 @@ class PhysicsNode(Node):
         "scene_args": Param(str, None, "arguments of the scene, as omega=50,tilt=30", optional=True),
         "width": Param(int, None, "image width, for scenes that place things in the view", "px", 1, optional=True),
         "height": Param(int, None, "image height", "px", 1, optional=True),
-        "seed": Param(int, 0, "seed; environment k has seed + k", minimum=0),
+        "seed": Param(int, 0, "seed of where free bodies start; environment k has seed + k", minimum=0),
         "envs": Param(int, 1, "parallel environments", minimum=1),
         "keyframe_rate": Param(float, 30.0, "stamps per second", "Hz", 1e-3, 1e6),
         "action_rate": Param(
@@ -65,6 +65,17 @@ class PhysicsNode(Node):
         if scene and not is_dynamic(scene):
             return {"mujoco": f"all motion of scene {scene} is prescribed in closed form"}
         return {}
+
+    @classmethod
+    def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
+        """Where free bodies start, in a scene that says how far from its own start."""
+        from evis.scene.load import starts_at_random
+
+        scene = params.get("scene")
+        with contextlib.suppress(OSError):  # who loads it says so
+            if scene and starts_at_random(scene):
+                return ("start of free bodies",)
+        return ()
 
     @classmethod
     def divides(cls, params: Mapping[str, Any]) -> int:

@@ -1,4 +1,4 @@
-"""The report's runner: what fails is listed, at once where it could be known, and hides nothing else."""
+"""The report's runner: what fails is listed and hides nothing else, and what cannot be drawn is there as figures."""
 
 import json
 import sys
@@ -7,6 +7,7 @@ import types
 import pytest
 
 from bench import report
+from evis.cli import main
 
 
 @pytest.fixture
@@ -29,15 +30,25 @@ def subjects(monkeypatch):
 
 
 @pytest.mark.parametrize("there", [True, False])
-def test_a_plot_that_cannot_be_drawn_is_told_before_anything_is_measured(subjects, monkeypatch, tmp_path, there):
-    spec = object() if there else None
-    monkeypatch.setattr(report.importlib.util, "find_spec", lambda name: spec)
-    found = report.run(["drawn", "plain"], tmp_path, True, lambda text: None)
-    if there:
-        assert subjects == ["measured drawn", "drawn", "measured plain"] and found["failures"] == []
-    else:
-        assert subjects == ["measured plain"]
-        assert [f["subject"] for f in found["failures"]] == ["drawn"]
-        assert "pip install 'evis[bench]'" in found["failures"][0]["error"]
+def test_without_matplotlib_there_are_figures_and_no_plots(subjects, monkeypatch, tmp_path, capsys, there):
+    """Nothing is lost but the pictures, and report, page and command say which package draws them."""
+    monkeypatch.setattr(report.importlib.util, "find_spec", lambda name: object() if there else None)
+    assert main(["bench", "drawn", "plain", "--out", str(tmp_path)]) == 0
+    told = capsys.readouterr().err
+    assert subjects == (
+        ["measured drawn", "drawn", "measured plain"] if there else ["measured drawn", "measured plain"]
+    )
     written = json.loads((tmp_path / "report.json").read_text())
-    assert written["failures"] == found["failures"] and "plain" in written["subjects"]
+    assert written["failures"] == [] and written["subjects"].keys() == {"drawn", "plain"}
+    page = (tmp_path / "index.html").read_text()
+    for text in (told, page, *written["notes"]):
+        assert ("evis[bench]" in text) != there
+    assert len(written["notes"]) == (not there)
+
+
+def test_a_subject_that_fails_hides_no_other(subjects, monkeypatch, tmp_path, capsys):
+    """It is listed, with its traceback in a file, and the exit status is 1."""
+    monkeypatch.setattr(sys.modules["bench.drawn"], "measure", lambda quick: 1 / 0)
+    assert main(["bench", "drawn", "plain", "--out", str(tmp_path)]) == 1
+    assert "drawn failed: ZeroDivisionError" in capsys.readouterr().err
+    assert subjects == ["measured plain"] and "1 / 0" in (tmp_path / "drawn.traceback.txt").read_text()
