@@ -1,4 +1,4 @@
-"""The same scene drawn by MuJoCo Warp's batch renderer: rays on the CPU or a GPU (`pip install mujoco-warp`)."""
+"""The same scene drawn by MuJoCo Warp's batch renderer: rays on the CPU or a GPU (`pip install 'evis[peers]'`)."""
 
 from __future__ import annotations
 

@@ -10,10 +10,14 @@ from dataclasses import asdict, dataclass
 HELP = "check this machine and this installation"
 EXAMPLE = "example: evis doctor --json"
 
-REQUIRED = (
-    "numpy", "pyzmq", "msgpack", "pyyaml", "warp-lang", "mujoco", "mcap", "zstandard", "OpenEXR", "pyusb", "aiohttp",
-    "pillow", "tqdm",
-)  # fmt: skip
+EXTRAS = {
+    "video": "frames from videos, .mp4 without ffmpeg",
+    "bench": "plots",
+    "files": "HDF5 compressed as DSEC and TUM-VIE",
+    "ros": "rosbags and mcap-ros2-support for your own scripts",
+    "peers": "MuJoCo Warp in bench.renderer_peers",
+}
+"""Optional parts of the installation and what they are for; `usb` has a check of its own."""
 VIEWER_PORT = 8421
 MB = 1 << 20
 
@@ -52,9 +56,9 @@ def run(args: argparse.Namespace) -> int:
 def check() -> Iterator[Finding]:
     """All findings, one per check; a check that breaks is a failure with its reason."""
     checks: dict[str, Callable[[], Finding]] = {
-        "python": _python, "packages": _packages, "machine": _machine, "shared memory": _shared_memory,
-        "run directory": _run_directory, "processes": _processes, "kernels": _kernels, "gpu": _gpu, "libusb": _libusb,
-        "viewer port": _port, "browser": _browser, "data": _data,
+        "python": _python, "packages": _packages, "extras": _extras, "machine": _machine,
+        "shared memory": _shared_memory, "run directory": _run_directory, "processes": _processes, "kernels": _kernels,
+        "gpu": _gpu, "libusb": _libusb, "viewer port": _port, "browser": _browser, "data": _data,
     }  # fmt: skip
     for name, action in checks.items():
         try:
@@ -69,18 +73,42 @@ def _python() -> Finding:
     return Finding("python", "ok", f"{platform.python_version()} on {platform.system()} {platform.machine()}")
 
 
-def _packages() -> Finding:
+def _required(extra: str = "") -> list[str]:
+    """Packages that this installation of evis says it needs, or an extra of it."""
+    import re
     from importlib import metadata
 
-    missing, found = [], []
-    for package in REQUIRED:
-        try:
-            found.append(f"{package} {metadata.version(package)}")
-        except metadata.PackageNotFoundError:
-            missing.append(package)
-    if missing:
+    wanted = []
+    for line in metadata.requires("evis") or ():
+        package, _, marker = line.partition(";")
+        named = re.search(r"extra == ['\"]([^'\"]+)", marker)
+        if (named[1] if named else "") == extra:
+            wanted.append(re.split(r"[^\w.-]", package.strip(), maxsplit=1)[0])
+    return wanted
+
+
+def _version(package: str) -> str | None:
+    from importlib import metadata
+
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _packages() -> Finding:
+    found = {package: _version(package) for package in _required()}
+    if missing := [package for package, version in found.items() if version is None]:
         return Finding("packages", "fail", f"missing: {', '.join(missing)}; install evis again")
-    return Finding("packages", "ok", ", ".join(found))
+    return Finding("packages", "ok", ", ".join(f"{package} {version}" for package, version in found.items()))
+
+
+def _extras() -> Finding:
+    there = [name for name in EXTRAS if (packages := _required(name)) and all(map(_version, packages))]
+    text = ", ".join(there)
+    if absent := [f"{name} ({what})" for name, what in EXTRAS.items() if name not in there]:
+        text += f"{'; ' if text else ''}not installed: {', '.join(absent)}; `pip install 'evis[NAME]'` brings one"
+    return Finding("extras", "note" if absent else "ok", text)
 
 
 def _machine() -> Finding:
@@ -150,11 +178,12 @@ def _gpu() -> Finding:
 
 
 def _libusb() -> Finding:
-    import usb.backend.libusb1
+    from nodes.camera.usb.access import usb_bus
 
-    if usb.backend.libusb1.get_backend() is None:
-        remedy = "`pip install 'evis[usb]'` brings it"
-        return Finding("libusb", "note", f"libusb-1.0 is not installed: USB cameras need it; {remedy}")
+    try:
+        usb_bus()
+    except OSError as error:
+        return Finding("libusb", "note", f"{error}; USB cameras need it, nothing else does")
     return Finding("libusb", "ok", "libusb-1.0 loads")
 
 
