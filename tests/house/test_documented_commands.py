@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import importlib.util
 import re
@@ -68,23 +69,69 @@ def test_a_command_is_understood(page: str, line: str) -> None:
         assert parse_pairs(args.pairs).keys() <= known.keys()
 
 
-def test_every_command_in_the_text_exists() -> None:
-    """`evis COMMAND ...` in a sentence."""
-    for page in PAGES:
-        for command, word in re.findall(r"`evis ([a-z]+)(?: ([a-z_]+))?[ `]", page.read_text()):
-            assert command in COMMANDS, (page.name, command)
-            if command == "bench" and word:
-                from bench.report import SUBJECTS
+def _spans() -> list[tuple[str, str]]:
+    """(page, words after `evis`) of every command in a sentence or a table."""
+    return [
+        (page.name, span)
+        for page in PAGES
+        for span in re.findall(r"`(?:\w+=\w+ )?(?:\.venv/bin/)?evis ([^`]+)`", BLOCK.sub("", page.read_text()))
+    ]
 
-                assert word in SUBJECTS, (page.name, word)
+
+def _options(parser: argparse.ArgumentParser) -> set[str]:
+    """All options of a command, those of its actions included."""
+    found = set(parser._option_string_actions)
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for child in action.choices.values():
+                found |= _options(child)
+    return found
+
+
+@pytest.mark.parametrize(("page", "span"), _spans())
+def test_a_command_in_the_text_exists(page: str, span: str) -> None:
+    """`evis COMMAND ...` in a sentence: command, action, options, arguments of a launch file; more may be left out."""
+    command, *words = span.split()
+    if command.startswith("-"):
+        return
+    assert command in COMMANDS
+    module = importlib.import_module(f"evis.cli.{command}")
+    parser = Parser(f"evis {command}", module.HELP, "", words)
+    module.add_arguments(parser)
+    assert {word.partition("=")[0] for word in words if word.startswith("--")} <= _options(parser)
+    actions = [a.choices for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    if words and actions and re.fullmatch("[a-z]+", words[0]):
+        assert words[0] in actions[0]
+    if command == "bench":
+        from bench.report import SUBJECTS
+
+        assert all(word in SUBJECTS for word in words[:1] if not word.startswith("-"))
+    if command == "launch" and (pairs := [word for word in words if ":=" in word]):
+        path, preset = paths.find_launch("spinning_disk" if words[0] == "SCENE" else words[0])
+        known = {**load(path).arguments, **(scene_args(preset["scene"]) if preset else {})}
+        assert parse_pairs(pairs).keys() <= known.keys()
+
+
+def test_there_are_commands_in_the_text() -> None:
+    """So that a change of style of the pages is noticed."""
+    assert len(_spans()) > 25 and {page for page, _ in _spans()} >= {"README.md", "scenes.md", "CONTRIBUTING.md"}
 
 
 def test_every_module_that_is_to_be_run_exists() -> None:
-    """`python -m package.module`, and `bench.module` beside it."""
+    """`python -m package.module --option`, and `bench.module`; the module, or what it runs, has the option."""
+    options = 0
     for page in PAGES:
         text = page.read_text()
         for module in {*re.findall(r"python -m ([\w.]+)", text), *re.findall(r"`(bench\.\w+)`", text)}:
             assert importlib.util.find_spec(module), (page.name, module)
+        for module, rest in re.findall(r"python -m ([\w.]+)((?: [-\w./]+)*)", text):
+            found = importlib.util.find_spec(module)
+            assert found is not None and found.origin is not None
+            source = Path(found.origin).read_text() + (ROOT / "bench" / "command.py").read_text()
+            for option in re.findall(r"--[\w-]+", rest):
+                options += 1
+                assert f'"{option}"' in source, (page.name, module, option)
+    assert options >= 2
 
 
 def test_the_scene_on_the_page_of_scenes_loads(tmp_path: Path) -> None:
