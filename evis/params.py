@@ -101,3 +101,26 @@ def resolve(owner: str, declared: Mapping[str, Param], given: Mapping[str, Any])
     return {
         key: param.convert(owner, key, given[key]) if key in given else param.default for key, param in declared.items()
     }
+
+
+def describe(param: Param) -> str:
+    """Help, unit, range and default of a parameter, in one line."""
+    parts = ["one of " + ", ".join(map(str, param.choices)) if param.choices else limits(param)]
+    parts.append("" if param.default is None else f"default {_shown(param.default)}")
+    return f"{param.help} ({', '.join(p for p in parts if p)})" if any(parts) else param.help
+
+
+def limits(param: Param) -> str:
+    """Its range in words, with the unit."""
+    if param.minimum is None:
+        return param.unit
+    upwards = f"to {param.maximum:g}" if param.maximum is not None else "or more"
+    return f"{param.minimum:g} {upwards} {param.unit}".strip()
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return ",".join(map(_shown, value)) or "none"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value) or "none"

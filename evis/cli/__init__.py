@@ -17,7 +17,7 @@ COMMANDS = {
     "graph": "draw a running graph",
     "doctor": "check this machine and this installation",
     "bag": "record, play, describe, repair and export bags",
-    "events": "describe, convert, simulate and render event files",
+    "events": "describe, convert, simulate, measure and draw event recordings",
     "camera": "find and try USB event cameras",
     "view": "open the web visualizer",
     "bench": "measure error against run time, stability, throughput",

@@ -42,20 +42,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     record.add_argument("--json", action="store_true", help="print JSON")
 
     play = action("play", "launch replay.yaml: the bag on its topics again; further words go to `evis launch`")
-    play.add_argument("bag", metavar="BAG")
-    play.add_argument("words", nargs=argparse.REMAINDER, metavar="[key:=value | --option] ...")
+    play.add_argument("bag", metavar="BAG", help="a bag (.mcap)")
+    play.add_argument(
+        "words", nargs=argparse.REMAINDER, metavar="key:=value | --option",
+        help="arguments of the launch file replay and options of `evis launch`; `evis launch replay --help` lists them",
+    )  # fmt: skip
 
     info = action("info", "duration, topics and metadata of a bag")
-    info.add_argument("bag", metavar="BAG")
+    info.add_argument("bag", metavar="BAG", help="a bag (.mcap), whole or torn")
     info.add_argument("--json", action="store_true", help="print JSON")
 
     recover = action("recover", "make a whole bag of a torn one")
-    recover.add_argument("bag", metavar="BAG")
-    recover.add_argument("out", nargs="?", metavar="OUT", help="default: BAG.recovered.mcap; BAG is not changed")
+    recover.add_argument("bag", metavar="BAG", help="a torn bag; it is not changed")
+    recover.add_argument("out", nargs="?", metavar="OUT", help="file to write (BAG.recovered.mcap)")
     recover.add_argument("--json", action="store_true", help="print JSON")
 
     export = action("export", "write one topic to files")
-    export.add_argument("bag", metavar="BAG")
+    export.add_argument("bag", metavar="BAG", help="a bag (.mcap)")
     export.add_argument("--topic", required=True, metavar="TOPIC", help="as `evis bag info` names it; /env<k>/...")
     export.add_argument("out", metavar="OUT", help="events: .npz .csv .raw; keyframes: a folder; others: .npz .jsonl")
     export.add_argument("--half", action="store_true", help="EXR with 16-bit R, G, B; values beyond 65504 are clamped")

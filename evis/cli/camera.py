@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import sys
 from typing import TYPE_CHECKING, Any
 
 from evis.cli.parser import UsageError
@@ -51,7 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     info.add_argument("--settings", action="store_true", help="also the settings that it takes, with units and ranges")
     stream.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="one of the camera's settings")
     stream.add_argument("--pace", metavar="P", help="of a --file: realtime (default), fast or a speed such as 2.0")
-    stream.add_argument("--duration", type=float, default=0.0, metavar="S", help="stop after this device time")
+    stream.add_argument(
+        "--duration",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="stop after so many seconds of the camera's clock (0: go on)",
+    )
     stream.add_argument("--packet-ms", type=float, default=10.0, metavar="MS", help="interval of one packet (10)")
     stream.add_argument("--reconnect", action="store_true", help="wait for a camera that was unplugged to come back")
 
@@ -101,11 +106,7 @@ def _list(args: argparse.Namespace) -> int:
     from nodes.camera.find import list_devices
     from nodes.camera.usb.models import MODELS
 
-    try:
-        devices = list_devices()
-    except OSError as error:  # without libusb there is nothing to be seen
-        print(f"evis camera list: {error}", file=sys.stderr)
-        devices = []
+    devices = list_devices()
     if args.json:
         print(json.dumps([dataclasses.asdict(d) for d in devices]))
         return 0

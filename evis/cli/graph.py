@@ -18,7 +18,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "target", nargs="?", metavar="FILE|NAME", help="launch file or scene; the running graph if not given"
     )
-    parser.add_argument("pairs", nargs="*", metavar="key:=value", help="arguments of the launch file")
+    parser.add_argument("pairs", nargs="*", metavar="key:=value", help="arguments of the launch file or scene")
     parser.add_argument("--png", metavar="OUT", help="draw into this file; otherwise Mermaid text is printed")
     parser.add_argument("--json", action="store_true", help="print the plan as JSON")
     add_run_option(parser)
@@ -30,11 +30,17 @@ def run(args: argparse.Namespace) -> int:
 
     from evis.launch.explain import as_dict
 
+    if args.png:
+        out = Path(args.png)
+        if out.suffix.lower() != ".png":
+            raise UsageError(f"{out}: --png writes a .png file")
+        if not out.absolute().parent.is_dir():
+            raise ValueError(f"{out}: the folder {out.absolute().parent} does not exist; make it first")
     plan = find_run(args.run) if args.target is None else _planned(args)
     if args.png:
         from evis.cli.drawing import draw
 
-        draw(plan, Path(args.png))
+        draw(plan, out)
     if args.json:
         print(json.dumps(as_dict(plan)))
     elif not args.png:

@@ -20,7 +20,12 @@ INTERMIXED = True
 def add_arguments(parser: Parser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("target", nargs="?", metavar="FILE|NAME", help="launch file or scene, by name or path")
-    parser.add_argument("pairs", nargs="*", metavar="key:=value", help="arguments of the launch file")
+    parser.add_argument(
+        "pairs",
+        nargs="*",
+        metavar="key:=value",
+        help="arguments of the launch file or scene; `evis launch NAME --help` lists them",
+    )
     parser.add_argument("--duration", type=float, metavar="S", help="simulated (or live) seconds to run")
     parser.add_argument("--record", metavar="BAG", help="record a bag (.mcap)")
     parser.add_argument(
@@ -47,24 +52,32 @@ def _arguments_text(name: str) -> str:
     """What the help says about one launch file."""
     from evis import paths
     from evis.launch.files import load
+    from evis.scene.load import scene_args
 
     path, preset = paths.find_launch(name)
     launch = load(path)
-    lines = [f"{path.name}: {launch.description}", "arguments:"]
-    width = max((len(key) for key in launch.arguments), default=0) + 1
+    scene = preset.get("scene", "")
+    own = {key: param for key, param in scene_args(scene).items() if key not in launch.arguments} if scene else {}
+    width = max(map(len, [*launch.arguments, *own]), default=0) + 1
+    lines = [f"arguments of scene {scene}:", *(_line(key, param, width) for key, param in own.items())] if own else []
+    lines += [f"{path.name}: {launch.description}", "arguments:"]
     for key, argument in launch.arguments.items():
-        param = argument.param
-        default = preset.get(key, param.default)
-        unit = f" {param.unit}" if param.unit else ""
-        notes = ["required"] if argument.required and key not in preset else []
-        if default is not None and not notes:
-            notes.append(f"default {_shown(default)}{unit}")
-        if param.minimum is not None and param.maximum is not None:
-            notes.append(f"{param.minimum:g} to {param.maximum:g}")
-        if param.choices:
-            notes.append(f"one of {', '.join(map(str, param.choices))}")
-        lines.append(f"  {key:<{width}} {param.help}" + (f" ({', '.join(notes)})" if notes else ""))
+        required = argument.required and key not in preset
+        lines.append(_line(key, argument.param, width, preset.get(key, argument.param.default), required))
     return "\n".join(lines) + "\n\n"
+
+
+def _line(key: str, param: Any, width: int, default: Any = None, required: bool = False) -> str:
+    default = param.default if default is None else default
+    notes = ["required"] if required else []
+    if default is not None and not notes:
+        notes.append(f"default {_shown(default)}" + (f" {param.unit}" if param.unit else ""))
+    if param.minimum is not None and param.maximum is not None:
+        # Where whole numbers end is no limit that anybody wants to know.
+        notes += [f"{param.minimum:g} to {param.maximum:g}"] if param.maximum < 2**62 else []
+    if param.choices:
+        notes.append(f"one of {', '.join(map(str, param.choices))}")
+    return f"  {key:<{width}} {param.help}" + (f" ({', '.join(notes)})" if notes else "")
 
 
 def _shown(value: Any) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 from evis.cli.attach import add_run_option, find_run, listen
 from evis.cli.parser import Parser, UsageError
+from evis.params import describe
 
 HELP = "list and describe the nodes of a running graph"
 EXAMPLE = "example: evis node info event_sensor"
@@ -16,16 +17,24 @@ EXAMPLE = "example: evis node info event_sensor"
 def add_arguments(parser: Parser) -> None:
     """Declare the command's arguments."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = actions.add_parser("list", help="nodes and their processes", epilog="example: evis node list --json")
-    info = actions.add_parser(
-        "info",
-        help="parameters, topics and state of one node; of a node type when no graph runs",
-        epilog="example: evis node info event_sensor",
+    listing, info = (
+        actions.add_parser(name, help=text, description=text, epilog=f"example: evis node {example}")
+        for name, text, example in (
+            ("list", "nodes and their processes", "list --json"),
+            ("info", "parameters, topics and state of one node, or what a node type can do", "info event_sensor"),
+        )
     )
-    info.add_argument("node", help="name of a node, or a node type")
+    info.add_argument("node", metavar="NODE", help=f"name of a node, package.module:Class, or a type: {types()}")
     for sub in (listing, info):
         add_run_option(sub)
         sub.add_argument("--json", action="store_true", help="print JSON")
+
+
+def types() -> str:
+    """The node types that come with evis, for a help text."""
+    from evis.launch import catalog
+
+    return ", ".join(catalog.types())
 
 
 def run(args: argparse.Namespace) -> int:
@@ -101,6 +110,6 @@ def _type(args: argparse.Namespace, plan: Any) -> int:
     for title, ports in (("inputs", inputs), ("outputs", outputs)):
         print(f"{title}: {', '.join(f'{p} {t}' for p, t in ports.items()) or 'none'}")
     print("parameters:")
-    for key, p in params.items():
-        print(f"  {key:<16} {p['help']} ({p['type']}, default {p['default']}{' ' + p['unit'] if p['unit'] else ''})")
+    for key, param in cls.PARAMS.items():
+        print(f"  {key:<16} {describe(param)}")
     return 0

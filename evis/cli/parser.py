@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import difflib
+import re
 import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
+
+KINDS = {"float": "a number", "int": "a whole number"}
+"""How argparse's own complaints name a type -> how a user does."""
 
 
 class UsageError(ValueError):
@@ -22,7 +27,26 @@ class Parser(argparse.ArgumentParser):
         super().__init__(prog=prog, description=description, epilog=epilog, allow_abbrev=False, **kwargs)
         self.words = list(words)
 
+    def add_argument(self, *args: Any, **kwargs: Any) -> argparse.Action:
+        """As argparse's; what may be left out is not called missing beside something that is."""
+        action = super().add_argument(*args, **kwargs)
+        if action.nargs in (argparse.ZERO_OR_MORE, argparse.REMAINDER):
+            action.required = False
+        return action
+
     def error(self, message: str) -> NoReturn:
         """One line, and exit status 2."""
-        print(f"{self.prog}: {message} ({self.prog} --help tells more)", file=sys.stderr)
+        print(f"{self.prog}: {_in_words(message)} ({self.prog} --help tells more)", file=sys.stderr)
         raise SystemExit(2)
+
+
+def _in_words(message: str) -> str:
+    """argparse's complaint about a value as the rest of the program would say it."""
+    if wrong := re.fullmatch(r"argument ([^:]+): invalid (float|int) value: ('.*')", message):
+        return f"{wrong[1]} is {wrong[3]}, must be {KINDS[wrong[2]]}"
+    if wrong := re.fullmatch(r"argument ([^:]+): invalid choice: '(.*)' \(choose from (.*)\)", message):
+        known = re.findall(r"[\w-]+", wrong[3])
+        near = difflib.get_close_matches(wrong[2], known, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        return f"{wrong[1]} is '{wrong[2]}', must be one of {', '.join(known)}{hint}"
+    return message

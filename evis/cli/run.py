@@ -9,6 +9,7 @@ import sys
 from typing import Any
 
 from evis.cli.attach import add_run_option, find_run
+from evis.cli.node import types
 from evis.cli.parser import Parser, UsageError
 
 HELP = "run one node by hand"
@@ -22,9 +23,9 @@ INTERMIXED = True
 
 def add_arguments(parser: Parser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("node", metavar="NODE", help="node type, or package.module:Class")
+    parser.add_argument("node", metavar="NODE", help=f"package.module:Class, or a type: {types()}")
     parser.add_argument("pairs", nargs="*", metavar="key:=value", help="parameters; `evis node info NODE` lists them")
-    parser.add_argument("--duration", type=float, metavar="S", help="stop after this time")
+    parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
     parser.add_argument("--json", action="store_true", help="print the summary as JSON")
     add_run_option(parser)
 

@@ -30,23 +30,26 @@ def add_arguments(parser: Parser) -> None:
         sub = actions.add_parser(name, help=text, description=text, epilog=f"example: evis topic {name} " + (
             "--json" if name == "list" else "/cam0/events"))  # fmt: skip
         if name != "list":
-            sub.add_argument("topic", help="as `evis topic list` names it")
+            sub.add_argument("topic", metavar="TOPIC", help="as `evis topic list` names it")
         if name in ("hz", "bw", "delay"):
             sub.add_argument(
-                "--window", type=_positive, default=3.0, metavar="S", help="measure for so long (default 3 s)"
+                "--window", type=_positive, default=3.0, metavar="S", help="measure for so many seconds (3)"
             )
         if name == "echo":
-            sub.add_argument("-n", "--count", type=int, default=0, help="stop after so many messages; 0 = go on")
-            sub.add_argument("--timeout", type=_positive, default=None, metavar="S", help="stop after this time")
+            sub.add_argument("-n", "--count", type=int, default=0, help="stop after so many messages (0: go on)")
+            sub.add_argument("--timeout", type=_positive, default=None, metavar="S", help="stop after so many seconds")
             sub.add_argument("--full", action="store_true", help="print whole arrays, not only shape and range")
         add_run_option(sub)
         sub.add_argument("--json", action="store_true", help="print JSON")
 
 
 def _positive(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
     if not 0 < value < 1e9:
-        raise argparse.ArgumentTypeError(f"{text} is not a time in seconds")
+        raise argparse.ArgumentTypeError(f"'{text}' is no time in seconds")
     return value
 
 

@@ -45,6 +45,7 @@ class NpzFrames(FrameSource):
         missing = [n for n in (wanted, "t") if n not in names and not (n == "t" and options.fps)]
         if missing:
             hint = "; it holds events: use `evis events convert`" if {"x", "y", "p"} <= names else ""
+            hint += "; grey frames are taken without --colour" if "rgb" in missing and "luminance" in names else ""
             there = ", ".join(sorted(names)) or "none"
             raise FramesError(f"{self._path}: no array {', '.join(missing)}; it has {there}{hint}")
         self._image = _Array(self._path, self._zip, wanted)

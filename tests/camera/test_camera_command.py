@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 
 import numpy as np
 import pytest
 from camera_rig import write
 
-from evis.cli import camera
+from evis.cli import camera, main
 
 
 def call(capsys, *arguments: str) -> str:
@@ -19,10 +20,20 @@ def call(capsys, *arguments: str) -> str:
     return capsys.readouterr().out
 
 
-def test_list_without_cameras(capsys):
+def test_list_without_cameras(capsys, monkeypatch):
     """An empty list, and for people what is supported."""
+    monkeypatch.setattr("nodes.camera.find.list_devices", lambda: [])
     assert json.loads(call(capsys, "list", "--json")) == []
     assert "no camera found" in call(capsys, "list")
+
+
+def test_list_without_libusb(capsys, monkeypatch):
+    """That no camera was found is not said where nobody could look."""
+    monkeypatch.setattr("usb.backend.libusb1.get_backend", lambda: None)
+    monkeypatch.setitem(sys.modules, "libusb_package", None)
+    assert main(["camera", "list"]) == 1
+    told = capsys.readouterr()
+    assert told.out == "" and "libusb-1.0 was not found: `pip install 'evis[usb]'`" in told.err
 
 
 def test_info(capsys, tmp_path):

@@ -14,7 +14,7 @@ from typing import Any
 
 from evis.cli.parser import Parser
 
-HELP = "look into, convert, simulate and draw event recordings"
+HELP = "describe, convert, simulate, measure and draw event recordings"
 EXAMPLES = {
     "info": "evis events info recording.raw --json",
     "convert": "evis events convert recording.raw recording.npz",

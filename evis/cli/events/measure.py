@@ -9,6 +9,7 @@ from typing import Any
 from evis.cli.attach import add_run_option
 from evis.cli.events.files import add_input, add_part, blocks_of, open_input
 from evis.cli.events.measure_progress import Progress
+from evis.cli.parser import UsageError
 
 HELP = "event rate, rotation speed, noise and sharpness of a recording or of a topic of a running graph"
 
@@ -19,6 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     action = next(a for a in parser._actions if a.dest == "recording")
     action.nargs = "?"
     action.help = "a recording in any format, or a bag; without one --topic is listened to in the running graph"
+    topic = next(a for a in parser._actions if a.dest == "topic")
+    topic.help = "of a file with several event streams (the first); without a file, of the running graph"
     add_part(parser)
     parser.add_argument("--window", type=_window, default=10.0, metavar="MS", help="of rate, noise and sharpness (10)")
     parser.add_argument("--listen", type=_seconds, default=3.0, metavar="S", help="to a running graph for so long (3)")
@@ -52,7 +55,7 @@ def _seconds(text: str) -> float:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Measure in one pass."""
     if args.recording is None and not args.topic:
-        raise ValueError("nothing to measure; name a recording, or --topic of a running graph, as /cam0/events")
+        raise UsageError("nothing to measure; name a recording, or --topic of a running graph, as /cam0/events")
     if args.png:
         from evis.cli.events.measure_plot import check
 

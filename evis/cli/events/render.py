@@ -21,12 +21,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--style",
         choices=["polarity", "time-surface"],
         default="polarity",
-        help="the last event of each pixel in a window, or all events fading with their age (polarity)",
+        help="polarity (default): the last event of each pixel in a window; time-surface: all events, fading with age",
     )
     parser.add_argument("--dt", type=float, default=20.0, metavar="MS", help="window of one picture (20)")
     parser.add_argument("--tau", type=float, metavar="MS", help="time surface: age at which 1/e is left (30)")
-    parser.add_argument("--from", type=float, default=0.0, dest="start", metavar="S", help="after the file's start")
-    parser.add_argument("--to", type=float, dest="stop", metavar="S", help="after the file's start")
+    parser.add_argument(
+        "--from", type=float, default=0.0, dest="start", metavar="S", help="seconds after the first event"
+    )
+    parser.add_argument("--to", type=float, dest="stop", metavar="S", help="seconds after the first event")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

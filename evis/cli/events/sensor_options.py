@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from evis.params import Param
+from evis.params import describe
 from nodes.event_sensor.parameters import SENSOR
 from nodes.event_sensor.presets import PRESETS
 
@@ -20,7 +20,9 @@ def add_sensor_options(parser: argparse.ArgumentParser) -> None:
     )
     presets = "; ".join(f"{key} ({preset.name})" for key, preset in PRESETS.items())
     group.add_argument("--preset", default="ideal", metavar="NAME", help=f"sensor whose faults to have: {presets}")
-    group.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (0)")
+    group.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="of the faults that are random (0); the ideal sensor has none"
+    )
     group.add_argument("--device", default="cpu", metavar="NAME", help="cpu, cuda or cuda:N (cpu)")
     for name, param in SENSOR.items():
         options = (option(name), *ALIASES.get(name, ()))
@@ -46,22 +48,3 @@ def check_sensor_options(args: argparse.Namespace, resolved: Mapping[str, Any]) 
 def option(name: str) -> str:
     """threshold_mismatch -> --threshold-mismatch."""
     return "--" + name.replace("_", "-")
-
-
-def describe(param: Param) -> str:
-    """Help, unit, range and default of a parameter, in one line."""
-    parts = ["one of " + ", ".join(map(str, param.choices)) if param.choices else limits(param)]
-    parts.append("" if param.default is None else f"default {_plain(param.default)}")
-    return f"{param.help} ({', '.join(p for p in parts if p)})" if any(parts) else param.help
-
-
-def limits(param: Param) -> str:
-    """Its range in words, with the unit."""
-    if param.minimum is None:
-        return param.unit
-    upwards = f"to {param.maximum:g}" if param.maximum is not None else "or more"
-    return f"{param.minimum:g} {upwards} {param.unit}".strip()
-
-
-def _plain(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
