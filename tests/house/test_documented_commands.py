@@ -112,6 +112,17 @@ def test_a_command_in_the_text_exists(page: str, span: str) -> None:
         assert parse_pairs(pairs).keys() <= known.keys()
 
 
+def test_every_argument_in_the_text_exists() -> None:
+    """`name:=value` anywhere: of a launch file, of a scene, or of what the same page tells to write."""
+    known = {key for name in paths.names("launch") for key in load(paths.find_launch(name)[0]).arguments}
+    scenes = [*paths.names("scenes"), str(paths.data_folder("scenes") / "robot_arm.xml")]
+    known |= {key for name in scenes for key in scene_args(name)}
+    for page in PAGES:
+        text = page.read_text()
+        unknown = set(re.findall(r"(\w+):=", text)) - known
+        assert all(f"{name}: {{default: " in text for name in unknown), (page.name, unknown)
+
+
 def test_there_are_commands_in_the_text() -> None:
     """So that a change of style of the pages is noticed."""
     assert len(_spans()) > 25 and {page for page, _ in _spans()} >= {"README.md", "scenes.md", "CONTRIBUTING.md"}
