@@ -140,7 +140,7 @@ def test_panels_open_change_and_close(page: Any) -> None:
     panel.locator('button[title="Close"]').click()
     until(page, lambda: "/cam0/labels" not in taps, "the tap of a closed panel is closed")
     assert "/cam0/events" in taps
-    page.locator('[data-panel="/cam0/events"] input[type=checkbox]').check()
+    page.locator('[data-panel="/cam0/events"]').get_by_label("boxes").check()
     overlay = page.locator('[data-panel="/cam0/events"] canvas').nth(1)
     drawn = "c => c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some(v => v > 0)"
     until(page, lambda: overlay.evaluate(drawn), "boxes over the events")

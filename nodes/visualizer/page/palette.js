@@ -8,17 +8,16 @@ const GROUND = [10, 12, 16];
 const blend = (colour, s) => colour.map((c, i) => Math.round(GROUND[i] + (c - GROUND[i]) * s));
 const word = ([r, g, b]) => (255 << 24) | (b << 16) | (g << 8) | r;
 
-/** Canvas words for values -1 (OFF) .. 0 .. 1 (ON), index 0..254, 127 = nothing. */
-export const eventColours = Uint32Array.from({ length: 255 }, (_, i) => {
-  const v = (i - 127) / 127;
-  return word(blend(v > 0 ? ON : OFF, Math.abs(v) ** 0.8));
-});
+/** Steps per time constant and number of steps of the tables below; an older event is as dark as none. */
+export const STEPS = 32, LAST = 8 * STEPS;
+export const GROUND_WORD = word(GROUND);
 
-/** The same for one channel of a colour sensor; OFF is the darker half. */
-export const channelColours = CHANNEL.map((colour) => Uint32Array.from({ length: 255 }, (_, i) => {
-  const v = (i - 127) / 127;
-  return word(blend(colour, v > 0 ? v : -0.45 * v));
-}));
+/** Canvas words of one colour for events that are 0 .. LAST steps old. */
+const fading = (colour, share) => Uint32Array.from({ length: LAST }, (_, i) => word(blend(colour, share * Math.exp(-i / STEPS) ** 0.8)));
+
+/** By polarity (0 = OFF, 1 = ON) and by colour + 1 (0 = none); OFF of a colour sensor is the darker half. */
+export const eventColours = [0, 1].map((on) => [
+  fading(on ? ON : OFF, 1), ...CHANNEL.map((colour) => fading(colour, on ? 1 : 0.45))]);
 
 const gamma = (c) => (c <= 0.0031308 ? 12.92 * c : 1.055 * c ** (1 / 2.4) - 0.055);
 
