@@ -25,7 +25,9 @@ class App {
     this.playback = new Playback(null);
     this.env = 0;
     byId("menu").onclick = () => document.body.classList.toggle("toggled");
-    byId("panels").onclick = () => narrow.matches && document.body.classList.remove("toggled");
+    byId("panels").onclick = () => { // a telephone's topics lie over the panels
+      if (narrow.matches) document.body.classList.remove("toggled");
+    };
     document.addEventListener("visibilitychange", () => this.changed());
     this.wire = new Wire({
       hello: (graph) => this.begin(graph),

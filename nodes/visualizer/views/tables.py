@@ -89,7 +89,7 @@ class MovingView(View):
 
 
 class TableView(View):
-    """Tables: [{"title", "columns", "rows"}]; made at once, being small. A camera's also tell what its instances are."""
+    """Tables: [{"title", "columns", "rows"}]; made at once, being small. A camera's also tell its instances."""
 
     def pick(self, message: Message) -> dict[str, Any]:
         named = _instances(message) if isinstance(message, CameraInfo) else {}
