@@ -377,7 +377,8 @@ def test_all_gauges_can_be_seen(show: Callable[..., Show], tmp_path: Path, width
     # Nothing lies over a gauge, and no box that it is in cuts it off: its corners are what can be pointed at there.
     seen = """() => [...document.querySelectorAll("#gauges > div")].map(gauge => [gauge.textContent,
       [...gauge.querySelectorAll("dt, dd")].every(e => { const b = e.getBoundingClientRect();
-        return [b.left + 1, b.right - 1].every(x => e.contains(document.elementFromPoint(x, (b.top + b.bottom) / 2))) })])"""
+        const at = x => document.elementFromPoint(x, (b.top + b.bottom) / 2);
+        return [b.left + 1, b.right - 1].every(x => e.contains(at(x))) })])"""
     gauges = page.tab.evaluate(seen)
     assert [text for text, whole in gauges if not whole] == []
     assert len(gauges) == 4 and gauges[3][0].startswith("drops")
@@ -414,5 +415,6 @@ def test_names_of_nodes_stay_in_their_boxes(show: Callable[..., Show], tmp_path:
     page = show(plan)
     fits = """svg => [...svg.querySelectorAll(".node")].map(n => {
       const of = name => n.querySelector(name).getBoundingClientRect();
-      return of(".title").right < of("circle").left && of("circle").right < of("rect").right && of("rect").height < 50 })"""
+      const fits = of(".title").right < of("circle").left && of("circle").right < of("rect").right;
+      return fits && of("rect").height < 50 })"""
     assert page.tab.locator("[data-panel=graph] svg").evaluate(fits) == [True, True]

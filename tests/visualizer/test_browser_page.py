@@ -171,4 +171,10 @@ def test_small_screen(page: Any, tmp_path: Path) -> None:
     page.set_viewport_size({"width": 390, "height": 800})
     wait_for_picture(page, "/cam0/events")
     until(page, lambda: page.evaluate("document.documentElement.scrollWidth") <= 390, "nothing sticks out")
+    page.locator('[data-panel="/cam0/events"]').get_by_label("boxes").check()  # the bar with the most in it
+    page.set_viewport_size({"width": 320, "height": 800})
+    outside = """() => [...document.querySelectorAll(".bar > *")].filter(e => {
+      const own = e.getBoundingClientRect(), panel = e.closest(".panel").getBoundingClientRect();
+      return own.width && (own.right > panel.right || own.left < panel.left || own.bottom > panel.bottom) }).length"""
+    assert page.evaluate(outside) == 0
     page.screenshot(path=tmp_path / "small.png")
