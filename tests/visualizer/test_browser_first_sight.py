@@ -217,6 +217,18 @@ def test_slow_line_is_seen_long(show: Callable[..., Show], tmp_path: Path) -> No
     page.play(lambda k: {"/cam0/events": events(k, n=60)}, long, "a long window")
 
 
+def test_newest_packet_alone_is_all_as_new(show: Callable[..., Show], tmp_path: Path) -> None:
+    page = show(graph(tmp_path, serial="1"))
+    page.tab.locator('[data-panel="/cam0/events"] select').select_option("packet")
+    foot = page.tab.locator('[data-panel="/cam0/events"] .foot')
+    packet = events(9, n=60)
+    page.play(lambda k: {"/cam0/events": packet}, lambda: "newest packet" in foot.inner_text(), "a packet")
+    shown = pixels(page.tab, "/cam0/events")
+    lit = shown.max(axis=-1) > 24
+    assert set(zip(*np.nonzero(lit))) == set(zip(packet.y.tolist(), packet.x.tolist()))
+    assert share_of_full_colour(shown) == 1.0
+
+
 def world() -> tuple[CameraInfo, np.ndarray, np.ndarray]:
     """Shelves of the static world, a pallet that stands, two forklifts that move: info, boxes and their ids."""
     shelves = [f"shelf_{k}" for k in range(SHELVES)]
@@ -339,6 +351,8 @@ def test_list_of_instances_says_how_many_more(show: Callable[..., Show], tmp_pat
     page.play(labelled, lambda: entries.count() and "more" in entries.inner_text(), "the list")
     shown = entries.locator(".chip").count()
     _, _, ids = world()
+    foot = page.tab.locator('[data-panel="/cam0/labels segmentation"] .foot')
+    assert f"{len(ids)} instances" in foot.inner_text()  # also without scrolling
     assert entries.locator("span").last.inner_text() == f"... and {len(ids) - shown} more" and shown == 64
     cut = """list => { const view = list.getBoundingClientRect();
       const over = (c, y) => c.top < y - 0.5 && c.bottom > y + 0.5;

@@ -12,12 +12,12 @@ const word = ([r, g, b]) => (255 << 24) | (b << 16) | (g << 8) | r;
 export const STEPS = 32, LAST = 8 * STEPS;
 export const GROUND_WORD = word(GROUND);
 
-/** Canvas words of one colour for events that are 0 .. LAST steps old. */
-const fading = (colour, share) => Uint32Array.from({ length: LAST }, (_, i) => word(blend(colour, share * Math.exp(-i / STEPS) ** 0.8)));
+/** Canvas words of one colour for events that are 0 .. LAST - 1 steps old. */
+const fading = (colour, share) => Array.from({ length: LAST }, (_, i) => word(blend(colour, share * Math.exp(-i / STEPS) ** 0.8)));
 
-/** By polarity (0 = OFF, 1 = ON) and by colour + 1 (0 = none); OFF of a colour sensor is the darker half. */
-export const eventColours = [0, 1].map((on) => [
-  fading(on ? ON : OFF, 1), ...CHANNEL.map((colour) => fading(colour, on ? 1 : 0.45))]);
+/** LAST words each for polarity + 2 * (colour + 1), where colour + 1 = 0 is none; OFF of a colour sensor is the darker half. */
+export const eventColours = Uint32Array.from([
+  fading(OFF, 1), fading(ON, 1), ...CHANNEL.flatMap((colour) => [fading(colour, 0.45), fading(colour, 1)])].flat());
 
 const gamma = (c) => (c <= 0.0031308 ? 12.92 * c : 1.055 * c ** (1 / 2.4) - 0.055);
 

@@ -29,7 +29,9 @@ export class ImagePanel extends StagePanel {
     if (this.resize(part.width, part.height)) this.context.imageSmoothingEnabled = false;
     this.context.drawImage(part.bitmap, 0, 0, part.width, part.height);
     part.bitmap.close();
-    this.describe(part, `${part.width} \u00d7 ${part.height}`);
+    const named = part.instances || part.classes;
+    const count = named ? `   ${named.shown.length + named.more} ${part.instances ? "instances" : "classes"}` : "";
+    this.describe(part, `${part.width} \u00d7 ${part.height}${count}`);
     this.explain(part);
   }
 

@@ -16,7 +16,7 @@ export class Surface {
   constructor(width, height) {
     this.width = width;
     this.time = new Float64Array(width * height);
-    this.colour = new Uint8Array(width * height); // polarity + 2 * (channel + 1)
+    this.colour = new Uint8Array(width * height); // polarity + 2 * (channel + 1), 0 = none
     this.clear();
   }
 
@@ -55,10 +55,10 @@ export class Surface {
   paint(out, now, tau) {
     const { time, colour } = this;
     const scale = STEPS / tau;
+    const oldest = now - (LAST - 1) / scale;
     for (let i = 0; i < time.length; i++) {
-      const age = now - time[i];
-      const step = age === Infinity ? LAST : age * scale;
-      out[i] = step < LAST ? eventColours[colour[i] & 1][colour[i] >> 1][step > 0 ? step | 0 : 0] : GROUND_WORD;
+      if (time[i] <= oldest) out[i] = GROUND_WORD;
+      else out[i] = eventColours[colour[i] * LAST + (Math.max(now - time[i], 0) * scale | 0)];
     }
   }
 }
