@@ -24,7 +24,7 @@ NEEDS = {
     "contacts": {"state"},
 }
 """Inputs that each kind of label is made of."""
-DEFAULT = ("flow", "depth", "segmentation")
+DEFAULT = ("flow", "depth", "segmentation", "boxes")
 """Labels for a reader who did not say which."""
 
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from evis.plan import Plan
+from evis.plan import NodePlan, Plan
 from msgs.topics import UnknownTopic, find_topic
+from nodes.visualizer.playback import recording
 from nodes.visualizer.statistics import plain
 from nodes.visualizer.views.events import EventView
 from nodes.visualizer.views.images import ImageView
 from nodes.visualizer.views.part import View
-from nodes.visualizer.views.tables import BoxView, SeriesView, TableView, TriggerView
+from nodes.visualizer.views.tables import BoxView, MovingView, SeriesView, TableView, TriggerView
 
 SYSTEM = ("/clock", "/diagnostics")
 """Topics behind the status line and the Rates panel; not offered as panels."""
@@ -33,13 +34,15 @@ VIEWS: dict[str, dict[str, str]] = {
         "objects": "table",
         "boxes": "boxes",
     },
-    "WorldState": {"bodies": "table"},
+    "WorldState": {"bodies": "table", "moving": "moving"},
     "Action": {"controls": "table"},
     "CameraInfo": {"camera": "table"},
     "Imu": {"samples": "series"},
     "Trigger": {"edges": "triggers"},
 }
 """Message type -> its views, the first one the default -> kind of the view."""
+MADE_OF = {"objects": {"boxes", "poses", "velocities", "contacts"}}
+"""Views of labels that are made of others than the one of their own name."""
 
 
 def make_view(message_type: str, view: str, env: int, quality: int) -> View:
@@ -50,7 +53,8 @@ def make_view(message_type: str, view: str, env: int, quality: int) -> View:
     if kinds[view] == "image":
         return ImageView(view, env, quality)
     others: dict[str, Callable[[str, int], View]] = {
-        "events": EventView, "boxes": BoxView, "series": SeriesView, "triggers": TriggerView, "table": TableView,
+        "events": EventView, "boxes": BoxView, "moving": MovingView, "series": SeriesView, "triggers": TriggerView,
+        "table": TableView,
     }  # fmt: skip
     return others[kinds[view]](view, env)
 
@@ -77,12 +81,33 @@ def topics(plan: Plan) -> list[dict[str, Any]]:
                 "camera": camera_of(topic.name),
                 "node": topic.node,
                 "dormant": bool(publisher and publisher.dormant),
-                "views": VIEWS[topic.type],
+                "sure": not _may_be_missing(tail, publisher),
+                "asked": _asked_labels(publisher) if topic.type == "Labels" else [],
+                "views": _views(topic.type, publisher),
                 "help": _help(topic.name),
                 "rank": order.index(tail) if tail in order else len(order),
             }
         )
     return sorted(result, key=lambda t: (t["camera"] == "", t["camera"], t["rank"], t["name"]))
+
+
+def _may_be_missing(tail: str, publisher: NodePlan | None) -> bool:
+    """Whether a topic may stay empty: not every camera or recording has frames, inertial samples and triggers."""
+    return publisher is not None and publisher.target.endswith(":CameraNode") and tail not in ("events", "info")
+
+
+def _asked_labels(publisher: NodePlan | None) -> list[str]:
+    """What the labeler was told to make; empty where it was not told, or where labels come out of a bag."""
+    asked = (publisher.params.get("labels") if publisher else None) or []
+    return [word.strip() for word in asked.split(",")] if isinstance(asked, str) else [str(word) for word in asked]
+
+
+def _views(message_type: str, publisher: NodePlan | None) -> dict[str, str]:
+    """The views of a topic; of labels those that show what was asked for, where that is known."""
+    views, asked = VIEWS[message_type], set(_asked_labels(publisher))
+    if message_type != "Labels" or not asked:
+        return views
+    return {view: kind for view, kind in views.items() if MADE_OF.get(view, {view}) & asked}
 
 
 def _help(name: str) -> str:
@@ -118,6 +143,7 @@ def describe(plan: Plan, max_fps: float) -> dict[str, Any]:
             "args": plan.args,
             "envs": environments(plan),
             "max_fps": max_fps,
+            "recording": recording(plan),
             "topics": topics(plan),
             "nodes": nodes,
             "edges": edges,

@@ -142,6 +142,10 @@ def test_view_plays_a_recording(browser: Any, private_runs: Path, tmp_path: Path
     tab.goto(url, timeout=1000 * LIMIT_S)
     try:
         assert_moves(tab, "/cam0/events")
+        assert tab.locator("#state").inner_text().startswith("recording ")
+        assert tab.locator("#run").inner_text() == "line.npz"
+        panels = tab.locator("main > section").evaluate_all("all => all.map(p => p.dataset.panel)")
+        assert panels == ["/cam0/events", "rates", "graph"]  # the file has no frames
     finally:
         tab.close()
         _, errors = stop(process)

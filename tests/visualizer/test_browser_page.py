@@ -140,7 +140,7 @@ def test_panels_open_change_and_close(page: Any) -> None:
     panel.locator('button[title="Close"]').click()
     until(page, lambda: "/cam0/labels" not in taps, "the tap of a closed panel is closed")
     assert "/cam0/events" in taps
-    page.locator('[data-panel="/cam0/events"] input[type=checkbox]').check()
+    page.locator('[data-panel="/cam0/events"]').get_by_label("boxes").check()
     overlay = page.locator('[data-panel="/cam0/events"] canvas').nth(1)
     drawn = "c => c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some(v => v > 0)"
     until(page, lambda: overlay.evaluate(drawn), "boxes over the events")
@@ -171,4 +171,10 @@ def test_small_screen(page: Any, tmp_path: Path) -> None:
     page.set_viewport_size({"width": 390, "height": 800})
     wait_for_picture(page, "/cam0/events")
     until(page, lambda: page.evaluate("document.documentElement.scrollWidth") <= 390, "nothing sticks out")
+    page.locator('[data-panel="/cam0/events"]').get_by_label("boxes").check()  # the bar with the most in it
+    page.set_viewport_size({"width": 320, "height": 800})
+    outside = """() => [...document.querySelectorAll(".bar > *")].filter(e => {
+      const own = e.getBoundingClientRect(), panel = e.closest(".panel").getBoundingClientRect();
+      return own.width && (own.right > panel.right || own.left < panel.left || own.bottom > panel.bottom) }).length"""
+    assert page.evaluate(outside) == 0
     page.screenshot(path=tmp_path / "small.png")

@@ -23,10 +23,13 @@ from nodes.visualizer.views.events import MAX_EVENTS, MAX_PACKETS, EventView
 from nodes.visualizer.views.images import MAX_SIDE, ImageView
 from nodes.visualizer.views.part import Part
 
+WORD = 6
+"""Bytes of one event of a part: a word and an age."""
+
 
 def unpack(payload: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x, y, p of the words, by the layout that the page's script reads."""
-    words = np.frombuffer(payload, "<u4")
+    words = np.frombuffer(payload, "<u4", len(payload) // WORD)
     return words & 0x3FFF, words >> 14 & 0x3FFF, words >> 31
 
 
@@ -65,15 +68,15 @@ def test_huge_packets_are_thinned_and_counted() -> None:
     view.capture(spread(1, n))
     part = view.render(0)
     assert part is not None
-    drawn = len(part.payload) // 4
+    drawn = len(part.payload) // WORD
     assert drawn <= MAX_EVENTS and drawn > MAX_EVENTS // 2
     assert part.meta["events"] == n and part.meta["undrawn"] == n - drawn
     for k in range(2, 8):
         view.capture(spread(k, MAX_EVENTS // 2))
     part = view.render(part.version)
-    assert part is not None and len(part.payload) // 4 <= MAX_EVENTS
+    assert part is not None and len(part.payload) // WORD <= MAX_EVENTS
     assert part.meta["events"] == 6 * (MAX_EVENTS // 2)
-    assert part.meta["undrawn"] == part.meta["events"] - len(part.payload) // 4
+    assert part.meta["undrawn"] == part.meta["events"] - len(part.payload) // WORD
 
 
 def test_dense_packets_lose_only_what_is_painted_over() -> None:
@@ -105,7 +108,7 @@ def test_events_outside_the_sensor_are_left_out_and_said() -> None:
     view = EventView("events", 0)
     view.capture(events_at(1, n=100, bad=True))
     part = view.render(0)
-    assert part is not None and len(part.payload) == 4 * 97
+    assert part is not None and len(part.payload) == WORD * 97
     assert part.meta["note"] == "3 events outside the sensor" and part.meta["undrawn"] == 3
 
 
@@ -136,7 +139,7 @@ def test_a_client_that_is_behind_gets_a_bounded_backlog() -> None:
     for k in range(2, 2 + 3 * MAX_PACKETS):
         view.capture(events_at(k, n=10))
     part = view.render(first.version if first else 0)
-    assert part is not None and len(part.payload) == 4 * 10 * MAX_PACKETS
+    assert part is not None and len(part.payload) == WORD * 10 * MAX_PACKETS
     assert part.meta["events"] == 10 * 3 * MAX_PACKETS and part.meta["undrawn"] == 10 * 2 * MAX_PACKETS
 
 
@@ -281,15 +284,20 @@ def test_labels_without_what_is_asked() -> None:
     view = ImageView("flow", 0)
     view.capture(labels)
     part = view.render(0)
-    assert part is not None and part.payload == b"" and part.meta["note"] == "flow is not in this topic's messages"
+    assert (
+        part is not None
+        and part.payload == b""
+        and part.meta["note"] == "no flow in these labels; labels:=flow asks for it"
+    )
 
 
 def test_instances_in_view_are_named_by_colour() -> None:
     view = ImageView("segmentation", 0)
     view.capture(labels_at(4))
     part = view.render(0)
-    assert part is not None and [i for i, _ in part.meta["instances"]] == [0, 1, 2]
-    for instance, css in part.meta["instances"][1:]:
+    assert part is not None and [i for i, _ in part.meta["instances"]["shown"]] == [1, 2]
+    assert part.meta["instances"]["more"] == 0
+    for instance, css in part.meta["instances"]["shown"]:
         rows, columns = np.nonzero(labels_at(4).segmentation[0] == instance)
         middle = np.argsort(np.hypot(rows - rows.mean(), columns - columns.mean()))[0 if instance == 1 else -1]
         shown = picture(view)[rows[middle], columns[middle]]

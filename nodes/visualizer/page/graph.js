@@ -2,7 +2,7 @@
 
 import { Panel } from "./panel.js";
 
-const WIDE = 138, TALL = 46, GAP_X = 128, GAP_Y = 34, PAD = 22;
+const LEAST_WIDE = 138, TALL = 46, GAP_X = 128, GAP_Y = 34, PAD = 22;
 
 const svg = (tag, attributes = {}, ...children) => {
   const element = document.createElementNS("http://www.w3.org/2000/svg", tag);
@@ -11,8 +11,12 @@ const svg = (tag, attributes = {}, ...children) => {
   return element;
 };
 
+/** Width of a node that holds the longest of the names beside its dot, at the letters' greatest width. */
+const widthFor = (nodes) => Math.max(LEAST_WIDE, ...nodes.map((n) => 8.2 * n.name.length + 36));
+
 /** Node name -> {column, row, x, y}. Columns: longest way from a source; loops are closed by `delayed` edges. */
 export function layout(nodes, edges) {
+  const wide = widthFor(nodes);
   const column = Object.fromEntries(nodes.map((n) => [n.name, 0]));
   const forward = edges.filter((e) => e.kind !== "delayed" && e.from in column && e.to in column && e.from !== e.to);
   for (let pass = 0; pass < nodes.length; pass++) {
@@ -35,10 +39,10 @@ export function layout(nodes, edges) {
     names.sort((a, b) => mean(a) - mean(b));
     names.forEach((name, r) => {
       const row = r + (tallest - names.length) / 2;
-      places[name] = { x: PAD + c * (WIDE + GAP_X), y: PAD + row * (TALL + GAP_Y) };
+      places[name] = { x: PAD + c * (wide + GAP_X), y: PAD + row * (TALL + GAP_Y) };
     });
   });
-  return { places, width: 2 * PAD + filled.length * (WIDE + GAP_X) - GAP_X, height: 2 * PAD + tallest * (TALL + GAP_Y) - GAP_Y };
+  return { places, wide, width: 2 * PAD + filled.length * (wide + GAP_X) - GAP_X, height: 2 * PAD + tallest * (TALL + GAP_Y) - GAP_Y };
 }
 
 const tail = (topic) => topic.slice(topic.lastIndexOf("/") + 1);
@@ -62,7 +66,8 @@ export class GraphPanel extends Panel {
   }
 
   picture({ nodes, edges }) {
-    const { places, width, height } = layout(nodes, edges);
+    const { places, wide, width, height } = layout(nodes, edges);
+    this.wide = wide;
     const marker = svg("marker", { id: "tip", viewBox: "0 0 8 8", refX: 7, refY: 4, markerWidth: 7, markerHeight: 7, orient: "auto" },
       svg("path", { d: "M0 0L8 4L0 8z" }));
     const pairs = new Map();
@@ -74,20 +79,20 @@ export class GraphPanel extends Panel {
     this.top = 0;
     this.bottom = height;
     const curves = [...pairs.values()].filter((e) => places[e.from] && places[e.to]).map((e) => this.edge(e, places));
-    return svg("svg", { viewBox: `0 ${this.top} ${width} ${this.bottom - this.top}`, role: "img", style: `max-width: ${width * 1.3}px` },
+    return svg("svg", { viewBox: `0 ${this.top} ${width} ${this.bottom - this.top}`, role: "img", style: `max-width: ${width}px` },
       svg("defs", {}, marker), ...curves, ...nodes.map((n) => this.node(n, places[n.name])));
   }
 
   edge({ from, to, kind, topics }, places) {
     const a = places[from], b = places[to];
     const back = b.x <= a.x;
-    const x0 = a.x + WIDE, y0 = a.y + TALL / 2, x1 = b.x - 2, y1 = b.y + TALL / 2;
-    const far = b.x - a.x > WIDE + GAP_X + 1;
+    const x0 = a.x + this.wide, y0 = a.y + TALL / 2, x1 = b.x - 2, y1 = b.y + TALL / 2;
+    const far = b.x - a.x > this.wide + GAP_X + 1;
     const bend = GAP_X / 2;
     // A curve that passes other columns swings above or below them.
     const swing = far ? (y1 >= y0 ? 1 : -1) * (TALL + GAP_Y) * 1.1 : 0;
     const d = back
-      ? `M${a.x + WIDE / 2} ${a.y}C${a.x + WIDE / 2} ${a.y - 40} ${b.x + WIDE / 2} ${b.y - 40} ${b.x + WIDE / 2} ${b.y - 2}`
+      ? `M${a.x + this.wide / 2} ${a.y}C${a.x + this.wide / 2} ${a.y - 40} ${b.x + this.wide / 2} ${b.y - 40} ${b.x + this.wide / 2} ${b.y - 2}`
       : `M${x0} ${y0}C${x0 + bend} ${y0 + swing} ${x1 - bend} ${y1 + swing} ${x1} ${y1}`;
     const text = svg("text", { x: (x0 + x1) / 2, "text-anchor": "middle" });
     const middle = (back ? Math.min(a.y, b.y) - 26 : (y0 + y1) / 2 + 0.75 * swing) - 6 * (topics.length - 1) + 3;
@@ -98,13 +103,13 @@ export class GraphPanel extends Panel {
   }
 
   node(node, { x, y }) {
-    const dot = svg("circle", { cx: x + WIDE - 12, cy: y + 13, r: 3.5 });
+    const dot = svg("circle", { cx: x + this.wide - 12, cy: y + 13, r: 3.5 });
     const sub = svg("text", { class: "sub", x: x + 11, y: y + 35 }, node.dormant ? "starts on request" : node.process);
     this.dots[node.name] = dot;
     this.subs[node.name] = { sub, node };
     return svg("g", { class: node.dormant ? "node dormant" : "node" },
       svg("title", {}, `${node.type} in process ${node.process}`),
-      svg("rect", { x, y, width: WIDE, height: TALL, rx: 6 }), dot,
+      svg("rect", { x, y, width: this.wide, height: TALL, rx: 6 }), dot,
       svg("text", { class: "title", x: x + 11, y: y + 19 }, node.name), sub);
   }
 

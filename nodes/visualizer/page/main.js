@@ -2,25 +2,36 @@
 
 import { choice, make, seconds, si } from "./dom.js";
 import { GraphPanel } from "./graph.js";
+import { Objects } from "./objects.js";
+import { opening, specOf } from "./opening.js";
+import { wireId } from "./panel.js";
 import { EventsPanel, ImagePanel } from "./pictures.js";
+import { Playback } from "./playback.js";
 import { RatesPanel, RunPanel } from "./system.js";
 import { SeriesPanel, TablePanel } from "./tables.js";
 import { Wire } from "./wire.js";
 
 const KINDS = { image: ImagePanel, events: EventsPanel, table: TablePanel, triggers: TablePanel, series: SeriesPanel };
 const SYSTEM = { rates: ["Rates", RatesPanel], graph: ["Graph", GraphPanel], run: ["Run", RunPanel] };
+const narrow = matchMedia("(max-width: 640px)");
 const byId = (id) => document.getElementById(id);
 
 class App {
   constructor() {
     this.panels = [];
-    this.instances = {};
+    this.pending = [];
+    this.objects = {};
+    this.moving = null; // names of the bodies that have moved; null: nobody says
+    this.playback = new Playback(null);
     this.env = 0;
-    byId("menu").onclick = () => document.body.classList.toggle("narrow");
+    byId("menu").onclick = () => document.body.classList.toggle("toggled");
+    byId("panels").onclick = () => { // a telephone's topics lie over the panels
+      if (narrow.matches) document.body.classList.remove("toggled");
+    };
     document.addEventListener("visibilitychange", () => this.changed());
     this.wire = new Wire({
       hello: (graph) => this.begin(graph),
-      prepare: (part) => this.panelOf(part)?.prepare(part),
+      prepare: (part) => (this.panelOf(part) || this.arrive(part))?.prepare(part),
       draw: (parts) => parts.forEach((part) => this.draw(part)),
       state: (state) => this.setState(state),
       error: (text) => console.error(text),
@@ -32,19 +43,21 @@ class App {
     this.graph = graph;
     this.setState("waiting");
     if (same) return;
-    document.title = `${graph.name} \u00b7 EVIS`;
-    byId("run").textContent = graph.name;
+    this.playback = new Playback(graph.recording);
+    this.objects = {};
+    this.moving = null;
+    const title = graph.recording ? graph.recording.file : graph.name;
+    document.title = `${title} \u00b7 EVIS`;
+    byId("run").textContent = byId("run").title = title;
     this.list();
-    for (const panel of [...this.panels]) panel.root.remove();
-    this.panels = [];
-    for (const spec of this.recall() || this.defaults()) this.open(spec);
+    this.openAll(this.recall() || opening(graph.topics));
     this.changed();
   }
 
   /** Open panels of an earlier visit in this tab, as far as this graph has their topics. */
   recall() {
     try {
-      const specs = JSON.parse(sessionStorage.getItem(`evis:${this.graph.name}`)) || null;
+      const specs = JSON.parse(sessionStorage.getItem(this.memory())) || null;
       return specs && specs.filter((s) => SYSTEM[s.id] || this.graph.topics.some((t) => t.name === s.topic && s.view in t.views));
     } catch {
       return null;
@@ -52,36 +65,48 @@ class App {
   }
 
   remember() {
-    sessionStorage.setItem(`evis:${this.graph.name}`, JSON.stringify(this.panels.map((p) => p.spec)));
+    sessionStorage.setItem(this.memory(), JSON.stringify([...this.panels.map((p) => p.spec), ...this.pending]));
   }
 
-  /** For every camera its picture and its events, then the rates and the graph. */
-  defaults() {
-    const specs = [];
-    for (const camera of [...new Set(this.graph.topics.map((t) => t.camera).filter(Boolean))].slice(0, 2)) {
-      const mine = this.graph.topics.filter((t) => t.camera === camera && !t.dormant);
-      const picture = ["Keyframe", "Image", "Frames"].map((type) => mine.find((t) => t.type === type)).find(Boolean);
-      const events = mine.find((t) => t.type === "EventPacket");
-      for (const topic of [picture, events]) if (topic) specs.push(this.specOf(topic));
-    }
-    return [...specs, { id: "rates" }, { id: "graph" }];
+  memory() {
+    return `evis:${this.graph.name}:${this.graph.recording?.file ?? ""}:${this.graph.topics.flatMap((t) => t.asked)}`;
   }
 
-  specOf(topic) {
-    const view = Object.keys(topic.views)[0];
-    let id = topic.name;
-    for (let n = 2; this.panels.some((p) => p.spec.id === id); n++) id = `${topic.name} ${n}`;
-    return { id, topic: topic.name, view, env: this.env };
+  openAll(specs) {
+    for (const panel of this.panels) panel.root.remove();
+    this.panels = [];
+    this.pending = specs.filter((spec) => spec.pending);
+    this.pending.forEach((spec) => (spec.before = specs[specs.indexOf(spec) + 1]?.id));
+    for (const spec of specs) if (!spec.pending) this.open(spec);
   }
 
-  open(spec) {
-    const topic = this.graph.topics.find((t) => t.name === spec.topic);
+  /** The first picture of a panel that was to open only then. Returns the panel. */
+  arrive(part) {
+    const spec = this.pending.find((s) => wireId(s) === part.panel);
+    if (!spec || !part.bytes) return undefined; // a part without bytes says that the message has nothing of the kind
+    this.pending = this.pending.filter((s) => s !== spec);
+    delete spec.pending;
+    this.open(spec, this.panels.find((p) => p.spec.id === spec.before));
+    this.changed();
+    return this.panelOf(part);
+  }
+
+  /** A further panel of a topic, under a name of its own. */
+  another(topic) {
+    const spec = { ...specOf(topic), env: this.env, pending: false };
+    for (let n = 2; this.panels.some((p) => p.spec.id === spec.id); n++) spec.id = `${topic.name} ${n}`;
+    return spec;
+  }
+
+  /** next: the panel that it stands before; at the end without one. */
+  open(spec, next = null) {
+    const topic = this.topic(spec.topic);
     const Kind = topic ? KINDS[topic.views[spec.view]] : SYSTEM[spec.id]?.[1];
     if (!Kind) return;
     const panel = new Kind(this, spec, topic);
     panel.kind = Kind;
-    this.panels.push(panel);
-    byId("panels").append(panel.root);
+    this.panels.splice(next ? this.panels.indexOf(next) : this.panels.length, 0, panel);
+    byId("panels").insertBefore(panel.root, next ? next.root : null);
   }
 
   close(panel) {
@@ -94,7 +119,7 @@ class App {
   changed() {
     if (!this.graph) return;
     this.panels.forEach((panel, i) => {
-      const topic = this.graph.topics.find((t) => t.name === panel.spec.topic);
+      const topic = this.topic(panel.spec.topic);
       const Kind = topic && KINDS[topic.views[panel.spec.view]];
       if (!Kind || Kind === panel.kind) return;
       const fresh = new Kind(this, panel.spec, topic);
@@ -103,22 +128,35 @@ class App {
       this.panels[i] = fresh;
     });
     this.remember();
-    this.wire.show(document.hidden ? [] : [...this.panels.flatMap((p) => p.subscriptions()), ...this.infos()]);
+    this.wire.show(document.hidden ? [] : [...this.panels.flatMap((p) => p.subscriptions()), ...this.helpers()]);
     for (const [key, button] of Object.entries(this.buttons)) {
       button.ariaPressed = String(this.panels.some((p) => p.spec.id === key || p.spec.topic === key));
     }
-    byId("hint").hidden = this.panels.length > 0;
+    byId("hint").hidden = this.panels.length + this.pending.length > 0;
   }
 
-  /** Camera descriptions, for the names of instances; they come once. */
-  infos() {
-    const cameras = new Set(this.panels.flatMap((p) => p.topic ? [p.topic.camera] : []));
-    return this.graph.topics.filter((t) => t.type === "CameraInfo" && cameras.has(t.camera))
+  /** What no panel shows: what panels that are to open with their first message wait for; descriptions of the cameras;
+   * and which bodies move, while there are boxes. */
+  helpers() {
+    const waited = this.pending.map((s) => ({ id: wireId(s), topic: s.topic, view: s.view, env: s.env }));
+    const cameras = new Set([...this.panels.map((p) => p.spec), ...this.pending].map((s) => this.topic(s.topic)?.camera));
+    const infos = this.graph.topics.filter((t) => t.type === "CameraInfo" && cameras.has(t.camera))
       .map((t) => ({ id: `info:${t.camera}`, topic: t.name, view: "camera", env: 0 }));
+    const state = this.graph.topics.find((t) => t.type === "WorldState" && !t.dormant);
+    const moving = state && this.panels.some((p) => p.spec.boxes) ? [{ id: "moving:", topic: state.name, view: "moving", env: 0 }] : [];
+    return [...waited, ...infos, ...moving];
   }
 
-  instanceName(camera, id) {
-    return this.instances[camera]?.[id] || `id ${id}`;
+  topic(name) {
+    return this.graph.topics.find((t) => t.name === name);
+  }
+
+  objectsOf(camera) {
+    return (this.objects[camera] ||= new Objects());
+  }
+
+  when(part) {
+    return this.playback.when(part);
   }
 
   list() {
@@ -129,11 +167,9 @@ class App {
       const options = Array.from({ length: this.graph.envs }, (_, i) => [String(i), String(i)]);
       nav.append(make("label", {}, "environment", choice(options, String(this.env), (value) => {
         this.env = Number(value);
-        for (const panel of this.panels) if (panel.spec.topic) panel.spec.env = this.env;
-        const specs = this.panels.map((p) => p.spec);
-        for (const panel of this.panels) panel.root.remove();
-        this.panels = [];
-        specs.forEach((spec) => this.open(spec));
+        const specs = [...this.panels.map((p) => p.spec), ...this.pending];
+        for (const spec of specs) if (spec.topic) spec.env = this.env;
+        this.openAll(specs);
         this.changed();
       }, "Environment of all panels")));
     }
@@ -160,8 +196,10 @@ class App {
     const open = this.panels.filter((p) => p.spec.id === key || p.spec.topic === key);
     if (open.length) open.forEach((panel) => this.close(panel));
     else {
-      this.open(topic ? this.specOf(topic) : { id: key });
+      this.pending = this.pending.filter((spec) => spec.topic !== key);
+      this.open(topic ? this.another(topic) : { id: key });
       this.changed();
+      document.body.classList.remove("toggled");
       this.panels.at(-1).root.scrollIntoView({ block: "nearest" });
     }
   }
@@ -173,13 +211,19 @@ class App {
   draw(part) {
     if (part.kind === "status") return this.status(part);
     if (part.panel.startsWith("info:")) {
-      this.instances[part.panel.slice(5)] = part.names;
+      this.objectsOf(part.panel.slice(5)).describe(part);
+      this.playback.begins(part.t);
+      return;
+    }
+    if (part.panel === "moving:") {
+      this.moving = new Set(part.moving);
       return;
     }
     const panel = this.panelOf(part);
     if (!panel) return;
     panel.draw(part);
-    this.setState("live");
+    this.playback.saw(part);
+    this.setState(this.graph.recording ? "recording" : "live");
   }
 
   status(status) {
@@ -205,10 +249,10 @@ class App {
   setState(state) {
     if (this.state === "finished" && state === "closed") return;
     this.state = state;
-    const texts = { live: "live", waiting: "waiting for data", finished: "run has ended", closed: "not connected", connecting: "connecting" };
+    const texts = { recording: this.playback.text(), live: "live", waiting: "waiting for data", finished: "run has ended", closed: "not connected", connecting: "connecting" };
     const element = byId("state");
     element.dataset.state = state;
-    element.textContent = texts[state];
+    if (element.textContent !== texts[state]) element.textContent = texts[state];
   }
 }
 

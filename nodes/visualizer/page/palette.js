@@ -8,17 +8,16 @@ const GROUND = [10, 12, 16];
 const blend = (colour, s) => colour.map((c, i) => Math.round(GROUND[i] + (c - GROUND[i]) * s));
 const word = ([r, g, b]) => (255 << 24) | (b << 16) | (g << 8) | r;
 
-/** Canvas words for values -1 (OFF) .. 0 .. 1 (ON), index 0..254, 127 = nothing. */
-export const eventColours = Uint32Array.from({ length: 255 }, (_, i) => {
-  const v = (i - 127) / 127;
-  return word(blend(v > 0 ? ON : OFF, Math.abs(v) ** 0.8));
-});
+/** Steps per time constant and number of steps of the tables below; an older event is as dark as none. */
+export const STEPS = 32, LAST = 8 * STEPS;
+export const GROUND_WORD = word(GROUND);
 
-/** The same for one channel of a colour sensor; OFF is the darker half. */
-export const channelColours = CHANNEL.map((colour) => Uint32Array.from({ length: 255 }, (_, i) => {
-  const v = (i - 127) / 127;
-  return word(blend(colour, v > 0 ? v : -0.45 * v));
-}));
+/** Canvas words of one colour for events that are 0 .. LAST - 1 steps old. */
+const fading = (colour, share) => Array.from({ length: LAST }, (_, i) => word(blend(colour, share * Math.exp(-i / STEPS) ** 0.8)));
+
+/** LAST words each for polarity + 2 * (colour + 1), where colour + 1 = 0 is none; OFF of a colour sensor is the darker half. */
+export const eventColours = Uint32Array.from([
+  fading(OFF, 1), fading(ON, 1), ...CHANNEL.flatMap((colour) => [fading(colour, 0.45), fading(colour, 1)])].flat());
 
 const gamma = (c) => (c <= 0.0031308 ? 12.92 * c : 1.055 * c ** (1 / 2.4) - 0.055);
 

@@ -1,12 +1,26 @@
-// What all panels have: a title bar with their choices, a body, a foot; and the pictures' stage with its overlay.
+// What all panels have: a title bar with their choices, a body, a foot; and the pictures' stage with its boxes.
 
-import { choice, make, seconds } from "./dom.js";
+import { Boxes } from "./boxes.js";
+import { choice, make } from "./dom.js";
+import { LEAST_PX } from "./objects.js";
 
 /** Names what a panel shows, so that a part that was on its way when the choice changed is not taken for the new one. */
-const wireId = (id, view, env) => `${id} ${view} ${env}`;
+export const wireId = ({ id, view, env }) => `${id} ${view} ${env}`;
+
+/** Kinds of views that are for other panels. */
+const HELPERS = ["boxes", "moving"];
+
+/** What a panel says that has got nothing yet. */
+export function waitingText(topic) {
+  if (topic.dormant) return "starting the node";
+  return topic.sure ? "waiting for the first message" : "no message yet: not every camera or file has these";
+}
+
+/** A note of a few words under the picture. */
+const counted = (n, what) => (n ? [`${n} ${what}`] : []);
 
 export class Panel {
-  /** app: {graph, changed(), close(panel), boxesOf(camera, env)}. spec: {id, topic, view, env, ...}. */
+  /** app: {graph, changed(), close(panel), when(part), objectsOf(camera), moving}. spec: {id, topic, view, env, ...}. */
   constructor(app, spec, title) {
     this.app = app;
     this.spec = spec;
@@ -30,15 +44,15 @@ export class Panel {
   }
 
   addTopicChoices(topic) {
-    const views = Object.entries(topic.views).filter(([, kind]) => kind !== "boxes");
+    const views = Object.entries(topic.views).filter(([, kind]) => !HELPERS.includes(kind));
     this.addChoice(views.map(([v]) => [v, v]), "view", "View");
     this.addChoice(Array.from({ length: this.app.graph.envs }, (_, i) => [String(i), `env ${i}`]), "env", "Environment");
   }
 
   /** What the node is asked for: the panel's own topic, and what lies over it. */
   subscriptions() {
-    const { id, topic, view, env } = this.spec;
-    return topic ? [{ id: wireId(id, view, env), topic, view, env }] : [];
+    const { topic, view, env } = this.spec;
+    return topic ? [{ id: wireId(this.spec), topic, view, env }] : [];
   }
 
   async prepare() {}
@@ -55,34 +69,53 @@ export class StagePanel extends Panel {
     super(app, spec, topic.name);
     this.topic = topic;
     this.canvas = make("canvas", { width: 4, height: 3 });
-    this.overlay = make("canvas", { width: 4, height: 3 });
-    this.waiting = make("div", { className: "waiting", textContent: topic.dormant ? "starting the node" : "waiting for the first message" });
-    this.body.className = "stage";
-    this.body.append(this.canvas, this.overlay, this.waiting);
+    this.waiting = make("div", { className: "waiting", textContent: waitingText(topic) });
+    this.body.className = topic.sure ? "stage" : "stage idle";
+    this.body.append(this.canvas);
+    this.boxes = new Boxes(app.objectsOf(topic.camera), this.body, this.canvas);
+    this.body.append(this.waiting);
     this.time = make("span");
     this.facts = make("span");
     this.note = make("span", { className: "note" });
     this.legend = make("span", { className: "legend" });
-    this.foot.append(this.time, this.facts, this.note, this.legend);
+    this.boxNote = make("span", { className: "box-note", hidden: true });
+    this.foot.append(this.time, this.facts, this.note, this.legend, this.boxNote);
     this.context = this.canvas.getContext("2d", { alpha: false });
     this.context.fillStyle = "#0a0c10";
     this.context.fillRect(0, 0, 4, 3);
     this.addTopicChoices(topic);
-    this.labels = app.graph.topics.find((t) => t.camera === topic.camera && t.type === "Labels");
-    if (this.labels && topic.type !== "Labels") {
-      const box = make("input", { type: "checkbox", checked: Boolean(spec.boxes), onchange: () => {
-        spec.boxes = box.checked;
-        if (!box.checked) this.drawBoxes([]);
-        this.app.changed();
+    this.labels = app.graph.topics.find((t) => t.camera === topic.camera && t.type === "Labels" && "boxes" in t.views);
+    if (this.labels) this.addBoxChoices();
+  }
+
+  addBoxChoices() {
+    this.newest = [];
+    const add = (key, text, title, onchange) => {
+      const box = make("input", { type: "checkbox", checked: Boolean(this.spec[key]), onchange: () => {
+        this.spec[key] = box.checked;
+        onchange();
       } });
-      this.bar.append(make("label", { title: "Bounding boxes of the labels" }, box, "boxes"));
-    }
+      const label = make("label", { title }, box, text);
+      this.bar.append(label);
+      return label;
+    };
+    add("boxes", "boxes", "Bounding boxes of the labels, coloured by class", () => {
+      this.still.hidden = !this.spec.boxes;
+      this.drawBoxes([]);
+      this.app.changed();
+    });
+    this.still = add("still", "static", "Boxes of what has not moved too", () => {
+      this.drawBoxes(this.newest);
+      this.app.remember();
+    });
+    this.still.hidden = !this.spec.boxes;
   }
 
   subscriptions() {
     const own = super.subscriptions();
     const { id, env, boxes } = this.spec;
-    return boxes && this.labels ? [...own, { id: wireId(id, "boxes", env), topic: this.labels.name, view: "boxes", env }] : own;
+    const over = { id: wireId({ id, view: "boxes", env }), topic: this.labels?.name, view: "boxes", env };
+    return boxes && this.labels ? [...own, over] : own;
   }
 
   resize(width, height) {
@@ -95,23 +128,30 @@ export class StagePanel extends Panel {
 
   describe(part, facts) {
     this.waiting.hidden = true;
-    this.time.textContent = seconds(part.t) + (part.episode ? `  episode ${part.episode}` : "");
+    this.body.classList.remove("idle");
+    this.time.textContent = this.app.when(part);
     this.facts.textContent = facts;
     this.note.textContent = part.note || "";
   }
 
-  /** boxes: [[id, colour, x0, y0, x1, y1]] in pixels, inclusive; drawn at twice the sensor's resolution to stay thin. */
+  /** boxes: [[id, colour, x0, y0, x1, y1]] in pixels, inclusive. */
   drawBoxes(boxes) {
-    this.overlay.width = this.canvas.width * 2;
-    this.overlay.height = this.canvas.height * 2;
-    const context = this.overlay.getContext("2d");
-    context.lineWidth = 2;
-    context.font = "600 18px system-ui, sans-serif";
-    for (const [id, colour, x0, y0, x1, y1] of boxes) {
-      context.strokeStyle = context.fillStyle = colour;
-      context.strokeRect(2 * x0, 2 * y0, 2 * (x1 - x0 + 1), 2 * (y1 - y0 + 1));
-      const label = this.app.instanceName(this.topic.camera, id);
-      context.fillText(label, 2 * x0 + 4, 2 * y0 > 22 ? 2 * y0 - 6 : 2 * y0 + 20);
-    }
+    this.newest = boxes;
+    const left = this.boxes.draw(boxes, { still: Boolean(this.spec.still), moving: this.app.moving });
+    const drawn = this.boxes.drawn;
+    this.boxNote.hidden = !boxes.length;
+    const kinds = [...new Map(drawn.map((b) => [b.kind, b.colour]))].sort(([a], [b]) => (a < b ? -1 : 1));
+    const words = [`${drawn.length} boxes`, ...counted(left.still, "static not shown"), ...counted(left.small, `under ${LEAST_PX} px`)];
+    this.boxNote.replaceChildren(words.join(", "), ...kinds.slice(0, MOST_KINDS).map(([kind, colour]) => chip(kind, colour)),
+      ...counted(Math.max(0, kinds.length - MOST_KINDS), "more classes"));
   }
+}
+
+const MOST_KINDS = 12;
+
+/** A spot of colour and what it stands for. */
+export function chip(text, colour) {
+  const spot = make("i");
+  spot.style.background = colour;
+  return make("span", { className: "chip" }, spot, text);
 }

@@ -8,16 +8,18 @@ export class RatesPanel extends Panel {
     super(app, spec, "Rates");
     this.root.classList.add("double");
     this.finishBar();
-    this.body.className = "scroll";
+    this.body.className = "scroll low";
     this.foot.remove();
   }
 
   status(status) {
-    const nodes = Object.entries(status.nodes).map(([name, n]) => make("tr", {},
+    const known = this.app.graph.nodes.map((n) => n.name); // the data's way, as the graph's description lists them
+    const place = ([name]) => (known.includes(name) ? known.indexOf(name) : known.length);
+    const nodes = Object.entries(status.nodes).sort((a, b) => place(a) - place(b)).map(([name, n]) => make("tr", {},
       make("td", {}, make("span", { className: `level ${n.level}`, title: n.text || n.level }), name),
       cell(n.hz, (v) => v.toFixed(1)), cell(n.ms, (v) => v.toFixed(2)), cell(n.busy, (v) => `${Math.round(100 * v)} %`),
       cell(n.waits, (v) => `${Math.round(100 * v)} %`), cell(n.queue, String), cell(n.drops, String),
-      make("td", { className: "text dim", textContent: Object.entries(n.counters).map(([k, v]) => `${k} ${v}`).join(", ") })));
+      make("td", { className: "text dim", textContent: Object.entries(n.counters).map(([k, v]) => `${k} ${counter(v)}`).join(", ") })));
     const topics = Object.entries(status.topics).sort().map(([name, t]) => make("tr", {},
       make("td", { textContent: name }), cell(t.hz, (v) => v.toFixed(1)), cell(t.shown_hz, (v) => v.toFixed(1)),
       cell(t.events_per_s, (v) => si(v)), cell(t.skipped, String)));
@@ -28,6 +30,8 @@ export class RatesPanel extends Panel {
       make("ul", { className: "lines" }, ...lines));
   }
 }
+
+const counter = (value) => (typeof value === "number" && !Number.isInteger(value) ? value.toPrecision(4) : value);
 
 function cell(value, text) {
   const known = typeof value === "number";

@@ -1,4 +1,4 @@
-"""Event view: packets since a client's last bundle, as one 32-bit word per event that can be seen."""
+"""Event view: packets since a client's last bundle, a 32-bit word and a 16-bit age per event that can be seen."""
 
 from __future__ import annotations
 
@@ -22,6 +22,17 @@ MAX_PACKETS = 64
 MAX_TOTALS = 4096
 """Packets that a client may be behind before counts start at the oldest one remembered."""
 MAX_COORDINATE = 1 << 14
+AGES = (1 << 16) - 1
+"""The age on the wire of the oldest event of a part; the others are in proportion."""
+
+
+class _Drawn(NamedTuple):
+    """What is drawn of one packet: words uint32 [n], and how long before the packet's stamp, float32 [n] s."""
+
+    version: int
+    stamp_ns: int
+    words: np.ndarray
+    ages: np.ndarray
 
 
 class _Totals(NamedTuple):
@@ -54,20 +65,21 @@ def thin(n: int, most: int) -> slice:
     return slice(None, None, max(1, -(-n // most)))
 
 
-def _select(
-    which: Any, x: np.ndarray, y: np.ndarray, p: np.ndarray, c: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
-    return x[which], y[which], p[which], None if c is None else c[which]
+def _select(which: Any, *columns: np.ndarray | None) -> list[Any]:
+    return [None if column is None else column[which] for column in columns]
 
 
 class EventView(View):
-    """Events of one environment. Accumulates what a slow client has not seen yet, up to MAX_PACKETS packets."""
+    """Events of one environment. Accumulates what a slow client has not seen yet, up to MAX_PACKETS packets.
+
+    A part's payload is the words uint32 [n], then their ages uint16 [n] in AGES-ths of `oldest` [s] before its time.
+    """
 
     KIND = "events"
 
     def __init__(self, name: str, env: int) -> None:
         super().__init__(name, env)
-        self._packets: deque[tuple[int, np.ndarray]] = deque(maxlen=MAX_PACKETS)
+        self._packets: deque[_Drawn] = deque(maxlen=MAX_PACKETS)
         self._before: deque[tuple[int, _Totals]] = deque(maxlen=MAX_TOTALS)
         self._totals = _Totals()
         self._last: dict[str, Any] = {}
@@ -77,10 +89,10 @@ class EventView(View):
         assert isinstance(message, EventPacket)
         meta = {**header_meta(message.header), "width": message.width, "height": message.height}
         if message.x is None or message.y is None or message.p is None:
-            words, events, on, covered = np.empty(0, np.uint32), 0, 0, 0
+            words, ages, events, on, covered = np.empty(0, np.uint32), np.empty(0, np.float32), 0, 0, 0
             meta["note"] = f"packets hold {message.encoding or 'raw'} bytes that are not decoded in this graph"
         else:
-            words, events, on, covered, outside = self._words(message)
+            words, ages, events, on, covered, outside = self._words(message)
             if outside:
                 meta["note"] = f"{outside} events outside the sensor"
         news = (events, on, max(message.header.stamp_ns - message.t0_ns, 0), message.lost, covered)
@@ -92,33 +104,38 @@ class EventView(View):
             self.version += 1
             self._before.append((self.version, self._totals))
             self._totals = _Totals(*(a + b for a, b in zip(self._totals, news)))
-            self._packets.append((self.version, words))
+            self._packets.append(_Drawn(self.version, message.header.stamp_ns, words, ages))
             self._last = meta
 
-    def _words(self, message: EventPacket) -> tuple[np.ndarray, int, int, int, int]:
-        """Words to draw; counts of events, of ON events, of covered ones and of ones outside the sensor."""
-        x, y, p, c = (None if a is None else np.asarray(a) for a in (message.x, message.y, message.p, message.c))
+    def _words(self, message: EventPacket) -> tuple[np.ndarray, np.ndarray, int, int, int, int]:
+        """Words to draw and their ages; counts of events, of ON events, of covered ones and of ones outside."""
+        x, y, p, c, t = (
+            None if a is None else np.asarray(a) for a in (message.x, message.y, message.p, message.c, message.t)
+        )
         assert x is not None and y is not None and p is not None
         offsets = np.asarray(message.env_offsets)
         if len(offsets) > 1:
             env = min(self.env, len(offsets) - 2)
             part = slice(int(offsets[env]), int(offsets[env + 1]))
-            x, y, p, c = _select(part, x, y, p, c)
+            x, y, p, c, t = _select(part, x, y, p, c, t)
         events, on = len(x), int(np.count_nonzero(p))
         width, height = (min(size or MAX_COORDINATE, MAX_COORDINATE) for size in (message.width, message.height))
         seen = thin(events, MOST_LOOKED_AT)
-        x, y, p, c = _select(seen, x, y, p, c)
+        x, y, p, c, t = _select(seen, x, y, p, c, t)
         inside = (x < width) & (y < height)
         outside = len(x) - int(np.count_nonzero(inside))
         if outside:
-            x, y, p, c = _select(inside, x, y, p, c)
+            x, y, p, c, t = _select(inside, x, y, p, c, t)
         covered = 0
         if len(x) > DENSE:
             newest = newest_of_pixels(x, y, width, height)
             covered = len(x) - len(newest)
-            x, y, p, c = _select(newest, x, y, p, c)
-        x, y, p, c = _select(thin(len(x), MAX_EVENTS), x, y, p, c)
-        return pack(x, y, p != 0, c), events, on, covered, outside
+            x, y, p, c, t = _select(newest, x, y, p, c, t)
+        x, y, p, c, t = _select(thin(len(x), MAX_EVENTS), x, y, p, c, t)
+        if t is None:
+            t = np.full(len(x), message.header.stamp_ns, np.int64)
+        ages = (np.maximum(message.header.stamp_ns - t, 0) / 1e9).astype(np.float32)
+        return pack(x, y, p != 0, c), ages, events, on, covered, outside
 
     def render(self, since: int) -> Part | None:
         with self._lock:
@@ -127,11 +144,16 @@ class EventView(View):
                 return None
             # A client that has nothing yet gets the newest packet alone: it has missed nothing that it had asked for.
             first = max(since + 1 if since else version, self._before[0][0])
-            packets = [words for v, words in self._packets if v >= first]
+            packets = [packet for packet in self._packets if packet.version >= first]
             before = self._before[first - self._before[0][0]][1]
             events, on, span_ns, lost, covered = (a - b for a, b in zip(self._totals, before))
-        words = np.concatenate(packets)
-        words = words[thin(len(words), MAX_EVENTS)]
+        words = np.concatenate([packet.words for packet in packets])
+        end_ns = packets[-1].stamp_ns
+        ages = np.concatenate([packet.ages + np.float32((end_ns - packet.stamp_ns) / 1e9) for packet in packets])
+        words, ages = _select(thin(len(words), MAX_EVENTS), words, ages)
         undrawn = events - covered - len(words)
-        meta |= {"events": events, "on": on, "span": span_ns / 1e9, "undrawn": undrawn, "lost": lost}
-        return Part(self.KIND, version, meta, words.astype("<u4").tobytes())
+        oldest = float(ages.max(initial=0))
+        meta |= {"events": events, "on": on, "span": span_ns / 1e9, "undrawn": undrawn, "lost": lost, "oldest": oldest}
+        steps = np.round(ages * (AGES / oldest)) if oldest else ages
+        payload = words.astype("<u4").tobytes() + np.clip(steps, 0, AGES).astype("<u2").tobytes()
+        return Part(self.KIND, version, meta, payload)

@@ -11,10 +11,11 @@ from msgs.camera import Depth, Frames, Ids, Image, Keyframe, Labels, Motion, Nor
 from msgs.header import Message
 from nodes.visualizer import colour
 from nodes.visualizer.views.part import View
-from nodes.visualizer.views.tables import boxes
 
 MAX_SIDE = 1280
 """A longer side is thinned out by a whole number before encoding [px]."""
+MAX_NAMED = 64
+"""Instances and classes that a legend names, those with the most pixels; it says how many more there are."""
 
 
 def jpeg(image: np.ndarray, quality: int, false_colour: bool) -> bytes:
@@ -35,6 +36,15 @@ def crop(array: np.ndarray, margin: int) -> np.ndarray:
     return np.array(array[::step, ::step])
 
 
+def legend(ids: np.ndarray) -> dict[str, Any]:
+    """{"shown": [[id, colour]] of the largest by id, "more": count of ids that are not among them}, without 0."""
+    found, pixels = np.unique(ids, return_counts=True)
+    found, pixels = found[found != 0], pixels[found != 0]
+    largest = found[np.argsort(-pixels, kind="stable")]
+    shown = [[int(i), colour.id_colour(int(i))] for i in np.sort(largest[:MAX_NAMED])]
+    return {"shown": shown, "more": len(largest) - len(shown)}
+
+
 class ImageView(View):
     """A dense map as a picture. `quality` is JPEG's, 1-95."""
 
@@ -48,7 +58,7 @@ class ImageView(View):
     def pick(self, message: Message) -> dict[str, Any]:
         found = self._array(message)
         if found is None:
-            return {"missing": f"{self.name} is not in this topic's messages"}
+            return {"missing": f"no {self.name} in these labels; labels:={self.name} asks for it"}
         array, extra = found
         margin = getattr(message, "margin", 0)
         size = array.shape[1] - 2 * margin, array.shape[0] - 2 * margin
@@ -74,8 +84,7 @@ class ImageView(View):
                 return self._of_env(message.normal), {}
             case Labels():
                 dense = getattr(message, self.name)
-                extra = {"boxes": boxes(message, self.env), "unit": "px/s"}
-                return None if dense is None else (self._of_env(dense), extra)
+                return None if dense is None else (self._of_env(dense), {"unit": "px/s"})
         raise TypeError(f"{type(message).__name__} is not an image")
 
     def _of_env(self, array: np.ndarray) -> np.ndarray:
@@ -87,8 +96,6 @@ class ImageView(View):
             return {"note": picked["missing"]}, b""
         width, height = picked["size"]
         meta: dict[str, Any] = {"width": width, "height": height}
-        if "boxes" in picked:
-            meta["boxes"] = picked["boxes"]
         array = picked["array"]
         if array.size == 0:
             return {**meta, "note": "empty image"}, b""
@@ -106,9 +113,10 @@ class ImageView(View):
             bad = unknown if self.name == "motion" else 0
         elif self.name == "semantic":
             picture = colour.id_colours(array)
+            meta["classes"] = legend(array)
         elif self.name in ("ids", "segmentation"):
             picture = colour.id_colours(array)
-            meta["instances"] = [[int(i), colour.id_colour(int(i))] for i in np.unique(array)[:64]]
+            meta["instances"] = legend(array)
         elif self.name == "normal":
             picture, bad = colour.normal_colours(array)
         else:

@@ -16,6 +16,9 @@ from nodes.visualizer.views.part import View
 
 MAX_ROWS = 200
 MAX_SAMPLES = 300
+MAX_LISTED = 32
+MAX_BOXES = 5000
+"""Boxes that are laid over a picture, of those the page leaves out what is small or static."""
 
 
 def number(value: Any, digits: int = 5) -> float | str:
@@ -35,7 +38,7 @@ def boxes(message: Labels, env: int) -> list[list[Any]]:
         return []
     mine = np.ones(len(message.box), bool) if message.box_env is None else np.asarray(message.box_env) == env
     ids, corners = np.asarray(message.box_id)[mine], np.asarray(message.box)[mine]
-    return [[int(i), id_colour(int(i)), *row(b)] for i, b in list(zip(ids, corners))[:MAX_ROWS]]
+    return [[int(i), id_colour(int(i)), *row(b)] for i, b in list(zip(ids, corners))[:MAX_BOXES]]
 
 
 def _speeds(twist: np.ndarray) -> list[float | str]:
@@ -59,12 +62,38 @@ class BoxView(View):
         return {"boxes": picked}, b""
 
 
+class MovingView(View):
+    """Names of the bodies that have moved in this episode, so that a page can leave the others out."""
+
+    def __init__(self, name: str, env: int) -> None:
+        super().__init__(name, env)
+        self._episode = -1
+        self._moved: set[str] = set()
+
+    def capture(self, message: Message) -> None:
+        """Take a message; only one with a body that is new here makes a part."""
+        assert isinstance(message, WorldState)
+        moved = {_name(message.names, int(n)) for n in np.asarray(message.moving)}
+        if message.header.episode != self._episode:
+            self._episode, self._moved = message.header.episode, set()
+        elif moved <= self._moved:
+            return
+        self._moved |= moved
+        super().capture(message)
+
+    def pick(self, message: Message) -> list[str]:
+        return sorted(self._moved)
+
+    def draw(self, picked: list[str]) -> tuple[dict[str, Any], bytes]:
+        return {"moving": picked}, b""
+
+
 class TableView(View):
-    """Tables: [{"title", "columns", "rows"}]; made at once, being small. A camera's also name its instances."""
+    """Tables: [{"title", "columns", "rows"}]; made at once, being small. A camera's also tell its instances."""
 
     def pick(self, message: Message) -> dict[str, Any]:
-        names = {"names": list(message.instances)} if isinstance(message, CameraInfo) else {}
-        return {"tables": self._tables(message), **names}
+        named = _instances(message) if isinstance(message, CameraInfo) else {}
+        return {"tables": self._tables(message), **named}
 
     def draw(self, picked: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
         return picked, b""
@@ -118,6 +147,22 @@ def _table(title: str, columns: list[str], rows: list[list[Any]]) -> dict[str, A
     return {"title": title, "columns": columns, "rows": rows[:MAX_ROWS], "more": max(0, len(rows) - MAX_ROWS)}
 
 
+def _instances(info: CameraInfo) -> dict[str, Any]:
+    """By instance id: name, body ("" of the static world) and class id; by class id: name and colour."""
+    return {
+        "names": list(info.instances),
+        "bodies": list(info.instance_bodies),
+        "semantic": [] if info.semantic is None else np.asarray(info.semantic).tolist(),
+        "classes": [[name, id_colour(number)] for number, name in enumerate(info.classes)],
+    }
+
+
+def _listed(names: list[str]) -> str:
+    """The first MAX_LISTED names, and how many more there are."""
+    more = len(names) - MAX_LISTED
+    return ", ".join(names[:MAX_LISTED]) + (f" ... and {more} more" if more > 0 else "")
+
+
 def _camera(info: CameraInfo) -> dict[str, Any]:
     k = np.asarray(info.k)
     known, timed = bool(k[0, 0] or k[1, 1]), info.keyframe_rate > 0
@@ -129,7 +174,7 @@ def _camera(info: CameraInfo) -> dict[str, Any]:
         ["clock", info.clock],
         ["environments", str(info.envs)],
         ["keyframe rate", f"{info.keyframe_rate:g} Hz" if timed else "-"],
-        ["instances", ", ".join(info.instances[:32]) or "-"],
+        ["instances", _listed(info.instances) or "-"],
     ]
     rows += [[str(key), str(value)[:120] or "-"] for key, value in info.sensor.items()]
     return _table(info.name, ["property", "value"], rows)
