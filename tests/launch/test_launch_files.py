@@ -161,7 +161,7 @@ def test_conditional_include_and_namespace(write: Write) -> None:
             ("graph.yaml:3", "no argument 'omgea'", "did you mean 'omega'"),
         ),
         ("include: {file: nowhere.yaml}\n", ("graph.yaml:1", "no file 'nowhere.yaml'")),
-        ("include:\n  - {file: graph.yaml}\n  - other.yaml\n", ("graph.yaml:3", "`file:`")),
+        ("include:\n  - {file: other.yaml}\n  - 7\n", ("graph.yaml:3", "`file:`")),
         ("include: {file: graph.yaml}\n", ("graph.yaml:1", "includes itself")),
         ("mode: lockstp\nnodes: {}\n", ("graph.yaml:1", "did you mean 'lockstep'")),
         ("nodes:\n  x: {type: a}\n  x: {type: b}\n", ("graph.yaml:3", "'x' stands here twice", "line 2")),
