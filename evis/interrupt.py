@@ -6,6 +6,7 @@ loaded already. Whoever imports evis as a library keeps Python's own ways.
 
 from __future__ import annotations
 
+import _thread
 import os
 import sys
 from types import TracebackType
@@ -15,6 +16,7 @@ STATUS = 130
 """Exit status after Ctrl-C: 128 and the number of SIGINT, as shells have it."""
 IS_PROGRAM = os.path.basename(sys.argv[0] if sys.argv else "") in ("evis", "-m")
 """Python itself says -m while it imports the package of the module that it was told to run."""
+_AGAIN_S = 0.01
 
 
 def _unhandled(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
@@ -33,8 +35,15 @@ def _unraisable(ignored: Any) -> None:
     if not issubclass(ignored.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(ignored)
         return
-    import signal
+    # From another thread: here it would be raised in this very function, and be ignored again.
+    _thread.start_new_thread(_send_again, ())
 
+
+def _send_again() -> None:
+    import signal
+    import time
+
+    time.sleep(_AGAIN_S)
     os.kill(os.getpid(), signal.SIGINT)
 
 

@@ -183,3 +183,13 @@ class Sleeper(Node):
         Path(self.params["marker"]).write_text("x")
         while True:
             time.sleep(0.1)
+
+
+class Torn(Ticker):
+    """A source that is told to end in the middle of something, and fails by that."""
+
+    def step(self, inputs: Mapping[str, Message]) -> bool:
+        if self.k == 5:
+            os.kill(os.getpid(), signal.SIGTERM)
+            raise ValueError("a message was released more often than it was kept")
+        return super().step(inputs)
