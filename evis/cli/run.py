@@ -135,7 +135,8 @@ def _unread(plan: Any, node: str, topic: str) -> str:
     if topic in taken:
         why = f"{taken[topic]} takes it only in a graph that was started with a node that publishes it"
     elif taken:
-        why = f"it would take {', '.join(taken)}: {nearest(topic, taken)}"
+        near = nearest(topic, taken)
+        why = f"it would take {', '.join(taken)}" + (f" ({near})" if near.startswith("did") else "")
     else:
         why = "it takes no topic from outside"
     return f"nobody in the running graph reads {topic} of {node}; {why}; put both in one launch file (`include:`)"

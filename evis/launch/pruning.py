@@ -106,8 +106,11 @@ class Pruner:
         available = [*sorted(set(self._publishers) - own), *SYSTEM_TOPICS]
         choose = getattr(node.cls, "dynamic_inputs", None)
         if choose is not None:
+            params = dict(node.params)
+            if self._partial and globs:
+                params["topics"] = [g for g in globs if fnmatch.filter(available, g)]
             try:
-                topics = list(choose(node.params, available))
+                topics = list(choose(params, available))
             except (ValueError, OSError) as error:
                 raise LaunchError(f"{node.spec.where}: {error}") from None
         elif globs:

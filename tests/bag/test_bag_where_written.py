@@ -65,9 +65,9 @@ def test_links_that_lead_nowhere_are_told(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="leads to itself"):
         record(tmp_path / "loop.mcap")
     (tmp_path / "lost.mcap").symlink_to("no/such/x.mcap")
-    with pytest.raises(BagError, match="no directory .*no/such"):
+    with pytest.raises(BagError, match=r"no directory .*no/such"):
         record(tmp_path / "lost.mcap")
-    with pytest.raises(ValueError, match="no folder .*no/such"):
+    with pytest.raises(ValueError, match=r"no folder .*no/such"):
         check_writable(tmp_path / "lost.mcap", "--record")
 
 

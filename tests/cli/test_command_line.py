@@ -219,3 +219,14 @@ def test_a_reader_that_stops_is_no_error(evis: Evis, graph: Path) -> None:
     command = f"{sys.executable} -m evis.cli launch --help | head -1; echo ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert done.stdout.splitlines()[-1] == "0" and done.stderr == ""
+
+
+def test_launch_help_names_what_is_installed(capsys: pytest.CaptureFixture[str]) -> None:
+    from evis import paths
+    from nodes.event_sensor.presets import PRESETS
+
+    assert main(["launch", "--help"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert f"launch files: {', '.join(paths.names('launch'))}" in out
+    assert f"scenes: {', '.join(paths.names('scenes'))}" in out
+    assert f"sensors for preset:=: {', '.join(PRESETS)}" in out

@@ -1,4 +1,4 @@
-"""Whoever listens may go at any time: the work is done, the bag is whole, and the exit status says what became of it."""
+"""Whoever listens may go at any time: the work is done, the bag is whole, and the exit status tells of it."""
 
 from __future__ import annotations
 
@@ -131,7 +131,8 @@ def test_a_closed_descriptor_is_given_to_nothing_else(tmp_path: Path) -> None:
     """The next file opened would become descriptor 1, and take whatever a library prints."""
     code = (
         "from evis.outlet import standard_streams\nwith standard_streams():\n"
-        f"    f = open({str(tmp_path / 'f')!r}, 'w'); print('stray'); import os; os.write(1, b'stray'); assert f.fileno() > 2"
+        f"    import os\n    f = open({str(tmp_path / 'f')!r}, 'w')\n"
+        "    print('stray')\n    os.write(1, b'stray')\n    assert f.fileno() > 2"
     )
     done = subprocess.run(["bash", "-c", f'exec {sys.executable} -c "$0" >&- 2>&-', code])
     assert done.returncode == 0 and (tmp_path / "f").read_text() == ""
