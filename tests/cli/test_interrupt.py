@@ -6,9 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from command import environment
@@ -85,7 +83,7 @@ def test_a_library_user_keeps_pythons_ways() -> None:
     subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
 
 
-def test_a_signal_gives_its_status(evis_here: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_signal_gives_its_status() -> None:
     from evis.cli.failure import guarded
 
     def ended(number: int) -> int:
