@@ -145,6 +145,10 @@ class Executor:
             "frames": sum(n.frames for n in nodes),
         }
 
+    def heard(self) -> set[str]:
+        """Topics of this process's nodes that somebody reads now."""
+        return {topic for h in self._hosts.values() for topic, p in h.publishers.items() if p.wanted()}
+
     def summary(self) -> dict[str, Any]:
         """Profiles of the nodes, and of `bus` and `idle`."""
         return {name: profile.summary() for name, profile in self.profile.nodes.items()}

@@ -84,6 +84,11 @@ class Plan:
     chosen: dict[str, Any] = field(default_factory=dict)
     """Arguments that were chosen for the user (interpolator:=auto), and `why`; empty when there are none."""
 
+    imports: list[str] = field(default_factory=list)
+    """Files outside evis that were imported for the nodes, before anything runs."""
+    unknown: list[dict[str, Any]] = field(default_factory=list)
+    """Nodes whose code was not loaded (`--no-import`): what the launch file says of them."""
+
     def processes(self) -> dict[str, list[NodePlan]]:
         """Process name -> its nodes in data-flow order, dormant ones left out."""
         result: dict[str, list[NodePlan]] = {}

@@ -9,41 +9,44 @@ import sys
 import time
 import traceback
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 from evis.executor import Executor
 from evis.host import NodeFailed, describe
 from evis.launch.control import ControlClient, control_address
 from evis.launch.death import die_with_parent
+from evis.outlet import standard_streams
 from evis.plan import Plan
+from evis.termination import STATUS, Termination
 
 BARRIER_S = 1800.0
 """Longest wait for the other processes [s]: their setup may compile kernels for the first time, minutes on a small
 machine. One that dies meanwhile is the supervisor's to notice."""
 
 
-def _terminate(signum: int, frame: FrameType | None) -> None:
-    """SIGTERM unwinds, so that nodes close their files."""
-    raise SystemExit(143)
-
-
 def main(argv: list[str]) -> int:
     """Run the nodes of one process. Exit status 0, 1 after a failure that was reported, 143 when told to end."""
+    with standard_streams():  # a log that has no room must not end a node
+        return _main(argv)
+
+
+def _main(argv: list[str]) -> int:
     plan_path, process = argv
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is the supervisor's to handle, in order
-    signal.signal(signal.SIGTERM, _terminate)
+    termination = Termination()
     plan = Plan.load(Path(plan_path))
     control = ControlClient(control_address(plan.directory), process)
     executor = None
     try:
         executor = Executor(plan, process, request=control.want)
-        _run(executor, control)
+        _run(executor, control, termination)
         return 0
     except Exception as error:
         cause = error.__cause__ if isinstance(error, NodeFailed) and error.__cause__ else error
         traceback.print_exception(cause)
+        if termination.asked:
+            return STATUS  # it was broken off in the middle of something: that is no failure of the node's
         node = error.node if isinstance(error, NodeFailed) else process
         control.failed(node, describe(cause))
         return 1
@@ -53,10 +56,11 @@ def main(argv: list[str]) -> int:
         control.close()
 
 
-def _run(executor: Executor, control: ControlClient) -> None:
+def _run(executor: Executor, control: ControlClient, termination: Termination) -> None:
     executor.setup()
 
     def commands() -> None:
+        termination.check()
         for command in control.poll():
             if "stop" in command:
                 executor.stop()
@@ -65,7 +69,7 @@ def _run(executor: Executor, control: ControlClient) -> None:
     executor.wait_connected(BARRIER_S, commands)
     if not executor.stopping:
         control.ready()
-        if not control.wait_go():
+        if not control.wait_go(meanwhile=termination.check):
             executor.stop()
     gc.freeze()  # what setup made stays: the collector need not look through it again and again
     before = time.process_time()

@@ -9,20 +9,26 @@ import stat
 from pathlib import Path
 
 from evis.bag import BagError
+from evis.named_pipe import with_reader
+from evis.whole_file import written_at
 
 
 def claim(path: Path) -> tuple[int, Path | None]:
     """Open a new file at `path` and give (descriptor, where what was there is now, or None).
 
     The old file becomes `<name>.bak`, or `<name>.bak2`, ... where there is such a one already, once the new one is
-    open. A bag without any message, as a run leaves that failed at its start, is not kept. Raises BagError, also for a
-    bag that another process is still recording.
+    open. A bag without any message, as a run leaves that failed at its start, is not kept. A symbolic link stays: what
+    it leads to is written, and put aside there. Raises BagError, also for a bag that another process still records.
     """
+    name, path = path, written_at(path)
     try:
+        if path.is_symlink():
+            raise BagError(f"cannot record to {name}: the link leads to itself")
         if path.exists() and not stat.S_ISREG(path.stat().st_mode):
             if path.is_dir():
-                raise BagError(f"cannot record to {path}: it is a folder; name a file such as {path / 'a.mcap'}")
-            return os.open(path, os.O_WRONLY | os.O_CLOEXEC), None
+                raise BagError(f"cannot record to {name}: it is a folder; name a file such as {name / 'a.mcap'}")
+            with with_reader(path):
+                return os.open(path, os.O_WRONLY | os.O_CLOEXEC), None
         backup = None
         if path.exists():
             _check_free(path)
@@ -41,10 +47,10 @@ def claim(path: Path) -> tuple[int, Path | None]:
         return descriptor, backup
     except FileNotFoundError as error:
         if path.parent.is_dir():
-            raise BagError(f"cannot record to {path}: {path.parent} takes no files ({error.strerror})") from None
-        raise BagError(f"cannot record to {path}: there is no directory {path.parent}; create it first") from None
+            raise BagError(f"cannot record to {name}: {path.parent} takes no files ({error.strerror})") from None
+        raise BagError(f"cannot record to {name}: there is no directory {path.parent}; create it first") from None
     except OSError as error:
-        raise BagError(f"cannot record to {path}: {error.strerror}") from None
+        raise BagError(f"cannot record to {name}: {error.strerror}") from None
 
 
 def _check_free(path: Path) -> None:

@@ -9,6 +9,8 @@ import importlib
 import sys
 from collections.abc import Sequence
 
+from evis import interrupt
+
 COMMANDS = {
     "launch": "start a graph of nodes",
     "run": "run one node by hand",
@@ -25,11 +27,26 @@ COMMANDS = {
 """Command -> one line for `evis --help`, so that it need not import them."""
 
 
+STATUSES = (
+    "exit status: 0 success, 1 failure, 2 wrong usage, 130 interrupted by Ctrl-C, 141 the work is done but who was to\n"
+    "read standard output had gone before all was said (to `topic echo` and `camera stream` that is the end, and 0)."
+)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command. Exit status 0, 2 for wrong usage, 1 for a failure, told in one line on stderr."""
+    """Run one command and give its exit status, as STATUSES says; a failure is told in one line on stderr."""
+    from evis.cli.failure import guarded
+
     words = list(sys.argv[1:] if argv is None else argv)
     debug = "--debug" in words
     words = [word for word in words if word != "--debug"]
+    who = f"evis {words[0]}" if words and words[0] in COMMANDS else "evis"
+    status = guarded(who, debug, lambda: _command(words, debug))
+    interrupt.no_more()
+    return status
+
+
+def _command(words: list[str], debug: bool) -> int:
     if not words or words[0] in ("-h", "--help", "help"):
         print(_overview(), file=sys.stdout if words else sys.stderr)
         return 0 if words else 2
@@ -39,16 +56,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"evis {version('evis')}")
         return 0
     command, rest = words[0], words[1:]
-    if command not in COMMANDS:
-        import difflib
+    if command in COMMANDS:
+        return _run(command, rest, debug)
+    import difflib
 
-        near = difflib.get_close_matches(command, COMMANDS, n=1, cutoff=0.6)
-        hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(COMMANDS)}"
-        print(f"evis: no command '{command}'; {hint}", file=sys.stderr)
-        return 2
-    from evis.cli.failure import guarded
-
-    return guarded(f"evis {command}", debug, lambda: _run(command, rest, debug))
+    near = difflib.get_close_matches(command, COMMANDS, n=1, cutoff=0.6)
+    hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(COMMANDS)}"
+    print(f"evis: no command '{command}'; {hint}", file=sys.stderr)
+    return 2
 
 
 def _run(command: str, words: list[str], debug: bool) -> int:
@@ -70,6 +85,7 @@ def _overview() -> str:
     lines += [
         "",
         "`evis COMMAND --help` tells more. --debug shows tracebacks and every line that the processes write.",
+        STATUSES,
         "example: evis launch spinning_disk --duration 1",
     ]
     return "\n".join(lines)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,17 +25,28 @@ def add_run_option(parser: argparse.ArgumentParser) -> None:
 
 
 def find_run(run_id: str | None) -> Plan:
-    """The plan of a running graph. Raises ValueError when there is none."""
+    """The plan of a running graph; which of several it is, is said on stderr. Raises ValueError when there is none."""
     runs = live_runs()
     if run_id:
         runs = [path for path in runs if path.name.startswith(run_id)]
         if not runs:
             known = ", ".join(path.name for path in live_runs()) or "none"
             raise ValueError(f"no running graph '{run_id}'; there are: {known}")
+    plans = list(_loaded(runs))
+    if not plans:
+        raise ValueError("no graph is running; start one with `evis launch NAME`")
+    if len(plans) > 1:
+        this, *others = (f"{plan.run_id} ({plan.name})" for plan in plans)
+        line = f"{len(plans)} running graphs{f' begin with {run_id}' if run_id else ''}; this is the newest, {this}"
+        print(f"evis: {line}; --run ID takes another: {', '.join(others)}", file=sys.stderr)
+    return plans[0]
+
+
+def _loaded(runs: Iterable[Path]) -> Iterator[Plan]:
+    """Their plans; a run that ends just now has none."""
     for path in runs:
         with contextlib.suppress(OSError, ValueError):
-            return Plan.load(path / "plan.json")
-    raise ValueError("no graph is running; start one with `evis launch NAME`")
+            yield Plan.load(path / "plan.json")
 
 
 def check_topic(plan: Plan, topic: str) -> str:

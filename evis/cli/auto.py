@@ -213,13 +213,11 @@ def fingerprint(setting: Setting) -> str:
 @functools.cache
 def code_digest() -> bytes:
     """Of the code that is measured and of what measures it, as it was when first asked for."""
-    import bench
-    import evis
-    import nodes
+    from evis.neighbours import ROOT
 
     found = hashlib.sha256()
     for package, patterns in CODE.items():
-        root = Path({"nodes": nodes, "evis": evis, "bench": bench}[package].__file__ or "").parent
+        root = ROOT / package
         for path in sorted(path for pattern in patterns for path in root.glob(pattern)):
             found.update(path.relative_to(root).as_posix().encode())
             found.update(path.read_bytes())

@@ -146,6 +146,7 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
 
 
 def _stream(driver: Driver, args: argparse.Namespace, speed: float) -> int:
+    from evis.outlet import strict_output
     from nodes.camera.driver import parse_settings
     from nodes.camera.file_source import FileSettings, FileSource
 
@@ -174,7 +175,8 @@ def _stream(driver: Driver, args: argparse.Namespace, speed: float) -> int:
             on = int(events.p.sum(dtype=int))
             rate = len(events) / span / 1e6
             lost = f"  {reading.lost} bytes lost before" if reading.lost else ""
-            print(f"{reading.stamp_ns / 1e9:.6f} s  {len(events)} events  {on} ON  {rate:.3f} Mev/s{lost}", flush=True)
+            with strict_output():
+                print(f"{reading.stamp_ns / 1e9:.6f} s  {len(events)} events  {on} ON  {rate:.3f} Mev/s{lost}")
         first = reading.t0_ns if first is None else first
         if args.duration and reading.stamp_ns - first >= args.duration * 1e9:
             break

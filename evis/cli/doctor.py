@@ -59,6 +59,7 @@ def check() -> Iterator[Finding]:
         "python": _python, "packages": _packages, "extras": _extras, "machine": _machine,
         "shared memory": _shared_memory, "run directory": _run_directory, "processes": _processes, "kernels": _kernels,
         "gpu": _gpu, "libusb": _libusb, "viewer port": _port, "browser": _browser, "data": _data,
+        "unsaid": _unsaid,
     }  # fmt: skip
     for name, action in checks.items():
         try:
@@ -205,6 +206,15 @@ def _browser() -> Finding:
         if path := shutil.which(name):
             return Finding("browser", "ok", path)
     return Finding("browser", "note", "none found on this machine: open the page from another one by ssh -L")
+
+
+def _unsaid() -> Finding:
+    from evis.launch.unsaid import folder
+
+    logs = sorted(folder().glob("*.log"))
+    if not logs:
+        return Finding("unsaid", "ok", "every run could tell its user what it had to say")
+    return Finding("unsaid", "note", f"{len(logs)} run(s) lost their terminal or pipe; the newest log is {logs[-1]}")
 
 
 def _data() -> Finding:

@@ -2,36 +2,52 @@
 
 from __future__ import annotations
 
-import os
+import signal
 import sys
 import traceback
 from collections.abc import Callable
 
+READER_GONE = 128 + signal.SIGPIPE
+"""Exit status when the work is done but whoever was to read standard output had gone: 141, as shells have it."""
+
 
 def guarded(who: str, debug: bool, action: Callable[[], int]) -> int:
-    """Run `action` and turn what it raises into an exit status and one line on stderr."""
+    """Run `action` and turn what it raises into an exit status and one line on stderr.
+
+    A BrokenPipeError of standard output is the end of a stream whose reader has had enough, as `head` has, and no
+    failure. KeyboardInterrupt: its argument is the signal, SIGINT if it has none.
+    """
     from evis.cli.parser import UsageError
+    from evis.outlet import standard_streams
     from evis.paths import UnknownLaunch
 
-    try:
-        status = action()
-        sys.stdout.flush()
+    with standard_streams() as (out, _):
+        try:
+            status = action()
+        except SystemExit as end:
+            status = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+        except (UsageError, UnknownLaunch) as error:
+            status = _told(who, one_line(error), 2)
+        except KeyboardInterrupt as stop:
+            status = _told(who, "interrupted", 128 + (stop.args[0] if stop.args else signal.SIGINT))
+        except Exception as error:
+            if isinstance(error, BrokenPipeError) and error is out.error:
+                return 0
+            if debug:
+                traceback.print_exc()
+            status = _told(who, one_line(error), 1)
+        out.flush()
+        if isinstance(out.error, BrokenPipeError):
+            status = status or READER_GONE
+        elif out.error is not None:
+            where = f" and is in {out.kept_in}" if out.kept_in else ""
+            status = _told(who, f"{out.reason}; what was to be read there is not complete{where}", status or 1)
         return status
-    except (UsageError, UnknownLaunch) as error:
-        print(f"{who}: {one_line(error)}", file=sys.stderr)
-        return 2
-    except BrokenPipeError:
-        # The reader of a pipe has had enough, as `head` does; nothing more may be written at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except KeyboardInterrupt:
-        print(f"{who}: interrupted", file=sys.stderr)
-        return 1
-    except Exception as error:
-        if debug:
-            traceback.print_exc()
-        print(f"{who}: {one_line(error)}", file=sys.stderr)
-        return 1
+
+
+def _told(who: str, text: str, status: int) -> int:
+    print(f"{who}: {text}", file=sys.stderr)
+    return status
 
 
 def one_line(error: BaseException) -> str:

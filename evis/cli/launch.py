@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from evis.cli.parser import Parser, UsageError
@@ -38,14 +39,29 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("--split", action="store_true", help="every node in a process of its own")
     parser.add_argument("--no-view", action="store_true", help="no visualizer (also: EVIS_NO_VIEW=1)")
     parser.add_argument("--explain", action="store_true", help="print what would run and what is left out, and exit")
+    parser.add_argument(
+        "--no-import", action="store_true", help="with --explain: load no node that does not come with evis"
+    )
     parser.add_argument("--json", action="store_true", help="print the summary (or the plan) as JSON")
     named = next((w for w in parser.words if not w.startswith("-")), None)
     if named and any(w in ("-h", "--help") for w in parser.words):
         parser.epilog = _arguments_text(named) + EXAMPLE
     elif any(w in ("-h", "--help") for w in parser.words):
-        from evis import paths
+        parser.epilog = _installed() + EXAMPLE
 
-        parser.epilog = f"launch files: {', '.join(paths.names('launch'))}\n" + EXAMPLE
+
+def _installed() -> str:
+    """What may be named: launch files and scenes that are installed, and the sensors that `preset:=` knows."""
+    from evis import paths
+    from nodes.event_sensor.presets import PRESETS
+
+    there = {
+        "launch files": paths.names("launch"),
+        "scenes": paths.names("scenes"),
+        "sensors for preset:=": list(PRESETS),
+    }
+    lines = [fill(f"{what}: {', '.join(names)}", 100, subsequent_indent="  ") for what, names in there.items()]
+    return "\n".join([*lines, "`evis launch NAME --help` lists the arguments of one.", ""])
 
 
 def _arguments_text(name: str) -> str:
@@ -125,6 +141,8 @@ def make_plan(args: argparse.Namespace) -> Any:
     if args.target is None:
         known = sorted({*paths.names("launch"), *paths.names("scenes")})
         raise UsageError(f"name a launch file or a scene: {', '.join(known)}")
+    if args.no_import and not args.explain:
+        raise UsageError("--no-import is for --explain: a graph cannot run without its nodes")
     if args.compose and args.split:
         raise UsageError("--compose and --split exclude each other")
     if args.duration is not None and not 0 < args.duration < 1e9:
@@ -142,6 +160,7 @@ def make_plan(args: argparse.Namespace) -> Any:
         record_topics=tuple(t.strip() for t in args.record_topics.split(",") if t.strip()),
         view=not args.no_view and os.environ.get("EVIS_NO_VIEW", "") in ("", "0"),
         grouping="compose" if args.compose else "split" if args.split else "default",
+        no_import=args.no_import,
     )
     if options.record_topics and not options.record:
         raise UsageError("--record-topics needs --record BAG")

@@ -1,15 +1,19 @@
-"""A progress bar on a terminal, nothing in a pipe."""
+"""What a run says: a progress bar on a terminal, lines above it; a log takes what cannot be said."""
 
 from __future__ import annotations
 
 import sys
 from typing import Any
 
+from evis.launch.unsaid import Unsaid
+from evis.outlet import fall_back_on
+
 
 class Progress:
     """Shows simulated time, of `duration_s` where that is known."""
 
     def __init__(self, duration_s: float | None) -> None:
+        fall_back_on(Unsaid("a run of evis"))
         self._bar: Any = None
         self._first_ns: int | None = None
         if sys.stderr.isatty():

@@ -100,10 +100,15 @@ def _attached(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
     plan = find_run(args.run)
     spec.name = spec.process = f"{spec.name}.{os.getpid()}"
     attach(plan, spec, Path.cwd())
+    published = list(plan.nodes[spec.name].outputs.values())
+    for topic in published:
+        print(f"evis run: warning: {_unread(plan, spec.type, topic)}", file=sys.stderr)
     executor = Executor(plan, spec.process)
     end = None if args.duration is None else time.monotonic() + args.duration
+    heard: set[str] = set()
 
     def commands() -> None:
+        heard.update(executor.heard())
         if (end is not None and time.monotonic() > end) or not is_live(Path(plan.directory)):
             executor.stop()
 
@@ -113,6 +118,26 @@ def _attached(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
         executor.setup()
         executor.wait_connected(10.0, commands)
         executor.run(commands)
-        return {"nodes": executor.summary()}
+        summary: dict[str, Any] = {"nodes": executor.summary()}
+        if published and not heard:
+            summary["error"] = f"nobody read what {spec.type} published on {', '.join(published)}"
+            print(f"evis run: {summary['error']}", file=sys.stderr)
+        return summary
     finally:
         executor.close()
+
+
+def _unread(plan: Any, node: str, topic: str) -> str:
+    """Why what an attached node publishes reaches nobody in the graph, and what to do."""
+    from evis.launch.document import nearest
+    from evis.launch.pruning import untaken
+
+    taken = untaken(plan)
+    if topic in taken:
+        why = f"{taken[topic]} takes it only in a graph that was started with a node that publishes it"
+    elif taken:
+        near = nearest(topic, taken)
+        why = f"it would take {', '.join(taken)}" + (f" ({near})" if near.startswith("did") else "")
+    else:
+        why = "it takes no topic from outside"
+    return f"nobody in the running graph reads {topic} of {node}; {why}; put both in one launch file (`include:`)"

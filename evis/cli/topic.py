@@ -104,11 +104,13 @@ def _info(args: argparse.Namespace, plan: Any) -> int:
 
 def _echo(args: argparse.Namespace, plan: Any) -> int:
     from evis.cli.show import as_plain, as_text
+    from evis.outlet import strict_output
 
     shown = 0
     try:
         for _, message in listen(plan, args.topic, args.timeout):
-            print(json.dumps(as_plain(message, args.full)) if args.json else as_text(message, args.full), flush=True)
+            with strict_output():
+                print(json.dumps(as_plain(message, args.full)) if args.json else as_text(message, args.full))
             shown += 1
             if args.count and shown >= args.count:
                 break

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evis.cli.parser import Parser, UsageError
+from evis.outlet import delivered
 
 if TYPE_CHECKING:
     from evis.plan import Plan
@@ -53,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     if url is not None:
         if args.port:
             raise UsageError(f"--port has no effect: the graph has its page already, {url}")
-        _announce(args, url)
+        _announced(args, url)
         return 0
     return _attach(args, plan)
 
@@ -68,8 +69,10 @@ def page_of(directory: Path) -> str | None:
         return None
 
 
-def _announce(args: argparse.Namespace, url: str) -> None:
-    print(json.dumps({"url": url}) if args.json else url, flush=True)
+def _announced(args: argparse.Namespace, url: str) -> bool:
+    """Say the address. False when nobody could be told it: a page without a visitor is not worth serving."""
+    print(json.dumps({"url": url}) if args.json else url)
+    return delivered()
 
 
 def _attach(args: argparse.Namespace, plan: Plan) -> int:
@@ -80,8 +83,9 @@ def _attach(args: argparse.Namespace, plan: Plan) -> int:
     listener, _ = address.bind("127.0.0.1", args.port)
     token = secrets.token_urlsafe(16)
     lender = address.Lender(listener)
-    _announce(args, address.url(listener, token))  # who comes before the visualizer does waits for it
     try:
+        if not _announced(args, address.url(listener, token)):  # who comes before the visualizer does waits for it
+            return 0
         words = [f"token:={token}", f"listener:={lender.path}"]
         return run_node(
             argparse.Namespace(
@@ -102,8 +106,9 @@ def _play(args: argparse.Namespace) -> int:
     listener, _ = address.bind("127.0.0.1", args.port)
     token = secrets.token_urlsafe(16)
     lender = address.Lender(listener)
-    _announce(args, address.url(listener, token))
     try:
+        if not _announced(args, address.url(listener, token)):
+            return 0
         return _serve(args, plan, {"token": token, "listener": lender.path})
     finally:
         lender.close()

@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import sys
+import sysconfig
 from pathlib import Path
+from typing import Any
 
 from evis.launch.document import LaunchError, nearest
+from evis.neighbours import PACKAGES, ROOT
 from evis.node import Node
+
+_files: dict[str, list[str]] = {}
+"""Module of a node that does not come with evis -> the files that were imported for it."""
 
 
 def types() -> list[str]:
     """The node types that come with evis."""
-    spec = importlib.util.find_spec("nodes")
-    if spec is None or not spec.submodule_search_locations:
-        return []
-    folders = [Path(place) for place in spec.submodule_search_locations]
-    return sorted({p.parent.name for folder in folders for p in folder.glob("*/node.py")})
+    return sorted(path.parent.name for path in (ROOT / "nodes").glob("*/node.py"))
+
+
+def comes_with_evis(node_type: str) -> bool:
+    """Whether the code of a type is evis's own; found out without importing anything."""
+    if ":" not in node_type:
+        return True
+    top, *rest = node_type.partition(":")[0].split(".")
+    return top in (*PACKAGES, "evis") and ROOT.joinpath(top, *rest).with_suffix(".py").is_file()
+
+
+def files_of(target: str) -> list[str]:
+    """The files outside evis, Python and its packages that were imported for a node; its own module's first."""
+    return _files.get(target.partition(":")[0], [])
 
 
 def target_of(node_type: str) -> str:
@@ -36,12 +50,29 @@ def load(node_type: str, where: str, folder: Path | None = None) -> tuple[str, t
     module_name, _, class_name = target.partition(":")
     if ":" in node_type and folder is not None and str(folder) not in sys.path:
         sys.path.append(str(folder))
+    before = set(sys.modules)
     try:
         module = importlib.import_module(module_name)
     except ModuleNotFoundError as error:
         raise LaunchError(f"{where}: node type '{node_type}': no module '{error.name}'") from None
+    if not comes_with_evis(node_type):
+        _note(module_name, module, before)
     found = getattr(module, class_name, None)
     if not (isinstance(found, type) and issubclass(found, Node)):
         known = [k for k, v in vars(module).items() if isinstance(v, type) and issubclass(v, Node) and v is not Node]
         raise LaunchError(f"{where}: {module_name} has no node class '{class_name}'; {nearest(class_name, known)}")
     return target, found
+
+
+def _note(name: str, module: Any, before: set[str]) -> None:
+    """Keep which files the import of a module has brought; the second import of one brings none."""
+    known = [ROOT / package for package in (*PACKAGES, "evis")]
+    known += [Path(place).resolve() for place in sysconfig.get_paths().values()]
+    new = [m for key, m in list(sys.modules.items()) if key not in before and m is not module]
+    paths = [Path(file).resolve() for m in new if (file := getattr(m, "__file__", None))]
+    others = sorted(
+        str(path) for path in paths
+        if "site-packages" not in path.parts and not any(path.is_relative_to(place) for place in known)
+    )  # fmt: skip
+    if name not in _files:
+        _files[name] = [str(Path(module.__file__).resolve()), *others]

@@ -11,6 +11,7 @@ from evis.launch.arguments import ArgumentError
 from evis.launch.document import LaunchError
 from evis.launch.wiring import Wired
 from evis.params import ParamError
+from evis.whole_file import written_at
 
 
 def check_files(node: Wired) -> None:
@@ -53,12 +54,13 @@ def _check_device(node: Wired) -> None:
 
 def check_writable(path: Path, where: str) -> None:
     """Raise LaunchError unless a file can be made at `path`."""
-    folder = path.parent
+    place = written_at(path)
+    folder = place.parent
     if path.is_dir():
         raise LaunchError(f"{where} cannot write '{path}': it is a folder; name a file such as {path / 'a.mcap'}")
     if not folder.is_dir():
         raise LaunchError(f"{where} cannot write '{path}': there is no folder '{folder}'")
-    if not os.access(path if path.exists() else folder, os.W_OK):
+    if not os.access(place if place.exists() else folder, os.W_OK):
         raise LaunchError(f"{where} cannot write '{path}': permission denied")
 
 

@@ -13,10 +13,14 @@ from typing import IO, Any
 
 from evis.launch.death import PARENT_VARIABLE
 from evis.plan import NodePlan
+from evis.termination import STATUS
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 """One compute thread per process unless the user's environment says otherwise: more are many times slower."""
 
+_FROM_OUTSIDE = (
+    "the signal came from outside the graph (kill, a service manager, a container that is stopped): run again"
+)
 _REMEDIES = {
     signal.SIGKILL: "if nobody did that by hand, the machine ran out of memory: try fewer envs, a smaller image, less "
     "upsampling",
@@ -24,7 +28,10 @@ _REMEDIES = {
     signal.SIGBUS: "shared memory ran out: free some memory, or raise the container's limit",
     signal.SIGABRT: "a native library gave up: its last words are in the lines above",
     signal.SIGILL: "a library was built for another processor: install it again on this machine",
-    signal.SIGTERM: "somebody ended it: run again",
+    signal.SIGTERM: _FROM_OUTSIDE,
+    signal.SIGHUP: _FROM_OUTSIDE,
+    signal.SIGINT: _FROM_OUTSIDE,
+    signal.SIGQUIT: _FROM_OUTSIDE,
 }
 
 
@@ -107,6 +114,8 @@ class Child:
     def death(self) -> str:
         """One line about an exit that the process did not announce."""
         code = self.process.returncode if self.process is not None else None
+        if code == STATUS:
+            code = -signal.SIGTERM  # it has closed its files first, see evis/termination.py
         if code is not None and code < 0:
             try:
                 number = signal.Signals(-code)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import msgpack
@@ -96,11 +97,16 @@ class ControlClient:
         """Every node of this process is set up and connected."""
         self._send({"ready": self.process})
 
-    def wait_go(self, timeout: float | None = None) -> bool:
-        """Wait until all processes are ready. False when the graph is stopped instead, or after `timeout` [s]."""
+    def wait_go(self, timeout: float | None = None, meanwhile: Callable[[], None] | None = None) -> bool:
+        """Wait until all processes are ready. False when the graph is stopped instead, or after `timeout` [s].
+
+        meanwhile: called again and again.
+        """
         end = None if timeout is None else time.monotonic() + timeout
         while end is None or time.monotonic() < end:
             self._alive_at = time.monotonic()
+            if meanwhile is not None:
+                meanwhile()
             for message in self.poll(0.05):
                 if "go" in message:
                     return True

@@ -24,6 +24,11 @@ def as_text(plan: Plan) -> str:
         for node in nodes:
             shown = ", ".join(f"{k}={_shown(v)}" for k, v in node.params.items() if v is not None)
             lines.append(f"    {node.name}  ({node.target})  {shown}".rstrip())
+    if plan.unknown:
+        lines += ["", "unknown, for their code was not loaded"]
+    for said in plan.unknown:
+        lines.append(f"  {said['name']}  ({said['type']}, {said['where']})")
+        lines += [f"    {key}: {_said(value)}" for key, value in said.items() if key not in ("name", "type", "where")]
     dormant = [n.name for n in plan.nodes.values() if n.dormant]
     if dormant:
         lines += ["", "started when a viewer asks", *(f"  {name}" for name in dormant)]
@@ -31,6 +36,10 @@ def as_text(plan: Plan) -> str:
     for topic in plan.topics.values():
         readers = ", ".join(f"{e.node}" + ("" if e.kind == "lockstep" else f" ({e.kind})") for e in topic.edges)
         lines.append(f"  {topic.name}  [{topic.type}]  {topic.node} -> {readers or 'viewers only'}")
+    if plan.imports:
+        lines += ["", "imported from outside evis", *(f"  {file}" for file in plan.imports)]
+    if plan.unknown:
+        lines += ["", "an unknown node may read what nobody else does, and publish what is missing here"]
     lines += ["", "left out", *(f"  {item.what}: {item.why}" for item in plan.left_out)]
     return "\n".join(lines)
 
@@ -42,6 +51,10 @@ def as_dict(plan: Plan) -> dict[str, Any]:
         body.pop(key)
     body["processes"] = {process: [n.name for n in nodes] for process, nodes in plan.processes().items()}
     return body
+
+
+def _said(value: Any) -> str:
+    return ", ".join(f"{k}={_shown(v)}" for k, v in value.items()) if isinstance(value, dict) else _shown(value)
 
 
 def _shown(value: Any) -> str:

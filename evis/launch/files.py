@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from evis.launch.arguments import Argument, declare
 from evis.launch.document import LaunchError, Row, Table, nearest, read, submap
 from evis.launch.expression import ExpressionError, substitute
+from evis.paths import find, names
 
 TOP_KEYS = ("description", "mode", "args", "recorded", "include", "nodes")
 INCLUDE_KEYS = ("file", "args", "namespace", "if", "unless")
@@ -38,7 +40,7 @@ def load(path: Path, above: tuple[Path, ...] = ()) -> LaunchFile:
     inherited: dict[str, Argument] = {}
     for entry in _entries(table):
         entry.check_keys(INCLUDE_KEYS, "an include")
-        target = _include_path(entry, real.parent)
+        target = _include_path(entry, real)
         if target.resolve() in (*above, real):
             raise LaunchError(f"{entry.where('file')}: {target.name} includes itself")
         child = load(target, (*above, real))
@@ -59,20 +61,38 @@ def _entries(table: Table) -> list[Table]:
     if value is None:
         return []
     rows = list(zip(value, value.lines)) if isinstance(value, Row) else [(value, table.lines["include"])]
-    for entry, line in rows:
-        if not isinstance(entry, Table) or "file" not in entry:
-            raise LaunchError(f"{table.file}:{line}: an include is a map with `file:` (and `args:`)")
-    return [entry for entry, _ in rows]
+    return [_entry(table.file, entry, line) for entry, line in rows]
 
 
-def _include_path(entry: Table, folder: Path) -> Path:
+def _entry(file: str, entry: Any, line: int) -> Table:
+    """An include as a map; a name alone stands for one with that `file`."""
+    if isinstance(entry, str):
+        named = Table(file, line)
+        named["file"], named.lines["file"] = entry, line
+        return named
+    if not isinstance(entry, Table) or "file" not in entry:
+        raise LaunchError(
+            f"{file}:{line}: an include is the name of a launch file, or a map with `file:` (and `args:`)"
+        )
+    return entry
+
+
+def _include_path(entry: Table, own: Path) -> Path:
+    """The file of an include: beside the file `own` that names it, else one that comes with evis."""
+    folder = own.parent
     try:
         name = str(substitute(entry["file"], {}))
     except ExpressionError as error:
         where = entry.where("file")
         raise LaunchError(f"{where}: {error}; the file of an include cannot depend on arguments") from None
-    path = folder / name
-    if not path.is_file():
-        there = sorted(p.name for p in folder.glob("*.yaml"))
-        raise LaunchError(f"{entry.where('file')}: no file '{name}' in {folder}; {nearest(name, there)}")
-    return path
+    if (path := folder / name).is_file():
+        return path
+    if (path := folder / f"{name}.yaml").is_file() and path.resolve() != own:
+        return path
+    if "/" not in name and (shipped := find("launch", name)) is not None:
+        return shipped
+    there = [*(p.name for p in sorted(folder.glob("*.yaml"))), *names("launch")]
+    raise LaunchError(
+        f"{entry.where('file')}: no file '{name}' in {folder} and no launch file of that name comes with evis; "
+        f"{nearest(name, there)}"
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from evis.launch.catalog import comes_with_evis, files_of
 from evis.launch.checks import check_files
 from evis.launch.document import LaunchError
 from evis.launch.effects import check_effect
@@ -29,13 +31,17 @@ COMPOSED = "graph"
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line says besides arguments. grouping: `default`, `compose` or `split`."""
+    """What the command line says besides arguments. grouping: `default`, `compose` or `split`.
+
+    no_import: only nodes that come with evis are loaded; the others are shown as unknown, and the plan cannot be run.
+    """
 
     duration_s: float | None = None
     record: str | None = None
     record_topics: tuple[str, ...] = ()
     view: bool = True
     grouping: str = "default"
+    no_import: bool = False
 
     def names(self) -> dict[str, Any]:
         """The values behind arguments.OPTIONS."""
@@ -60,7 +66,8 @@ def plan_launch(
         raise LaunchError(f"--duration is {options.duration_s:g}, it must be longer than 0 s")
     expanded = expand(launch, given, options.names())
     plan = plan_nodes(expanded, launch.path.resolve().parent, options)
-    check_effect(launch, list(given) if held is None else held, expanded, plan)
+    if not plan.unknown:  # an unknown node may read what nobody else does
+        check_effect(launch, list(given) if held is None else held, expanded, plan)
     plan.name = launch.path.stem
     return plan
 
@@ -69,9 +76,10 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     """As `plan_file`, of nodes that stand already. folder: where their own modules may lie."""
     if not expanded.nodes:
         raise LaunchError(f"{expanded.file}: the graph has no node")
-    nodes = [wire(spec, folder) for spec in expanded.nodes]
+    unknown = [spec for spec in expanded.nodes if options.no_import and not comes_with_evis(spec.type)]
+    nodes = [wire(spec, folder) for spec in expanded.nodes if spec not in unknown]
     published = publishers(nodes)
-    demand = Pruner(nodes, published).run()
+    demand = Pruner(nodes, published, partial=bool(unknown)).run()
     for node in nodes:
         if node.name in demand.inputs:
             check_files(node)
@@ -85,7 +93,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
         args=dict(expanded.values),
     )
     chosen = _choose(nodes, demand)
-    if not any(node.name in demand.inputs for node in nodes):
+    if not unknown and not any(node.name in demand.inputs for node in nodes):
         raise LaunchError(f"{expanded.file}: nobody reads anything: give a node `keep: [PORT]`, or record")
     for node in chosen:
         plan.nodes[node.name] = _node_plan(node, demand, options.grouping)
@@ -98,6 +106,8 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
         for node in chosen
         if "seed" in node.cls.PARAMS and not plan.nodes[node.name].dormant
     }
+    plan.imports = list(dict.fromkeys(file for node in nodes for file in files_of(node.target)))
+    plan.unknown = [_as_written(spec) for spec in unknown]
     plan.launch_text = _resolved(expanded, nodes)
     return plan
 
@@ -238,6 +248,11 @@ def _colourless(plan: Plan) -> list[LeftOut]:
         return []
     which = "keyframes" if len(grey) == len(keyframes) else f"keyframes of {', '.join(grey)}"
     return [LeftOut(which, "luminance only; nobody reads colour")]
+
+
+def _as_written(spec: NodeSpec) -> dict[str, Any]:
+    """What a launch file says of a node, as far as it says anything."""
+    return {key: value for key, value in dataclasses.asdict(spec).items() if value and key != "param_lines"}
 
 
 def _resolved(expanded: Expanded, nodes: Sequence[Wired]) -> str:

@@ -8,8 +8,11 @@ from dataclasses import dataclass, field
 
 from evis.launch.document import LaunchError, nearest
 from evis.launch.wiring import SYSTEM_TOPICS, Wired
-from evis.plan import LeftOut
+from evis.plan import LeftOut, Plan
 from msgs.topics import find_topic
+
+ABSENT = " <- "
+"""Between a node and a topic that it would take and nobody publishes, among what is left out."""
 
 
 @dataclass
@@ -21,10 +24,16 @@ class Demand:
 
 
 class Pruner:
-    """Follows the demand for outputs upstream until nothing changes."""
+    """Follows the demand for outputs upstream until nothing changes.
 
-    def __init__(self, nodes: list[Wired], publishers: Mapping[str, tuple[Wired, str]]) -> None:
+    partial: there are nodes that were not loaded, so a topic without a publisher is no error.
+    """
+
+    def __init__(
+        self, nodes: list[Wired], publishers: Mapping[str, tuple[Wired, str]], *, partial: bool = False
+    ) -> None:
         self._nodes = nodes
+        self._partial = partial
         self._publishers = publishers
         self.demand = Demand()
 
@@ -68,7 +77,7 @@ class Pruner:
             if port in needed and port not in inputs:
                 topic = node.inputs[port]
                 if topic not in SYSTEM_TOPICS and topic not in self._publishers:
-                    if node.cls.INPUTS[port].delayed:
+                    if node.cls.INPUTS[port].delayed or self._partial:
                         continue
                     raise self._unpublished(node, topic)
                 inputs[port] = [topic]
@@ -97,12 +106,15 @@ class Pruner:
         available = [*sorted(set(self._publishers) - own), *SYSTEM_TOPICS]
         choose = getattr(node.cls, "dynamic_inputs", None)
         if choose is not None:
+            params = dict(node.params)
+            if self._partial and globs:
+                params["topics"] = [g for g in globs if fnmatch.filter(available, g)]
             try:
-                topics = list(choose(node.params, available))
+                topics = list(choose(params, available))
             except (ValueError, OSError) as error:
                 raise LaunchError(f"{node.spec.where}: {error}") from None
         elif globs:
-            topics = matching(globs, available, node.spec.where)
+            topics = matching(globs, available, node.spec.where, must=not self._partial)
         else:
             topics = [t for t in available if find_topic(t).recorded]
         named = {t for glob in globs for t in fnmatch.filter(available, glob)}
@@ -115,21 +127,28 @@ class Pruner:
         return not publisher.spec.on_demand or publisher.name in self.demand.inputs
 
 
-def matching(globs: Iterable[str], available: Iterable[str], where: str) -> list[str]:
-    """Topics that match any of the globs. Raises LaunchError for a glob that matches none."""
+def matching(globs: Iterable[str], available: Iterable[str], where: str, *, must: bool = True) -> list[str]:
+    """Topics that match any of the globs. Raises LaunchError for a glob that matches none, if it must."""
     names = list(available)
     found: set[str] = set()
     for glob in globs:
         hits = fnmatch.filter(names, glob)
-        if not hits:
+        if not hits and must:
             raise LaunchError(f"{where}: no topic matches '{glob}'; {nearest(glob, names)}")
         found.update(hits)
     return sorted(found)
 
 
+def untaken(plan: Plan) -> dict[str, str]:
+    """Topics that nodes of a graph would take and that it was started without -> the node."""
+    pairs = (item.what.partition(ABSENT) for item in plan.left_out if ABSENT in item.what)
+    return {topic: node for node, _, topic in pairs}
+
+
 def left_out(nodes: list[Wired], demand: Demand, absent: Mapping[str, str]) -> list[LeftOut]:
     """Everything that will not run or not be computed, with the reason."""
     found = [LeftOut(name, reason) for name, reason in absent.items()]
+    published = {topic for node in nodes for topic in node.outputs.values()}
     for node in nodes:
         topics = [t for t in node.outputs.values() if t not in SYSTEM_TOPICS]
         if node.name not in demand.inputs:
@@ -141,8 +160,10 @@ def left_out(nodes: list[Wired], demand: Demand, absent: Mapping[str, str]) -> l
             if port not in demand.wanted[node.name] and topic not in SYSTEM_TOPICS and not find_topic(topic).latched:
                 found.append(LeftOut(topic, "nobody reads it; made only while somebody looks at it"))
         for port, topic in node.inputs.items():
-            if node.cls.INPUTS[port].delayed and port not in demand.inputs[node.name]:
-                found.append(LeftOut(f"{node.name} <- {topic}", "nobody publishes it"))
+            if port not in demand.inputs[node.name] and (
+                node.cls.INPUTS[port].delayed or (topic not in published and topic not in SYSTEM_TOPICS)
+            ):
+                found.append(LeftOut(f"{node.name}{ABSENT}{topic}", "nobody publishes it"))
         found += [LeftOut(what, why) for what, why in {**node.cls.imports(node.params), **node.spec.spares}.items()]
     return _merged(found)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,6 +18,7 @@ from evis.launch.control import ControlServer, control_address
 from evis.launch.logs import Logs
 from evis.launch.report import Report, summarise
 from evis.launch.rundir import RunDirectory
+from evis.launch.voice import Voice
 from evis.plan import NodePlan, Plan
 
 DRAIN_S = 5.0
@@ -53,8 +53,8 @@ class Supervisor:
         debug: bool = False,
     ) -> None:
         self.plan = plan
-        self._say = say or (lambda line: print(line, file=sys.stderr, flush=True))
-        self._tick = tick or (lambda progress: None)
+        self._voice = Voice(say, tick)
+        self._say, self._tick = self._voice.say, self._voice.tick
         self._debug = debug
         self._children: dict[str, Child] = {}
         self._interrupts = 0
@@ -93,6 +93,7 @@ class Supervisor:
         finally:
             self._kill_all()
             directory.close()
+            self._voice.close()
 
     # -- set-up ------------------------------------------------------------------------------------------------------
 
@@ -119,7 +120,7 @@ class Supervisor:
 
     @contextlib.contextmanager
     def _signals(self) -> Iterator[None]:
-        """Ctrl-C and polite requests to end are counted, not raised."""
+        """Ctrl-C, polite requests to end and a lost terminal (but under nohup) are counted, not raised."""
 
         def interrupt(number: int, frame: FrameType | None) -> None:
             self._interrupts += 1
@@ -127,7 +128,9 @@ class Supervisor:
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        numbers = [signal.SIGINT, signal.SIGTERM]
+        if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+            numbers.append(signal.SIGHUP)
         before = {number: signal.signal(number, interrupt) for number in numbers}
         try:
             yield

@@ -6,6 +6,7 @@ import abc
 import difflib
 import importlib
 import os
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +15,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from evis.named_pipe import with_reader
 from evis.streams.events import Events
+from evis.whole_file import written_at
 
 _FILES = (
     "dat", "raw", "zip_text", "packed_file", "npz", "npy", "hdf5", "aedat2", "aedat3", "aedat4", "es", "rosbag1",
@@ -158,10 +161,11 @@ class Writer(abc.ABC):
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
-        self.partial = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
+        self._place = written_at(self.path)
+        self.partial = self._place.with_name(f".{self._place.name}.{os.getpid()}.part")
         self._settled = False
-        if not self.path.parent.is_dir():
-            raise RecordingError(f"{self.path}: the folder {self.path.parent} does not exist; make it first")
+        if not self._place.parent.is_dir():
+            raise RecordingError(f"{self.path}: the folder {self._place.parent} does not exist; make it first")
 
     @abc.abstractmethod
     def write(self, events: Events) -> None:
@@ -172,9 +176,14 @@ class Writer(abc.ABC):
         """Complete and close the partial file."""
 
     def close(self) -> None:
-        """Complete the file and give it its name."""
+        """Complete the file and give it its name; what is no regular file (a pipe) gets its bytes."""
         self._finish()
-        os.replace(self.partial, self.path)
+        if self._place.exists() and not self._place.is_file():
+            with with_reader(self._place), self.partial.open("rb") as whole, self._place.open("wb") as out:
+                shutil.copyfileobj(whole, out)
+            self.partial.unlink()
+        else:
+            os.replace(self.partial, self._place)
         self._settled = True
 
     def discard(self) -> None:

@@ -36,13 +36,15 @@ class RecorderNode(Node):
 
     def setup(self) -> None:
         """Open the bag, so that a path that cannot be written is known before the graph starts."""
+        from evis.named_pipe import with_reader
         from nodes.recorder.recorder import Recorder
 
         p = self.params
         self.counted: dict[str, int] = {}
-        self.recorder: Recorder = Recorder(
-            p["path"], self.runtime.plan, p["topics"], p["preview_hz"], p["event_encoding"]
-        )
+        with with_reader(p["path"], lambda line: self.runtime.diagnose(self, "info", line)):
+            self.recorder: Recorder = Recorder(
+                p["path"], self.runtime.plan, p["topics"], p["preview_hz"], p["event_encoding"]
+            )
         if backup := self.recorder.writer.backup:
             self.runtime.diagnose(self, "info", f"the older {p['path']} is now {backup}")
 

@@ -57,9 +57,8 @@ def test_every_command_has_help_with_an_example(command: str, evis: Evis) -> Non
 @pytest.mark.parametrize(("command", "action"), [("topic", a) for a in ("list", "info", "echo", "hz", "bw", "delay")]
                          + [("node", "list"), ("node", "info")])  # fmt: skip
 def test_actions_have_help_with_an_example(command: str, action: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as status:
-        main([command, action, "--help"])
-    assert status.value.code == 0 and f"example: evis {command} {action}" in capsys.readouterr().out
+    assert main([command, action, "--help"]) == 0
+    assert f"example: evis {command} {action}" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -212,7 +211,7 @@ def test_errors_become_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     def interrupted() -> int:
         raise KeyboardInterrupt
 
-    assert guarded("evis x", False, interrupted) == 1
+    assert guarded("evis x", False, interrupted) == 130
     assert capsys.readouterr().err == "evis x: interrupted\n"
 
 
@@ -220,3 +219,14 @@ def test_a_reader_that_stops_is_no_error(evis: Evis, graph: Path) -> None:
     command = f"{sys.executable} -m evis.cli launch --help | head -1; echo ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert done.stdout.splitlines()[-1] == "0" and done.stderr == ""
+
+
+def test_launch_help_names_what_is_installed(capsys: pytest.CaptureFixture[str]) -> None:
+    from evis import paths
+    from nodes.event_sensor.presets import PRESETS
+
+    assert main(["launch", "--help"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert f"launch files: {', '.join(paths.names('launch'))}" in out
+    assert f"scenes: {', '.join(paths.names('scenes'))}" in out
+    assert f"sensors for preset:=: {', '.join(PRESETS)}" in out

@@ -148,3 +148,57 @@ def test_the_run_can_be_named(running: Path, evis_here: Evis) -> None:
     run = json.loads(evis_here("topic", "list", "--json").out)["run"]
     assert evis_here("node", "list", "--run", run[:-2]).code == 0
     assert os.path.basename(run) in evis_here("node", "list", "--run", "nope").line
+
+
+def test_who_publishes_into_the_void_is_told_so(running: Path, evis: Evis) -> None:
+    result = evis("run", "graph_nodes:Loop", "camera:=cam0", "--duration", "0.5", "--json")
+    assert result.code == 1  # it would publish what the graph has
+    result = evis("run", "graph_nodes:Echo", "--duration", "0.5", "--json")
+    assert result.code == 1, result.err
+    warning, failure = (line for line in result.err.splitlines() if line)
+    assert warning.startswith("evis run: warning: nobody in the running graph reads /cam7/labels of graph_nodes:Echo")
+    assert "it takes no topic from outside" in warning and "launch file" in warning
+    assert failure == "evis run: nobody read what graph_nodes:Echo published on /cam7/labels"
+    assert "/cam7/labels" in json.loads(result.out)["error"]
+
+
+def test_the_topic_that_the_graph_would_take_is_named() -> None:
+    from evis.cli.run import _unread
+    from evis.plan import LeftOut, Plan
+
+    plan = Plan("g", "", "", left_out=[LeftOut("physics <- /action", "nobody publishes it")])
+    assert "it would take /action (did you mean '/action'?);" in _unread(plan, "my:Controller", "/actoin")
+    assert "physics takes it only in a graph that was started with" in _unread(plan, "my:Controller", "/action")
+
+
+def test_of_several_graphs_the_one_taken_is_named(
+    running: Path, evis: Evis, evis_here: Evis, runtime_folder: Path, tmp_path: Path
+) -> None:
+    def topics(*words: str) -> tuple[str, str]:
+        result = evis_here("topic", "list", "--json", *words)
+        return json.loads(result.out)["run"], result.err
+
+    first, told = topics()
+    assert told == ""
+    (tmp_path / "second.yaml").write_text(GRAPH)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "evis.cli", "launch", "second.yaml"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path, env=environment(runtime_folder),
+    )  # fmt: skip
+    try:
+        second, told = until(lambda: (found := topics())[0] != first and found)
+        (line,) = told.splitlines()
+        assert line.startswith(f"evis: 2 running graphs; this is the newest, {second} (second); --run ID takes another")
+        assert f"{first} (graph)" in line
+        assert topics("--run", first) == (first, "")
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=LIMIT_S)
+
+
+def test_echo_ends_with_its_reader(running: Path, runtime_folder: Path) -> None:
+    command = f"{sys.executable} -m evis.cli topic echo /cam0/depth | head -1; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(
+        ["bash", "-c", command], capture_output=True, text=True, env=environment(runtime_folder), timeout=LIMIT_S
+    )
+    assert done.stdout.splitlines()[-1] == "0" and done.stderr == ""

@@ -183,3 +183,23 @@ class Sleeper(Node):
         Path(self.params["marker"]).write_text("x")
         while True:
             time.sleep(0.1)
+
+
+class Torn(Ticker):
+    """A source that is told to end in the middle of something, and fails by that."""
+
+    def step(self, inputs: Mapping[str, Message]) -> bool:
+        if self.k == 5:
+            os.kill(os.getpid(), signal.SIGTERM)
+            raise ValueError("a message was released more often than it was kept")
+        return super().step(inputs)
+
+
+class Echo(Node):
+    """Depth in, a topic out that nobody else has."""
+
+    INPUTS = {"depth": Input("/cam0/depth", join=False)}
+    OUTPUTS = {"labels": Output("/cam7/labels")}
+
+    def receive(self, port: str, message: Message) -> None:
+        pass

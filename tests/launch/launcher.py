@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,13 +29,16 @@ sys.exit(main())
 
 
 class Launcher:
-    """`evis launch` in a process of its own, and its children. patient: it ends nodes by force only when asked to."""
+    """`evis launch` in a process of its own, and its children. patient: it ends nodes by force only when asked to.
 
-    def __init__(self, path: Path, *words: str, patient: bool = False) -> None:
+    before: a program that starts it, as nohup.
+    """
+
+    def __init__(self, path: Path, *words: str, patient: bool = False, before: Sequence[str] = ()) -> None:
         environment = {**os.environ, "PYTHONPATH": str(HERE)}
         how = ["-c", PATIENT] if patient else ["-m", "evis.cli"]
         self.process = subprocess.Popen(
-            [sys.executable, *how, "launch", str(path), *words],
+            [*before, sys.executable, *how, "launch", str(path), *words],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

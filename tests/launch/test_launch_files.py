@@ -161,7 +161,7 @@ def test_conditional_include_and_namespace(write: Write) -> None:
             ("graph.yaml:3", "no argument 'omgea'", "did you mean 'omega'"),
         ),
         ("include: {file: nowhere.yaml}\n", ("graph.yaml:1", "no file 'nowhere.yaml'")),
-        ("include:\n  - {file: graph.yaml}\n  - other.yaml\n", ("graph.yaml:3", "`file:`")),
+        ("include:\n  - {file: other.yaml}\n  - 7\n", ("graph.yaml:3", "`file:`")),
         ("include: {file: graph.yaml}\n", ("graph.yaml:1", "includes itself")),
         ("mode: lockstp\nnodes: {}\n", ("graph.yaml:1", "did you mean 'lockstep'")),
         ("nodes:\n  x: {type: a}\n  x: {type: b}\n", ("graph.yaml:3", "'x' stands here twice", "line 2")),
@@ -227,3 +227,24 @@ def test_the_resolved_file_makes_the_same_graph(write: Write) -> None:
     first = plan(path, n=9)
     again = plan(write(first.launch_text, "resolved.yaml"))
     assert again.nodes == first.nodes and again.topics == first.topics
+
+
+@pytest.mark.parametrize("how", ["simulator", "{file: simulator}", "[simulator.yaml]"])
+def test_an_include_by_name_is_one_that_comes_with_evis(how: str, write: Write) -> None:
+    path = write(f"args: {{scene: {{default: spinning_disk}}}}\ninclude: {how}\n", "mine.yaml")
+    assert {"physics", "renderer", "event_sensor"} <= {node.name for node in expanded(path).nodes}
+
+
+def test_a_file_beside_the_launch_file_comes_before_one_of_evis(write: Write) -> None:
+    write("nodes: {own: {type: 'graph_nodes:Ticker'}}\n", "simulator.yaml")
+    for name in ("simulator", "simulator.yaml"):
+        assert [n.name for n in expanded(write(f"include: {name}\n")).nodes] == ["own"]
+
+
+def test_a_file_of_the_name_of_what_it_includes(write: Write) -> None:
+    path = write("args: {scene: {default: spinning_disk}}\ninclude: simulator\n", "simulator.yaml")
+    assert "physics" in {node.name for node in expanded(path).nodes}
+
+
+def test_an_include_of_no_file_names_the_nearest(write: Write) -> None:
+    assert "did you mean 'simulator'?" in fails(write("include: simulater\n"))

@@ -344,3 +344,37 @@ def test_a_process_that_cannot_start_is_named(write: Write, launch: Launch, runt
     code, _, err = launcher.end()
     assert code == 1 and err.splitlines() == ["evis launch: broken: the sensor is not plugged in"]
     nothing_left(launcher, runtime)
+
+
+def test_a_node_that_is_told_to_end_from_outside_is_named_with_the_signal(
+    chain: Path, launch: Launch, runtime: Path, tmp_path: Path
+) -> None:
+    launcher = launch(chain, f"out:={tmp_path / 'out'}", f"marker:={tmp_path / 'm'}")
+    launcher.wait_for((tmp_path / "m").exists)
+    launcher.child("relay").send_signal(signal.SIGTERM)
+    code, _, err = launcher.end()
+    assert code == 1
+    told = err.splitlines()[-1]
+    assert told.startswith("evis launch: relay was ended by SIGTERM") and "from outside the graph" in told
+    assert "status 143" not in err
+    nothing_left(launcher, runtime)
+
+
+def test_what_fails_because_of_the_end_is_not_told_as_its_cause(write: Write, launch: Launch) -> None:
+    """An end in the middle of something leaves it half done; what that breaks is a consequence."""
+    code, _, err = launch(write("nodes: {torn: {type: 'graph_nodes:Torn', keep: [depth]}}\n")).end()
+    assert code == 1 and "released more often" not in err.splitlines()[-1]
+    assert err.splitlines()[-1].startswith("evis launch: torn was ended by SIGTERM")
+
+
+def test_under_nohup_a_lost_terminal_ends_nothing(write: Write, runtime: Path, tmp_path: Path) -> None:
+    path = write(
+        "nodes:\n  ticker: {type: 'graph_nodes:Ticker', keep: [depth],\n"
+        f"    params: {{count: 100, sleep: 0.01, marker: '{tmp_path / 'm'}', mark_at: 5}}}}\n"
+    )
+    launcher = Launcher(path, "--json", before=["nohup"])
+    launcher.wait_for((tmp_path / "m").exists)
+    launcher.process.send_signal(signal.SIGHUP)
+    code, out, err = launcher.end()
+    assert code == 0, err
+    assert last_json(out)["nodes"]["ticker"]["updates"] == 100

@@ -1,0 +1,92 @@
+"""Ctrl-C at any moment: exit status 130 or an orderly end, and never a traceback."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from command import environment
+
+LIMIT_S = 120.0
+STARTS = """
+import os, signal, sys
+sys.argv = ["evis", {words}]
+seen = 0
+
+def trace(frame, event, argument):
+    global seen
+    if event == "call" and sys.excepthook is not sys.__excepthook__:
+        seen += 1
+        if seen == {moment}:
+            os.kill(os.getpid(), signal.SIGINT)
+    return None
+
+sys.path.insert(0, {folder!r})
+sys.settrace(trace)
+from evis.cli import main
+sys.exit(main())
+"""
+"""The program with Ctrl-C at the so-many-th call of a function after its first lines, wherever that is."""
+
+
+@pytest.mark.parametrize("moment", [1, 2, 3, 10, 40, 150, 400, 1000, 2500, 6000])
+def test_ctrl_c_at_the_so_many_th_call_from_the_first_line_on(
+    moment: int, runtime_folder: Path, tmp_path: Path
+) -> None:
+    root = str(Path(__file__).parents[2])
+    code = STARTS.format(words="'launch', 'spinning_disk', '--explain'", moment=moment, folder=root)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, env=environment(runtime_folder),
+        timeout=LIMIT_S,
+    )  # fmt: skip
+    assert done.returncode == 130, done.stderr
+    assert done.stderr in ("evis: interrupted\n", "evis launch: interrupted\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_ctrl_c_after_many_delays(runtime_folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "graph.yaml").write_text(
+        "nodes: {ticker: {type: 'graph_nodes:Ticker', keep: [depth], params: {count: 0, sleep: 0.01}}}\n"
+    )
+    for step in range(60):
+        process = subprocess.Popen(
+            [sys.executable, "-m", "evis.cli", "launch", "graph.yaml"],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path, env=environment(runtime_folder),
+        )  # fmt: skip
+        time.sleep(0.15 + 0.03 * step)
+        process.send_signal(signal.SIGINT)
+        _, told = process.communicate(timeout=LIMIT_S)
+        # Before the first line of evis Python itself answers, as it does for every program.
+        early = process.returncode == -signal.SIGINT and "/evis/" not in told
+        assert early or (process.returncode in (0, 130) and "Traceback" not in told), (step, told)
+
+
+def test_ctrl_c_in_a_finalizer_is_not_forgotten() -> None:
+    code = (
+        "import sys; sys.argv = ['evis']\nimport evis, time\n"
+        "class A:\n    def __del__(self): raise KeyboardInterrupt\n"
+        "A()\ntime.sleep(60)"
+    )
+    root = str(Path(__file__).parents[2])
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=50, cwd=root)
+    assert done.returncode == 130 and done.stderr == "evis: interrupted\n"
+
+
+def test_a_library_user_keeps_pythons_ways() -> None:
+    code = "import sys; before = sys.excepthook, sys.unraisablehook; import evis.cli\n"
+    code += "assert (sys.excepthook, sys.unraisablehook) == before"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=Path(__file__).parents[2])
+
+
+def test_a_signal_gives_its_status() -> None:
+    from evis.cli.failure import guarded
+
+    def ended(number: int) -> int:
+        raise KeyboardInterrupt(number)
+
+    assert guarded("evis", False, lambda: ended(signal.SIGTERM)) == 143
