@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from evis.secret import Redactor
+
 
 @dataclass
 class Edge:
@@ -82,6 +84,14 @@ class Plan:
     chosen: dict[str, Any] = field(default_factory=dict)
     """Arguments that were chosen for the user (interpolator:=auto), and `why`; empty when there are none."""
 
+    secrets: list[str] = field(default_factory=list)
+    """Values of secret parameters and arguments; what others may read is made of `redacted`."""
+
+    def redacted(self) -> Plan:
+        """The plan without its secrets."""
+        hide = Redactor(self.secrets)
+        return Plan._of({**hide.value(dataclasses.asdict(self)), "directory": self.directory, "secrets": []})
+
     def processes(self) -> dict[str, list[NodePlan]]:
         """Process name -> its nodes in data-flow order, dormant ones left out."""
         result: dict[str, list[NodePlan]] = {}
@@ -97,7 +107,10 @@ class Plan:
     @staticmethod
     def load(path: Path) -> Plan:
         """Read what `save` wrote."""
-        raw = json.loads(path.read_text())
+        return Plan._of(json.loads(path.read_text()))
+
+    @staticmethod
+    def _of(raw: dict[str, Any]) -> Plan:
         nodes = {k: NodePlan(**v) for k, v in raw.pop("nodes").items()}
         topics = {k: TopicPlan(**{**v, "edges": [Edge(**e) for e in v["edges"]]}) for k, v in raw.pop("topics").items()}
         left_out = [LeftOut(**v) for v in raw.pop("left_out")]

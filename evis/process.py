@@ -17,6 +17,7 @@ from evis.host import NodeFailed, describe
 from evis.launch.control import ControlClient, control_address
 from evis.launch.death import die_with_parent
 from evis.plan import Plan
+from evis.secret import Redactor
 
 BARRIER_S = 1800.0
 """Longest wait for the other processes [s]: their setup may compile kernels for the first time, minutes on a small
@@ -38,14 +39,15 @@ def main(argv: list[str]) -> int:
     control = ControlClient(control_address(plan.directory), process)
     executor = None
     try:
-        executor = Executor(plan, process, request=control.want)
+        executor = Executor(plan, process, request=control.want, tell=control.tell)
         _run(executor, control)
         return 0
     except Exception as error:
         cause = error.__cause__ if isinstance(error, NodeFailed) and error.__cause__ else error
-        traceback.print_exception(cause)
+        hide = executor.redactor if executor is not None else Redactor(plan.secrets)
+        print(hide.text("".join(traceback.format_exception(cause))), file=sys.stderr, flush=True)
         node = error.node if isinstance(error, NodeFailed) else process
-        control.failed(node, describe(cause))
+        control.failed(node, hide.text(describe(cause)))
         return 1
     finally:
         if executor is not None:

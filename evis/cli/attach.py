@@ -24,7 +24,7 @@ def add_run_option(parser: argparse.ArgumentParser) -> None:
 
 
 def find_run(run_id: str | None) -> Plan:
-    """The plan of a running graph. Raises ValueError when there is none."""
+    """The plan of a running graph, without its secrets. Raises ValueError when there is none."""
     runs = live_runs()
     if run_id:
         runs = [path for path in runs if path.name.startswith(run_id)]
@@ -33,7 +33,7 @@ def find_run(run_id: str | None) -> Plan:
             raise ValueError(f"no running graph '{run_id}'; there are: {known}")
     for path in runs:
         with contextlib.suppress(OSError, ValueError):
-            return Plan.load(path / "plan.json")
+            return Plan.load(path / "plan.json").redacted()
     raise ValueError("no graph is running; start one with `evis launch NAME`")
 
 

@@ -52,9 +52,10 @@ def _arguments_text(name: str) -> str:
     width = max((len(key) for key in launch.arguments), default=0) + 1
     for key, argument in launch.arguments.items():
         param = argument.param
-        default = preset.get(key, param.default)
+        default = None if param.secret else preset.get(key, param.default)
         unit = f" {param.unit}" if param.unit else ""
-        notes = ["required"] if argument.required and key not in preset else []
+        notes = ["secret: as env:NAME or file:PATH it does not show in ps"] if param.secret else []
+        notes += ["required"] if argument.required and key not in preset else []
         if default is not None and not notes:
             notes.append(f"default {_shown(default)}{unit}")
         if param.minimum is not None and param.maximum is not None:

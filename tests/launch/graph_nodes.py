@@ -183,3 +183,23 @@ class Sleeper(Node):
         Path(self.params["marker"]).write_text("x")
         while True:
             time.sleep(0.1)
+
+
+class Gossip(Node):
+    """Has a secret and tells it and its address wherever a node can."""
+
+    PARAMS = {
+        "password": Param(str, None, "a secret", optional=True, secret=True),
+        "url": Param(str, "", "somewhere"),
+        "fails": Param(bool, False, "to set itself up"),
+    }
+
+    def setup(self) -> None:
+        self.at = 0.0
+        if self.params["fails"]:
+            raise ValueError(f"I cannot call {self.params['url']} with {self.params['password']}")
+
+    def idle(self) -> None:
+        if time.monotonic() > self.at + 0.5:
+            self.at = time.monotonic()
+            self.warn(f"I call {self.params['url']} with {self.params['password']!r}")

@@ -72,6 +72,8 @@ class FakeRuntime:
         self.taps: dict[str, FakeTap] = {}
         self.requested: list[str] = []
         self.said: list[tuple[str, str]] = []
+        self.told: list[str] = []
+        self.hidden: list[str] = []
         self.refuse: str = ""
 
     def open_tap(self, node: Any, topic: str, callback: Callable[[Message], None]) -> FakeTap:
@@ -86,6 +88,12 @@ class FakeRuntime:
 
     def diagnose(self, node: Any, level: str, text: str) -> None:
         self.said.append((level, text))
+
+    def tell(self, node: Any, text: str) -> None:
+        self.told.append(text)
+
+    def hide(self, secret: str) -> None:
+        self.hidden.append(secret)
 
     def count(self, node: Any, name: str, amount: float) -> None:
         raise AssertionError(f"{node.name} counted {amount} {name}")
