@@ -1,14 +1,17 @@
 """Who gets in: connections that have not shown the token are few and short, and those that have are not too many.
 
 A connection is a stranger until one of its requests has shown the token. A stranger has HEAD_S for that and may send
-HEAD_BYTES; where there are too many strangers the oldest goes, so that no number of them keeps a viewer out: one who
-sends the token at once is in long before its turn comes.
+HEAD_BYTES; where there are too many strangers the oldest goes. No more are taken than STRANGERS per GRACE_S, the others
+wait in the system's queue, so that however many come, each has GRACE_S (less what comes at once), which is plenty for
+one who knows the token.
 """
 
 from __future__ import annotations
 
 import asyncio
+import errno
 import resource
+import socket
 from collections.abc import Callable
 
 from aiohttp import web
@@ -20,8 +23,11 @@ HEAD_BYTES = 1 << 15
 STRANGERS = 256
 FRIENDS = 600
 """Most connections without and with the token, where the limit of open files allows so many."""
-ACCEPTED = 64
-"""Connections taken per turn of the loop: a quarter of STRANGERS, as from its opening to the token are three turns."""
+GRACE_S = 1.0
+AT_ONCE = 64
+"""Connections that are taken without a wait, as a page opens several."""
+REST_S = 0.5
+"""Wait after the system has refused to hand a connection over (too many open files) [s]."""
 WAITING = 512
 """Connections that the system holds until they are taken."""
 REFUSED, DROPPED = "requests_refused", "connections_dropped"
@@ -29,7 +35,7 @@ REFUSED, DROPPED = "requests_refused", "connections_dropped"
 
 
 class Gate:
-    """The factory of a server's connections. `inner` makes what answers them; `count` takes the name of a counter."""
+    """The connections of a server. `inner` makes what answers each; `count` takes the name of a counter."""
 
     def __init__(self, inner: Callable[[], asyncio.Protocol], count: Callable[[str], None]) -> None:
         files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
@@ -41,8 +47,23 @@ class Gate:
         self.friends: set[Connection] = set()
         self._inner = inner
 
-    def __call__(self) -> Connection:
-        return Connection(self, self._inner())
+    async def serve(self, listener: socket.socket) -> None:
+        """Take connections until cancelled."""
+        loop = asyncio.get_running_loop()
+        listener.setblocking(False)
+        listener.listen(WAITING)
+        each = GRACE_S / self.most_strangers
+        due = loop.time()
+        while True:
+            try:
+                taken, _ = await loop.sock_accept(listener)
+                await loop.connect_accepted_socket(lambda: Connection(self, self._inner()), taken)
+            except OSError as error:
+                if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
+                    self.count(DROPPED)
+                    await asyncio.sleep(REST_S)
+            due = max(due, loop.time() - AT_ONCE * each) + each
+            await asyncio.sleep(due - loop.time())
 
     def enter(self, connection: Connection) -> None:
         """A connection has been opened; the oldest stranger goes where there are too many."""

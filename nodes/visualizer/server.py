@@ -166,11 +166,12 @@ class Server:
         await runner.setup()
         assert runner.server is not None
         self.gate = gate.Gate(runner.server, self._hub.count)
-        server = await self._loop.create_server(self.gate, sock=self._listener, backlog=gate.ACCEPTED)
+        doorman = asyncio.create_task(self.gate.serve(self._listener))
         try:
-            self._listener.listen(gate.WAITING)
             self._ready.set()
             await self._stop.wait()
         finally:
-            server.close()
+            doorman.cancel()
+            await asyncio.gather(doorman, return_exceptions=True)
+            self._listener.close()
             await runner.cleanup()
