@@ -20,6 +20,7 @@ from aiohttp import WSMsgType, web
 from nodes.visualizer import catalog
 from nodes.visualizer.gate import REFUSED
 from nodes.visualizer.hub import Hub, PanelKey
+from nodes.visualizer.statistics import plain
 from nodes.visualizer.views.part import Part
 
 MOST_BYTES = 1 << 16
@@ -35,7 +36,10 @@ STATUS_S = 0.5
 def bundle(parts: list[tuple[str, Part]]) -> bytes:
     """The wire form of (panel id, part) pairs."""
     head = [{"panel": i, "kind": p.kind, "bytes": len(p.payload), **p.meta} for i, p in parts]
-    text = json.dumps(head, allow_nan=False, separators=(",", ":")).encode()
+    try:
+        text = json.dumps(head, allow_nan=False, separators=(",", ":")).encode()
+    except ValueError:  # a number that is none, as a recording may have it
+        text = json.dumps(plain(head), allow_nan=False, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)  # payloads of 32-bit words start aligned
     body = b"".join(p.payload + b"\0" * (-len(p.payload) % 4) for _, p in parts)
     return struct.pack("<I", len(text)) + text + body
