@@ -43,15 +43,17 @@ class Executor:
         *,
         request: Callable[[str], None] | None = None,
         tell: Callable[[str, str], None] | None = None,
+        redactor: Redactor | None = None,
     ) -> None:
         """Build the nodes. `request` asks the supervisor to start the dormant node of a topic.
 
-        tell: takes a node's name and a line that is for the user's eyes alone; to stderr if not given.
+        tell: takes a node's name and a line that is for the user's eyes alone; to stderr if not given. redactor: the
+        process's, of the plan's secrets if not given.
         """
         self.plan = plan
         self.profile = Profile()
         self.stopping = False
-        self.redactor = Redactor(plan.secrets)
+        self._redactor = redactor or Redactor(plan.secrets)
         self._request = request
         self._tell = tell or (lambda name, text: print(f"{name}: {text}", file=sys.stderr, flush=True))
         self._context = zmq.Context()
@@ -59,7 +61,7 @@ class Executor:
         self._taps: list[Tap] = []
         self._last_idle = 0.0
         self._wiring = Wiring(plan, process, self._context)
-        self._telemetry = Telemetry(plan, process, self._context, self.profile, self.redactor)
+        self._telemetry = Telemetry(plan, process, self._context, self.profile, self._redactor)
         self._hosts = self._wiring.hosts
         self._subscriptions: list[Subscription] = [s for h in self._hosts.values() for s in h.subscriptions]
         self._publishers: list[Publisher] = [p for h in self._hosts.values() for p in h.publishers.values()]
@@ -388,7 +390,7 @@ class Executor:
 
     def hide(self, secret: str) -> None:
         """See Node.hide."""
-        self.redactor.add(secret)
+        self._redactor.add(secret)
 
     def open_tap(self, node: Node, topic: str, callback: Callable[[Message], None]) -> Tap:
         """Subscribe a running topic, lossily. `callback` runs on this thread; arrays are valid while it runs."""

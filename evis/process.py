@@ -17,7 +17,7 @@ from evis.host import NodeFailed, describe
 from evis.launch.control import ControlClient, control_address
 from evis.launch.death import die_with_parent
 from evis.plan import Plan
-from evis.secret import Redactor
+from evis.secret import Redactor, Veil
 
 BARRIER_S = 1800.0
 """Longest wait for the other processes [s]: their setup may compile kernels for the first time, minutes on a small
@@ -36,16 +36,17 @@ def main(argv: list[str]) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is the supervisor's to handle, in order
     signal.signal(signal.SIGTERM, _terminate)
     plan = Plan.load(Path(plan_path))
+    hide = Redactor(plan.secrets)
+    sys.stdout, sys.stderr = Veil(sys.stdout, hide), Veil(sys.stderr, hide)  # type: ignore[assignment]
     control = ControlClient(control_address(plan.directory), process)
     executor = None
     try:
-        executor = Executor(plan, process, request=control.want, tell=control.tell)
+        executor = Executor(plan, process, request=control.want, tell=control.tell, redactor=hide)
         _run(executor, control)
         return 0
     except Exception as error:
         cause = error.__cause__ if isinstance(error, NodeFailed) and error.__cause__ else error
-        hide = executor.redactor if executor is not None else Redactor(plan.secrets)
-        print(hide.text("".join(traceback.format_exception(cause))), file=sys.stderr, flush=True)
+        traceback.print_exception(cause)
         node = error.node if isinstance(error, NodeFailed) else process
         control.failed(node, hide.text(describe(cause)))
         return 1

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 from urllib.parse import quote
 
 HIDDEN = "<secret>"
@@ -56,6 +56,22 @@ class Redactor:
         if isinstance(value, int) and str(value) in self._forms:
             return HIDDEN  # YAML takes a secret of digits for a number
         return value
+
+
+class Veil:
+    """A text stream without secrets: for what libraries and nodes print, piece by piece as it is written."""
+
+    def __init__(self, stream: TextIO, redactor: Redactor) -> None:
+        self._stream = stream
+        self._redactor = redactor
+
+    def write(self, text: str) -> int:
+        """As of the stream behind it."""
+        self._stream.write(self._redactor.text(text))
+        return len(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 def fetch(given: str) -> str:

@@ -196,7 +196,9 @@ class Gossip(Node):
 
     def setup(self) -> None:
         self.at = 0.0
+        print(f"{self.name}: I print {self.params['password']}", flush=True)
         if self.params["fails"]:
+            os.write(2, f"{self.name}: I write {self.params['url']} past Python\n".encode())
             raise ValueError(f"I cannot call {self.params['url']} with {self.params['password']}")
 
     def idle(self) -> None:

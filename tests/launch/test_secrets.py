@@ -139,6 +139,7 @@ def test_a_failure_shows_no_secret(write: Callable[..., Path], launch: Callable[
     code, out, err = launch(write(text), f"token:={TOKEN}", f"password:={PASSWORD}", "--json", "--debug").end()
     assert code == 1 and "gossip: I cannot call http://127.0.0.1/?token=<secret>&more" in err
     assert "Traceback" in err and json.loads(out)["error"].startswith("gossip: I cannot call")
+    assert "gossip: I write http://127.0.0.1/?token=<secret>&more past Python" in err
     assert betrayed(out + err) == []
 
 

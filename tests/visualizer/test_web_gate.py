@@ -128,6 +128,7 @@ def test_a_byte_at_a_time_does_not_prolong_it(make_site: Callable[..., Site], mo
 def test_strangers_keep_no_viewer_out(make_site: Callable[..., Site], monkeypatch: pytest.MonkeyPatch) -> None:
     """However many hold a connection: the oldest go, a viewer gets the page, and one who looks goes on looking."""
     monkeypatch.setattr(gate, "STRANGERS", 16)
+    monkeypatch.setattr(gate, "HEAD_S", 1e6)
     monkeypatch.setattr(gate, "GRACE_S", 0.1)
     site = make_site()
 
