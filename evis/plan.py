@@ -89,8 +89,8 @@ class Plan:
 
     def redacted(self) -> Plan:
         """The plan without its secrets."""
-        hide = Redactor(self.secrets)
-        return Plan._of({**hide.value(dataclasses.asdict(self)), "directory": self.directory, "secrets": []})
+        plan: Plan = Redactor(self.secrets).value(self)
+        return dataclasses.replace(plan, directory=self.directory, secrets=[])
 
     def processes(self) -> dict[str, list[NodePlan]]:
         """Process name -> its nodes in data-flow order, dormant ones left out."""
@@ -107,10 +107,7 @@ class Plan:
     @staticmethod
     def load(path: Path) -> Plan:
         """Read what `save` wrote."""
-        return Plan._of(json.loads(path.read_text()))
-
-    @staticmethod
-    def _of(raw: dict[str, Any]) -> Plan:
+        raw = json.loads(path.read_text())
         nodes = {k: NodePlan(**v) for k, v in raw.pop("nodes").items()}
         topics = {k: TopicPlan(**{**v, "edges": [Edge(**e) for e in v["edges"]]}) for k, v in raw.pop("topics").items()}
         left_out = [LeftOut(**v) for v in raw.pop("left_out")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 from collections.abc import Iterable
@@ -45,7 +46,7 @@ class Redactor:
         return text
 
     def value(self, value: Any) -> Any:
-        """The same for a plain value: maps (keys too) and lists are gone through, other numbers stay."""
+        """The same for a value: maps (keys too), lists and data classes are gone through, other numbers stay."""
         if isinstance(value, str):
             return self.text(value)
         if isinstance(value, dict):
@@ -53,6 +54,8 @@ class Redactor:
         if isinstance(value, (list, tuple)):
             items = [self.value(item) for item in value]
             return items if isinstance(value, list) else tuple(items)
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            return dataclasses.replace(value, **{k: self.value(v) for k, v in vars(value).items()})
         if isinstance(value, int) and str(value) in self._forms:
             return HIDDEN  # YAML takes a secret of digits for a number
         return value
