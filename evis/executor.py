@@ -7,6 +7,7 @@ bounded, and no wait inside a node can close a circle of waits between processes
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -21,6 +22,7 @@ from evis.host import SYSTEM_TOPICS, Host, Inside, NodeFailed, Subscription, Wir
 from evis.node import Node
 from evis.plan import Plan
 from evis.profile import Profile
+from evis.secret import Redactor
 from evis.tap import Tap
 from evis.telemetry import Telemetry
 from evis.wakeup import Wakeup
@@ -34,18 +36,32 @@ Commands = Callable[[], None]
 class Executor:
     """All nodes of one process of a plan."""
 
-    def __init__(self, plan: Plan, process: str, *, request: Callable[[str], None] | None = None) -> None:
-        """Build the nodes. `request` asks the supervisor to start the dormant node of a topic."""
+    def __init__(
+        self,
+        plan: Plan,
+        process: str,
+        *,
+        request: Callable[[str], None] | None = None,
+        tell: Callable[[str, str], None] | None = None,
+        redactor: Redactor | None = None,
+    ) -> None:
+        """Build the nodes. `request` asks the supervisor to start the dormant node of a topic.
+
+        tell: takes a node's name and a line that is for the user's eyes alone; to stderr if not given. redactor: the
+        process's, of the plan's secrets if not given.
+        """
         self.plan = plan
         self.profile = Profile()
         self.stopping = False
+        self._redactor = redactor or Redactor(plan.secrets)
         self._request = request
+        self._tell = tell or (lambda name, text: print(f"{name}: {text}", file=sys.stderr, flush=True))
         self._context = zmq.Context()
         self._wakeup = Wakeup()
         self._taps: list[Tap] = []
         self._last_idle = 0.0
         self._wiring = Wiring(plan, process, self._context)
-        self._telemetry = Telemetry(plan, process, self._context, self.profile)
+        self._telemetry = Telemetry(plan, process, self._context, self.profile, self._redactor)
         self._hosts = self._wiring.hosts
         self._subscriptions: list[Subscription] = [s for h in self._hosts.values() for s in h.subscriptions]
         self._publishers: list[Publisher] = [p for h in self._hosts.values() for p in h.publishers.values()]
@@ -371,6 +387,14 @@ class Executor:
     def diagnose(self, node: Node, level: str, text: str) -> None:
         """One line to the process's log, and one Diagnostics message."""
         self._telemetry.say(self._hosts.get(node.name), node.name, level, text)
+
+    def tell(self, node: Node, text: str) -> None:
+        """See Node.tell."""
+        self._tell(node.name, text)
+
+    def hide(self, secret: str) -> None:
+        """See Node.hide."""
+        self._redactor.add(secret)
 
     def open_tap(self, node: Node, topic: str, callback: Callable[[Message], None]) -> Tap:
         """Subscribe a running topic, lossily. `callback` runs on this thread; arrays are valid while it runs."""

@@ -151,6 +151,14 @@ class Node:
         """
         return self.runtime.loan_on(self, port, device, arrays)
 
+    def tell(self, text: str) -> None:
+        """Say one line to the user alone: it goes to no log, no topic and no bag."""
+        self.runtime.tell(self, text)
+
+    def hide(self, secret: str) -> None:
+        """Keep a secret that this node has made for itself out of logs and diagnostics."""
+        self.runtime.hide(secret)
+
     def publish(self, port: str, message: Message) -> None:
         """Send a message on an output; blocks while a declared consumer is behind. Fills header.seq."""
         self.runtime.publish(self, port, message)

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from evis.secret import SecretError, fetch
+
 
 class ParamError(ValueError):
     """A parameter that a node does not have or cannot take. The text names the node, the key and the remedy."""
@@ -18,7 +20,8 @@ class ParamError(ValueError):
 class Param:
     """One parameter: `type` is int, float, str, bool or list; minimum and maximum are inclusive.
 
-    `default=None` with `optional=True` means "not given".
+    `default=None` with `optional=True` means "not given". secret: a text that stays out of bags, logs and errors, and
+    may be given as `env:NAME` or `file:PATH`, which a list of processes does not show.
     """
 
     type: type
@@ -29,11 +32,14 @@ class Param:
     maximum: float | None = None
     choices: tuple[Any, ...] = ()
     optional: bool = False
+    secret: bool = False
 
     def convert(self, owner: str, key: str, value: Any) -> Any:
         """`value` (from YAML or a command line string) as this parameter's type. Raises ParamError."""
         if value is None and self.optional:
             return None
+        if self.secret:
+            return self._secret(owner, key, value)
         value = self._cast(owner, key, value)
         if isinstance(value, float) and not math.isfinite(value):
             raise ParamError(f"{owner}: {key} is {value}; it must be finite")
@@ -47,6 +53,15 @@ class Param:
         if self.maximum is not None and value > self.maximum:
             raise ParamError(f"{owner}: {key} is {value}{unit}, the most is {self.maximum:g}{unit}")
         return value
+
+    def _secret(self, owner: str, key: str, value: Any) -> str:
+        """As `convert`, and no error shows the value."""
+        if isinstance(value, (dict, list, tuple)):
+            raise ParamError(f"{owner}: {key} must be {_NAMES[str]}")
+        try:
+            return fetch(str(value))
+        except SecretError as error:
+            raise ParamError(f"{owner}: {key}: {error}") from None
 
     def _cast(self, owner: str, key: str, value: Any) -> Any:
         wrong = ParamError(f"{owner}: {key} is {value!r}, must be {_NAMES[self.type]}")

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from evis.secret import Redactor
+
 
 @dataclass
 class Edge:
@@ -88,6 +90,13 @@ class Plan:
     """Files outside evis that were imported for the nodes, before anything runs."""
     unknown: list[dict[str, Any]] = field(default_factory=list)
     """Nodes whose code was not loaded (`--no-import`): what the launch file says of them."""
+    secrets: list[str] = field(default_factory=list)
+    """Values of secret parameters and arguments; what others may read is made of `redacted`."""
+
+    def redacted(self) -> Plan:
+        """The plan without its secrets."""
+        plan: Plan = Redactor(self.secrets).value(self)
+        return dataclasses.replace(plan, directory=self.directory, secrets=[])
 
     def processes(self) -> dict[str, list[NodePlan]]:
         """Process name -> its nodes in data-flow order, dormant ones left out."""

@@ -17,6 +17,7 @@ from evis.launch.control import ControlClient, control_address
 from evis.launch.death import die_with_parent
 from evis.outlet import standard_streams
 from evis.plan import Plan
+from evis.secret import Redactor, Veil
 from evis.termination import STATUS, Termination
 
 BARRIER_S = 1800.0
@@ -36,10 +37,12 @@ def _main(argv: list[str]) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is the supervisor's to handle, in order
     termination = Termination()
     plan = Plan.load(Path(plan_path))
+    hide = Redactor(plan.secrets)
+    sys.stdout, sys.stderr = Veil(sys.stdout, hide), Veil(sys.stderr, hide)  # type: ignore[assignment]
     control = ControlClient(control_address(plan.directory), process)
     executor = None
     try:
-        executor = Executor(plan, process, request=control.want)
+        executor = Executor(plan, process, request=control.want, tell=control.tell, redactor=hide)
         _run(executor, control, termination)
         return 0
     except Exception as error:
@@ -48,7 +51,7 @@ def _main(argv: list[str]) -> int:
         if termination.asked:
             return STATUS  # it was broken off in the middle of something: that is no failure of the node's
         node = error.node if isinstance(error, NodeFailed) else process
-        control.failed(node, describe(cause))
+        control.failed(node, hide.text(describe(cause)))
         return 1
     finally:
         if executor is not None:

@@ -11,6 +11,7 @@ from evis.bus import Publisher, endpoints_for
 from evis.host import SYSTEM_TOPICS, Host, system_topic
 from evis.plan import Plan
 from evis.profile import Profile
+from evis.secret import Redactor
 from msgs.diagnostics import Diagnostics
 from msgs.header import Header
 from msgs.topics import find_topic
@@ -25,8 +26,9 @@ TAP_HZ = 1000.0
 class Telemetry:
     """Publishers of the system topics of one process."""
 
-    def __init__(self, plan: Plan, process: str, context: zmq.Context, profile: Profile) -> None:
+    def __init__(self, plan: Plan, process: str, context: zmq.Context, profile: Profile, redactor: Redactor) -> None:
         self._profile = profile
+        self._redactor = redactor
         self._started = time.monotonic_ns()
         self._sent_at = time.monotonic()
         self.publishers = {
@@ -55,7 +57,8 @@ class Telemetry:
             self.publishers["/clock"].send(Clock(Header(profile.stamp_ns), real_time_factor=since / wall))
 
     def say(self, host: Host | None, name: str, level: str, text: str) -> None:
-        """One line in the process's log and one Diagnostics message."""
+        """One line in the process's log and one Diagnostics message, both without secrets."""
+        text = self._redactor.text(text)
         print(f"{name}: {text}" if level == "info" else f"{name}: {level}: {text}", file=sys.stderr, flush=True)
         self.publishers["/diagnostics"].send(self._diagnostics(host, name, level, text))
 

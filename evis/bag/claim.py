@@ -19,6 +19,7 @@ def claim(path: Path) -> tuple[int, Path | None]:
     The old file becomes `<name>.bak`, or `<name>.bak2`, ... where there is such a one already, once the new one is
     open. A bag without any message, as a run leaves that failed at its start, is not kept. A symbolic link stays: what
     it leads to is written, and put aside there. Raises BagError, also for a bag that another process still records.
+    Who may read the bag is what the user's umask says.
     """
     name, path = path, written_at(path)
     try:
@@ -34,7 +35,7 @@ def claim(path: Path) -> tuple[int, Path | None]:
             _check_free(path)
             backup = None if _has_nothing(path) else _free_name(path)
         fresh = path.with_name(f".{path.name}.{os.getpid()}")
-        descriptor = os.open(fresh, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+        descriptor = os.open(fresh, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX)
             if backup:

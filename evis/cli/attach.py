@@ -25,7 +25,10 @@ def add_run_option(parser: argparse.ArgumentParser) -> None:
 
 
 def find_run(run_id: str | None) -> Plan:
-    """The plan of a running graph; which of several it is, is said on stderr. Raises ValueError when there is none."""
+    """The plan of a running graph, without its secrets; which of several it is, is said on stderr.
+
+    Raises ValueError when there is none.
+    """
     runs = live_runs()
     if run_id:
         runs = [path for path in runs if path.name.startswith(run_id)]
@@ -46,7 +49,7 @@ def _loaded(runs: Iterable[Path]) -> Iterator[Plan]:
     """Their plans; a run that ends just now has none."""
     for path in runs:
         with contextlib.suppress(OSError, ValueError):
-            yield Plan.load(path / "plan.json")
+            yield Plan.load(path / "plan.json").redacted()
 
 
 def check_topic(plan: Plan, topic: str) -> str:

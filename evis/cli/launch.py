@@ -79,13 +79,14 @@ def _arguments_text(name: str) -> str:
     lines += [f"{path.name}: {launch.description}", "arguments:"]
     for key, argument in launch.arguments.items():
         required = argument.required and key not in preset
-        lines.append(_line(key, argument.param, width, preset.get(key, argument.param.default), required))
+        lines.append(_line(key, argument.param, width, None if argument.param.secret else preset.get(key), required))
     return "\n".join(lines) + "\n\n"
 
 
 def _line(key: str, param: Any, width: int, default: Any = None, required: bool = False) -> str:
-    default = param.default if default is None else default
-    notes = ["required"] if required else []
+    default = None if param.secret else param.default if default is None else default
+    notes = ["secret: as env:NAME or file:PATH it does not show in ps"] if param.secret else []
+    notes += ["required"] if required else []
     if default is not None and not notes:
         notes.append(f"default {_shown(default)}" + (f" {param.unit}" if param.unit else ""))
     if param.minimum is not None and param.maximum is not None:

@@ -98,7 +98,7 @@ def _type(args: argparse.Namespace, plan: Any) -> int:
     except LaunchError as error:
         raise ValueError(str(error).removeprefix(": ")) from None
     params = {
-        key: {"type": p.type.__name__, "default": p.default, "unit": p.unit, "help": p.help}
+        key: {"type": p.type.__name__, "default": None if p.secret else p.default, "unit": p.unit, "help": p.help}
         for key, p in cls.PARAMS.items()
     }
     inputs = {port: i.topic for port, i in cls.INPUTS.items()}

@@ -7,7 +7,6 @@ import json
 import os
 import secrets
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -118,23 +117,18 @@ def _serve(args: argparse.Namespace, plan: Plan, params: dict[str, Any]) -> int:
     from evis.cli.progress import Progress
     from evis.launch.supervisor import Supervisor
 
+    plan.secrets.append(params["token"])
     for node in plan.nodes.values():
         if node.target.endswith(":VisualizerNode"):
             node.params.update(params)
         elif not args.once:
             node.params["again"] = True  # the only other node is the source
     with Progress(None) as progress:
-        say = _without_address(progress.say)
-        report = Supervisor(plan, say=say, tick=progress.tick, debug=args.debug).run()
+        report = Supervisor(plan, say=progress.say, tick=progress.tick, debug=args.debug).run()
     if report.failure is not None:
         print(f"evis view: {report.failure}", file=sys.stderr)
         return 1
     return 0
-
-
-def _without_address(say: Callable[[str], None]) -> Callable[[str], None]:
-    """The visualizer's own line says again what stands there already."""
-    return lambda line: None if "open http://" in line else say(line)
 
 
 def _is_ours(path: Path) -> bool:

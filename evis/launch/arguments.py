@@ -11,7 +11,7 @@ from evis.launch.expression import ExpressionError, substitute
 from evis.params import Param, ParamError
 
 TYPES: dict[str, type] = {"int": int, "float": float, "str": str, "bool": bool, "list": list}
-KEYS = ("type", "default", "choices", "min", "max", "help", "unit")
+KEYS = ("type", "default", "choices", "min", "max", "help", "unit", "secret")
 OPTIONS = ("duration", "record", "record_topics", "view")
 """Names that stand for command line options in every launch file: --duration, --record, --record-topics, --no-view."""
 
@@ -55,6 +55,9 @@ def _argument(name: str, entry: Table, where: str, base: Argument | None) -> Arg
         kind = base.param.type
     else:
         kind = type(default) if type(default) in TYPES.values() else list if isinstance(default, list) else str
+    secret = entry.get("secret", bool(base and base.param.secret))
+    if not isinstance(secret, bool) or (secret and kind is not str):
+        raise LaunchError(f"{entry.where('secret')}: secret must be true or false, and only a text can be one")
     choices = entry.get("choices", list(base.param.choices) if base else [])
     if not isinstance(choices, list):
         raise LaunchError(f"{entry.where('choices')}: choices must be a list")
@@ -68,6 +71,7 @@ def _argument(name: str, entry: Table, where: str, base: Argument | None) -> Arg
         maximum=_limit(entry, "max", base.param.maximum if base else None),
         choices=tuple(choices),
         optional=not required and default is None,
+        secret=secret,
     )
     return Argument(name, param, required, where)
 

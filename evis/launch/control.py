@@ -1,6 +1,7 @@
 """The wire between the supervisor and its processes: a ROUTER here, a DEALER there, msgpack maps both ways.
 
-From a process: {"ready"}, {"heartbeat", "stats", "busy_s"}, {"done", "summary"}, {"failed", "node", "text"}, {"want"}.
+From a process: {"ready"}, {"heartbeat", "stats", "busy_s"}, {"done", "summary"}, {"failed", "node", "text"}, {"want"},
+{"tell", "node"}, which is for the user's eyes alone.
 From the supervisor: {"go": 1}, {"stop": 1}, {"bye": 1} (the answer to done and failed: only then may the sender close,
 or the kernel may lose what it wrote last, libzmq#4660).
 """
@@ -133,6 +134,10 @@ class ControlClient:
     def want(self, topic: str) -> None:
         """A viewer asks for a topic whose node is dormant: the supervisor starts it."""
         self._send({"want": topic})
+
+    def tell(self, node: str, text: str) -> None:
+        """One line for the user that no log and no topic may hold."""
+        self._send({"tell": text, "node": node})
 
     def done(self, summary: dict[str, Any]) -> None:
         """All nodes of this process have ended; `summary` goes into the run's own."""

@@ -47,7 +47,10 @@ class NodeSpec:
 
 @dataclass
 class Expanded:
-    """A whole launch file, worked out. absent: nodes whose condition was false, with the reason."""
+    """A whole launch file, worked out. absent: nodes whose condition was false, with the reason.
+
+    idle: types of those nodes, with the parameters that they would have got. secrets: values of secret arguments.
+    """
 
     file: str
     description: str
@@ -55,6 +58,8 @@ class Expanded:
     values: dict[str, Any]
     nodes: list[NodeSpec] = field(default_factory=list)
     absent: dict[str, str] = field(default_factory=dict)
+    idle: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+    secrets: list[str] = field(default_factory=list)
 
 
 def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, Any]) -> Expanded:
@@ -71,6 +76,7 @@ def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, A
     if mode not in MODES:
         raise LaunchError(f"{table.where('mode')}: no mode '{mode}'; {nearest(mode, MODES)}")
     result = Expanded(launch.path.name, launch.description, mode, values)
+    result.secrets = [values[name] for name, a in launch.arguments.items() if a.param.secret and values[name]]
     for entry, child in launch.includes:
         if not _holds(entry, scope):
             continue
@@ -84,6 +90,8 @@ def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, A
             node.process = f"{prefix}/{node.process}" if prefix else node.process
         result.nodes += part.nodes
         result.absent |= part.absent
+        result.idle += part.idle
+        result.secrets += part.secrets
         for name in ("camera_rate", "cameras"):
             if name in values and part.values.get(name) is not None:
                 result.values[name] = part.values[name]
@@ -107,6 +115,10 @@ def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, 
         inner |= _looked_up(entry, inner, [text_of(value) for value in turn.values()])
         full = _named(nodes, name, name, inner, suffix)
         if not _holds(entry, inner):
+            with contextlib.suppress(LaunchError):  # what it would have got may make sense only where it is there
+                params = submap(entry, "params")
+                kind = str(_fill(entry, "type", inner))
+                result.idle.append((kind, {k: _fill(params, k, inner) for k in params}))
             result.absent[full] = str(_fill(entry, "otherwise", inner, _condition(entry)))
             continue
         if "type" not in entry:

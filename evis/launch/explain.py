@@ -10,6 +10,7 @@ from evis.plan import Plan
 
 def as_text(plan: Plan) -> str:
     """What `evis launch --explain` prints."""
+    plan = plan.redacted()
     lines = [f"{plan.name}: {plan.mode}" + (f", {plan.duration_s:g} s" if plan.duration_s else "")]
     if plan.args:
         lines += ["", "arguments", *(f"  {k} = {_shown(v)}" for k, v in plan.args.items() if v is not None)]
@@ -46,8 +47,8 @@ def as_text(plan: Plan) -> str:
 
 def as_dict(plan: Plan) -> dict[str, Any]:
     """The plan as plain values, for --explain --json."""
-    body = dataclasses.asdict(plan)
-    for key in ("run_id", "directory"):
+    body = dataclasses.asdict(plan.redacted())
+    for key in ("run_id", "directory", "secrets"):
         body.pop(key)
     body["processes"] = {process: [n.name for n in nodes] for process, nodes in plan.processes().items()}
     return body

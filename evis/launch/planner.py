@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from evis.launch import catalog
 from evis.launch.catalog import comes_with_evis, files_of
 from evis.launch.checks import check_files
 from evis.launch.document import LaunchError
@@ -19,9 +20,10 @@ from evis.launch.files import LaunchFile, load
 from evis.launch.order import data_flow_order
 from evis.launch.pace import check_pace
 from evis.launch.pruning import Demand, Pruner, left_out
-from evis.launch.wiring import SYSTEM_TOPICS, Wired, publishers, wire
+from evis.launch.wiring import SYSTEM_TOPICS, Wired, publishers, secret_values, wire
 from evis.node import Node
 from evis.plan import Edge, LeftOut, NodePlan, Plan, TopicPlan
+from evis.secret import Redactor
 from msgs.camera import Keyframe
 from msgs.topics import find_topic
 
@@ -64,10 +66,16 @@ def plan_launch(
     """As `plan_file`, of a file that has been read. held: the given arguments that must have an effect, all if None."""
     if options.duration_s is not None and options.duration_s <= 0:
         raise LaunchError(f"--duration is {options.duration_s:g}, it must be longer than 0 s")
-    expanded = expand(launch, given, options.names())
-    plan = plan_nodes(expanded, launch.path.resolve().parent, options)
-    if not plan.unknown:  # an unknown node may read what nobody else does
-        check_effect(launch, list(given) if held is None else held, expanded, plan)
+    hide = Redactor(str(given[name]) for name, a in launch.arguments.items() if a.param.secret and name in given)
+    try:
+        expanded = expand(launch, given, options.names())
+        plan = plan_nodes(expanded, launch.path.resolve().parent, options)
+        for secret in plan.secrets:
+            hide.add(secret)
+        if not plan.unknown:  # an unknown node may read what nobody else does
+            check_effect(launch, list(given) if held is None else held, expanded, plan)
+    except LaunchError as error:
+        raise type(error)(hide.text(str(error))) from None
     plan.name = launch.path.stem
     return plan
 
@@ -108,7 +116,10 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     }
     plan.imports = list(dict.fromkeys(file for node in nodes for file in files_of(node.target)))
     plan.unknown = [_as_written(spec) for spec in unknown]
-    plan.launch_text = _resolved(expanded, nodes)
+    plan.secrets = list(
+        dict.fromkeys([*expanded.secrets, *_idle_secrets(expanded), *(s for node in nodes for s in node.secrets)])
+    )
+    plan.launch_text = _resolved(expanded, nodes, Redactor(plan.secrets))
     return plan
 
 
@@ -130,6 +141,7 @@ def attach(plan: Plan, spec: NodeSpec, folder: Path) -> None:
     planned = NodePlan(node.name, node.target, node.params, spec.process, demand.inputs[node.name])
     planned.outputs = dict(node.outputs)
     plan.nodes[node.name] = planned
+    plan.secrets += node.secrets
     for port, topic in planned.outputs.items():
         plan.topics[topic] = TopicPlan(topic, find_topic(topic).type.__name__, node.name, port)
     for port, topics in planned.inputs.items():
@@ -255,18 +267,26 @@ def _as_written(spec: NodeSpec) -> dict[str, Any]:
     return {key: value for key, value in dataclasses.asdict(spec).items() if value and key != "param_lines"}
 
 
-def _resolved(expanded: Expanded, nodes: Sequence[Wired]) -> str:
-    """The launch file with every argument filled in, which `evis launch` can run again."""
+def _resolved(expanded: Expanded, nodes: Sequence[Wired], hide: Redactor) -> str:
+    """The launch file with every argument filled in and no secret, which `evis launch` can run again."""
     body: dict[str, Any] = {"description": expanded.description or expanded.file, "mode": expanded.mode, "nodes": {}}
     for node in nodes:
         spec = node.spec
         name = spec.name.removeprefix(f"{spec.namespace}/")
-        entry: dict[str, Any] = {"type": spec.type, "params": _plain_values(node.params), "process": spec.process}
+        entry: dict[str, Any] = {"type": spec.type, "params": _plain_values(node), "process": spec.process}
         extras = {"remap": spec.remap, "namespace": spec.namespace, "respawn": spec.respawn, "keep": spec.keep}
         flags = {"tap": spec.tap, "on_demand": spec.on_demand}
         body["nodes"][name] = entry | {k: v for k, v in (extras | flags).items() if v}
-    return yaml.safe_dump(body, sort_keys=False, width=120)
+    return yaml.safe_dump(hide.value(body), sort_keys=False, width=120)
 
 
-def _plain_values(params: Mapping[str, Any]) -> dict[str, Any]:
-    return {k: v for k, v in params.items() if v is not None}
+def _plain_values(node: Wired) -> dict[str, Any]:
+    """Its parameters but those that are not given. Secret ones are left out, so that the file can be run again."""
+    return {k: v for k, v in node.params.items() if v is not None and not node.cls.PARAMS[k].secret}
+
+
+def _idle_secrets(expanded: Expanded) -> Iterator[str]:
+    """Secrets that were meant for nodes which are not there, of the types that come with evis."""
+    for kind, params in expanded.idle:
+        if kind in catalog.types() and any(isinstance(value, str) for value in params.values()):
+            yield from secret_values(catalog.load(kind, expanded.file)[1], params)

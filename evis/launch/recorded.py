@@ -9,6 +9,7 @@ import yaml
 
 from evis.launch.document import LaunchError, Table
 from evis.launch.expression import ExpressionError, substitute
+from evis.secret import HIDDEN
 
 KEYS = ("bag", "arguments")
 TABLE, PREFIX = "evis", "arg."
@@ -32,8 +33,8 @@ def recorded(entry: Table, values: Mapping[str, Any], given: Mapping[str, Any]) 
 
 
 def _value(text: str) -> Any:
-    """A value that was written as Python's text: True, 0.2, ['cam0'], None."""
-    return None if text == "None" else yaml.safe_load(text)
+    """A value that was written as Python's text: True, 0.2, ['cam0'], None. A secret was not written."""
+    return None if text == "None" or HIDDEN in text else yaml.safe_load(text)
 
 
 def _stored(bag: str, where: str) -> Mapping[str, str]:

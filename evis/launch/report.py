@@ -31,6 +31,7 @@ def summarise(
     interrupted: bool,
 ) -> Report:
     """Put the summaries of all processes together. Times in seconds; rtf = sim_s / wall_s."""
+    plan = plan.redacted()
     nodes: dict[str, Any] = {}
     overhead: dict[str, float] = dict.fromkeys(_BUS_KEYS, 0.0)
     for part in parts:

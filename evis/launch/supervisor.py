@@ -20,6 +20,7 @@ from evis.launch.report import Report, summarise
 from evis.launch.rundir import RunDirectory
 from evis.launch.voice import Voice
 from evis.plan import NodePlan, Plan
+from evis.secret import Redactor
 
 DRAIN_S = 5.0
 """How long the graph may take to end by itself after a stop before it gets SIGTERM, and then SIGKILL [s]."""
@@ -54,7 +55,8 @@ class Supervisor:
     ) -> None:
         self.plan = plan
         self._voice = Voice(say, tick)
-        self._say, self._tick = self._voice.say, self._voice.tick
+        self._tell, self._tick = self._voice.say, self._voice.tick
+        self._redactor = Redactor(plan.secrets)
         self._debug = debug
         self._children: dict[str, Child] = {}
         self._interrupts = 0
@@ -87,7 +89,7 @@ class Supervisor:
                 [child.summary for child in self._children.values()],
                 startup_s=(self._went_at or time.monotonic()) - self._started,
                 wall_s=self._ended_at - self._went_at if self._went_at else 0.0,
-                failure=self._cause,
+                failure=None if self._cause is None else self._redactor.text(self._cause),
                 interrupted=self._interrupts > 0,
             )
         finally:
@@ -173,7 +175,9 @@ class Supervisor:
         if child is None:
             return
         child.heard_at = time.monotonic()
-        if "ready" in message and child.state == "starting":
+        if "tell" in message:
+            self._tell(f"{message.get('node')}: {message['tell']}")
+        elif "ready" in message and child.state == "starting":
             child.state = "ready"
             if self._went_at:
                 self._go(child)
@@ -319,6 +323,10 @@ class Supervisor:
                 self._say(line)
 
     # -- what the user sees ------------------------------------------------------------------------------------------
+
+    def _say(self, line: str) -> None:
+        """One line for the user, who may keep it in a file: without the secrets that were given to the run."""
+        self._tell(self._redactor.text(line))
 
     def _progress(self) -> dict[str, Any]:
         stats = [child.stats for child in self._children.values()]

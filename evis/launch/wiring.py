@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,11 @@ class Wired:
     def name(self) -> str:
         """Name of the node."""
         return self.spec.name
+
+    @property
+    def secrets(self) -> list[str]:
+        """Values of its secret parameters."""
+        return secret_values(self.cls, self.params)
 
     def needs(self, wanted: Iterable[str]) -> frozenset[str]:
         """Input ports that the wanted outputs take. Raises ArgumentError for parameters that do not go together."""
@@ -89,6 +94,11 @@ def wire(spec: NodeSpec, folder: Path) -> Wired:
         if port not in node.outputs:
             raise LaunchError(f"{spec.where}: '{spec.name}' has no output '{port}'; {nearest(port, node.outputs)}")
     return node
+
+
+def secret_values(cls: type[Node], params: Mapping[str, Any]) -> list[str]:
+    """The values among `params` of what a node's class declares secret."""
+    return [str(params[key]) for key, param in cls.PARAMS.items() if param.secret and params.get(key)]
 
 
 def _plain(cls: type[Node], key: str, value: Any) -> Any:

@@ -21,6 +21,7 @@ class Recorder:
     """A bag that is being recorded. `counters`: messages, previews, lost, and at the end bytes."""
 
     def __init__(self, path: str | Path, plan: Plan, globs: Sequence[str], preview_hz: float, encoding: str) -> None:
+        plan = plan.redacted()  # who gets the bag gets no secret of the run
         self.counters: Counter[str] = Counter()
         self._globs = globs
         self._seen: dict[str, int] = {}

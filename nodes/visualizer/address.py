@@ -1,4 +1,4 @@
-"""Where the page is served: a socket on this machine only, and a token without which nothing is shown."""
+"""Where the page is served: a socket on this machine only, names, and a token without which nothing is shown."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ import shutil
 import socket
 import tempfile
 import threading
+from collections.abc import Iterable
 from pathlib import Path
 
 DEFAULT_PORT = 8421
 TRIED_PORTS = 32
 """Ports tried upwards from the default before any free one is taken."""
+LOCAL = ("localhost", "127.0.0.1", "::1")
+"""Names under which the page may always be asked for: they lead to this machine, or to the near end of an ssh -L."""
+_HOST = re.compile(r"(?:\[([0-9A-Fa-f:.]+)\]|([^\s:@/\[\]]+))(?::\d{1,5})?\Z")
 _TOKEN = re.compile(r"[A-Za-z0-9_-]{8,128}\Z")
 
 
@@ -41,6 +45,30 @@ def choose_token(host: str, token: str | None) -> str:
     if not _TOKEN.match(token):
         raise ValueError("token must be 8 to 128 letters, digits, '-' or '_'")
     return token
+
+
+def plain_name(name: str) -> str:
+    """A name or address in the one form in which they are compared: small letters, addresses as ipaddress has them."""
+    try:
+        address = ipaddress.ip_address(name.partition("%")[0])
+    except ValueError:
+        return name.lower()
+    mapped = getattr(address, "ipv4_mapped", None)
+    return str(mapped or address)
+
+
+def names_of(listener: socket.socket, given: Iterable[str]) -> frozenset[str]:
+    """The names under which the page is served: this machine's own, the address listened on, and the `given` ones.
+
+    Any other name is a foreign site's that leads here (DNS rebinding).
+    """
+    return frozenset(map(plain_name, [*LOCAL, listener.getsockname()[0], *given]))
+
+
+def is_served(hosts: list[str], names: frozenset[str], reached: str) -> bool:
+    """Whether a request's Host headers name the page: there is one, of `names` or the address that was `reached`."""
+    match = _HOST.match(hosts[0]) if len(hosts) == 1 else None
+    return match is not None and plain_name(match[1] or match[2]) in names | {plain_name(reached)}
 
 
 def bind(host: str, port: int | None) -> tuple[socket.socket, str]:

@@ -118,14 +118,15 @@ def _help(name: str) -> str:
 
 
 def describe(plan: Plan, max_fps: float) -> dict[str, Any]:
-    """The graph as the page draws it: run, topics, nodes and edges, what was left out."""
+    """The graph as the page draws it: run, topics, nodes and edges, what was left out; no secret of the run."""
+    plan = plan.redacted()
     nodes = [
         {
             "name": n.name,
             "type": n.target.rpartition(":")[2].removesuffix("Node") or n.name,
             "process": n.process,
             "dormant": n.dormant,
-            "params": {k: v for k, v in n.params.items() if k != "token"},
+            "params": n.params,
         }
         for n in plan.nodes.values()
     ]

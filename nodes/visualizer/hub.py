@@ -7,6 +7,8 @@ in on the executor's thread, are copied into views, and wake the clients. Nothin
 from __future__ import annotations
 
 import threading
+import time
+from collections import Counter
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -20,6 +22,10 @@ from nodes.visualizer.views.part import View
 
 MAX_PANELS = 64
 """Panels per client."""
+MAX_VIEWS = 256
+"""Different panels of all clients together: each holds the newest message of its topic."""
+REPORTS, REPORTS_S = 10, 60.0
+"""Most lines that the node is to say, and the same line at most once, in so many seconds."""
 
 
 class PanelKey(NamedTuple):
@@ -45,6 +51,8 @@ class Hub:
         self._refused: dict[str, str] = {}
         self._latched: dict[str, Message] = {}
         self._reports: list[str] = []
+        self._reported: dict[str, float] = {}
+        self._counts: Counter[str] = Counter()
         self._state = "running"
 
     # -- the server's side -------------------------------------------------------------------------------------------
@@ -64,6 +72,9 @@ class Hub:
                 raise ValueError(f"this graph has no topic '{key.topic}'")
             catalog.make_view(self.plan.topics[key.topic].type, key.view, key.env, self._quality)
         with self._lock:
+            others = frozenset().union(*(shown for c, shown in self._clients.items() if c != client))
+            if len(keys | others) > MAX_VIEWS:
+                raise ValueError(f"{len(keys | others)} different panels on all pages, the most is {MAX_VIEWS}")
             if client in self._clients:
                 self._clients[client] = keys
                 self._reconcile()
@@ -102,10 +113,22 @@ class Hub:
         return {**self.statistics.snapshot(), **extra}
 
     def report(self, text: str) -> None:
-        """Something that the node is to warn about; the same text once."""
+        """Something that the node is to warn about, unless it has just done so, or has said much already."""
+        now = time.monotonic()
         with self._lock:
-            if text not in self._reports:
-                self._reports.append(text)
+            self._reported = {line: at for line, at in self._reported.items() if now - at < REPORTS_S}
+            if text in self._reported:
+                return
+            if len(self._reported) >= REPORTS:
+                self._counts["warnings_left_out"] += 1
+                return
+            self._reported[text] = now
+            self._reports.append(text)
+
+    def count(self, name: str) -> None:
+        """One more of a counter of the node."""
+        with self._lock:
+            self._counts[name] += 1
 
     # -- the executor's side -----------------------------------------------------------------------------------------
 
@@ -150,6 +173,12 @@ class Hub:
         with self._lock:
             self._state = "finished"
         self._wake()
+
+    def counts(self) -> Counter[str]:
+        """What was counted since the last call."""
+        with self._lock:
+            new, self._counts = self._counts, Counter()
+        return new
 
     def reports(self) -> list[str]:
         """Reports since the last call that are new."""

@@ -27,7 +27,14 @@ class VisualizerNode(Node):
             int, None, "port of the page, 0 = any free one; default 8421 or the next free one",
             minimum=0, maximum=65535, optional=True,
         ),
-        "token": Param(str, None, "secret in the page's address; random unless given", optional=True),
+        "token": Param(
+            str, None, "secret in the page's address; random unless given; as env:NAME or file:PATH it does not "
+            "stand on the command line, which every user of the machine can read (ps)", optional=True, secret=True,
+        ),
+        "names": Param(
+            list, [], "names besides localhost and the address under which a browser may ask for the page, such as a "
+            "proxy's; a page of another name gets nothing (DNS rebinding)",
+        ),
         "listener": Param(str, None, "path at which `evis view` lends the page's socket", optional=True),
         "max_fps": Param(float, 30.0, "most bundles per second to each browser", "Hz", minimum=1, maximum=120),
         "jpeg_quality": Param(int, 80, "quality of images on the page", minimum=10, maximum=95),
@@ -44,17 +51,20 @@ class VisualizerNode(Node):
 
         p, plan = self.params, self.runtime.plan
         token = address.choose_token(p["host"], p["token"])
+        self.hide(token)
         listener, note = (address.borrow(p["listener"]), "") if p["listener"] else address.bind(p["host"], p["port"])
         self._taps: dict[str, Tap] = {}
         self._hub = Hub(plan, p["jpeg_quality"])
-        self._server = Server(self._hub, listener, token, p["max_fps"])
+        names = address.names_of(listener, [p["host"], *map(str, p["names"])])
+        self._server = Server(self._hub, listener, token, names, p["max_fps"])
         self._server.start()
         url = address.url(listener, token)
         self._address_file = Path(plan.directory) / "viewer.json"
         write_private(self._address_file, {"url": url, "pid": os.getpid()})
-        # A token that somebody chose may serve again: it stays out of the log and the bag.
-        shown = url if p["token"] is None else address.url(listener, "...")
-        self.runtime.diagnose(self, "info", f"open {shown}" + (f" ({note})" if note else ""))
+        if not p["listener"]:  # who lends a socket has said where the page is
+            # A token that somebody chose may serve again, and what the user sees may be kept in a file.
+            shown = url if p["token"] is None else address.url(listener, "...")
+            self.tell(f"open {shown}" + (f" ({note})" if note else ""))
 
     def idle(self) -> None:
         if self._hub is None:
@@ -68,6 +78,8 @@ class VisualizerNode(Node):
                 self._open(self._hub, topic)
         for text in self._hub.reports():
             self.warn(text)
+        for name, amount in self._hub.counts().items():
+            self.count(name, amount)
 
     def _open(self, hub: Hub, topic: str) -> None:
         plan = self.runtime.plan

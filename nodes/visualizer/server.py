@@ -1,7 +1,8 @@
 """The page's web server, on a thread of its own: static files, and one WebSocket per open page.
 
 Flow control is one credit per client: the page acknowledges a bundle after drawing it, and only then gets the next,
-made of the newest of each panel at that moment. A slow or dead browser costs at most one bundle of memory.
+made of the newest of each panel at that moment. A slow or dead browser costs at most one bundle of memory. Who may
+connect at all is gate.py's; what is refused is answered in one line, counted, and not logged one by one.
 """
 
 from __future__ import annotations
@@ -10,14 +11,17 @@ import asyncio
 import hmac
 import socket
 import threading
+from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.resources import files
 from urllib.parse import urlsplit
 
 from aiohttp import web
 
+from nodes.visualizer import address, gate
 from nodes.visualizer.hub import Hub
-from nodes.visualizer.session import Session
+from nodes.visualizer.session import MOST_BYTES, Session
+from nodes.visualizer.weblog import WebLog
 
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _HEADERS = {
@@ -28,27 +32,46 @@ _HEADERS = {
     "frame-ancestors 'none'",
 }
 _REFUSAL = "403: this page needs its token; use the whole address that the graph printed, or run `evis view`\n"
+_FOREIGN = "403: this page is not served under that name; open it by its address, or give the visualizer names:=NAME\n"
+KEPT_S = 15.0
+"""How long a connection with the token is kept between two requests [s]."""
 CLOSE_S = 0.6
 """Time that open connections get to say goodbye; only a browser that is slow to answer takes it."""
 
 
-def make_app(hub: Hub, token: str, max_fps: float) -> web.Application:
-    """The application: `/?token=...` is the page, everything else lies under `/<token>/`."""
+def make_app(hub: Hub, token: str, names: frozenset[str], max_fps: float) -> web.Application:
+    """The application: `/?token=...` is the page, everything else lies under `/<token>/`. names: see names_of."""
     pages = {e.name: e.read_bytes() for e in files("nodes.visualizer").joinpath("page").iterdir() if e.is_file()}
     encoder = ThreadPoolExecutor(1, thread_name_prefix="viewer-encode")
     sockets: set[web.WebSocketResponse] = set()
 
-    def admit(given: str | None) -> None:
-        if given is None or not hmac.compare_digest(given.encode(), token.encode()):
+    def admit(request: web.Request, given: str | None) -> None:
+        shown = (given or "").encode(errors="replace")
+        if not hmac.compare_digest(shown, token.encode()):
             raise web.HTTPForbidden(text=_REFUSAL)
+        gate.admit(request)
+
+    @web.middleware
+    async def guard(
+        request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
+    ) -> web.StreamResponse:
+        try:
+            reached = request.transport.get_extra_info("sockname") if request.transport is not None else None
+            if not address.is_served(request.headers.getall("Host", []), names, str((reached or [""])[0])):
+                raise web.HTTPForbidden(text=_FOREIGN)
+            return await handler(request)
+        except web.HTTPException as refusal:
+            hub.count(gate.REFUSED)
+            refusal.force_close()
+            raise
 
     async def index(request: web.Request) -> web.Response:
-        admit(request.query.get("token"))
+        admit(request, request.query.get("token"))
         body = pages["index.html"].replace(b"{base}", f"/{token}/".encode())
         return web.Response(body=body, content_type="text/html", charset="utf-8", headers=_HEADERS)
 
     async def asset(request: web.Request) -> web.Response:
-        admit(request.match_info["token"])
+        admit(request, request.match_info["token"])
         name = request.match_info["name"]
         if name not in pages:
             raise web.HTTPNotFound(text=f"404: there is no {name}\n")
@@ -56,11 +79,10 @@ def make_app(hub: Hub, token: str, max_fps: float) -> web.Application:
         return web.Response(body=pages[name], content_type=kind, charset="utf-8", headers=_HEADERS)
 
     async def connect(request: web.Request) -> web.WebSocketResponse:
-        admit(request.match_info["token"])
-        origin = request.headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc != request.host:
+        admit(request, request.match_info["token"])
+        if not _same_site(request.headers.getall("Origin", []), request.host):
             raise web.HTTPForbidden(text="403: another site's page may not connect\n")
-        ws = web.WebSocketResponse(heartbeat=10, max_msg_size=1 << 16, compress=False)
+        ws = web.WebSocketResponse(heartbeat=10, max_msg_size=MOST_BYTES, compress=False)
         await ws.prepare(request)
         sockets.add(ws)
         try:
@@ -78,7 +100,7 @@ def make_app(hub: Hub, token: str, max_fps: float) -> web.Application:
     async def forbid(request: web.Request) -> web.Response:
         raise web.HTTPForbidden(text=_REFUSAL)
 
-    app = web.Application()
+    app = web.Application(middlewares=[guard])
     app.router.add_get("/", index)
     app.router.add_get("/{token}/ws", connect)
     app.router.add_get("/{token}/{name}", asset)
@@ -86,6 +108,14 @@ def make_app(hub: Hub, token: str, max_fps: float) -> web.Application:
     app.on_shutdown.append(hang_up)
     app.on_cleanup.append(end)
     return app
+
+
+def _same_site(origins: list[str], host: str) -> bool:
+    """Whether a page of this server's asks, or a program that is no browser and says no origin."""
+    try:
+        return all(urlsplit(origin).netloc == host for origin in origins)
+    except ValueError:
+        return False
 
 
 async def _goodbye(ws: web.WebSocketResponse) -> None:
@@ -97,8 +127,11 @@ async def _goodbye(ws: web.WebSocketResponse) -> None:
 class Server:
     """Runs the application on its own thread and event loop."""
 
-    def __init__(self, hub: Hub, listener: socket.socket, token: str, max_fps: float) -> None:
-        self._app = make_app(hub, token, max_fps)
+    def __init__(self, hub: Hub, listener: socket.socket, token: str, names: frozenset[str], max_fps: float) -> None:
+        self._app = make_app(hub, token, names, max_fps)
+        self._hub = hub
+        self._log = WebLog(hub.report, lambda: hub.count(gate.REFUSED))
+        self.gate: gate.Gate | None = None
         self._listener = listener
         self._loop = asyncio.new_event_loop()
         self._stop = asyncio.Event()
@@ -118,17 +151,27 @@ class Server:
 
     def _main(self) -> None:
         asyncio.set_event_loop(self._loop)
+        self._loop.set_exception_handler(self._log.fault)
         try:
-            self._loop.run_until_complete(self._serve())
+            with self._log.listening():
+                self._loop.run_until_complete(self._serve())
         finally:
             self._loop.close()
 
     async def _serve(self) -> None:
-        runner = web.AppRunner(self._app, access_log=None, shutdown_timeout=CLOSE_S, handle_signals=False)
+        runner = web.AppRunner(
+            self._app, access_log=None, logger=self._log.logger, keepalive_timeout=KEPT_S, shutdown_timeout=CLOSE_S,
+            handle_signals=False,
+        )  # fmt: skip
         await runner.setup()
+        assert runner.server is not None
+        self.gate = gate.Gate(runner.server, self._hub.count)
+        doorman = asyncio.create_task(self.gate.serve(self._listener))
         try:
-            await web.SockSite(runner, self._listener).start()
             self._ready.set()
             await self._stop.wait()
         finally:
+            doorman.cancel()
+            await asyncio.gather(doorman, return_exceptions=True)
+            self._listener.close()
             await runner.cleanup()

@@ -18,9 +18,17 @@ from typing import Any
 from aiohttp import WSMsgType, web
 
 from nodes.visualizer import catalog
+from nodes.visualizer.gate import REFUSED
 from nodes.visualizer.hub import Hub, PanelKey
+from nodes.visualizer.statistics import plain
 from nodes.visualizer.views.part import Part
 
+MOST_BYTES = 1 << 16
+"""Longest message of a page."""
+LONGEST_ID = 256
+"""Longest id of a panel [characters]; each bundle repeats it."""
+LONGEST_ERROR = 200
+"""Longest text of an answer to nonsense [characters]."""
 STATUS_S = 0.5
 """Interval of the rates on the page [s]."""
 
@@ -28,7 +36,10 @@ STATUS_S = 0.5
 def bundle(parts: list[tuple[str, Part]]) -> bytes:
     """The wire form of (panel id, part) pairs."""
     head = [{"panel": i, "kind": p.kind, "bytes": len(p.payload), **p.meta} for i, p in parts]
-    text = json.dumps(head, allow_nan=False, separators=(",", ":")).encode()
+    try:
+        text = json.dumps(head, allow_nan=False, separators=(",", ":")).encode()
+    except ValueError:  # a number that is none, as a recording may have it
+        text = json.dumps(plain(head), allow_nan=False, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)  # payloads of 32-bit words start aligned
     body = b"".join(p.payload + b"\0" * (-len(p.payload) % 4) for _, p in parts)
     return struct.pack("<I", len(text)) + text + body
@@ -66,6 +77,8 @@ class Session:
             async for message in self._ws:
                 if message.type is WSMsgType.TEXT:
                     await self._hear(message.data)
+                elif message.type is WSMsgType.BINARY:
+                    await self._refuse("messages are JSON text")
         except (ConnectionError, asyncio.CancelledError):
             pass
         finally:
@@ -76,16 +89,25 @@ class Session:
 
     async def _hear(self, text: str) -> None:
         try:
-            message = json.loads(text)
-            op = message["op"]
+            message = _map(json.loads(text), "a message")
+            op = message.get("op")
             if op == "ack":
                 self._credit.set()
             elif op == "panels":
-                self._open({str(p["id"]): _key(p) for p in message["panels"]})
+                panels = message.get("panels")
+                if not isinstance(panels, list):
+                    raise ValueError("panels must be a list")
+                self._open(dict(map(_panel, panels)))
             else:
                 raise ValueError(f"unknown op '{op}'")
-        except (ValueError, KeyError, TypeError) as error:
-            await self._ws.send_json({"op": "error", "text": str(error)})
+        except RecursionError:
+            await self._refuse("the message is nested too deeply")
+        except ValueError as error:
+            await self._refuse(str(error))
+
+    async def _refuse(self, text: str) -> None:
+        self._hub.count(REFUSED)
+        await self._ws.send_json({"op": "error", "text": text[:LONGEST_ERROR]})
 
     def _open(self, panels: dict[str, PanelKey]) -> None:
         self._hub.show(self, frozenset(panels.values()))
@@ -135,8 +157,21 @@ class Session:
         return parts
 
 
-def _key(panel: Any) -> PanelKey:
+def _map(value: Any, what: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f"{what} must be a map")
+    return value
+
+
+def _panel(given: Any) -> tuple[str, PanelKey]:
+    """(id, key) of a panel that a page asks for. Raises ValueError."""
+    panel = _map(given, "a panel")
+    for name in ("id", "topic", "view"):
+        if not isinstance(panel.get(name), str):
+            raise ValueError(f"a panel needs '{name}', a text")
+    if len(panel["id"]) > LONGEST_ID:
+        raise ValueError(f"a panel's id has {len(panel['id'])} characters, the most is {LONGEST_ID}")
     env = panel.get("env", 0)
-    if not isinstance(env, int) or not 0 <= env < 1 << 20:
+    if type(env) is not int or not 0 <= env < 1 << 20:
         raise ValueError(f"environment {env!r} is not a number >= 0")
-    return PanelKey(str(panel["topic"]), str(panel["view"]), env)
+    return panel["id"], PanelKey(panel["topic"], panel["view"], env)

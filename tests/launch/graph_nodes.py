@@ -203,3 +203,25 @@ class Echo(Node):
 
     def receive(self, port: str, message: Message) -> None:
         pass
+
+
+class Gossip(Node):
+    """Has a secret and tells it and its address wherever a node can."""
+
+    PARAMS = {
+        "password": Param(str, None, "a secret", optional=True, secret=True),
+        "url": Param(str, "", "somewhere"),
+        "fails": Param(bool, False, "to set itself up"),
+    }
+
+    def setup(self) -> None:
+        self.at = 0.0
+        print(f"{self.name}: I print {self.params['password']}", flush=True)
+        if self.params["fails"]:
+            os.write(2, f"{self.name}: I write {self.params['url']} past Python\n".encode())
+            raise ValueError(f"I cannot call {self.params['url']} with {self.params['password']}")
+
+    def idle(self) -> None:
+        if time.monotonic() > self.at + 0.5:
+            self.at = time.monotonic()
+            self.warn(f"I call {self.params['url']} with {self.params['password']!r}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -72,6 +73,9 @@ class FakeRuntime:
         self.taps: dict[str, FakeTap] = {}
         self.requested: list[str] = []
         self.said: list[tuple[str, str]] = []
+        self.told: list[str] = []
+        self.hidden: list[str] = []
+        self.counted: Counter[str] = Counter()
         self.refuse: str = ""
 
     def open_tap(self, node: Any, topic: str, callback: Callable[[Message], None]) -> FakeTap:
@@ -87,8 +91,14 @@ class FakeRuntime:
     def diagnose(self, node: Any, level: str, text: str) -> None:
         self.said.append((level, text))
 
+    def tell(self, node: Any, text: str) -> None:
+        self.told.append(text)
+
+    def hide(self, secret: str) -> None:
+        self.hidden.append(secret)
+
     def count(self, node: Any, name: str, amount: float) -> None:
-        raise AssertionError(f"{node.name} counted {amount} {name}")
+        self.counted[name] += amount  # type: ignore[assignment]
 
     def send(self, topic: str, message: Message) -> None:
         message.check()

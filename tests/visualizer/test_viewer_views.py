@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import io
 import json
+import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -19,7 +21,7 @@ from nodes.visualizer import colour
 from nodes.visualizer.catalog import VIEWS, make_view
 from nodes.visualizer.session import bundle
 from nodes.visualizer.statistics import Meter, Statistics, plain
-from nodes.visualizer.views.events import MAX_EVENTS, MAX_PACKETS, EventView
+from nodes.visualizer.views.events import MAX_EVENTS, MAX_PACKETS, EventView, newest_of_pixels
 from nodes.visualizer.views.images import MAX_SIDE, ImageView
 from nodes.visualizer.views.part import Part
 
@@ -92,6 +94,21 @@ def test_dense_packets_lose_only_what_is_painted_over() -> None:
     x, y, p = unpack(part.payload)
     assert {(a, b): c for a, b, c in zip(x.tolist(), y.tolist(), p.tolist())} == expected
     assert len(x) == len(expected)
+
+
+def test_a_sensor_of_any_size_costs_what_its_events_do() -> None:
+    """A recording may say 16384 x 16384: the newest of each pixel are found as for a small one, without its table."""
+    rng = np.random.default_rng(5)
+    x, y = (rng.integers(0, 60, 20_000).astype(np.uint16) for _ in range(2))
+    tracemalloc.start()
+    try:
+        large = newest_of_pixels(x, y, 1 << 14, 1 << 14)
+        assert tracemalloc.get_traced_memory()[1] < 16e6
+    finally:
+        tracemalloc.stop()
+    newest = {(a, b): i for i, (a, b) in enumerate(zip(x.tolist(), y.tolist()))}
+    assert large.tolist() == [newest[key] for key in sorted(newest, key=lambda key: (key[1], key[0]))]
+    assert np.array_equal(newest_of_pixels(x, y, 60, 60), large)
 
 
 def test_environments_are_told_apart() -> None:
@@ -321,6 +338,14 @@ def test_every_view_of_the_catalog_can_be_made() -> None:
             assert make_view(message_type, view, 0, 80).render(0) is None
     with pytest.raises(ValueError, match="EventPacket has no view 'x'; it has events"):
         make_view("EventPacket", "x", 0, 80)
+
+
+def test_a_bundle_of_numbers_that_are_none_is_strict_json() -> None:
+    """A recording's inf must not end what the page gets."""
+    data = bundle([("d", Part("image", 1, {"legend": {"to": math.inf, "from": [math.nan, 1.5]}}))])
+    length = int.from_bytes(data[:4], "little")
+    (part,) = json.loads(data[4 : 4 + length], parse_constant=lambda word: pytest.fail(word))
+    assert part["legend"] == {"to": "inf", "from": ["nan", 1.5]}
 
 
 def test_payloads_start_aligned() -> None:

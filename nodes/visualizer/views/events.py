@@ -22,6 +22,8 @@ MAX_PACKETS = 64
 MAX_TOTALS = 4096
 """Packets that a client may be behind before counts start at the oldest one remembered."""
 MAX_COORDINATE = 1 << 14
+MOST_PIXELS = 1 << 24
+"""A sensor that says that it has more gets no table of its pixels: a recording can say what it likes."""
 AGES = (1 << 16) - 1
 """The age on the wire of the oldest event of a part; the others are in proportion."""
 
@@ -55,6 +57,10 @@ def pack(x: np.ndarray, y: np.ndarray, p: np.ndarray, c: np.ndarray | None = Non
 
 def newest_of_pixels(x: np.ndarray, y: np.ndarray, width: int, height: int) -> np.ndarray:
     """Indices of the last event of each pixel; all coordinates lie within width and height."""
+    if width * height > MOST_PIXELS:
+        index = y.astype(np.int64) * width + x
+        _, first = np.unique(index[::-1], return_index=True)
+        return len(x) - 1 - first
     last = np.full(width * height, -1, np.int32)
     last[y.astype(np.int32) * width + x] = np.arange(len(x), dtype=np.int32)  # numpy keeps the last one assigned
     return last[last >= 0]
