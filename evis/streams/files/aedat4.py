@@ -37,7 +37,7 @@ class Packet(NamedTuple):
     cut: bool
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """The signature, or the part of it that a cut left."""
     return head.startswith(b"#!AER-DAT4")
 

@@ -130,12 +130,12 @@ def _named_in(there: Any) -> dict[str, str]:
 def _prophesee(file: h5py.File, table: h5py.Dataset, info: RecordingInfo, backend: str) -> Layout:
     names = set(table.dtype.names or ())
     if not {"x", "y", "t", "p"} <= names or table.ndim != 1:
-        raise RecordingError(f"{file.filename}: CD/events has the fields {', '.join(sorted(names))}, not x, y, p, t")
+        raise RecordingError(f"{info.path}: CD/events has the fields {', '.join(sorted(names))}, not x, y, p, t")
     creation = table.id.get_create_plist()
     filters = [creation.get_filter(i)[0] for i in range(creation.get_nfilters())]
     chunk = table.chunks[0] if table.chunks else 0
     if filters and ecf.FILTER in filters and (filters != [ecf.FILTER] or not 0 < chunk <= _MAX_CHUNK):
-        raise RecordingError(f"{file.filename}: CD/events has ECF among other filters or in chunks of {chunk} events")
+        raise RecordingError(f"{info.path}: CD/events has ECF among other filters or in chunks of {chunk} events")
     if backend == "auto":
         backend = "warp" if table.shape[0] > 1 << 20 else "numpy"
 

@@ -34,7 +34,7 @@ _NS_FROM = 1e17
 """Whole times from here on can be no us: 3000 years."""
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """The signature of NumPy."""
     return head.startswith(MAGIC)
 
@@ -72,7 +72,7 @@ class NpyRecording(BlockRecording):
         self._n = self._total = int(shape[0])
         self._dtype = np.dtype((dtype, (4,))) if table else dtype
         there = max(os.fstat(self._file.fileno()).st_size - self._start, 0) // self._dtype.itemsize
-        kind = "npz" if path.suffix == ".npz" else "npy"
+        kind = "npz" if options.name.endswith(".npz") else "npy"
         self.info = RecordingInfo(str(path), kind, "", 0, 0, "", path.stat().st_size)
         if there < self._n:
             self.info.truncated = True

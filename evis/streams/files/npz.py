@@ -39,7 +39,7 @@ _BROKEN = (
 _DATE = (1980, 1, 1, 0, 0, 0)
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """A zip archive."""
     return head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
 

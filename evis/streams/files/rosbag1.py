@@ -20,7 +20,7 @@ _MAX_HEADER = 1 << 20
 _MAX_DATA = 1 << 30
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """The signature of any version."""
     return head.startswith(b"#ROSBAG V")
 

@@ -24,7 +24,7 @@ NAME = "MCAP bag"
 _ENCODINGS = ("cdr", "ros1")
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """The signature."""
     return head.startswith(b"\x89MCAP")
 

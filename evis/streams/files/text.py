@@ -25,7 +25,7 @@ _MOST_TRIED = 32
 _ARCHIVE_ERRORS = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError)
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """Lines of four numbers, perhaps behind a line with the size or the names of the columns."""
     return find_format(head) is not None
 
