@@ -17,6 +17,8 @@ MOST_LOOKED_AT = 2_000_000
 """A packet with more events is thinned before the newest of each pixel is looked for."""
 DENSE = 10_000
 """Packets with more events are reduced to the newest event of each pixel: the others would be painted over."""
+_MAP = 1 << 24
+"""Pixels up to which the newest events are found with a map of all of them."""
 MAX_PACKETS = 64
 """Packets held for a client that is behind; older ones are not drawn, but counted."""
 MAX_TOTALS = 4096
@@ -44,6 +46,10 @@ def pack(x: np.ndarray, y: np.ndarray, p: np.ndarray, c: np.ndarray | None = Non
 
 def newest_of_pixels(x: np.ndarray, y: np.ndarray, width: int, height: int) -> np.ndarray:
     """Indices of the last event of each pixel; all coordinates lie within width and height."""
+    if width * height > _MAP:
+        # a header can state any size: by sorting, memory is that of the events
+        place = y[::-1].astype(np.int64) * width + x[::-1]
+        return len(x) - 1 - np.unique(place, return_index=True)[1]
     last = np.full(width * height, -1, np.int32)
     last[y.astype(np.int32) * width + x] = np.arange(len(x), dtype=np.int32)  # numpy keeps the last one assigned
     return last[last >= 0]
