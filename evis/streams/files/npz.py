@@ -62,6 +62,7 @@ class NpzRecording(BlockRecording):
         super().__init__()
 
     def _check(self, options: OpenOptions) -> None:
+        self.info = RecordingInfo(str(self._path), "npz", "", 0, 0, "file", self._path.stat().st_size)
         path, names, self._names = self._path, {n.removesuffix(".npy") for n in self._zip.namelist()}, {}
         if isinstance(self._zip, CutArchive):
             names = {n for n in names if self._has_header(n)}
@@ -74,8 +75,6 @@ class NpzRecording(BlockRecording):
             hint = hint or f"; it has {', '.join(sorted(names)[:8]) or 'none'}"
             raise RecordingError(f"{path}: no array {', '.join(missing)} in the archive{hint}")
         self._columns = [c for c in "txypc" if self._names[c]]
-        size = path.stat().st_size
-        self.info = RecordingInfo(str(path), "npz", "", 0, 0, "file", size)
         lengths, rows, self._unit = {}, {}, "ns"
         for name in self._columns:
             with self._member(name) as (file, shape, dtype):
@@ -128,7 +127,7 @@ class NpzRecording(BlockRecording):
         return min(n, at // dtype.itemsize)
 
     def _member(self, name: str) -> _Member:
-        return _Member(self._path, self._zip, self._names.get(name, name))
+        return _Member(self._path, self._zip, self._names.get(name, name), self.info)
 
     def _scalar(self, name: str, names: set[str]) -> int:
         if name not in names:
@@ -218,13 +217,22 @@ class NpzRecording(BlockRecording):
 class _Member:
     """One array of an archive: the open file behind its header, its shape and its type."""
 
-    def __init__(self, path: Path, archive: Archive, name: str) -> None:
-        self._path, self._zip, self._name = path, archive, name
+    def __init__(self, path: Path, archive: Archive, name: str, info: RecordingInfo) -> None:
+        self._path, self._zip, self._name, self._info = path, archive, name, info
 
     def __enter__(self) -> tuple[IO[bytes], tuple[int, ...], np.dtype]:
+        name = self._name + ".npy"
         try:
-            self._file = self._zip.open(self._name + ".npy")
-            shape, _, dtype = read_header(self._file)
+            try:
+                self._file = self._zip.open(name)
+                shape, _, dtype = read_header(self._file)
+            except _DAMAGED as error:
+                if isinstance(self._zip, CutArchive):
+                    raise
+                # a small array is checked as a whole with its first byte
+                self._file = salvaged(self._path, self._zip.getinfo(name))
+                shape, _, dtype = read_header(self._file)
+                self._info.warn(f"damaged: the array {self._name} ({' '.join(str(error).split())[:80]})")
         except _BROKEN as e:
             raise RecordingError(f"{self._path}: the array {self._name} is damaged ({str(e)[:100]})") from None
         return self._file, shape, dtype
