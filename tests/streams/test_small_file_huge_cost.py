@@ -35,7 +35,7 @@ try:
         print("events", sum(len(block) for block in recording.blocks()))
 except RecordingError as error:
     print(error)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10)
+print(int(open("/proc/self/status").read().split("VmHWM:")[1].split()[0]) >> 10)
 """
 
 
