@@ -9,6 +9,7 @@ import numpy as np
 
 from evis.bag import BagError
 from evis.bag.reader import BagReader
+from evis.damage import faults_as
 from msgs.camera import EventPacket
 
 if TYPE_CHECKING:
@@ -38,4 +39,6 @@ def decoded_events(reader: BagReader, topic: str, env: int | None = None) -> Ite
         except ValueError as error:
             raise BagError(f"{topic}: {error}") from None
         raw = np.empty(0, np.uint8) if packet.raw is None else packet.raw
-        yield packet, decoder.decode(raw.tobytes())
+        with faults_as(BagError, reader.path):
+            events = decoder.decode(raw.tobytes())
+        yield packet, events

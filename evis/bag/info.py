@@ -100,6 +100,8 @@ def _count(reader: BagReader) -> dict[str, _Topic]:
             for opcode, _, record in scan.records(reader.scanner.chunk_data(chunk)):
                 if opcode == Opcode.MESSAGE:
                     _count_message(reader, topics, record)
+        except scan.TooLargeError:
+            raise
         except BagError as error:
             reader.skip(error)
     return topics
@@ -113,13 +115,22 @@ def _count_message(reader: BagReader, topics: dict[str, _Topic], record: memoryv
     topics[stream.channel.topic].add(log_time, len(payload))
     if stream.kind == "EventPacket" and stream.part == "meta":
         body = jsonform.parse(ros.read_text(payload))
-        base = topics[topics[stream.channel.topic].part_of]
-        base.size = body.get("width", 0), body.get("height", 0)
+        base = topics.get(topics[stream.channel.topic].part_of, topics[stream.channel.topic])
+        base.size = _integer(body, "width"), _integer(body, "height")
         counted = body.get("_events") or {}
+        if not isinstance(counted, dict):
+            raise BagError("a message's count of events is damaged")
         if "t_first_ns" in counted:
-            base.add_events(counted["events"], counted["t_first_ns"], counted["t_last_ns"])
+            base.add_events(*(_integer(counted, name) for name in ("events", "t_first_ns", "t_last_ns")))
         elif "events" not in counted:
             base.undecoded += 1
+
+
+def _integer(body: dict[str, Any], name: str) -> int:
+    value = body.get(name, 0)
+    if not isinstance(value, int):
+        raise BagError(f"a message's {name} is {value!r:.40}, no whole number")
+    return value
 
 
 def _count_raw_events(reader: BagReader, topics: dict[str, _Topic]) -> None:
@@ -136,5 +147,7 @@ def _count_raw_events(reader: BagReader, topics: dict[str, _Topic]) -> None:
                 if len(events):
                     topic.add_events(len(events), int(events.t[0]), int(events.t[-1]))
             topic.undecoded = 0
+        except scan.TooLargeError:
+            raise
         except BagError:
             topic.undecoded = topic.messages

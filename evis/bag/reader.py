@@ -14,6 +14,7 @@ from mcap.records import Channel
 
 from evis.bag import BagError, environments, jsonform, mapping, ros, scan
 from evis.bag.writer import ENV_KEY, MESSAGE_KEY, SUFFIX_KEY, TOPIC_KEY
+from evis.damage import faults_as
 from msgs.header import Message
 from msgs.topics import TOPICS
 
@@ -58,16 +59,17 @@ class BagReader:
         try:
             self._descriptor = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC)
             try:
-                self.scanner = scan.Scanner(self._descriptor, str(self.path))
+                with faults_as(BagError, self.path):
+                    self.scanner = scan.Scanner(self._descriptor, str(self.path))
+                    layout = self.scanner.layout
+                    self.streams = {i: self._stream(channel) for i, channel in layout.channels.items()}
             except BaseException:
                 os.close(self._descriptor)
                 raise
         except OSError as error:
             raise BagError(f"cannot read {self.path}: {error.strerror}") from None
-        layout = self.scanner.layout
         self.problem = layout.problem
         self.metadata: Mapping[str, Mapping[str, str]] = layout.metadata
-        self.streams = {i: self._stream(channel) for i, channel in layout.channels.items()}
         self.topics = {s.topic: s.kind for s in self.streams.values() if s.kind}
         self.skipped = 0
         self.first_problem = ""
@@ -122,7 +124,8 @@ class BagReader:
         sets: dict[tuple[str, int, int, int], dict[int, _Found]] = {}
         for found in self._ordered(wanted, start_ns, end_ns):
             try:
-                message = self._complete(found, sets)
+                with faults_as(BagError, self.path):
+                    message = self._complete(found, sets)
             except BagError as error:
                 self.skip(error)
                 continue
@@ -210,6 +213,8 @@ class BagReader:
                 else:
                     body = jsonform.parse(ros.read_text(payload))
                     yield _Found(stream, log_time, sequence, pending.pop(key, {}), body, payload)
+        except scan.TooLargeError:
+            raise
         except BagError as error:
             self.skip(error)
 

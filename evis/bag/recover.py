@@ -52,6 +52,8 @@ def recover(source: str | Path, target: str | Path | None = None) -> Recovery:
                 try:
                     data = reader.scanner.chunk_data(chunk)
                     indexes = _indexes(data, frozenset(layout.channels))
+                except scan.TooLargeError:
+                    raise
                 except BagError:
                     damaged += 1
                     continue

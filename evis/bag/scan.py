@@ -17,6 +17,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Header, McapRecord, Metadata, MetadataIndex, Schema, Statistics
 
+from evis.allowance import Allowance, AllowanceError
 from evis.bag import BagError
 from evis.bag.container import LIBRARY, MAGIC
 
@@ -95,6 +96,10 @@ def message(body: memoryview) -> tuple[int, int, int, memoryview]:
     return channel, sequence, log_time, body[22:]
 
 
+class TooLargeError(BagError):
+    """A chunk that unpacks to more than it may: not damaged, and so not left out in silence."""
+
+
 class Scanner:
     """An MCAP file opened for reading. Raises BagError where it is no MCAP file at all."""
 
@@ -115,7 +120,7 @@ class Scanner:
         return pieces[0] if len(pieces) == 1 else b"".join(pieces)
 
     def chunk_data(self, chunk: Chunk) -> memoryview:
-        """The uncompressed records of a chunk. Raises BagError where they are damaged."""
+        """The uncompressed records of a chunk. Raises BagError where they are damaged, TooLargeError for a bomb."""
         if chunk.full > MAX_CHUNK or chunk.size > MAX_CHUNK:
             raise BagError(f"a chunk claims {max(chunk.full, chunk.size)} bytes, the limit is {MAX_CHUNK}")
         data = self._read(chunk.at, chunk.size)
@@ -125,6 +130,8 @@ class Scanner:
             data = _decompress(chunk, data)
         except BagError:
             raise
+        except AllowanceError as error:
+            raise TooLargeError(f"{self.name}: a chunk of {error}") from None
         except Exception as error:  # each compressor has its own
             raise BagError(f"a chunk cannot be decompressed ({type(error).__name__})") from None
         if len(data) != chunk.full:
@@ -274,6 +281,8 @@ class Scanner:
                 for opcode, _, body in records(self.chunk_data(chunk)):
                     if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                         self._take(layout, parse(opcode, body), chunk.at)
+            except TooLargeError:
+                raise
             except BagError:
                 continue  # counted when its messages are read
 
@@ -281,17 +290,21 @@ class Scanner:
 def _decompress(chunk: Chunk, data: bytes) -> bytes:
     if chunk.compression == "":
         return data
+    allowance = Allowance(chunk.size)
     if chunk.compression == "zstd":
         import zstandard
 
         claimed = zstandard.get_frame_parameters(data).content_size
         if claimed not in (chunk.full, zstandard.CONTENTSIZE_UNKNOWN):
             raise BagError("a chunk has not the size that it claims")
+        allowance.check(chunk.full)
         return zstandard.decompress(data, chunk.full)
     if chunk.compression == "lz4":
         try:
-            import lz4.frame
+            import lz4.frame  # noqa: F401 (only what it is called for)
         except ImportError:
             raise BagError("its chunks are compressed with lz4; install it with: pip install lz4") from None
-        return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=chunk.full)
+        from evis.streams.files.inflate import inflate
+
+        return inflate("lz4", data, allowance)
     raise BagError(f"its chunks are compressed with {chunk.compression!r}, which is not supported")

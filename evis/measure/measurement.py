@@ -10,14 +10,18 @@ import numpy as np
 from evis.measure.merge import merge
 from evis.measure.noise import Noise
 from evis.measure.rate import Rate
-from evis.measure.rotation import measure_rotation
+from evis.measure.rotation import TOO_FEW, measure_rotation
 from evis.measure.sharpness import Sharpness
+from evis.streams.dense import check_pixels
 
 SEGMENT_NS = 2_000_000_000
 """Rotation is measured stretch by stretch."""
 THIN_NS = 1_000_000
 THIN_EVENTS = 800
 """So many events of a millisecond are kept for the rotation, spread evenly over it."""
+_SEARCHES, _EVENTS_A_SEARCH = 3, 5000
+"""Stretches that are searched for a rotation: the first, and one more for so many events. A search takes its second
+however few events there are, and a recording whose time leaps has a stretch for each handful of them."""
 
 
 class Measurement:
@@ -38,6 +42,7 @@ class Measurement:
     ) -> None:
         if window_ns < 1000:
             raise ValueError(f"a window of {window_ns} ns is too short; take 1000 ns or more")
+        check_pixels(width, height)
         self._rate, self._noise = Rate(window_ns), Noise(width, height)
         self._sharpness, self._size = Sharpness(width, height), (width, height)
         self._window_ns, self._rotating, self._working = window_ns, rotation, working
@@ -46,6 +51,7 @@ class Measurement:
         self._started = False
         self._thinned: list[tuple[np.ndarray, ...]] = []
         self._segments: list[dict[str, Any]] = []
+        self._searchable = self._searches = self._left_out = 0
         self.outside = self.backwards = 0
 
     def add(self, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> None:
@@ -77,6 +83,8 @@ class Measurement:
         result |= {"t_first_ns": self._first if self._started else None,
                    "t_last_ns": self._latest if self._started else None}  # fmt: skip
         result |= {"window_ns": self._window_ns, "rotation": merge(self._segments) if self._rotating else None}
+        if self._left_out:
+            result["stretches_left_out"] = self._left_out
         result |= {"noise": self._noise.report(), "sharpness": self._sharpness.report()}
         result |= {"events_outside": self.outside, "time_steps_back": self.backwards}
         return result
@@ -85,13 +93,14 @@ class Measurement:
         return self._first + (t - self._first) // self._window_ns * self._window_ns
 
     def _add_windows(self, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> None:
-        index = (t - self._first) // self._window_ns
+        # unsigned, because the distance of two int64 can be larger than int64
+        index = (t.view(np.uint64) - np.int64(self._first).view(np.uint64)) // np.uint64(self._window_ns)
         cuts = np.flatnonzero(np.diff(index)) + 1
         starts = [0, *cuts.tolist()]
         for start, end in zip(starts, [*cuts.tolist(), len(t)]):
             if self._held and self._window != index[start]:
                 self._close_window(self._window_ns)
-                self._noise.idle((int(index[start]) - self._window - 1) * self._window_ns * 1e-9)
+                self._noise.idle((int(index[start]) - self._window - 1) * self._window_ns)
             self._window = int(index[start])
             part = slice(start, end)
             self._held.append((x[part].copy(), y[part].copy(), p[part].copy()))
@@ -99,7 +108,7 @@ class Measurement:
     def _close_window(self, length_ns: int) -> None:
         x, y, p = (np.concatenate([part[i] for part in self._held]) for i in range(3))
         self._held = []
-        self._noise.add(x, y, p, max(length_ns, 1) * 1e-9)
+        self._noise.add(x, y, p, max(length_ns, 1))
         self._sharpness.add(x, y)
 
     def _add_rotation(self, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> None:
@@ -120,10 +129,15 @@ class Measurement:
             return
         t, x, y, p = (np.concatenate([part[i] for part in self._thinned]) for i in range(4))
         self._thinned = []
-        keep = usual_pixels(x, y, *self._size)
+        self._searchable += len(t)
+        if self._searches >= _SEARCHES + self._searchable // _EVENTS_A_SEARCH:
+            self._left_out += 1
+            return
+        keep = usual_pixels(x, y, self._size[0])
         t, x, y, p = t[keep], x[keep].astype(np.float64), y[keep].astype(np.float64), p[keep].astype(np.int64)
         number = len(self._segments) + 1
         found = measure_rotation(t, x, y, p, lambda text: self._working(f"rotation, stretch {number}: {text}"))
+        self._searches += found["why"] != TOO_FEW
         self._segments.append(found | {"events": len(t)})
 
 
@@ -137,11 +151,10 @@ def _thin(t: np.ndarray) -> np.ndarray:
     return np.flatnonzero(place % np.repeat(stride, count) == 0)
 
 
-def usual_pixels(x: np.ndarray, y: np.ndarray, width: int, height: int) -> np.ndarray:
+def usual_pixels(x: np.ndarray, y: np.ndarray, width: int) -> np.ndarray:
     """Which events are not of hot pixels: pixels with over 20 times the mean of the active ones (bool [n])."""
-    at = y.astype(np.int64) * width + x
-    counts = np.bincount(at, minlength=width * height)
-    active = counts[counts > 0]
-    if not len(active):
-        return np.ones(len(x), bool)
-    return counts[at] <= max(20 * active.mean(), 50)
+    if not len(x):
+        return np.ones(0, bool)
+    _, which, counts = np.unique(y.astype(np.int64) * width + x, return_inverse=True, return_counts=True)
+    usual: np.ndarray = counts[which] <= max(20 * counts.mean(), 50)
+    return usual

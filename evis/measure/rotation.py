@@ -17,6 +17,7 @@ SURE = 0.5
 """Confidence from which a speed is reported."""
 COHERENT = 0.4
 """Coherence from which a pattern counts as one that turns."""
+TOO_FEW = "too few events"
 INCOHERENT = "the pattern does not stay the same while it turns: no rotation, or several at once"
 _SLOW = 8
 """How much longer windows and descriptors are for slow rotations."""
@@ -49,7 +50,7 @@ def _rotation(
 ) -> dict[str, Any]:
     windows = pick_windows(t, x, y, p) if len(t) else []
     if len(windows) < 3:
-        return nothing("too few events")
+        return nothing(TOO_FEW)
     steps = int((t[-1] - t[0]) // STEP_NS) + 1
     table = descriptors(t, x, y, p, int(t[0]), steps)
     why, sure = "turning explains the events no better than sliding or standing still", 0.0

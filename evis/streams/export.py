@@ -17,6 +17,8 @@ Pictures = Iterator[tuple[int, np.ndarray]]
 """(time [ns], uint8 [H, W, 3]) of each picture, all of one size."""
 
 _COLUMNS, _ROWS = 4, 3
+_KEPT_BYTES = 1 << 28
+"""Pictures of a sheet that are chosen among, where they are large."""
 _COLOURS = 64
 """More than any style of picture has, so that none changes."""
 _LEAST_MS = 20
@@ -111,10 +113,11 @@ def save_sheet(path: str, pictures: Pictures, dt_ms: float) -> None:
 
     # every 2nd is dropped when there are too many, so that memory stays bounded
     kept, step = [_first(path, pictures)], 1
+    most = max(2 * _COLUMNS * _ROWS, min(8 * _COLUMNS * _ROWS, _KEPT_BYTES // kept[0][1].nbytes))
     for i, item in enumerate(pictures, 1):
         if i % step == 0:
             kept.append(item)
-        if len(kept) > 8 * _COLUMNS * _ROWS:
+        if len(kept) > most:
             kept, step = kept[::2], 2 * step
     n = min(len(kept), _COLUMNS * _ROWS)
     chosen = [kept[i * (len(kept) - 1) // max(n - 1, 1)] for i in range(n)]

@@ -17,11 +17,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from evis.damage import faults_as
 from evis.streams.frames_tone import Tone
 
 BLOCK_BYTES = 8_000_000
 """Frames per block are chosen to stay below this, so that a long video needs little memory."""
 BLOCK_FRAMES = 32
+PIXEL_BYTES = 12
+"""What a pixel of an image takes in memory at least: linear R, G and B as float32."""
 INT64_MAX = np.iinfo(np.int64).max
 
 
@@ -158,6 +161,11 @@ def open_frames(path: str | os.PathLike[str], options: FrameOptions | None = Non
     path, options = Path(path), options or FrameOptions()
     options.check()
     options.make_tone()
+    with faults_as(FramesError, path):
+        return _open(path, options)
+
+
+def _open(path: Path, options: FrameOptions) -> FrameSource:
     if not path.exists():
         names = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
         near = difflib.get_close_matches(path.name, names, n=1)

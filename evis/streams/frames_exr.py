@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from evis.streams.frames import FrameOptions, FramesError
+from evis.allowance import Allowance
+from evis.streams.frames import PIXEL_BYTES, FrameOptions, FramesError
 from evis.streams.frames_folder import FolderFrames
 from evis.streams.frames_tone import luminance_of
 
@@ -28,6 +29,11 @@ class ExrFrames(FolderFrames):
         import OpenEXR
 
         try:
+            with OpenEXR.File(str(path), header_only=True) as file:
+                low, high = file.header()["dataWindow"]
+            # before the library asks for all of it
+            sides = [max(int(b) - int(a) + 1, 0) for a, b in zip(low, high)]
+            Allowance(path.stat().st_size).check(sides[0] * sides[1] * PIXEL_BYTES)
             with OpenEXR.File(str(path), separate_channels=False) as file:
                 header = dict(file.header())
                 channels = {name: channel.pixels for name, channel in file.channels().items()}

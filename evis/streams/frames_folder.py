@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from evis.damage import faults_as
 from evis.streams.frames import FrameOptions, FramesError, ImageSource
 
 TIMES = "times.txt"
@@ -37,7 +38,8 @@ class FolderFrames(ImageSource):
         """(float32 [H, W] or, with colour, [H, W, 3], the file's own time [ns] or None). Raises FramesError."""
 
     def _load(self, path: Path, known: int | None) -> tuple[np.ndarray, int]:
-        image, own = self._read(path)
+        with faults_as(FramesError, path):
+            image, own = self._read(path)
         t = own if known is None else known
         if t is None:
             raise FramesError(f"{path}: no time; give --fps, or a {TIMES} with a line `name t_ns` for each file")

@@ -5,6 +5,7 @@ Arrays are read from inside the archive in blocks, compressed or not; nothing is
 
 from __future__ import annotations
 
+import math
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -12,8 +13,10 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
-from numpy.lib import format as npy
 
+from evis.allowance import Allowance
+from evis.damage import faults_as
+from evis.streams.files.npy import read_header
 from evis.streams.frames import INT64_MAX, FrameBlock, FrameOptions, FramesError, FrameSource
 from evis.streams.frames_tone import luminance_of
 
@@ -64,10 +67,8 @@ class NpzFrames(FrameSource):
         if self._slopes is not None:
             expected = shape if options.colour else shape[:3]
             self._slopes.check(self._slopes.shape == expected, str(list(expected)))
-        if options.fps:
-            self._t = np.array([options.stamp(i) for i in range(self.count)], np.int64)
-        else:
-            self._t = self._stamps(self.count)
+        self._options = options
+        self._t = None if options.fps else self._stamps(self.count)
 
     def _stamps(self, count: int) -> np.ndarray:
         array = _Array(self._path, self._zip, "t")
@@ -87,14 +88,20 @@ class NpzFrames(FrameSource):
         return t
 
     def blocks(self) -> Iterator[FrameBlock]:
-        length = self.block_frames()
-        for first in range(0, len(self._t), length):
-            t = self._t[first : first + length]
-            image = self._image.read(len(t))
-            if self._to_luminance:
-                image = luminance_of(image)
-            slopes = None if self._slopes is None else _float32(self._slopes.read(len(t)))
-            yield FrameBlock(t, _float32(image), slopes)
+        length, count = self.block_frames(), self._image.shape[0]
+        for first in range(0, count, length):
+            last = min(first + length, count)
+            with faults_as(FramesError, self._path):
+                if self._t is None:
+                    t = np.array([self._options.stamp(i) for i in range(first, last)], np.int64)
+                else:
+                    t = self._t[first:last]
+                image = self._image.read(last - first)
+                if self._to_luminance:
+                    image = luminance_of(image)
+                slopes = None if self._slopes is None else _float32(self._slopes.read(last - first))
+                block = FrameBlock(t, _float32(image), slopes)
+            yield block
 
     def close(self) -> None:
         self._zip.close()
@@ -107,10 +114,8 @@ class _Array:
         self._path, self._name, self._read = path, name, 0
         try:
             self._file: IO[bytes] = archive.open(name + ".npy")
-            version = npy.read_magic(self._file)
-            header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-            self.shape, columns, self.dtype = header(self._file)
-        except _DAMAGE as error:
+            self.shape, columns, self.dtype = read_header(self._file)
+        except (KeyError, *_DAMAGE) as error:
             raise FramesError(f"{path}: the array {name} is damaged ({str(error)[:100]})") from None
         if columns and len(self.shape) > 1:
             raise FramesError(f"{path}: {name} is stored column by column; save np.ascontiguousarray({name})")
@@ -125,7 +130,8 @@ class _Array:
     def read(self, n: int) -> np.ndarray:
         """The next n entries of the first axis."""
         rest = self.shape[1:]
-        want = n * self.dtype.itemsize * int(np.prod(rest, dtype=np.int64))
+        want = n * self.dtype.itemsize * math.prod(rest)
+        Allowance(self._path.stat().st_size).check(want)
         try:
             data = self._file.read(want)
         except _DAMAGE as error:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 
-from evis.streams.frames import FrameOptions, FramesError
+from evis.allowance import Allowance
+from evis.streams.frames import PIXEL_BYTES, FrameOptions, FramesError
 from evis.streams.frames_folder import FolderFrames
 from evis.streams.frames_tone import shaped
 
@@ -33,7 +35,11 @@ def _codes(path: Path) -> np.ndarray:
     """uint8 or uint16, [H, W] or [H, W, 3]."""
     from PIL import Image
 
-    with Image.open(path, formats=["PNG"]) as image:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # what is too large is refused here
+        first = Image.open(path, formats=["PNG"])
+    with first as image:
+        Allowance(path.stat().st_size).check(image.width * image.height * PIXEL_BYTES)
         rawmode = image.tile[0].args if image.tile else None
         if image.mode in ("I", "I;16"):
             return np.asarray(image).astype(np.uint16)

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from evis.streams.frames import FrameOptions, FramesError, ImageSource
+from evis.allowance import Allowance
+from evis.damage import faults_as
+from evis.streams.frames import PIXEL_BYTES, FrameOptions, FramesError, ImageSource
 from evis.streams.frames_tone import shaped
 
 _BT709, _BT601, _UNKNOWN = 1, 5, 2
@@ -41,6 +43,7 @@ class VideoFrames(ImageSource):
         self._track = self._file.streams.video[0]
         self._track.thread_type = "NONE"
         self.width, self.height = self._track.width, self._track.height
+        Allowance(path.stat().st_size).check(self.width * self.height * PIXEL_BYTES)
         self.channels, self.count = 3 if options.colour else 1, self._track.frames or None
         self.about = {"tone": self._tone.name, "white": self._tone.white}
 
@@ -56,7 +59,9 @@ class VideoFrames(ImageSource):
             first = at if first is None else first
             end = at - first
             t = self._options.stamp(index) if self._options.fps else round(end * 1_000_000_000)
-            yield name, t, shaped(self._codes(frame), self._tone, self.channels == 3)
+            with faults_as(FramesError, name):
+                image = shaped(self._codes(frame), self._tone, self.channels == 3)
+            yield name, t, image
             index += 1
         self._check_end(index, end)
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from evis.streams.dense import check_pixels
 from evis.streams.events import Events
 from evis.streams.recording import Recording
 
@@ -32,6 +33,7 @@ class TimeSurface:
     """Shades of a colour; few enough for the palette of a GIF."""
 
     def __init__(self, width: int, height: int, tau_ns: int) -> None:
+        check_pixels(width, height)
         self._tau = tau_ns
         self._last = np.zeros((height, width), np.int64)
         self._row = np.zeros((height, width), np.uint8)

@@ -8,13 +8,14 @@ import importlib
 import os
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import ClassVar
 
 import numpy as np
 
+from evis.damage import faults_as
 from evis.named_pipe import with_reader
 from evis.streams.events import Events
 from evis.whole_file import written_at
@@ -24,7 +25,8 @@ _FILES = (
     "rosbag_db3", "rosbag_mcap", "text", "nmnist",
 )  # fmt: skip
 FORMATS = tuple(f"evis.streams.files.{name}" for name in _FILES)
-"""Modules with `NAME`, `matches(head, path)` and `open_file(path, options)`; recognised by content, in this order."""
+"""Modules with `NAME`, `matches(head, path, name)` and `open_file(path, options)`; recognised by content, in this
+order. `name` is what the file is called, which a few formats without a signature go by."""
 _TOPICS_IN = ("hdf5", "aedat3", "aedat4", "rosbag1", "rosbag_db3", "rosbag_mcap", "zip_text", "packed_file")
 _WITH_TOPICS = frozenset(f"evis.streams.files.{n}" for n in _TOPICS_IN)
 WRITERS = {
@@ -59,12 +61,14 @@ class OpenOptions:
     """What a user may say about a file that the file does not say itself.
 
     backend: `numpy`, `warp` or `auto` (by size); same results. size: (width, height), in place of what the file says.
-    topic: of a bag, an HDF5 file or an archive with several event streams, the one to read.
+    topic: of a bag, an HDF5 file or an archive with several event streams, the one to read. name: what the file is
+    called, which a few formats go by; an unpacked copy has no name of its own.
     """
 
     backend: str = "auto"
     size: tuple[int, int] | None = None
     topic: str = ""
+    name: str = ""
 
 
 @dataclass
@@ -219,16 +223,24 @@ def open_recording(
 ) -> Recording:
     """Open a recording, whatever its name says: the content decides.
 
-    backend, size, topic: as in `OpenOptions`. Raises RecordingError with one line that names the file.
+    backend, size, topic: as in `OpenOptions`. Raises RecordingError with one line that names the file, now and while
+    the recording is read, and nothing else whatever is in the file.
     """
     path = Path(path)
+    with faults_as(RecordingError, path):
+        return open_as(path, OpenOptions(backend, size, topic, path.name))
+
+
+def open_as(path: Path, options: OpenOptions) -> Recording:
+    """Open a recording as `open_recording` does, but by the name that `options` gives it."""
+    size, topic = options.size, options.topic
     if not path.exists():
         names = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
         near = difflib.get_close_matches(path.name, names, n=1)
         raise RecordingError(f"{path}: no such file" + (f"; did you mean {near[0]}?" if near else ""))
     bags = _bags_in(path) if path.is_dir() else []
     if bags:
-        path = bags[0]
+        path, options = bags[0], replace(options, name=bags[0].name)
     if path.is_fifo():
         raise RecordingError(f"{path}: a pipe; recordings are read at more than one place: save it to a file first")
     if not path.is_file():
@@ -245,10 +257,10 @@ def open_recording(
     modules = []
     for name in FORMATS:
         modules.append(importlib.import_module(name))
-        if modules[-1].matches(head, path):
+        if modules[-1].matches(head, path, options.name):
             if topic and name not in _WITH_TOPICS:
                 raise RecordingError(f"{path}: {modules[-1].NAME} has no topics; leave out the topic '{topic}'")
-            recording = modules[-1].open_file(path, OpenOptions(backend, size, topic))
+            recording = modules[-1].open_file(path, options)
             if len(bags) > 1 and hasattr(recording, "more"):
                 recording.more = bags[1:]
             elif len(bags) > 1:

@@ -70,13 +70,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _file(args: argparse.Namespace) -> dict[str, Any]:
+    from evis.damage import faults_as
     from evis.measure import Measurement
+    from evis.streams import RecordingError
 
     with open_input(args, args.recording) as recording, Progress("measuring") as progress:
         about = recording.info
         # a file may hold no event and say nothing of a sensor
         size = max(about.width, 1), max(about.height, 1)
-        measurement = Measurement(*size, round(args.window * 1e6), not args.no_rotation, progress.say)
+        with faults_as(RecordingError, args.recording):
+            measurement = Measurement(*size, round(args.window * 1e6), not args.no_rotation, progress.say)
         for events in blocks_of(recording, args):
             measurement.add(events.t, events.x, events.y, events.p)
             progress.at(recording.position)

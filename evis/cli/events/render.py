@@ -33,6 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Draw window by window."""
+    from evis.damage import faults_as
+    from evis.streams import RecordingError
+    from evis.streams.dense import check_pixels
     from evis.streams.export import save_gif, save_mp4, save_sheet
     from evis.streams.picture import TimeSurface, draw, windows
 
@@ -47,6 +50,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     count = 0
     with open_input(args, args.recording) as recording, percent(recording, "drawing") as step:
         about = recording.info
+        with faults_as(RecordingError, args.recording):
+            check_pixels(about.width, about.height)
         first_ns = recording.next_t_ns or 0
         surface = TimeSurface(about.width, about.height, round((args.tau or 30.0) * 1e6)) if surface_wanted else None
 

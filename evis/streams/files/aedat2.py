@@ -28,7 +28,7 @@ _RECORD = np.dtype([("address", ">u4"), ("t", ">i4")])
 _SHORT = np.dtype([("address", ">u2"), ("t", ">i4")])
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """The signature; files without a version are not told apart from others."""
     return head.startswith((b"#!AER-DAT2", b"#!AER-DAT1"))
 

@@ -31,7 +31,7 @@ _PART = 1 << 21
 _MAX_FRAME = 64 << 20
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """The signature."""
     return head.startswith(b"#!AER-DAT3")
 

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from evis.allowance import Allowance
 from evis.streams.events import Events
 from evis.streams.files.aedat4_packets import KINDS, Packets
 from evis.streams.files.blocks import BlockRecording, take_size
@@ -37,7 +38,7 @@ class Packet(NamedTuple):
     cut: bool
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """The signature, or the part of it that a cut left."""
     return head.startswith(b"#!AER-DAT4")
 
@@ -195,26 +196,26 @@ class Aedat4Recording(BlockRecording):
         return self._load_at(self._begin)
 
     def _load_at(self, at: int) -> Iterator[Events]:
-        joined = Packets()
+        joined, allowance = Packets(), Allowance(self._size)
         for packet in self._packets(at) if at < self._size else ():
             self._place = packet.at + 8 + packet.size
             if packet.cut:
                 self.info.truncated = True
                 self.info.warn(f"cut inside the packet at byte {packet.at}")
-            self._unpack(packet, joined)
+            self._unpack(packet, joined, allowance)
             if joined.full:
                 yield joined.take()
         if not joined.empty:
             yield joined.take()
 
-    def _unpack(self, packet: Packet, joined: Packets) -> None:
+    def _unpack(self, packet: Packet, joined: Packets, allowance: Allowance) -> None:
         if packet.size <= 0 or packet.stream in self._of_others:
             return
         if (kind := self._kind(packet.stream)) and kind not in KINDS:
             self.count("packets_left_out")
             return
         try:
-            data = inflate(self._compression, self._read(packet.at + 8, packet.size), partial=packet.cut)
+            data = inflate(self._compression, self._read(packet.at + 8, packet.size), allowance, packet.cut)
             joined.add(data, packet.cut)
         except DamagedError as error:
             if not packet.cut:
@@ -225,7 +226,8 @@ class Aedat4Recording(BlockRecording):
         if self._end == self._size or self._begin == self._size:
             return self._load()
         try:
-            data = inflate(self._compression, self._read(self._end, self._size - self._end), partial=True)
+            packed = self._read(self._end, self._size - self._end)
+            data = inflate(self._compression, packed, Allowance(self._size), partial=True)
             rows = [(r.integer(0, "q"), r.integer(4, "q"), r) for r in Table.root(data, b"FTAB").tables(0)]
             streams = [int(np.frombuffer(r.data, "<i4", 1, r.place(1))[0]) if r.place(1) else 0 for *_, r in rows]
         except (DamagedError, ValueError):

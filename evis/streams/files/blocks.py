@@ -8,8 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 
+from evis.damage import faults_as
 from evis.streams.events import Events, Imu, Triggers
-from evis.streams.recording import OpenOptions, Recording, RecordingInfo
+from evis.streams.recording import OpenOptions, Recording, RecordingError, RecordingInfo
 
 _Samples = TypeVar("_Samples", Triggers, Imu)
 
@@ -47,7 +48,8 @@ class BlockRecording(Recording):
     def _more(self) -> bool:
         """Make the current block one with unread events; False at the end."""
         while self._at >= len(self._block):
-            block = next(self._source, None)
+            with faults_as(RecordingError, self.info.path):
+                block = next(self._source, None)
             if block is None:
                 return False
             self._block, self._at = self._inside(block), 0
@@ -123,7 +125,8 @@ class BlockRecording(Recording):
 
     def seek(self, t_ns: int) -> None:
         self._counts.clear()
-        self._source = self._load_from(t_ns)
+        with faults_as(RecordingError, self.info.path):
+            self._source = self._load_from(t_ns)
         self._block, self._at, self._waiting = Events.empty(), 0, []
         more = True
         while more:

@@ -27,11 +27,11 @@ _OLD, _NEW = (9, 17, 0x1FF, 0xFF), (14, 28, _SIDE - 1, _SIDE - 1)
 _LARGEST_SENSOR = 2048
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """The first header line names the format; older files have the extension alone, and perhaps no header."""
     if head.startswith(b"% Data file"):
         return True
-    return path.suffix.lower() == ".dat" and (head.startswith(b"% ") or _bare(head))
+    return name.lower().endswith(".dat") and (head.startswith(b"% ") or _bare(head))
 
 
 def _bare(head: bytes) -> bool:

@@ -17,7 +17,7 @@ TYPES = {0: "generic", 1: "dvs", 2: "atis", 4: "color"}
 _BLOCK = 1 << 20
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """The signature."""
     return head.startswith(MAGIC)
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from evis.streams.events import Events
 from evis.streams.files.blocks import BlockRecording, take_size
 from evis.streams.files.trial import fate
+from evis.streams.files.unpacked import with_name
 from evis.streams.recording import OpenOptions, RecordingError, RecordingInfo
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ _MOST_MISSED = 10_000
 """Blocks in a row that lie behind the cut, after which no other is looked for."""
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """The signature, at the start or behind a user block."""
     return any(head[at : at + 8] == MAGIC for at in (0, 512, 1024, 2048))
 
@@ -75,7 +76,8 @@ class Hdf5Recording(BlockRecording):
         else:
             self._source_file = None
         try:
-            return h5py.File(self._source_file or self._path, "r")
+            with with_name(self._path) as named:
+                return h5py.File(self._source_file or named, "r")
         except (OSError, RuntimeError, ValueError, OverflowError) as error:
             if self.info.truncated:
                 raise RecordingError(f"{self._path}: {self._cut()}") from None

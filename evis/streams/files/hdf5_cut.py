@@ -7,9 +7,8 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
-import h5py
-
 from evis.streams.files import ecf
+from evis.streams.files.hdf5_table import Table
 from evis.streams.files.inflate import DamagedError
 
 _WINDOW = 8 << 20
@@ -20,7 +19,7 @@ Parts = list[tuple[int, int]]
 """First row and the row behind the last, in order."""
 
 
-def rows_there(table: h5py.Dataset, end: int, first: int, last: int) -> Parts:
+def rows_there(table: Table, end: int, first: int, last: int) -> Parts:
     """The rows of first..last-1 whose bytes all lie before byte `end` of the file.
 
     A compressed chunk counts as a whole. A chunk of which the index is lost counts as not there.
@@ -47,9 +46,9 @@ def rows_there(table: h5py.Dataset, end: int, first: int, last: int) -> Parts:
     return _joined(parts)
 
 
-def _corners(table: h5py.Dataset) -> list[tuple[int, ...]]:
+def _corners(table: Table) -> list[tuple[int, ...]]:
     """Where the chunks of one row begin in the other dimension."""
-    if table.ndim == 1:
+    if table.ndim == 1 or table.chunks is None:
         return [()]
     return [(at,) for at in range(0, table.shape[1], table.chunks[1])]
 

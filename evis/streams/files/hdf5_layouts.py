@@ -11,9 +11,11 @@ from typing import Any
 import h5py
 import numpy as np
 
+from evis.allowance import Allowance
 from evis.streams.events import Events, Triggers
 from evis.streams.files import ecf
 from evis.streams.files.hdf5_cut import Parts, common, rows_there
+from evis.streams.files.hdf5_table import Table, member
 from evis.streams.files.inflate import DamagedError
 from evis.streams.files.npy import NAMES, is_whole, seconds_in_ns
 from evis.streams.recording import RecordingError, RecordingInfo
@@ -37,7 +39,7 @@ class Layout:
 
     name: str
     count: int
-    tables: list[h5py.Dataset]
+    tables: list[Table]
     read: Callable[[int, int], Events]
     time_at: Callable[[int], int]
     size: Callable[[], tuple[int, int, str]]
@@ -58,12 +60,12 @@ def find_layout(file: h5py.File, topic: str, info: RecordingInfo, backend: str) 
 
     Raises RecordingError, and ValueError where there are no events.
     """
-    table = _get(file, "CD/events")
-    compound = isinstance(table, h5py.Dataset) and bool(table.dtype.names)
-    if compound and topic.strip("/") in ("", "CD", "CD/events"):
+    table = member(file, "CD/events", info)
+    compound = isinstance(table, Table) and bool(table.dtype.names)
+    if isinstance(table, Table) and compound and topic.strip("/") in ("", "CD", "CD/events"):
         return _prophesee(file, table, info, backend)
     groups: list[str] = ["CD/events"] if compound else []
-    groups += [name for name, item in (("/", file), *_walk(file)) if _holds_events(item) and name not in groups]
+    groups += [name for name, item in (("/", file), *_walk(file)) if _holds_events(item, info) and name not in groups]
     if not groups:
         raise ValueError("an HDF5 file without events: no CD/events, no x, y, t, p, no N x 4 events")
     if topic and topic not in groups:
@@ -71,17 +73,10 @@ def find_layout(file: h5py.File, topic: str, info: RecordingInfo, backend: str) 
     name = topic or groups[0]
     if len(groups) > 1 and not topic:
         info.warn(f"events in {', '.join(groups)}: these are of {name}")
-    found = file[name]
-    if isinstance(found, h5py.Dataset):
+    found = member(file, name, info)
+    if isinstance(found, Table):
         return _records(found, info) if found.dtype.names else _table(found, info)
     return _columns(file, found, info)
-
-
-def _get(group: Any, name: str) -> Any:
-    try:
-        return group.get(name)
-    except (KeyError, RuntimeError, OSError):
-        return None
 
 
 def _walk(group: h5py.Group, prefix: str = "", met: set[Any] | None = None) -> Iterator[tuple[str, Any]]:
@@ -108,7 +103,7 @@ def _names(group: h5py.Group) -> list[str]:
         return []
 
 
-def _holds_events(item: Any) -> bool:
+def _holds_events(item: Any, info: RecordingInfo) -> bool:
     if isinstance(item, h5py.Dataset):
         if item.dtype.names:
             return item.ndim == 1 and all(_named_in(item.dtype.names).values())
@@ -116,7 +111,7 @@ def _holds_events(item: Any) -> bool:
     if not isinstance(item, h5py.Group):
         return False
     names = _named_in(_names(item))
-    return all(names.values()) and all(isinstance(_get(item, n), h5py.Dataset) for n in names.values())
+    return all(names.values()) and all(isinstance(member(item, n, info), Table) for n in names.values())
 
 
 def _named_in(there: Any) -> dict[str, str]:
@@ -127,15 +122,14 @@ def _named_in(there: Any) -> dict[str, str]:
 # -- Prophesee ---------------------------------------------------------------------------------------------------------
 
 
-def _prophesee(file: h5py.File, table: h5py.Dataset, info: RecordingInfo, backend: str) -> Layout:
+def _prophesee(file: h5py.File, table: Table, info: RecordingInfo, backend: str) -> Layout:
     names = set(table.dtype.names or ())
     if not {"x", "y", "t", "p"} <= names or table.ndim != 1:
-        raise RecordingError(f"{file.filename}: CD/events has the fields {', '.join(sorted(names))}, not x, y, p, t")
-    creation = table.id.get_create_plist()
-    filters = [creation.get_filter(i)[0] for i in range(creation.get_nfilters())]
+        raise RecordingError(f"{info.path}: CD/events has the fields {', '.join(sorted(names))}, not x, y, p, t")
+    filters = table.filters
     chunk = table.chunks[0] if table.chunks else 0
     if filters and ecf.FILTER in filters and (filters != [ecf.FILTER] or not 0 < chunk <= _MAX_CHUNK):
-        raise RecordingError(f"{file.filename}: CD/events has ECF among other filters or in chunks of {chunk} events")
+        raise RecordingError(f"{info.path}: CD/events has ECF among other filters or in chunks of {chunk} events")
     if backend == "auto":
         backend = "warp" if table.shape[0] > 1 << 20 else "numpy"
 
@@ -157,8 +151,8 @@ def _prophesee(file: h5py.File, table: h5py.Dataset, info: RecordingInfo, backen
         return (width, height, "header") if width and height else (0, 0, "")
 
     def triggers() -> Triggers:
-        edges = _get(file, "EXT_TRIGGER/events")
-        if not isinstance(edges, h5py.Dataset) or not edges.size or edges.size > _MAX_CHUNK:
+        edges = member(file, "EXT_TRIGGER/events", info)
+        if not isinstance(edges, Table) or not edges.size or edges.size > _MAX_CHUNK:
             return Triggers()
         parts = [(0, len(edges))]
         if info.truncated:
@@ -182,12 +176,12 @@ def _prophesee(file: h5py.File, table: h5py.Dataset, info: RecordingInfo, backen
     return Layout("ecf", table.shape[0], [table], whole, time_at, size, triggers, chunk, read_cut)
 
 
-def _rows(table: h5py.Dataset, data: bytes) -> Events:
+def _rows(table: Table, data: bytes) -> Events:
     rows = np.frombuffer(data, table.dtype, len(data) // table.dtype.itemsize)
     return _events(rows["t"], rows["x"], rows["y"], rows["p"], 1000)
 
 
-def _ecf_chunk(table: h5py.Dataset, a: int, b: int, backend: str) -> Events:
+def _ecf_chunk(table: Table, a: int, b: int, backend: str) -> Events:
     mask, data = table.id.read_direct_chunk((a,))
     if mask & 1:
         return _rows(table, data)[: b - a]
@@ -198,7 +192,7 @@ def _ecf_chunk(table: h5py.Dataset, a: int, b: int, backend: str) -> Events:
     return Events(t * 1000, x, y, p)[: b - a]
 
 
-def _records(table: h5py.Dataset, info: RecordingInfo) -> Layout:
+def _records(table: Table, info: RecordingInfo) -> Layout:
     """An event a row, as a record with named fields."""
     names = _named_in(table.dtype.names)
     times = _Times(table, names["t"], info)
@@ -215,7 +209,7 @@ def _records(table: h5py.Dataset, info: RecordingInfo) -> Layout:
 class _Times:
     """Times of any type in ns: with fractions s, whole us; ns where the name says it or us cannot be."""
 
-    def __init__(self, table: h5py.Dataset, name: str, info: RecordingInfo, offset_us: int = 0) -> None:
+    def __init__(self, table: Table, name: str, info: RecordingInfo, offset_us: int = 0) -> None:
         self._offset_us = offset_us
         n = min(table.shape[0], _LOOK)
         if info.truncated:
@@ -241,11 +235,12 @@ def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
     with contextlib.suppress(ImportError):
         import hdf5plugin  # noqa: F401 (registers the compressions that DSEC and TUM-VIE use)
     names = _named_in(_names(group))
-    t, x, y, p = (group[names[c]] for c in "txyp")
+    found = [member(group, names[c], info) for c in "txyp"]
+    t, x, y, p = tables = [table for table in found if isinstance(table, Table)]
     offset_us = 0
-    offset = _get(file, "t_offset")
+    offset = member(file, "t_offset", info)
     shifted = "t_offset" in _names(file)
-    if isinstance(offset, h5py.Dataset) and offset.size == 1 and _is_there(offset, info):
+    if isinstance(offset, Table) and offset.size == 1 and _is_there(offset, info):
         offset_us = int(np.asarray(offset[()]).reshape(-1)[0])
     elif shifted:
         info.warn("t_offset cannot be read: times count from the start of the file's own clock")
@@ -253,7 +248,7 @@ def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
     whole_file = group.name == "/"
     name = ("dsec" if shifted else "eds" if whole_file else "tum-vie") if indexed else "columns"
     count = min(d.shape[0] if d.ndim == 1 else 0 for d in (x, y, t, p))
-    _check_claim(info, count, [x, y, t, p])
+    _check_claim(info, count, tables)
 
     times = _Times(t, names["t"], info, offset_us).in_ns
 
@@ -262,12 +257,13 @@ def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
 
     def size() -> tuple[int, int, str]:
         given = file.attrs.get("sensor_resolution")
-        calibrated = _get(group, "calib/resolution")
-        if given is None and isinstance(calibrated, h5py.Dataset) and calibrated.size == 2:
+        calibrated = member(group, "calib/resolution", info)
+        if given is None and isinstance(calibrated, Table) and calibrated.size == 2:
             given = calibrated[()]
         if given is None:
-            sides = [_get(group, side) for side in ("height", "width")]
-            if all(isinstance(side, h5py.Dataset) and side.size == 1 and side.dtype.kind in "iu" for side in sides):
+            found = [member(group, side, info) for side in ("height", "width")]
+            sides = [s for s in found if isinstance(s, Table) and s.size == 1 and s.dtype.kind in "iu"]
+            if len(sides) == 2:
                 given = [np.asarray(side[()]).reshape(-1)[0] for side in sides]
         if given is not None and np.shape(given) == (2,) and all(0 < v < 65536 for v in given):
             height, width = sorted(int(v) for v in given)
@@ -277,10 +273,10 @@ def _columns(file: h5py.File, group: h5py.Group, info: RecordingInfo) -> Layout:
         fits = known and (not n or (int(x[:n].max()) < known[0] and int(y[:n].max()) < known[1]))
         return (*known, "sensor") if known and fits else (0, 0, "")
 
-    return Layout(name, count, [x, y, t, p], read, lambda i: int(times(t[i : i + 1])[0]), size)
+    return Layout(name, count, tables, read, lambda i: int(times(t[i : i + 1])[0]), size)
 
 
-def _leading(tables: list[h5py.Dataset], info: RecordingInfo) -> int:
+def _leading(tables: list[Table], info: RecordingInfo) -> int:
     """How many of the first rows to look at for the sensor's size."""
     n = min(1 << 20, *(table.shape[0] for table in tables))
     for table in tables if info.truncated else []:
@@ -289,12 +285,12 @@ def _leading(tables: list[h5py.Dataset], info: RecordingInfo) -> int:
     return n
 
 
-def _is_there(table: h5py.Dataset, info: RecordingInfo) -> bool:
+def _is_there(table: Table, info: RecordingInfo) -> bool:
     begin = table.id.get_offset()
     return not info.truncated or (begin is not None and begin + table.id.get_storage_size() <= info.size_bytes)
 
 
-def _table(table: h5py.Dataset, info: RecordingInfo) -> Layout:
+def _table(table: Table, info: RecordingInfo) -> Layout:
     """MVSEC: rows of x, y, t [s], p (-1 or 1) as float64; v2e: rows of t [us], x, y, p (0 or 1) as uint32."""
     whole_numbers = table.dtype.kind in "iu"
     if whole_numbers:
@@ -322,11 +318,13 @@ def _table(table: h5py.Dataset, info: RecordingInfo) -> Layout:
     return Layout(name, table.shape[0], [table], read, lambda i: int(read(i, i + 1).t[0]), size)
 
 
-def _check_claim(info: RecordingInfo, count: int, tables: list[h5py.Dataset]) -> None:
+def _check_claim(info: RecordingInfo, count: int, tables: list[Table]) -> None:
     """No compression makes this little of so many events: a damaged number must not keep a reader busy for ever."""
     stored = info.size_bytes if info.truncated else sum(table.id.get_storage_size() for table in tables)
     if count > _MOST_EVENTS_A_BYTE * stored:
         raise ValueError(f"damaged: {count} events in {stored} bytes")
+    if not info.truncated:
+        Allowance(info.size_bytes).check(sum(table.bytes for table in tables))
 
 
 def _events(t: Any, x: Any, y: Any, p: Any, unit: int) -> Events:

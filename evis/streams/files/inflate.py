@@ -5,8 +5,10 @@ from __future__ import annotations
 import bz2
 from typing import Any
 
+from evis.allowance import Allowance
+
 LIMIT = 1 << 30
-"""Most bytes that one packet or chunk may unpack to."""
+"""Most bytes that one packet or chunk may unpack to: it is in memory as a whole."""
 _STEP = 16 << 20
 
 
@@ -14,29 +16,34 @@ class DamagedError(ValueError):
     """A packet or chunk that cannot be unpacked or read. `partial`: what came out before, where that was asked for."""
 
 
-def inflate(kind: str, data: bytes | memoryview, limit: int = LIMIT, partial: bool = False) -> bytes:
-    """Unpack `data`. kind: "" or none, lz4 (frame format), zstd, bz2.
+def inflate(kind: str, data: bytes | memoryview, allowance: Allowance, partial: bool = False) -> bytes:
+    """Unpack `data`. kind: "" or none, lz4 (frame format), zstd, bz2. allowance: what the whole file may unpack to.
 
     partial: data that ends early, or is damaged, gives what comes before; otherwise it raises DamagedError. So does
-    what unpacks to more than `limit` bytes.
+    what unpacks to more than LIMIT bytes. Raises AllowanceError.
     """
     if kind in ("", "none"):
         return bytes(data)
-    unpacker = _unpacker(kind)
+    unpacker, own = _unpacker(kind), Allowance(len(data))
     parts: list[bytes] = []
     total, whole = 0, False
-    try:
-        for part, done in unpacker(data):
-            parts.append(part)
-            whole = done
-            total += len(part)
-            if total > limit:
-                raise DamagedError(f"it unpacks to more than {limit} bytes")
-    except DamagedError:
-        raise
-    except Exception as error:  # each library has its own
-        if not partial:
-            raise DamagedError(f"it cannot be unpacked ({kind}: {str(error)[:80]})") from None
+    pieces = unpacker(data)
+    while True:
+        try:
+            part, done = next(pieces, (b"", None))
+        except Exception as error:  # each library has its own
+            if not partial:
+                raise DamagedError(f"it cannot be unpacked ({kind}: {str(error)[:80]})") from None
+            break
+        if done is None:
+            break
+        own.take(len(part))
+        allowance.take(len(part))
+        parts.append(part)
+        whole = done
+        total += len(part)
+        if total > LIMIT:
+            raise DamagedError(f"it unpacks to more than {LIMIT} bytes")
     if not whole and not partial:
         raise DamagedError(f"its {kind} data end early")
     return parts[0] if len(parts) == 1 else b"".join(parts)

@@ -22,10 +22,10 @@ _OVERFLOW_US = 1 << 13
 _SURE = 32
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """No signature: the times of the first events must run forward; a file of another name must show many."""
     records = np.frombuffer(head, _RECORD, len(head) // _RECORD.itemsize)
-    named = path.suffix.lower() == ".bin"
+    named = name.lower().endswith(".bin")
     if len(records) < (1 if named else _SURE):
         return False
     t = _times(records)

@@ -6,9 +6,11 @@ where us would be thousands of years), others s.
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numpy.lib import format as npy
@@ -30,11 +32,13 @@ NAMES = {
 _ORDERS = ("txyp", "xypt", "xytp")
 _BLOCK = 1 << 18
 _LOOK = 4096
+_LONGEST_HEADER = 10_000
+"""Bytes; NumPy itself takes no longer one."""
 _NS_FROM = 1e17
 """Whole times from here on can be no us: 3000 years."""
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """The signature of NumPy."""
     return head.startswith(MAGIC)
 
@@ -55,16 +59,14 @@ class NpyRecording(BlockRecording):
     def _open(self, options: OpenOptions) -> None:
         path = self._path
         try:
-            version = npy.read_magic(self._file)
-            read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-            shape, self._fortran, dtype = read(self._file)
-        except Exception as error:  # the reader of headers hands on what its parser raises
+            shape, self._fortran, dtype = read_header(self._file)
+        except ValueError as error:
             raise RecordingError(f"{path}: the array's header is damaged ({str(error)[:80]})") from None
         self._start = self._file.tell()
         fields = dict.fromkeys(dtype.names or (), "")
         columns = {c: next((n for n in names if n in fields), "") for c, names in NAMES.items()}
         table = dtype.names is None and len(shape) == 2 and shape[1] == 4 and dtype.kind in "iuf"
-        if dtype.hasobject or not (table or (len(shape) == 1 and all(columns.values()))):
+        if dtype.hasobject or not dtype.itemsize or not (table or (len(shape) == 1 and all(columns.values()))):
             raise RecordingError(
                 f"{path}: an array of {dtype if dtype.names is None else dtype.names} {list(shape)}; known are an "
                 "event a row as records with fields t, x, y, p, or as four columns"
@@ -72,7 +74,7 @@ class NpyRecording(BlockRecording):
         self._n = self._total = int(shape[0])
         self._dtype = np.dtype((dtype, (4,))) if table else dtype
         there = max(os.fstat(self._file.fileno()).st_size - self._start, 0) // self._dtype.itemsize
-        kind = "npz" if path.suffix == ".npz" else "npy"
+        kind = "npz" if options.name.endswith(".npz") else "npy"
         self.info = RecordingInfo(str(path), kind, "", 0, 0, "", path.stat().st_size)
         if there < self._n:
             self.info.truncated = True
@@ -171,6 +173,28 @@ class NpyRecording(BlockRecording):
 
     def close(self) -> None:
         self._file.close()
+
+
+def read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
+    """Shape, whether column by column, and type of the array that begins here. Raises ValueError.
+
+    A header whose length says more than any has is not read: packed, it would cost little to say gigabytes.
+    """
+    start = file.read(len(MAGIC) + 2)
+    if not start.startswith(MAGIC) or len(start) < len(MAGIC) + 2:
+        raise ValueError("it does not begin as an array does")
+    field = file.read(2 if start[-2] == 1 else 4)
+    length = int.from_bytes(field, "little")
+    if length > _LONGEST_HEADER:
+        raise ValueError(f"its header claims {length} bytes, the most is {_LONGEST_HEADER}")
+    read = npy.read_array_header_1_0 if start[-2] == 1 else npy.read_array_header_2_0
+    try:
+        shape, fortran, dtype = read(io.BytesIO(field + file.read(length)))
+    except Exception as error:  # the reader of headers hands on what Python's parser raises
+        raise ValueError(" ".join(str(error).split()) or type(error).__name__) from None
+    if any(side < 0 for side in shape):
+        raise ValueError(f"its shape is {list(shape)}")
+    return shape, fortran, dtype
 
 
 def is_whole(values: np.ndarray) -> bool:

@@ -10,7 +10,6 @@ import contextlib
 import os
 import shutil
 import tempfile
-import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -20,32 +19,34 @@ from typing import IO, Any
 import numpy as np
 from numpy.lib import format as npy
 
+from evis.allowance import Allowance
 from evis.streams.events import Events
 from evis.streams.files.blocks import BlockRecording
-from evis.streams.files.npy import NAMES, seconds_in_ns
-from evis.streams.files.zip_cut import Archive, CutArchive, open_archive
+from evis.streams.files.npy import NAMES, read_header, seconds_in_ns
+from evis.streams.files.zip_cut import Archive, CutArchive, open_archive, salvaged
 from evis.streams.recording import OpenOptions, RecordingError, RecordingInfo, Writer
 
 NAME = "NumPy .npz of t, x, y, p"
 
 _BLOCK, _LOOK = 1 << 20, 4096
 _TYPES: dict[str, Any] = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.uint8, "c": np.uint8}
-# what zipfile and NumPy's reader of headers raise; the latter falls back to a tokenizer
-_BROKEN = (
-    KeyError, ValueError, EOFError, OSError, RuntimeError, NotImplementedError, SyntaxError, OverflowError,
-    zipfile.BadZipFile, zlib.error, tokenize.TokenError,
-)  # fmt: skip
+# what zipfile raises; RuntimeError for members that need a password
+_DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError)
+_BROKEN = (KeyError, ValueError, *_DAMAGED)
 # the same archive from the same events: no date in it
 _DATE = (1980, 1, 1, 0, 0, 0)
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """A zip archive."""
     return head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
 
 
 class NpzRecording(BlockRecording):
-    """An archive of event arrays. Only the current block is in memory, also where the archive is compressed."""
+    """An archive of event arrays. Only the current block is in memory, also where the archive is compressed.
+
+    Of a damaged archive, the events of which each array has its part before the damage shows.
+    """
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path, self._read = path, 0
@@ -61,6 +62,7 @@ class NpzRecording(BlockRecording):
         super().__init__()
 
     def _check(self, options: OpenOptions) -> None:
+        self.info = RecordingInfo(str(self._path), "npz", "", 0, 0, "file", self._path.stat().st_size)
         path, names, self._names = self._path, {n.removesuffix(".npy") for n in self._zip.namelist()}, {}
         if isinstance(self._zip, CutArchive):
             names = {n for n in names if self._has_header(n)}
@@ -88,25 +90,24 @@ class NpzRecording(BlockRecording):
                 if name == "t":
                     self._unit = "ns" if not real and self._names["t"] in ("t", "t_ns") else "us"
                     if real:
-                        first = np.frombuffer(file.read(_LOOK * dtype.itemsize)[: rows[name] * dtype.itemsize], dtype)
+                        data = self._bytes(file, name, min(_LOOK, rows[name]) * dtype.itemsize)
+                        first = np.frombuffer(data[: len(data) // dtype.itemsize * dtype.itemsize], dtype)
                         self._unit = "us" if (first == np.floor(first)).all() else "s"
         if len(set(lengths.values())) != 1:
             raise RecordingError(f"{path}: arrays of different lengths: {lengths}")
         self._n = min(rows.values())
-        width, height = self._scalar("width", names), self._scalar("height", names)
-        source, warnings = "file", []
+        info = self.info
+        info.width, info.height = self._scalar("width", names), self._scalar("height", names)
         if options.size:
-            (width, height), source = options.size, "option"
-        if not (width and height):
-            width, height, source = self._largest("x"), self._largest("y"), "events"
-            warnings.append(f"no width and height in the archive: {width}x{height} are the largest coordinates")
-        if self._unit != "ns" or (self._names["t"] == "t" and source == "events"):
-            warnings.append(f"the times in {self._names['t']} are taken as {self._unit}")
-        size = path.stat().st_size
-        self.info = RecordingInfo(str(path), "npz", "", width, height, source, size, warnings=warnings)
+            (info.width, info.height), info.geometry_from = options.size, "option"
+        if not (info.width and info.height):
+            info.width, info.height, info.geometry_from = self._largest("x"), self._largest("y"), "events"
+            info.warn(f"no width and height in the archive: {info.width}x{info.height} are the largest coordinates")
+        if self._unit != "ns" or (self._names["t"] == "t" and info.geometry_from == "events"):
+            info.warn(f"the times in {self._names['t']} are taken as {self._unit}")
         if isinstance(self._zip, CutArchive):
-            self.info.truncated = True
-            self.info.warn(f"cut: {self._n} of {lengths['t']} events have all of their parts before the cut")
+            info.truncated = True
+            info.warn(f"cut: {self._n} of {lengths['t']} events have all of their parts before the cut")
 
     def _has_header(self, name: str) -> bool:
         """Whether the cut has left so much of an array; of a single number, all of it."""
@@ -118,14 +119,15 @@ class NpzRecording(BlockRecording):
         """How many of n values an archive that is cut has."""
         if not isinstance(self._zip, CutArchive):
             return n
-        begin, at = file.tell(), 0
+        begin, at, allowance = file.tell(), 0, Allowance(self.info.size_bytes)
         while data := file.read(_BLOCK):
             at += len(data)
+            allowance.take(len(data))
         file.seek(begin)
         return min(n, at // dtype.itemsize)
 
     def _member(self, name: str) -> _Member:
-        return _Member(self._path, self._zip, self._names.get(name, name))
+        return _Member(self._path, self._zip, self._names.get(name, name), self.info)
 
     def _scalar(self, name: str, names: set[str]) -> int:
         if name not in names:
@@ -133,17 +135,39 @@ class NpzRecording(BlockRecording):
         with self._member(name) as (file, shape, dtype):
             if shape != () or dtype.kind not in "iu":
                 return 0
-            value = int(np.frombuffer(file.read(dtype.itemsize), dtype)[0])
+            data = self._bytes(file, name, dtype.itemsize)
+            value = int(np.frombuffer(data, dtype)[0]) if len(data) == dtype.itemsize else 0
             return value if 0 < value <= 65536 else 0
 
-    def _column(self, name: str) -> Iterator[np.ndarray]:
+    def _column(self, name: str, allowance: Allowance) -> Iterator[np.ndarray]:
         with self._member(name) as (file, _, dtype):
             for start in range(0, self._n, _BLOCK):
                 want = min(_BLOCK, self._n - start) * dtype.itemsize
-                data = file.read(want)
+                data = self._bytes(file, name, want)
+                allowance.take(len(data))
+                rows = len(data) // dtype.itemsize
+                if rows:
+                    yield self._values(name, np.frombuffer(data, dtype, rows))
                 if len(data) < want:
-                    raise RecordingError(f"{self._path}: the array {name} is cut short; copy the file again")
-                yield self._values(name, np.frombuffer(data, dtype))
+                    self.info.truncated = True
+                    self.info.warn(f"damaged or cut: the array {name} ends at event {start + rows} of {self._n}")
+                    return
+
+    def _bytes(self, file: IO[bytes], name: str, size: int) -> bytes:
+        """The next bytes of an array, fewer where the archive is damaged."""
+        begin = file.tell()
+        try:
+            return file.read(size)
+        except _DAMAGED as error:
+            self.info.warn(f"damaged: the array {name} ({' '.join(str(error).split())[:80]})")
+        if isinstance(self._zip, CutArchive):
+            return b""
+        try:
+            with salvaged(self._path, self._zip.getinfo(self._names.get(name, name) + ".npy")) as rest:
+                rest.seek(begin)
+                return rest.read(size)
+        except _BROKEN:
+            return b""
 
     def _values(self, name: str, values: np.ndarray) -> np.ndarray:
         """Times in ns, and 0 for the -1 that some programs write for OFF."""
@@ -169,19 +193,18 @@ class NpzRecording(BlockRecording):
         return seconds_in_ns(values)
 
     def _largest(self, name: str) -> int:
-        return max((int(v.max()) + 1 for v in self._column(name)), default=0)
+        allowance = Allowance(self.info.size_bytes)
+        return max((int(v.max()) + 1 for v in self._column(name, allowance)), default=0)
 
     def _load(self) -> Iterator[Events]:
-        columns = zip(*(self._column(n) for n in self._columns))
-        try:
-            for block in columns:
-                self._read += len(block[0])
-                try:
-                    yield Events.of(*block)
-                except ValueError as e:
-                    raise RecordingError(f"{self._path}: {e}") from None
-        except (zipfile.BadZipFile, EOFError, OSError) as e:
-            raise RecordingError(f"{self._path}: damaged archive ({e})") from None
+        allowance = Allowance(self.info.size_bytes)
+        for block in zip(*(self._column(n, allowance) for n in self._columns)):
+            rows = min(map(len, block))
+            self._read += rows
+            try:
+                yield Events.of(*(column[:rows] for column in block))
+            except ValueError as e:
+                raise RecordingError(f"{self._path}: {e}") from None
 
     @property
     def position(self) -> float:
@@ -194,15 +217,22 @@ class NpzRecording(BlockRecording):
 class _Member:
     """One array of an archive: the open file behind its header, its shape and its type."""
 
-    def __init__(self, path: Path, archive: Archive, name: str) -> None:
-        self._path, self._zip, self._name = path, archive, name
+    def __init__(self, path: Path, archive: Archive, name: str, info: RecordingInfo) -> None:
+        self._path, self._zip, self._name, self._info = path, archive, name, info
 
     def __enter__(self) -> tuple[IO[bytes], tuple[int, ...], np.dtype]:
+        name = self._name + ".npy"
         try:
-            self._file = self._zip.open(self._name + ".npy")
-            version = npy.read_magic(self._file)
-            read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-            shape, _, dtype = read(self._file)
+            try:
+                self._file = self._zip.open(name)
+                shape, _, dtype = read_header(self._file)
+            except _DAMAGED as error:
+                if isinstance(self._zip, CutArchive):
+                    raise
+                # a small array is checked as a whole with its first byte
+                self._file = salvaged(self._path, self._zip.getinfo(name))
+                shape, _, dtype = read_header(self._file)
+                self._info.warn(f"damaged: the array {self._name} ({' '.join(str(error).split())[:80]})")
         except _BROKEN as e:
             raise RecordingError(f"{self._path}: the array {self._name} is damaged ({str(e)[:100]})") from None
         return self._file, shape, dtype

@@ -1,26 +1,28 @@
 """Files compressed as a whole (Zstandard, as rosbag2 does; gzip, bzip2, xz), and a recording in a zip archive: unpacked
-into a temporary file."""
+into a temporary file without a name."""
 
 from __future__ import annotations
 
 import bz2
 import lzma
-import tempfile
 import threading
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
+from evis.allowance import Allowance
 from evis.streams.events import Events
 from evis.streams.files.npy import MAGIC as NPY
 from evis.streams.files.npy import NAMES
+from evis.streams.files.unpacked import UnpackedFile
 from evis.streams.files.zip_cut import RECORDINGS, open_archive
-from evis.streams.recording import HEAD, OpenOptions, Recording, RecordingError, open_recording
+from evis.streams.recording import HEAD, OpenOptions, Recording, RecordingError, open_as
 
 NAME = "any of these in Zstandard, gzip, bzip2, xz or zip"
 
@@ -61,10 +63,10 @@ _MOST_LAYERS = 3
 _ERRORS = (OSError, EOFError, zlib.error, lzma.LZMAError, zipfile.BadZipFile, NotImplementedError, RuntimeError)
 _STEP = 1 << 20
 _open = threading.local()
-"""How many packed files around each other are being opened."""
+"""How many packed files around each other are being opened, and what all of them together may unpack."""
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """The first bytes of a compression, or an archive with a recording in it (but those of text, and of arrays by the
     names of events, are read as they are)."""
     return head.startswith((ZSTD, *_UNPACKERS)) or (head.startswith(ZIP) and bool(_members(path)))
@@ -99,61 +101,85 @@ class PackedRecording(Recording):
     """What is in the compressed file, read from its unpacked copy; the copy goes away with `close`."""
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
-        # the formats that go by name look at what is left of it
-        self._folder = tempfile.TemporaryDirectory(prefix="evis-")
+        self._path = path
+        layers: int = getattr(_open, "layers", 0)
+        if layers >= _MOST_LAYERS:
+            raise RecordingError(f"{path}: packed more than {_MOST_LAYERS} times, one in another")
+        size = path.stat().st_size
+        allowance: Allowance = _open.allowance if layers else Allowance(size)
+        self._copy = UnpackedFile(path, allowance)
+        _open.layers, _open.allowance = layers + 1, allowance
         try:
-            copy, topic, whole = self._copy(path, options.topic)
-            if not copy.stat().st_size:
+            inner, whole = self._unpack(path, options)
+            if not self._copy.size:
                 raise RecordingError(f"{path}: its compressed data are damaged or cut before anything can be unpacked")
-            self._inner = _open_copy(path, copy, options, topic)
+            with self._named():
+                self._inner = open_as(self._copy.path, inner)
         except BaseException:
-            self._folder.cleanup()
+            self._copy.close()
             raise
-        inner = self._inner.info
-        self.info = replace(inner, path=str(path), size_bytes=path.stat().st_size, warnings=inner.warnings)
+        finally:
+            _open.layers = layers
+        about = self._inner.info
+        self.info = replace(about, path=str(path), size_bytes=size, warnings=about.warnings)
         if not whole:
             self.info.truncated = True
             self.info.warn("its compressed data end early")
 
-    def _copy(self, path: Path, topic: str) -> tuple[Path, str, bool]:
-        """The unpacked copy, the topic in it, and whether all of it could be unpacked."""
-        folder = Path(self._folder.name)
-        name = path.stem if path.suffix.lower() in _SUFFIXES else path.name
+    def _unpack(self, path: Path, options: OpenOptions) -> tuple[OpenOptions, bool]:
+        """Fill the copy. How it is to be opened, and whether all of it could be unpacked."""
+        stem, dot, suffix = options.name.rpartition(".")
+        name = stem if dot + suffix.lower() in _SUFFIXES else options.name
         with path.open("rb") as file:
             head = file.read(8)
         if head.startswith(ZIP):
-            names = _members(path)
+            names, topic = _members(path), options.topic
             if topic in names:
                 names, topic = [topic], ""
             if len(names) > 1:
                 raise RecordingError(f"{path}: an archive of {len(names)} recordings; name one of {', '.join(names)}")
-            copy = folder / Path(names[0]).name
-            return copy, topic, _unpack(path, _member(path, names[0]), copy)
+            whole = _fill(self._copy, _member(path, names[0]))
+            return replace(options, topic=topic, name=names[0].rpartition("/")[2]), whole
         if head.startswith(ZSTD):
-            return folder / name, topic, _unpack_zstd(path, folder / name)
+            return replace(options, name=name), _unpack_zstd(path, self._copy)
         make = next(made for magic, made in _UNPACKERS.items() if head.startswith(magic))
-        return folder / name, topic, _unpack(path, _parts(path, make), folder / name)
+        return replace(options, name=name), _fill(self._copy, _parts(path, make))
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """Errors name the packed file, not its copy."""
+        try:
+            yield
+        except RecordingError as error:
+            raise RecordingError(str(error).replace(str(self._copy.path), str(self._path))) from error.__cause__
 
     def blocks(self) -> Iterator[Events]:
-        for events in self._inner.blocks():
+        blocks = self._inner.blocks()
+        while True:
+            with self._named():
+                events = next(blocks, None)
             self._tell()
+            if events is None:
+                return
             yield events
-        self._tell()
 
     def _tell(self) -> None:
         self.info.truncated |= self._inner.info.truncated
 
     def read_until(self, t_ns: int) -> Events:
-        events = self._inner.read_until(t_ns)
+        with self._named():
+            events = self._inner.read_until(t_ns)
         self._tell()
         return events
 
     def seek(self, t_ns: int) -> None:
-        self._inner.seek(t_ns)
+        with self._named():
+            self._inner.seek(t_ns)
 
     @property
     def next_t_ns(self) -> int | None:
-        return self._inner.next_t_ns
+        with self._named():
+            return self._inner.next_t_ns
 
     @property
     def raw(self) -> np.ndarray | None:
@@ -168,21 +194,7 @@ class PackedRecording(Recording):
 
     def close(self) -> None:
         self._inner.close()
-        self._folder.cleanup()
-
-
-def _open_copy(path: Path, copy: Path, options: OpenOptions, topic: str) -> Recording:
-    """The recording in an unpacked copy; errors name the packed file."""
-    layers = getattr(_open, "layers", 0)
-    if layers >= _MOST_LAYERS:
-        raise RecordingError(f"{path}: packed more than {_MOST_LAYERS} times, one in another")
-    _open.layers = layers + 1
-    try:
-        return open_recording(copy, options.backend, size=options.size, topic=topic)
-    except RecordingError as error:
-        raise RecordingError(str(error).replace(str(copy), str(path))) from None
-    finally:
-        _open.layers = layers
+        self._copy.close()
 
 
 def _member(path: Path, name: str) -> Iterator[bytes]:
@@ -208,40 +220,31 @@ def _parts(path: Path, make: Callable[[], Any]) -> Iterator[bytes]:
             data = unpacker.unused_data.lstrip(b"\0") or file.read(_STEP)
 
 
-def _unpack(path: Path, parts: Iterator[bytes], copy: Path) -> bool:
+def _fill(copy: UnpackedFile, parts: Iterator[bytes]) -> bool:
     """Unpack, as far as the file goes: False where it ends early or is damaged."""
-    with copy.open("wb") as out:
-        while True:
-            try:
-                part = next(parts, None)
-            except _ERRORS:
-                return False
-            if part is None:
-                return True
-            _put(path, out, part)
+    while True:
+        try:
+            part = next(parts, None)
+        except _ERRORS:
+            return False
+        if part is None:
+            return True
+        copy.put(part)
 
 
-def _put(path: Path, out: IO[bytes], part: bytes) -> None:
-    try:
-        out.write(part)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be unpacked into {Path(out.name).parent}: {error.strerror}") from None
-
-
-def _unpack_zstd(path: Path, copy: Path) -> bool:
+def _unpack_zstd(path: Path, copy: UnpackedFile) -> bool:
     import zstandard
 
-    unpacker, size = zstandard.ZstdDecompressor(max_window_size=1 << 27), 0
+    unpacker = zstandard.ZstdDecompressor(max_window_size=1 << 27)
     try:
-        with path.open("rb") as file, copy.open("wb") as out:
+        with path.open("rb") as file:
             known = zstandard.frame_content_size(file.read(64))
             file.seek(0)
             for part in unpacker.read_to_iter(file, write_size=_STEP):
-                _put(path, out, part)
-                size += len(part)
+                copy.put(part)
     except zstandard.ZstdError:
         return False
-    return known < 0 or known == size
+    return known < 0 or known == copy.size
 
 
 def open_file(path: Path, options: OpenOptions) -> PackedRecording:

@@ -49,9 +49,9 @@ _WHOLE = 1 << 25
 _WINDOW_BLOCK = {"numpy": 1 << 15, "warp": 1 << 22}
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """A header line; DAT files, which have such too, come before. Or words without a header, in a file named .raw."""
-    if head.startswith(b"% ") or path.suffix.lower() != ".raw":
+    if head.startswith(b"% ") or not name.lower().endswith(".raw"):
         return head.startswith(b"% ")
     with path.open("rb") as file:
         return bool(guess_encoding(file.read(_GUESSED)))

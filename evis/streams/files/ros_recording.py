@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from evis.allowance import Allowance
 from evis.streams.decoder import decoder_for
 from evis.streams.events import Events
 from evis.streams.files.blocks import BlockRecording, take_size
@@ -37,11 +38,11 @@ class BagMessage:
 _ZSTD = b"\x28\xb5\x2f\xfd"
 
 
-def unpacked(message: BagMessage) -> BagMessage:
-    """rosbag2 can compress each message; no CDR begins as Zstandard does. Raises DamagedError."""
+def unpacked(message: BagMessage, allowance: Allowance) -> BagMessage:
+    """rosbag2 can compress each message; no CDR begins as Zstandard does. Raises DamagedError and AllowanceError."""
     if not message.cdr or bytes(message.data[:4]) != _ZSTD:
         return message
-    return replace(message, data=inflate("zstd", bytes(message.data), partial=message.cut))
+    return replace(message, data=inflate("zstd", bytes(message.data), allowance, message.cut))
 
 
 class RosRecording(BlockRecording):
@@ -82,7 +83,7 @@ class RosRecording(BlockRecording):
         for message in self._messages():
             met = True
             try:
-                message = unpacked(message)
+                message = unpacked(message, Allowance(self.info.size_bytes))
                 if message.type in PACKETS:
                     packet = read_packet(message.data, message.cdr, message.cut)
                     size, self.info.encoding = (packet.width, packet.height), packet.encoding
@@ -114,12 +115,13 @@ class RosRecording(BlockRecording):
         yield from reader.flush()
 
     def _decoded(self, reader: _Reader, messages: Iterator[BagMessage]) -> Iterator[Events]:
+        allowance = Allowance(self.info.size_bytes)
         for message in messages:
             try:
                 if message.cut:
                     self.info.truncated = True
                     self.info.warn("cut inside a message")
-                yield from reader.events(unpacked(message))
+                yield from reader.events(unpacked(message, allowance))
             except DamagedError as error:
                 if not message.cut:
                     self.count("messages_damaged")

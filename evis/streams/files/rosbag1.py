@@ -7,6 +7,7 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
+from evis.allowance import Allowance
 from evis.streams.files.inflate import DamagedError, inflate
 from evis.streams.files.ros_messages import plain_type
 from evis.streams.files.ros_recording import BagMessage, RosRecording
@@ -20,7 +21,7 @@ _MAX_HEADER = 1 << 20
 _MAX_DATA = 1 << 30
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """The signature of any version."""
     return head.startswith(b"#ROSBAG V")
 
@@ -97,12 +98,13 @@ class Rosbag1Recording(RosRecording):
             self.info.warn(f"the record at byte {at} is damaged; what follows cannot be found")
 
     def _messages(self) -> Iterator[BagMessage]:
+        allowance = Allowance(self.info.size_bytes)
         for op, fields, start, size in self._records():
             cut = start + size > self.info.size_bytes
             if op == CHUNK and size <= _MAX_DATA:
                 try:
                     kind = fields.get(b"compression", b"none").decode("latin-1")
-                    data = inflate(kind, self._read(start, size), _MAX_DATA, partial=cut)
+                    data = inflate(kind, self._read(start, size), allowance, cut)
                 except DamagedError as error:
                     self.count("chunks_damaged")
                     self.info.warn(f"the chunk at byte {start} was left out: {error}")

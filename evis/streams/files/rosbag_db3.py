@@ -10,14 +10,17 @@ from pathlib import Path
 
 from evis.streams.files.ros_messages import plain_type
 from evis.streams.files.ros_recording import BagMessage, RosRecording
+from evis.streams.files.unpacked import with_name
 from evis.streams.recording import OpenOptions, RecordingError, RecordingInfo
 
 NAME = "ROS 2 .db3 bag"
 
 MAGIC = b"SQLite format 3\0"
+_LEAST_LENGTH = 1 << 20
+"""Longest value that is read of any file [bytes]: SQLite's own statements count too."""
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """The signature."""
     return head.startswith(MAGIC)
 
@@ -35,9 +38,12 @@ class Db3Recording(RosRecording):
         if len(head) < 100 or size < (65536 if page == 1 else page) * pages:
             self.info.truncated = True
             self.info.warn("cut: the file is shorter than its table of pages says")
-        uri = f"file:{urllib.parse.quote(str(path.absolute()))}?mode=ro&immutable=1"
         try:
-            self._connection = sqlite3.connect(uri, uri=True, check_same_thread=False)
+            with with_name(path) as named:
+                uri = f"file:{urllib.parse.quote(str(named.absolute()))}?mode=ro&immutable=1"
+                self._connection = sqlite3.connect(uri, uri=True, check_same_thread=False)
+            # columns can be computed, and so be larger than the whole file: a stored one cannot
+            self._connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(size, _LEAST_LENGTH))
         except sqlite3.Error as error:
             raise RecordingError(f"{path}: {error}") from None
         try:

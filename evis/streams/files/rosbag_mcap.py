@@ -9,9 +9,10 @@ from pathlib import Path
 
 from mcap.opcode import Opcode
 
+from evis.allowance import Allowance
 from evis.bag import BagError, scan
 from evis.bag.container import LIBRARY
-from evis.bag.scan import Scanner
+from evis.bag.scan import Scanner, TooLargeError
 from evis.streams.events import Events
 from evis.streams.files.blocks import BlockRecording, take_size
 from evis.streams.files.inflate import DamagedError, inflate
@@ -24,7 +25,7 @@ NAME = "MCAP bag"
 _ENCODINGS = ("cdr", "ros1")
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """The signature."""
     return head.startswith(b"\x89MCAP")
 
@@ -54,17 +55,22 @@ class McapRecording(RosRecording):
 
     def _messages(self) -> Iterator[BagMessage]:
         wanted = {n for n, (topic, *_) in self._channels.items() if topic == self.topic}
+        allowance = Allowance(self._scanner.size)
         for chunk in self._scanner.layout.chunks:
             self._place = chunk.at
             if chunk.channels is not None and not chunk.channels & wanted:
                 continue
             try:
-                yield from self._walk(self._scanner.chunk_data(chunk), wanted, False)
+                data = self._scanner.chunk_data(chunk)
+                allowance.take(len(data) if chunk.compression else 0)
+                yield from self._walk(data, wanted, False)
+            except TooLargeError:
+                raise
             except BagError as error:
                 self.count("chunks_damaged")
                 self.info.warn(f"damaged chunks were left out: {error}")
         if self.info.truncated:
-            yield from self._walk(memoryview(torn_tail(self._descriptor, self._scanner.size)), wanted, True)
+            yield from self._walk(memoryview(torn_tail(self._descriptor, self._scanner.size, allowance)), wanted, True)
 
     def _walk(self, data: memoryview, wanted: set[int], cut: bool) -> Iterator[BagMessage]:
         at = 0
@@ -90,7 +96,7 @@ class McapRecording(RosRecording):
             self._descriptor = -1
 
 
-def torn_tail(descriptor: int, size: int) -> bytes:
+def torn_tail(descriptor: int, size: int, allowance: Allowance) -> bytes:
     """The records behind the last whole one of a file that ends early: a cut chunk unpacked, or a cut message."""
     at = 8
     while at + 9 <= size:
@@ -109,8 +115,8 @@ def torn_tail(descriptor: int, size: int) -> bytes:
             return b""
         name = data[9 + 32 : 9 + 32 + name_length].decode("latin-1")
         try:
-            return inflate(name, data[9 + 40 + name_length :], partial=True)
-        except (DamagedError, ValueError):
+            return inflate(name, data[9 + 40 + name_length :], allowance, partial=True)
+        except DamagedError:
             return b""
     return b""
 

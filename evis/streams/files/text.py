@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
+from evis.allowance import Allowance
 from evis.streams.events import Events
 from evis.streams.files.blocks import BlockRecording, take_size
 from evis.streams.files.text_format import Format, find_format
@@ -25,7 +26,7 @@ _MOST_TRIED = 32
 _ARCHIVE_ERRORS = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError)
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """Lines of four numbers, perhaps behind a line with the size or the names of the columns."""
     return find_format(head) is not None
 
@@ -89,10 +90,12 @@ class TextRecording(BlockRecording):
         yield from self._load_at(self._form.begin)
 
     def _load_at(self, at: int) -> Iterator[Events]:
+        allowance = Allowance(self.info.size_bytes)
         try:
             self._file.seek(at)
             rest = b""
             while data := self._file.read(_BLOCK):
+                allowance.take(len(data) if self._zip else 0)
                 self._read = self._file.tell()
                 # a carriage return alone ends no line
                 cut = data.rfind(b"\n") + 1

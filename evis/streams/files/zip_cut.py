@@ -11,7 +11,7 @@ import struct
 import zipfile
 import zlib
 from pathlib import Path
-from typing import IO, NamedTuple
+from typing import IO, Any, NamedTuple
 
 _LOCAL = struct.Struct("<4sHHHHHIIIHH")
 _MAGIC = b"PK\x03\x04"
@@ -91,6 +91,19 @@ def open_archive(path: Path) -> Archive:
         return cut
 
 
+def salvaged(path: Path, member: zipfile.ZipInfo) -> IO[bytes]:
+    """What can be read of a damaged member of an archive that has its list. Raises zipfile.BadZipFile."""
+    with path.open("rb") as file:
+        file.seek(member.header_offset)
+        head = file.read(_LOCAL.size)
+    if len(head) < _LOCAL.size or head[:4] != _MAGIC or member.compress_type not in (0, 8):
+        raise zipfile.BadZipFile("a member without a header")
+    *_, name_length, extra_length = _LOCAL.unpack(head)
+    at = member.header_offset + _LOCAL.size + name_length + extra_length
+    there = Member(member.filename, at, member.compress_size, member.compress_type == 8, member.file_size)
+    return io.BufferedReader(_Unpacked(path, there))
+
+
 def _sizes(packed: int, whole: int, extra: bytes) -> tuple[int, int]:
     at = 0
     while at + 4 <= len(extra):
@@ -145,11 +158,13 @@ class _Unpacked(io.RawIOBase):
             if self._unpacker is None:
                 self._ready = data
                 continue
+            before = self._unpacker.copy()
             try:
                 self._ready = self._unpacker.decompress(data)
             except zlib.error:
                 self._used = self._member.stored
-                return False
+                self._ready = _up_to_damage(before, data)
+                return bool(self._ready)
             if self._unpacker.eof:
                 self._used = self._member.stored
         return True
@@ -166,3 +181,14 @@ class _Unpacked(io.RawIOBase):
         if not self.closed:
             os.close(self._descriptor)
         super().close()
+
+
+def _up_to_damage(unpacker: Any, data: bytes) -> bytes:
+    """What comes out before the damage shows, by going byte by byte."""
+    ready = b""
+    try:
+        for i in range(len(data)):
+            ready += unpacker.decompress(data[i : i + 1])
+    except zlib.error:
+        pass
+    return ready

@@ -10,7 +10,7 @@ from evis.streams.recording import OpenOptions
 NAME = "text in a zip archive"
 
 
-def matches(head: bytes, path: Path) -> bool:
+def matches(head: bytes, path: Path, name: str) -> bool:
     """A zip archive with a text file in it."""
     return head.startswith(b"PK\x03\x04") and is_text_archive(path)
 

@@ -1,0 +1,43 @@
+"""What damaged files make their readers raise: the one place that tells it from a mistake of the program."""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+FAULTS: tuple[type[Exception], ...] = (
+    OSError, EOFError, ValueError, ArithmeticError, MemoryError, NotImplementedError, struct.error, zlib.error,
+)  # fmt: skip
+"""Exceptions that a file's content causes: it ends early, says numbers that cannot be, or wants more than there is.
+Lookups, wrong types, missing names and failed assertions are not among them: those are a reader's own mistakes."""
+_LIBRARIES = ("zipfile", "_lzma", "sqlite3", "zstandard")
+"""Modules with exceptions of their own for damaged data, which are not imported for their names alone."""
+
+
+def is_fault(error: BaseException) -> bool:
+    """Returns whether an exception in a reader is the fault of what it reads."""
+    return isinstance(error, FAULTS) or type(error).__module__.partition(".")[0] in _LIBRARIES
+
+
+@contextmanager
+def faults_as(kind: type[ValueError], name: str | os.PathLike[str]) -> Iterator[None]:
+    """Turns the faults of a file into `kind`, whose text names the file; everything else passes as it is.
+
+    The cause stays with the error, so that a traceback shows it.
+    """
+    try:
+        yield
+    except kind:
+        raise
+    except Exception as error:
+        if not is_fault(error):
+            raise
+        text = " ".join(str(error).split())[:300] or type(error).__name__
+        if isinstance(error, OSError) and error.errno:
+            text = os.strerror(error.errno)
+        if isinstance(error, MemoryError):
+            text = f"there is not enough memory to read it ({text})"
+        raise kind(text if os.fspath(name) in text else f"{os.fspath(name)}: {text}") from error
