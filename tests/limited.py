@@ -1,0 +1,33 @@
+"""Attacks run in a child process with a limit of memory and of time, so that what they cost is part of the test."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+MEMORY = 4_000_000_000
+"""Address space of the child, as `ulimit -v 4000000` [bytes]."""
+SECONDS = 60
+"""Against hangs only: what is tested takes a few at most."""
+
+
+def refused_by(code: str, *arguments: object, memory: int = MEMORY) -> str:
+    """Runs `code` in a child that may have `memory` bytes, and returns the text of the ValueError that it must raise.
+
+    code: Python, with `arguments` as texts in sys.argv[1:]. A child that ends otherwise fails the test.
+    """
+    program = (
+        f"try:\n    {code}\nexcept ValueError as error:\n    print(error)\nelse:\n    raise SystemExit('not refused')"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
+        cwd=Path(__file__).parents[1],
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (memory, memory)),
+    )
+    assert done.returncode == 0, done.stderr[-2000:] or done.stdout
+    return done.stdout.strip()
