@@ -99,7 +99,7 @@ def parse_value(text: str, name: str) -> Any:
     """What a text of YAML says: Table, Row, text, number, true, false or null. Raises LaunchError with name:line."""
     if len(text) > MAX_BYTES:
         raise LaunchError(f"{name}: longer than {MAX_BYTES} characters")
-    events = yaml.parse(text, Loader=_LOADER)
+    events: Any = yaml.parse(text, Loader=_LOADER)
     try:
         return _Values(events, name).document()
     except yaml.MarkedYAMLError as error:
@@ -198,11 +198,12 @@ class _Values:
     def _map(self, start: Any, depth: int) -> Table:
         table = Table(self._file, start.start_mark.line + 1)
         while not isinstance(event := next(self._events), yaml.MappingEndEvent):
+            line = event.start_mark.line + 1
             if not isinstance(event, yaml.ScalarEvent):
                 raise self._error(event, "a key must be a plain word")
             self._counted(event, 1)
             self._check_length(event)
-            key, line = str(event.value), event.start_mark.line + 1
+            key = str(event.value)
             if key in table:
                 raise self._error(event, f"'{key}' stands here twice (first in line {table.lines[key]})")
             table[key] = self._value(next(self._events), depth + 1)
