@@ -197,8 +197,9 @@ def _walk(root: Element, attached: Mapping[str, int] | None = None) -> Iterator[
     while left:
         element, times = left.pop()
         if element is not root:
-            times *= _copies(element, attached or {})
-            yield element, times
+            inside = times * _copies(element, attached or {})
+            yield element, times if element.tag == "replicate" else inside
+            times = inside
         left += [(child, times) for child in reversed(element.children)]
 
 
