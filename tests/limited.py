@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import resource
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 MEMORY = 4_000_000_000
@@ -18,9 +20,19 @@ def refused_by(code: str, *arguments: object, memory: int = MEMORY) -> str:
 
     code: Python, with `arguments` as texts in sys.argv[1:]. A child that ends otherwise fails the test.
     """
-    program = (
-        f"try:\n    {code}\nexcept ValueError as error:\n    print(error)\nelse:\n    raise SystemExit('not refused')"
-    )
+    program = f"try:\n    {code}\nexcept ValueError as error:\n    print(error)\nelse:\n    raise SystemExit('passed')"
+    return _output(program, arguments, memory).strip()
+
+
+def each_refused(code: str, arguments: Sequence[object], memory: int = MEMORY) -> list[str]:
+    """As `refused_by` for each of the arguments, which `code` has as `argument`, one after another in one child."""
+    lines = ["import json, sys", "told = []", "for argument in sys.argv[1:]:", "    try:", f"        {code}"]
+    lines += ["    except ValueError as error:", "        told.append(str(error))"]
+    lines += ["    else:", "        raise SystemExit(f'not refused: {argument}')", "print(json.dumps(told))"]
+    return [str(text) for text in json.loads(_output("\n".join(lines), arguments, memory).splitlines()[-1])]
+
+
+def _output(program: str, arguments: Sequence[object], memory: int) -> str:
     done = subprocess.run(
         [sys.executable, "-c", program, *map(str, arguments)],
         capture_output=True,
@@ -30,4 +42,4 @@ def refused_by(code: str, *arguments: object, memory: int = MEMORY) -> str:
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (memory, memory)),
     )
     assert done.returncode == 0, done.stderr[-2000:] or done.stdout
-    return done.stdout.strip()
+    return done.stdout
