@@ -29,8 +29,8 @@ MAX_VERTICES = 1_000_000
 """Most vertices of a mesh made by MuJoCo, which looks for their convex hull."""
 ARRAYS = 2 << 30
 """Memory for what a few letters ask for, height fields and textures made by code [bytes]."""
-CELL = 200
-"""Bytes of a sample of a height field, as the two triangles that are drawn."""
+CELL = 400
+"""Bytes of a sample of a height field, as the two triangles that are drawn, and what is made on the way."""
 _COUNTS = (
     "nkey", "nuserdata", "nuser_body", "nuser_jnt", "nuser_geom", "nuser_site", "nuser_cam", "nuser_tendon",
     "nuser_actuator", "nuser_sensor", "njmax", "nconmax", "nstack", "dim", "num", "nsample", "actdim", "size",
