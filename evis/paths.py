@@ -6,6 +6,8 @@ import difflib
 from pathlib import Path
 
 _PACKAGE = Path(__file__).resolve().parent
+MOST_LOOKED_AT = 1 << 20
+"""Of a file to tell a scene from a launch file [characters]; longer ones are neither."""
 
 
 def data_folder(kind: str) -> Path:
@@ -40,7 +42,8 @@ def find(kind: str, name: str) -> Path | None:
 def _is_scene(path: Path) -> bool:
     """Whether a YAML file has a scene's keys and none that only a launch file has."""
     try:
-        keys = {line.partition(":")[0] for line in path.read_text(encoding="utf-8").splitlines()}
+        with path.open(encoding="utf-8") as file:
+            keys = {line.partition(":")[0] for line in file.read(MOST_LOOKED_AT).splitlines()}
     except (OSError, UnicodeDecodeError):
         return False
     return bool(keys & {"cameras", "bodies", "world", "mjcf"}) and "nodes" not in keys

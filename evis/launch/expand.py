@@ -19,6 +19,8 @@ NODE_KEYS = (
     "lookup", "keep", "tap", "on_demand", "spares",
 )  # fmt: skip
 MODES = ("lockstep", "realtime", "live")
+MAX_NODES = 1000
+"""Most nodes of a graph, those that are left out by a condition counted too."""
 
 
 @dataclass
@@ -109,6 +111,8 @@ def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, A
 def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, Any]) -> None:
     entry: Table = nodes[name]
     entry.check_keys(NODE_KEYS, f"node '{name}'")
+    if len(result.nodes) + len(result.absent) >= MAX_NODES:
+        raise LaunchError(f"{nodes.where(name)}: more than {MAX_NODES} nodes up to here")
     for turn, several in _turns(entry, scope):
         suffix = "_" + "_".join(text_of(v) for v in turn.values()) if several else ""
         inner = {**scope, **turn}
@@ -152,6 +156,10 @@ def _turns(entry: Table, scope: Mapping[str, Any]) -> list[tuple[dict[str, Any],
     turns: list[dict[str, Any]] = [{}]
     for variable in loops:
         items = _words(_fill(loops, variable, scope))
+        if len(turns) * len(items) > MAX_NODES:
+            raise LaunchError(
+                f"{loops.where(variable)}: makes {len(turns) * len(items)} nodes; the most is {MAX_NODES}"
+            )
         turns = [{**turn, variable: item} for turn in turns for item in items]
     return [(turn, len(turns) > 1) for turn in turns]
 

@@ -1,8 +1,8 @@
 """`${...}` in launch files: arguments, environment variables, and small arithmetic over them.
 
 An expression is parsed by `ast` and walked node by node; what is not in the tables below is refused. There are no
-calls, attributes, subscripts or comprehensions, and numbers and texts are bounded, so a hostile file can cost neither
-time nor memory.
+calls, attributes, subscripts or comprehensions, and numbers, texts and lists are bounded, so a hostile file can cost
+neither time nor memory, also where one value is made of others many times over.
 """
 
 from __future__ import annotations
@@ -18,6 +18,12 @@ from typing import Any
 
 MAX_LENGTH = 500
 """Longest expression [characters]."""
+MAX_TEXT = 10_000
+"""Longest text that `${...}` are filled into [characters]."""
+MAX_ITEMS = 10_000
+"""Most values in the lists that one value of a file gets by `${...}`, those in lists of lists counted too."""
+MAX_DEPTH = 32
+"""Most levels of lists within each other."""
 _LARGEST = 2**64
 
 _HOLE = re.compile(r"\$\{([^{}]*)\}")
@@ -58,7 +64,10 @@ def evaluate(text: str, arguments: Mapping[str, Any]) -> Any:
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise ExpressionError(f"'{text}' is not an expression") from None
     try:
-        return _value(tree.body, arguments, text)
+        value = _value(tree.body, arguments, text)
+        if not isinstance(tree.body, ast.Name):
+            _left(value, MAX_ITEMS, text)
+        return value
     except ZeroDivisionError:
         raise ExpressionError(f"'{text}' divides by zero") from None
     except (TypeError, OverflowError, RecursionError) as error:
@@ -136,7 +145,7 @@ def _compared(kind: ast.cmpop, a: Any, b: Any, text: str) -> bool:
 def _number(value: Any, text: str) -> Any:
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         return value
-    raise ExpressionError(f"'{text}': {value!r} is not a number")
+    raise ExpressionError(f"'{text}': {value!r:.60} is not a number")
 
 
 def _bounded(value: Any, text: str) -> Any:
@@ -150,19 +159,53 @@ def _bounded(value: Any, text: str) -> Any:
 
 
 def substitute(value: Any, arguments: Mapping[str, Any]) -> Any:
-    """`value` with every `${...}` filled in, lists and maps gone through; a text that is one hole keeps its type."""
+    """`value` with every `${...}` filled in, lists and maps gone through; a text that is one hole keeps its type.
+
+    Raises ExpressionError, also for a text or list that becomes too long.
+    """
+    return _substituted(value, arguments, [MAX_ITEMS])
+
+
+def _substituted(value: Any, arguments: Mapping[str, Any], left: list[int]) -> Any:
+    """left: how many more values the lists that are filled in may have."""
     if isinstance(value, dict):
-        return {key: substitute(item, arguments) for key, item in value.items()}
+        return {key: _substituted(item, arguments, left) for key, item in value.items()}
     if isinstance(value, list):
-        return [substitute(item, arguments) for item in value]
+        return [_substituted(item, arguments, left) for item in value]
     if not isinstance(value, str):
         return value
     whole = _HOLE.fullmatch(value)
     if whole:
-        return _fill(whole[1], arguments)
+        filled = _fill(whole[1], arguments)
+        if isinstance(filled, list):
+            left[0] = _left(filled, left[0], value)
+        return filled
     if "${" in _HOLE.sub("", value):
-        raise ExpressionError(f"'{value}' has a ${{ without its }}")
-    return _HOLE.sub(lambda hole: text_of(_fill(hole[1], arguments)), value)
+        raise ExpressionError(f"'{value:.60}' has a ${{ without its }}")
+    return _with_holes_filled(value, arguments)
+
+
+def _with_holes_filled(text: str, arguments: Mapping[str, Any]) -> str:
+    pieces, length, at = [], 0, 0
+    for hole in _HOLE.finditer(text):
+        pieces += [text[at : hole.start()], text_of(_fill(hole[1], arguments))]
+        length, at = length + len(pieces[-2]) + len(pieces[-1]), hole.end()
+        if length > MAX_TEXT:
+            raise ExpressionError(f"'{text:.60}' becomes a text of more than {MAX_TEXT} characters")
+    return "".join([*pieces, text[at:]])
+
+
+def _left(value: Any, most: int, text: str, depth: int = MAX_DEPTH) -> int:
+    """`most` less the number of values in a list. Lists share what they are made of, so they grow at no cost.
+
+    Raises ExpressionError naming `text` where there are more, or lists within each other deeper than `depth`.
+    """
+    if most < 1 or not depth:
+        raise ExpressionError(f"'{text:.60}' makes more than {MAX_ITEMS} values or {MAX_DEPTH} levels of lists")
+    most -= 1
+    for item in value if isinstance(value, list) else ():
+        most = _left(item, most, text, depth - 1)
+    return most
 
 
 def names_in(value: Any) -> set[str]:
@@ -173,7 +216,7 @@ def names_in(value: Any) -> set[str]:
         return set().union(*map(names_in, value))
     found: set[str] = set()
     for inside in _HOLE.findall(value) if isinstance(value, str) else ():
-        if not _ENVIRONMENT.match(inside.strip()):
+        if len(inside) <= MAX_LENGTH and not _ENVIRONMENT.match(inside.strip()):
             with contextlib.suppress(SyntaxError, ValueError, RecursionError, MemoryError):
                 tree = ast.parse(inside.strip(), mode="eval")
                 found |= {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from evis.paths import find, names
 
 TOP_KEYS = ("description", "mode", "args", "recorded", "include", "nodes")
 INCLUDE_KEYS = ("file", "args", "namespace", "if", "unless")
+MAX_FILES = 100
+"""Most files that a launch file is made of, one that is included twice counted twice."""
 
 
 @dataclass
@@ -30,8 +33,13 @@ class LaunchFile:
         return str(self.table.get("description", "")).strip()
 
 
-def load(path: Path, above: tuple[Path, ...] = ()) -> LaunchFile:
+def load(path: Path) -> LaunchFile:
     """Read a launch file and all that it includes. Raises LaunchError with file:line."""
+    return _load(path, (), iter(range(MAX_FILES - 1)))
+
+
+def _load(path: Path, above: tuple[Path, ...], more: Iterator[int]) -> LaunchFile:
+    """above: the files that lead to this one by their includes. more: one item for each file that may yet be read."""
     real = path.resolve()
     table = read(path)
     table.check_keys(TOP_KEYS, "a launch file")
@@ -43,7 +51,9 @@ def load(path: Path, above: tuple[Path, ...] = ()) -> LaunchFile:
         target = _include_path(entry, real)
         if target.resolve() in (*above, real):
             raise LaunchError(f"{entry.where('file')}: {target.name} includes itself")
-        child = load(target, (*above, real))
+        if next(more, None) is None:
+            raise LaunchError(f"{entry.where('file')}: more than {MAX_FILES} files, each counted as often as included")
+        child = _load(target, (*above, real), more)
         set_here = submap(entry, "args")
         for key in set_here:
             if key not in child.arguments:

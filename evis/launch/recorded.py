@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import yaml
-
-from evis.launch.document import LaunchError, Table
+from evis.launch.document import LaunchError, Table, parse_value
 from evis.launch.expression import ExpressionError, substitute
 from evis.secret import HIDDEN
 
@@ -28,13 +26,17 @@ def recorded(entry: Table, values: Mapping[str, Any], given: Mapping[str, Any]) 
         raise LaunchError(f"{entry.where('bag')}: {error}") from None
     stored = _stored(str(bag), entry.where("bag"))
     names = [str(name) for name in entry.get("arguments") or []]
-    found = {name: _value(stored[PREFIX + name]) for name in names if PREFIX + name in stored and name in values}
+    told = {name: stored[PREFIX + name] for name in names if PREFIX + name in stored and name in values}
+    found = {name: _value(text, f"{bag}, argument {name}") for name, text in told.items()}
     return {**{name: value for name, value in found.items() if value is not None}, **given}
 
 
-def _value(text: str) -> Any:
-    """A value that was written as Python's text: True, 0.2, ['cam0'], None. A secret was not written."""
-    return None if text == "None" or HIDDEN in text else yaml.safe_load(text)
+def _value(text: str, name: str) -> Any:
+    """A value that was written as Python's text: True, 0.2, ['cam0'], None. Raises LaunchError naming `name`.
+
+    A secret was not written.
+    """
+    return None if text.strip() in ("", "None") or HIDDEN in text else parse_value(text, name)
 
 
 def _stored(bag: str, where: str) -> Mapping[str, str]:

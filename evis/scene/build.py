@@ -22,6 +22,7 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
     include:    a file with materials, world, bodies, lights and environment that several scenes share
     timestep:   sub-step of prescribed motion [s]
     mjcf:       a MuJoCo model or URDF with the bodies that move by dynamics;  initial_spread: {position, rotation}
+    assets:     [FOLDER], from which the files named here (mjcf, meshes) may take theirs, beside their own folders
     keyframe:   of the model, where it starts: a name, a number, none; auto (the default): `home`, if it has that
 
     FRAME:  position and rotation: {axis, angle} (or a list) | quaternion | look_at (with up), in the frame of `parent`;
@@ -48,14 +49,16 @@ from typing import Any
 
 import numpy as np
 
+from evis.allowance import Allowance, AllowanceError
 from evis.geometry import pinhole, se3
 from evis.launch.document import Table, nearest
 from evis.scene import motion
 from evis.scene.cameras import read_camera
-from evis.scene.copies import copies
+from evis.scene.copies import MAX_COPIES, copies
+from evis.scene.folders import Folders
 from evis.scene.lights import read_light
 from evis.scene.materials import read_material
-from evis.scene.model import WORLD, Body, Instance, Material, Mesh, Scene
+from evis.scene.model import MODELS, WORLD, Body, Instance, Material, Mesh, Scene
 from evis.scene.read_motion import read_motion
 from evis.scene.reader import Fields, SceneError
 from evis.scene.sky import mean_radiance, read_environment_map
@@ -63,6 +66,9 @@ from evis.scene.tessellate import read_parts, read_shape
 
 SUBSTEP_NS = 1_000_000
 """Sub-step of /state unless the scene says otherwise [ns]: the 1 kHz that controllers and inertial sensors use."""
+
+MADE = 2 << 30
+"""What a scene file may make of a few lines by code, meshes and textures [bytes]; 100 times its size comes to it."""
 
 
 def build(table: Table, path: Path, arguments: Mapping[str, Any], textures: bool = True, visuals: bool = True) -> Scene:
@@ -74,8 +80,12 @@ class _Builder:
     def __init__(self, table: Table, path: Path, arguments: Mapping[str, Any], textures: bool, visuals: bool) -> None:
         self.top = Fields(table, f"scene {path.stem}", arguments)
         self.arguments, self.folder, self.textures, self.visuals = arguments, path.parent, textures, visuals
+        self.folders = _folders(self.top, path)
+        self.allowance = Allowance(path.stat().st_size, base=MADE)
+        self.entries = 0
         self.scene = Scene(path.stem, [], [], [], [], [], np.zeros(3, np.float32))
         self.meshes: dict[Any, Mesh] = {}
+        self.counted: dict[int, Mesh] = {}
         self.parts: dict[Any, list[Any]] = {}
         self.top.has("args")
         self.top.has("include")
@@ -111,6 +121,7 @@ class _Builder:
             scene.mjcf = (path.parent / self.top.text("mjcf")).resolve()
             if not scene.mjcf.is_file():
                 raise self.top.error("mjcf", f"names {scene.mjcf.name}, which is not in {path.parent or '.'}")
+            scene.folders = self.folders.beside(scene.mjcf)
             size = (int(self.arguments["width"]), int(self.arguments["height"]))
             self.model = add_model(scene, size, own_cameras="cameras" in self.top.table, visuals=self.visuals)
             try:
@@ -127,11 +138,14 @@ class _Builder:
     def _frames(self) -> None:
         """Bodies and cameras: numbered first, then placed, since each may stand on another."""
         bodies = self.top.sections("bodies", "body")
-        self.stems = {base + ending: base for base, entry in bodies.items() for ending, _ in copies(entry)}
-        self.bodies, self.cameras = (
-            {base + ending: copy for base, entry in self.top.sections(*key).items() for ending, copy in copies(entry)}
-            for key in (("bodies", "body"), ("cameras", "camera"))
-        )
+        copied = [(base, ending, copy) for base, entry in bodies.items() for ending, copy in self._copies(entry)]
+        self.stems = {base + ending: base for base, ending, _ in copied}
+        self.bodies = {base + ending: copy for base, ending, copy in copied}
+        self.cameras = {
+            base + ending: copy
+            for base, entry in self.top.sections("cameras", "camera").items()
+            for ending, copy in self._copies(entry)
+        }
         self.index = {body.name: i for i, body in enumerate(self.scene.bodies)}
         for name, fields in (*self.bodies.items(), *self.cameras.items()):
             if name in self.index or name == "world":
@@ -145,6 +159,23 @@ class _Builder:
         self._placed: dict[str, bool] = {}
         for name in (*self.cameras, *self.bodies):
             self._place(name)
+
+    def _copies(self, entry: Fields) -> list[tuple[str, Fields]]:
+        """What an entry stands for; copies within copies are counted together."""
+        made = copies(entry)
+        self.entries += len(made)
+        if self.entries > MAX_COPIES:
+            raise entry.error(
+                "copies", f"makes more than {MAX_COPIES} bodies, shapes, lights and cameras in this scene"
+            )
+        return made
+
+    def _take(self, size: int, fields: Fields) -> None:
+        """Count what is made of a few lines. Raises SceneError at the one that is too much."""
+        try:
+            self.allowance.take(size)
+        except AllowanceError as error:
+            raise fields.error(None, f"is too large with what stands before it: {error}") from None
 
     def _place(self, name: str) -> None:
         """Give body `name` its trajectory, after the one of the body it stands on."""
@@ -221,12 +252,13 @@ class _Builder:
     def _add_material(self, material: Material, fields: Fields) -> None:
         if material.name in self.materials:
             raise fields.error(None, "has a name that the MJCF uses already")
+        self._take(0 if material.texture is None else material.texture.nbytes, fields)
         self.materials[material.name] = len(self.scene.materials)
         self.scene.materials.append(material)
 
     def _shapes(self, body: int, name: str, shapes: list[Fields], shared: str = "", stem: str = "world") -> None:
         """The shapes of a body. shared: the body's own class; stem: its name without what copies add."""
-        entries = [entry for fields in shapes for entry in copies(fields)]
+        entries = [entry for fields in shapes for entry in self._copies(fields)]
         for i, (ending, fields) in enumerate(entries):
             if fields.has("name"):
                 label = fields.text("name") + ending
@@ -253,6 +285,9 @@ class _Builder:
     def _add_instance(self, instance: Instance, fields: Fields) -> None:
         if instance.name in self.labels:
             raise fields.error("name", f"'{instance.name}' is taken already")
+        if id(instance.mesh) not in self.counted:
+            self.counted[id(instance.mesh)] = instance.mesh
+            self._take(instance.mesh.nbytes, fields)
         self.labels.add(instance.name)
         self.scene.instances.append(instance)
 
@@ -260,7 +295,7 @@ class _Builder:
         self, label: str, body: int, fields: Fields, material: int | None, pose: np.ndarray, semantic: str
     ) -> None:
         """Every mesh of a file as an instance, with the file's materials unless the entry names one."""
-        parts = read_parts(fields, self.folder, self.textures, self.parts)
+        parts = read_parts(fields, self.folders, self.textures, self.parts)
         for i, part in enumerate(parts):
             chosen = material
             if chosen is None:
@@ -274,7 +309,7 @@ class _Builder:
 
     def _lights(self) -> None:
         for base, section in self.top.sections("lights", "light").items():
-            for ending, fields in copies(section):
+            for ending, fields in self._copies(section):
                 body = self._reference(fields, "body") if fields.has("body") else WORLD
                 self.scene.lights.append(read_light(base + ending, fields, body))
 
@@ -317,6 +352,21 @@ class _Builder:
         from evis.scene.mjcf_frames import free_name
 
         self.scene.bodies[number].name = free_name(self.scene, "cam0", "body")
+
+
+def _folders(top: Fields, path: Path) -> Folders:
+    """The scene's folder, and those of `assets`: relative to the scene file, or to where a model by itself is
+    launched. Raises SceneError for one that is not there."""
+    stated = top.plain("assets", [])
+    names = [name.strip() for name in stated.split(",") if name.strip()] if isinstance(stated, str) else stated
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise top.error("assets", f"is {stated!r:.60}; it must be a list of folders")
+    bare = path.suffix in MODELS
+    folders = tuple(Path(name).expanduser() if bare else path.parent / name for name in names)
+    for folder in folders:
+        if not folder.is_dir():
+            raise top.error("assets", f"names {folder}, which is no folder")
+    return Folders(path.parent, folders, bare)
 
 
 def _mentions(value: Any, key: str) -> bool:

@@ -12,7 +12,9 @@ import numpy as np
 from evis.scene.reader import Fields
 
 MAX_COPIES = 100_000
-"""Most entries that one `copies` makes."""
+"""Most entries that the `copies` of a scene make."""
+MAX_VALUES = 1_000_000
+"""Most values that one `copies` works out: its copies times its variables."""
 
 
 def copies(fields: Fields) -> list[tuple[str, Fields]]:
@@ -37,13 +39,18 @@ def copies(fields: Fields) -> list[tuple[str, Fields]]:
     count = int(np.prod([len(v) for v in values.values()], dtype=float))
     if count > MAX_COPIES:
         raise section.error("over", f"makes {count} copies; the most is {MAX_COPIES}")
-    draws = _draws(section, count)
-    let = section.section("let", "let")
+    let, random = section.section("let", "let"), section.section("random", "random")
+    variables = sum(len(part.table) for part in (over, let, random) if part)
+    if count * variables > MAX_VALUES:
+        raise section.error(
+            None, f"makes {count} copies of {variables} variables each; the most is {MAX_VALUES} in all"
+        )
+    draws = _draws(random, count)
     result = []
     for number, places in enumerate(itertools.product(*(range(len(v)) for v in values.values()))):
-        variables = {name: values[name][place] for name, place in zip(values, places)}
-        variables |= {name: drawn[number] for name, drawn in draws.items()}
-        copy = Fields(fields.table, fields.what, {**fields.arguments, **variables})
+        own = {name: values[name][place] for name, place in zip(values, places)}
+        own |= {name: drawn[number] for name, drawn in draws.items()}
+        copy = Fields(fields.table, fields.what, {**fields.arguments, **own})
         copy.has("copies")
         for name in let.table if let else ():
             assert let is not None
@@ -65,9 +72,8 @@ def _values(over: Fields, name: str) -> list[Any]:
     return list(range(over.whole(name, maximum=MAX_COPIES)))
 
 
-def _draws(section: Fields, count: int) -> dict[str, list[Any]]:
+def _draws(random: Fields | None, count: int) -> dict[str, list[Any]]:
     """Random values per name, one for each copy."""
-    random = section.section("random", "random")
     if random is None:
         return {}
     seed = random.whole("seed", 0, maximum=(1 << 32) - 1)

@@ -11,13 +11,11 @@ from typing import Any
 from evis.launch.document import LaunchError, Row, Table, read
 from evis.params import Param, ParamError, resolve
 from evis.paths import find, names
-from evis.scene.model import Scene
+from evis.scene.model import MODELS, Scene
 from evis.scene.reader import Fields, SceneError
 
 MAX_PIXELS = 16384
 """Largest width and height of a camera [px]."""
-MODELS = (".xml", ".urdf")
-"""Files of MuJoCo's own reader, which are scenes by themselves."""
 _SECTIONS = ("materials", "world", "bodies", "lights")
 """What an included file adds to the scene's own; of the rest, the scene's own counts."""
 _TYPES: dict[str, type] = {"float": float, "int": int, "str": str, "bool": bool, "vector": list}
@@ -137,13 +135,15 @@ def _document(path: Path) -> Table:
 
 
 def _bare(path: Path) -> Table:
-    """The scene that a model is by itself; of an MJCF the keyframe to start from is an argument."""
-    table = Table(str(path), 1)
-    table["mjcf"] = path.name
+    """The scene that a model is by itself; arguments are its further folders and, of an MJCF, where it starts."""
+    table, arguments, assets = (Table(str(path), 1) for _ in range(3))
+    table["mjcf"], table["args"], table["assets"] = path.name, arguments, "${assets}"
+    assets.update(type="str", default="", help="folders beside its own from which it may read files, with commas")
+    arguments["assets"] = assets
     if path.suffix == ".xml":
-        start, arguments = Table(str(path), 1), Table(str(path), 1)
+        start = Table(str(path), 1)
         start.update(type="str", default="auto", help="keyframe to start from: a name, a number, none, or auto: home")
-        arguments["keyframe"], table["args"], table["keyframe"] = start, arguments, "${keyframe}"
+        arguments["keyframe"], table["keyframe"] = start, "${keyframe}"
     return table
 
 

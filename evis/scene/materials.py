@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from evis.scene import textures
-from evis.scene.colour import linear_from_bytes
 from evis.scene.model import Material
-from evis.scene.reader import Fields
+from evis.scene.pictures import load_picture
+from evis.scene.reader import Fields, SceneError
 
 KINDS = ("blobs", "noise", "checker", "bricks", "planks", "image")
-_MAX_IMAGE = 8192
 
 
 def read_material(name: str, fields: Fields, folder: Path, textures: bool = True) -> Material:
@@ -68,17 +67,12 @@ def _seed(fields: Fields) -> int:
 
 
 def _image(fields: Fields, folder: Path) -> np.ndarray:
-    """A PNG, JPEG or other 8-bit picture, taken as sRGB."""
-    from PIL import Image
-
+    """A picture from a file, linear."""
     name = fields.text("file")
     path = folder / name
     if not path.is_file():
         raise fields.error("file", f"names {name}, which is not in {folder or '.'}")
     try:
-        with Image.open(path) as picture:
-            if max(picture.size) > _MAX_IMAGE:
-                raise fields.error("file", f"names {name} of {picture.size} px; the most is {_MAX_IMAGE} px a side")
-            return linear_from_bytes(np.asarray(picture.convert("RGB")))
-    except (OSError, SyntaxError) as error:
-        raise fields.error("file", f"names {name}, which is no picture: {' '.join(str(error).split())[:100]}") from None
+        return load_picture(path)
+    except SceneError as error:
+        raise fields.error("file", f"names {name}, {error}") from None

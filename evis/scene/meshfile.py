@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,13 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from evis.scene.colour import linear_from_bytes, linear_from_srgb
+from evis.allowance import AllowanceError
+from evis.scene import gltf_header
+from evis.scene.colour import linear_from_srgb
+from evis.scene.folders import Folders
 from evis.scene.model import Material, Mesh
+from evis.scene.pictures import texels_of
 from evis.scene.reader import SceneError
 from evis.scene.smooth import crease_normals
 
 SUFFIXES = (".obj", ".ply", ".stl", ".gltf", ".glb")
-Y_UP = (".gltf", ".glb")
+Y_UP = gltf_header.SUFFIXES
 """Formats whose vertical axis is y by their own specification."""
 CREASE = float(np.radians(40.0))
 
@@ -36,6 +38,7 @@ def load_parts(
     y_up: bool | None = None,
     crease: float = CREASE,
     textures: bool = True,
+    folders: Folders | None = None,
 ) -> list[Part]:
     """All meshes of a file in the frame of its scene, in the order of its nodes' names.
 
@@ -44,22 +47,31 @@ def load_parts(
     Colours of vertices: glTF's COLOR_0 is linear; those of PLY (or of its faces) and OBJ are taken as sRGB, integers as
     parts of their type's largest; alpha is left out. A mesh that has them and no material gets a white one.
     Materials: glTF's metallic-roughness ones (base colour factor linear, its texture sRGB, emission times
-    KHR_materials_emissive_strength), MTL's Kd and map_Kd taken as sRGB. Raises SceneError naming the file.
+    KHR_materials_emissive_strength), MTL's Kd and map_Kd taken as sRGB. folders: from which the files it names may
+    come, its own unless given. Raises SceneError naming the file.
     """
     import trimesh
 
+    from evis.scene.meshassets import Assets
+
     if path.suffix.lower() not in SUFFIXES:
         raise SceneError(f"{path.name} is of no kind that can be read; there are {', '.join(SUFFIXES)}")
+    assets = Assets(path, folders or Folders(path.parent))
     try:
-        scene = trimesh.load_scene(str(path), process=False)
+        exact = _exact(path, assets) if path.suffix.lower() in Y_UP else {}
+        scene = trimesh.load_scene(str(path), process=False, resolver=assets)
         # Sorted, for the ids of a scene must not depend on the process that loads it.
         places = [scene.graph[node] for node in sorted(scene.graph.nodes_geometry)]
         nodes = [(transform, scene.geometry[name], str(name)) for transform, name in places]
-        exact = _gltf_materials(path) if path.suffix.lower() in Y_UP else {}
         coloured = textures and any(_kind(geometry) in ("vertex", "face") for geometry in scene.geometry.values())
-        stored = _stored(path) if coloured else {}
+        stored = _stored(path, assets) if coloured else {}
+    except (AllowanceError, SceneError) as error:
+        raise SceneError(f"{path.name}: {error}") from None
     except Exception as error:  # the readers of trimesh raise whatever they stumble over
         raise SceneError(f"{path.name} cannot be read as {path.suffix[1:].upper()}: {_line(error)}") from None
+    finally:
+        if assets.refusals:
+            raise assets.refusals[0] from None
     turn = _upright(path, y_up)
     known: dict[int, Material | None] = {}
     parts = []
@@ -92,7 +104,10 @@ def _upright(path: Path, y_up: bool | None) -> np.ndarray:
 
 
 def _mesh(path: Path, geometry: Any, transform: np.ndarray, scale: np.ndarray, turn: np.ndarray, crease: float) -> Mesh:
-    points = np.asarray(geometry.vertices, np.float64) @ transform[:3, :3].T + transform[:3, 3]
+    points = np.asarray(geometry.vertices, np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise SceneError(f"{path.name} has vertices of {points.shape[-1]} numbers; they must have three, x y z")
+    points = points @ transform[:3, :3].T + transform[:3, 3]
     points = (points * scale) @ turn.T
     faces = np.asarray(geometry.faces, np.int64)
     bad = ~np.isfinite(points).all(axis=-1)
@@ -117,14 +132,21 @@ def _kind(geometry: Any) -> str | None:
     return getattr(getattr(geometry, "visual", None), "kind", None)
 
 
-def _stored(path: Path) -> dict[str, Mapping[str, Any]]:
+def _exact(path: Path, assets: Any) -> dict[str, list[dict[str, Any]]]:
+    """The materials of a glTF file as its JSON has them, which is checked for what it asks for."""
+    tree, binary = gltf_header.read_header(path)
+    assets.buffers = gltf_header.buffer_names(tree)
+    gltf_header.check_header(tree, binary, assets.get, path.stat().st_size)
+    return gltf_header.materials_of(tree)
+
+
+def _stored(path: Path, assets: Any) -> dict[str, Mapping[str, Any]]:
     """What the file's reader says of each mesh, by name, before trimesh rounds colours to 8 bits; "" = the only one."""
     from trimesh.exchange.load import mesh_loaders
-    from trimesh.resolvers import FilePathResolver
 
     kind = path.suffix.lower()[1:]
     with path.open("rb") as file:
-        said = mesh_loaders[kind](file, file_type=kind, resolver=FilePathResolver(str(path)))
+        said = mesh_loaders[kind](file, file_type=kind, resolver=assets)
     return dict(said["geometry"]) if "geometry" in said else {"": said}
 
 
@@ -161,7 +183,7 @@ def _material(path: Path, source: Any, exact: Mapping[str, Sequence[Mapping[str,
         if diffuse is None or len(diffuse) != 3:
             diffuse = np.asarray(source.diffuse, np.float64)[:3] / 255
         reflectance = linear_from_srgb(np.clip(np.asarray(diffuse, np.float64), 0.0, 1.0))
-        return Material(name, reflectance, _image(source.image) if textures else None)
+        return Material(name, reflectance, _image(path, source.image) if textures else None)
     stored = next((m for m in exact.get(str(source.name), ()) if _agree(m, source)), {})
     pbr = stored.get("pbrMetallicRoughness", {})
     factor = source.baseColorFactor
@@ -172,7 +194,7 @@ def _material(path: Path, source: Any, exact: Mapping[str, Sequence[Mapping[str,
     return Material(
         name,
         np.clip(np.asarray(albedo, np.float32)[:3], 0.0, 1.0),
-        _image(source.baseColorTexture) if textures else None,
+        _image(path, source.baseColorTexture) if textures else None,
         (emission * float(strength)).astype(np.float32),
         1.0 if source.roughnessFactor is None else float(source.roughnessFactor),
         1.0 if source.metallicFactor is None else float(source.metallicFactor),
@@ -180,9 +202,13 @@ def _material(path: Path, source: Any, exact: Mapping[str, Sequence[Mapping[str,
     )
 
 
-def _image(image: Any) -> np.ndarray | None:
+def _image(path: Path, image: Any) -> np.ndarray | None:
     """A Pillow image as linear float32 [h, w, 3]."""
-    return None if image is None else linear_from_bytes(np.asarray(image.convert("RGB")))
+    try:
+        return None if image is None else texels_of(image)
+    except SceneError as error:
+        named = Path(image.info["file_path"]).name if "file_path" in image.info else "a texture"
+        raise SceneError(f"{path.name} names {named}, {error}") from None
 
 
 def _agree(stored: Mapping[str, Any], source: Any) -> bool:
@@ -190,19 +216,6 @@ def _agree(stored: Mapping[str, Any], source: Any) -> bool:
     factor = stored.get("pbrMetallicRoughness", {}).get("baseColorFactor", [1, 1, 1, 1])
     rounded = 255 if source.baseColorFactor is None else np.asarray(source.baseColorFactor, np.float64)
     return bool(np.abs(255 * np.asarray(factor, np.float64) - rounded).max() <= 1)
-
-
-def _gltf_materials(path: Path) -> dict[str, list[dict[str, Any]]]:
-    """The materials of a glTF or GLB file as its JSON has them, by name, which several may share."""
-    data = path.read_bytes()
-    if data[:4] == b"glTF":
-        (length,) = struct.unpack_from("<I", data, 12)
-        data = data[20 : 20 + length]
-    found: dict[str, list[dict[str, Any]]] = {}
-    for material in json.loads(data).get("materials", []):
-        if "name" in material:
-            found.setdefault(str(material["name"]), []).append(material)
-    return found
 
 
 def _line(error: Exception) -> str:

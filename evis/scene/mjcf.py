@@ -13,9 +13,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from evis.allowance import Allowance, AllowanceError
 from evis.geometry import se3
 from evis.launch.document import nearest
 from evis.scene.mjcf_cameras import add_cameras, add_default
+from evis.scene.mjcf_compile import compile_mjcf, folders_of
 from evis.scene.mjcf_frames import at_rest, name_of
 from evis.scene.mjcf_geoms import GROUPS, add_geom
 from evis.scene.mjcf_lights import add_lights
@@ -26,6 +28,8 @@ from evis.scene.reader import SceneError
 
 HOME = "home"
 """Keyframe that is the start unless the scene names another: so the robots of MuJoCo Menagerie call theirs."""
+DRAWN = 2 << 30
+"""Memory for the shapes of a model, more where its files are large [bytes]."""
 
 
 def add_model(scene: Scene, size: tuple[int, int], *, own_cameras: bool, visuals: bool = True) -> Any:
@@ -35,18 +39,19 @@ def add_model(scene: Scene, size: tuple[int, int], *, own_cameras: bool, visuals
     """
     assert scene.mjcf is not None
     mujoco.set_mju_user_warning(lambda text: None)  # else MuJoCo writes a log file into the working directory
-    try:
-        model, shown = _compile(scene, scene.mjcf, visuals)
-    except ValueError as error:
-        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-        raise SceneError(f"{scene.mjcf.name}: {'; '.join(lines)}") from None
+    model, shown = _compile(scene, scene.mjcf, visuals)
     data = at_rest(model)
     for i in range(1, model.nbody):
         pose = se3.make_pose(data.xpos[i], se3.from_mujoco(data.xquat[i]))
         welded = Prescribed(pose) if model.body_weldid[i] == 0 else None
         scene.bodies.append(Body(name_of(model, mujoco.mjtObj.mjOBJ_BODY, i, "body"), welded))
+    allowance = Allowance(scene.mjcf.stat().st_size, base=DRAWN)
+    textures: dict[int, np.ndarray] = {}
     for geom in np.flatnonzero(shown).tolist():
-        add_geom(scene, model, geom)
+        try:
+            allowance.take(add_geom(scene, model, geom, textures))
+        except AllowanceError as error:
+            raise SceneError(f"{scene.mjcf.name}: its shapes are too large to be drawn: {error}") from None
     if model.nflex:
         scene.notes.append("flexes are simulated but not drawn")
     if model.nskin:
@@ -95,11 +100,11 @@ def _compile(scene: Scene, path: Path, visuals: bool) -> tuple[Any, np.ndarray]:
     if path.suffix.lower() == ".urdf":
         from evis.scene.urdf import compile_urdf, drawn
 
-        bare, full, note = compile_urdf(path)
+        bare, full, note = compile_urdf(path, folders_of(scene))
         if note:
             scene.notes.append(note)
         return (full, drawn(full)) if visuals else (bare, np.zeros(bare.ngeom, bool))
-    model = mujoco.MjModel.from_xml_path(str(path))
+    model = compile_mjcf(path, folders_of(scene))
     shown = np.isin(model.geom_group, GROUPS)
     return model, (shown | _under_skins(model, shown)) & visuals
 

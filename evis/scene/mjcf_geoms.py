@@ -18,17 +18,20 @@ GROUPS = (0, 1, 2)
 _TYPE = mujoco.mjtGeom
 
 
-def add_geom(scene: Scene, model: Any, geom: int) -> None:
-    """Add geom number `geom`, its material too where the scene lacks it; nothing for one that is invisible."""
-    material = material_of(scene, model, geom)
+def add_geom(scene: Scene, model: Any, geom: int, textures: dict[int, np.ndarray] | None = None) -> int:
+    """Add geom number `geom`, its material too where the scene lacks it; nothing for one that is invisible.
+
+    textures: of materials made before, by MuJoCo's number. Returns the bytes of what was made.
+    """
+    material = material_of(scene, model, geom, textures if textures is not None else {})
     if material is None:
-        return
+        return 0
     body = int(model.geom_bodyid[geom]) - 1
     kind = _TYPE(model.geom_type[geom])
     mesh = _mesh(model, geom, kind)
     if mesh is None:
         scene.notes.append(f"geom {geom} of type {kind.name.removeprefix('mjGEOM_').lower()} is not drawn")
-        return
+        return 0
     add_coordinates(model, geom, mesh)
     owner = scene.bodies[body].name if body >= 0 else "world"
     label = kind.name.removeprefix("mjGEOM_").lower()
@@ -37,6 +40,7 @@ def add_geom(scene: Scene, model: Any, geom: int) -> None:
     pose = se3.make_pose(model.geom_pos[geom], se3.from_mujoco(model.geom_quat[geom]))
     # A robot's links are told apart; what stands in the world is what it is called.
     scene.instances.append(Instance(name, body, mesh, material, pose, owner if body >= 0 else name))
+    return mesh.nbytes
 
 
 def _mesh(model: Any, geom: int, kind: Any) -> Mesh | None:

@@ -21,8 +21,11 @@ _DEFAULT = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 """rgba of a geom that says nothing; then its material's counts."""
 
 
-def material_of(scene: Scene, model: Any, geom: int) -> int | None:
-    """Index in scene.materials of a geom's material, made where it is not there yet; None for an invisible geom."""
+def material_of(scene: Scene, model: Any, geom: int, textures: dict[int, np.ndarray]) -> int | None:
+    """Index in scene.materials of a geom's material, made where it is not there yet; None for an invisible geom.
+
+    textures: made before, by MuJoCo's number; materials share them.
+    """
     number, own = int(model.geom_matid[geom]), np.array(model.geom_rgba[geom], np.float32)
     rgba = np.array(model.mat_rgba[number]) if number >= 0 and np.array_equal(own, _DEFAULT) else own
     if rgba[3] == 0.0:
@@ -43,6 +46,8 @@ def material_of(scene: Scene, model: Any, geom: int) -> int | None:
         material.metallic = max(0.0, float(model.mat_metallic[number]))
         texture = texture_of(model, geom)
         if texture >= 0:
-            material.texture = np.maximum(pixels(model, texture), LEAST)
+            if texture not in textures:
+                textures[texture] = np.maximum(pixels(model, texture), LEAST)
+            material.texture = textures[texture]
     scene.materials.append(material)
     return len(scene.materials) - 1

@@ -15,7 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from evis.scene.colour import linear_from_srgb
+from evis.scene.colour import linear_from_bytes
 from evis.scene.model import Mesh
 
 _ROLES = (mujoco.mjtTextureRole.mjTEXROLE_RGB, mujoco.mjtTextureRole.mjTEXROLE_RGBA)
@@ -37,10 +37,11 @@ def pixels(model: Any, texture: int) -> np.ndarray:
     height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
     channels, start = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
     data = np.array(model.tex_data[start : start + height * width * channels]).reshape(height, width, channels)
-    value = np.repeat(data, 3, axis=-1) if channels < 3 else data[..., :3]
-    value = value[..., :3].astype(np.float32) / 255.0
+    data = np.repeat(data[..., :1], 3, axis=-1) if channels < 3 else data[..., :3]
     if model.tex_colorspace[texture] != mujoco.mjtColorSpace.mjCOLORSPACE_LINEAR:
-        value = linear_from_srgb(value)
+        value = linear_from_bytes(data)
+    else:
+        value = data.astype(np.float32) / np.float32(255.0)
     if model.tex_type[texture] != mujoco.mjtTexture.mjTEXTURE_2D and height == width:
         value = np.tile(value, (6, 1, 1))
     return np.ascontiguousarray(value)

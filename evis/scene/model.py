@@ -11,6 +11,10 @@ from typing import Protocol
 
 import numpy as np
 
+from evis.scene.folders import Folders
+
+MODELS = (".xml", ".urdf")
+"""Files of MuJoCo's own reader, which are scenes by themselves."""
 WORLD = -1
 """Body index of the static world."""
 
@@ -54,6 +58,12 @@ class Mesh:
     uv: np.ndarray | None = None
     normals: np.ndarray | None = None
     colours: np.ndarray | None = None
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the arrays [bytes]."""
+        arrays = (self.vertices, self.faces, self.uv, self.normals, self.colours)
+        return sum(array.nbytes for array in arrays if array is not None)
 
 
 @dataclass
@@ -159,6 +169,8 @@ class Scene:
     """Radiance [3] of the sky, also the ambient light."""
     mjcf: Path | None = None
     """The MuJoCo model, for a scene with dynamics."""
+    folders: Folders | None = None
+    """Where the files that the model names may lie."""
     keyframe: int = -1
     """Dynamics: number of the model's keyframe that is the start, -1 for its reference pose."""
     timestep_ns: int = 1_000_000

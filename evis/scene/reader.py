@@ -23,6 +23,8 @@ FARTHEST = 1e9
 """From the origin [m]; there double precision still tells 0.1 um."""
 LARGEST = 1e30
 """Beyond it single precision ends soon."""
+MAX_ERROR = 400
+"""Longest text about a value [characters]."""
 _ANGLE = re.compile(r"\s*(.+?)\s*(deg|rad)\s*\Z")
 
 
@@ -39,7 +41,8 @@ class Fields:
         self._asked: list[str] = []
 
     def error(self, key: str | None, text: str) -> SceneError:
-        """A SceneError at the line of `key`."""
+        """A SceneError at the line of `key`; of a text with a long value in it the middle is left out."""
+        text = text if len(text) <= MAX_ERROR else f"{text[: MAX_ERROR // 2]} ... {text[-MAX_ERROR // 2 :]}"
         place = f"{self.what}: {key}" if key else self.what
         return SceneError(f"{self.table.where(key if key in self.table else None)}: {place} {text}")
 

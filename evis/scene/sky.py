@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from evis.scene.pictures import load_exr
 from evis.scene.reader import Fields, SceneError
 
-MAX_TEXELS = 1 << 26
-"""Largest EXR that is read [texels]."""
+MAX_ROWS = 2048
+"""Most rows of a map that is made by code; 4096 would take 4 GB on the way."""
 
 
 def read_environment_map(fields: Fields, folder: Path) -> np.ndarray:
@@ -30,44 +31,11 @@ def read_environment_map(fields: Fields, folder: Path) -> np.ndarray:
     section = fields.section("environment_map", "environment_map")
     assert section is not None
     kind = section.text("kind", choices=("sky", "studio", "tunnel"))
-    rows = section.whole("rows", 256, minimum=16, maximum=4096)
+    rows = section.whole("rows", 256, minimum=16, maximum=MAX_ROWS)
     make = {"sky": _sky, "studio": _studio, "tunnel": _tunnel}[kind]
     image = make(section, directions(rows))
     section.done()
     return image.astype(np.float32)
-
-
-def load_exr(path: Path) -> np.ndarray:
-    """R, G, B (or Y) of an EXR file. The header is checked before any pixel is read. Raises SceneError naming it."""
-    import OpenEXR
-
-    try:
-        with OpenEXR.File(str(path), header_only=True) as file:
-            low, high = file.header()["dataWindow"]
-        width, height = (int(b) - int(a) + 1 for a, b in zip(low, high))
-        if width < 1 or height < 1 or width * height > MAX_TEXELS:
-            raise SceneError(f"{path.name} says it is {width} x {height}; 1 to {MAX_TEXELS} texels can be read")
-        with OpenEXR.File(str(path)) as file:
-            channels = {name: channel.pixels for name, channel in file.channels().items()}
-    except SceneError:
-        raise
-    except Exception as error:  # the library raises RuntimeError, TypeError and others for damaged files
-        raise SceneError(f"{path.name} cannot be read as EXR: {' '.join(str(error).split())[:150]}") from None
-    pixels = next((channels[n] for n in ("RGB", "RGBA", "Y", "YA") if n in channels), None)
-    if pixels is None or pixels.dtype.kind != "f":
-        raise SceneError(f"{path.name} has no R, G, B or Y of half or float; it has {', '.join(channels) or 'none'}")
-    if pixels.ndim == 2 or pixels.shape[2] < 3:
-        grey = pixels if pixels.ndim == 2 else pixels[..., 0]
-        pixels = np.repeat(grey[..., None], 3, axis=2)
-    image = np.ascontiguousarray(pixels[..., :3], np.float32)
-    bad = ~np.isfinite(image).all(axis=-1)
-    if bad.any():
-        row, column = np.argwhere(bad)[0]
-        count = int(bad.sum())
-        raise SceneError(f"{path.name} has {count} texels that are not finite, the first in row {row}, column {column}")
-    if image.min() < 0:
-        raise SceneError(f"{path.name} has radiance below 0, {image.min():g}; light cannot be negative")
-    return image
 
 
 def directions(rows: int) -> np.ndarray:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from evis.scene import shapes
+from evis.scene.folders import Folders
 from evis.scene.model import Mesh
 from evis.scene.reader import Fields, SceneError
 
@@ -80,15 +80,18 @@ def _triples(fields: Fields, key: str) -> np.ndarray:
     return value
 
 
-def read_parts(fields: Fields, folder: Path, textures: bool, made: dict[Any, Any]) -> list[Any]:
-    """The meshes of the file that an entry of `shapes:` names, each with its material."""
+def read_parts(fields: Fields, folders: Folders, textures: bool, made: dict[Any, Any]) -> list[Any]:
+    """The meshes of the file that an entry of `shapes:` names, each with its material.
+
+    folders: where the scene file lies, and from where the files that the mesh names may come.
+    """
     from evis.scene import meshfile
 
     fields.text("shape", choices=("mesh",))
     name = fields.text("file")
-    path = folder / name
+    path = folders.home / name
     if not path.is_file():
-        raise fields.error("file", f"names {name}, which is not in {folder or '.'}")
+        raise fields.error("file", f"names {name}, which is not in {folders.home or '.'}")
     scale = fields.raw("scale", 1.0)
     size = fields.vector_of("scale", scale if isinstance(scale, list) else [scale] * 3, 3)
     if not size.all():
@@ -98,7 +101,8 @@ def read_parts(fields: Fields, folder: Path, textures: bool, made: dict[Any, Any
     key = (path, size.tobytes(), up, crease)
     if key not in made:
         try:
-            made[key] = meshfile.load_parts(path, size, None if up is None else up == "y", crease, textures)
+            up_is_y = None if up is None else up == "y"
+            made[key] = meshfile.load_parts(path, size, up_is_y, crease, textures, folders.beside(path))
         except SceneError as error:
             raise fields.error("file", f"cannot be used: {error}") from None
     return made[key]

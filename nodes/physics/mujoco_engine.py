@@ -8,13 +8,13 @@ point at or after its stamp: at once where the keyframe interval is a multiple o
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from evis.geometry import interpolate, se3
+from evis.scene.mjcf_compile import compile_model
 from evis.scene.model import Scene
 from nodes.physics.contacts import contacts_of, gather
 from nodes.physics.followers import Followers
@@ -34,15 +34,6 @@ def step_length(model_timestep: float, asked: float | None) -> int:
     return round(timestep / -(-timestep // MAX_STEP_NS))
 
 
-def _model_of(path: Path | None) -> Any:
-    assert path is not None
-    if path.suffix.lower() == ".urdf":
-        from evis.scene.urdf import mujoco_model
-
-        return mujoco_model(path)
-    return mujoco.MjModel.from_xml_path(str(path))
-
-
 class MujocoEngine:
     """See the module. seed + k is the seed of environment k; faults come back in Interval.faults."""
 
@@ -60,7 +51,7 @@ class MujocoEngine:
         # Without a handler MuJoCo writes a log file into the working directory; the watchdog reads the counters.
         mujoco.set_mju_user_warning(lambda text: None)
         self.scene, self.seed, self.envs = scene, seed, envs
-        self.model = _model_of(scene.mjcf)
+        self.model = compile_model(scene)
         # MuJoCo would put a diverged state back to its start and go on as if nothing had happened.
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.step_ns = step_length(self.model.opt.timestep, timestep)

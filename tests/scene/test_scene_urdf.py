@@ -110,7 +110,7 @@ def test_meshes_are_found_as_ros_finds_them(tmp_path, monkeypatch, how):
     for path in (urdf, mesh):
         path.parent.mkdir(parents=True, exist_ok=True)
     mesh.write_text(TETRAHEDRON)
-    if how == "named":
+    if not how.endswith("PATH"):
         (tmp_path / package / "package.xml").write_text("<package><name>my_robot</name></package>")
     called = {"file": f"file://{mesh}", "relative": "../meshes/part.obj"}.get(how, "package://my_robot/meshes/part.obj")
     shape = f'<geometry><mesh filename="{called}"/></geometry>'

@@ -1,0 +1,120 @@
+"""Pictures that surfaces and skies are made of: the one place that opens them, and says how large they may be.
+
+The size is read from the header and checked before anything is unpacked.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evis.allowance import Allowance, AllowanceError
+from evis.scene.colour import linear_from_bytes
+from evis.scene.reader import SceneError
+
+MAX_TEXELS = 1 << 26
+"""Largest picture, as 8192 x 8192 [texels]."""
+TEXEL = 12
+"""Bytes of a texel as scenes have it, three float32."""
+FORMATS = ("PNG", "JPEG", "BMP", "GIF", "PPM", "TGA", "TIFF", "WEBP")
+"""Of what Pillow reads: some of its other formats run programs."""
+
+
+def check_size(width: int, height: int, read: int, texel: int = TEXEL) -> None:
+    """Raises SceneError for a picture that is too large, also for the `read` bytes it was packed in.
+
+    texel: bytes of each unpacked. The text begins with the size; the caller puts the name before it.
+    """
+    if width < 1 or height < 1 or width * height > MAX_TEXELS:
+        side = math.isqrt(MAX_TEXELS)
+        raise SceneError(f"of {width} x {height} px; 1 to {MAX_TEXELS} texels can be read, as {side} x {side}")
+    try:
+        Allowance(read).check(width * height * texel)
+    except AllowanceError as error:
+        raise SceneError(f"of {width} x {height} px: {error}") from None
+
+
+def check_picture(source: Path | bytes) -> None:
+    """Raises SceneError for what is no picture or too large a one, from its header. The caller puts the name before."""
+    with _opened(source):
+        pass
+
+
+def load_picture(source: Path | bytes) -> np.ndarray:
+    """A PNG, JPEG or other 8-bit picture, taken as sRGB: linear float32 [h, w, 3].
+
+    Raises SceneError whose text the caller puts the name before.
+    """
+    with _opened(source) as picture:
+        return texels_of(picture)
+
+
+def texels_of(picture: Any) -> np.ndarray:
+    """The same of a picture that Pillow has open and `check_picture` has let pass."""
+    try:
+        return linear_from_bytes(np.asarray(picture.convert("RGB")))
+    except Exception as error:  # Pillow raises OSError, SyntaxError, ValueError and others for damaged files
+        raise SceneError(f"which is a damaged picture: {_line(error)}") from None
+
+
+def _opened(source: Path | bytes) -> Any:
+    from PIL import Image
+
+    read = len(source) if isinstance(source, bytes) else source.stat().st_size
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the check below is stricter
+            picture = Image.open(io.BytesIO(source) if isinstance(source, bytes) else source, formats=FORMATS)
+    except Image.DecompressionBombError:
+        raise SceneError(f"of more than {MAX_TEXELS} texels, which is the most that can be read") from None
+    except Exception as error:
+        raise SceneError(f"which is no picture: {_line(error)}") from None
+    try:
+        check_size(*picture.size, read)
+    except SceneError:
+        picture.close()
+        raise
+    return picture
+
+
+def load_exr(path: Path) -> np.ndarray:
+    """R, G, B (or Y) of an EXR file, float32 [h, w, 3]. Raises SceneError naming it."""
+    import OpenEXR
+
+    try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            headers = [dict(file.header(i)) for i in range(len(file.parts))]
+        for header in headers:
+            low, high = header["dataWindow"]
+            width, height = (int(b) - int(a) + 1 for a, b in zip(low, high))
+            check_size(width, height, path.stat().st_size // len(headers), 4 * max(3, len(header["channels"])))
+        with OpenEXR.File(str(path)) as file:
+            channels = {name: channel.pixels for name, channel in file.channels().items()}
+    except SceneError as error:
+        raise SceneError(f"{path.name} is {error}") from None
+    except Exception as error:  # the library raises RuntimeError, TypeError and others for damaged files
+        raise SceneError(f"{path.name} cannot be read as EXR: {_line(error)}") from None
+    pixels = next((channels[n] for n in ("RGB", "RGBA", "Y", "YA") if n in channels), None)
+    if pixels is None or pixels.dtype.kind != "f":
+        raise SceneError(f"{path.name} has no R, G, B or Y of half or float; it has {', '.join(channels) or 'none'}")
+    if pixels.ndim == 2 or pixels.shape[2] < 3:
+        grey = pixels if pixels.ndim == 2 else pixels[..., 0]
+        pixels = np.repeat(grey[..., None], 3, axis=2)
+    image = np.ascontiguousarray(pixels[..., :3], np.float32)
+    bad = ~np.isfinite(image).all(axis=-1)
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        count = int(bad.sum())
+        raise SceneError(f"{path.name} has {count} texels that are not finite, the first in row {row}, column {column}")
+    if image.min() < 0:
+        raise SceneError(f"{path.name} has radiance below 0, {image.min():g}; light cannot be negative")
+    return image
+
+
+def _line(error: Exception) -> str:
+    return (" ".join(str(error).split()) or type(error).__name__)[:150]
