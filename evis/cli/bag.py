@@ -38,6 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     record.add_argument("--duration", type=float, metavar="S", help="seconds to record (until the graph ends)")
     record.add_argument("--preview-hz", type=float, default=10.0, metavar="HZ", help="rate of the preview images (10)")
     record.add_argument("--event-encoding", default="mono", choices=["mono", "evt3"], help="mono is exact, evt3 1 us")
+    record.add_argument(
+        "--sync", action="store_true", help="bring the bag to the disk every second, for the case that the machine dies"
+    )
     add_run_option(record)
     record.add_argument("--json", action="store_true", help="print JSON")
 
@@ -136,7 +139,7 @@ def _record(args: argparse.Namespace) -> dict[str, Any]:
     globs = [g.strip() for g in args.topics.split(",") if g.strip()]
     made = [name for name, topic in plan.topics.items() if not plan.nodes[topic.node].dormant]
     topics = subscribed(made, globs, args.preview_hz)
-    recorder = Recorder(args.bag, plan, globs, args.preview_hz, args.event_encoding)
+    recorder = Recorder(args.bag, plan, globs, args.preview_hz, args.event_encoding, args.sync)
     if recorder.writer.backup:
         print(f"evis bag record: the older {args.bag} is now {recorder.writer.backup}", file=sys.stderr)
     taps = Taps(plan, topics)

@@ -26,6 +26,9 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--record-topics", metavar="GLOB,...", default="", help="topics to record besides the default ones"
     )
+    parser.add_argument(
+        "--record-sync", action="store_true", help="bring the bag to the disk every second, in case the machine dies"
+    )
     parser.add_argument("--seed", type=int, metavar="N", help="same as seed:=N")
     parser.add_argument("--compose", action="store_true", help="all nodes but the visualizer in one process")
     parser.add_argument("--split", action="store_true", help="every node in a process of its own")
@@ -125,11 +128,14 @@ def make_plan(args: argparse.Namespace) -> Any:
         duration_s=args.duration,
         record=args.record,
         record_topics=tuple(t.strip() for t in args.record_topics.split(",") if t.strip()),
+        record_sync=args.record_sync,
         view=not args.no_view and os.environ.get("EVIS_NO_VIEW", "") in ("", "0"),
         grouping="compose" if args.compose else "split" if args.split else "default",
     )
     if options.record_topics and not options.record:
         raise UsageError("--record-topics needs --record BAG")
+    if options.record_sync and not options.record:
+        raise UsageError("--record-sync needs --record BAG")
     from evis.cli.auto import WARP, resolve_auto
 
     given, chosen = resolve_auto(launch, given, options)

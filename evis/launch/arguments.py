@@ -12,8 +12,9 @@ from evis.params import Param, ParamError
 
 TYPES: dict[str, type] = {"int": int, "float": float, "str": str, "bool": bool, "list": list}
 KEYS = ("type", "default", "choices", "min", "max", "help", "unit")
-OPTIONS = ("duration", "record", "record_topics", "view")
-"""Names that stand for command line options in every launch file: --duration, --record, --record-topics, --no-view."""
+OPTIONS = ("duration", "record", "record_topics", "record_sync", "view")
+"""Names that stand for command line options in every launch file: --duration, --record, --record-topics, --record-sync,
+--no-view."""
 
 
 class ArgumentError(LaunchError):

@@ -34,6 +34,7 @@ class Options:
     duration_s: float | None = None
     record: str | None = None
     record_topics: tuple[str, ...] = ()
+    record_sync: bool = False
     view: bool = True
     grouping: str = "default"
 
@@ -43,6 +44,7 @@ class Options:
             "duration": self.duration_s,
             "record": self.record,
             "record_topics": list(self.record_topics),
+            "record_sync": self.record_sync,
             "view": self.view,
         }
 

@@ -97,6 +97,21 @@ def test_recording_counts_as_reading(tmp_path: Path) -> None:
     assert not more.nodes["labeler"].dormant
 
 
+@pytest.mark.parametrize("name", ["spinning_disk", "camera", "replay"])
+def test_the_recorder_syncs_where_it_is_told_to(tmp_path: Path, name: str) -> None:
+    given = {"camera": {"emulate": "davis346"}, "replay": {"bag": str(tmp_path / "old.mcap")}}.get(name, {})
+    if name == "replay":
+        from evis.bag.writer import BagWriter
+        from msgs.header import Header
+        from msgs.world import Clock
+
+        with BagWriter(given["bag"]) as writer:
+            writer.write("/clock", Clock(Header(0, 0, "sim")))
+    for sync in (False, True):
+        made = plan(name, Options(record=str(tmp_path / "x.mcap"), record_sync=sync, view=False), **given)
+        assert made.nodes["recorder"].params["sync"] is sync
+
+
 def test_several_cameras_have_a_chain_each() -> None:
     with pytest.raises(LaunchError):
         plan("stereo_room", cameras="left,left")
