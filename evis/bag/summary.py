@@ -102,11 +102,11 @@ def unpack(data: bytes) -> Iterator[ChunkEntry]:
     """Yields the entries of a block."""
     at = 0
     while at < len(data):
-        *numbers, kind, n = _HEAD.unpack_from(data, at)
+        start, head, stored, first, last, full, kind, n = _HEAD.unpack_from(data, at)
         at += _HEAD.size
         counts = dict(_COUNT.iter_unpack(data[at : at + n * _COUNT.size]))
         at += n * _COUNT.size
-        yield ChunkEntry(*numbers, _COMPRESSIONS[kind], counts)
+        yield ChunkEntry(start, head, stored, first, last, full, _COMPRESSIONS[kind], counts)
 
 
 class Summary:

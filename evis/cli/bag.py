@@ -12,6 +12,7 @@ from typing import Any
 
 from evis.cli.attach import add_run_option, find_run
 from evis.cli.parser import Parser, UsageError
+from evis.printable import all_printable, printable
 
 HELP = "record, play, describe, repair and export bags"
 EXAMPLES = {
@@ -77,7 +78,9 @@ def run(args: argparse.Namespace) -> int:
     result = actions[args.action](args)
     if args.json:
         print(json.dumps(result))
-    elif args.action == "info":
+        return 0
+    result = all_printable(result)
+    if args.action == "info":
         print(_table(result))
     else:
         width = max(map(len, result)) + 2
@@ -110,7 +113,7 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
     result = export(args.bag, args.topic, args.out, half=args.half)
     if "problem" in result:
         print(
-            f"evis bag export: {args.bag} is torn ({result['problem']}); what is there was exported; "
+            f"evis bag export: {args.bag} is torn ({printable(result['problem'])}); what is there was exported; "
             "`evis bag recover` makes a whole bag of it",
             file=sys.stderr,
         )
@@ -141,7 +144,7 @@ def _record(args: argparse.Namespace) -> dict[str, Any]:
     topics = subscribed(made, globs, args.preview_hz)
     recorder = Recorder(args.bag, plan, globs, args.preview_hz, args.event_encoding, args.sync)
     if recorder.writer.backup:
-        print(f"evis bag record: the older {args.bag} is now {recorder.writer.backup}", file=sys.stderr)
+        print(f"evis bag record: the older {args.bag} is now {printable(recorder.writer.backup)}", file=sys.stderr)
     taps = Taps(plan, topics)
     try:
         taps.run(recorder.receive, args.duration, lambda: is_live(Path(plan.directory)))

@@ -9,6 +9,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from evis.cli.parser import UsageError
+from evis.printable import all_printable, printable
 
 if TYPE_CHECKING:
     from nodes.camera.driver import Driver
@@ -104,14 +105,14 @@ def _list(args: argparse.Namespace) -> int:
     try:
         devices = list_devices()
     except OSError as error:  # without libusb there is nothing to be seen
-        print(f"evis camera list: {error}", file=sys.stderr)
+        print(f"evis camera list: {printable(error)}", file=sys.stderr)
         devices = []
     if args.json:
         print(json.dumps([dataclasses.asdict(d) for d in devices]))
         return 0
     for d in devices:
         problem = d.details.get("problem")
-        print(problem or f"{d.serial}  {d.name}  {d.sensor}  {d.width}x{d.height}")
+        print(printable(problem or f"{d.serial}  {d.name}  {d.sensor}  {d.width}x{d.height}"))
     if not devices:
         print(f"no camera found (USB cameras supported: {', '.join(MODELS)})")
     return 0
@@ -131,7 +132,7 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(about))
         return 0
-    about |= about.pop("details")
+    about = all_printable(about | about.pop("details"))
     settings = about.pop("settings", {})
     width = max(map(len, about))
     for name, value in about.items():

@@ -7,6 +7,8 @@ import sys
 import traceback
 from collections.abc import Callable
 
+from evis.printable import printable, printable_lines
+
 
 def guarded(who: str, debug: bool, action: Callable[[], int]) -> int:
     """Run `action` and turn what it raises into an exit status and one line on stderr."""
@@ -18,7 +20,7 @@ def guarded(who: str, debug: bool, action: Callable[[], int]) -> int:
         sys.stdout.flush()
         return status
     except (UsageError, UnknownLaunch) as error:
-        print(f"{who}: {one_line(error)}", file=sys.stderr)
+        print(f"{who}: {printable(one_line(error))}", file=sys.stderr)
         return 2
     except BrokenPipeError:
         # The reader of a pipe has had enough, as `head` does; nothing more may be written at exit.
@@ -29,8 +31,8 @@ def guarded(who: str, debug: bool, action: Callable[[], int]) -> int:
         return 1
     except Exception as error:
         if debug:
-            traceback.print_exc()
-        print(f"{who}: {one_line(error)}", file=sys.stderr)
+            print(printable_lines(traceback.format_exc().rstrip("\n")), file=sys.stderr)
+        print(f"{who}: {printable(one_line(error))}", file=sys.stderr)
         return 1
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from evis.cli.parser import Parser, UsageError
+from evis.printable import printable, printable_lines
 
 HELP = "start a graph of nodes from a launch file, or a scene by its name"
 EXAMPLE = "example: evis launch spinning_disk omega:=60 --duration 1 --record disk.mcap"
@@ -84,23 +85,23 @@ def run(args: argparse.Namespace) -> int:
     except ArgumentError as error:
         raise UsageError(str(error)) from None
     if args.explain:
-        print(json.dumps(as_dict(plan)) if args.json else as_text(plan))
+        print(json.dumps(as_dict(plan)) if args.json else printable_lines(as_text(plan)))
         return 0
     from evis.cli.progress import Progress
     from evis.launch.supervisor import Supervisor
 
     if plan.chosen:
-        print(f"interpolator auto: {plan.chosen['summary']}", file=sys.stderr, flush=True)
+        print(f"interpolator auto: {printable(plan.chosen['summary'])}", file=sys.stderr, flush=True)
     with Progress(plan.duration_s) as progress:
         report = Supervisor(plan, say=progress.say, tick=progress.tick, debug=args.debug).run()
     if report.failure is not None:
-        print(f"evis launch: {report.failure}", file=sys.stderr)
+        print(f"evis launch: {printable(report.failure)}", file=sys.stderr)
     if args.json:
         print(json.dumps(report.summary))
     elif report.failure is None:
         from evis.launch.report import as_table
 
-        print(as_table(report))
+        print(printable_lines(as_table(report)))
     return 0 if report.failure is None else 1
 
 

@@ -7,6 +7,8 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
+from evis.printable import printable
+
 
 class UsageError(ValueError):
     """A command line that is understood but wrong: exit status 2."""
@@ -24,5 +26,5 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """One line, and exit status 2."""
-        print(f"{self.prog}: {message} ({self.prog} --help tells more)", file=sys.stderr)
+        print(f"{self.prog}: {printable(message)} ({self.prog} --help tells more)", file=sys.stderr)
         raise SystemExit(2)

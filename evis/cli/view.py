@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evis.cli.parser import Parser, UsageError
+from evis.printable import printable
 
 if TYPE_CHECKING:
     from evis.plan import Plan
@@ -122,7 +123,7 @@ def _serve(args: argparse.Namespace, plan: Plan, params: dict[str, Any]) -> int:
         say = _without_address(progress.say)
         report = Supervisor(plan, say=say, tick=progress.tick, debug=args.debug).run()
     if report.failure is not None:
-        print(f"evis view: {report.failure}", file=sys.stderr)
+        print(f"evis view: {printable(report.failure)}", file=sys.stderr)
         return 1
     return 0
 

@@ -20,6 +20,7 @@ from evis.launch.logs import Logs
 from evis.launch.report import Report, summarise
 from evis.launch.rundir import RunDirectory
 from evis.plan import NodePlan, Plan
+from evis.printable import printable
 
 DRAIN_S = 5.0
 """How long the graph may take to end by itself after a stop before it gets SIGTERM, and then SIGKILL [s]."""
@@ -53,7 +54,8 @@ class Supervisor:
         debug: bool = False,
     ) -> None:
         self.plan = plan
-        self._say = say or (lambda line: print(line, file=sys.stderr, flush=True))
+        tell = say or (lambda line: print(line, file=sys.stderr, flush=True))
+        self._say = lambda line: tell(printable(line))
         self._tick = tick or (lambda progress: None)
         self._debug = debug
         self._children: dict[str, Child] = {}
