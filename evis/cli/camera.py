@@ -156,6 +156,8 @@ def _stream(driver: Driver, args: argparse.Namespace, speed: float) -> int:
         common = {"packet_ms": args.packet_ms, "reconnect": args.reconnect}
         driver.configure(kind.of({**common, **parse_settings(kind, args.set)}))
     driver.start()
+    for warning in driver.info().details.get("warnings", ()):
+        print(f"evis camera stream: {printable(warning)}", file=sys.stderr)
     total: dict[str, Any] = {"packets": 0, "events": 0, "triggers": 0, "imu": 0, "frames": 0, "late_packets": 0}
     first: int | None = None
     while not driver.ended:
