@@ -61,7 +61,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     export = action("export", "write one topic to files")
     export.add_argument("bag", metavar="BAG")
     export.add_argument("--topic", required=True, metavar="TOPIC", help="as `evis bag info` names it; /env<k>/...")
-    export.add_argument("out", metavar="OUT", help="events: .npz .csv .raw; keyframes: a folder; others: .npz .jsonl")
+    export.add_argument(
+        "out", metavar="OUT", help="events: .npz .csv .raw; keyframes, images: a folder; others: .npz .jsonl"
+    )
     export.add_argument("--half", action="store_true", help="EXR with 16-bit R, G, B; values beyond 65504 are clamped")
     export.add_argument("--json", action="store_true", help="print JSON")
 
@@ -105,12 +107,19 @@ def _recover(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _export(args: argparse.Namespace) -> dict[str, Any]:
-    from evis.bag.export import ENDINGS, export
+    from evis.bag import BagError
+    from evis.bag.export import ENDINGS, FOLDERS, FormatError, export
 
     suffix = Path(args.out).suffix.lower()
-    if suffix and suffix not in ENDINGS:
-        raise UsageError(f"{args.out}: cannot write '{suffix}'; the extensions are {', '.join(ENDINGS)}")
-    result = export(args.bag, args.topic, args.out, half=args.half)
+    try:
+        result = export(args.bag, args.topic, args.out, half=args.half)
+    except FormatError as error:
+        raise UsageError(str(error)) from None
+    except BagError:
+        if suffix in ("", *ENDINGS):
+            raise
+        ways = f"events go to {', '.join(ENDINGS)}; any other topic to .npz or .jsonl, keyframes and images to a folder"
+        raise UsageError(f"{args.out}: cannot write '{suffix}'; {ways}") from None
     if "problem" in result:
         print(
             f"evis bag export: {args.bag} is torn ({printable(result['problem'])}); what is there was exported; "
@@ -118,8 +127,8 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
             file=sys.stderr,
         )
     if "other_files" in result:
-        others = result["other_files"]
-        print(f"evis bag export: {args.out} holds {others} EXR files that are not of this export", file=sys.stderr)
+        others = f"{result['other_files']} {FOLDERS['Keyframe' if 'keyframes' in result else 'Image']} files"
+        print(f"evis bag export: {args.out} holds {others} that are not of this export", file=sys.stderr)
     if "damaged" in result:
         print(
             f"evis bag export: {args.bag} is damaged; {result['damaged']} chunks or messages were left out",
