@@ -344,6 +344,11 @@ class EventSensor:
         return counts
 
     @property
+    def longest_delay_ns(self) -> int:
+        """Longest time that an event has waited for the readout so far [ns]; 0 without one."""
+        return 0 if self._readout is None else int(self._readout.longest_ns)
+
+    @property
     def nonfinite(self) -> int:
         """counts()["nonfinite"]."""
         return int(self._total[kernels.COUNTERS.index("nonfinite")])
