@@ -12,7 +12,11 @@ def as_text(plan: Plan) -> str:
     """What `evis launch --explain` prints."""
     lines = [f"{plan.name}: {plan.mode}" + (f", {plan.duration_s:g} s" if plan.duration_s else "")]
     if plan.args:
-        lines += ["", "arguments", *(f"  {k} = {_shown(v)}" for k, v in plan.args.items() if v is not None)]
+        lines += [
+            "",
+            "arguments",
+            *(f"  {k} = {_shown(v)}{_of(plan, k)}" for k, v in plan.args.items() if v is not None),
+        ]
     if plan.chosen:
         lines += ["", "chosen", *(f"  {k}: {_shown(v)}" for k, v in plan.chosen.items())]
     lines += ["", "processes"]
@@ -39,6 +43,10 @@ def as_dict(plan: Plan) -> dict[str, Any]:
         body.pop(key)
     body["processes"] = {process: [n.name for n in nodes] for process, nodes in plan.processes().items()}
     return body
+
+
+def _of(plan: Plan, name: str) -> str:
+    return f"  ({plan.brought[name]} brings it)" if name in plan.brought else ""
 
 
 def _shown(value: Any) -> str:

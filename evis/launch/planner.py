@@ -85,6 +85,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
         seed=int(expanded.values.get("seed") or 0),
         duration_s=options.duration_s,
         args=dict(expanded.values),
+        brought=dict(expanded.brought),
     )
     chosen = _choose(nodes, demand)
     if not any(node.name in demand.inputs for node in nodes):
@@ -95,8 +96,15 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     plan.nodes = _in_order(plan)
     check_pace(plan, {node.name: node for node in chosen})
     plan.left_out = left_out(nodes, demand, expanded.absent) + _unmade(plan, chosen) + _colourless(plan)
+    # A sensor that nobody reads now is told of too: it is what the frames are made for.
+    plan.sensors = {_folder(node): dict(told) for node in nodes if (told := node.cls.sensor(node.params))}
     plan.launch_text = _resolved(expanded, nodes)
     return plan
+
+
+def _folder(node: Wired) -> str:
+    """Of the topics of a camera's node: /cam0."""
+    return next(iter(node.outputs.values())).rpartition("/")[0]
 
 
 def attach(plan: Plan, spec: NodeSpec, folder: Path) -> None:
