@@ -77,7 +77,7 @@ def camera_info(
     w.doubles(distortion)
     w.doubles(k)
     w.doubles(np.eye(3))
-    w.doubles(np.hstack([k, [[-k[0, 0] * baseline if baseline else 0.0], [0.0], [0.0]]]))
+    w.doubles(np.hstack([k, [[-float(k[0, 0]) * baseline if baseline else 0.0], [0.0], [0.0]]]))
     for _ in range(6):  # binning x, y; region of interest x, y, height, width: 0 = the whole image
         w.number("I", 0)
     w.number("B", 0)
