@@ -14,6 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from evis.printable import printable
+
 SCENE = "spinning_disk"
 DURATION_S = 1.0
 SHOWN_MS = (100.0, 400.0)
@@ -92,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except LaunchFailed:
         return 1
     except (OSError, ValueError) as error:
-        print(f"evis.demo: {error}", file=sys.stderr)
+        print(f"evis.demo: {printable(error)}", file=sys.stderr)
         return 1
     if os.environ.get("VIEW", "") in ("", "0"):
         print("\nVIEW=1 make demo shows it live in a browser.")

@@ -93,6 +93,11 @@ class Node:
         return ()
 
     @classmethod
+    def sensor(cls, params: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Parameters for the readers of its camera's CameraInfo, of a node that is that camera's sensor."""
+        return {}
+
+    @classmethod
     def divides(cls, params: Mapping[str, Any]) -> int:
         """How many updates there are to each message published; of a source, how many steps to a delayed input.
 

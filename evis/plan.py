@@ -78,6 +78,12 @@ class Plan:
     topics: dict[str, TopicPlan] = field(default_factory=dict)
     left_out: list[LeftOut] = field(default_factory=list)
     args: dict[str, Any] = field(default_factory=dict)
+    brought: dict[str, str] = field(default_factory=dict)
+    """Arguments that nobody gave and that another one brought: name -> `preset:=dvs128`."""
+
+    sensors: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """What the sensor of each camera is, for its CameraInfo, by the camera's topics without their last part."""
+
     launch_text: str = ""
     """The launch file with every argument filled in, as YAML; goes into the bag."""
 
@@ -105,6 +111,11 @@ class Plan:
             if not node.dormant:
                 result.setdefault(node.process, []).append(node)
         return result
+
+    def sensor_beside(self, node: str, port: str) -> dict[str, Any]:
+        """What the sensor is that publishes beside an output of a node; {} where there is none."""
+        topic = self.nodes[node].outputs.get(port, "") if node in self.nodes else ""
+        return self.sensors.get(topic.rpartition("/")[0], {})
 
     def save(self, path: Path) -> None:
         """Write as JSON."""

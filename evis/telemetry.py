@@ -10,6 +10,7 @@ import zmq
 from evis.bus import Publisher, endpoints_for
 from evis.host import SYSTEM_TOPICS, Host, system_topic
 from evis.plan import Plan
+from evis.printable import printable
 from evis.profile import Profile
 from evis.secret import Redactor
 from msgs.diagnostics import Diagnostics
@@ -59,7 +60,8 @@ class Telemetry:
     def say(self, host: Host | None, name: str, level: str, text: str) -> None:
         """One line in the process's log and one Diagnostics message, both without secrets."""
         text = self._redactor.text(text)
-        print(f"{name}: {text}" if level == "info" else f"{name}: {level}: {text}", file=sys.stderr, flush=True)
+        line = f"{name}: {text}" if level == "info" else f"{name}: {level}: {text}"
+        print(printable(line), file=sys.stderr, flush=True)
         self.publishers["/diagnostics"].send(self._diagnostics(host, name, level, text))
 
     def periodic(self, hosts: dict[str, Host], *, force: bool = False) -> None:

@@ -37,6 +37,8 @@ class CameraInfo(Message):
     semantic: np.ndarray | None = array("int32", "?", "semantic id of each instance id", optional=True)
     classes: list[str] = field(default_factory=list)
     """Name of each semantic id; entry 0 is the background."""
+    baseline: float = 0.0
+    """How far it stands to the right of the first camera of its stereo rig [m]; 0 for any other."""
     sensor: dict[str, Any] = field(default_factory=dict)
     """Sensor parameters and identity (threshold, preset, serial, firmware, ...)."""
 

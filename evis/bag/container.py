@@ -1,8 +1,9 @@
 """Writes an MCAP file so that what was written can be read whatever happens next.
 
 Records go to the file by plain writes, nothing waits in a buffer of this process but the open chunk, and that is at
-most 1 MB or 100 ms old. After a write that fails (full disk) the file is cut back to its last whole record and closed
-with its index, as far as there is room for it.
+most 1 MB or 100 ms old: so much is lost when the process dies. What the system holds back from the disk is lost when
+the machine dies, unless the file is synced every second (`sync`). After a write that fails (full disk) the file is cut
+back to its last whole record and closed with its index, as far as there is room for it.
 """
 
 from __future__ import annotations
@@ -13,29 +14,16 @@ import struct
 import threading
 import time
 import zlib
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Channel,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    MessageIndex,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
+from mcap.records import Channel, Header, MessageIndex, Metadata, Schema
 
 from evis.bag import BagError
 from evis.bag.claim import claim
+from evis.bag.summary import ChunkEntry, Summary, record_bytes
+from evis.bag.sync import Syncer
 
 MAGIC = b"\x89MCAP0\r\n"
 PROFILE = "ros2"
@@ -48,17 +36,15 @@ _IOV_MAX = 1000
 Piece = bytes | bytearray | memoryview
 
 
-def record_bytes(record: McapRecord) -> bytes:
-    """One MCAP record with its opcode and length."""
-    builder = RecordBuilder()
-    record.write(builder)
-    return builder.end()
-
-
 class Container:
-    """An MCAP file being written. Safe to use from several threads. `backup`: where an older file went, or None."""
+    """An MCAP file being written. Safe to use from several threads. `backup`: where an older file went, or None.
 
-    def __init__(self, path: Path, chunk_bytes: int = CHUNK_BYTES, chunk_period_s: float = CHUNK_PERIOD_S) -> None:
+    sync: bring it to the disk itself (fdatasync) once a second, from a thread.
+    """
+
+    def __init__(
+        self, path: Path, chunk_bytes: int = CHUNK_BYTES, chunk_period_s: float = CHUNK_PERIOD_S, sync: bool = False
+    ) -> None:
         import zstandard
 
         self.path = path
@@ -67,12 +53,8 @@ class Container:
         """Bytes of whole records in the file."""
         self.failure: BagError | None = None
         self._compressor = zstandard.ZstdCompressor(level=ZSTD_LEVEL)
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
-        self._chunks: list[ChunkIndex] = []
-        self._metadata: list[MetadataIndex] = []
-        self._counts: dict[int, int] = defaultdict(int)
-        self._span: list[int] = []
+        self._failure_told = False
+        self._summary = Summary()
         self._body = bytearray()
         self._indexes: dict[int, list[tuple[int, int]]] = {}
         self._compressed = True
@@ -81,8 +63,11 @@ class Container:
         self._lock = threading.RLock()
         self._wake = threading.Event()
         self._descriptor, self.backup = claim(path)
+        self.syncer: Syncer | None = None
         try:
             self._write([MAGIC, record_bytes(Header(PROFILE, LIBRARY))])
+            if sync:
+                self.syncer = self._started_syncer()
         except BagError:
             self.close()
             raise
@@ -94,14 +79,14 @@ class Container:
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Write a schema; its id."""
         with self._lock:
-            schema = Schema(data=data, encoding=encoding, id=len(self._schemas) + 1, name=name)
+            schema = Schema(data=data, encoding=encoding, id=len(self._summary.schemas) + 1, name=name)
             self.put(schema)
             return schema.id
 
     def add_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
         """Write a channel; its id. Not in a chunk, so that no lost chunk takes it away."""
         with self._lock:
-            channel = Channel(len(self._channels) + 1, topic, encoding, dict(metadata), schema)
+            channel = Channel(len(self._summary.channels) + 1, topic, encoding, dict(metadata), schema)
             if channel.id > 0xFFFF:
                 raise BagError(f"{self.path}: more than 65535 channels; record fewer topics or environments")
             self.put(channel)
@@ -112,16 +97,17 @@ class Container:
         with self._lock:
             self._write([record_bytes(record)])
             if isinstance(record, Schema):
-                self._schemas[record.id] = record
+                self._summary.schemas[record.id] = record
             else:
-                self._channels[record.id] = record
+                self._summary.channels[record.id] = record
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a named table of texts."""
         with self._lock:
             data = record_bytes(Metadata(name, dict(values)))
-            self._metadata.append(MetadataIndex(self.end, len(data), name))
+            at = self.end
             self._write([data])
+            self._summary.add_metadata(at, len(data), name)
 
     # -- messages ----------------------------------------------------------------------------------------------------
 
@@ -187,16 +173,11 @@ class Container:
         first, last = min(times), max(times)
         head = struct.pack("<QQQII", first, last, size, crc, len(name)) + name + struct.pack("<Q", count)
         head = struct.pack("<BQ", Opcode.CHUNK, len(head) + count) + head
-        start, length = self.end, len(head) + count
-        offsets, tail = {}, b""
-        for channel, entries in indexes.items():
-            offsets[channel] = start + length + len(tail)
-            tail += record_bytes(MessageIndex(channel, entries))
+        start = self.end
+        tail = b"".join(record_bytes(MessageIndex(channel, entries)) for channel, entries in indexes.items())
         self._write([head, *stored, tail])
-        self._chunks.append(ChunkIndex(length, start, compression, count, last, len(tail), offsets, first, size))
-        for channel, entries in indexes.items():
-            self._counts[channel] += len(entries)
-        self._span = [min([first, *self._span]), max([last, *self._span])]
+        counts = {channel: len(entries) for channel, entries in indexes.items()}
+        self._summary.add_chunk(ChunkEntry(start, len(head), count, first, last, size, compression, counts))
 
     def _flush_in_time(self) -> None:
         while not self.closed:
@@ -208,8 +189,7 @@ class Container:
                     if not self._indexes or self.failure:
                         break
                     if age >= self.chunk_period_s:
-                        with contextlib.suppress(BagError):  # kept in `failure`, the next `add` raises it
-                            self.flush()
+                        self._flush_quietly()
                         break
                 time.sleep(self.chunk_period_s - age)
 
@@ -217,6 +197,7 @@ class Container:
 
     def _raise(self) -> None:
         if self.failure:
+            self._failure_told = True
             raise self.failure
         if self.closed:
             raise BagError(f"{self.path} is closed")
@@ -227,15 +208,14 @@ class Container:
         try:
             self._write_all([memoryview(p).cast("B") for p in pieces if len(p)])
         except OSError as error:
-            count = sum(self._counts.values())
             self.failure = BagError(
                 f"{self.path}: {error.strerror} after {self.end / 1e6:.1f} MB; recording has stopped, "
-                f"the {count} messages until then can be read"
+                f"the {self._summary.messages} messages until then can be read"
             )
             with contextlib.suppress(OSError):
                 os.ftruncate(self._descriptor, self.end)
                 os.lseek(self._descriptor, self.end, os.SEEK_SET)
-            raise self.failure from None
+            self._raise()
         self.end += sum(len(p) for p in pieces)
 
     def _write_all(self, views: list[memoryview]) -> None:
@@ -246,8 +226,42 @@ class Container:
             if written:
                 views[0] = views[0][written:]
 
+    def _started_syncer(self) -> Syncer:
+        try:
+            return Syncer(self._descriptor, self.path, self._written, self._sync_failed)
+        except OSError as error:
+            raise BagError(
+                f"{self.path} cannot be synced to a disk ({error.strerror}); record to a file there, or without sync"
+            ) from None
+
+    def _written(self) -> int:
+        with self._lock:
+            self._flush_quietly()
+            return self.end
+
+    def _flush_quietly(self) -> None:
+        """`flush` for a thread that nobody hears: the next `add` raises what it finds, or `close`."""
+        told = self._failure_told
+        with contextlib.suppress(BagError):
+            self.flush()
+        self._failure_told = told
+
+    def _sync_failed(self, error: OSError) -> None:
+        # What the system could not bring to the disk it forgets: a later call that succeeds would promise too much.
+        synced = self.syncer.synced if self.syncer else 0
+        with self._lock:
+            self.failure = self.failure or BagError(
+                f"{self.path}: {error.strerror} while bringing it to the disk; recording has stopped, the first "
+                f"{synced / 1e6:.1f} MB of {self.end / 1e6:.1f} MB are on the disk for certain"
+            )
+
     def close(self) -> None:
-        """Write the open chunk, the index and the end mark. After a failure: the index as far as it goes, no error."""
+        """Write the open chunk, the index and the end mark. After a failure: the index as far as it goes.
+
+        Raises BagError for a failure that nobody was told of.
+        """
+        if self.syncer:
+            self.syncer.stop()
         with self._lock:
             if self.closed:
                 return
@@ -256,35 +270,19 @@ class Container:
                     self.flush()
                 failed, self.failure = self.failure, None
                 with contextlib.suppress(BagError) if failed else contextlib.nullcontext():
-                    self._write([self._summary()])
+                    self._write([*self._summary.pieces(self.end), MAGIC])
                 self.failure = failed or self.failure
+                self._finish_sync()
+                if self.failure and not self._failure_told:
+                    self._raise()
             finally:
                 self.closed = True
                 self._wake.set()
                 os.close(self._descriptor)
 
-    def _summary(self) -> bytes:
-        """Everything from the end of the data to the end of the file (MCAP specification, `Summary Section`)."""
-        data_end = record_bytes(DataEnd(0))
-        start = self.end + len(data_end)
-        statistics = Statistics(
-            attachment_count=0, channel_count=len(self._channels), channel_message_counts=dict(self._counts),
-            chunk_count=len(self._chunks), message_count=sum(self._counts.values()),
-            message_start_time=self._span[0] if self._span else 0, message_end_time=self._span[1] if self._span else 0,
-            metadata_count=len(self._metadata), schema_count=len(self._schemas),
-        )  # fmt: skip
-        groups: list[tuple[Opcode, Sequence[McapRecord]]] = [
-            (Opcode.SCHEMA, list(self._schemas.values())), (Opcode.CHANNEL, list(self._channels.values())),
-            (Opcode.STATISTICS, [statistics]), (Opcode.CHUNK_INDEX, self._chunks),
-            (Opcode.METADATA_INDEX, self._metadata),
-        ]  # fmt: skip
-        body, offsets = b"", []
-        for opcode, records in groups:
-            group = b"".join(record_bytes(r) for r in records)
-            if group:
-                offsets.append(SummaryOffset(opcode, start + len(body), len(group)))
-            body += group
-        offsets_start = start + len(body)
-        body += b"".join(record_bytes(o) for o in offsets)
-        crc = zlib.crc32(body + struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offsets_start))
-        return data_end + body + record_bytes(Footer(start, offsets_start, crc)) + MAGIC
+    def _finish_sync(self) -> None:
+        if self.syncer and not self.failure:
+            try:
+                self.syncer.sync()
+            except OSError as error:
+                self._sync_failed(error)

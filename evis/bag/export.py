@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from evis.bag import BagError, environments, exr, frames, jsonform, trajectory
+from evis.bag import BagError, environments, exr, frames, jsonform, labels, png, trajectory
 from evis.bag.decoded import decoded_events
 from evis.bag.reader import BagReader
 from evis.whole_file import whole_file
@@ -23,15 +24,23 @@ ENDINGS = (".npz", ".jsonl", ".csv", ".txt", ".raw", ".dat", ".es", ".aedat4", "
 BESIDE_KEYFRAME = ("depth", "motion", "ids")
 
 
+FOLDERS = {"Keyframe": "EXR", "Image": "PNG"}
+"""Messages that go to a folder, a file each, and its format."""
+
+
+class FormatError(BagError):
+    """The topic cannot be written in the format that the name of the output asks for."""
+
+
 def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) -> dict[str, Any]:
     """Write a topic to `out` and tell what was written. `/env<k>/...` takes one environment of several.
 
     Events: .npz, .csv, .txt, .raw (by evis.streams; times that a format rounds are counted). Keyframes to a folder:
-    one EXR each (half: R, G, B as 16-bit floats, clamped and counted). Frames: .npz that `evis events simulate` takes.
-    /state: .npz with every body at every sub-step. Any other: .npz (arrays stacked over messages), or .jsonl (a message
-    per line).
-    Of a torn bag what is there is written, and `problem` says what is wrong with it. `other_files` counts the EXR files
-    of another export that the folder still holds. Raises BagError.
+    one EXR each (half: R, G, B as 16-bit floats, clamped and counted). Images to a folder: one PNG each, and times.txt.
+    Frames: .npz that `evis events simulate` takes. Labels: .npz, see `labels.write`. /state: .npz with every body at
+    every sub-step. Any other: .npz (arrays stacked over messages). All: .jsonl (a message per line).
+    Of a torn bag what is there is written, and `problem` says what is wrong with it. `other_files` counts the EXR or
+    PNG files of another export that the folder still holds. Raises BagError.
     """
     out = Path(out)
     if out.suffix and not out.parent.is_dir():
@@ -39,27 +48,26 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
     with BagReader(bag) as reader:
         name, env = _resolve(reader, topic)
         kind = reader.topics[name]
+        _check_format(topic, kind, out)
         if half and (kind != "Keyframe" or out.suffix):
             raise BagError(f"half is for EXR files of keyframes; {topic} to {out.name} has none")
-        if kind != "Keyframe" and not out.suffix:
-            known = ", ".join(ENDINGS) if kind == "EventPacket" else ".npz or .jsonl"
-            raise BagError(f"{out}: no extension; name it {out.name}.npz (there are {known})")
-        if kind == "EventPacket" and out.suffix != ".jsonl":
+        suffix = out.suffix.lower()
+        messages = partial(_messages, reader, name, env)
+        if suffix == ".jsonl":
+            result = _lines(messages(), out)
+        elif kind == "EventPacket":
             result = _events(reader, name, env, out)
-        elif kind == "Keyframe" and not out.suffix:
+        elif kind == "Keyframe" and not suffix:
             result = _keyframes(reader, name, env, out, half)
-        elif kind == "Frames" and out.suffix == ".npz":
+        elif kind == "Image" and not suffix:
+            result = png.write_folder(messages(), topic, out)
+        elif kind in ("Frames", "Labels"):
             with _whole(out) as file:
-                result = frames.write(lambda: _messages(reader, name, env), topic, file)
-        elif kind == "WorldState" and out.suffix == ".npz":
-            result = _states(reader, name, env, out)
-        elif out.suffix == ".npz":
-            result = _arrays(reader, name, env, out)
-        elif out.suffix == ".jsonl":
-            result = _lines(reader, name, env, out)
+                result = (frames if kind == "Frames" else labels).write(messages, topic, file)
+        elif kind == "WorldState":
+            result = _states(messages(), topic, out)
         else:
-            folder = ", or a folder for EXR files" if kind == "Keyframe" else ""
-            raise BagError(f"cannot export {topic} ({kind}) to {out}: name it .npz or .jsonl{folder}")
+            result = _arrays(messages(), topic, out)
         if reader.problem:
             result["problem"] = reader.problem
         if reader.skipped:
@@ -67,11 +75,22 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
         return {"topic": topic, "out": str(out), **result}
 
 
+def _check_format(topic: str, kind: str, out: Path) -> None:
+    """Raise BagError, which names the formats of this kind of message, unless `out` is one of them."""
+    known = ENDINGS if kind == "EventPacket" else (".npz", ".jsonl")
+    folder = f", or a folder for {FOLDERS[kind]} files" if kind in FOLDERS else ""
+    if not out.suffix and not folder:
+        raise BagError(f"{out}: no extension; name it {out.name}.npz (there are {', '.join(known)})")
+    if out.suffix and out.suffix.lower() not in known:
+        names = f"{', '.join(known[:-1])} or {known[-1]}"
+        raise FormatError(f"cannot export {topic} ({kind}) to {out}: name it {names}{folder}")
+
+
 @contextlib.contextmanager
 def _whole(out: Path) -> Iterator[BinaryIO]:
     """A file that appears under its name only when it is complete. Raises BagError where it cannot be written."""
     try:
-        with whole_file(out) as partial, partial.open("wb") as file:
+        with whole_file(out) as part, part.open("wb") as file:
             yield file
     except OSError as error:
         raise BagError(str(error)) from None
@@ -165,9 +184,9 @@ def _by_stamp(reader: BagReader, topics: list[str]) -> Iterator[dict[type[Messag
         yield group
 
 
-def _arrays(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[str, Any]:
+def _arrays(messages: Iterator[Message], topic: str, out: Path) -> dict[str, Any]:
     columns: dict[str, list[np.ndarray]] = {"stamp_ns": [], "episode": []}
-    for i, message in enumerate(_messages(reader, topic, env)):
+    for i, message in enumerate(messages):
         columns["stamp_ns"].append(np.array(message.header.stamp_ns, np.int64))
         columns["episode"].append(np.array(message.header.episode, np.int64))
         for name, array in message.arrays().items():
@@ -183,9 +202,9 @@ def _arrays(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[s
     return {"messages": len(stacked["stamp_ns"]), "arrays": {n: list(v.shape) for n, v in stacked.items()}}
 
 
-def _states(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[str, Any]:
+def _states(messages: Iterator[Message], topic: str, out: Path) -> dict[str, Any]:
     try:
-        columns, count = trajectory.table(_messages(reader, topic, env))
+        columns, count = trajectory.table(messages)
     except ValueError as error:
         raise BagError(f"{topic}: {error}; export to .jsonl") from None
     with _whole(out) as file:
@@ -193,10 +212,10 @@ def _states(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[s
     return {"messages": count, "arrays": {n: list(v.shape) for n, v in columns.items()}}
 
 
-def _lines(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[str, Any]:
+def _lines(messages: Iterator[Message], out: Path) -> dict[str, Any]:
     count = 0
     with _whole(out) as file:
-        for message in _messages(reader, topic, env):
+        for message in messages:
             file.write(jsonform.dump(message) + b"\n")
             count += 1
     return {"messages": count}

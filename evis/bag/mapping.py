@@ -99,7 +99,8 @@ def encode(message: Message, topic: str, encoder: Encoder | None = None, **extra
     elif isinstance(message, CameraInfo):
         model = "plumb_bob" if message.distortion_model == "none" else message.distortion_model
         d = np.zeros(5) if message.distortion_model == "none" else np.asarray(message.distortion)
-        info = ros.camera_info(stamp, frame, message.height, message.width, model, d, np.asarray(message.k))
+        size, k = (message.height, message.width), np.asarray(message.k)
+        info = ros.camera_info(stamp, frame, *size, model, d, k, message.baseline)
         parts = [Part("info", schemas.CAMERA_INFO, "", stamp, info)]
     return parts, jsonform.dump(message, done, **extra)
 
@@ -150,7 +151,7 @@ def decode_foreign(ros_type: str, raw: memoryview, sequence: int) -> Message:
         t = np.array([stamp], np.int64)
         return Imu(Header(stamp, sequence, "ros"), t, acceleration.reshape(1, 3), velocity.reshape(1, 3))
     if ros_type == schemas.CAMERA_INFO:
-        stamp, height, width, model, distortion, k = ros.read_camera_info(raw)
-        header = Header(stamp, sequence, "ros")
-        return CameraInfo(header, k, distortion, width=width, height=height, distortion_model=model, clock="ros")
+        stamp, height, width, model, distortion, k, baseline = ros.read_camera_info(raw)
+        about: dict[str, Any] = {"width": width, "height": height, "distortion_model": model, "baseline": baseline}
+        return CameraInfo(Header(stamp, sequence, "ros"), k, distortion, clock="ros", **about)
     raise BagError(f"messages of type {ros_type} are not supported")

@@ -60,9 +60,14 @@ def read_image(raw: memoryview) -> RosImage:
 
 
 def camera_info(
-    stamp_ns: int, frame_id: str, height: int, width: int, model: str, distortion: np.ndarray, k: np.ndarray
-) -> Buffers:
-    """sensor_msgs/CameraInfo of an unrectified camera: R = identity, P = [K | 0]."""
+    stamp_ns: int, frame_id: str, height: int, width: int, model: str, distortion: np.ndarray, k: np.ndarray,
+    baseline: float = 0.0,
+) -> Buffers:  # fmt: skip
+    """sensor_msgs/CameraInfo of an unrectified camera: R = identity, P = [K | T].
+
+    T = (-fx baseline, 0, 0) places the camera in the frame of the first one of its stereo rig, which is to its left by
+    the baseline [m].
+    """
     w = CdrWriter()
     w.header(stamp_ns, frame_id)
     w.number("I", height)
@@ -72,20 +77,22 @@ def camera_info(
     w.doubles(distortion)
     w.doubles(k)
     w.doubles(np.eye(3))
-    w.doubles(np.hstack([k, np.zeros((3, 1))]))
+    w.doubles(np.hstack([k, [[-float(k[0, 0]) * baseline if baseline else 0.0], [0.0], [0.0]]]))
     for _ in range(6):  # binning x, y; region of interest x, y, height, width: 0 = the whole image
         w.number("I", 0)
     w.number("B", 0)
     return [w.buffer]
 
 
-def read_camera_info(raw: memoryview) -> tuple[int, int, int, str, np.ndarray, np.ndarray]:
-    """(stamp [ns], height, width, distortion model, coefficients, K [3,3])."""
+def read_camera_info(raw: memoryview) -> tuple[int, int, int, str, np.ndarray, np.ndarray, float]:
+    """(stamp [ns], height, width, distortion model, coefficients, K [3,3], baseline [m])."""
     r = CdrReader(raw, "sensor_msgs/CameraInfo")
     stamp_ns, _ = r.header()
     height, width, model = r.integer("I"), r.integer("I"), r.string()
     distortion = r.doubles(r.integer("I")).copy()
-    return stamp_ns, height, width, model, distortion, r.doubles(9).reshape(3, 3).copy()
+    k, _, p = (r.doubles(n).reshape(3, -1).copy() for n in (9, 9, 12))
+    baseline = -float(p[0, 3] / p[0, 0]) if p[0, 0] and p[0, 3] else 0.0
+    return stamp_ns, height, width, model, distortion, k, baseline
 
 
 def imu(stamp_ns: int, frame_id: str, angular_velocity: np.ndarray, acceleration: np.ndarray) -> Buffers:

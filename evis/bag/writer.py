@@ -30,9 +30,10 @@ class BagWriter:
 
     path: an existing bag there is moved to `<name>.bak`, `.bak2`, ... (`backup`) when the new one is open. metadata:
     named tables of texts (launch file, parameters, seeds). event_encoding: `mono` (exact) or `evt3` (1 us, half the
-    size) for decoded events. Messages whose clock is the wall's are filed under the newest stamp of the others, so that
-    a simulation's bag does not span half a century; their own stamps are kept. Those that come before any other wait
-    for it, or for `close`.
+    size) for decoded events. sync: also keep all but the last second if the machine dies, see `Container`.
+
+    Messages whose clock is the wall's are filed under the newest stamp of the others, so that a simulation's bag does
+    not span half a century; their own stamps are kept. Those that come before any other wait for it, or for `close`.
     """
 
     def __init__(
@@ -43,12 +44,13 @@ class BagWriter:
         event_encoding: str = "mono",
         chunk_bytes: int = CHUNK_BYTES,
         chunk_period_s: float = CHUNK_PERIOD_S,
+        sync: bool = False,
     ) -> None:
         if event_encoding not in events.ENCODINGS:
             raise BagError(f"event encoding is '{event_encoding}', must be one of {', '.join(events.ENCODINGS)}")
         self.path = Path(path)
         self.event_encoding = event_encoding
-        self.container = Container(self.path, chunk_bytes, chunk_period_s)
+        self.container = Container(self.path, chunk_bytes, chunk_period_s, sync)
         self.messages: dict[str, int] = defaultdict(int)
         """Messages recorded, by topic."""
         self.bytes: dict[str, int] = defaultdict(int)

@@ -21,6 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from evis.printable import printable
+
 if TYPE_CHECKING:
     from bench.probe_setting import Setting
     from bench.probe_trial import Measured
@@ -164,7 +166,7 @@ def keep(setting: Setting, found: Measured) -> None:
         part.write_text(json.dumps(found.as_json(), indent=1))
         part.replace(path)
     except OSError as error:
-        print(f"interpolator auto: what was measured is not kept: {error}", file=sys.stderr)
+        print(f"interpolator auto: what was measured is not kept: {printable(error)}", file=sys.stderr)
 
 
 @contextmanager
@@ -175,7 +177,9 @@ def told() -> Iterator[Callable[[str], None]]:
     def say(line: str) -> None:
         if shown:
             spent = f"{time.monotonic() - began:.0f} s"
-            print(f"\r\033[Kinterpolator auto, measuring, {spent}: {line}", end="", file=sys.stderr, flush=True)
+            print(
+                f"\r\033[Kinterpolator auto, measuring, {spent}: {printable(line)}", end="", file=sys.stderr, flush=True
+            )
 
     try:
         yield say

@@ -12,6 +12,7 @@ from typing import Any
 
 from evis.cli.attach import add_run_option, find_run
 from evis.cli.parser import Parser, UsageError
+from evis.printable import all_printable, printable
 
 HELP = "record, play, describe, repair and export bags"
 EXAMPLES = {
@@ -38,6 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     record.add_argument("--duration", type=float, metavar="S", help="seconds to record (until the graph ends)")
     record.add_argument("--preview-hz", type=float, default=10.0, metavar="HZ", help="rate of the preview images (10)")
     record.add_argument("--event-encoding", default="mono", choices=["mono", "evt3"], help="mono is exact, evt3 1 us")
+    record.add_argument(
+        "--sync", action="store_true", help="bring the bag to the disk every second, for the case that the machine dies"
+    )
     add_run_option(record)
     record.add_argument("--json", action="store_true", help="print JSON")
 
@@ -60,7 +64,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     export = action("export", "write one topic to files")
     export.add_argument("bag", metavar="BAG", help="a bag (.mcap)")
     export.add_argument("--topic", required=True, metavar="TOPIC", help="as `evis bag info` names it; /env<k>/...")
-    export.add_argument("out", metavar="OUT", help="events: .npz .csv .raw; keyframes: a folder; others: .npz .jsonl")
+    export.add_argument(
+        "out", metavar="OUT", help="events: .npz .csv .raw; keyframes, images: a folder; others: .npz .jsonl"
+    )
     export.add_argument("--half", action="store_true", help="EXR with 16-bit R, G, B; values beyond 65504 are clamped")
     export.add_argument("--json", action="store_true", help="print JSON")
 
@@ -77,7 +83,9 @@ def run(args: argparse.Namespace) -> int:
     result = actions[args.action](args)
     if args.json:
         print(json.dumps(result))
-    elif args.action == "info":
+        return 0
+    result = all_printable(result)
+    if args.action == "info":
         print(_table(result))
     else:
         width = max(map(len, result)) + 2
@@ -102,21 +110,28 @@ def _recover(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _export(args: argparse.Namespace) -> dict[str, Any]:
-    from evis.bag.export import ENDINGS, export
+    from evis.bag import BagError
+    from evis.bag.export import ENDINGS, FOLDERS, FormatError, export
 
     suffix = Path(args.out).suffix.lower()
-    if suffix and suffix not in ENDINGS:
-        raise UsageError(f"{args.out}: cannot write '{suffix}'; the extensions are {', '.join(ENDINGS)}")
-    result = export(args.bag, args.topic, args.out, half=args.half)
+    try:
+        result = export(args.bag, args.topic, args.out, half=args.half)
+    except FormatError as error:
+        raise UsageError(str(error)) from None
+    except BagError:
+        if suffix in ("", *ENDINGS):
+            raise
+        ways = f"events go to {', '.join(ENDINGS)}; any other topic to .npz or .jsonl, keyframes and images to a folder"
+        raise UsageError(f"{args.out}: cannot write '{suffix}'; {ways}") from None
     if "problem" in result:
         print(
-            f"evis bag export: {args.bag} is torn ({result['problem']}); what is there was exported; "
+            f"evis bag export: {args.bag} is torn ({printable(result['problem'])}); what is there was exported; "
             "`evis bag recover` makes a whole bag of it",
             file=sys.stderr,
         )
     if "other_files" in result:
-        others = result["other_files"]
-        print(f"evis bag export: {args.out} holds {others} EXR files that are not of this export", file=sys.stderr)
+        others = f"{result['other_files']} {FOLDERS['Keyframe' if 'keyframes' in result else 'Image']} files"
+        print(f"evis bag export: {args.out} holds {others} that are not of this export", file=sys.stderr)
     if "damaged" in result:
         print(
             f"evis bag export: {args.bag} is damaged; {result['damaged']} chunks or messages were left out",
@@ -139,9 +154,9 @@ def _record(args: argparse.Namespace) -> dict[str, Any]:
     globs = [g.strip() for g in args.topics.split(",") if g.strip()]
     made = [name for name, topic in plan.topics.items() if not plan.nodes[topic.node].dormant]
     topics = subscribed(made, globs, args.preview_hz)
-    recorder = Recorder(args.bag, plan, globs, args.preview_hz, args.event_encoding)
+    recorder = Recorder(args.bag, plan, globs, args.preview_hz, args.event_encoding, args.sync)
     if recorder.writer.backup:
-        print(f"evis bag record: the older {args.bag} is now {recorder.writer.backup}", file=sys.stderr)
+        print(f"evis bag record: the older {args.bag} is now {printable(recorder.writer.backup)}", file=sys.stderr)
     taps = Taps(plan, topics)
     try:
         taps.run(recorder.receive, args.duration, lambda: is_live(Path(plan.directory)))

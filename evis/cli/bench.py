@@ -8,6 +8,7 @@ import json
 import sys
 
 from evis.cli.parser import UsageError
+from evis.printable import printable
 
 HELP = "measure, and write the report that the README's figures come from"
 EXAMPLE = "example: evis bench graph --quick --out report"
@@ -49,5 +50,5 @@ def run(args: argparse.Namespace) -> int:
     for note in report["notes"]:
         print(f"evis bench: {note}", file=sys.stderr)
     for failure in report["failures"]:
-        print(f"evis bench: {failure['subject']} failed: {failure['error']}", file=sys.stderr)
+        print(f"evis bench: {failure['subject']} failed: {printable(failure['error'])}", file=sys.stderr)
     return 1 if report["failures"] else 0

@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import sys
 from typing import TYPE_CHECKING, Any
 
 from evis.cli.parser import UsageError
+from evis.printable import all_printable, printable
 
 if TYPE_CHECKING:
     from nodes.camera.driver import Driver
@@ -112,7 +114,7 @@ def _list(args: argparse.Namespace) -> int:
         return 0
     for d in devices:
         problem = d.details.get("problem")
-        print(problem or f"{d.serial}  {d.name}  {d.sensor}  {d.width}x{d.height}")
+        print(printable(problem or f"{d.serial}  {d.name}  {d.sensor}  {d.width}x{d.height}"))
     if not devices:
         print(f"no camera found (USB cameras supported: {', '.join(MODELS)})")
     return 0
@@ -132,7 +134,7 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(about))
         return 0
-    about |= about.pop("details")
+    about = all_printable(about | about.pop("details"))
     settings = about.pop("settings", {})
     width = max(map(len, about))
     for name, value in about.items():
@@ -157,6 +159,8 @@ def _stream(driver: Driver, args: argparse.Namespace, speed: float) -> int:
         common = {"packet_ms": args.packet_ms, "reconnect": args.reconnect}
         driver.configure(kind.of({**common, **parse_settings(kind, args.set)}))
     driver.start()
+    for warning in driver.info().details.get("warnings", ()):
+        print(f"evis camera stream: {printable(warning)}", file=sys.stderr)
     total: dict[str, Any] = {"packets": 0, "events": 0, "triggers": 0, "imu": 0, "frames": 0, "late_packets": 0}
     first: int | None = None
     while not driver.ended:

@@ -7,6 +7,8 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 
+from evis.printable import printable
+
 HELP = "check this machine and this installation"
 EXAMPLE = "example: evis doctor --json"
 
@@ -46,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         width = max(len(f.name) for f in findings)
         for f in findings:
-            print(f"{f.level:<5} {f.name:<{width}}  {f.text}")
+            print(f"{f.level:<5} {f.name:<{width}}  {printable(f.text)}")
     failed = [f.name for f in findings if f.level == "fail"]
     if failed:
         raise ValueError(f"{len(failed)} check(s) failed: {', '.join(failed)}")

@@ -7,6 +7,8 @@ import sys
 import traceback
 from collections.abc import Callable
 
+from evis.printable import printable, printable_lines
+
 READER_GONE = 128 + signal.SIGPIPE
 """Exit status when the work is done but whoever was to read standard output had gone: 141, as shells have it."""
 
@@ -34,7 +36,7 @@ def guarded(who: str, debug: bool, action: Callable[[], int]) -> int:
             if isinstance(error, BrokenPipeError) and error is out.error:
                 return 0
             if debug:
-                traceback.print_exc()
+                print(printable_lines(traceback.format_exc().rstrip("\n")), file=sys.stderr)
             status = _told(who, one_line(error), 1)
         out.flush()
         if isinstance(out.error, BrokenPipeError):
@@ -46,7 +48,7 @@ def guarded(who: str, debug: bool, action: Callable[[], int]) -> int:
 
 
 def _told(who: str, text: str, status: int) -> int:
-    print(f"{who}: {text}", file=sys.stderr)
+    print(f"{who}: {printable(text)}", file=sys.stderr)
     return status
 
 

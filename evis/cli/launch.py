@@ -12,6 +12,7 @@ from textwrap import fill
 from typing import Any
 
 from evis.cli.parser import Parser, UsageError
+from evis.printable import printable, printable_lines
 
 HELP = "start a graph of nodes from a launch file, or a scene by its name"
 EXAMPLE = "example: evis launch spinning_disk omega:=60 --duration 1 --record disk.mcap"
@@ -31,6 +32,9 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("--record", metavar="BAG", help="record a bag (.mcap)")
     parser.add_argument(
         "--record-topics", metavar="GLOB,...", default="", help="topics to record besides the default ones"
+    )
+    parser.add_argument(
+        "--record-sync", action="store_true", help="bring the bag to the disk every second, in case the machine dies"
     )
     parser.add_argument(
         "--seed", type=int, metavar="N", help="same as seed:=N, of what is random in the graph; --explain says what"
@@ -113,23 +117,23 @@ def run(args: argparse.Namespace) -> int:
     except ArgumentError as error:
         raise UsageError(str(error)) from None
     if args.explain:
-        print(json.dumps(as_dict(plan)) if args.json else as_text(plan))
+        print(json.dumps(as_dict(plan)) if args.json else printable_lines(as_text(plan)))
         return 0
     from evis.cli.progress import Progress
     from evis.launch.supervisor import Supervisor
 
     if plan.chosen:
-        print(f"interpolator auto: {plan.chosen['summary']}", file=sys.stderr, flush=True)
+        print(f"interpolator auto: {printable(plan.chosen['summary'])}", file=sys.stderr, flush=True)
     with Progress(plan.duration_s) as progress:
         report = Supervisor(plan, say=progress.say, tick=progress.tick, debug=args.debug).run()
     if report.failure is not None:
-        print(f"evis launch: {report.failure}", file=sys.stderr)
+        print(f"evis launch: {printable(report.failure)}", file=sys.stderr)
     if args.json:
         print(json.dumps(report.summary))
     elif report.failure is None:
         from evis.launch.report import as_table
 
-        print(as_table(report))
+        print(printable_lines(as_table(report)))
     return 0 if report.failure is None else 1
 
 
@@ -159,12 +163,15 @@ def make_plan(args: argparse.Namespace) -> Any:
         duration_s=args.duration,
         record=args.record,
         record_topics=tuple(t.strip() for t in args.record_topics.split(",") if t.strip()),
+        record_sync=args.record_sync,
         view=not args.no_view and os.environ.get("EVIS_NO_VIEW", "") in ("", "0"),
         grouping="compose" if args.compose else "split" if args.split else "default",
         no_import=args.no_import,
     )
     if options.record_topics and not options.record:
         raise UsageError("--record-topics needs --record BAG")
+    if options.record_sync and not options.record:
+        raise UsageError("--record-sync needs --record BAG")
     from evis.cli.auto import WARP, resolve_auto
 
     given, chosen = resolve_auto(launch, given, options)

@@ -9,6 +9,7 @@ from typing import Any
 from evis.cli.attach import add_run_option, find_run, listen
 from evis.cli.parser import Parser, UsageError
 from evis.params import describe
+from evis.printable import all_printable, printable
 
 HELP = "list and describe the nodes of a running graph"
 EXAMPLE = "example: evis node info event_sensor"
@@ -60,7 +61,7 @@ def _list(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"run": plan.run_id, "nodes": rows}))
         return 0
-    for row in rows:
+    for row in all_printable(rows):
         print(f"{row['node']:<20} {row['process']:<14} {row['target']}" + ("  (dormant)" if row["dormant"] else ""))
     return 0
 
@@ -76,7 +77,7 @@ def _running(args: argparse.Namespace, plan: Any) -> int:
         "node": node.name, "process": node.process, "target": node.target, "params": node.params,
         "inputs": node.inputs, "outputs": node.outputs, "dormant": node.dormant, "state": state,
     }  # fmt: skip
-    print(json.dumps(body) if args.json else "\n".join(f"{k}: {_shown(v)}" for k, v in body.items()))
+    print(json.dumps(body) if args.json else "\n".join(f"{k}: {_shown(v)}" for k, v in all_printable(body).items()))
     return 0
 
 
@@ -106,7 +107,8 @@ def _type(args: argparse.Namespace, plan: Any) -> int:
     if args.json:
         print(json.dumps({"type": args.node, "target": target, "params": params, "inputs": inputs, "outputs": outputs}))
         return 0
-    print(f"{args.node}: {(cls.__doc__ or '').strip().splitlines()[0] if cls.__doc__ else target}")
+    inputs, outputs, params = all_printable(inputs), all_printable(outputs), all_printable(params)
+    print(f"{printable(args.node)}: {(cls.__doc__ or '').strip().splitlines()[0] if cls.__doc__ else target}")
     for title, ports in (("inputs", inputs), ("outputs", outputs)):
         print(f"{title}: {', '.join(f'{p} {t}' for p, t in ports.items()) or 'none'}")
     print("parameters:")

@@ -9,6 +9,8 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
+from evis.printable import printable
+
 KINDS = {"float": "a number", "int": "a whole number"}
 """How argparse's own complaints name a type -> how a user does."""
 
@@ -36,7 +38,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """One line, and exit status 2."""
-        print(f"{self.prog}: {_in_words(message)} ({self.prog} --help tells more)", file=sys.stderr)
+        print(f"{self.prog}: {printable(_in_words(message))} ({self.prog} --help tells more)", file=sys.stderr)
         raise SystemExit(2)
 
 

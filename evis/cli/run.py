@@ -11,6 +11,7 @@ from typing import Any
 from evis.cli.attach import add_run_option, find_run
 from evis.cli.node import types
 from evis.cli.parser import Parser, UsageError
+from evis.printable import printable, printable_lines
 
 HELP = "run one node by hand"
 EXAMPLE = (
@@ -81,9 +82,9 @@ def _alone(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
     with Progress(args.duration) as progress:
         report = Supervisor(plan, say=progress.say, tick=progress.tick, debug=args.debug).run()
     if report.failure:
-        print(f"evis run: {report.failure}", file=sys.stderr)
+        print(f"evis run: {printable(report.failure)}", file=sys.stderr)
     elif not args.json:
-        print(as_table(report))
+        print(printable_lines(as_table(report)))
     return report.summary
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from evis.printable import printable
 from msgs.header import Message
 
 
@@ -22,8 +23,9 @@ def as_plain(message: Message, full: bool) -> dict[str, Any]:
 def as_text(message: Message, full: bool) -> str:
     """A message on a few lines."""
     h = message.header
-    lines = [f"{type(message).__name__} at {h.stamp_ns} ns, seq {h.seq}, clock {h.clock}, episode {h.episode}"]
-    lines += [f"  {name}: {value}" for name, value in message.scalars().items()]
+    clock = printable(h.clock)
+    lines = [f"{type(message).__name__} at {h.stamp_ns} ns, seq {h.seq}, clock {clock}, episode {h.episode}"]
+    lines += [f"  {name}: {printable(value)}" for name, value in message.scalars().items()]
     for name, array in message.arrays().items():
         values = np.asarray(array)
         lines.append(f"  {name}: " + (np.array2string(values, threshold=2**31) if full else _line(values)))

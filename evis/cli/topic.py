@@ -9,6 +9,7 @@ from typing import Any
 
 from evis.cli.attach import add_run_option, check_topic, find_run, listen
 from evis.cli.parser import Parser
+from evis.printable import all_printable
 
 HELP = "list, echo and measure the topics of a running graph"
 EXAMPLE = "example: evis topic hz /cam0/events"
@@ -74,6 +75,7 @@ def _list(args: argparse.Namespace, plan: Any) -> int:
     if args.json:
         print(json.dumps({"run": plan.run_id, "topics": rows}))
     else:
+        rows = all_printable(rows)
         width = max(map(len, rows))
         for name, kind in sorted(rows.items()):
             print(f"{name:<{width}}  {kind}")
@@ -97,8 +99,9 @@ def _info(args: argparse.Namespace, plan: Any) -> int:
     if args.json:
         print(json.dumps(body))
         return 0
+    body = all_printable(body)
     readers = ", ".join(f"{r['node']} ({r['kind']})" for r in body["readers"]) or "none; viewers and tools may tap it"
-    print(f"{args.topic}: {body['type']}, {body['about']}\npublisher: {body['publisher']}\nreaders: {readers}")
+    print(f"{body['topic']}: {body['type']}, {body['about']}\npublisher: {body['publisher']}\nreaders: {readers}")
     return 0
 
 
@@ -136,6 +139,6 @@ def _measure(args: argparse.Namespace, plan: Any) -> int:
     print(
         json.dumps(body)
         if args.json
-        else ", ".join(f"{k} {v:.6g}" if isinstance(v, float) else f"{k} {v}" for k, v in body.items())
+        else ", ".join(f"{k} {v:.6g}" if isinstance(v, float) else f"{k} {v}" for k, v in all_printable(body).items())
     )
     return 0

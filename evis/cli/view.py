@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from evis.cli.parser import Parser, UsageError
 from evis.outlet import delivered
+from evis.printable import printable
 
 if TYPE_CHECKING:
     from evis.plan import Plan
@@ -126,7 +127,7 @@ def _serve(args: argparse.Namespace, plan: Plan, params: dict[str, Any]) -> int:
     with Progress(None) as progress:
         report = Supervisor(plan, say=progress.say, tick=progress.tick, debug=args.debug).run()
     if report.failure is not None:
-        print(f"evis view: {report.failure}", file=sys.stderr)
+        print(f"evis view: {printable(report.failure)}", file=sys.stderr)
         return 1
     return 0
 

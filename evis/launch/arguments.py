@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 from evis.launch.document import LaunchError, Table, nearest
@@ -11,9 +12,10 @@ from evis.launch.expression import ExpressionError, substitute
 from evis.params import Param, ParamError
 
 TYPES: dict[str, type] = {"int": int, "float": float, "str": str, "bool": bool, "list": list}
-KEYS = ("type", "default", "choices", "min", "max", "help", "unit", "secret")
-OPTIONS = ("duration", "record", "record_topics", "view")
-"""Names that stand for command line options in every launch file: --duration, --record, --record-topics, --no-view."""
+KEYS = ("type", "default", "choices", "min", "max", "help", "unit", "secret", "by")
+OPTIONS = ("duration", "record", "record_topics", "record_sync", "view")
+"""Names that stand for command line options in every launch file: --duration, --record, --record-topics, --record-sync,
+--no-view."""
 
 
 class ArgumentError(LaunchError):
@@ -22,12 +24,14 @@ class ArgumentError(LaunchError):
 
 @dataclass(frozen=True)
 class Argument:
-    """One declared argument. required: it has no default. where: file:line."""
+    """One declared argument. required: it has no default. where: file:line. by: another argument, and the defaults that
+    some values of that one bring (`by: {preset: {dvs128: 128}}`)."""
 
     name: str
     param: Param
     required: bool
     where: str
+    by: tuple[str, Mapping[Any, Any]] = field(default=("", MappingProxyType({})))
 
 
 def declare(table: Table, inherited: Mapping[str, Argument]) -> dict[str, Argument]:
@@ -73,7 +77,17 @@ def _argument(name: str, entry: Table, where: str, base: Argument | None) -> Arg
         optional=not required and default is None,
         secret=secret,
     )
-    return Argument(name, param, required, where)
+    return Argument(name, param, required, where, _by(entry, base))
+
+
+def _by(entry: Table, base: Argument | None) -> tuple[str, Mapping[Any, Any]]:
+    """What `by:` says; an inherited one holds unless the default is declared anew."""
+    if "by" not in entry:
+        return base.by if base and "default" not in entry else ("", {})
+    value = entry["by"]
+    if not (isinstance(value, Table) and len(value) == 1 and isinstance(table := value[next(iter(value))], Table)):
+        raise LaunchError(f"{entry.where('by')}: by must be a map such as {{preset: {{dvs128: 128}}}}")
+    return str(next(iter(value))), dict(table)
 
 
 def _limit(entry: Table, key: str, inherited: float | None) -> float | None:
@@ -103,7 +117,24 @@ def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any
             if name in given:
                 raise ArgumentError(f"{file}: {error}") from None
             raise LaunchError(f"{argument.where}: {error}") from None
+    for name, (other, value) in brought(declared, values, given).items():
+        try:
+            values[name] = declared[name].param.convert("argument", name, value)
+        except ParamError as error:
+            raise LaunchError(f"{declared[name].where}: by {other}: {error}") from None
     return values
+
+
+def brought(
+    declared: Mapping[str, Argument], values: Mapping[str, Any], given: Mapping[str, Any]
+) -> dict[str, tuple[str, Any]]:
+    """Arguments that are not given and whose default another argument's value brings: name -> (other, default)."""
+    found: dict[str, tuple[str, Any]] = {}
+    for name, argument in declared.items():
+        other, table = argument.by
+        if name not in given and other in values and values[other] in table:
+            found[name] = other, table[values[other]]
+    return found
 
 
 def parse_pairs(words: Sequence[str]) -> dict[str, str]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from evis.launch.arguments import resolve
+from evis.launch.arguments import brought, resolve
 from evis.launch.document import LaunchError, Table, nearest, submap
 from evis.launch.expression import ExpressionError, UnknownName, substitute, text_of
 from evis.launch.files import LaunchFile
@@ -62,6 +62,8 @@ class Expanded:
     absent: dict[str, str] = field(default_factory=dict)
     idle: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     secrets: list[str] = field(default_factory=list)
+    brought: dict[str, str] = field(default_factory=dict)
+    """Arguments whose default another argument brought, as `preset:=dvs128`."""
 
 
 def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, Any]) -> Expanded:
@@ -79,11 +81,15 @@ def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, A
         raise LaunchError(f"{table.where('mode')}: no mode '{mode}'; {nearest(mode, MODES)}")
     result = Expanded(launch.path.name, launch.description, mode, values)
     result.secrets = [values[name] for name, a in launch.arguments.items() if a.param.secret and values[name]]
+    found = brought(launch.arguments, values, given)
+    result.brought = {name: f"{other}:={text_of(values[other])}" for name, (other, _) in found.items()}
     for entry, child in launch.includes:
         if not _holds(entry, scope):
             continue
         set_here = {k: _fill(submap(entry, "args"), k, scope) for k in submap(entry, "args")}
-        passed = {k: values[k] for k in child.arguments if k in values and k not in set_here}
+        # Sizes that a preset brings which is set here are the child's to find.
+        own = [k for k, a in child.arguments.items() if a.by[0] in set_here and k not in given]
+        passed = {k: values[k] for k in child.arguments if k in values and k not in set_here and k not in own}
         part = expand(child, set_here | passed, options)
         prefix = _namespace(entry, scope)
         for node in part.nodes:
@@ -94,7 +100,8 @@ def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, A
         result.absent |= part.absent
         result.idle += part.idle
         result.secrets += part.secrets
-        for name in ("camera_rate", "cameras"):
+        result.brought |= {k: v for k, v in part.brought.items() if k in own}
+        for name in ("camera_rate", "cameras", *own):
             if name in values and part.values.get(name) is not None:
                 result.values[name] = part.values[name]
         if "mode" not in table:

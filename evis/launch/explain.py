@@ -13,7 +13,11 @@ def as_text(plan: Plan) -> str:
     plan = plan.redacted()
     lines = [f"{plan.name}: {plan.mode}" + (f", {plan.duration_s:g} s" if plan.duration_s else "")]
     if plan.args:
-        lines += ["", "arguments", *(f"  {k} = {_shown(v)}" for k, v in plan.args.items() if v is not None)]
+        lines += [
+            "",
+            "arguments",
+            *(f"  {k} = {_shown(v)}{_of(plan, k)}" for k, v in plan.args.items() if v is not None),
+        ]
     if plan.chosen:
         lines += ["", "chosen", *(f"  {k}: {_shown(v)}" for k, v in plan.chosen.items())]
     if plan.random:
@@ -56,6 +60,10 @@ def as_dict(plan: Plan) -> dict[str, Any]:
 
 def _said(value: Any) -> str:
     return ", ".join(f"{k}={_shown(v)}" for k, v in value.items()) if isinstance(value, dict) else _shown(value)
+
+
+def _of(plan: Plan, name: str) -> str:
+    return f"  ({plan.brought[name]} brings it)" if name in plan.brought else ""
 
 
 def _shown(value: Any) -> str:

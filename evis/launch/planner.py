@@ -41,6 +41,7 @@ class Options:
     duration_s: float | None = None
     record: str | None = None
     record_topics: tuple[str, ...] = ()
+    record_sync: bool = False
     view: bool = True
     grouping: str = "default"
     no_import: bool = False
@@ -51,6 +52,7 @@ class Options:
             "duration": self.duration_s,
             "record": self.record,
             "record_topics": list(self.record_topics),
+            "record_sync": self.record_sync,
             "view": self.view,
         }
 
@@ -99,6 +101,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
         seed=int(expanded.values.get("seed") or 0),
         duration_s=options.duration_s,
         args=dict(expanded.values),
+        brought=dict(expanded.brought),
     )
     chosen = _choose(nodes, demand)
     if not unknown and not any(node.name in demand.inputs for node in nodes):
@@ -119,8 +122,15 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     plan.secrets = list(
         dict.fromkeys([*expanded.secrets, *_idle_secrets(expanded), *(s for node in nodes for s in node.secrets)])
     )
+    # A sensor that nobody reads now is told of too: it is what the frames are made for.
+    plan.sensors = {_folder(node): dict(told) for node in nodes if (told := node.cls.sensor(node.params))}
     plan.launch_text = _resolved(expanded, nodes, Redactor(plan.secrets))
     return plan
+
+
+def _folder(node: Wired) -> str:
+    """Of the topics of a camera's node: /cam0."""
+    return next(iter(node.outputs.values())).rpartition("/")[0]
 
 
 def attach(plan: Plan, spec: NodeSpec, folder: Path) -> None:

@@ -20,6 +20,7 @@ from evis.launch.report import Report, summarise
 from evis.launch.rundir import RunDirectory
 from evis.launch.voice import Voice
 from evis.plan import NodePlan, Plan
+from evis.printable import printable
 from evis.secret import Redactor
 
 DRAIN_S = 5.0
@@ -326,7 +327,7 @@ class Supervisor:
 
     def _say(self, line: str) -> None:
         """One line for the user, who may keep it in a file: without the secrets that were given to the run."""
-        self._tell(self._redactor.text(line))
+        self._tell(printable(self._redactor.text(line)))
 
     def _progress(self) -> dict[str, Any]:
         stats = [child.stats for child in self._children.values()]

@@ -65,6 +65,14 @@ class EventSensorNode(Node):
         return effects.random(resolved)
 
     @classmethod
+    def sensor(cls, params: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The sensor's name, the preset, the seed, and every parameter that has a value, those of the preset too."""
+        preset = params["preset"]
+        resolved = resolve_sensor("event sensor", preset, {name: params[name] for name in SENSOR})
+        about = {"sensor": PRESETS[preset].name, "preset": preset, "seed": params["seed"], "colour": params["colour"]}
+        return {**about, **{name: value for name, value in resolved.items() if value is not None}}
+
+    @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
         """One of the two: frames where an interpolator runs, keyframes where it is left out."""
         return frozenset({params["source"]})

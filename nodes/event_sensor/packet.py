@@ -14,6 +14,7 @@ import numpy as np
 import warp as wp
 
 from nodes.event_sensor import kernels, kernels_order
+from nodes.event_sensor.message_limit import REMEDY, longest_step
 
 KEY_BITS = 63
 COUNTING_SORT_FROM = 8192
@@ -42,13 +43,15 @@ class KeyLayout:
             raise ValueError(f"{envs} environments of {width}x{height} pixels are too many for one event sensor")
         return KeyLayout(x, y, t, env)
 
-    def check_span(self, span_ns: int) -> None:
-        """Raise ValueError when a message is too long for the key."""
+    def check_span(self, t_base: int, t: np.ndarray) -> None:
+        """Raise ValueError when a message from t_base [ns] with frames at t [ns] is too long for the key."""
         bits = self.env - self.t
+        span_ns = int(t[-1]) - t_base
         if span_ns >> bits:
             raise ValueError(
                 f"a message of {span_ns} ns is too long for the event sensor: at this image size and number of "
-                f"environments it takes up to {(1 << bits) - 1} ns; let frames come closer together"
+                f"environments it takes up to {(1 << bits) - 1} ns; its longest step is {longest_step(t_base, t)}: "
+                f"{REMEDY}"
             )
 
 

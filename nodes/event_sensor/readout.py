@@ -120,7 +120,10 @@ class Readout:
         """
         if (int(stamp) - int(t_base)) >> (SPAN_BITS - self._fraction):
             longest = (1 << (SPAN_BITS - self._fraction)) * 1e-9
-            raise ValueError(f"a packet of {stamp - t_base} ns is too long for the readout; it takes {longest:.3g} s")
+            raise ValueError(
+                f"a packet from {t_base} to {stamp} ns is too long for the readout, which takes {longest:.3g} s; put "
+                "frames in between, or cut the sequence where its stamps have a gap"
+            )
         self._start(t_base, fresh)
         stamps = self._serve(columns, np.ascontiguousarray(env_offsets, np.int64), t_base)
         env = self._environments(np.diff(env_offsets))

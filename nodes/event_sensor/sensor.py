@@ -34,6 +34,7 @@ from nodes.event_sensor.engines import FLOOR as FLOOR
 from nodes.event_sensor.engines import Batch, Size, make_engine, sensor_struct, unlit_rate
 from nodes.event_sensor.listing import Listing
 from nodes.event_sensor.look_ahead import LookAhead
+from nodes.event_sensor.message_limit import check_noise
 from nodes.event_sensor.optics import Optics
 from nodes.event_sensor.packet import Events as Events
 from nodes.event_sensor.packet import KeyLayout, merged, parted
@@ -97,7 +98,7 @@ class EventSensor:
         size = Size(height, width, channels, envs)
         self._engine = make_engine(size, seed, p, self._device)
         self._size = size.pixels
-        self._unlit = 1e-9 * unlit_rate(p) * envs * size.pixels
+        self._unlit = unlit_rate(p) * envs * size.pixels
         self._ahead = p["model"] == "evis" and p["crossing"] in LOOK_AHEAD
         self._hermite = p["model"] == "evis" and p["crossing"] == "hermite"
         self._optics = Optics(height, width, envs, channels, p, self._hermite, self._device)
@@ -223,13 +224,8 @@ class EventSensor:
             raise ValueError(f"time goes back to {t[0]} ns; flush() first gives the events that are held back")
         begun = self._waiting.held is not None or not again
         t_base = self._settled if begun else int(t[0])
-        self._layout.check_span(int(t[-1]) - t_base)
-        if self._unlit * (int(t[-1]) - t_base) >= 2**31:
-            raise ValueError(
-                f"leak and noise make {self._unlit * 1e9:.3g} events per second in {self.envs} x {self._size} pixels, "
-                f"too many for a message of {int(t[-1]) - t_base} ns; lower their rates or let frames come closer "
-                "together"
-            )
+        self._layout.check_span(t_base, t)
+        check_noise(self._unlit, f"{self.envs} x {self._size}", t_base, t)
         images, slopes = on_device(luminance, self._device), self._nothing
         if not self._optics.clear:
             sharp = images
@@ -346,6 +342,11 @@ class EventSensor:
         if self._readout is not None:
             counts |= {f"readout_{name}": n for name, n in self._readout.counts().items()}
         return counts
+
+    @property
+    def longest_delay_ns(self) -> int:
+        """Longest time that an event has waited for the readout so far [ns]; 0 without one."""
+        return 0 if self._readout is None else int(self._readout.longest_ns)
 
     @property
     def nonfinite(self) -> int:

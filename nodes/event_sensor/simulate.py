@@ -88,6 +88,11 @@ class Simulation:
         """Samples and events set aside so far, by reason: nonfinite, clipped, dropped, ..."""
         return dict(self._sensor.counts()) if self._sensor is not None else {}
 
+    @property
+    def longest_delay_ns(self) -> int:
+        """Longest time that an event has waited for the readout so far [ns]; 0 without one."""
+        return int(getattr(self._sensor, "longest_delay_ns", 0))
+
     def _start(self, shape: tuple[int, ...]) -> None:
         self._shape = shape
         model = self.parameters["model"]

@@ -18,9 +18,20 @@ NOT_NUMBERED = ("/diagnostics", "/clock")
 
 
 class Recorder:
-    """A bag that is being recorded. `counters`: messages, previews, lost, and at the end bytes."""
+    """A bag that is being recorded. `counters`: messages, previews, lost, late_syncs, and at the end bytes.
 
-    def __init__(self, path: str | Path, plan: Plan, globs: Sequence[str], preview_hz: float, encoding: str) -> None:
+    sync: bring the bag to the disk itself once a second; a sync that takes longer than that is counted as late.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        plan: Plan,
+        globs: Sequence[str],
+        preview_hz: float,
+        encoding: str,
+        sync: bool = False,
+    ) -> None:
         plan = plan.redacted()  # who gets the bag gets no secret of the run
         self.counters: Counter[str] = Counter()
         self._globs = globs
@@ -37,7 +48,7 @@ class Recorder:
         arguments |= {"arg.scene_args": given[0]} if given else {}
         arguments |= {f"chosen.{key}": value for key, value in plan.chosen.items()}
         metadata = describe_run(plan.launch_text, parameters, **run, **arguments)
-        self.writer = BagWriter(path, metadata, event_encoding=encoding)
+        self.writer = BagWriter(path, metadata, event_encoding=encoding, sync=sync)
 
     def receive(self, topic: str, message: Message) -> None:
         """Write one message; its arrays are free when this returns. Raises BagError."""
@@ -53,6 +64,12 @@ class Recorder:
             if image is not None:
                 self.writer.write(maker.topic(message), image)
                 self.counters["previews"] += 1
+        self._count_late()
+
+    def _count_late(self) -> None:
+        syncer = self.writer.container.syncer
+        if syncer is not None and syncer.late:
+            self.counters["late_syncs"] = syncer.late
 
     def _notice_loss(self, topic: str, seq: int) -> None:
         missed = seq - self._seen.get(topic, seq) - 1
@@ -66,3 +83,4 @@ class Recorder:
         self.counters["bytes"] = sum(self.writer.bytes.values())
         lost = {topic: str(count) for topic, count in self._lost.items()}
         self.writer.close({"lost": lost} if lost else None)
+        self._count_late()

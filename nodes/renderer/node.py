@@ -92,6 +92,7 @@ class RendererNode(Node):
 
     def setup(self) -> None:
         from evis.scene.load import load_scene, parse_args
+        from evis.scene.stereo import baseline
         from nodes.renderer.renderer import Renderer
         from nodes.renderer.supersampling import SupersampledRenderer
 
@@ -135,6 +136,8 @@ class RendererNode(Node):
             instance_bodies=["", *(self._names[i.body] if i.body >= 0 else "" for i in self.scene.instances)],
             semantic=np.array([classes[kind] for kind in kinds], np.int32),
             classes=list(classes),
+            baseline=baseline(self.scene, camera),
+            sensor=self.runtime.plan.sensor_beside(self.name, "info"),
         )
         self.publish("info", info)
 

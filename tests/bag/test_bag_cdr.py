@@ -53,16 +53,20 @@ def test_image(frame, encoding):
 @pytest.mark.parametrize("frame", FRAMES)
 @pytest.mark.parametrize("coefficients", [0, 4, 5])
 @pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])
-def test_camera_info(frame, coefficients, model):
-    d, k = np.arange(coefficients) / 7, np.arange(9).reshape(3, 3) / 3
+@pytest.mark.parametrize("baseline", [0.0, 0.06])
+def test_camera_info(frame, coefficients, model, baseline):
+    """P[3] = -fx B, as sensor_msgs/CameraInfo says of the right camera of a pair."""
+    d, k = np.arange(coefficients) / 7, np.arange(1, 10).reshape(3, 3) / 3
     roi = T["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
     p = np.hstack([k, np.zeros((3, 1))]).ravel()
+    p[3] = -k[0, 0] * baseline if baseline else 0.0
     theirs = T["sensor_msgs/msg/CameraInfo"](
         header(frame), 260, 346, model, d, k.ravel(), np.eye(3).ravel(), p, 0, 0, roi
     )
-    ours = joined(ros.camera_info(STAMP, frame, 260, 346, model, d, k))
+    ours = joined(ros.camera_info(STAMP, frame, 260, 346, model, d, k, baseline))
     assert ours == serialized(theirs)
-    stamp, height, width, name, distortion, intrinsic = ros.read_camera_info(memoryview(ours))
+    stamp, height, width, name, distortion, intrinsic, apart = ros.read_camera_info(memoryview(ours))
+    assert apart == pytest.approx(baseline, rel=1e-12)
     assert (stamp, height, width, name) == (STAMP, 260, 346, model)
     assert np.array_equal(distortion, d) and np.array_equal(intrinsic, k)
 

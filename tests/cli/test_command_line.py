@@ -75,6 +75,7 @@ def test_actions_have_help_with_an_example(command: str, action: str, capsys: py
         (["launch", "graph.yaml", "--duration", "soon"], "--duration"),
         (["launch", "graph.yaml", "--compose", "--split"], "exclude each other"),
         (["launch", "graph.yaml", "--record-topics", "/x"], "--record"),
+        (["launch", "graph.yaml", "--record-sync"], "--record-sync needs --record BAG"),
         (["topic"], "ACTION"),
         (["topic", "lst"], "lst"),
         (["run", "camera", "file=x"], "key:=value"),

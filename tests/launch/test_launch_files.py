@@ -18,7 +18,7 @@ from evis.launch.planner import Options, plan_file
 from evis.plan import Plan
 
 Write = Callable[..., Path]
-OPTIONS: dict[str, Any] = {"duration": None, "record": None, "record_topics": [], "view": True}
+OPTIONS: dict[str, Any] = {"duration": None, "record": None, "record_topics": [], "record_sync": False, "view": True}
 
 
 def expanded(path: Path, **given: Any) -> Expanded:

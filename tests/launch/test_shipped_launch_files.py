@@ -97,6 +97,21 @@ def test_recording_counts_as_reading(tmp_path: Path) -> None:
     assert not more.nodes["labeler"].dormant
 
 
+@pytest.mark.parametrize("name", ["spinning_disk", "camera", "replay"])
+def test_the_recorder_syncs_where_it_is_told_to(tmp_path: Path, name: str) -> None:
+    given = {"camera": {"emulate": "davis346"}, "replay": {"bag": str(tmp_path / "old.mcap")}}.get(name, {})
+    if name == "replay":
+        from evis.bag.writer import BagWriter
+        from msgs.header import Header
+        from msgs.world import Clock
+
+        with BagWriter(given["bag"]) as writer:
+            writer.write("/clock", Clock(Header(0, 0, "sim")))
+    for sync in (False, True):
+        made = plan(name, Options(record=str(tmp_path / "x.mcap"), record_sync=sync, view=False), **given)
+        assert made.nodes["recorder"].params["sync"] is sync
+
+
 def test_several_cameras_have_a_chain_each() -> None:
     with pytest.raises(LaunchError):
         plan("stereo_room", cameras="left,left")
@@ -232,3 +247,37 @@ def test_the_presets_are_all_named(name: str) -> None:
     from nodes.event_sensor.presets import PRESETS
 
     assert load(paths.find_launch(name)[0]).arguments["preset"].param.choices == tuple(PRESETS)
+
+
+@pytest.mark.parametrize("name", ["simulator", "spinning_disk", "stereo_room"])
+def test_a_preset_has_its_sensors_size(name: str) -> None:
+    """Unless a size is given; --explain says where it comes from."""
+    from evis.launch.explain import as_text
+    from nodes.event_sensor.presets import PRESETS
+
+    scene = {"scene": "spinning_disk"} if name == "simulator" else {}
+    for preset, about in PRESETS.items():
+        made = plan(name, preset=preset, **scene)
+        size = (about.width, about.height) if about.width else (346, 260)
+        renderers = [n for n in made.nodes.values() if n.target.endswith("RendererNode")]
+        assert {(n.params["width"], n.params["height"]) for n in renderers} == {size}
+        assert (made.args["width"], made.args["height"]) == size
+        assert (f"width = {size[0]}  (preset:={preset} brings it)" in as_text(made)) == bool(about.width)
+    given = plan(name, preset="dvs128", width=200, height=100, **scene)
+    assert (given.args["width"], given.args["height"]) == (200, 100) and "brings it" not in as_text(given)
+
+
+def test_a_preset_that_a_launch_file_sets(tmp_path: Path) -> None:
+    """An include with the preset in its `args:` has the sensor's size too; a size of the file's own wins."""
+    launch = tmp_path / "mine.yaml"
+    inner = paths.find_launch("spinning_disk")[0].resolve()
+    (tmp_path / "spinning_disk.yaml").write_text(inner.read_text())
+    (tmp_path / "simulator.yaml").write_text((inner.parent / "simulator.yaml").read_text())
+    launch.write_text("include: {file: spinning_disk.yaml, args: {preset: dvs128}}\n")
+    made = plan_file(launch, {}, Options())
+    assert made.nodes["renderer"].params["width"] == made.args["width"] == 128
+    assert plan_file(launch, {"width": 90}, Options()).nodes["renderer"].params["width"] == 90
+    launch.write_text("args: {width: {default: 64}}\ninclude: {file: spinning_disk.yaml}\n")
+    made = plan_file(launch, {"preset": "dvs128"}, Options())
+    params = made.nodes["renderer"].params
+    assert (params["width"], params["height"]) == (64, 128)

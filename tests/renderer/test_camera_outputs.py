@@ -5,6 +5,7 @@ import pytest
 from renderer_scenes import GEOMETRIC, Still, at, camera, poses, quad, scene, sphere
 
 from evis.geometry.pinhole import pixel_grid, unproject
+from evis.plan import Plan
 from evis.scene.model import Body, Camera, Material
 from msgs.header import Header
 from msgs.world import WorldState
@@ -16,6 +17,8 @@ from nodes.renderer.supersampling import SupersampledRenderer
 
 class Bus:
     """Takes what a node publishes."""
+
+    plan = Plan("alone", "", "")
 
     def __init__(self, *wanted):
         self.wanted, self.sent, self.counts = set(wanted), {}, {}

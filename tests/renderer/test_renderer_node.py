@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from evis.plan import Plan
 from evis.scene import load_scene
 from msgs.header import Header
 from msgs.world import WorldState
@@ -13,6 +14,8 @@ SIZE = {"width": 48, "height": 36}
 
 class Bus:
     """Stands where the executor does, and keeps what is published."""
+
+    plan = Plan("alone", "", "")
 
     def __init__(self, *wanted):
         self.wanted, self.sent, self.counts = set(wanted), [], {}

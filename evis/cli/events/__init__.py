@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from evis.cli.parser import Parser
+from evis.printable import all_printable
 
 HELP = "describe, convert, simulate, measure and draw event recordings"
 EXAMPLES = {
@@ -65,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(result))
         return 0
-    result = module.for_people(result) if hasattr(module, "for_people") else result
+    result = all_printable(module.for_people(result) if hasattr(module, "for_people") else result)
     width = max(map(len, result))
     for name, value in result.items():
         print(f"{name:{width}}  {_shown(value)}")

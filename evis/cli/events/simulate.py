@@ -165,11 +165,15 @@ class _Tally:
 
     def report(self, simulation: Simulation, source: FrameSource) -> dict[str, Any]:
         """The action's result."""
-        counts = {name: int(n) for name, n in simulation.counts().items() if n}
+        counts: dict[str, float] = {name: int(n) for name, n in simulation.counts().items() if n}
         result = {
             "out": self._out, "events": self._events, "width": source.width, "height": source.height,
             "frames": simulation.frames, "source": source.kind, **source.about,
         }  # fmt: skip
+        if "readout_delay_ns" in counts:
+            total_ns, delayed = counts.pop("readout_delay_ns"), counts["readout_delayed"]
+            counts["readout_delay_mean_us"] = round(total_ns / delayed / 1000, 3)
+            counts["readout_delay_max_us"] = round(simulation.longest_delay_ns / 1000, 3)
         kept = {"times_rounded_to_us": self._rounded, "colour_left_out": self._colourless}
         result |= {name: n for name, n in kept.items() if n} | counts
         warnings = []

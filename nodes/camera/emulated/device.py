@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import abc
 import errno
-from dataclasses import dataclass
-from typing import Any, NoReturn
+from collections import Counter
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 import usb.core
 
 from nodes.camera.emulated.faults import Faults
 from nodes.camera.emulated.feed import Feed
+from nodes.camera.emulated.readout import Readout
+from nodes.camera.usb.driver import UsbSettings
 
 PACKET = 512
 GARBAGE = bytes((37 * i + 11) & 0xFF for i in range(64))
@@ -44,12 +47,17 @@ def timeout() -> NoReturn:
 
 
 class EmulatedDevice(abc.ABC):
-    """A device on the emulated bus. Subclasses answer requests and say whether their registers let the sensor send."""
+    """A device on the emulated bus. Subclasses answer requests and say whether their registers let the sensor send, and
+    what of the events of a recording. HONOURED: settings of the driver that show in what it sends."""
 
     DATA: int
+    HONOURED: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, identity: Identity, feed: Feed, faults: Faults, address: int = 1) -> None:
         self.identity, self.feed, self.faults, self.address = identity, feed, faults, address
+        self.counts: Counter[str] = Counter()
+        """Events that its registers kept back, by reason."""
+        self.registers_changed = True
         self.claimed = False
         self.halted: set[int] = set()
         self.sent = 0
@@ -77,6 +85,16 @@ class EmulatedDevice(abc.ABC):
     def answer(self, timeout_s: float) -> bytes:
         """What waits on the answer endpoint, or comes in time; empty for nothing."""
         return b""
+
+    def readout(self) -> Readout:
+        """What its registers let through now."""
+        return Readout(self.counts)
+
+    def ignored(self, settings: UsbSettings) -> list[str]:
+        """Settings that are not as they are without being given, and that change nothing here."""
+        standard, host = type(settings)(), {f.name for f in fields(UsbSettings)}
+        names = [f.name for f in fields(settings) if f.name not in host and f.name not in self.HONOURED]
+        return [name for name in names if getattr(settings, name) != getattr(standard, name)]
 
     @abc.abstractmethod
     def power_up(self) -> None:
@@ -161,6 +179,10 @@ class EmulatedDevice(abc.ABC):
             stall()
         if not self.streaming():
             timeout()
+        if self.registers_changed:
+            self.registers_changed = False
+            readout = self.readout()
+            self.feed.change = None if readout.everything else readout
         if f.unplug_after and self.sent >= f.unplug_after:
             self._unplugged = True
             self.check_present()

@@ -78,7 +78,8 @@ class Feed(abc.ABC):
         """At most `size` bytes; none when nothing came in time. Raises EOFError at the end."""
 
     change: Callable[[Events], Events] | None = None
-    """What the device's registers make of the events of a recording that is encoded anew."""
+    """What the device's registers make of the events of a recording; None = nothing, its bytes can be sent as they are.
+    Known when the first bytes are read."""
     shift_ns = 0
     """Added to the device's times by the driver, so that a recording keeps its own."""
 
@@ -177,6 +178,8 @@ class RecordingFeed(_Pieces):
         first = recording.next_t_ns
         if first is None:
             return
+        if self._encoder is None and self.change is not None:
+            self._encoder = Reencoder(self._model, self.shift_ns, recording.info.format)
         end = first - 1 + self._duration_ns if self._duration_ns else None
         window = WINDOW_NS if self._speed or self._model.encoding == BESIDE else 20 * WINDOW_NS
         if self._encoder is None:

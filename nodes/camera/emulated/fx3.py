@@ -13,11 +13,20 @@ from evis.streams.events import Events
 from nodes.camera.emulated.device import EmulatedDevice, Identity, stall
 from nodes.camera.emulated.faults import Faults
 from nodes.camera.emulated.feed import Feed
+from nodes.camera.emulated.readout import Readout, span
 from nodes.camera.usb.models import Model
 
 DATA_IN, DEBUG_IN = 0x82, 0x81
 REGISTER, SEVERAL = 0xBF, 0xC2
-BINNING = 5, 0x3202
+BINNING, CROP = (5, 0x3202), 0x3300
+"""The cropper: off, first group of eight rows and its mask, last group and its mask, first and last column as two bytes
+each."""
+FLIP_X, FLIP_Y = 2, 1
+"""Bits of the orientation: the sensor counts from the far edge."""
+FIRST_COLUMN, FIRST_ROW, LAST_COLUMN, LAST_ROW = (1, 41), (1, 42), (1, 43), (1, 44)
+"""The region of interest of a DAVIS, by the numbers of the readout."""
+FRAMES = 2, 4
+"""Frames of a DAVIS are sent."""
 IMU = 3
 """Module of the inertial chip."""
 CLOCKS = {(6, 3): 90, (6, 4): 30, (6, 5): 80, (6, 6): 1000}
@@ -39,6 +48,7 @@ class Fx3Device(EmulatedDevice):
     """A DAVIS346, DVXplorer, Mini or Micro."""
 
     DATA = DATA_IN
+    HONOURED = frozenset(("roi_x", "roi_y", "roi_width", "roi_height", "binning", "frames", "imu", "trigger_in"))
 
     def __init__(self, model: Model, identity: Identity, feed: Feed, faults: Faults) -> None:
         super().__init__(identity, feed, faults)
@@ -60,6 +70,7 @@ class Fx3Device(EmulatedDevice):
         self.fixed = size if self.model.name in MODULES else {**fixed, **size, (2, 6): 1}
         self.registers: dict[tuple[int, int], int] = {}
         self.writes: list[tuple[int, int, int]] = []
+        self.registers_changed = True
 
     def streaming(self) -> bool:
         return all(self.registers.get(at, 0) == value for at, value in GATES[self.model.name].items())
@@ -85,8 +96,7 @@ class Fx3Device(EmulatedDevice):
             raise usb.core.USBError("Pipe error", -9, errno.EPIPE)
         self.writes.append((module, parameter, number))
         self.registers[module, parameter] = number
-        if (module, parameter) == BINNING:
-            self.feed.change = self._binned if number else None
+        self.registers_changed = True
         if module == IMU:
             self.feed.side.expect(self._samples_run())
 
@@ -94,11 +104,38 @@ class Fx3Device(EmulatedDevice):
         """Any part of the inertial chip is on."""
         return any(self.registers.get((IMU, p), 0) for p in (2, 3, 4))
 
+    def readout(self) -> Readout:
+        r, result = self.registers, Readout(self.counts, imu=self._samples_run())
+        if self.model.name == "davis346":
+            size = self.model.width, self.model.height
+            result.columns = span(r.get(FIRST_COLUMN, 0), r.get(LAST_COLUMN, size[0]), size[0])
+            result.rows = span(r.get(FIRST_ROW, 0), r.get(LAST_ROW, size[1]), size[1])
+            result.frames = bool(r.get(FRAMES, 0))
+        elif r.get((5, CROP), 1) == 0:
+            result.columns, result.rows = self._cropped([r.get((5, CROP + i), 0) for i in range(9)])
+        if r.get(BINNING):
+            result.turned = self._binned
+        return result
+
+    def _cropped(self, crop: list[int]) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Columns and rows that go through. Of one group alone, the last mask counts."""
+        _, top, first, bottom, last, *columns = crop
+        groups = np.zeros(-(-self.model.height // 8), np.uint8)
+        groups[top : bottom + 1] = 0xFF
+        groups[top] &= first
+        groups[bottom] = last if top == bottom else groups[bottom] & last
+        rows = np.unpackbits(groups, bitorder="little")[: self.model.height].astype(bool)
+        across = span(columns[0] << 8 | columns[1], columns[2] << 8 | columns[3], self.model.width)
+        flips = self.fixed.get((1, 2), 0)
+        if across is not None and flips & FLIP_X:
+            across = across[::-1]
+        return across, None if rows.all() else rows[::-1] if flips & FLIP_Y else rows
+
     def _binned(self, events: Events) -> Events:
         """One pixel of two by two; what is read out from the far edge begins at half of the sensor."""
         flips = self.fixed.get((1, 2), 0)
-        x = (events.x >> 1) + np.uint16(self.model.width // 2 if flips & 2 else 0)
-        y = (events.y >> 1) + np.uint16(self.model.height // 2 if flips & 1 else 0)
+        x = (events.x >> 1) + np.uint16(self.model.width // 2 if flips & FLIP_X else 0)
+        y = (events.y >> 1) + np.uint16(self.model.height // 2 if flips & FLIP_Y else 0)
         return dataclasses.replace(events, x=x, y=y)
 
     def answer(self, timeout_s: float) -> bytes:

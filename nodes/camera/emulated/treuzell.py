@@ -16,6 +16,7 @@ import usb.core
 from nodes.camera.emulated.device import EmulatedDevice, Identity, timeout
 from nodes.camera.emulated.faults import Faults
 from nodes.camera.emulated.feed import Feed
+from nodes.camera.emulated.readout import RateLimit, Readout, of_bits
 from nodes.camera.usb.models import Model
 
 CONTROL_IN, CONTROL_OUT, DATA_IN = 0x82, 0x02, 0x81
@@ -63,16 +64,27 @@ GATES = {
     ),
 }
 TEMPERATURE_C = 41.0
+REGION = {
+    "IMX636": ((0x2000, 40), (0x4000, 23)), "Gen4.1": ((0x2000, 40), (0x4000, 23)), "Gen3.1": ((0x400, 20), (0x500, 15))
+}  # fmt: skip
+"""Masks of columns and of rows: first register and registers."""
+REGION_SWITCH = {"IMX636": 0x4, "Gen4.1": 0x4, "Gen3.1": 0x204}
+"""Its bit 5 puts the masks into effect: while it is set, or (Gen3.1) when it becomes set."""
+RATE_CONTROL, RATE_PERIOD, RATE_TARGET = 0x6000, 0x6008, 0x600C
+"""The rate controller: on in bit 0, period [us], events in it."""
 
 
 class TreuzellDevice(EmulatedDevice):
     """Frames on the command endpoint, answers on the other, events on the third."""
 
     DATA = DATA_IN
+    HONOURED = frozenset(
+        ("roi_x", "roi_y", "roi_width", "roi_height", "event_rate_limit", "trigger_in", "legacy_writes")
+    )
 
     def __init__(self, model: Model, identity: Identity, feed: Feed, faults: Faults) -> None:
         super().__init__(identity, feed, faults)
-        self.gate = GATES[model.sensor]
+        self.gate, self.model = GATES[model.sensor], model
         self._answers: deque[bytes] = deque()
         self.power_up()
 
@@ -81,10 +93,34 @@ class TreuzellDevice(EmulatedDevice):
         if self.faults.unknown_chip:
             self.registers[0x14] = self.registers[0x800] = 0xDEAD_BEEF
         self.writes: list[tuple[int, int]] = []
+        self.latched: dict[int, int] = {}
+        """Masks as they were when the switch was last set."""
+        self.rate_set = False
+        self._limit = RateLimit(0, 0)
+        self.registers_changed = True
         self._answers.clear()
 
     def streaming(self) -> bool:
         return all(self.registers.get(a, 0) & mask == value for a, mask, value in self.gate.needs)
+
+    def readout(self) -> Readout:
+        sensor, result = self.model.sensor, Readout(self.counts)
+        if sensor not in REGION:
+            return result
+        below = sensor != "Gen3.1"
+        masks = self.registers if below else self.latched
+        if self.registers.get(REGION_SWITCH[sensor], 0) & 1 << 5:
+            (column, columns), (row, rows) = REGION[sensor]
+            result.columns = of_bits([masks.get(column + 4 * i) for i in range(columns)], self.model.width)
+            result.rows = of_bits([masks.get(row + 4 * i) for i in range(rows)], self.model.height)
+            if below and result.rows is not None:
+                result.rows = result.rows[::-1]  # they count from the bottom
+        if below and self.rate_set and self.registers.get(RATE_CONTROL, 0) & 1:
+            target, period_ns = self.registers[RATE_TARGET], self.registers[RATE_PERIOD] * 1000
+            if (self._limit.most, self._limit.period_ns) != (target, period_ns):
+                self._limit = RateLimit(target, period_ns)
+            result.limit = self._limit
+        return result
 
     def vendor_in(self, request: int, value: int, index: int) -> bytes:
         kinds = {"IMX636": b"\x31\0", "Gen4.1": b"\x30\0", "Gen3.1": b"\0\0", "GenX320": b"\x40\0"}
@@ -165,6 +201,11 @@ class TreuzellDevice(EmulatedDevice):
 
     def _store(self, address: int, value: int) -> None:
         self.writes.append((address, value))
+        self.registers_changed = True
+        if address == REGION_SWITCH.get(self.model.sensor) and ~self.registers.get(address, 0) & value & 1 << 5:
+            self.latched = dict(self.registers)
+        # As the start list of the Gen4.1 leaves it (20 Mev/s) a recording has gone through it already.
+        self.rate_set |= address == RATE_CONTROL and not value & 1
         if address not in self.gate.chip:
             self.registers[address] = value
 

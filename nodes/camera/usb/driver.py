@@ -164,6 +164,12 @@ class UsbDriver(Driver):
             self._apply(self._settings)
         except usb.core.USBError as e:
             raise explained(e, self.name) from None
+        ignored = self.emulated.ignored(self._settings) if self.emulated is not None else []
+        if ignored and self._info is not None:
+            self._info.details["warnings"] = [
+                f"{', '.join(ignored)} {'change' if len(ignored) > 1 else 'changes'} nothing: "
+                f"an emulated {self.model.title} sends what was recorded, whatever its biases and filters are"
+            ]
 
     def start(self) -> None:
         import usb.core
@@ -321,6 +327,7 @@ class UsbDriver(Driver):
             total.update(self._stream_counts())
         if self.emulated is not None:
             total.update(self.emulated.feed.counters())
+            total.update(self.emulated.counts)
         return {k: v for k, v in total.items() if v}
 
     def stop(self) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from evis.params import Param, ParamError, resolve
+from nodes.event_sensor.message_limit import MOST_NOISE, REMEDY, check_noise, longest_step
 from nodes.event_sensor.models import kernels
 from nodes.event_sensor.parameters import SENSOR
 from nodes.event_sensor.sensor import Events
@@ -98,7 +99,12 @@ class Model:
         images: wp.array = wp.array(np.reshape(luminance, -1), dtype=wp.float32, device="cpu", copy=False)
         self.t_base = int(t[0]) if fresh.all() else self._last_stamp
         if (int(t[-1]) - self.t_base).bit_length() > self._shift_env - self._shift_t:
-            raise ValueError(f"{t[-1] - self.t_base} ns between frames are too long for event model {self.NAME}")
+            raise ValueError(
+                f"a message of {t[-1] - self.t_base} ns is too long for event model {self.NAME}; its longest step is "
+                f"{longest_step(self.t_base, t)}: {REMEDY}"
+            )
+        leak = self.params.get("leak_rate", 0.0) * self.envs * self._pixels
+        check_noise(leak, f"{self.envs} x {self._pixels}", self.t_base, t)
         self._counters.zero_()
         starts: wp.array = wp.array(fresh.astype(np.int32), device="cpu")
         none: wp.array = wp.zeros_like(starts)
@@ -140,6 +146,12 @@ class Model:
             self.emit(frame, images, fresh, self._keys, self._counters)
             if counters[0] <= len(self._keys):
                 break
+            if counters[0] >= 2 * MOST_NOISE:
+                before, stamp = int(frame.before), int(frame.before) + int(frame.span)
+                raise ValueError(
+                    f"event model {self.NAME} makes {counters[0]} events, too many for a message, from {before} ns to "
+                    f"the frame at {stamp} ns: {REMEDY}, or raise the threshold"
+                )
             longer: wp.array = wp.empty(2 * int(counters[0]), dtype=wp.int64, device="cpu")
             longer.numpy()[: so_far[0]] = self._keys.numpy()[: so_far[0]]
             self._keys = longer

@@ -1,0 +1,31 @@
+"""What one message of frames may hold: a gap in the stamps must not ask for all of the memory."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+MOST_NOISE = 1 << 27
+"""Events that leak and noise may make in a message on average: with 29 bytes each while they are sorted, 4 GB."""
+REMEDY = "put frames between the two, cut the sequence there"
+
+
+def longest_step(t_base: int, t: np.ndarray) -> str:
+    """Returns where the longest step of a message is, in words. t_base: stamp before the frames at t [ns]."""
+    stamps = [t_base, *t.tolist()]
+    before, after = max(itertools.pairwise(stamps), key=lambda pair: pair[1] - pair[0])
+    return f"from {before} ns to the frame at {after} ns"
+
+
+def check_noise(per_second: float, pixels: str, t_base: int, t: np.ndarray) -> None:
+    """Raises ValueError where leak and noise of so many events per second are too many for a message.
+
+    pixels: how many there are, in words.
+    """
+    span_ns = int(t[-1]) - t_base
+    if per_second * 1e-9 * span_ns >= MOST_NOISE:
+        raise ValueError(
+            f"leak and noise make {per_second:.3g} events per second in {pixels} pixels, too many for a message of "
+            f"{span_ns * 1e-9:.6g} s; its longest step is {longest_step(t_base, t)}: {REMEDY}, or lower their rates"
+        )
