@@ -8,6 +8,9 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import itertools
+import shlex
+import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -26,8 +29,9 @@ from evis.cli.attach import find_run, listen
 from evis.plan import Plan
 
 TOPIC = "/cam0/events"
+DURATION_S = 2.0
 WORDS = ("spinning_disk", "width:=96", "height:=72", "keyframe_rate:=100", "upsampling:=2", "omega:=30",
-         "threshold_mismatch:=0.03", "shot_rate:=2", "--seed", "5", "--duration", "2")  # fmt: skip
+         "threshold_mismatch:=0.03", "shot_rate:=2", "--seed", "5", "--duration", str(DURATION_S))  # fmt: skip
 HOW: dict[str, tuple[str, ...]] = {"as processes": (), "composed": ("--compose",), "split": ("--split",)}
 CHUNK_S = 0.1
 """What a bag holds back at most before it is in the file."""
@@ -75,6 +79,17 @@ def opened(path: Path) -> Found:
         return Found(read_events(saved), torn)
     finally:
         saved.unlink()
+
+
+class ShellLauncher(Launcher):
+    """The same command before a redirection or a pipe, in a shell."""
+
+    def __init__(self, path: Path, *words: str, end: str) -> None:
+        command = shlex.join([sys.executable, "-m", "evis.cli", "launch", str(path), *words])
+        self.process = subprocess.Popen(
+            ["bash", "-c", f"{command} {end}"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        self.seen = []
 
 
 class Watcher:
@@ -149,7 +164,22 @@ class Stage:
 
     def start(self, name: str, *words: str, how: str) -> Launcher:
         """Start any recorded graph."""
-        launcher = Launcher(Path(name), *words, "--record", str(self.bag), *HOW[how])
+        return self._watched(Launcher(Path(name), *words, "--record", str(self.bag), *HOW[how]))
+
+    def shell(self, end: str) -> Launcher:
+        """Start the run that all campaigns attack in a shell, with what follows the command there."""
+        return self._watched(
+            ShellLauncher(Path(WORDS[0]), *WORDS[1:], "pace:=realtime", "--record", str(self.bag), end=end)
+        )
+
+    def under_way(self, launcher: Launcher) -> dict[str, psutil.Process]:
+        """Wait until it records events, and return its processes; none where it has ended before that."""
+        launcher.wait_for(
+            lambda: (self.bag.exists() and self.bag.stat().st_size > 100_000) or launcher.process.poll() is not None
+        )
+        return running_processes(launcher)
+
+    def _watched(self, launcher: Launcher) -> Launcher:
         self.launchers.append(launcher)
         return launcher
 
@@ -184,6 +214,12 @@ class Stage:
             path.unlink()
 
 
+def kill(alive: dict[str, psutil.Process], name: str) -> None:
+    """SIGKILL, if there is such a process any more."""
+    with contextlib.suppress(psutil.NoSuchProcess, KeyError):
+        alive[name].kill()
+
+
 def process_of(plan: Plan, node: str) -> str:
     """The name of the process in which a node runs."""
     return next(planned.process for planned in plan.nodes.values() if planned.name == node)
@@ -191,8 +227,10 @@ def process_of(plan: Plan, node: str) -> str:
 
 def running_processes(launcher: Launcher) -> dict[str, psutil.Process]:
     """Every process of the run that lives now: the launcher, its janitor, the nodes' processes by name."""
-    found = {"launcher": psutil.Process(launcher.process.pid)}
+    found = {}
     nodes = launcher.children()
+    with contextlib.suppress(psutil.NoSuchProcess):
+        found["launcher"] = psutil.Process(launcher.process.pid)
     for process in launcher.seen:
         with contextlib.suppress(psutil.Error):
             if process.is_running() and process.status() != psutil.STATUS_ZOMBIE:

@@ -10,7 +10,7 @@ import psutil
 import pytest
 import tally
 from launcher import Launcher
-from recorded_runs import HOW, Stage, opened, process_of, running_processes
+from recorded_runs import HOW, Stage, opened, process_of
 
 from evis.cli.attach import find_run
 
@@ -37,8 +37,7 @@ def frozen(*processes: psutil.Process):
 def started(stage: Stage, how: str) -> tuple[Launcher, dict[str, psutil.Process]]:
     """A run under way, and its processes."""
     launcher = stage.launch(how)
-    launcher.wait_for(lambda: stage.bag.exists() and stage.bag.stat().st_size > 100_000)
-    return launcher, running_processes(launcher)
+    return launcher, stage.under_way(launcher)
 
 
 def judge(stage: Stage, launcher: Launcher) -> list[str]:

@@ -10,16 +10,17 @@ import signal
 import time
 
 import numpy as np
-import psutil
 import pytest
 import tally
 from launcher import Launcher
 from recorded_runs import (
     CHUNK_S,
+    DURATION_S,
     HOW,
     TOPIC,
     Stage,
     Watcher,
+    kill,
     named_shared_memory,
     opened,
     process_of,
@@ -31,6 +32,8 @@ from evis.cli.attach import find_run
 CAMPAIGN = "kill -9"
 PARTS = 0.4, 0.3, 0.3
 """As processes, composed, split."""
+START = 0.25
+"""Part of the kills that come while the processes start; the others come at a moment of the simulated time."""
 LATE_S = 1.0
 """A recorder that dies takes a chunk with it, 100 ms; on a machine that others load its chunk is written late."""
 
@@ -69,15 +72,19 @@ def attack(stage: Stage, how: str, rng: np.random.Generator, table: tally.Table,
     launcher, watcher, recorder = stage.launch(how), Watcher(), "recorder"
     try:
         launcher.wait_for(launcher.children)
-        time.sleep(rng.random() * stage.wall_s[how])
+        moment = rng.random()
+        if moment < START:
+            time.sleep(moment / START * (stage.wall_s[how] - DURATION_S))
+        else:
+            until_ns = (moment - START) / (1 - START) * DURATION_S * 1e9
+            launcher.wait_for(lambda: watcher.newest >= until_ns or launcher.process.poll() is not None)
         with contextlib.suppress(ValueError):
             recorder = process_of(find_run(None), "recorder")
         alive = running_processes(launcher)
         victim = sorted(alive)[int(rng.integers(len(alive)))]
         mapped = [line for process in alive.values() for line in named_shared_memory(process)]
         seen_ns = watcher.newest
-        with contextlib.suppress(psutil.NoSuchProcess):
-            alive[victim].kill()
+        kill(alive, victim)
         wrong, outcome, lost_ns = aftermath(stage, launcher, victim, recorder, seen_ns)
     finally:
         watcher.stop()
