@@ -68,17 +68,15 @@ def read_events(path: Path) -> list[tuple[int, bytes]]:
 
 
 def opened(path: Path) -> Found:
-    """What a bag holds after any kind of end; a torn one is recovered first, into a file beside it."""
+    """What a bag holds after any kind of end; a torn one is recovered first, elsewhere."""
     with BagReader(path) as reader:
         torn = reader.problem
     if not torn:
         return Found(read_events(path))
-    saved = path.with_name("saved.mcap")
-    recover(path, saved)
-    try:
+    with tempfile.TemporaryDirectory(prefix="evr", dir="/tmp") as folder:  # its own disk may be full
+        saved = Path(folder) / "saved.mcap"
+        recover(path, saved)
         return Found(read_events(saved), torn)
-    finally:
-        saved.unlink()
 
 
 class ShellLauncher(Launcher):
