@@ -19,10 +19,10 @@ stop the stream) until one more `release`. Both sides must be looked after to co
 `missing`) and the subscriber's `connected` (or `receive`). A message is published once: a received one, or one that was
 published before, is refused.
 
-With CURVE keys, whoever knows the publisher's public key may connect: treat it as the password of the topic.
+Sockets are files in a directory that is private to the user: nobody else, and no other machine, can connect.
 """
 
-from evis.bus.endpoints import Endpoints, endpoints_for, tcp_endpoints
+from evis.bus.endpoints import Endpoints, endpoints_for
 from evis.bus.errors import BusError, PeerLost
 from evis.bus.lease import END, End
 from evis.bus.publisher import Publisher
@@ -40,5 +40,4 @@ __all__ = [
     "SlotPool",
     "Subscriber",
     "endpoints_for",
-    "tcp_endpoints",
 ]

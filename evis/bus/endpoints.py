@@ -1,8 +1,7 @@
-"""Where the sockets of a topic are: files in the run's private directory, or TCP."""
+"""Where the sockets of a topic are: files in the run's private directory, so that only its user can connect."""
 
 from __future__ import annotations
 
-import ipaddress
 import os
 import socket
 import stat
@@ -22,14 +21,12 @@ SUN_PATH = 107
 class Endpoints:
     """The three addresses of one topic.
 
-    lockstep: messages to declared consumers. credit: their greetings and credits. tap: the lossy copy. server_key: the
-    publisher's CURVE public key (Z85); without one, TCP is bound to this machine's loopback only.
+    lockstep: messages to declared consumers. credit: their greetings and credits. tap: the lossy copy.
     """
 
     lockstep: str
     credit: str
     tap: str
-    server_key: str = ""
 
     def __iter__(self) -> Iterator[str]:
         return iter((self.lockstep, self.credit, self.tap))
@@ -48,35 +45,13 @@ def endpoints_for(directory: str | os.PathLike[str], topic: str) -> Endpoints:
     return Endpoints(*(f"ipc://{p}" for p in paths))
 
 
-def tcp_endpoints(host: str = "127.0.0.1", port: int = 0, server_key: str = "") -> Endpoints:
-    """TCP addresses `port`, `port + 1`, `port + 2`; port 0 lets the system choose (see Publisher.endpoints)."""
-    ports = [str(port + i) if port else "*" for i in range(3)]
-    lockstep, credit, tap = (f"tcp://{host}:{p}" for p in ports)
-    return Endpoints(lockstep, credit, tap, server_key)
-
-
-def check_bind(address: str, keyed: bool) -> None:
-    """Refuse an address that others could reach: TCP beyond loopback without keys, an open directory."""
-    scheme, _, rest = address.partition("://")
-    if scheme == "tcp":
-        host = rest.rsplit(":", 1)[0].strip("[]")
-        if not keyed and not _loopback(host):
-            raise BusError(
-                f"{address} could be reached from other machines: give CURVE keys, or bind 127.0.0.1 (host '{host}')"
-            )
-    elif scheme == "ipc":
-        _check_private(Path(rest))
-    else:
-        raise BusError(f"{address}: a topic is bound to ipc:// or tcp://")
-
-
-def _loopback(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False  # '*', an interface, a host name
+def check_bind(address: str) -> None:
+    """Refuse an address that others could reach: any but a socket file in a directory of the user's own."""
+    scheme, _, path = address.partition("://")
+    # libzmq takes `@name` for the abstract namespace, which has no permissions, and `*` for a file in /tmp.
+    if scheme != "ipc" or not path.startswith("/"):
+        raise BusError(f"{address}: a topic is bound to ipc:// and the absolute path of a file, which stays private")
+    _check_private(Path(path))
 
 
 def _check_private(path: Path) -> None:
@@ -95,17 +70,15 @@ def _check_private(path: Path) -> None:
     raise BusError(f"{path} is in use: another process already publishes this topic in this run")
 
 
-def bind(sock: zmq.Socket, address: str) -> str:
-    """Bind and return the address with its wildcards resolved. Raises BusError."""
+def bind(sock: zmq.Socket, address: str) -> None:
+    """Bind a socket. Raises BusError."""
     try:
         sock.bind(address)
     except zmq.ZMQError as error:
         raise BusError(f"cannot bind {address}: {error.strerror}") from None
-    return sock.getsockopt_string(zmq.LAST_ENDPOINT)
 
 
 def unlink(endpoints: Endpoints) -> None:
     """Remove the socket files of endpoints that were bound here; libzmq leaves them behind."""
     for address in endpoints:
-        if address.startswith("ipc://"):
-            Path(address.removeprefix("ipc://")).unlink(missing_ok=True)
+        Path(address.removeprefix("ipc://")).unlink(missing_ok=True)

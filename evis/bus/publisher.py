@@ -31,7 +31,7 @@ class Publisher:
 
     consumers: ids `node:port` of the declared consumers in other processes. window: messages that each of them may be
     behind. latched: a consumer that connects late gets the last value. tap_hz: most messages per second on the tap,
-    0 = all. secret_key: CURVE secret key (Z85) that belongs to endpoints.server_key. All calls are from one thread.
+    0 = all. All calls are from one thread.
     Raises BusError, and PeerLost when a consumer is gone.
     """
 
@@ -47,7 +47,6 @@ class Publisher:
         window: int = 2,
         latched: bool = False,
         tap_hz: float = 30.0,
-        secret_key: str = "",
     ) -> None:
         if window < 1:
             raise BusError(f"topic {topic}: the window is {window}, at least 1 message must be under way")
@@ -57,14 +56,11 @@ class Publisher:
         self.message_type = message_type
         self.latched = latched
         self._context = context
-        self._secret_key = secret_key
         self._frame = topic.encode()
-        # Nobody else can open our memory across TCP; on this machine that is found out when a consumer connects.
-        self._ipc = endpoints.lockstep.startswith("ipc://")
         # A latched message also reaches consumers that are half connected, which only the socket does.
-        self._consumers = Consumers(topic, node, consumers, message_type, window, piped=self._ipc and not latched)
+        self._consumers = Consumers(topic, node, consumers, message_type, window, piped=not latched)
         self._tap = Tap(topic, tap_hz)
-        self._pool = SlotPool(topic, window + 1, shared=self._ipc and bool(consumers))
+        self._pool = SlotPool(topic, window + 1, shared=bool(consumers))
         self._on_device = DevicePool(topic)
         self._latch: list[Buffer] | None = None
         self._sockets: list[zmq.Socket] = []
@@ -74,9 +70,9 @@ class Publisher:
         self._pump_at = 0.0
 
     def start(self) -> None:
-        """Bind the sockets. Raises BusError: address in use, directory not private, unkeyed bind beyond loopback."""
+        """Bind the sockets. Raises BusError: address in use, directory not private."""
         for address in self.endpoints:
-            check_bind(address, bool(self.endpoints.server_key and self._secret_key))
+            check_bind(address)
         data = self._open(zmq.XPUB)
         router = self._open(zmq.ROUTER)
         tap = self._open(zmq.XPUB, queue_length(self.topic))
@@ -86,18 +82,14 @@ class Publisher:
         self._handlers = {
             data: self._consumers.subscription, router: self._consumers.talk, tap: self._tap.subscription,
         }  # fmt: skip
-        lockstep, credit, tap_address = self.endpoints
-        self.endpoints = Endpoints(
-            bind(data, lockstep), bind(router, credit), self._tap.open(tap, tap_address), self.endpoints.server_key
-        )
+        bind(data, self.endpoints.lockstep)
+        bind(router, self.endpoints.credit)
+        self._tap.open(tap, self.endpoints.tap)
 
     def _open(self, kind: int, high_water_mark: int = 0) -> zmq.Socket:
         sock = wire.open_socket(self._context, kind, high_water_mark)
         sock.setsockopt(zmq.MAXMSGSIZE, wire.MAX_TALK)
         self._sockets.append(sock)
-        if self._secret_key:
-            sock.setsockopt(zmq.CURVE_SERVER, 1)
-            sock.setsockopt_string(zmq.CURVE_SECRETKEY, self._secret_key)
         return sock
 
     def sockets(self) -> list[zmq.Socket | int]:
@@ -129,7 +121,7 @@ class Publisher:
     def _settle(self) -> None:
         self._consumers.raise_lost()
         for consumer in self._consumers.arrivals():
-            self._pool.share(self._ipc and self._consumers.shared())
+            self._pool.share(self._consumers.shared())
             if self._latch is not None:
                 wire.send(self._data, [consumer.key, *self._latch])
                 self._consumers.charge([consumer], self._seq - 1, None)

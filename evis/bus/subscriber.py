@@ -100,7 +100,7 @@ class Subscriber:
         self._monitor = self._data.get_monitor_socket(zmq.EVENT_DISCONNECTED | zmq.EVENT_HANDSHAKE_SUCCEEDED)
         self._sockets.append(self._monitor)
         self._poller = wire.poller(self._data)
-        if not self.tap and self.endpoints.lockstep.startswith("ipc://"):
+        if not self.tap:
             self._inbox = MessageInbox(self._window)
             self._either = wire.poller(self._data, self._inbox.fileno())
         self._data.connect(self.endpoints.tap if self.tap else self.endpoints.lockstep)
@@ -117,11 +117,6 @@ class Subscriber:
     def _open(self, kind: int, high_water_mark: int = 0) -> zmq.Socket:
         sock = wire.open_socket(self._context, kind, high_water_mark)
         self._sockets.append(sock)
-        if self.endpoints.server_key:
-            public, secret = zmq.curve_keypair()
-            sock.setsockopt_string(zmq.CURVE_SERVERKEY, self.endpoints.server_key)
-            sock.setsockopt(zmq.CURVE_PUBLICKEY, public)
-            sock.setsockopt(zmq.CURVE_SECRETKEY, secret)
         return sock
 
     def connected(self) -> bool:

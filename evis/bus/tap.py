@@ -41,10 +41,10 @@ class Tap:
         self._interval = 1.0 / hz if hz > 0 else 0.0
         self._next = -math.inf  # of a clock that starts anywhere: 0 would be late or far ahead by the machine's uptime
 
-    def open(self, sock: zmq.Socket, address: str) -> str:
-        """Bind; returns the address."""
+    def open(self, sock: zmq.Socket, address: str) -> None:
+        """Bind the socket that it sends through."""
         self.socket = sock
-        return bind(sock, address)
+        bind(sock, address)
 
     def subscription(self, frames: list[bytes]) -> None:
         """Take what the XPUB says: who has come, who has left."""

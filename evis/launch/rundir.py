@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 LOCK = "lock"
@@ -37,6 +38,16 @@ def root() -> Path:
     if stat.S_IMODE(status.st_mode) != 0o700:
         folder.chmod(0o700)
     return folder
+
+
+@contextlib.contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Within it, an error of the system names the folder, which a write that finds no room does not, and the remedy."""
+    try:
+        yield
+    except OSError as error:
+        reason = f"{error.strerror or error}; make room there, or set XDG_RUNTIME_DIR to another folder of your own"
+        raise OSError(error.errno, reason, error.filename or str(folder)) from None
 
 
 def is_live(directory: Path) -> bool:
@@ -83,12 +94,13 @@ class RunDirectory:
         sweep()
         self.run_id = f"{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(3)}"
         self.path = root() / self.run_id
-        self.path.mkdir(mode=0o700)
-        # Locked before it has its name: another launcher sweeps what has a lock file that nobody holds.
-        unnamed = self.path / f"{LOCK}.new"
-        self._lock = open(unnamed, "w")
-        fcntl.flock(self._lock, fcntl.LOCK_EX)
-        unnamed.rename(self.path / LOCK)
+        with writing(self.path):
+            self.path.mkdir(mode=0o700)
+            # Locked before it has its name: another launcher sweeps what has a lock file that nobody holds.
+            unnamed = self.path / f"{LOCK}.new"
+            self._lock = open(unnamed, "w")
+            fcntl.flock(self._lock, fcntl.LOCK_EX)
+            unnamed.rename(self.path / LOCK)
         janitor = Path(__file__).with_name("janitor.py")
         self._janitor = subprocess.Popen(
             [sys.executable, "-I", "-S", str(janitor), str(self.path)],

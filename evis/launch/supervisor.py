@@ -17,7 +17,7 @@ from evis.launch.child import Child
 from evis.launch.control import ControlServer, control_address
 from evis.launch.logs import Logs
 from evis.launch.report import Report, summarise
-from evis.launch.rundir import RunDirectory
+from evis.launch.rundir import RunDirectory, writing
 from evis.launch.voice import Voice
 from evis.plan import NodePlan, Plan
 from evis.printable import printable
@@ -29,6 +29,8 @@ START_DRAIN_S = 1.0
 """The same before it has begun, when there is nothing to lose yet [s]."""
 SILENCE_S = 8.0
 """A process that sends no heartbeat for so long is frozen [s]; a thread of its own sends one every 0.5 s."""
+SUSPECT_S = 4.0
+"""The same when a neighbour of somebody's is lost [s]: the bus gives a frozen peer up 5 s after it last answered."""
 STARTUP_SILENCE_S = 60.0
 """The same before its first heartbeat: imports come first [s]."""
 SETTLE_S = 0.4
@@ -78,7 +80,8 @@ class Supervisor:
         self.plan.run_id = directory.run_id
         self.plan.directory = str(directory.path)
         try:
-            self.plan.save(directory.path / "plan.json")
+            with writing(directory.path):
+                self.plan.save(directory.path / "plan.json")
             with self._control(), self._signals():
                 for name, nodes in self.plan.processes().items():
                     self._add(name, nodes)
@@ -236,10 +239,20 @@ class Supervisor:
             self._say(f"{child.title}: {doing} for {BUSY_S:g} s now")
         limit = SILENCE_S if child.stats or child.state != "starting" else STARTUP_SILENCE_S
         if time.monotonic() - child.heard_at > limit:
-            child.failure = (child.name, f"gave no sign of life for {limit:g} s (stopped, or stuck in native code)")
-            child.state = "failed"
-            child.signal(signal.SIGKILL)
+            self._end_frozen(child, limit)
             self._on_failure(child)
+
+    def _end_frozen(self, child: Child, silent_s: float) -> None:
+        text = f"gave no sign of life for {silent_s:.0f} s (stopped, or stuck in native code)"
+        child.failure, child.state = (child.name, text), "failed"
+        child.signal(signal.SIGKILL)
+
+    def _suspect_frozen(self) -> None:
+        """Who misses a neighbour that froze says so before SILENCE_S is over: the cause is who is silent, not they."""
+        now = time.monotonic()
+        for child in self._children.values():
+            if child.stats and not child.ended and child.alive() and now - child.heard_at > SUSPECT_S:
+                self._end_frozen(child, now - child.heard_at)
 
     def _on_failure(self, child: Child) -> None:
         if self._stage and child.failure is None:
@@ -310,6 +323,8 @@ class Supervisor:
                     child.process.wait(10)
 
     def _name_cause(self) -> None:
+        if self._failed_at:
+            self._suspect_frozen()
         failed = [child for child in self._children.values() if child.state == "failed" and not child.spared]
         if not failed:
             return

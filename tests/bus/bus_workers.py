@@ -12,7 +12,7 @@ import numpy as np
 import zmq
 
 import evis.bus.mapping
-from evis.bus import END, Endpoints, Publisher, Subscriber, tcp_endpoints
+from evis.bus import END, Endpoints, Publisher, Subscriber
 from msgs.camera import Depth
 from msgs.header import Header, Message
 
@@ -156,8 +156,3 @@ def publish(pipe: Any, endpoints: Endpoints, consumers: list[str], options: dict
     publisher.finish(60)
     publisher.close()
     context.term()
-
-
-def loopback() -> Endpoints:
-    """Free TCP ports of this machine."""
-    return tcp_endpoints("127.0.0.1")

@@ -10,7 +10,8 @@ import pytest
 import zmq
 from bus_workers import TOPIC, image, publisher_on, subscriber_on, wait_for
 
-from evis.bus import BusError, PeerLost
+from evis.bus import END, BusError, PeerLost
+from evis.bus.consumers import MAX_KEYS
 from msgs.camera import Depth, Motion
 from msgs.codec import encode
 from msgs.header import Header
@@ -57,6 +58,17 @@ HOSTILE = [
 ]  # fmt: skip
 
 
+def passes_whole(publisher, subscriber, count):
+    """Every message arrives as it was sent."""
+    for i in range(count):
+        slot = publisher.send(Depth(Header(i), depth=image(i)), timeout_s=60)
+        if slot is not None:
+            slot.unpin()
+        message = subscriber.receive(60_000)
+        assert message.header.stamp_ns == i and np.array_equal(message.depth, image(i))
+        message.release()
+
+
 def test_hostile_frames_are_counted_and_harm_nothing(context, endpoints, pair):
     publisher, subscriber = pair
     attackers = []
@@ -72,14 +84,30 @@ def test_hostile_frames_are_counted_and_harm_nothing(context, endpoints, pair):
     wait_for(lambda: (publisher.pump(), publisher.stats()["rejected"] >= 50)[1])
     for attacker in attackers:
         attacker.close(linger=0)
-    for i in range(50):
-        slot = publisher.send(Depth(Header(i), depth=image(i)), timeout_s=60)
-        if slot is not None:
-            slot.unpin()
-        message = subscriber.receive(60_000)
-        assert message.header.stamp_ns == i and np.array_equal(message.depth, image(i))
-        message.release()
+    passes_whole(publisher, subscriber, 50)
     assert subscriber.rejected == subscriber.lost == 0
+
+
+@pytest.mark.parametrize("flood", ["frames", "subscriptions"])
+def test_a_flood_harms_nothing(context, endpoints, pair, flood):
+    """Of frames in one message, of subscriptions on one connection: what is sent before, amid and after it arrives."""
+    publisher, subscriber = pair
+    attackers = []
+    for address in endpoints:
+        attackers.append(context.socket(zmq.DEALER if address == endpoints.credit else zmq.XSUB))
+        attackers[-1].connect(address)
+        if flood == "frames":
+            attackers[-1].send_multipart([b"\1"] * 20_000)
+        else:
+            for i in range(20_000):
+                attackers[-1].send(b"\1!" + i.to_bytes(4, "little"))
+    rejected = 20_000 if flood == "subscriptions" else 3
+    passes_whole(publisher, subscriber, 200)
+    wait_for(lambda: (publisher.pump(), publisher.stats()["rejected"] >= rejected)[1])
+    assert len(publisher._consumers._keys) <= MAX_KEYS and publisher.missing() == []
+    for attacker in attackers:
+        attacker.close(linger=0)
+    assert publisher.finish(0) is False and subscriber.receive(60_000) is END and publisher.finish(60)
 
 
 def test_a_consumer_cannot_return_a_credit_twice(pair):

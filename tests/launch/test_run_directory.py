@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -10,7 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from evis.cli.failure import one_line
 from evis.launch.rundir import RunDirectory, is_live, live_runs, root, sweep
+from evis.launch.supervisor import Supervisor
+from evis.plan import Plan
 
 
 def gone(path: Path) -> bool:
@@ -28,6 +32,21 @@ def test_a_run_is_private_live_and_then_gone(runtime: Path) -> None:
     assert is_live(run.path) and live_runs() == [run.path] and sweep() == []
     run.close()
     assert not run.path.exists() and live_runs() == []
+
+
+@pytest.mark.parametrize("where", ["plan", "folder"])
+def test_a_runtime_directory_without_room_is_named(runtime: Path, where: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The system does not say where a write found no room."""
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_text" if where == "plan" else "rename", full)
+    with pytest.raises(OSError) as caught:
+        Supervisor(Plan("test", "run", "")).run()
+    line = one_line(caught.value)
+    assert line.startswith(f"{runtime}/evis/") and "No space left on device; make room there" in line
+    assert "XDG_RUNTIME_DIR" in line
 
 
 def test_the_newest_run_is_first(runtime: Path) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -256,6 +258,25 @@ def test_a_launcher_that_was_held_up_takes_nobody_for_silent(
     child.heard_at = now - 100.0
     supervisor._forgive_own_pause()
     assert child.heard_at == now - 100.0
+
+
+def test_who_is_silent_is_named_before_who_misses_it(tmp_path: Path) -> None:
+    """The bus gives up a frozen process sooner than the supervisor does; then its neighbours leave, one by one."""
+    supervisor = Supervisor(Plan("test", "run", str(tmp_path)))
+    for name, silent_s in ("ticker", 6.0), ("relay", 0.1), ("collector", 1.0):
+        child = supervisor._children[name] = Child(name, [], tmp_path, state="running", stats={"stamp_ns": 1})
+        child.process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+        child.heard_at = time.monotonic() - silent_s
+    relay = supervisor._children["relay"]
+    relay.state, relay.failure = "failed", ("relay", "collector:events is gone: it died, froze or left (topic /e)")
+    try:
+        supervisor._failed_at = time.monotonic()
+        supervisor._name_cause()
+        assert str(supervisor._cause).startswith("ticker: gave no sign of life for 6 s")
+        assert supervisor._children["ticker"].process.wait(60) == -signal.SIGKILL
+        assert supervisor._children["collector"].alive()
+    finally:
+        supervisor._kill_all()
 
 
 def test_a_source_is_started_again_when_it_may(write: Write, launch: Launch, tmp_path: Path) -> None:
