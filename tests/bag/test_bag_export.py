@@ -388,7 +388,7 @@ def test_command_line(tmp_path):
         (["bag", "export", "{}/a.mcap", "--topic", "/x", "o.npz"], 1, "no topic '/x'"),
         (["bag", "export", "{}/a.mcap", "--topic", "/cam0/events", "{}/e"], 1, "e: no extension; name it e.npz"),
         (["bag", "recover", "{}/a.mcap", "{}/missing/b.mcap"], 1, "there is no directory"),
-        (["bag", "inof", "x"], 2, "invalid choice"),
+        (["bag", "inof", "x"], 2, "must be one of record, play, info"),
         (["bag"], 2, "ACTION"),
         (["bag", "record", "{}/b.mcap", "--duration", "0"], 2, "longer than 0 s"),
     ],

@@ -15,6 +15,7 @@ LIMIT_S = 120.0
 STARTS = """
 import os, signal, sys
 sys.argv = ["evis", {words}]
+signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background of a shell it would be ignored
 seen = 0
 
 def trace(frame, event, argument):
@@ -68,7 +69,8 @@ def test_ctrl_c_after_many_delays(runtime_folder: Path, tmp_path: Path) -> None:
 
 def test_ctrl_c_in_a_finalizer_is_not_forgotten() -> None:
     code = (
-        "import sys; sys.argv = ['evis']\nimport evis, time\n"
+        "import signal, sys; sys.argv = ['evis']\nimport evis, time\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "class A:\n    def __del__(self): raise KeyboardInterrupt\n"
         "A()\ntime.sleep(60)"
     )
