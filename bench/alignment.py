@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from bench.metrics import Stream
+from evis.events.measure.distance import Stream
 
 UNPAIRED_NS = 4_000_000
 CELLS_AT_ONCE = 1 << 26

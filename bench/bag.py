@@ -79,7 +79,7 @@ def library_writer(path: Path, messages: Iterator[tuple[str, Message]]) -> None:
     """The same bytes through mcap.writer.Writer, uncompressed for keyframes and zstd otherwise, 1 MB chunks."""
     from mcap.writer import CompressionType, Writer
 
-    from evis.bag import mapping, schemas
+    from evis.bag.ros import mapping, schemas
 
     writer: Writer | None = None
     with open(path, "wb") as file:

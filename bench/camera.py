@@ -87,7 +87,7 @@ def measure(quick: bool = False) -> dict[str, Any]:
 
 def _events_in(words: Any) -> int:
     """Events in the prepared bytes, counted by the decoder."""
-    from evis.streams.decoder import decoder_for
+    from evis.events.codecs.decoder import decoder_for
 
     return len(decoder_for("evt3").decode(next(turns(words.copy()))))
 

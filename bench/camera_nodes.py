@@ -11,10 +11,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from evis.node import Input, Node
-from evis.params import Param
-from evis.streams import Events
-from evis.streams.encoder import encoder_for
+from evis.config.params import Param
+from evis.events import Events
+from evis.events.codecs.encoder import encoder_for
+from evis.runtime.node import Input, Node
 from msgs.header import Message
 from nodes.camera.node import CameraNode
 from nodes.camera.usb.driver import UsbDriver

@@ -13,8 +13,8 @@ from collections.abc import Iterable
 import numpy as np
 import warp as wp
 
-from bench.metrics import Stream
 from bench.signals import SECOND, Recording
+from evis.events.measure.distance import Stream
 
 RINGS, SECTORS = 4, 16
 RADIUS = wp.constant(wp.float64(120.0))

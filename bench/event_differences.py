@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.metrics import Stream, count_error
+from evis.events.measure.distance import Stream, count_error
 
 
 def file_of(name: str) -> str:

@@ -30,7 +30,7 @@ from tqdm import tqdm
 
 from bench.event_differences import differences, file_of
 from bench.report import machine
-from evis import paths
+from evis.config import paths
 
 WIDTH, HEIGHT = 96, 72
 DURATION_S = 0.2
@@ -49,9 +49,9 @@ def events_of(case: Case, device: str) -> dict[str, dict[str, np.ndarray]]:
     from evis.bag.decoded import decoded_events
     from evis.bag.reader import BagReader
     from evis.cli.launch import read_target
-    from evis.executor import Executor
     from evis.launch.planner import COMPOSED, Options, plan_launch
-    from evis.launch.rundir import RunDirectory
+    from evis.runtime.executor import Executor
+    from evis.supervisor.run_directory import RunDirectory
 
     scene, preset, interpolator = case
     given = {"preset": preset, "interpolator": interpolator, "device": device, "seed": SEED}

@@ -17,12 +17,12 @@ import numpy as np
 
 from bench import disk
 from bench.alignment import align
-from bench.metrics import Stream
 from bench.peers import DISK, QUOTED, SINUSOIDS, esim_core
 from bench.signals import FORMS, Recording, Sinusoids, stamps
-from nodes.event_sensor.models import make_model
-from nodes.event_sensor.models.v2e import NOISY
+from evis.events.measure.distance import Stream
 from nodes.event_sensor.parameters import CROSSINGS
+from nodes.event_sensor.peers import make_model
+from nodes.event_sensor.peers.v2e import NOISY
 from nodes.event_sensor.sensor import EventSensor
 
 COMMAND = "evis bench event_sensor"

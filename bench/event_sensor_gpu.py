@@ -16,7 +16,7 @@ import warp as wp
 
 from bench import disk
 from bench.signals import SECOND
-from nodes.event_sensor.cuda import kernels_plain
+from nodes.event_sensor.cuda import ideal_kernels
 from nodes.event_sensor.device_events import CALLS
 from nodes.event_sensor.sensor import EventSensor
 
@@ -160,9 +160,9 @@ def atomics_rows(quick: bool) -> list[dict[str, Any]]:
     images = [wp.array(frames, device=DEVICE) for frames in noise]
     calls = 8 if quick else 40
     rows = []
-    for label, room in (("added up by a warp", kernels_plain.take_room), ("by each pixel and step", alone)):
+    for label, room in (("added up by a warp", ideal_kernels.take_room), ("by each pixel and step", alone)):
         sensor = EventSensor(480, 640, device=DEVICE)
-        sensor._engine._kernel = kernels_plain.sense_kernel(False, room)
+        sensor._engine._kernel = ideal_kernels.sense_kernel(False, room)
         loop = Loop(sensor, images)
         us, events = loop.timed(calls, CALLS)
         rows.append(

@@ -20,8 +20,8 @@ import warp as wp
 
 from bench import event_sensor_gpu
 from evis.scene import load_scene
+from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import GEOMETRIC, LAST, Renderer
-from nodes.renderer.visibility import Visibility
 
 DEVICE = "cuda:0"
 OUTPUTS = ("radiance", *GEOMETRIC)

@@ -28,11 +28,11 @@ from bench.interpolation_tables import (
     half_error,
     shown,
 )
-from bench.metrics import Stream, count_error, event_frame_error, time_error, victor_purpura
 from bench.pipeline import reference, simulate, visibility_seconds
-from bench.world import World
-from evis.clock import NS
+from evis.events.measure.distance import Stream, count_error, event_frame_error, time_error, victor_purpura
+from evis.runtime.clock import NS
 from evis.scene import load_scene
+from nodes.interpolator.auto.world import World
 
 __all__ = ["measure", "plot", "run_scene"]
 

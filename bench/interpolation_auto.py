@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.metrics import Stream, victor_purpura
 from bench.pipeline import THRESHOLD, simulate
-from bench.probe import probe
-from bench.probe_setting import Setting
-from bench.probe_trial import settle
-from bench.world import World
-from evis.clock import NS
-from nodes.interpolator.choice import EVEN
+from evis.events.measure.distance import Stream, victor_purpura
+from evis.runtime.clock import NS
+from nodes.interpolator.auto.choice import EVEN
+from nodes.interpolator.auto.probe import probe
+from nodes.interpolator.auto.setting import Setting
+from nodes.interpolator.auto.trial import settle
+from nodes.interpolator.auto.world import World
 
 
 @dataclass(frozen=True)

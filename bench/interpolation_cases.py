@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from bench.probe_setting import LIGHT
-from evis.clock import subframe_stamps
 from evis.geometry import se3
+from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Body, Camera, Instance, Light, Material, Mesh, Scene, Waveform
 from evis.scene.motion import Linear, Motion, Prescribed, Spin
+from nodes.interpolator.auto.setting import LIGHT
 from nodes.interpolator.interpolator import NEEDS, Interpolator
 from nodes.interpolator.keyframe import States
 from nodes.renderer.renderer import Renderer

@@ -24,7 +24,7 @@ from evis.scene import load_scene
 from nodes.interpolator.keyframe import Method, States, View
 from nodes.interpolator.luminance import luminance_of
 from nodes.interpolator.rigid import Rigid
-from nodes.interpolator.splat import make_splat
+from nodes.interpolator.splat.splat import make_splat
 from nodes.renderer.renderer import Renderer
 
 HEIGHT, WIDTH, RATE, UPSAMPLING = 480, 640, 30, 8

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from bench.pipeline import Run, simulate, visibility_seconds
-from bench.world import World
-from evis.clock import NS
+from evis.runtime.clock import NS
 from evis.scene import load_scene
-from nodes.renderer.path import PathOptions
+from nodes.interpolator.auto.world import World
+from nodes.renderer.paths.paths import PathOptions
 
 SCENE = "drone"
 SIZE = {"width": 173, "height": 130}

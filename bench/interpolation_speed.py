@@ -20,7 +20,7 @@ import warp as wp
 
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.keyframe import View
-from nodes.interpolator.splat import make_splat
+from nodes.interpolator.splat.splat import make_splat
 
 HEIGHT, WIDTH, RATE, UPSAMPLING = 260, 346, 30, 8
 GAP = round(1e9 / RATE)

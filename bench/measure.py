@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from bench import command
-from evis.measure import Measurement
+from evis.events.measure import Measurement
 
 COMMAND = "python -m bench.measure"
 GRID_S = 2e-5

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from bench import command
-from evis.measure import Measurement
-from evis.streams import open_recording
+from evis.events import open_recording
+from evis.events.measure import Measurement
 
 COMMAND = "EVIS_TEST_DATA=DIR python -m bench.measure_clips"
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from bench import command
 from bench.measure import BLOCK, Case, events, texture
-from evis.measure import Measurement
+from evis.events.measure import Measurement
 
 COMMAND = "python -m bench.measure_long"
 LOOP_NS = 500_000_000

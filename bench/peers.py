@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.metrics import Stream
 from bench.signals import SECOND
+from evis.events.measure.distance import Stream
 
 QUOTED = "quoted: authors' programs, measured on another machine"
 """Marks a figure that this run did not measure."""

@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from bench.metrics import Stream, log_error
-from bench.probe_setting import LIGHT
-from bench.world import World
-from evis.clock import NS, keyframe_count, keyframe_stamp
+from evis.events.measure.distance import Stream, log_error
+from evis.runtime.clock import NS, keyframe_count, keyframe_stamp
 from evis.scene.model import Camera, Scene
 from nodes.event_sensor.sensor import EventSensor
+from nodes.interpolator.auto.setting import LIGHT
+from nodes.interpolator.auto.world import World
 from nodes.interpolator.interpolator import NEEDS, Interpolator
 from nodes.interpolator.keyframe import States
-from nodes.interpolator.rehearsal import LONGEST
-from nodes.interpolator.rehearsal import images as made_up
-from nodes.renderer.geometry import is_static
+from nodes.interpolator.warm_up import LONGEST
+from nodes.interpolator.warm_up import images as made_up
+from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.renderer import Renderer
 
 THRESHOLD = 0.2

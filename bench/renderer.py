@@ -19,9 +19,9 @@ from bench.renderer_scenes import balls, hall
 from evis.scene import load_scene
 from evis.scene.model import Scene
 from nodes.interpolator.luminance import luminance_of
-from nodes.renderer.kernels import MISS, View, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import LIGHT, Renderer
-from nodes.renderer.visibility import Visibility
 
 COMMAND = "python -m bench.renderer"
 SIZES = ((346, 260), (640, 480))

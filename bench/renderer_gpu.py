@@ -17,8 +17,8 @@ import numpy as np
 import warp as wp
 
 from evis.scene import load_scene
+from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import GEOMETRIC, LAST, Renderer
-from nodes.renderer.visibility import Visibility
 
 DEVICE = "cuda:0"
 COMMAND = "python -m bench.renderer_gpu"

@@ -14,7 +14,7 @@ import numpy as np
 from evis.geometry import se3
 from evis.scene import load_scene
 from evis.scene.model import Scene
-from nodes.renderer.path import PathOptions
+from nodes.renderer.paths.paths import PathOptions
 from nodes.renderer.renderer import Renderer
 
 COMMAND = "python -m bench.renderer_paths"

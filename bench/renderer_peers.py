@@ -18,7 +18,7 @@ from bench import renderer_mitsuba, renderer_mujoco, renderer_mujoco_warp
 from bench.renderer_scenes import hall
 from evis.scene import load_scene
 from evis.scene.model import Light, Scene
-from nodes.renderer.path import PathOptions
+from nodes.renderer.paths.paths import PathOptions
 from nodes.renderer.renderer import Renderer
 
 COMMAND = "python -m bench.renderer_peers"

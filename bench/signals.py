@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.metrics import Stream
+from evis.events.measure.distance import Stream
 
 SECOND = 1_000_000_000
 

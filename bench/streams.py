@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 from bench import stream_peers
-from evis.streams import Events, Recording, open_recording, open_writer
-from evis.streams.decoder import CODECS, Decoder, decoder_for
-from evis.streams.encoder import encoder_for
-from evis.streams.files.raw_header import read_header
+from evis.events import Events, Recording, open_recording, open_writer
+from evis.events.codecs.decoder import CODECS, Decoder, decoder_for
+from evis.events.codecs.encoder import encoder_for
+from evis.events.files.prophesee.raw_header import read_header
 
 WORDS = (
     "evt3",

@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from bench.metrics import log_error
 from bench.pipeline import THRESHOLD
 from bench.visibility_forward import FOOTPRINTS, Forward
 from bench.visibility_gap import Gap, Ways
 from bench.visibility_kernels import HOLE
-from bench.world import World
+from evis.events.measure.distance import log_error
 from evis.scene import load_scene
+from nodes.interpolator.auto.world import World
 from nodes.interpolator.keyframe import View
 from nodes.interpolator.luminance import luminance_of
 from nodes.interpolator.rigid import Rigid

@@ -9,7 +9,7 @@ import warp as wp
 
 from bench.visibility_kernels import make_project, repeat, settle
 from nodes.interpolator.rigid.displacement_kernels import displace
-from nodes.renderer.visibility import Visibility
+from nodes.renderer.raster.visibility import Visibility
 
 FOOTPRINTS = {"1 px": (0, False), "3x3 px": (1, False), "3x3 px, into holes only": (1, True)}
 """Pixels beside its own that a point covers on every side, and whether only those that no point falls on."""

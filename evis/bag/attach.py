@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from evis.plan import Plan
+from evis.runtime.plan import Plan
 from msgs.header import Message
 from msgs.topics import find_topic
 

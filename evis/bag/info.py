@@ -7,9 +7,12 @@ from typing import Any
 
 from mcap.opcode import Opcode
 
-from evis.bag import BagError, jsonform, ros, scan
+from evis.bag import BagError
 from evis.bag.decoded import decoded_events
+from evis.bag.mcap import scan
 from evis.bag.reader import BagReader, Stream
+from evis.bag.ros import jsonform
+from evis.bag.ros import messages as ros
 
 
 class _Topic:

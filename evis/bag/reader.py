@@ -12,9 +12,12 @@ from typing import Any
 from mcap.opcode import Opcode
 from mcap.records import Channel
 
-from evis.bag import BagError, environments, jsonform, mapping, ros, scan
+from evis.bag import BagError, environments
+from evis.bag.mcap import scan
+from evis.bag.ros import jsonform, mapping
+from evis.bag.ros import messages as ros
 from evis.bag.writer import ENV_KEY, MESSAGE_KEY, SUFFIX_KEY, TOPIC_KEY
-from evis.damage import faults_as
+from evis.files.damage import faults_as
 from msgs.header import Message
 from msgs.topics import TOPICS
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
 
-from evis.params import ParamError
+from evis.config.params import ParamError
 from msgs.topics import TOPICS, UnknownTopic, find_topic
 
 FRAMES = "frames"

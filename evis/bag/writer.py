@@ -8,14 +8,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from evis.bag import BagError, environments, events, jsonform, mapping, ros, schemas
-from evis.bag.cdr import ros_time
-from evis.bag.container import CHUNK_BYTES, CHUNK_PERIOD_S, Container
+from evis.bag import BagError, environments
+from evis.bag.mcap.container import CHUNK_BYTES, CHUNK_PERIOD_S, Container
+from evis.bag.ros import events, jsonform, mapping, schemas
+from evis.bag.ros import messages as ros
+from evis.bag.ros.cdr import ros_time
 from msgs.camera import EventPacket
 from msgs.header import Message
 
 if TYPE_CHECKING:
-    from evis.streams.evt3 import Encoder
+    from evis.events.codecs.prophesee.evt3 import Encoder
 
 TOPIC_KEY, MESSAGE_KEY, SUFFIX_KEY, ENV_KEY = "evis.topic", "evis.message", "evis.part", "evis.env"
 """Metadata of a channel: our topic and message, "meta" for the closing JSON or "part", and the environment."""

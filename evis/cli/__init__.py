@@ -9,7 +9,7 @@ import importlib
 import sys
 from collections.abc import Sequence
 
-from evis import interrupt
+from evis.console import interrupt
 
 COMMANDS = {
     "launch": "start a graph of nodes",

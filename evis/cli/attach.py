@@ -10,8 +10,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from evis.launch.rundir import is_live, live_runs
-from evis.plan import Plan
+from evis.runtime.plan import Plan
+from evis.supervisor.run_directory import is_live, live_runs
 
 if TYPE_CHECKING:
     from msgs.header import Message
@@ -54,8 +54,8 @@ def _loaded(runs: Iterable[Path]) -> Iterator[Plan]:
 
 def check_topic(plan: Plan, topic: str) -> str:
     """`topic` if the graph has it. Raises ValueError naming the nearest one."""
-    from evis.host import SYSTEM_TOPICS
-    from evis.launch.document import nearest
+    from evis.config.document import nearest
+    from evis.runtime.host import SYSTEM_TOPICS
 
     known = [*plan.topics, *SYSTEM_TOPICS]
     if topic not in known:
@@ -71,8 +71,8 @@ def listen(plan: Plan, topic: str, timeout_s: float | None = None) -> Iterator[t
     import zmq
 
     from evis.bus import Subscriber, endpoints_for
-    from evis.host import SYSTEM_TOPICS, system_topic
-    from evis.launch.control import ask_for
+    from evis.runtime.control import ask_for
+    from evis.runtime.host import SYSTEM_TOPICS, system_topic
     from msgs.header import Message
     from msgs.topics import find_topic
 

@@ -21,14 +21,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evis.printable import printable
+from evis.console.printable import printable
 
 if TYPE_CHECKING:
-    from bench.probe_setting import Setting
-    from bench.probe_trial import Measured
     from evis.launch.expand import NodeSpec
     from evis.launch.files import LaunchFile
     from evis.launch.planner import Options
+    from nodes.interpolator.auto.setting import Setting
+    from nodes.interpolator.auto.trial import Measured
 
 SENSOR = ("threshold", "threshold_on", "threshold_off", "crossing", "dark_level")
 """The sensor's parameters that count; noise is no matter of how frames are made."""
@@ -36,8 +36,7 @@ WARP = ("tolerance", "sample_px")
 """The interpolator's parameters that count."""
 CODE = {
     "nodes": ("renderer/**/*.py", "interpolator/**/*.py", "event_sensor/**/*.py", "physics/**/*.py"),
-    "evis": ("geometry/**/*.py", "scene/**/*.py"),
-    "bench": ("probe*.py", "world.py", "metrics.py", "kernels.py"),
+    "evis": ("geometry/**/*.py", "scene/**/*.py", "events/measure/distance*.py"),
 }
 """Files whose content decides cost and error, by package."""
 LONGEST_S = 2.0
@@ -62,7 +61,7 @@ def resolve_auto(
             if values[name] is not None:
                 raise ArgumentError(f"{name} is for interpolator:=auto, which chooses by it")
         return dict(given), {}
-    from bench.probe_trial import settle
+    from nodes.interpolator.auto.trial import settle
 
     # Any method with frames in between stands for the choice, so that all nodes are there with their parameters.
     stand_in = {**given, "interpolator": "rigid", "upsampling": 2}
@@ -102,9 +101,9 @@ def resolve_auto(
 def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapping[str, Any]) -> Setting:
     """What is measured: the first renderer of the graph and what follows it. wishes: the user's keyframe_rate and
     upsampling, or None."""
-    from bench.probe_setting import Setting
     from evis.scene.load import load_scene, parse_args
     from nodes.event_sensor.parameters import resolve_sensor
+    from nodes.interpolator.auto.setting import Setting
 
     by_type = {node.type: node.params for node in reversed(nodes)}
     if not {"renderer", "event_sensor"} <= by_type.keys():
@@ -126,7 +125,7 @@ def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapp
         camera = replace(camera, supersampling=int(p["supersampling"]))
     light: dict[str, Any] = {"light_samples": p["light_samples"]} if p.get("light_samples") else {}
     if p.get("bounces") or p.get("sky_occlusion"):
-        from nodes.renderer.path import PathOptions
+        from nodes.renderer.paths.paths import PathOptions
 
         light["paths"] = PathOptions(p["bounces"], p["path_samples"], bool(p.get("roulette")))
     return Setting(
@@ -144,8 +143,8 @@ def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapp
 
 def measured(setting: Setting) -> tuple[Measured, bool]:
     """What every candidate costs and how far off it is, and whether that was known."""
-    from bench.probe import probe
-    from bench.probe_trial import Measured
+    from nodes.interpolator.auto.probe import probe
+    from nodes.interpolator.auto.trial import Measured
     from nodes.interpolator.keyframe import device_named
 
     device_named(setting.device)

@@ -12,7 +12,7 @@ from typing import Any
 
 from evis.cli.attach import add_run_option, find_run
 from evis.cli.parser import Parser, UsageError
-from evis.printable import all_printable, printable
+from evis.console.printable import all_printable, printable
 
 HELP = "record, play, describe, repair and export bags"
 EXAMPLES = {
@@ -103,7 +103,7 @@ def _info(args: argparse.Namespace) -> dict[str, Any]:
 def _recover(args: argparse.Namespace) -> dict[str, Any]:
     import dataclasses
 
-    from evis.bag.recover import recover
+    from evis.bag.mcap.recover import recover
 
     result = dataclasses.asdict(recover(args.bag, args.out))
     return {"out": str(result.pop("path")), **result}
@@ -111,7 +111,7 @@ def _recover(args: argparse.Namespace) -> dict[str, Any]:
 
 def _export(args: argparse.Namespace) -> dict[str, Any]:
     from evis.bag import BagError
-    from evis.bag.export import ENDINGS, FOLDERS, FormatError, export
+    from evis.bag.export.topics import ENDINGS, FOLDERS, FormatError, export
 
     suffix = Path(args.out).suffix.lower()
     try:
@@ -143,7 +143,7 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
 def _record(args: argparse.Namespace) -> dict[str, Any]:
     from evis.bag.attach import Taps
     from evis.bag.selection import subscribed
-    from evis.launch.rundir import is_live
+    from evis.supervisor.run_directory import is_live
     from nodes.recorder.recorder import Recorder
 
     if args.duration is not None and args.duration <= 0:

@@ -8,7 +8,7 @@ import json
 import sys
 
 from evis.cli.parser import UsageError
-from evis.printable import printable
+from evis.console.printable import printable
 
 HELP = "measure, and write the report that the README's figures come from"
 EXAMPLE = "example: evis bench graph --quick --out report"

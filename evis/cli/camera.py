@@ -9,7 +9,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from evis.cli.parser import UsageError
-from evis.printable import all_printable, printable
+from evis.console.printable import all_printable, printable
 
 if TYPE_CHECKING:
     from nodes.camera.driver import Driver
@@ -148,7 +148,7 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
 
 
 def _stream(driver: Driver, args: argparse.Namespace, speed: float) -> int:
-    from evis.outlet import strict_output
+    from evis.console.outlet import strict_output
     from nodes.camera.driver import parse_settings
     from nodes.camera.file_source import FileSettings, FileSource
 

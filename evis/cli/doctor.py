@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 
-from evis.printable import printable
+from evis.console.printable import printable
 
 HELP = "check this machine and this installation"
 EXAMPLE = "example: evis doctor --json"
@@ -140,7 +140,7 @@ def _shared_memory() -> Finding:
 
 
 def _run_directory() -> Finding:
-    from evis.launch.rundir import live_runs, root, sweep
+    from evis.supervisor.run_directory import live_runs, root, sweep
 
     folder = root()
     swept = len(sweep())
@@ -211,7 +211,7 @@ def _browser() -> Finding:
 
 
 def _unsaid() -> Finding:
-    from evis.launch.unsaid import folder
+    from evis.console.unsaid import folder
 
     logs = sorted(folder().glob("*.log"))
     if not logs:
@@ -220,7 +220,7 @@ def _unsaid() -> Finding:
 
 
 def _data() -> Finding:
-    from evis import paths
+    from evis.config import paths
 
     launch, scenes = paths.names("launch"), paths.names("scenes")
     if not launch or not scenes:

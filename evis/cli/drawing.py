@@ -7,8 +7,8 @@ from typing import Any
 
 from PIL import Image, ImageDraw, ImageFont
 
-from evis.plan import Plan
-from evis.whole_file import whole_file
+from evis.files.whole_file import whole_file
+from evis.runtime.plan import Plan
 
 BOX = (190, 44)
 GAP = (230, 40)

@@ -7,7 +7,7 @@ import sys
 import traceback
 from collections.abc import Callable
 
-from evis.printable import printable, printable_lines
+from evis.console.printable import printable, printable_lines
 
 READER_GONE = 128 + signal.SIGPIPE
 """Exit status when the work is done but whoever was to read standard output had gone: 141, as shells have it."""
@@ -20,8 +20,8 @@ def guarded(who: str, debug: bool, action: Callable[[], int]) -> int:
     failure. KeyboardInterrupt: its argument is the signal, SIGINT if it has none.
     """
     from evis.cli.parser import UsageError
-    from evis.outlet import standard_streams
-    from evis.paths import UnknownLaunch
+    from evis.config.paths import UnknownLaunch
+    from evis.console.outlet import standard_streams
 
     with standard_streams() as (out, _):
         try:

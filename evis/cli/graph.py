@@ -8,7 +8,7 @@ from typing import Any
 
 from evis.cli.attach import add_run_option, find_run
 from evis.cli.parser import Parser, UsageError
-from evis.printable import printable_lines
+from evis.console.printable import printable_lines
 
 HELP = "draw a running graph, or the one that a launch file would make"
 EXAMPLE = "example: evis graph spinning_disk --png disk.png"

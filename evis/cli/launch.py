@@ -12,7 +12,7 @@ from textwrap import fill
 from typing import Any
 
 from evis.cli.parser import Parser, UsageError
-from evis.printable import printable, printable_lines
+from evis.console.printable import printable, printable_lines
 
 HELP = "start a graph of nodes from a launch file, or a scene by its name"
 EXAMPLE = "example: evis launch spinning_disk omega:=60 --duration 1 --record disk.mcap"
@@ -56,7 +56,7 @@ def add_arguments(parser: Parser) -> None:
 
 def _installed() -> str:
     """What may be named: launch files and scenes that are installed, and the sensors that `preset:=` knows."""
-    from evis import paths
+    from evis.config import paths
     from nodes.event_sensor.presets import PRESETS
 
     there = {
@@ -70,7 +70,7 @@ def _installed() -> str:
 
 def _arguments_text(name: str) -> str:
     """What the help says about one launch file."""
-    from evis import paths
+    from evis.config import paths
     from evis.launch.files import load
     from evis.scene.load import scene_args
 
@@ -120,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(as_dict(plan)) if args.json else printable_lines(as_text(plan)))
         return 0
     from evis.cli.progress import Progress
-    from evis.launch.supervisor import Supervisor
+    from evis.supervisor.supervisor import Supervisor
 
     if plan.chosen:
         print(f"interpolator auto: {printable(plan.chosen['summary'])}", file=sys.stderr, flush=True)
@@ -131,7 +131,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(report.summary))
     elif report.failure is None:
-        from evis.launch.report import as_table
+        from evis.supervisor.report import as_table
 
         print(printable_lines(as_table(report)))
     return 0 if report.failure is None else 1
@@ -139,7 +139,7 @@ def run(args: argparse.Namespace) -> int:
 
 def make_plan(args: argparse.Namespace) -> Any:
     """The plan that the command line asks for."""
-    from evis import paths
+    from evis.config import paths
     from evis.launch.checks import check_writable
     from evis.launch.planner import Options, plan_launch
 
@@ -189,7 +189,7 @@ def read_target(target: str, words: Sequence[str]) -> tuple[Any, dict[str, Any],
 
     words: key:=value. What is for the scene is among its scene_args. Raises UsageError, ArgumentError and LaunchError.
     """
-    from evis import paths
+    from evis.config import paths
     from evis.launch.arguments import parse_pairs
     from evis.launch.files import load
 
@@ -207,8 +207,8 @@ def read_target(target: str, words: Sequence[str]) -> tuple[Any, dict[str, Any],
 
 def _scene_arguments(given: dict[str, Any], known: Sequence[str], file: str) -> dict[str, Any]:
     """What the launch file `file` does not know goes to the scene. Raises ArgumentError."""
+    from evis.config.document import nearest
     from evis.launch.arguments import ArgumentError
-    from evis.launch.document import nearest
     from evis.scene.load import scene_args
 
     try:

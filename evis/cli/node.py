@@ -8,8 +8,8 @@ from typing import Any
 
 from evis.cli.attach import add_run_option, find_run, listen
 from evis.cli.parser import Parser, UsageError
-from evis.params import describe
-from evis.printable import all_printable, printable
+from evis.config.params import describe
+from evis.console.printable import all_printable, printable
 
 HELP = "list and describe the nodes of a running graph"
 EXAMPLE = "example: evis node info event_sensor"
@@ -88,8 +88,8 @@ def _shown(value: Any) -> str:
 
 
 def _type(args: argparse.Namespace, plan: Any) -> int:
+    from evis.config.document import LaunchError, nearest
     from evis.launch import catalog
-    from evis.launch.document import LaunchError, nearest
 
     known = list(dict.fromkeys([*(plan.nodes if plan else ()), *catalog.types()]))
     if args.node not in known and ":" not in args.node:

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from evis.printable import printable
+from evis.console.printable import printable
 
 KINDS = {"float": "a number", "int": "a whole number"}
 """How argparse's own complaints name a type -> how a user does."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from evis.launch.unsaid import Unsaid
-from evis.outlet import fall_back_on
+from evis.console.outlet import fall_back_on
+from evis.console.unsaid import Unsaid
 
 
 class Progress:

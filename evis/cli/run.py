@@ -11,7 +11,7 @@ from typing import Any
 from evis.cli.attach import add_run_option, find_run
 from evis.cli.node import types
 from evis.cli.parser import Parser, UsageError
-from evis.printable import printable, printable_lines
+from evis.console.printable import printable, printable_lines
 
 HELP = "run one node by hand"
 EXAMPLE = (
@@ -33,12 +33,12 @@ def add_arguments(parser: Parser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Stand-alone or attached."""
+    from evis.config.document import LaunchError
+    from evis.config.params import ParamError
     from evis.launch.arguments import ArgumentError, parse_pairs
     from evis.launch.catalog import load
-    from evis.launch.document import LaunchError
-    from evis.launch.effects import check_parameters
     from evis.launch.expand import NodeSpec
-    from evis.params import ParamError
+    from evis.launch.unused_arguments import check_parameters
 
     try:
         params = parse_pairs(args.pairs)
@@ -72,9 +72,9 @@ def _alone(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
     from evis.cli.progress import Progress
     from evis.launch.expand import Expanded
     from evis.launch.planner import Options, plan_nodes
-    from evis.launch.report import as_table
-    from evis.launch.supervisor import Supervisor
     from evis.launch.wiring import wire
+    from evis.supervisor.report import as_table
+    from evis.supervisor.supervisor import Supervisor
 
     spec.keep = list(wire(spec, Path.cwd()).outputs)
     expanded = Expanded(spec.name, f"{spec.type} by hand", "live", {}, [spec])
@@ -94,9 +94,9 @@ def _attached(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
     import time
     from pathlib import Path
 
-    from evis.executor import Executor
     from evis.launch.planner import attach
-    from evis.launch.rundir import is_live
+    from evis.runtime.executor import Executor
+    from evis.supervisor.run_directory import is_live
 
     plan = find_run(args.run)
     spec.name = spec.process = f"{spec.name}.{os.getpid()}"
@@ -130,8 +130,8 @@ def _attached(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
 
 def _unread(plan: Any, node: str, topic: str) -> str:
     """Why what an attached node publishes reaches nobody in the graph, and what to do."""
-    from evis.launch.document import nearest
-    from evis.launch.pruning import untaken
+    from evis.config.document import nearest
+    from evis.launch.demand import untaken
 
     taken = untaken(plan)
     if topic in taken:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.printable import printable
+from evis.console.printable import printable
 from msgs.header import Message
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from evis.cli.attach import add_run_option, check_topic, find_run, listen
 from evis.cli.parser import Parser
-from evis.printable import all_printable
+from evis.console.printable import all_printable
 
 HELP = "list, echo and measure the topics of a running graph"
 EXAMPLE = "example: evis topic hz /cam0/events"
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _list(args: argparse.Namespace, plan: Any) -> int:
-    from evis.host import SYSTEM_TOPICS
+    from evis.runtime.host import SYSTEM_TOPICS
     from msgs.topics import find_topic
 
     rows = {name: topic.type for name, topic in plan.topics.items()}
@@ -107,7 +107,7 @@ def _info(args: argparse.Namespace, plan: Any) -> int:
 
 def _echo(args: argparse.Namespace, plan: Any) -> int:
     from evis.cli.show import as_plain, as_text
-    from evis.outlet import strict_output
+    from evis.console.outlet import strict_output
 
     shown = 0
     try:

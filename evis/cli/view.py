@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evis.cli.parser import Parser, UsageError
-from evis.outlet import delivered
-from evis.printable import printable
+from evis.console.outlet import delivered
+from evis.console.printable import printable
 
 if TYPE_CHECKING:
-    from evis.plan import Plan
+    from evis.runtime.plan import Plan
 
 HELP = "open the web visualizer on a running graph, a bag, or a recording of events"
 EXAMPLE = (
@@ -116,7 +116,7 @@ def _play(args: argparse.Namespace) -> int:
 
 def _serve(args: argparse.Namespace, plan: Plan, params: dict[str, Any]) -> int:
     from evis.cli.progress import Progress
-    from evis.launch.supervisor import Supervisor
+    from evis.supervisor.supervisor import Supervisor
 
     plan.secrets.append(params["token"])
     for node in plan.nodes.values():
@@ -142,7 +142,7 @@ def _is_ours(path: Path) -> bool:
 
 def _plan_of(path: Path) -> Plan:
     """Plays a file at real pace, with a visualizer."""
-    from evis import paths
+    from evis.config import paths
     from evis.launch.files import load
     from evis.launch.planner import Options, plan_launch
 

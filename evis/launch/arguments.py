@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from evis.launch.document import LaunchError, Table, nearest
-from evis.launch.expression import ExpressionError, substitute
-from evis.params import Param, ParamError
+from evis.config.document import LaunchError, Table, nearest
+from evis.config.expression import ExpressionError, substitute
+from evis.config.params import Param, ParamError
 
 TYPES: dict[str, type] = {"int": int, "float": float, "str": str, "bool": bool, "list": list}
 KEYS = ("type", "default", "choices", "min", "max", "help", "unit", "secret", "by")

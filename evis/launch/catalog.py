@@ -8,9 +8,9 @@ import sysconfig
 from pathlib import Path
 from typing import Any
 
-from evis.launch.document import LaunchError, nearest
+from evis.config.document import LaunchError, nearest
 from evis.neighbours import PACKAGES, ROOT
-from evis.node import Node
+from evis.runtime.node import Node
 
 _files: dict[str, list[str]] = {}
 """Module of a node that does not come with evis -> the files that were imported for it."""

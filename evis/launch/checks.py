@@ -7,11 +7,11 @@ import os
 import re
 from pathlib import Path
 
+from evis.config.document import LaunchError
+from evis.config.params import ParamError
+from evis.files.whole_file import written_at
 from evis.launch.arguments import ArgumentError
-from evis.launch.document import LaunchError
 from evis.launch.wiring import Wired
-from evis.params import ParamError
-from evis.whole_file import written_at
 
 
 def check_files(node: Wired) -> None:

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from evis.config.document import LaunchError, Table, nearest, submap
+from evis.config.expression import ExpressionError, UnknownName, substitute, text_of
 from evis.launch.arguments import brought, resolve
-from evis.launch.document import LaunchError, Table, nearest, submap
-from evis.launch.expression import ExpressionError, UnknownName, substitute, text_of
 from evis.launch.files import LaunchFile
 from evis.launch.rates import pairs, with_camera_rates, with_cameras
 from evis.launch.recorded import recorded

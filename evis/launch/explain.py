@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from evis.plan import Plan
+from evis.runtime.plan import Plan
 
 
 def as_text(plan: Plan) -> str:

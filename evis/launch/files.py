@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from evis.config.document import LaunchError, Row, Table, nearest, read, submap
+from evis.config.expression import ExpressionError, substitute
+from evis.config.paths import find, names
 from evis.launch.arguments import Argument, declare
-from evis.launch.document import LaunchError, Row, Table, nearest, read, submap
-from evis.launch.expression import ExpressionError, substitute
-from evis.paths import find, names
 
 TOP_KEYS = ("description", "mode", "args", "recorded", "include", "nodes")
 INCLUDE_KEYS = ("file", "args", "namespace", "if", "unless")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from evis.launch.document import LaunchError
+from evis.config.document import LaunchError
 
 
 def data_flow_order(names: Sequence[str], edges: Mapping[str, Sequence[tuple[str, str]]]) -> list[str]:

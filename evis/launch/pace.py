@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from evis.launch.document import LaunchError
+from evis.config.document import LaunchError
 from evis.launch.wiring import Wired
-from evis.plan import Plan
+from evis.runtime.plan import Plan
 from msgs.topics import find_topic
 
 

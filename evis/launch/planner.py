@@ -10,20 +10,20 @@ from typing import Any
 
 import yaml
 
+from evis.config.document import LaunchError
+from evis.config.secret import Redactor
 from evis.launch import catalog
 from evis.launch.catalog import comes_with_evis, files_of
 from evis.launch.checks import check_files
-from evis.launch.document import LaunchError
-from evis.launch.effects import check_effect
+from evis.launch.demand import Demand, Pruner, left_out
 from evis.launch.expand import Expanded, NodeSpec, expand
 from evis.launch.files import LaunchFile, load
 from evis.launch.order import data_flow_order
 from evis.launch.pace import check_pace
-from evis.launch.pruning import Demand, Pruner, left_out
+from evis.launch.unused_arguments import check_effect
 from evis.launch.wiring import SYSTEM_TOPICS, Wired, publishers, secret_values, wire
-from evis.node import Node
-from evis.plan import Edge, LeftOut, NodePlan, Plan, TopicPlan
-from evis.secret import Redactor
+from evis.runtime.node import Node
+from evis.runtime.plan import Edge, LeftOut, NodePlan, Plan, TopicPlan
 from msgs.camera import Keyframe
 from msgs.topics import find_topic
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from evis.clock import times_slower
+from evis.config.document import LaunchError, nearest
 from evis.launch.arguments import ArgumentError
-from evis.launch.document import LaunchError, nearest
+from evis.runtime.clock import times_slower
 
 NEEDED = ("camera_rate", "cameras", "keyframe_rate", "scene")
 """Arguments of a launch file that has cameras with rates of their own."""

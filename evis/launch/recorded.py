@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from evis.launch.document import LaunchError, Table, parse_value
-from evis.launch.expression import ExpressionError, substitute
-from evis.secret import HIDDEN
+from evis.config.document import LaunchError, Table, parse_value
+from evis.config.expression import ExpressionError, substitute
+from evis.config.secret import HIDDEN
 
 KEYS = ("bag", "arguments")
 TABLE, PREFIX = "evis", "arg."

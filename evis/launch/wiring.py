@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from evis.config.document import LaunchError, nearest
+from evis.config.expression import text_of
+from evis.config.params import ParamError, resolve
 from evis.launch import catalog
 from evis.launch.arguments import ArgumentError
-from evis.launch.document import LaunchError, nearest
 from evis.launch.expand import NodeSpec
-from evis.launch.expression import text_of
-from evis.node import Node
-from evis.params import ParamError, resolve
+from evis.runtime.node import Node
 from msgs.topics import Topic, UnknownTopic, find_topic
 
 SYSTEM_TOPICS = ("/clock", "/diagnostics")

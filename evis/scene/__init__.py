@@ -1,8 +1,8 @@
 """Worlds: a small YAML file each, or any MJCF, read into one Scene."""
 
+from evis.scene.errors import SceneError
 from evis.scene.load import is_dynamic, load_scene, scene_args
 from evis.scene.model import WORLD, Body, Camera, Instance, Light, Material, Mesh, Scene, Trajectory
-from evis.scene.reader import SceneError
 
 __all__ = [
     "WORLD",

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from evis.scene.reader import SceneError
+from evis.scene.errors import SceneError
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from evis.launch.document import LaunchError, Row, Table, read
-from evis.params import Param, ParamError, resolve
-from evis.paths import find, names
+from evis.config.document import LaunchError, Row, Table, read
+from evis.config.params import Param, ParamError, resolve
+from evis.config.paths import find, names
+from evis.scene.errors import SceneError
 from evis.scene.model import MODELS, Scene
-from evis.scene.reader import Fields, SceneError
+from evis.scene.yaml.reader import Fields
 
 MAX_PIXELS = 16384
 """Largest width and height of a camera [px]."""
@@ -31,7 +32,7 @@ def load_scene(
     seen is made: no instances, materials, lights or sky. Raises SceneError or ParamError (both ValueError), or
     FileNotFoundError, each with one line that names the file, the key and the nearest valid one.
     """
-    from evis.scene.build import build
+    from evis.scene.yaml.build import build
 
     path = find_scene(name_or_path)
     table = _document(path)

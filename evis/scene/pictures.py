@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from evis.allowance import Allowance, AllowanceError
+from evis.files.allowance import Allowance, AllowanceError
 from evis.scene.colour import linear_from_bytes
-from evis.scene.reader import SceneError
+from evis.scene.errors import SceneError
 
 MAX_TEXELS = 1 << 26
 """Largest picture, as 8192 x 8192 [texels]."""

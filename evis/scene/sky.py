@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from evis.scene.errors import SceneError
 from evis.scene.pictures import load_exr
-from evis.scene.reader import Fields, SceneError
+from evis.scene.yaml.reader import Fields
 
 MAX_ROWS = 2048
 """Most rows of a map that is made by code; 4096 would take 4 GB on the way."""

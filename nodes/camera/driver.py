@@ -1,6 +1,6 @@
 """What a camera driver is: open, info, configure, start, read, stop, close.
 
-One file per camera family. Decoding is the business of `evis.streams`, one file per codec.
+One file per camera family. Decoding is the business of `evis.events`, one file per codec.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from evis.streams.events import Events
+from evis.events.container import Events
 
 
 @dataclass(frozen=True)

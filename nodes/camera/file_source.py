@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from evis.streams import Recording, open_recording
+from evis.events import Recording, open_recording
 from nodes.camera.driver import Configuration, DeviceInfo, Driver, Reading, setting
 
 NS = 1_000_000_000

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evis.node import Node, Output
-from evis.params import Param, ParamError
-from evis.streams.buffer import Columns, plain
+from evis.config.params import Param, ParamError
+from evis.events.codecs.buffer import Columns, plain
+from evis.runtime.node import Node, Output
 from msgs.header import Message
 from nodes.camera.messages import camera_info, packets
 

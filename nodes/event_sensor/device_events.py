@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.packet import Events
+from nodes.event_sensor.readout.packet import Events
 
 CALLS = 4
 """Calls in flight at most, and how many calls later a call's arrays are used again."""

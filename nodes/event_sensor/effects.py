@@ -73,10 +73,10 @@ def _of_thresholds(resolved: Mapping[str, Any]) -> dict[str, str]:
 
 def _of_model(model: str, resolved: Mapping[str, Any]) -> dict[str, str]:
     """Of another published event model: what it does not have."""
-    from nodes.event_sensor.models import MODELS
-    from nodes.event_sensor.models.model import THRESHOLDS
+    from nodes.event_sensor.peers import MODELS
+    from nodes.event_sensor.peers.model import THRESHOLDS
 
-    uses = getattr(importlib.import_module(f"nodes.event_sensor.models.{model}"), MODELS[model]).USES
+    uses = getattr(importlib.import_module(f"nodes.event_sensor.peers.{model}"), MODELS[model]).USES
     has = ", ".join(sorted((*THRESHOLDS, *uses)))
     missing = {name for name in resolved if name not in (*THRESHOLDS, *uses, "model")}
     found = dict.fromkeys(sorted(missing), f"event model {model} has none; it has {has}")

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor import kernels, noise
-from nodes.event_sensor.kernels_state import Features
-from nodes.event_sensor.packet import KeyLayout
-from nodes.event_sensor.plain import Plain
+from nodes.event_sensor.cpu.ideal import Plain
+from nodes.event_sensor.model import noise
+from nodes.event_sensor.model.pixel_kernels import Sensor
+from nodes.event_sensor.model.state_kernels import Features
+from nodes.event_sensor.readout.packet import KeyLayout
 
 FLOOR = 2.0**-24
 """Least I + I_dark [radiance]: the smallest positive half-precision radiance. An ideal sensor without dark current
@@ -120,24 +121,24 @@ def make_engine(size: Size, seed: int, p: Mapping[str, Any], device: Any) -> Any
     Only what is asked for is imported, for a module of kernels costs some ms.
     """
     if p["model"] == "evis-paper":
-        from nodes.event_sensor.paper import Paper
+        from nodes.event_sensor.model.paper import Paper
 
         return Paper(size, seed, p, device)
     if features_of(p) not in (Features("linear"), Features("frame")):
-        from nodes.event_sensor.full import Full
+        from nodes.event_sensor.model.nonideal import Full
 
         return Full(size, seed, p, device)
     frame = p["crossing"] == "frame"
     if device.is_cuda:
-        from nodes.event_sensor.cuda.plain import PlainPasses
+        from nodes.event_sensor.cuda.ideal import PlainPasses
 
         return PlainPasses(size.envs * size.pixels, size.pixels, frame, device)
     return Plain(size.envs * size.pixels, frame)
 
 
-def sensor_struct(p: Mapping[str, Any], shape: tuple[int, int, int], layout: KeyLayout, seed: int) -> kernels.Sensor:
+def sensor_struct(p: Mapping[str, Any], shape: tuple[int, int, int], layout: KeyLayout, seed: int) -> Sensor:
     """Resolved parameters for the kernels. shape: height, width, channels."""
-    sensor: Any = kernels.Sensor()
+    sensor: Any = Sensor()
     sensor.threshold_on, sensor.threshold_off = p["threshold_on"], p["threshold_off"]
     sensor.gain_on, sensor.gain_off = math.exp(p["threshold_on"]), math.exp(-p["threshold_off"])
     sensor.dark, sensor.floor = p["dark_level"], FLOOR

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evis.node import Input, Node, Output
-from evis.params import Param
+from evis.config.params import Param
+from evis.runtime.node import Input, Node, Output
 from msgs.camera import EventPacket, Frames, Keyframe
 from msgs.header import Header, Message
 from nodes.event_sensor.parameters import SENSOR, resolve_sensor
@@ -117,7 +117,7 @@ class EventSensorNode(Node):
             raise ValueError(
                 f"{self.name}: event model {p['model']} takes luminance on the cpu; evis does colour and cuda"
             )
-        from nodes.event_sensor.models import make_model
+        from nodes.event_sensor.peers import make_model
 
         return make_model(p["model"], height, width, envs, seed=seed, **p)
 

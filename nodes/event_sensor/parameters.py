@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from evis.params import Param, resolve
+from evis.config.params import Param, resolve
 from nodes.event_sensor.presets import PRESETS
 
 MODELS = ("evis", "evis-paper", "esim", "v2e", "dvs_voltmeter")

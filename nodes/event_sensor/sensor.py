@@ -27,18 +27,18 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor import kernels
 from nodes.event_sensor.arrays import on_device, shape_of
+from nodes.event_sensor.cpu.listing import Listing
 from nodes.event_sensor.device_events import DeviceEvents, Pending, Ready
 from nodes.event_sensor.engines import FLOOR as FLOOR
 from nodes.event_sensor.engines import Batch, Size, make_engine, sensor_struct, unlit_rate
-from nodes.event_sensor.listing import Listing
 from nodes.event_sensor.look_ahead import LookAhead
 from nodes.event_sensor.message_limit import check_noise
-from nodes.event_sensor.optics import Optics
-from nodes.event_sensor.packet import Events as Events
-from nodes.event_sensor.packet import KeyLayout, merged, parted
+from nodes.event_sensor.model import pixel_kernels
+from nodes.event_sensor.optics.optics import Optics
 from nodes.event_sensor.parameters import resolve_sensor
+from nodes.event_sensor.readout.packet import Events as Events
+from nodes.event_sensor.readout.packet import KeyLayout, merged, parted
 from nodes.interpolator.keyframe import device_named
 
 wp.config.log_level = wp.LOG_WARNING
@@ -83,7 +83,7 @@ class EventSensor:
         for side in ("threshold_on", "threshold_off"):
             p[side] = p["threshold"] if p[side] is None else p[side]
         if not p["model"].startswith("evis"):
-            raise ValueError(f"event model {p['model']} is made by nodes.event_sensor.models.make_model")
+            raise ValueError(f"event model {p['model']} is made by nodes.event_sensor.peers.make_model")
         if p["model"] == "evis-paper" and p["crossing"] not in ("linear", "frame"):
             raise ValueError("event model evis-paper has no crossing: its events carry the stamps of frames")
         if p["crossing"] == "hermite" and p["bandwidth_hz"] > 0:
@@ -104,11 +104,11 @@ class EventSensor:
         self._optics = Optics(height, width, envs, channels, p, self._hermite, self._device)
         self._readout: Any = None
         if p["readout_rate"] > 0 or p["timestamp_jitter_us"] > 0:
-            from nodes.event_sensor.readout import Readout
+            from nodes.event_sensor.readout.readout import Readout
 
             self._readout = Readout(width, height, envs, p["readout_rate"], p["timestamp_jitter_us"], seed=seed)
         self._nothing: wp.array = wp.zeros(0, dtype=wp.float32, device=self._device)
-        self._total = np.zeros(len(kernels.COUNTERS), np.int64)
+        self._total = np.zeros(len(pixel_kernels.COUNTERS), np.int64)
         self._side: Any = self._make_side(size)
         self._pipelined = self._device.is_cuda and self._side.pipelined and self._optics.clear and not self._readout
         self._episodes: np.ndarray | None = None
@@ -336,7 +336,7 @@ class EventSensor:
         event_cap. unknown_slopes: samples of dlog_dt that were not finite (the chord is taken). readout_*: those of
         Readout.
         """
-        counts = {name: int(n) for name, n in zip(kernels.COUNTERS[1:], self._total[1:])}
+        counts = {name: int(n) for name, n in zip(pixel_kernels.COUNTERS[1:], self._total[1:])}
         if not self._hermite:
             del counts["unknown_slopes"]
         if self._readout is not None:
@@ -351,12 +351,12 @@ class EventSensor:
     @property
     def nonfinite(self) -> int:
         """counts()["nonfinite"]."""
-        return int(self._total[kernels.COUNTERS.index("nonfinite")])
+        return int(self._total[pixel_kernels.COUNTERS.index("nonfinite")])
 
     @property
     def clipped(self) -> int:
         """counts()["clipped"]."""
-        return int(self._total[kernels.COUNTERS.index("clipped")])
+        return int(self._total[pixel_kernels.COUNTERS.index("clipped")])
 
     @property
     def on_gpu(self) -> Any:

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from nodes.event_sensor.models import make_model
 from nodes.event_sensor.parameters import resolve_sensor
+from nodes.event_sensor.peers import make_model
 from nodes.event_sensor.sensor import Events, EventSensor
 
 CHUNK_BYTES = 8_000_000

@@ -8,19 +8,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import warp as wp
 
-from evis.clock import subframe_stamps
 from evis.geometry import se3
+from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
-from nodes.interpolator import kernels, rehearsal, splat
+from nodes.interpolator import warm_up as rehearsal
 from nodes.interpolator.adaptive import AdaptiveCount
 from nodes.interpolator.keyframe import Method, Report, States, View, device_named
 from nodes.interpolator.luminance import luminance_of, rgb_of, scalars
 from nodes.interpolator.passthrough import Passthrough, crop
-from nodes.renderer.cameras import finer
+from nodes.interpolator.splat import splat, warp_kernels
+from nodes.renderer.raster.cameras import finer
 
 if TYPE_CHECKING:
-    from nodes.interpolator.quadratic import Bends
-    from nodes.renderer.path import PathOptions
+    from nodes.interpolator.splat.quadratic import Bends
+    from nodes.renderer.paths.paths import PathOptions
 
 NEEDS: dict[str, frozenset[str]] = {
     "rigid": frozenset({"states"}),
@@ -197,7 +198,7 @@ class Interpolator:
             else:
                 arrays.append(wp.array(image, dtype=wp.float32, shape=shape, copy=False, device="cpu"))
         dim, device = arrays[1].shape[:2], arrays[1].device
-        wp.launch(kernels.mean, dim, [self._samples, channels, arrays[0]], [arrays[1]], device=device)
+        wp.launch(warp_kernels.mean, dim, [self._samples, channels, arrays[0]], [arrays[1]], device=device)
 
     def warm_up(self) -> None:
         """Compile the kernels now rather than at the first keyframe."""
@@ -267,7 +268,7 @@ class Interpolator:
         if self._name == "splat":
             return splat.make_splat(height, width, envs, upsampling, margin, channels, device, self._threads)
         if self._name == "splat-quadratic":
-            from nodes.interpolator.quadratic import Bends, SplatQuadratic
+            from nodes.interpolator.splat.quadratic import Bends, SplatQuadratic
 
             how_flat = (height, width, envs, upsampling, margin, channels, device, self._threads)
             if self._bends is None:
@@ -277,7 +278,7 @@ class Interpolator:
         camera = finer(self._camera, self._samples)
         how = (self._scene, camera, envs, upsampling, margin, channels, device, self._threads)
         if self._name == "splat-forward":
-            from nodes.interpolator.forward import SplatForward
+            from nodes.interpolator.splat.forward import SplatForward
 
             return SplatForward(*how)
         from nodes.interpolator.rigid import Rigid

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evis.node import Input, Node, Output
-from evis.params import Param
+from evis.config.params import Param
+from evis.runtime.node import Input, Node, Output
 from msgs.camera import Depth, Frames, Keyframe, Motion
 from msgs.header import Header, Message
 from msgs.world import WorldState
@@ -126,7 +126,7 @@ class InterpolatorNode(Node):
         self._names = [body.name for body in scene.bodies] if scene else []
         light = {"light_samples": p["light_samples"]}
         if scene and (p["bounces"] or p["sky_occlusion"]):
-            from nodes.renderer.path import PathOptions
+            from nodes.renderer.paths.paths import PathOptions
 
             light["paths"] = PathOptions(p["bounces"], p["path_samples"], p["roulette"])
         how = {key: p[key] for key in ("colour", "device", "threads", "tolerance", "sample_px", "adaptive_px")}

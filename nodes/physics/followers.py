@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 
 from evis.geometry import se3
-from evis.scene.mjcf_cameras import FLIP
-from evis.scene.mjcf_frames import MODE, TRACKS
+from evis.scene.mjcf.cameras import FLIP
+from evis.scene.mjcf.frames import MODE, TRACKS
 
 _UP = np.array([0.0, 0.0, 1.0])
 

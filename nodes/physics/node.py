@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from evis.clock import NS, keyframe_count, keyframe_stamp, times_slower
-from evis.node import Input, Node, Output
-from evis.params import Param
+from evis.config.params import Param
+from evis.runtime.clock import NS, keyframe_count, keyframe_stamp, times_slower
+from evis.runtime.node import Input, Node, Output
 from msgs.header import Header, Message
 from msgs.world import Action, WorldState
 from nodes.physics.interval import Engine, Interval

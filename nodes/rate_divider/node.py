@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from evis.clock import times_slower
-from evis.node import Input, Node, Output
-from evis.params import Param
+from evis.config.params import Param
+from evis.runtime.clock import times_slower
+from evis.runtime.node import Input, Node, Output
 from msgs.header import Message
 from msgs.world import WorldState
 from nodes.rate_divider.merger import Merger

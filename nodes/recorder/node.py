@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from evis.node import Input, Node
-from evis.params import Param, resolve
+from evis.config.params import Param, resolve
+from evis.runtime.node import Input, Node
 from msgs.header import Message
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class RecorderNode(Node):
 
     def setup(self) -> None:
         """Open the bag, so that a path that cannot be written is known before the graph starts."""
-        from evis.named_pipe import with_reader
+        from evis.files.named_pipe import with_reader
         from nodes.recorder.recorder import Recorder
 
         p = self.params

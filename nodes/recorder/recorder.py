@@ -8,7 +8,7 @@ from pathlib import Path
 
 from evis.bag.selection import preview_sources, select
 from evis.bag.writer import BagWriter, describe_run
-from evis.plan import Plan
+from evis.runtime.plan import Plan
 from msgs.camera import Keyframe
 from msgs.header import Message
 from nodes.recorder.preview import PreviewMaker

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evis.node import Input, Node, Output
-from evis.params import Param
+from evis.config.params import Param
+from evis.runtime.node import Input, Node, Output
 from msgs.camera import CameraInfo, Depth, Ids, Keyframe, Motion, Normal
 from msgs.header import Header, Message
 from msgs.world import WorldState
@@ -105,7 +105,7 @@ class RendererNode(Node):
             raise ValueError(error.args[0]) from None
         how = {key: p[key] for key in ("envs", "margin", "device", "threads", "half", "light_samples")}
         if p["bounces"] or p["sky_occlusion"]:
-            from nodes.renderer.path import PathOptions
+            from nodes.renderer.paths.paths import PathOptions
 
             how["paths"] = PathOptions(p["bounces"], p["path_samples"], p["roulette"])
         samples = p["supersampling"] or camera.supersampling

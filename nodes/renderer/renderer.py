@@ -11,16 +11,16 @@ import warp as wp
 
 from evis.geometry import se3
 from evis.scene.model import Camera, Scene
-from nodes.renderer import output_kernels
-from nodes.renderer.cameras import finer
-from nodes.renderer.poses import Frames, same_bytes
-from nodes.renderer.recording import Branch, Recording
-from nodes.renderer.shading import Shading
-from nodes.renderer.staging import READ
-from nodes.renderer.visibility import Visibility
+from nodes.renderer.cuda_graph import Branch, Recording
+from nodes.renderer.geometry.pose_upload import READ
+from nodes.renderer.geometry.poses import Frames, same_bytes
+from nodes.renderer.lighting import Shading
+from nodes.renderer.raster import output_kernels
+from nodes.renderer.raster.cameras import finer
+from nodes.renderer.raster.visibility import Visibility
 
 if TYPE_CHECKING:
-    from nodes.renderer.path import PathOptions
+    from nodes.renderer.paths.paths import PathOptions
 
 BEHIND = float(output_kernels.BEHIND)
 """Motion [px] in x and y of a point that lay behind the previous camera: finite, and outside every image."""

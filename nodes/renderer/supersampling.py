@@ -10,10 +10,10 @@ import warp as wp
 
 from evis.scene.model import Camera, Scene
 from nodes.renderer.renderer import LIGHT, Renderer
-from nodes.renderer.write_kernels import make_image, make_mean
+from nodes.renderer.shading.radiance_kernels import make_image, make_mean
 
 if TYPE_CHECKING:
-    from nodes.renderer.path import PathOptions
+    from nodes.renderer.paths.paths import PathOptions
 
 
 class SupersampledRenderer:

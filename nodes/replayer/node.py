@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from evis.clock import Pacer
-from evis.node import Node, Output
-from evis.params import Param, ParamError, resolve
+from evis.config.params import Param, ParamError, resolve
+from evis.runtime.clock import Pacer
+from evis.runtime.node import Node, Output
 from msgs.header import Message
 
 if TYPE_CHECKING:

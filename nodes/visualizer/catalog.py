@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from evis.plan import NodePlan, Plan
+from evis.runtime.plan import NodePlan, Plan
 from msgs.topics import UnknownTopic, find_topic
 from nodes.visualizer.playback import recording
 from nodes.visualizer.statistics import plain

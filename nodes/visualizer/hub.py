@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from evis.plan import Plan
+from evis.runtime.plan import Plan
 from msgs.header import Message
 from nodes.visualizer import catalog
 from nodes.visualizer.statistics import Statistics

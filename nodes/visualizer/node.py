@@ -9,11 +9,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from evis.node import Node
-from evis.params import Param
+from evis.config.params import Param
+from evis.runtime.node import Node
 
 if TYPE_CHECKING:
-    from evis.executor import Tap
+    from evis.runtime.executor import Tap
     from nodes.visualizer.hub import Hub
     from nodes.visualizer.server import Server
 

@@ -6,7 +6,7 @@ import functools
 from pathlib import Path
 from typing import Any
 
-from evis.plan import NodePlan, Plan
+from evis.runtime.plan import NodePlan, Plan
 
 
 def recording(plan: Plan) -> dict[str, Any] | None:

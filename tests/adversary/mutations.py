@@ -75,7 +75,7 @@ def digits(data: bytearray, other: bytes, rng: np.random.Generator) -> None:
 
 
 def edits(data: bytearray, other: bytes, rng: np.random.Generator) -> None:
-    """Those of tests/streams/test_fuzz_files.py."""
+    """Those of tests/events/test_fuzz_files.py."""
     from test_fuzz_files import damage
 
     data[:] = damage(bytes(data), rng)

@@ -51,7 +51,7 @@ def command(path: Path, *words: str) -> str:
 
 def recording(path: Path, seed: int) -> str:
     """Opened and read; then by one of the commands."""
-    from evis.streams import RecordingError, open_recording
+    from evis.events import RecordingError, open_recording
 
     try:
         with open_recording(path) as recording:
@@ -75,7 +75,7 @@ def recording(path: Path, seed: int) -> str:
 
 def scene(path: Path, seed: int) -> str:
     """A scene, or what a scene beside it is made of."""
-    from evis.params import ParamError
+    from evis.config.params import ParamError
     from evis.scene import SceneError, load_scene
 
     whole = path if path.suffix in (".yaml", ".xml", ".urdf") else path.with_name("scene.yaml")

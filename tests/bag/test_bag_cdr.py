@@ -10,9 +10,11 @@ import pytest
 from bag_messages import mono_payloads
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from evis.bag import BagError, mono, ros, transforms
-from evis.bag.cdr import CdrReader
-from evis.bag.schemas import DEFINITIONS
+from evis.bag import BagError
+from evis.bag.ros import messages, transforms
+from evis.bag.ros.cdr import CdrReader
+from evis.bag.ros.schemas import DEFINITIONS
+from evis.events.codecs.event_camera_msgs import mono
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 EVENT_PACKET = (
@@ -43,9 +45,9 @@ def joined(buffers):
 def test_image(frame, encoding):
     data = np.arange(24, dtype=np.uint8)
     theirs = T["sensor_msgs/msg/Image"](header(frame), 2, 4, encoding, 0, 12, data)
-    ours = joined(ros.image(STAMP, frame, 2, 4, encoding, 12, data.data))
+    ours = joined(messages.image(STAMP, frame, 2, 4, encoding, 12, data.data))
     assert ours == serialized(theirs)
-    back = ros.read_image(memoryview(serialized(theirs)))
+    back = messages.read_image(memoryview(serialized(theirs)))
     assert (back.stamp_ns, back.height, back.width, back.encoding, back.step) == (STAMP, 2, 4, encoding, 12)
     assert bytes(back.data) == data.tobytes()
 
@@ -63,9 +65,9 @@ def test_camera_info(frame, coefficients, model, baseline):
     theirs = T["sensor_msgs/msg/CameraInfo"](
         header(frame), 260, 346, model, d, k.ravel(), np.eye(3).ravel(), p, 0, 0, roi
     )
-    ours = joined(ros.camera_info(STAMP, frame, 260, 346, model, d, k, baseline))
+    ours = joined(messages.camera_info(STAMP, frame, 260, 346, model, d, k, baseline))
     assert ours == serialized(theirs)
-    stamp, height, width, name, distortion, intrinsic, apart = ros.read_camera_info(memoryview(ours))
+    stamp, height, width, name, distortion, intrinsic, apart = messages.read_camera_info(memoryview(ours))
     assert apart == pytest.approx(baseline, rel=1e-12)
     assert (stamp, height, width, name) == (STAMP, 260, 346, model)
     assert np.array_equal(distortion, d) and np.array_equal(intrinsic, k)
@@ -85,8 +87,8 @@ def test_imu(frame):
         vector(*a),
         np.zeros(9),
     )
-    assert joined(ros.imu(STAMP, frame, w, a)) == serialized(theirs)
-    stamp, velocity, acceleration = ros.read_imu(memoryview(serialized(theirs)))
+    assert joined(messages.imu(STAMP, frame, w, a)) == serialized(theirs)
+    stamp, velocity, acceleration = messages.read_imu(memoryview(serialized(theirs)))
     assert stamp == STAMP and np.array_equal(velocity, w) and np.array_equal(acceleration, a)
 
 
@@ -97,9 +99,9 @@ def test_event_packet(frame, encoding, size):
     events = np.arange(size, dtype=np.uint8)
     kind = T["event_camera_msgs/msg/EventPacket"]
     theirs = kind(header(frame), 260, 346, 2**40 + 1, 2**63 - 1, encoding, False, events)
-    ours = ros.RosEvents(STAMP, 260, 346, 2**40 + 1, 2**63 - 1, encoding, events.data)
-    assert joined(ros.event_packet(ours, frame)) == serialized(theirs)
-    back = ros.read_event_packet(memoryview(serialized(theirs)))
+    ours = messages.RosEvents(STAMP, 260, 346, 2**40 + 1, 2**63 - 1, encoding, events.data)
+    assert joined(messages.event_packet(ours, frame)) == serialized(theirs)
+    back = messages.read_event_packet(memoryview(serialized(theirs)))
     assert (back.seq, back.base_ns, back.encoding, bytes(back.events)) == (
         2**40 + 1,
         2**63 - 1,
@@ -151,10 +153,10 @@ def test_definitions_are_ros_definitions(name):
 
 
 def test_truncated_cdr_is_an_error():
-    raw = joined(ros.image(0, "cam0", 1, 1, "mono8", 1, memoryview(b"x")))
+    raw = joined(messages.image(0, "cam0", 1, 1, "mono8", 1, memoryview(b"x")))
     for size in range(len(raw)):
         with pytest.raises(BagError):
-            ros.read_image(memoryview(raw[:size]))
+            messages.read_image(memoryview(raw[:size]))
 
 
 def test_big_endian_cdr_is_refused():
@@ -165,7 +167,7 @@ def test_big_endian_cdr_is_refused():
 @pytest.mark.parametrize("stamp", [-1, 2**31 * 10**9])
 def test_times_that_ros_cannot_hold(stamp):
     with pytest.raises(BagError, match=r"0 to 2\^31 s"):
-        ros.image(stamp, "", 0, 0, "mono8", 0, memoryview(b""))
+        messages.image(stamp, "", 0, 0, "mono8", 0, memoryview(b""))
 
 
 def test_mono_of_a_recorded_bag():
@@ -178,7 +180,7 @@ def test_mono_of_a_recorded_bag():
     assert hashlib.sha256(path.read_bytes()).hexdigest() == truth["file_sha256"]
     columns = []
     for payload in mono_payloads(path):
-        packet = ros.read_event_packet(memoryview(payload))
+        packet = messages.read_event_packet(memoryview(payload))
         assert (packet.width, packet.height, packet.encoding) == (truth["width"], truth["height"], "mono")
         events = mono.unpack(np.frombuffer(packet.events, "<u8"), packet.base_ns)
         assert mono.pack(*events, packet.base_ns).tobytes() == bytes(packet.events)

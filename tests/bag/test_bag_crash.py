@@ -14,9 +14,10 @@ from bag_messages import copied, same, scene
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
-from evis.bag import BagError, container
+from evis.bag import BagError
+from evis.bag.mcap import container
+from evis.bag.mcap.recover import recover
 from evis.bag.reader import BagReader
-from evis.bag.recover import recover
 from evis.bag.writer import BagWriter
 
 HERE = Path(__file__).parent

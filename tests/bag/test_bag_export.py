@@ -12,12 +12,12 @@ import pytest
 from bag_messages import scene
 
 from evis.bag import BagError
-from evis.bag.export import export
+from evis.bag.export.topics import export
 from evis.bag.info import describe
 from evis.bag.preview import tone_map
 from evis.bag.writer import BagWriter
 from evis.cli import main
-from evis.streams.frames import FrameOptions, open_frames
+from evis.media.frames.source import FrameOptions, open_frames
 from msgs.camera import Depth, EventPacket, Image, Keyframe
 from msgs.header import Header
 
@@ -334,8 +334,8 @@ def test_info(tmp_path):
 
 
 def test_info_counts_a_sensors_own_bytes(tmp_path):
-    from evis.streams.events import Events
-    from evis.streams.evt3 import Encoder
+    from evis.events.codecs.prophesee.evt3 import Encoder
+    from evis.events.container import Events
 
     encoder = Encoder()
     t = np.arange(1, 1001) * 10_000

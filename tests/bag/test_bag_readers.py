@@ -154,7 +154,7 @@ def test_bags_of_other_programs(tmp_path):
     from rosbags.typesys import get_types_from_msg
 
     from evis.bag.reader import BagReader
-    from evis.bag.schemas import DEFINITIONS
+    from evis.bag.ros.schemas import DEFINITIONS
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     store.register(

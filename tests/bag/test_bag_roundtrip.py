@@ -12,9 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from evis.bag import BagError, environments, mapping, transforms
+from evis.bag import BagError, environments
 from evis.bag.info import describe
 from evis.bag.reader import BagReader
+from evis.bag.ros import mapping, transforms
 from evis.bag.writer import BagWriter
 from msgs.camera import EventPacket, Keyframe, Labels
 from msgs.diagnostics import Diagnostics

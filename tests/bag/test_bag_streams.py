@@ -7,10 +7,10 @@ import pytest
 from bag_messages import scene
 
 from evis.bag import BagError
-from evis.bag.export import export
+from evis.bag.export.topics import export
 from evis.bag.writer import BagWriter
 from evis.cli import main
-from evis.streams import RecordingError, open_recording
+from evis.events import RecordingError, open_recording
 from msgs.camera import Frames
 from msgs.header import Header
 

@@ -10,7 +10,8 @@ import pytest
 from bag_messages import scene
 from test_recorder_replayer import make
 
-from evis.bag import BagError, sync
+from evis.bag import BagError
+from evis.bag.mcap import sync
 from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter
 from nodes.recorder.node import RecorderNode

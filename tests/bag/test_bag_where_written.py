@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from bag_messages import scene
 
-from evis import named_pipe
 from evis.bag import BagError
 from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter
+from evis.events import Events, open_writer
+from evis.files import named_pipe
+from evis.files.whole_file import whole_file
 from evis.launch.checks import check_writable
-from evis.streams import Events, open_writer
-from evis.whole_file import whole_file
 
 
 def record(path: Path) -> None:

@@ -49,7 +49,7 @@ def test_flipped_bits(tmp_path):
 @pytest.mark.parametrize("counted", [5, [1], "many", {"events": "x", "t_first_ns": [], "t_last_ns": None}])
 def test_false_types(counted, tmp_path, monkeypatch):
     """A closing text whose counts are no counts is a damaged message, not a mistake of the program."""
-    from evis.bag import events
+    from evis.bag.ros import events
 
     monkeypatch.setattr(events, "summary", lambda packet: counted)
     bag(tmp_path / "a.mcap")

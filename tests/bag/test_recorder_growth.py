@@ -8,7 +8,7 @@ from bag_messages import scene
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
-from evis.bag.container import Container
+from evis.bag.mcap.container import Container
 from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter
 
@@ -80,7 +80,7 @@ def test_episodes_leave_few_bytes_in_memory(tmp_path):
 
 def test_the_packed_index_says_where_everything_is(tmp_path, monkeypatch):
     """Read back by the MCAP library from several compressed blocks, every number against the bytes of the file."""
-    from evis.bag import summary
+    from evis.bag.mcap import summary
 
     monkeypatch.setattr(summary, "_BLOCK", 300)
     path = tmp_path / "a.mcap"

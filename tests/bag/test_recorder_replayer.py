@@ -11,8 +11,8 @@ from bag_messages import copied, same, scene
 from evis.bag import BagError
 from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter
-from evis.params import ParamError
-from evis.plan import NodePlan, Plan
+from evis.config.params import ParamError
+from evis.runtime.plan import NodePlan, Plan
 from msgs.header import Header
 from nodes.recorder.node import RecorderNode
 from nodes.replayer.choice import replayed

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from evis.bag.writer import BagWriter
-from evis.whole_file import whole_file
+from evis.files.whole_file import whole_file
 from msgs.camera import Keyframe
 from msgs.header import Header
 

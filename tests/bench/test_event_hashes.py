@@ -11,8 +11,8 @@ import pytest
 from bench import event_hashes
 from bench.event_differences import file_of, sized
 from bench.pipeline import simulate
-from bench.world import World
 from evis.scene import load_scene
+from nodes.interpolator.auto.world import World
 
 DENSE = ("spinning_disk", "ideal", "none")
 

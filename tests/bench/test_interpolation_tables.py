@@ -3,8 +3,8 @@
 import numpy as np
 
 from bench.interpolation_tables import Row, by_method, failures
-from bench.metrics import Stream
 from bench.pipeline import Run
+from evis.events.measure.distance import Stream
 
 
 def row(method, rate, k, error, events, frame_error=0.1):

@@ -10,7 +10,7 @@ from bench.visibility_kernels import HOLE, SKY
 from evis.geometry import se3
 from evis.scene.model import Body, Camera, Instance, Material, Mesh, Scene
 from evis.scene.motion import Prescribed
-from nodes.renderer.visibility import Visibility
+from nodes.renderer.raster.visibility import Visibility
 
 WIDTH, HEIGHT, FOCAL, DEPTH = 64, 48, 50.0, 2.0
 PX = DEPTH / FOCAL

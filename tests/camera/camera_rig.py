@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.streams import Events, open_writer
+from evis.events import Events, open_writer
 from nodes.camera.node import CameraNode
 
 DATA = Path(os.environ.get("EVIS_TEST_DATA", Path(__file__).parents[3] / "shared" / "data"))

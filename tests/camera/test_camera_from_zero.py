@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-from evis.streams import Events, open_recording, open_writer
+from evis.events import Events, open_recording, open_writer
 
 
 def test_recording_that_begins_at_zero_is_recorded_whole(tmp_path):

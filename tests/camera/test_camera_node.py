@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from camera_rig import DATA, Runtime, joined, play, write
 
-from evis.params import ParamError
+from evis.config.params import ParamError
 
 REAL = ["derived/gen31_vga_from_bag1.raw", "prophesee/faery_evt2.raw"]
 MS = 1_000_000

@@ -7,7 +7,7 @@ import pytest
 from usb_rig import joined, played, random_recording, run, same
 
 from evis.cli import main
-from evis.streams import Events, open_recording, open_writer
+from evis.events import Events, open_recording, open_writer
 from nodes.camera.emulated.readout import RateLimit
 
 REGION = {"roi_x": 37, "roi_y": 21, "roi_width": 150, "roi_height": 100}
@@ -100,7 +100,7 @@ def test_a_period_that_comes_in_pieces_counts_once():
 
 def test_parts_that_are_switched_off(tmp_path):
     """Inertial samples of a camera whose chip is off are not sent."""
-    from evis.streams.events import Imu
+    from evis.events.container import Imu
     from nodes.camera.emulated.readout import Readout
 
     sent = random_recording(tmp_path / "a.npz", 346, 260, 500)

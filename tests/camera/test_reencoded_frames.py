@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evis.streams import Events
-from evis.streams.decoder import decoder_for
-from evis.streams.events import Frame
+from evis.events import Events
+from evis.events.codecs.decoder import decoder_for
+from evis.events.container import Frame
 from nodes.camera.emulated.reencode import Reencoder
 from nodes.camera.usb.models import MODELS
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from usb_rig import DATA, MS, joined, played, random_recording, run, same, silent
 
-from evis.streams import Events, open_recording
-from evis.streams.encoder import encoder_for
-from evis.streams.events import Imu
+from evis.events import Events, open_recording
+from evis.events.codecs.encoder import encoder_for
+from evis.events.container import Imu
 from nodes.camera.usb.models import MODELS
 
 
@@ -162,7 +162,7 @@ def test_duration_ends_the_recording(tmp_path):
 
 def test_times_of_today_are_kept(tmp_path):
     """A recording with Unix times is sent from near 0, as a camera counts, and comes out with its own times."""
-    from evis.streams import open_writer
+    from evis.events import open_writer
 
     t = 1_700_000_000_123_456_000 + np.arange(50) * 7_000_000
     sent = Events(t, np.arange(50, dtype=np.uint16), np.zeros(50, np.uint16), np.ones(50, np.uint8))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from usb_rig import MS, joined, played, random_recording, run, silent
 
-from evis.streams import Events, open_writer
-from evis.streams.encoder import encoder_for
-from evis.streams.events import Imu
+from evis.events import Events, open_writer
+from evis.events.codecs.encoder import encoder_for
+from evis.events.container import Imu
 
 CHIP = 5
 

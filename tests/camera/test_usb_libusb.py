@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from usb_rig import random_recording
 
-from evis.streams import Imu, open_writer
+from evis.events import Imu, open_writer
 from nodes.camera.usb.models import MODELS
 
 ROOT = Path(__file__).parents[2]

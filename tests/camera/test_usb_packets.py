@@ -9,10 +9,10 @@ import time
 import numpy as np
 import pytest
 
-from evis.streams import Events
-from evis.streams.buffer import EventBuffer, plain
-from evis.streams.decoder import decoder_for
-from evis.streams.encoder import encoder_for
+from evis.events import Events
+from evis.events.codecs.buffer import EventBuffer, plain
+from evis.events.codecs.decoder import decoder_for
+from evis.events.codecs.encoder import encoder_for
 from nodes.camera.usb import stream as stream_module
 from nodes.camera.usb.access import StreamEnd
 from nodes.camera.usb.reader import Reader

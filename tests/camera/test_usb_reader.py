@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from evis.streams import Events
-from evis.streams.decoder import decoder_for
-from evis.streams.encoder import encoder_for
+from evis.events import Events
+from evis.events.codecs.decoder import decoder_for
+from evis.events.codecs.encoder import encoder_for
 from nodes.camera.usb import reader as reader_module
 from nodes.camera.usb import stream as stream_module
 from nodes.camera.usb.access import StreamEnd

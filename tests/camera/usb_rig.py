@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.streams import Events, open_writer
+from evis.events import Events, open_writer
 from nodes.camera.driver import Reading
 from nodes.camera.emulated.bus import driver_on
 from nodes.camera.emulated.faults import Faults

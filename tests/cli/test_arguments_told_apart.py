@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from evis import paths
+from evis.config import paths
 
 Evis = Callable[..., Any]
 SCENE = """

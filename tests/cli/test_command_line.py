@@ -223,7 +223,7 @@ def test_a_reader_that_stops_is_no_error(evis: Evis, graph: Path) -> None:
 
 
 def test_launch_help_names_what_is_installed(capsys: pytest.CaptureFixture[str]) -> None:
-    from evis import paths
+    from evis.config import paths
     from nodes.event_sensor.presets import PRESETS
 
     assert main(["launch", "--help"]) == 0

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evis import paths
 from evis.cli import COMMANDS, main
 from evis.cli.parser import Parser
+from evis.config import paths
 from evis.launch.files import load
 from evis.scene.load import scene_args
 

@@ -10,10 +10,10 @@ from mcap.writer import Writer
 from evis.cli import main
 from evis.cli.failure import guarded
 from evis.cli.show import as_text
+from evis.console.printable import all_printable, printable, printable_lines
 from evis.launch.explain import as_text as explained
-from evis.launch.supervisor import Supervisor
-from evis.plan import NodePlan, Plan, TopicPlan
-from evis.printable import all_printable, printable, printable_lines
+from evis.runtime.plan import NodePlan, Plan, TopicPlan
+from evis.supervisor.supervisor import Supervisor
 from msgs.diagnostics import Diagnostics
 from msgs.header import Header
 

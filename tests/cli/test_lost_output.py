@@ -108,7 +108,7 @@ def test_other_work_is_done_and_its_status_tells(
 ) -> None:
     import numpy as np
 
-    from evis.streams import Events, open_writer
+    from evis.events import Events, open_writer
 
     luminance = np.exp(np.linspace(0, 3, 5, dtype=np.float32))[:, None, None] * np.ones((1, 4, 4), np.float32)
     np.savez(tmp_path / "frames.npz", luminance=luminance, t=np.arange(5) * 1_000_000)
@@ -120,7 +120,7 @@ def test_other_work_is_done_and_its_status_tells(
 
 
 def test_a_word_that_the_terminal_cannot_show_ends_nothing() -> None:
-    code = "import sys; from evis.outlet import standard_streams\nwith standard_streams(): print('\\u00e9 \\u4e2d')"
+    code = "from evis.console.outlet import standard_streams\nwith standard_streams(): print('\\u00e9 \\u4e2d')"
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, "PYTHONIOENCODING": "ascii"}
     )
@@ -130,7 +130,7 @@ def test_a_word_that_the_terminal_cannot_show_ends_nothing() -> None:
 def test_a_closed_descriptor_is_given_to_nothing_else(tmp_path: Path) -> None:
     """The next file opened would become descriptor 1, and take whatever a library prints."""
     code = (
-        "from evis.outlet import standard_streams\nwith standard_streams():\n"
+        "from evis.console.outlet import standard_streams\nwith standard_streams():\n"
         f"    import os\n    f = open({str(tmp_path / 'f')!r}, 'w')\n"
         "    print('stray')\n    os.write(1, b'stray')\n    assert f.fileno() > 2"
     )
@@ -140,7 +140,7 @@ def test_a_closed_descriptor_is_given_to_nothing_else(tmp_path: Path) -> None:
 
 def test_the_supervisor_survives_a_listener_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From Python as from the command line."""
-    from evis.launch.voice import Voice
+    from evis.console.voice import Voice
 
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     calls = []

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from evis import paths
-from evis.launch.document import LaunchError
+from evis.config import paths
+from evis.config.document import LaunchError
 from evis.launch.files import load
 from evis.launch.planner import Options, plan_launch
 from nodes.event_sensor.parameters import SENSOR, resolve_sensor

@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from scipy.special import erf
 
-from nodes.event_sensor.defocus import Defocus, defocus_from_optics
+from nodes.event_sensor.optics.defocus import Defocus, defocus_from_optics
 
 
 def blurred(image, sigma):

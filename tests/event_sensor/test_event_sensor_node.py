@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from evis.params import ParamError
+from evis.config.params import ParamError
 from msgs.camera import Frames, Keyframe
 from msgs.header import Header
 from nodes.event_sensor.node import EventSensorNode

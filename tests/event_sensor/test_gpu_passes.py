@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.event_sensor.cuda import kernels_order
-from nodes.event_sensor.cuda.plain import PlainPasses
+from nodes.event_sensor.cuda import order_kernels
+from nodes.event_sensor.cuda.ideal import PlainPasses
 from nodes.event_sensor.cuda.side import DeviceSide
 from nodes.event_sensor.device_events import CALLS
 from nodes.event_sensor.engines import Batch, sensor_struct
-from nodes.event_sensor.packet import KeyLayout
 from nodes.event_sensor.parameters import resolve_sensor
+from nodes.event_sensor.readout.packet import KeyLayout
 
 MS = 1_000_000
 C_ON, C_OFF = 0.2, 0.23
@@ -132,7 +132,7 @@ def test_pixels_that_fire_together(device, rows):
     t = np.arange(1, 7, dtype=np.int64) * MS
     got = Passes(device, rows, 50).run(frames, t, 2)[0]
     want, pixels = expected(frames[0, :, :1, :1], t), 50 * rows
-    assert 40 * 50 < kernels_order.BUCKET < 60 * 50 and len(got) == pixels * len(want)
+    assert 40 * 50 < order_kernels.BUCKET < 60 * 50 and len(got) == pixels * len(want)
     assert np.array_equal(got[:, 0].reshape(-1, pixels), np.repeat(want[:, :1], pixels, 1))
     y, x = np.divmod(np.arange(pixels), 50)
     assert (got[:, 1].reshape(-1, pixels) == y).all() and (got[:, 2].reshape(-1, pixels) == x).all()

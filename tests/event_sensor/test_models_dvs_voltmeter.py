@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from nodes.event_sensor.models import make_model
+from nodes.event_sensor.peers import make_model
 
 MS = 1_000_000
 STILL = {"k2": 0.0, "k3": 0.0, "k4": 0.0, "k5": 0.0, "k6": 0.0}

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from nodes.event_sensor.models import MODELS, make_model
 from nodes.event_sensor.parameters import SENSOR, resolve_sensor
+from nodes.event_sensor.peers import MODELS, make_model
 
 MS = 1_000_000
 NOISE = {

@@ -8,8 +8,8 @@ import pytest
 
 from bench import disk
 from bench.alignment import align
-from bench.metrics import Stream
 from bench.signals import FORMS, SECOND, Sinusoids, stamps
+from evis.events.measure.distance import Stream
 
 MS = 1_000_000
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from nodes.event_sensor.models import make_model
+from nodes.event_sensor.peers import make_model
 
 MS = 1_000_000
 

@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 from scipy.integrate import solve_ivp
 
-from nodes.event_sensor.photoreceptor import Photoreceptor
+from nodes.event_sensor.optics.photoreceptor import Photoreceptor
 
 # A float32 luminance is known to 6e-8 of itself, which is 6e-8 in L; input and output are both rounded.
 ROUNDING = 1.5e-7

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from evis.params import ParamError
+from evis.config.params import ParamError
 from nodes.event_sensor.parameters import SENSOR, resolve_sensor
 from nodes.event_sensor.presets import PRESETS, corner_of, radiance_of
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from nodes.event_sensor.readout import Readout
+from nodes.event_sensor.readout.readout import Readout
 
 MS = 1_000_000
 WIDTH, HEIGHT = 40, 30

@@ -5,8 +5,8 @@ import pytest
 
 from bench import disk
 from bench.alignment import align
-from bench.metrics import Stream
 from bench.signals import SECOND, Recording, Sinusoids, stamps
+from evis.events.measure.distance import Stream
 from nodes.event_sensor.sensor import EventSensor
 
 DENSE = 16_000

@@ -14,14 +14,24 @@ sensor = EventSensor(4, 4, **json.loads(sys.argv[1]))
 sensor.process(np.ones((1, 2, 4, 4), np.float32), np.array([1, 2]), np.zeros(1, np.int32))
 print("\\n" + json.dumps([name for name in sys.modules if name.startswith("nodes.event_sensor.")]))
 """
-FAULTS = {"kernels_full", "kernels_threads", "kernels_life", "kernels_curve", "kernels_noise", "full"}
+FAULTS = {
+    f"model.{name}"
+    for name in (
+        "nonideal_kernels",
+        "thread_kernels",
+        "event_order_kernels",
+        "curve_kernels",
+        "random_kernels",
+        "nonideal",
+    )
+}
 PARTS = {
     "faults": FAULTS,
-    "paper": {"kernels_paper", "paper"},
-    "defocus": {"defocus", "defocus_kernels"},
-    "photoreceptor": {"photoreceptor", "photoreceptor_kernels", "photoreceptor_lanes_kernels"},
-    "readout": {"readout", "readout_kernels"},
-    "models": {"models", "models.v2e", "models.esim"},
+    "paper": {"model.paper_kernels", "model.paper"},
+    "defocus": {"optics.defocus", "optics.defocus_kernels"},
+    "photoreceptor": {"optics.photoreceptor", "optics.photoreceptor_kernels", "optics.photoreceptor_simd_kernels"},
+    "readout": {"readout.readout", "readout.readout_kernels"},
+    "models": {"peers", "peers.v2e", "peers.esim"},
 }
 """Modules of what an ideal sensor lacks."""
 

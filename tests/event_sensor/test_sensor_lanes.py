@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.event_sensor.kernels_lanes import LOG
+from nodes.event_sensor.cpu.simd_kernels import LOG
 from nodes.event_sensor.sensor import FLOOR, EventSensor
 
 TOLERANCE = 2.0**-23

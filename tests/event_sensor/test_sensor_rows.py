@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.event_sensor.kernels_curve import crossing
+from nodes.event_sensor.model.curve_kernels import crossing
 from nodes.event_sensor.sensor import EventSensor
 
 MS = 1_000_000

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from nodes.event_sensor.models import MODELS
 from nodes.event_sensor.parameters import CROSSINGS, SENSOR
+from nodes.event_sensor.peers import MODELS
 from nodes.event_sensor.presets import PRESETS
 
 DOC = Path(__file__).parents[2] / "docs" / "event_sensor.md"

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from evis.cli import main
-from evis.streams import open_recording
-from nodes.event_sensor.models import make_model
-from nodes.event_sensor.readout import Readout
+from evis.events import open_recording
+from nodes.event_sensor.peers import make_model
+from nodes.event_sensor.readout.readout import Readout
 from nodes.event_sensor.sensor import EventSensor
 from nodes.event_sensor.simulate import simulate_frames
 
@@ -74,7 +74,7 @@ def test_a_span_that_no_time_code_holds_names_the_stamps_too():
 
 def test_a_model_that_makes_too_many_says_where(monkeypatch):
     """How many a diffusion makes is known only when they are counted."""
-    from nodes.event_sensor.models import model
+    from nodes.event_sensor.peers import model
 
     monkeypatch.setattr(model, "MOST_NOISE", 3000)
     images, t = jump(20, 20)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bench.alignment import align
-from bench.metrics import Stream
 from bench.signals import Sinusoids
+from evis.events.measure.distance import Stream
 from nodes.event_sensor.parameters import CROSSINGS
 from nodes.event_sensor.sensor import EventSensor
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from evis import paths
 from evis.cli import COMMANDS
 from evis.cli.parser import Parser
+from evis.config import paths
 from evis.launch.arguments import parse_pairs
 from evis.launch.files import load
 from evis.scene import load_scene

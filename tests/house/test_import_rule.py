@@ -14,6 +14,9 @@ MAY_USE = {
     "event_sensor": {"interpolator", "renderer"},
     "labeler": {"renderer"},
 }
+WHOLE_CHAIN = ("nodes", "interpolator", "auto")
+"""What measures the whole chain may use all of it, and no node uses that."""
+CHAIN = {"physics", "renderer", "interpolator", "event_sensor"}
 
 
 def imported(path: Path) -> set[str]:
@@ -43,7 +46,9 @@ def violations(path: Path) -> list[str]:
         if parts[0] in ("evis", "nodes") and other[:2] == ["evis", "cli"] and parts[1] not in ("cli", "demo"):
             allowed = False
         if parts[0] == "nodes" and other[0] == "nodes" and len(other) > 1 and len(parts) > 2 and other[1] != parts[1]:
-            allowed = other[1] in MAY_USE.get(parts[1], set())
+            allowed = other[1] in (CHAIN if parts[:3] == WHOLE_CHAIN else MAY_USE.get(parts[1], set()))
+        if parts[0] == "nodes" and parts[:3] != WHOLE_CHAIN and tuple(other[:3]) == WHOLE_CHAIN:
+            allowed = False
         if other[0] == "nodes" and len(other) > 2 and other[2] == "node" and parts[0] != "bench":
             allowed = False
         if not allowed:
@@ -62,10 +67,11 @@ def test_the_rule_can_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     """The checker finds an import planted against the arrow, inside a function too."""
     monkeypatch.setattr(f"{__name__}.ROOT", tmp_path)
     cases = {
-        "msgs/a.py": "import evis.node",
+        "msgs/a.py": "import evis.runtime.node",
         "evis/bus/a.py": "def f():\n    from nodes.physics import node",
-        "nodes/renderer/a.py": "from nodes.interpolator.splat import warp",
+        "nodes/renderer/a.py": "from nodes.interpolator.splat.splat import warp",
         "nodes/labeler/a.py": "from nodes.renderer.node import RendererNode",
+        "nodes/interpolator/b.py": "from nodes.interpolator.auto.probe import probe",
     }
     for name, text in cases.items():
         path = tmp_path / name

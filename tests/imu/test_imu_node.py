@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from evis.config.params import ParamError
 from evis.geometry import se3
-from evis.params import ParamError
 from evis.scene import load_scene
 from msgs.header import Header
 from msgs.world import WorldState

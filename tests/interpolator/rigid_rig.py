@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from evis.clock import subframe_stamps
 from evis.geometry import se3
+from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Body, Camera, Instance, Light, Material, Mesh, Scene
 from evis.scene.motion import Prescribed
 from nodes.interpolator.keyframe import Report, States, View
 from nodes.interpolator.luminance import luminance_of
 from nodes.interpolator.rigid import Rigid
-from nodes.interpolator.splat import make_splat
+from nodes.interpolator.splat.splat import make_splat
 from nodes.renderer.renderer import Renderer
 
 GAP = 10_000_000

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rigid_rig import FOCAL, camera, closed_form, painted, pose, quad, world
 
-from evis.clock import subframe_stamps
+from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Light, Waveform
 from evis.scene.motion import Linear, Prescribed
 from nodes.event_sensor.sensor import EventSensor

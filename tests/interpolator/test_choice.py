@@ -2,7 +2,7 @@
 
 import pytest
 
-from nodes.interpolator.choice import Candidate, choose, with_steps_between
+from nodes.interpolator.auto.choice import Candidate, choose, with_steps_between
 
 DENSE_FAST = Candidate("none", 250, 1, 0.50, 1.0)
 DENSE = Candidate("none", 1000, 1, 0.10, 4.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from evis.params import ParamError
+from evis.config.params import ParamError
 from msgs.camera import Depth, Frames, Keyframe, Motion
 from msgs.header import Header
 from msgs.world import WorldState

@@ -21,7 +21,7 @@ from rigid_rig import (
     world,
 )
 
-from evis.clock import subframe_stamps
+from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Waveform
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
 from nodes.interpolator.interpolator import Interpolator, new_frames

@@ -18,9 +18,9 @@ from rigid_rig import (
     world,
 )
 
-from evis.clock import subframe_stamps
 from evis.geometry.distortion import Lens, unproject
 from evis.geometry.pinhole import pixel_grid
+from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Mesh
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin, Swing
 from nodes.interpolator.keyframe import States

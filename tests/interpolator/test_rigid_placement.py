@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from evis.clock import keyframe_stamp, subframe_stamps
 from evis.geometry import se3
 from evis.geometry.interpolate import pose_at
+from evis.runtime.clock import keyframe_stamp, subframe_stamps
 from evis.scene import load_scene
 from evis.scene.model import Body, Scene
 from evis.scene.motion import Linear, Path, Prescribed, Sinusoid, Spin, Swing, Turn

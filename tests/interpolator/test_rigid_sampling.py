@@ -5,16 +5,16 @@ import pytest
 import warp as wp
 from rigid_rig import GAP, START, camera, closed_form, cross, disc, keyframe, lamp, painted, plain, pose, quad, world
 
-from evis.clock import subframe_stamps
 from evis.geometry import se3
+from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Body
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
 from nodes.interpolator.rigid import Rigid, sparse_raster
 from nodes.interpolator.rigid.method import TOLERANCE
 from nodes.interpolator.rigid.sampling import pixels_per_radian
 from nodes.interpolator.rigid.walk_kernels import Walk, walk_bodies
+from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import Renderer
-from nodes.renderer.visibility import Visibility
 
 PIXELS = 96 * 72
 DEPTH = 3.0

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.interpolator.cpu.splat import SplatCpu
-from nodes.interpolator.cuda.splat import SplatCuda
 from nodes.interpolator.keyframe import View
+from nodes.interpolator.splat.cpu import SplatCpu
+from nodes.interpolator.splat.cuda import SplatCuda
 
 H, W = 11, 14
 RTOL = 2e-6

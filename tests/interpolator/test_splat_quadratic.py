@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.interpolator import bend_kernels
 from nodes.interpolator.interpolator import Interpolator
+from nodes.interpolator.splat import bend_kernels
 
 HEIGHT, WIDTH = 48, 64
 ROWS, COLUMNS = (a.astype(np.float64) for a in np.mgrid[0:HEIGHT, 0:WIDTH])

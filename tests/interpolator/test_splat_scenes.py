@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from nodes.interpolator.keyframe import View
-from nodes.interpolator.splat import make_splat
+from nodes.interpolator.splat.splat import make_splat
 
 K = 8
 

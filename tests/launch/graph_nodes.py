@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from evis.node import Input, Node, Output
-from evis.params import Param
+from evis.config.params import Param
+from evis.runtime.node import Input, Node, Output
 from msgs.camera import Depth, EventPacket, Ids
 from msgs.header import Header, Message
 

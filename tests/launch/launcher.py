@@ -21,7 +21,7 @@ LIMIT_S = 60.0
 """For all that is waited for: far more than a loaded machine needs, only what hangs takes it."""
 PATIENT = """
 import sys
-from evis.launch import supervisor
+from evis.supervisor import supervisor
 supervisor.DRAIN_S = 1e9
 from evis.cli import main
 sys.exit(main())
@@ -53,7 +53,7 @@ class Launcher:
         except psutil.NoSuchProcess:
             found = []
         self.seen += [p for p in found if p not in self.seen]
-        return [p for p in found if "evis.process" in " ".join(_command(p))]
+        return [p for p in found if "evis.runtime.process" in " ".join(_command(p))]
 
     def child(self, name: str) -> psutil.Process:
         """The process of that name."""

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from evis.config.expression import names_in
+from evis.config.params import Param
+from evis.config.paths import find_launch
 from evis.launch.arguments import ArgumentError
-from evis.launch.effects import check_parameters
-from evis.launch.expression import names_in
 from evis.launch.files import load
 from evis.launch.planner import Options, plan_launch
-from evis.params import Param
-from evis.paths import find_launch
+from evis.launch.unused_arguments import check_parameters
 from nodes.camera.node import CameraNode
 from nodes.event_sensor.effects import without_effect
 from nodes.event_sensor.parameters import SENSOR, resolve_sensor

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evis.launch.expression import ExpressionError, UnknownName, evaluate, substitute
+from evis.config.expression import ExpressionError, UnknownName, evaluate, substitute
 
 NAMES = {"a": 3, "b": 0.5, "s": "text", "l": ["x", "y"], "t": True, "n": None}
 

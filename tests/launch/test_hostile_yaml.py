@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 from limited import each_refused, refused_by
 
-from evis.launch.document import MAX_BYTES, MAX_TEXT, MAX_VALUES, LaunchError, parse, parse_value, read
-from evis.launch.expression import MAX_ITEMS, ExpressionError, names_in, substitute
-from evis.launch.expression import MAX_TEXT as MAX_FILLED
+from evis.config.document import MAX_BYTES, MAX_TEXT, MAX_VALUES, LaunchError, parse, parse_value, read
+from evis.config.expression import MAX_ITEMS, ExpressionError, names_in, substitute
+from evis.config.expression import MAX_TEXT as MAX_FILLED
 from evis.launch.files import load
 from evis.launch.recorded import recorded
 
 GB = 1_000_000_000
-READ = "import sys; from pathlib import Path; from evis.launch.document import read; read(Path(sys.argv[1]))"
+READ = "import sys; from pathlib import Path; from evis.config.document import read; read(Path(sys.argv[1]))"
 
 
 def nested_aliases() -> str:
@@ -46,7 +46,7 @@ HOSTILE = [
 @pytest.mark.parametrize("what", ["launch", "scene"])
 def test_a_hostile_file_is_refused_at_its_line(tmp_path: Path, what: str) -> None:
     """One child reads them all."""
-    code = "from evis.launch.document import read; from pathlib import Path; read(Path(argument))"
+    code = "from evis.config.document import read; from pathlib import Path; read(Path(argument))"
     if what == "scene":
         code = "from evis.scene import load_scene; load_scene(argument)"
     paths = [tmp_path / f"h{i}.yaml" for i in range(len(HOSTILE))]
@@ -89,7 +89,7 @@ def test_a_long_file_is_refused_before_it_is_read(tmp_path: Path) -> None:
     with path.open("wb") as file:
         file.truncate(100 * GB)
     assert "longer than 1048576 bytes" in refused_by(READ, path, memory=GB)
-    find = "import sys; from evis.paths import find_launch; from evis.launch.files import load"
+    find = "import sys; from evis.config.paths import find_launch; from evis.launch.files import load"
     assert "longer than" in refused_by(f"{find}; load(find_launch(sys.argv[1])[0])", path, memory=GB)
 
 
@@ -109,8 +109,8 @@ def test_arguments_in_a_bag_are_read_by_the_same_reader(monkeypatch: pytest.Monk
 def test_a_large_scene_file_is_read() -> None:
     """30,000 faces of three numbers, a quarter of what a file may hold, in a child that may have 1 GB."""
     code = (
-        "from evis.scene.tessellate import read_shape; from evis.scene.reader import Fields;"
-        "from evis.launch.document import parse; t = parse('shape: mesh\\nvertices: [[0,0,0],[1,0,0],[0,1,0]]\\n'"
+        "from evis.scene.yaml.tessellate import read_shape; from evis.scene.yaml.reader import Fields;"
+        "from evis.config.document import parse; t = parse('shape: mesh\\nvertices: [[0,0,0],[1,0,0],[0,1,0]]\\n'"
         "+ 'faces: [' + '[0,1,2],' * 30000 + ']', 'x');"
         "raise ValueError(read_shape(Fields(t, 'x', {})).faces.shape)"
     )

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from evis.config.document import LaunchError
 from evis.launch.arguments import ArgumentError, parse_pairs
-from evis.launch.document import LaunchError
 from evis.launch.expand import Expanded, expand
 from evis.launch.files import load
 from evis.launch.planner import Options, plan_file
-from evis.plan import Plan
+from evis.runtime.plan import Plan
 
 Write = Callable[..., Path]
 OPTIONS: dict[str, Any] = {"duration": None, "record": None, "record_topics": [], "record_sync": False, "view": True}

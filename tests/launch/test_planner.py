@@ -11,11 +11,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from evis.launch.document import LaunchError
+from evis.config.document import LaunchError
 from evis.launch.explain import as_dict, as_text
 from evis.launch.order import data_flow_order
 from evis.launch.planner import Options, plan_file
-from evis.plan import Plan
+from evis.runtime.plan import Plan
 
 Write = Callable[..., Path]
 TICKER = "  ticker: {type: 'graph_nodes:Ticker'}\n"

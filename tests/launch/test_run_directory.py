@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from evis.cli.failure import one_line
-from evis.launch.rundir import RunDirectory, is_live, live_runs, root, sweep
-from evis.launch.supervisor import Supervisor
-from evis.plan import Plan
+from evis.runtime.plan import Plan
+from evis.supervisor.run_directory import RunDirectory, is_live, live_runs, root, sweep
+from evis.supervisor.supervisor import Supervisor
 
 
 def gone(path: Path) -> bool:
@@ -60,9 +60,9 @@ def test_the_newest_run_is_first(runtime: Path) -> None:
     second.close()
 
 
-def test_the_janitor_cleans_up_after_a_launcher_that_was_killed(runtime: Path) -> None:
+def test_the_run_directory_goes_after_a_launcher_that_was_killed(runtime: Path) -> None:
     code = (
-        "import time; from evis.launch.rundir import RunDirectory; r = RunDirectory();"
+        "import time; from evis.supervisor.run_directory import RunDirectory; r = RunDirectory();"
         "(r.path / 'x.sock').touch(); print(r.path, flush=True); time.sleep(600)"
     )
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)

@@ -14,12 +14,12 @@ import pytest
 from launcher import HERE, Launcher
 
 from evis.bag.reader import BagReader
+from evis.config.document import LaunchError
+from evis.config.params import Param, ParamError
+from evis.config.secret import HIDDEN, Redactor
 from evis.launch.arguments import ArgumentError
-from evis.launch.document import LaunchError
 from evis.launch.planner import Options, plan_file
-from evis.params import Param, ParamError
-from evis.plan import Plan
-from evis.secret import HIDDEN, Redactor
+from evis.runtime.plan import Plan
 
 TOKEN = "Correct-Horse_9271"
 PASSWORD = 'it\'s "quoted": 100 % ä/b'
@@ -232,10 +232,10 @@ def test_redactor_takes_all_forms() -> None:
 @pytest.mark.parametrize("umask", [0o000, 0o002, 0o022, 0o027, 0o077])
 def test_bags_follow_the_umask_and_the_run_stays_private(umask: int, runtime: Path, tmp_path: Path) -> None:
     """Recorded, recovered, exported: as any other file of the user's. The run's folder is the user's alone."""
-    from evis.bag.export import export
-    from evis.bag.recover import recover
+    from evis.bag.export.topics import export
+    from evis.bag.mcap.recover import recover
     from evis.bag.writer import BagWriter
-    from evis.launch.rundir import RunDirectory
+    from evis.supervisor.run_directory import RunDirectory
     from msgs.header import Header
     from msgs.world import Action
 

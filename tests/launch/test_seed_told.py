@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from evis import paths
+from evis.config import paths
 from evis.launch.explain import as_text
 from evis.launch.planner import Options, plan_file
-from evis.launch.report import as_table, summarise
-from evis.plan import Plan
+from evis.runtime.plan import Plan
 from evis.scene import load_scene
+from evis.supervisor.report import as_table, summarise
 from nodes.imu.node import ImuNode
 from nodes.physics.mujoco_engine import MujocoEngine
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from evis import paths
-from evis.launch.document import LaunchError
+from evis.config import paths
+from evis.config.document import LaunchError
 from evis.launch.files import load
 from evis.launch.planner import Options, plan_file
-from evis.plan import Plan
+from evis.runtime.plan import Plan
 
 STANDARD = {
     "scene": None, "seed": 0, "device": "cpu", "envs": 1, "width": 346, "height": 260, "keyframe_rate": 30,
@@ -46,7 +46,7 @@ def test_spinning_disk_takes_the_papers_ranges() -> None:
     made = plan("spinning_disk", omega="60", centre="0.1,-0.2", texture="3")
     texts = {n.params["scene_args"] for n in made.nodes.values() if "scene_args" in n.params}
     assert len(texts) == 1, "every node that loads the scene gets the same"
-    from evis.params import resolve
+    from evis.config.params import resolve
     from evis.scene.load import parse_args, scene_args
 
     values = resolve("scene", scene_args("spinning_disk"), parse_args(texts.pop()))
@@ -175,7 +175,7 @@ def test_a_scene_is_launched_by_its_name() -> None:
 
 def test_planning_imports_no_engine() -> None:
     code = (
-        "import sys, json; from evis.launch.planner import *; from evis import paths;"
+        "import sys, json; from evis.launch.planner import *; from evis.config import paths;"
         "plan_file(paths.find_launch('falling_objects')[0], {}, Options()); print(json.dumps(sorted(sys.modules)))"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout

@@ -16,9 +16,9 @@ import psutil
 import pytest
 from launcher import LIMIT_S, Launcher
 
-from evis.launch.child import Child
-from evis.launch.supervisor import Supervisor
-from evis.plan import Plan
+from evis.runtime.plan import Plan
+from evis.supervisor.child import Child
+from evis.supervisor.supervisor import Supervisor
 
 Write = Callable[..., Path]
 Launch = Callable[..., Launcher]

@@ -12,7 +12,7 @@ import pytest
 from rotating_events import texture, turning_edges
 
 from evis.cli import events as command
-from evis.streams import Events, open_writer
+from evis.events import Events, open_writer
 
 
 def parse(*arguments: object) -> argparse.Namespace:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from evis.measure import Measurement
-from evis.measure.noise import Noise, neighbours_active
+from evis.events.measure import Measurement
+from evis.events.measure.noise import Noise, neighbours_active
 
 
 def events(n, width, height, seed):
@@ -27,8 +27,8 @@ def bursts():
 
 def test_searches_follow_the_events(monkeypatch):
     """Of 50 stretches with a handful of events each, few are searched for a rotation, and the rest is said."""
-    from evis.measure import measurement
-    from evis.measure.rotation import nothing
+    from evis.events.measure import measurement
+    from evis.events.measure.rotation import nothing
 
     searched = []
     monkeypatch.setattr(measurement, "measure_rotation", lambda t, *_: searched.append(len(t)) or nothing("none"))
@@ -43,7 +43,7 @@ def test_searches_follow_the_events(monkeypatch):
 
 def test_a_rotation_behind_silence_is_searched(monkeypatch):
     """Stretches with too few events to search use nothing up."""
-    from evis.measure import measurement
+    from evis.events.measure import measurement
 
     searched = []
     true = measurement.measure_rotation

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from rotating_events import poisson_events
 
-from evis.measure import Measurement
-from evis.measure.noise import neighbours_active
-from evis.measure.rate import MAX_BINS, Rate
-from evis.measure.sharpness import dispersion
+from evis.events.measure import Measurement
+from evis.events.measure.noise import neighbours_active
+from evis.events.measure.rate import MAX_BINS, Rate
+from evis.events.measure.sharpness import dispersion
 
 SIZE = (64, 48)
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from rotating_events import poisson_events, spokes, texture, turning_edges
 
-from evis.measure import Measurement
-from evis.measure.coherence import coherence
-from evis.measure.plane import Plane
-from evis.measure.polar import harmonics_of, rings_of
+from evis.events.measure import Measurement
+from evis.events.measure.coherence import coherence
+from evis.events.measure.plane import Plane
+from evis.events.measure.polar import harmonics_of, rings_of
 
 SIZE = (120, 100)
 

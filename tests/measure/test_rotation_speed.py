@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from rotating_events import poisson_events, spokes, texture, turning_edges
 
-from evis.measure import Measurement
-from evis.streams import open_recording
+from evis.events import open_recording
+from evis.events.measure import Measurement
 
 DATA = Path(os.environ.get("EVIS_TEST_DATA", Path(__file__).parents[3] / "shared" / "data"))
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from wheel_evidence import CLIPS, WINDOWS, Clip, line_speed, load, passage_speed
 
-from evis.measure import Measurement
+from evis.events.measure import Measurement
 
 FLAWED = "11_35_50"
 FLAWED_US = (472_000, 500_000)

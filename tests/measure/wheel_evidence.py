@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evis.streams import open_recording
+from evis.events import open_recording
 
 DATA = Path(os.environ.get("EVIS_TEST_DATA", Path(__file__).parents[3] / "shared" / "data"))
 CLIPS = ("11_34_19", "11_34_58", "11_35_33", "11_35_50", "11_36_31", "11_36_46")

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from evis.params import ParamError
+from evis.config.params import ParamError
 from evis.scene import load_scene
 from msgs.header import Header
 from msgs.world import Action

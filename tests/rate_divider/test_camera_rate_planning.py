@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
-from evis import paths
+from evis.config import paths
+from evis.config.document import LaunchError
 from evis.launch.arguments import ArgumentError
-from evis.launch.document import LaunchError
 from evis.launch.files import load
 from evis.launch.planner import Options, plan_file
-from evis.plan import Plan
+from evis.runtime.plan import Plan
 from evis.scene.load import camera_rates
 
 SCENE = """
@@ -151,9 +151,9 @@ def test_a_wrong_rate_in_a_scene_is_an_error_of_the_scene(rate: str, tmp_path: P
 
 
 def test_auto_keeps_the_keyframe_rate_that_the_others_divide(monkeypatch: pytest.MonkeyPatch) -> None:
-    from bench.probe_trial import Measured
     from evis.cli import auto
-    from nodes.interpolator.choice import Candidate
+    from nodes.interpolator.auto.choice import Candidate
+    from nodes.interpolator.auto.trial import Measured
 
     asked = []
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evis import paths
-from evis.launch.document import LaunchError
+from evis.config import paths
+from evis.config.document import LaunchError
 from evis.launch.planner import Options, plan_file
 from msgs.header import Header
 from msgs.world import Action
@@ -14,8 +14,8 @@ from nodes.physics.node import PhysicsNode
 
 CONTROLLER = """
 import numpy as np
-from evis.node import Input, Node, Output
-from evis.params import Param
+from evis.runtime.node import Input, Node, Output
+from evis.config.params import Param
 from msgs.header import Header
 from msgs.world import Action
 

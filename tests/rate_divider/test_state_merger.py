@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from evis.clock import keyframe_stamp
-from evis.params import ParamError
+from evis.config.params import ParamError
+from evis.runtime.clock import keyframe_stamp
 from evis.scene import load_scene
 from msgs.header import Header
 from msgs.world import WorldState

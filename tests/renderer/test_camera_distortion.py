@@ -7,8 +7,8 @@ from renderer_scenes import ALL, GEOMETRIC, Still, at, poses, quad, scene, spher
 from evis.geometry import pinhole, se3
 from evis.geometry.distortion import Lens, project, unproject
 from evis.scene.model import Camera, Material, Mesh
+from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import BEHIND, Renderer
-from nodes.renderer.visibility import Visibility
 
 K = np.array([[150.0, 0, 80.2], [0, 155.0, 59.4], [0, 0, 1]])
 LENSES = {

@@ -5,12 +5,12 @@ import pytest
 from renderer_scenes import GEOMETRIC, Still, at, camera, poses, quad, scene, sphere
 
 from evis.geometry.pinhole import pixel_grid, unproject
-from evis.plan import Plan
+from evis.runtime.plan import Plan
 from evis.scene.model import Body, Camera, Material
 from msgs.header import Header
 from msgs.world import WorldState
-from nodes.renderer.cameras import finer
 from nodes.renderer.node import RendererNode
+from nodes.renderer.raster.cameras import finer
 from nodes.renderer.renderer import Renderer
 from nodes.renderer.supersampling import SupersampledRenderer
 

@@ -6,7 +6,7 @@ from renderer_scenes import at, camera, poses, scene
 
 from evis.geometry.distortion import Lens, unproject
 from evis.scene.model import Camera, Mesh
-from nodes.renderer.visibility import Visibility
+from nodes.renderer.raster.visibility import Visibility
 
 TRIANGLES = 1000
 LENSES = {"none": (), "plumb_bob": (-0.1, 0.01, 0.0, 0.0), "equidistant": (-0.02, 0.006, 0.0, 0.0)}

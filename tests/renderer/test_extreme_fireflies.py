@@ -6,7 +6,7 @@ from light_scenes import facing
 from renderer_scenes import at, camera, poses, quad, scene, sphere
 
 from evis.scene.model import WORLD, Material, Mesh
-from nodes.renderer.path import PathOptions
+from nodes.renderer.paths.paths import PathOptions
 from nodes.renderer.renderer import Renderer
 
 BRIGHT, ALBEDO = 1e6, 0.8

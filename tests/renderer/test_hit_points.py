@@ -4,7 +4,7 @@ import numpy as np
 from renderer_scenes import at, camera, poses, quad, rays, scene
 
 from evis.geometry import se3
-from nodes.renderer.visibility import Visibility
+from nodes.renderer.raster.visibility import Visibility
 
 
 def test_points_are_in_the_frame_of_the_body_that_carries_the_shape():

@@ -13,16 +13,16 @@ from mcap.reader import make_reader
 from PIL import Image
 from test_renderer_node import start, state
 
-from evis import paths
-from evis.bag.export import export
+from evis.bag.export.topics import export
 from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter
 from evis.bus import Publisher, Subscriber, endpoints_for
-from evis.host import Host
-from evis.join import Join
+from evis.config import paths
 from evis.launch.explain import as_text
 from evis.launch.planner import Options, plan_file
-from evis.plan import NodePlan
+from evis.runtime.host import Host
+from evis.runtime.join import Join
+from evis.runtime.plan import NodePlan
 from evis.scene import load_scene
 from msgs.camera import Keyframe
 from msgs.fields import MessageError

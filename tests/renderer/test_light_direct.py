@@ -6,7 +6,7 @@ from light_scenes import ALBEDO, EYE, NOWHERE, facing, flickering, lamp, render,
 from renderer_scenes import at, camera, poses, quad, rays, scene, sphere
 
 from evis.scene.model import WORLD, Light, Material, Waveform
-from nodes.renderer.lights import waveform_strength
+from nodes.renderer.lights.lights import waveform_strength
 from nodes.renderer.renderer import Renderer
 
 WHITE = np.array([1.0, 0.5, 0.25])

@@ -8,7 +8,7 @@ from light_scenes import ALBEDO, facing, lamp, render, small, world
 from renderer_scenes import at, rays, scene
 
 from evis.scene.model import WORLD, Light, Material
-from nodes.renderer.ggx import COSINES, ROUGHNESSES, directional_albedo
+from nodes.renderer.materials.ggx import COSINES, ROUGHNESSES, directional_albedo
 
 
 def lobe(f0, roughness, n, v, l):

@@ -9,10 +9,10 @@ from test_light_reference import cube
 
 from evis.geometry import se3
 from evis.scene.model import WORLD, Light, Material
-from nodes.renderer.occlusion import TREE_FROM
-from nodes.renderer.path import PathOptions
+from nodes.renderer.lighting import Shading
+from nodes.renderer.paths.paths import PathOptions
 from nodes.renderer.renderer import Renderer
-from nodes.renderer.shading import Shading
+from nodes.renderer.shadows.occlusion import TREE_FROM
 
 
 def crowd(still: int = 2 * TREE_FROM):

@@ -7,9 +7,9 @@ from renderer_scenes import at, camera, poses, quad, scene, sphere
 
 from evis.geometry import se3
 from evis.scene.model import WORLD, Light, Material
-from nodes.renderer.shading import Shading
-from nodes.renderer.shadow_grid import ShadowGrid
-from nodes.renderer.visibility import Visibility
+from nodes.renderer.lighting import Shading
+from nodes.renderer.raster.visibility import Visibility
+from nodes.renderer.shadows.grid import ShadowGrid
 
 FLOOR = 2.5
 

@@ -6,8 +6,8 @@ import warp as wp
 from renderer_scenes import at, camera, poses, quad, scene, sphere
 
 from evis.scene.model import WORLD, Light, Material
-from nodes.renderer.shading import Shading
-from nodes.renderer.visibility import Visibility
+from nodes.renderer.lighting import Shading
+from nodes.renderer.raster.visibility import Visibility
 
 
 def crowd(lights, count):

@@ -6,13 +6,13 @@ import warp as wp
 from light_scenes import facing, lamp, world
 from renderer_scenes import at, camera, poses
 
-from evis.clock import subframe_stamps
+from evis.runtime.clock import subframe_stamps
 from evis.scene import load_scene
 from evis.scene.model import WORLD, Light, Material, Waveform
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import States
-from nodes.renderer.path import PathOptions
+from nodes.renderer.paths.paths import PathOptions
 from nodes.renderer.renderer import Renderer
 from nodes.renderer.supersampling import SupersampledRenderer
 

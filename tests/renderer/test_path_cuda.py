@@ -7,7 +7,7 @@ from renderer_scenes import at, camera, poses, scene, sphere
 from test_light_reference import cube
 
 from evis.scene.model import WORLD, Light, Material
-from nodes.renderer.path import PathOptions
+from nodes.renderer.paths.paths import PathOptions
 from nodes.renderer.renderer import Renderer
 
 pytestmark = [

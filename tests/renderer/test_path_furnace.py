@@ -9,7 +9,7 @@ from test_light_reference import cube
 from test_renderer_node import start, state
 
 from evis.scene.model import WORLD, Light, Material, Mesh
-from nodes.renderer.path import PathOptions, glowing
+from nodes.renderer.paths.paths import PathOptions, glowing
 from nodes.renderer.renderer import Renderer
 
 SIZE = camera(24, 18, 20.0)

@@ -13,7 +13,7 @@ from test_light_reference import cube, light, rectangle, sky, view
 
 from evis.geometry import se3
 from evis.scene.model import WORLD, Material
-from nodes.renderer.path import PathOptions
+from nodes.renderer.paths.paths import PathOptions
 
 REFERENCE = np.load(Path(__file__).parent / "reference" / "path_reference.npz")
 WALLS = {

@@ -6,9 +6,9 @@ import warp as wp
 from renderer_scenes import ALL, at, camera, poses, quad, scene, sphere
 
 from evis.scene.model import WORLD, Camera, Light, Material
-from nodes.renderer import raster
+from nodes.renderer.raster import raster
+from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import LAST, Renderer
-from nodes.renderer.visibility import Visibility
 
 pytestmark = [
     pytest.mark.gpu,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from evis.plan import Plan
+from evis.runtime.plan import Plan
 from evis.scene import load_scene
 from msgs.header import Header
 from msgs.world import WorldState

@@ -8,7 +8,7 @@ import warp as wp
 from renderer_scenes import ALL, Still, at, camera, poses, quad, scene, sphere
 
 from evis.scene.model import WORLD, Light, Material
-from nodes.renderer import staging
+from nodes.renderer.geometry import pose_upload
 from nodes.renderer.renderer import LAST, Renderer
 
 MOVERS, STILL = 2, 14
@@ -43,9 +43,9 @@ RUN = [both(0), both(1), both(2), both(3, 0.1), both(4, 0.1), both(4, 0.2), both
 RUN += [both(6, 0.2, 0.1), both(7, 0.2)]
 
 
-def sparse(monkeypatch, world, device="cpu", piece=staging.PIECE):
-    monkeypatch.setattr(staging, "SPARSE_FROM", 0)
-    monkeypatch.setattr(staging, "PIECE", piece)
+def sparse(monkeypatch, world, device="cpu", piece=pose_upload.PIECE):
+    monkeypatch.setattr(pose_upload, "SPARSE_FROM", 0)
+    monkeypatch.setattr(pose_upload, "PIECE", piece)
     renderer = Renderer(world, world.cameras[0], 2, device=device)
     monkeypatch.undo()
     assert renderer.visibility._staging.sparse
@@ -78,7 +78,7 @@ def test_each_image_is_as_if_all_poses_had_been_sent(still_camera, monkeypatch):
 @pytest.mark.gpu
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="there is no CUDA device here")
 @pytest.mark.parametrize("still_camera", [True, False])
-@pytest.mark.parametrize("piece", [staging.PIECE, 64])
+@pytest.mark.parametrize("piece", [pose_upload.PIECE, 64])
 def test_so_they_are_on_a_gpu(still_camera, piece, monkeypatch):
     """Read by it from where the host wrote them, or copied."""
     world = store(still_camera)

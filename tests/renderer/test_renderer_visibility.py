@@ -5,9 +5,9 @@ import pytest
 from renderer_scenes import GEOMETRIC, at, camera, cast, poses, quad, rays, scene, sphere
 
 from evis.scene.model import Material, Mesh
-from nodes.renderer import raster
+from nodes.renderer.raster import raster
+from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import Renderer
-from nodes.renderer.visibility import Visibility
 
 # A pixel centre this near to an edge (in barycentric coordinates) may fall to either side: float32 rounds a vertex that
 # crosses the near plane far outside the image by up to 1e-4 of the triangle.

@@ -8,7 +8,7 @@ from renderer_scenes import at, camera, poses, quad, rays, scene
 
 from evis.scene.model import Camera, Material, Mesh
 from nodes.renderer.renderer import Renderer
-from nodes.renderer.textures import halve, pyramid
+from nodes.renderer.textures.textures import halve, pyramid
 
 THRESHOLD = 0.15
 """Contrast threshold of a typical sensor."""

@@ -7,7 +7,7 @@ from renderer_scenes import at, camera, poses, quad, rays, scene
 from evis.geometry import se3
 from evis.scene.model import WORLD, Light, Material, Mesh
 from nodes.renderer.features import Features
-from nodes.renderer.path import PathOptions
+from nodes.renderer.paths.paths import PathOptions
 from nodes.renderer.renderer import Renderer
 
 ALBEDO = np.array([0.8, 0.5, 0.25])

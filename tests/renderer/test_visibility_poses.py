@@ -6,7 +6,7 @@ import warp as wp
 from renderer_scenes import at, poses, quad, scene
 from scipy.spatial.transform import Rotation
 
-from nodes.renderer.visibility import Visibility
+from nodes.renderer.raster.visibility import Visibility
 
 
 def world(count=6):

@@ -8,9 +8,9 @@ from renderer_scenes import ALL, Still, at, camera, poses, quad, scene, sphere
 
 from evis.geometry import se3
 from evis.scene.model import Light, Material
-from nodes.renderer.occlusion import Occluders
+from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import Renderer
-from nodes.renderer.visibility import Visibility
+from nodes.renderer.shadows.occlusion import Occluders
 
 LAMPS = [
     Light("lamp", "point", np.full(3, 30.0), np.array([0.5, -2.0, 1.0])),
@@ -102,7 +102,7 @@ def test_the_layer_of_every_environment_is_its_own():
 
 def radiances(world, instants, trees, monkeypatch, envs=1):
     build = lambda *arguments, **options: Occluders(*arguments, **{**options, "trees": trees})
-    monkeypatch.setattr("nodes.renderer.shading.Occluders", build)
+    monkeypatch.setattr("nodes.renderer.lighting.Occluders", build)
     renderer = Renderer(world, world.cameras[0], envs)
     assert renderer.shading.occluders.trees == trees
     return [renderer.render(instant)["radiance"].copy() for instant in instants]

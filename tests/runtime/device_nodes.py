@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from evis.node import Input, Node, Output
-from evis.params import Param
+from evis.config.params import Param
+from evis.runtime.node import Input, Node, Output
 from msgs.camera import Depth, Motion
 from msgs.header import Header, Message
 

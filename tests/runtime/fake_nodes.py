@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from evis.node import Input, Node, Output
-from evis.params import Param
+from evis.config.params import Param
+from evis.runtime.node import Input, Node, Output
 from msgs.camera import Depth, Ids
 from msgs.header import Header, Message
 from msgs.world import Action, WorldState

@@ -2,7 +2,7 @@
 
 import pytest
 
-from evis.allowance import BASE, CAP, RATIO, Allowance, AllowanceError
+from evis.files.allowance import BASE, CAP, RATIO, Allowance, AllowanceError
 
 
 @pytest.fixture(autouse=True)

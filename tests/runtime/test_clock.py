@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evis.clock import keyframe_count, keyframe_stamp, subframe_stamps
+from evis.runtime.clock import keyframe_count, keyframe_stamp, subframe_stamps
 
 
 @given(st.integers(0, 10**12), st.integers(1, 10**5))

@@ -15,8 +15,8 @@ import zmq
 
 from evis.bus import BusError, Publisher, Subscriber, endpoints_for
 from evis.bus.device import DevicePool
-from evis.delivery import Delivery
-from evis.plan import Edge, NodePlan, Plan, TopicPlan
+from evis.runtime.delivery import Delivery
+from evis.runtime.plan import Edge, NodePlan, Plan, TopicPlan
 from msgs.camera import Depth
 from msgs.fields import MessageError
 from msgs.header import Header

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from evis.executor import Executor
-from evis.host import NodeFailed
-from evis.plan import Edge, NodePlan, Plan, TopicPlan
+from evis.runtime.executor import Executor
+from evis.runtime.host import NodeFailed
+from evis.runtime.plan import Edge, NodePlan, Plan, TopicPlan
 
 sys.path.insert(0, str(Path(__file__).parent))
 SPREADS = {

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evis.params import Param, ParamError, resolve
+from evis.config.params import Param, ParamError, resolve
 
 DECLARED = {
     "threshold": Param(float, 0.2, "contrast threshold", minimum=0.01, maximum=5.0),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from evis.profile import NodeProfile
+from evis.runtime.profile import NodeProfile
 from msgs.camera import CameraInfo
 from msgs.header import Header
 from msgs.world import Clock

@@ -7,8 +7,8 @@ import sys
 
 START = """
 import os, signal, time
-from evis import termination
-from evis.termination import Termination
+from evis.console import termination
+from evis.console.termination import Termination
 t = Termination()
 """
 

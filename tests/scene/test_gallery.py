@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from evis.paths import names
-from evis.picture.gallery import light_range
+from evis.config.paths import names
+from evis.demo.gallery import light_range
 from evis.scene import load_scene
 from nodes.physics.prescribed import prescribed_states
 
@@ -36,7 +36,7 @@ def test_they_are_all_there(scenes):
 @pytest.mark.parametrize("t_ns", [0, 350_000_000])
 def test_every_camera_sees_something(scenes, name, t_ns):
     """At least three things, and no more sky than half of the picture."""
-    from nodes.renderer.visibility import Visibility
+    from nodes.renderer.raster.visibility import Visibility
 
     scene = scenes[name]
     poses = states(scene, t_ns)

@@ -8,7 +8,7 @@ import pytest
 
 from evis.scene import SceneError
 from evis.scene.colour import linear_from_bytes
-from evis.scene.meshfile import load_parts
+from evis.scene.mesh.files import load_parts
 
 COLOURS = np.array([(1, 0, 0), (0, 0.5, 0.003), (16 / 255, 0, 1)])
 """Of the three vertices of a triangle; 0.003 is less than an 8-bit step, 16 / 255 little more than sRGB's knee."""

@@ -218,7 +218,7 @@ def test_the_documents_list_the_keys_that_the_reader_names():
     import textwrap
     from pathlib import Path
 
-    from evis.scene import build
+    from evis.scene.yaml import build
 
     assert build.__doc__ is not None
     listed = build.__doc__.split("over the arguments.\n\n")[1].split("Entries of bodies")[0].rstrip()

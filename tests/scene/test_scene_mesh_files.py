@@ -9,7 +9,7 @@ import trimesh
 from PIL import Image
 
 from evis.scene import SceneError, load_scene
-from evis.scene.smooth import crease_normals
+from evis.scene.mesh.normals import crease_normals
 
 TEXELS = np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 128], [188, 188, 188]]], np.uint8)
 UV = np.array([[0.25, 0.75], [0.75, 0.75], [0.25, 0.25], [0.75, 0.25]])

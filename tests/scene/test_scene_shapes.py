@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from evis.scene import shapes
+from evis.scene.mesh import shapes
 
 
 def rounded_volume(size, r):

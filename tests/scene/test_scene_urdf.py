@@ -77,7 +77,7 @@ def test_a_visual_that_cannot_be_read_leaves_the_collision_shape(robot):
 
 def test_it_can_be_launched_by_its_path(robot):
     """A model in some folder is a scene for the simulator's graph, not a launch file."""
-    from evis.paths import find_launch
+    from evis.config.paths import find_launch
 
     launch, arguments = find_launch(str(robot))
     assert launch.stem == "simulator" and arguments == {"scene": str(robot)}

@@ -367,7 +367,7 @@ def test_what_code_makes_of_a_scene_is_limited_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, line: int
 ) -> None:
     """Each texture is 3.1 MB and each plane about as much; the third is too much for 8 MB, as 2 GiB are in a run."""
-    monkeypatch.setattr("evis.scene.build.MADE", 8_000_000)
+    monkeypatch.setattr("evis.scene.yaml.build.MADE", 8_000_000)
     path = tmp_path / "s.yaml"
     path.write_text(CAMERA + text)
     with pytest.raises(SceneError, match=rf"s\.yaml:{line}: .*EVIS_UNPACK_LIMIT=") as caught:

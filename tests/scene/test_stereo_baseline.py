@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from evis.bag import ros
-from evis.bag.cdr import CdrReader
+from evis.bag.ros import messages
+from evis.bag.ros.cdr import CdrReader
+from evis.config.paths import find_launch
 from evis.launch.planner import Options, plan_file
-from evis.paths import find_launch
 from evis.scene.load import load_scene
 from evis.scene.stereo import baseline
 from nodes.event_sensor.parameters import SENSOR, resolve_sensor
@@ -57,7 +57,7 @@ def test_a_row_of_three_counts_from_the_first(tmp_path):
 
 def projection(message):
     """P [3, 4] of the recorded sensor_msgs/CameraInfo."""
-    buffers = ros.camera_info(0, "cam", 30, 40, "plumb_bob", np.zeros(5), message.k, message.baseline)
+    buffers = messages.camera_info(0, "cam", 30, 40, "plumb_bob", np.zeros(5), message.k, message.baseline)
     reader = CdrReader(memoryview(b"".join(map(bytes, buffers))), "x")
     reader.header()
     _ = reader.integer("I"), reader.integer("I"), reader.string(), reader.doubles(reader.integer("I"))

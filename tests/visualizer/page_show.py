@@ -12,7 +12,7 @@ import pytest
 from synthetic_graph import make_node
 from test_browser_page import until
 
-from evis.plan import Edge, NodePlan, Plan, TopicPlan
+from evis.runtime.plan import Edge, NodePlan, Plan, TopicPlan
 from msgs.camera import CameraInfo, EventPacket, Labels
 from msgs.header import Header, Message
 from msgs.world import WorldState

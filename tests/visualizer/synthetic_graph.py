@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.plan import Edge, LeftOut, NodePlan, Plan, TopicPlan
+from evis.runtime.plan import Edge, LeftOut, NodePlan, Plan, TopicPlan
 from msgs.camera import CameraInfo, Depth, EventPacket, Ids, Imu, Keyframe, Labels, Motion
 from msgs.diagnostics import Diagnostics
 from msgs.header import Header, Message

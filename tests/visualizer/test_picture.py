@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from evis.picture.animation import Footage, make_animation, make_still
-from evis.picture.draw import GROUND, OFF, ON, event_picture
+from evis.media.pictures.animation import Footage, make_animation, make_still
+from evis.media.pictures.draw import GROUND, OFF, ON, event_picture
 
 MS = 1_000_000
 

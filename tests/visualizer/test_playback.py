@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from evis.bag.writer import BagWriter
-from evis.plan import NodePlan, Plan, TopicPlan
+from evis.runtime.plan import NodePlan, Plan, TopicPlan
 from msgs.camera import CameraInfo, EventPacket, Labels
 from msgs.header import Header
 from msgs.world import WorldState

@@ -17,7 +17,7 @@ import aiohttp
 import pytest
 from synthetic_graph import HEIGHT, WIDTH, Player, events_at, images_at, info, labels_at, make_node, make_plan
 
-from evis.params import ParamError
+from evis.config.params import ParamError
 from nodes.visualizer import address
 from nodes.visualizer.hub import MAX_PANELS
 

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from evis.cli.parser import Parser
-from evis.printable import all_printable
+from evis.console.printable import all_printable
 
 HELP = "describe, convert, simulate, measure and draw event recordings"
 EXAMPLES = {

@@ -19,7 +19,7 @@ from evis.cli.events.files import (
 )
 
 if TYPE_CHECKING:
-    from evis.streams import Events
+    from evis.events import Events
 
 HELP = "write a recording in another format"
 
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Copy block by block."""
-    from evis.streams import open_writer
+    from evis.events import open_writer
 
     check_output(args.out, args.encoding)
     counts: Counter[str] = Counter(events=0)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from evis.cli.parser import UsageError
 
 if TYPE_CHECKING:
-    from evis.streams import Events, Recording
+    from evis.events import Events, Recording
 
 
 ENDING = threading.Event()
@@ -92,7 +92,7 @@ def size(text: str) -> tuple[int, int]:
 
 def open_input(args: argparse.Namespace, path: str) -> Recording:
     """The recording that `add_input` describes."""
-    from evis.streams import open_recording
+    from evis.events import open_recording
 
     return open_recording(path, size=args.size, topic=args.topic)
 
@@ -122,7 +122,7 @@ def check_output(path: str, encoding: str) -> None:
 
 def holds_whole_us(path: str) -> bool:
     """Whether a file by this name is written in a format that rounds times to whole us."""
-    from evis.streams.recording import WHOLE_US
+    from evis.events.recording import WHOLE_US
 
     return path.lower().endswith(WHOLE_US)
 

@@ -70,9 +70,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _file(args: argparse.Namespace) -> dict[str, Any]:
-    from evis.damage import faults_as
-    from evis.measure import Measurement
-    from evis.streams import RecordingError
+    from evis.events import RecordingError
+    from evis.events.measure import Measurement
+    from evis.files.damage import faults_as
 
     with open_input(args, args.recording) as recording, Progress("measuring") as progress:
         about = recording.info
@@ -93,8 +93,8 @@ def _file(args: argparse.Namespace) -> dict[str, Any]:
 
 def _topic(args: argparse.Namespace) -> dict[str, Any]:
     from evis.cli.attach import check_topic, find_run, listen
-    from evis.measure import Measurement
-    from evis.streams.decoder import decoder_for
+    from evis.events.codecs.decoder import decoder_for
+    from evis.events.measure import Measurement
     from msgs.events import EventPacket
 
     plan = find_run(args.run)

@@ -33,11 +33,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Draw window by window."""
-    from evis.damage import faults_as
-    from evis.streams import RecordingError
-    from evis.streams.dense import check_pixels
-    from evis.streams.export import save_gif, save_mp4, save_sheet
-    from evis.streams.picture import TimeSurface, draw, windows
+    from evis.events import RecordingError
+    from evis.events.dense import check_pixels
+    from evis.files.damage import faults_as
+    from evis.media.pictures.events import TimeSurface, draw, windows
+    from evis.media.pictures.writer import save_gif, save_mp4, save_sheet
 
     savers = {".gif": save_gif, ".mp4": save_mp4, ".png": save_sheet}
     save = next((s for end, s in savers.items() if args.out.lower().endswith(end)), None)

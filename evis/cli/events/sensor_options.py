@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from evis.params import describe
+from evis.config.params import describe
 from nodes.event_sensor.parameters import SENSOR
 from nodes.event_sensor.presets import PRESETS
 

@@ -15,7 +15,7 @@ from evis.cli.events.sensor_options import add_sensor_options, check_sensor_opti
 from evis.cli.parser import UsageError
 
 if TYPE_CHECKING:
-    from evis.streams.frames import FrameBlock, FrameSource
+    from evis.media.frames.source import FrameBlock, FrameSource
     from nodes.event_sensor.simulate import Simulation
 
 HELP = "events from frames: an .npz, a folder of EXR or PNG, or a video"
@@ -43,8 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Read, simulate and write block by block."""
-    from evis.streams import open_writer
-    from evis.streams.frames import FrameOptions, open_frames
+    from evis.events import open_writer
+    from evis.media.frames.source import FrameOptions, open_frames
     from nodes.event_sensor.simulate import Simulation
 
     if os.path.exists(args.source) and os.path.exists(args.out) and os.path.samefile(args.source, args.out):
@@ -105,7 +105,7 @@ def _frames(source: FrameSource, asked: threading.Event, step: Any, rebase: bool
 
 def _pump(simulation: Simulation, frames: Iterator[FrameBlock], writer: Any, tally: _Tally) -> Exception | None:
     """Write all events. Returns what went wrong with the frames or the sensor; errors of the writer are raised."""
-    from evis.streams import Events
+    from evis.events import Events
 
     stream = simulation.events(frames)
     while True:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from evis.streams import Events, open_recording
+from evis.events import Events, open_recording
 from nodes.camera.emulated.reencode import Reencoder
 from nodes.camera.emulated.windows import plain_windows, sorted_windows
 from nodes.camera.usb.models import Model

@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from evis.node import Input, Node, Output
-from evis.params import Param
-from evis.streams.events import Events
+from evis.config.params import Param
+from evis.events.container import Events
+from evis.runtime.node import Input, Node, Output
 from msgs.camera import EventPacket
 from msgs.header import Message
 from nodes.camera.messages import camera_info, packets

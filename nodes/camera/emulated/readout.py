@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evis.streams.events import Events, Imu
+from evis.events.container import Events, Imu
 
 
 @dataclass

@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from evis.streams.dvxplorer_mini_imu import MiniImu
+from evis.events.codecs.inivation.dvxplorer_mini_imu import MiniImu
 from nodes.camera.driver import Configuration, DeviceInfo, setting
 from nodes.camera.inivation import dvxplorer_micro
 from nodes.camera.inivation.fx3 import CHIP, DEBUG_IN, DVS, IMU, INPUT, SYSTEM, TRANSPOSED, Fx3Camera, sequences

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from evis.streams.buffer import Allocate, plain
+from evis.events.codecs.buffer import Allocate, plain
 from nodes.camera.driver import Configuration, DeviceInfo, Driver, Reading, setting
 from nodes.camera.usb.access import Bus, StreamEnd, Unplugged, explained, label, release
 from nodes.camera.usb.models import Model
@@ -20,7 +20,7 @@ from nodes.camera.usb.reader import Reader
 from nodes.camera.usb.stream import Stream
 
 if TYPE_CHECKING:
-    from evis.streams.decoder import Decoder
+    from evis.events.codecs.decoder import Decoder
     from nodes.camera.usb.side import SideReader
 
 RETRY_S = 0.5
@@ -174,7 +174,7 @@ class UsbDriver(Driver):
     def start(self) -> None:
         import usb.core
 
-        from evis.streams.decoder import decoder_for
+        from evis.events.codecs.decoder import decoder_for
 
         s, model = self._settings, self.model
         if self._info is None:

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from evis.streams.dvxplorer_mini_imu import MiniImu, message_of
-from evis.streams.events import Imu
+from evis.events.codecs.inivation.dvxplorer_mini_imu import MiniImu, message_of
+from evis.events.container import Imu
 from nodes.camera.usb.reader import MAX_FAULTS, TIMEOUT_MS
 
 SIZE = 64

@@ -7,9 +7,9 @@ from collections import Counter
 
 import numpy as np
 
-from evis.streams.buffer import Allocate, EventBuffer, plain
-from evis.streams.decoder import Decoder
-from evis.streams.events import Events
+from evis.events.codecs.buffer import Allocate, EventBuffer, plain
+from evis.events.codecs.decoder import Decoder
+from evis.events.container import Events
 from nodes.camera.driver import Reading
 from nodes.camera.usb.access import StreamEnd
 from nodes.camera.usb.clock import ClockMap

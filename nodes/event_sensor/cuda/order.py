@@ -6,9 +6,9 @@ from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.cuda import kernels_order
-from nodes.event_sensor.kernels import Sensor
-from nodes.event_sensor.packet import KeyLayout
+from nodes.event_sensor.cuda import order_kernels
+from nodes.event_sensor.model.pixel_kernels import Sensor
+from nodes.event_sensor.readout.packet import KeyLayout
 
 BUCKETS = 1 << 9
 """To begin with."""
@@ -31,7 +31,7 @@ class Order:
 
     def _make(self, of_env: int) -> None:
         self._of_env, self._length = of_env, self._envs * of_env
-        room = self._length * kernels_order.BUCKET
+        room = self._length * order_kernels.BUCKET
         # Two of each: a call's events are put in order while the next call's are listed.
         self.filled = [wp.zeros(self._length, dtype=wp.int32, device=self._device) for _ in range(2)]
         self._buckets = [wp.empty(room, dtype=wp.int64, device=self._device) for _ in range(2)]
@@ -47,14 +47,14 @@ class Order:
         filled, buckets = self.filled[side], self._buckets[side]
         threads = min(THREADS, max(keys.size, 1))
         wp.launch(
-            kernels_order.to_buckets,
+            order_kernels.to_buckets,
             threads,
             [sensor, call, frames, self._stamped, self._of_env, threads, keys, counters],
             [filled, buckets],
             device=self._device,
         )
         wp.launch_tiled(
-            kernels_order.in_order,
+            order_kernels.in_order,
             dim=[self._length],
             inputs=[sensor, call, self._of_env, filled, buckets, counters],
             outputs=[following, head, columns],
@@ -74,7 +74,7 @@ class Order:
         if self._envs > 1:
             wp.utils.radix_sort_pairs(pairs, nothing, count, layout.env, 63)
         inputs = [sensor, span[0], pairs]
-        wp.launch(kernels_order.unpack_all, count, inputs, [columns], device=self._device)
+        wp.launch(order_kernels.unpack_all, count, inputs, [columns], device=self._device)
 
     def widen(self, count: int) -> bool:
         """Told the events of a call: more buckets where they were many, often. True when their arrays are new."""

@@ -9,11 +9,11 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.cuda import kernels_call, kernels_order
+from nodes.event_sensor.cuda import call_kernels, order_kernels
 from nodes.event_sensor.cuda.order import Order
 from nodes.event_sensor.device_events import DeviceEvents, Pending
-from nodes.event_sensor.kernels import COUNTERS, Sensor
-from nodes.event_sensor.packet import KeyLayout
+from nodes.event_sensor.model.pixel_kernels import COUNTERS, Sensor
+from nodes.event_sensor.readout.packet import KeyLayout
 
 FIRST_CAPACITY = 1 << 20
 """Most events for which there is room before a call has needed more."""
@@ -101,7 +101,7 @@ class Pipeline:
         self.grow(min(max(2 * total, 4096), FIRST_CAPACITY))
 
     def _slot(self, number: int) -> Slot:
-        cuda, length = self._device.is_cuda, kernels_call.OFFSETS + self._envs + 1
+        cuda, length = self._device.is_cuda, call_kernels.OFFSETS + self._envs + 1
         host: wp.array = wp.zeros(length, dtype=wp.int64, device="cpu", pinned=cuda)
         # The device writes to the host's memory itself.
         head: wp.array = wp.array(ptr=host.ptr, shape=(length,), dtype=wp.int64, device=self._device)
@@ -119,7 +119,7 @@ class Pipeline:
         self._forget()
 
     def _columns(self, capacity: int) -> tuple[Any, dict[str, wp.array]]:
-        columns = kernels_order.Columns()
+        columns = order_kernels.Columns()
         types = {"t": wp.int64, "x": wp.uint16, "y": wp.uint16, "p": wp.uint8, "c": wp.uint8}
         named = {}
         for name, dtype in types.items():
@@ -137,7 +137,7 @@ class Pipeline:
                 lane.graphs.clear()
 
     def parameters(self, frames: int) -> np.ndarray:
-        """int64 [3 + K + E] of the next call, to be filled: see nodes.event_sensor.cuda.kernels_call.
+        """int64 [3 + K + E] of the next call, to be filled: see nodes.event_sensor.cuda.call_kernels.
 
         Raises ValueError where too many calls are in flight.
         """
@@ -148,7 +148,7 @@ class Pipeline:
         if lane is None:
             if len(slot.lanes) >= GRAPHS:
                 slot.lanes.clear()
-            length = kernels_call.STAMPS + frames + self._envs
+            length = call_kernels.STAMPS + frames + self._envs
             staging: wp.array = wp.zeros(length, dtype=wp.int64, device="cpu", pinned=self._device.is_cuda)
             call: wp.array = wp.zeros(length, dtype=wp.int64, device=self._device)
             lane = slot.lanes[frames] = Lane(frames, staging.numpy(), staging, call)
@@ -167,7 +167,7 @@ class Pipeline:
             self._put_in_order()
             self._launch(slot)
             return pending
-        slot.view[kernels_call.STATUS] = kernels_call.DONE
+        slot.view[call_kernels.STATUS] = call_kernels.DONE
         before, self._unordered = self._unordered, slot
         if before is None:
             self._replay(slot.lane, "list", lambda: self._list(slot))
@@ -179,7 +179,7 @@ class Pipeline:
 
     def _launch(self, slot: Slot) -> None:
         """All of a call."""
-        slot.view[kernels_call.STATUS] = kernels_call.DONE
+        slot.view[call_kernels.STATUS] = call_kernels.DONE
         self._replay(slot.lane, "all", lambda: self._list_and_order(slot))
         self._mark(slot)
 
@@ -248,7 +248,7 @@ class Pipeline:
                 self._put_in_order()
             if slot.event is not None:
                 wp.synchronize_event(slot.event)
-            if slot.view[kernels_call.STATUS] != kernels_call.DONE:
+            if slot.view[call_kernels.STATUS] != call_kernels.DONE:
                 self._mend(slot, slot.pending)
             self._finish(slot, slot.pending)
             self._collected += 1
@@ -257,7 +257,7 @@ class Pipeline:
 
     def _finish(self, slot: Slot, pending: Pending) -> None:
         head, serial = slot.view, slot.serial
-        offsets = head[kernels_call.OFFSETS :].copy()
+        offsets = head[call_kernels.OFFSETS :].copy()
         self._source.done()
         self._found(head[: len(COUNTERS)])
         if self._order.widen(int(head[0])):
@@ -269,12 +269,12 @@ class Pipeline:
 
     def _mend(self, slot: Slot, pending: Pending) -> None:
         """A call that did not end on the device: more room, or another sort."""
-        outgrown = slot.view[kernels_call.STATUS] == kernels_call.OUTGROWN
+        outgrown = slot.view[call_kernels.STATUS] == call_kernels.OUTGROWN
         if outgrown:
             self._put_in_order()
-        while slot.view[kernels_call.STATUS] == kernels_call.OUTGROWN:
+        while slot.view[call_kernels.STATUS] == call_kernels.OUTGROWN:
             self._make_room(slot)
-        if slot.view[kernels_call.STATUS] == kernels_call.CROWDED:
+        if slot.view[call_kernels.STATUS] == call_kernels.CROWDED:
             count = int(slot.view[0])
             self._order.sort(self._sensor, self._layout, pending.span, slot.keys, count, slot.columns)
         if outgrown:
@@ -286,15 +286,15 @@ class Pipeline:
         """A longer list, and the call gone on with."""
         wp.synchronize_device(self._device)
         # A call after it, in doing nothing, may have written over the counters themselves.
-        counters, keys = slot.view[: kernels_call.COUNTS].copy(), slot.keys
-        wanted, kept = int(counters[0]), min(int(counters[kernels_call.FULL_FROM]), keys.size)
+        counters, keys = slot.view[: call_kernels.COUNTS].copy(), slot.keys
+        wanted, kept = int(counters[0]), min(int(counters[call_kernels.FULL_FROM]), keys.size)
         self.grow(wanted + max(wanted // 4, 4096))
         if self._source.repeats:
             counters, kept = fresh_counters(), 0
         wp.copy(slot.keys, keys, count=kept)
-        counters[0], counters[kernels_call.FULL_FROM] = kept, kernels_call.NOWHERE
+        counters[0], counters[call_kernels.FULL_FROM] = kept, call_kernels.NOWHERE
         slot.counters.assign(counters)
-        slot.view[kernels_call.STATUS] = kernels_call.DONE
+        slot.view[call_kernels.STATUS] = call_kernels.DONE
         self._order.filled[slot.number % 2].zero_()
         self._source.sense(self._sensor, slot.lane.call, slot.lane.frames, slot.keys, slot.counters)
         self._order_events(slot)
@@ -303,6 +303,6 @@ class Pipeline:
 
 def fresh_counters() -> np.ndarray:
     """What a call begins with."""
-    counters = np.zeros(kernels_call.COUNTS, np.int64)
-    counters[kernels_call.FULL_FROM] = kernels_call.NOWHERE
+    counters = np.zeros(call_kernels.COUNTS, np.int64)
+    counters[call_kernels.FULL_FROM] = call_kernels.NOWHERE
     return counters

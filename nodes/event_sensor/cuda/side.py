@@ -1,4 +1,4 @@
-"""The events of a sensor on a CUDA device: what nodes.event_sensor.listing is on a CPU, and calls in flight."""
+"""The events of a sensor on a CUDA device: what nodes.event_sensor.cpu.listing is on a CPU, and calls in flight."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.cuda.kernels_call import IMAGES, SPAN, STAMPS, T_BASE
+from nodes.event_sensor.cuda.call_kernels import IMAGES, SPAN, STAMPS, T_BASE
+from nodes.event_sensor.cuda.ideal import PlainPasses
 from nodes.event_sensor.cuda.pipeline import Pipeline
-from nodes.event_sensor.cuda.plain import PlainPasses
 from nodes.event_sensor.cuda.relaunched import Relaunched
 from nodes.event_sensor.device_events import CALLS, DeviceEvents, Pending
-from nodes.event_sensor.kernels import Sensor
-from nodes.event_sensor.packet import KeyLayout
+from nodes.event_sensor.model.pixel_kernels import Sensor
+from nodes.event_sensor.readout.packet import KeyLayout
 
 
 class DeviceSide:

@@ -11,7 +11,7 @@ from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.displacement_kernels import displace
 from nodes.interpolator.rigid.log_kernels import LOGS
 from nodes.interpolator.rigid.look_up_kernels import make_keyframes
-from nodes.renderer.visibility import Visibility
+from nodes.renderer.raster.visibility import Visibility
 
 
 class Pair:

@@ -6,8 +6,8 @@ from typing import Any
 import warp as wp
 
 from nodes.interpolator.rigid.log_kernels import LOGS, apart, half_black, least, most, within
-from nodes.renderer.distortion_kernels import angle_of, make_distorted
-from nodes.renderer.kernels import View
+from nodes.renderer.raster.distortion_kernels import angle_of, make_distorted
+from nodes.renderer.raster.triangle_kernels import View
 
 wp.set_module_options({"enable_backward": False})
 

@@ -29,23 +29,23 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from evis.clock import subframe_stamps
+from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
 from nodes.interpolator.keyframe import Report, View
 from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.keyframes import Pair
-from nodes.interpolator.rigid.looking import Looking
 from nodes.interpolator.rigid.patches import patches_of
 from nodes.interpolator.rigid.placement import Placement
+from nodes.interpolator.rigid.reprojection import Looking
 from nodes.interpolator.rigid.sampling import Part, Sampling
 from nodes.interpolator.rigid.slots import Slots
 from nodes.interpolator.rigid.sparse_raster import SparseRaster
-from nodes.renderer.geometry import is_static
-from nodes.renderer.lights import waveform_strength
-from nodes.renderer.path import PathOptions
-from nodes.renderer.recording import Branch, Recording
-from nodes.renderer.shading import Shading
-from nodes.renderer.visibility import Visibility
+from nodes.renderer.cuda_graph import Branch, Recording
+from nodes.renderer.geometry.triangles import is_static
+from nodes.renderer.lighting import Shading
+from nodes.renderer.lights.lights import waveform_strength
+from nodes.renderer.paths.paths import PathOptions
+from nodes.renderer.raster.visibility import Visibility
 
 TOLERANCE = 0.1
 """Difference of log radiance between the keyframes up to which light is taken to change evenly: half the contrast

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from evis.clock import subframe_stamps
 from evis.geometry.interpolate import pose_at
+from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Prescribed
 from nodes.interpolator.keyframe import States

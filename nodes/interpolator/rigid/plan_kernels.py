@@ -14,7 +14,7 @@ import warp as wp
 from nodes.interpolator.rigid.look_up_kernels import SAME_SHEET
 from nodes.interpolator.rigid.room_kernels import take_place
 from nodes.interpolator.rigid.walk_kernels import Walk
-from nodes.renderer.kernels import MISS, View, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 

@@ -18,8 +18,8 @@ from nodes.interpolator.rigid import plan_kernels
 from nodes.interpolator.rigid.keyframes import Prepared
 from nodes.interpolator.rigid.plan_kernels import make_plan, make_refine
 from nodes.interpolator.rigid.walk_kernels import Walk, walk_bodies
-from nodes.renderer.shading import LIST_WORKERS
-from nodes.renderer.visibility import Visibility
+from nodes.renderer.lighting import LIST_WORKERS
+from nodes.renderer.raster.visibility import Visibility
 
 SHORT = int(plan_kernels.SHORT)
 

@@ -8,8 +8,8 @@ from evis.scene.model import Scene
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.placement import Placement
-from nodes.renderer.poses import Frames, same_bytes
-from nodes.renderer.visibility import Visibility
+from nodes.renderer.geometry.poses import Frames, same_bytes
+from nodes.renderer.raster.visibility import Visibility
 
 HELD = int(keyframe_kernels.HELD)
 

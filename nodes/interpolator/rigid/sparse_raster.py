@@ -16,10 +16,10 @@ import warp as wp
 
 from evis.geometry import se3
 from nodes.interpolator.rigid.sampling import pixels_per_radian
-from nodes.renderer import raster_kernels
-from nodes.renderer.kernels import MISS
-from nodes.renderer.raster import BandRaster, make_raster
-from nodes.renderer.visibility import Visibility
+from nodes.renderer.raster import raster_kernels
+from nodes.renderer.raster.raster import BandRaster, make_raster
+from nodes.renderer.raster.triangle_kernels import MISS
+from nodes.renderer.raster.visibility import Visibility
 
 FIELDS: dict[str, Any] = {
     "instance": wp.int32, "first": wp.int32, "last": wp.int32, "centre": wp.vec3, "radius": wp.float32,

@@ -1,0 +1,1 @@
+"""Single topics out of a bag as files of their own."""

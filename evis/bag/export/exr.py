@@ -1,0 +1,68 @@
+"""A keyframe with its depth, motion and ids as one OpenEXR file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from evis.files.whole_file import whole_file
+from msgs.camera import Depth, Ids, Keyframe, Motion
+from msgs.header import Message
+
+HALF_MAX = 65504.0
+"""Largest finite half; OpenEXR makes infinity of what is larger, without a word."""
+
+
+def channels(group: dict[type[Message], Message], env: int, half: bool) -> tuple[dict[str, np.ndarray], int]:
+    """(channel -> array [H,W(,3)] without margin, radiance values clamped to the range of half).
+
+    R, G, B (as `RGB`), or Y of a keyframe without colour, in the recorded precision or half; Z and motion.x, motion.y
+    float32; id uint32.
+    """
+
+    def cropped(array: np.ndarray, margin: int) -> np.ndarray:
+        # the writer ignores strides and copies raw memory: a view would come out wrong or crash
+        image = np.asarray(array)[env]
+        return np.ascontiguousarray(image[margin : image.shape[0] - margin, margin : image.shape[1] - margin])
+
+    keyframe = group[Keyframe]
+    assert isinstance(keyframe, Keyframe)
+    light = cropped(keyframe.image, keyframe.margin)
+    clamped = 0
+    if half and light.dtype != np.float16:
+        clamped = int((np.abs(light) > HALF_MAX).sum())
+        light = np.clip(light, -HALF_MAX, HALF_MAX).astype(np.float16)
+    result = {"Y" if keyframe.radiance is None else "RGB": light}
+    depth, motion, ids = group.get(Depth), group.get(Motion), group.get(Ids)
+    if isinstance(depth, Depth):
+        result["Z"] = cropped(depth.depth, depth.margin)
+    if isinstance(motion, Motion):
+        moved = cropped(motion.motion, motion.margin)
+        result["motion.x"] = np.ascontiguousarray(moved[..., 0])
+        result["motion.y"] = np.ascontiguousarray(moved[..., 1])
+    if isinstance(ids, Ids):
+        result["id"] = cropped(ids.ids, ids.margin).astype(np.uint32)
+    return result, clamped
+
+
+def write(path: Path, arrays: dict[str, np.ndarray], stamp_ns: int) -> None:
+    """Write scan lines compressed with ZIP, which is lossless and notices damage. The stamp is an attribute.
+
+    Raises OSError, with nothing left of the file.
+    """
+    import OpenEXR
+
+    # attributes are 32-bit numbers or texts
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, "evis/stamp_ns": str(stamp_ns)}
+    with whole_file(path) as partial:
+        try:
+            with OpenEXR.File(header, arrays) as file:
+                file.write(str(partial))
+        except RuntimeError as error:
+            raise OSError(f"cannot write {path}: {_reason(str(error), partial)}") from None
+
+
+def _reason(text: str, partial: Path) -> str:
+    """What the library says, without the name that nobody knows."""
+    return text.replace(str(partial), "").replace("Cannot write image file", "").strip(" \"'.:") or "no reason given"

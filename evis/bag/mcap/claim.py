@@ -1,0 +1,86 @@
+"""The file that a bag is recorded to: an older one of its name is put aside and never lost."""
+
+from __future__ import annotations
+
+import fcntl
+import itertools
+import os
+import stat
+from pathlib import Path
+
+from evis.bag import BagError
+from evis.files.named_pipe import with_reader
+from evis.files.whole_file import written_at
+
+
+def claim(path: Path) -> tuple[int, Path | None]:
+    """Open a new file at `path` and give (descriptor, where what was there is now, or None).
+
+    The old file becomes `<name>.bak`, or `<name>.bak2`, ... where there is such a one already, once the new one is
+    open. A bag without any message, as a run leaves that failed at its start, is not kept. A symbolic link stays: what
+    it leads to is written, and put aside there. Raises BagError, also for a bag that another process still records.
+    Who may read the bag is what the user's umask says.
+    """
+    name, path = path, written_at(path)
+    try:
+        if path.is_symlink():
+            raise BagError(f"cannot record to {name}: the link leads to itself")
+        if path.exists() and not stat.S_ISREG(path.stat().st_mode):
+            if path.is_dir():
+                raise BagError(f"cannot record to {name}: it is a folder; name a file such as {name / 'a.mcap'}")
+            with with_reader(path):
+                return os.open(path, os.O_WRONLY | os.O_CLOEXEC), None
+        backup = None
+        if path.exists():
+            _check_free(path)
+            backup = None if _has_nothing(path) else _free_name(path)
+        fresh = path.with_name(f".{path.name}.{os.getpid()}")
+        descriptor = os.open(fresh, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            if backup:
+                os.replace(path, backup)
+            os.replace(fresh, path)
+        except BaseException:
+            os.close(descriptor)
+            fresh.unlink(missing_ok=True)
+            raise
+        return descriptor, backup
+    except FileNotFoundError as error:
+        if path.parent.is_dir():
+            raise BagError(f"cannot record to {name}: {path.parent} takes no files ({error.strerror})") from None
+        raise BagError(f"cannot record to {name}: there is no directory {path.parent}; create it first") from None
+    except OSError as error:
+        raise BagError(f"cannot record to {name}: {error.strerror}") from None
+
+
+def _check_free(path: Path) -> None:
+    """Raise BagError for a bag that another process is recording: it holds the lock as long as the file is open."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise BagError(f"cannot record to {path}: another run is recording to it; name another file") from None
+    finally:
+        os.close(descriptor)
+
+
+def _free_name(path: Path) -> Path:
+    names = (path.with_name(f"{path.name}.bak{number if number > 1 else ''}") for number in itertools.count(1))
+    return next(name for name in names if not name.exists())
+
+
+def _has_nothing(path: Path) -> bool:
+    """True for an empty file and for a whole bag without messages."""
+    from evis.bag.mcap.scan import Scanner
+
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        if not os.fstat(descriptor).st_size:
+            return True
+        layout = Scanner(descriptor, str(path)).layout
+        return not layout.problem and not layout.chunks
+    except BagError:
+        return False  # of another kind, or torn
+    finally:
+        os.close(descriptor)

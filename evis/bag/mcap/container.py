@@ -1,0 +1,288 @@
+"""Writes an MCAP file so that what was written can be read whatever happens next.
+
+Records go to the file by plain writes, nothing waits in a buffer of this process but the open chunk, and that is at
+most 1 MB or 100 ms old: so much is lost when the process dies. What the system holds back from the disk is lost when
+the machine dies, unless the file is synced every second (`sync`). After a write that fails (full disk) the file is cut
+back to its last whole record and closed with its index, as far as there is room for it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import struct
+import threading
+import time
+import zlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, Header, MessageIndex, Metadata, Schema
+
+from evis.bag import BagError
+from evis.bag.mcap.claim import claim
+from evis.bag.mcap.summary import ChunkEntry, Summary, record_bytes
+from evis.bag.mcap.sync import Syncer
+
+MAGIC = b"\x89MCAP0\r\n"
+PROFILE = "ros2"
+LIBRARY = "evis"
+CHUNK_BYTES = 1 << 20
+CHUNK_PERIOD_S = 0.1
+ZSTD_LEVEL = 1
+_IOV_MAX = 1000
+
+Piece = bytes | bytearray | memoryview
+
+
+class Container:
+    """An MCAP file being written. Safe to use from several threads. `backup`: where an older file went, or None.
+
+    sync: bring it to the disk itself (fdatasync) once a second, from a thread.
+    """
+
+    def __init__(
+        self, path: Path, chunk_bytes: int = CHUNK_BYTES, chunk_period_s: float = CHUNK_PERIOD_S, sync: bool = False
+    ) -> None:
+        import zstandard
+
+        self.path = path
+        self.chunk_bytes, self.chunk_period_s = chunk_bytes, chunk_period_s
+        self.end = 0
+        """Bytes of whole records in the file."""
+        self.failure: BagError | None = None
+        self._compressor = zstandard.ZstdCompressor(level=ZSTD_LEVEL)
+        self._failure_told = False
+        self._summary = Summary()
+        self._body = bytearray()
+        self._indexes: dict[int, list[tuple[int, int]]] = {}
+        self._compressed = True
+        self._opened_at = 0.0
+        self.closed = False
+        self._lock = threading.RLock()
+        self._wake = threading.Event()
+        self._descriptor, self.backup = claim(path)
+        self.syncer: Syncer | None = None
+        try:
+            self._write([MAGIC, record_bytes(Header(PROFILE, LIBRARY))])
+            if sync:
+                self.syncer = self._started_syncer()
+        except BagError:
+            self.close()
+            raise
+        self._flusher = threading.Thread(target=self._flush_in_time, name="bag-flush", daemon=True)
+        self._flusher.start()
+
+    # -- what is written outside of chunks ---------------------------------------------------------------------------
+
+    def add_schema(self, name: str, encoding: str, data: bytes) -> int:
+        """Write a schema; its id."""
+        with self._lock:
+            schema = Schema(data=data, encoding=encoding, id=len(self._summary.schemas) + 1, name=name)
+            self.put(schema)
+            return schema.id
+
+    def add_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
+        """Write a channel; its id. Not in a chunk, so that no lost chunk takes it away."""
+        with self._lock:
+            channel = Channel(len(self._summary.channels) + 1, topic, encoding, dict(metadata), schema)
+            if channel.id > 0xFFFF:
+                raise BagError(f"{self.path}: more than 65535 channels; record fewer topics or environments")
+            self.put(channel)
+            return channel.id
+
+    def put(self, record: Schema | Channel) -> None:
+        """Write a schema or channel under its own id."""
+        with self._lock:
+            self._write([record_bytes(record)])
+            if isinstance(record, Schema):
+                self._summary.schemas[record.id] = record
+            else:
+                self._summary.channels[record.id] = record
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Write a named table of texts."""
+        with self._lock:
+            data = record_bytes(Metadata(name, dict(values)))
+            at = self.end
+            self._write([data])
+            self._summary.add_metadata(at, len(data), name)
+
+    # -- messages ----------------------------------------------------------------------------------------------------
+
+    def add(self, messages: Sequence[tuple[int, int, int, Sequence[Piece]]], compress: bool = True) -> None:
+        """Write messages (channel, sequence, log time [ns], pieces) that belong together into one chunk.
+
+        The pieces are copied or written before this returns. Raises BagError, for a full disk too.
+        """
+        with self._lock:
+            self._raise()
+            if self._indexes and self._compressed != compress:
+                self.flush()
+            self._compressed = compress
+            size = sum(len(p) for *_, pieces in messages for p in pieces)
+            if not compress and size >= self.chunk_bytes:
+                self.flush()
+                pieces, _ = self._records(messages, 0)
+                self._finish_chunk(pieces)
+                return
+            self._opened_at = self._opened_at if self._indexes else time.monotonic()
+            pieces, _ = self._records(messages, len(self._body))
+            for piece in pieces:
+                self._body += piece
+            self._wake.set()
+            if len(self._body) >= self.chunk_bytes:
+                self.flush()
+
+    def _records(self, messages: Sequence[tuple[int, int, int, Sequence[Piece]]], at: int) -> tuple[list[Piece], int]:
+        result: list[Piece] = []
+        for channel, sequence, log_time, pieces in messages:
+            length = 22 + sum(len(p) for p in pieces)
+            head = struct.pack("<BQHIQQ", Opcode.MESSAGE, length, channel, sequence & 0xFFFFFFFF, log_time, log_time)
+            result += [head, *pieces]
+            self._indexes.setdefault(channel, []).append((log_time, at))
+            at += 9 + length
+        return result, at
+
+    def flush(self) -> None:
+        """Bring the open chunk to the file."""
+        with self._lock:
+            self._raise()
+            if self._indexes:
+                body, self._body = self._body, bytearray()
+                self._finish_chunk([body])
+
+    def _finish_chunk(self, pieces: list[Piece]) -> None:
+        indexes, self._indexes = self._indexes, {}
+        size, crc = sum(len(p) for p in pieces), 0
+        for piece in pieces:
+            crc = zlib.crc32(piece, crc)
+        if self._compressed:
+            self.put_chunk("zstd", size, crc, [self._compressor.compress(pieces[0])], indexes)
+        else:
+            self.put_chunk("", size, crc, pieces, indexes)
+
+    def put_chunk(
+        self, compression: str, size: int, crc: int, stored: Sequence[Piece], indexes: dict[int, list[tuple[int, int]]]
+    ) -> None:
+        """Write a chunk: its `stored` bytes, and for each channel the (log time, offset) of its messages."""
+        name = compression.encode()
+        count = sum(len(p) for p in stored)
+        times = [t for entries in indexes.values() for t, _ in entries]
+        first, last = min(times), max(times)
+        head = struct.pack("<QQQII", first, last, size, crc, len(name)) + name + struct.pack("<Q", count)
+        head = struct.pack("<BQ", Opcode.CHUNK, len(head) + count) + head
+        start = self.end
+        tail = b"".join(record_bytes(MessageIndex(channel, entries)) for channel, entries in indexes.items())
+        self._write([head, *stored, tail])
+        counts = {channel: len(entries) for channel, entries in indexes.items()}
+        self._summary.add_chunk(ChunkEntry(start, len(head), count, first, last, size, compression, counts))
+
+    def _flush_in_time(self) -> None:
+        while not self.closed:
+            self._wake.wait()
+            self._wake.clear()
+            while not self.closed:
+                with self._lock:
+                    age = time.monotonic() - self._opened_at
+                    if not self._indexes or self.failure:
+                        break
+                    if age >= self.chunk_period_s:
+                        self._flush_quietly()
+                        break
+                time.sleep(self.chunk_period_s - age)
+
+    # -- the file ----------------------------------------------------------------------------------------------------
+
+    def _raise(self) -> None:
+        if self.failure:
+            self._failure_told = True
+            raise self.failure
+        if self.closed:
+            raise BagError(f"{self.path} is closed")
+
+    def _write(self, pieces: Sequence[Piece]) -> None:
+        """Write whole records, all or nothing. Raises BagError once and for all when the system refuses."""
+        self._raise()
+        try:
+            self._write_all([memoryview(p).cast("B") for p in pieces if len(p)])
+        except OSError as error:
+            self.failure = BagError(
+                f"{self.path}: {error.strerror} after {self.end / 1e6:.1f} MB; recording has stopped, "
+                f"the {self._summary.messages} messages until then can be read"
+            )
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._descriptor, self.end)
+                os.lseek(self._descriptor, self.end, os.SEEK_SET)
+            self._raise()
+        self.end += sum(len(p) for p in pieces)
+
+    def _write_all(self, views: list[memoryview]) -> None:
+        while views:
+            written = os.writev(self._descriptor, views[:_IOV_MAX])
+            while views and written >= len(views[0]):
+                written -= len(views.pop(0))
+            if written:
+                views[0] = views[0][written:]
+
+    def _started_syncer(self) -> Syncer:
+        try:
+            return Syncer(self._descriptor, self.path, self._written, self._sync_failed)
+        except OSError as error:
+            raise BagError(
+                f"{self.path} cannot be synced to a disk ({error.strerror}); record to a file there, or without sync"
+            ) from None
+
+    def _written(self) -> int:
+        with self._lock:
+            self._flush_quietly()
+            return self.end
+
+    def _flush_quietly(self) -> None:
+        """`flush` for a thread that nobody hears: the next `add` raises what it finds, or `close`."""
+        told = self._failure_told
+        with contextlib.suppress(BagError):
+            self.flush()
+        self._failure_told = told
+
+    def _sync_failed(self, error: OSError) -> None:
+        # What the system could not bring to the disk it forgets: a later call that succeeds would promise too much.
+        synced = self.syncer.synced if self.syncer else 0
+        with self._lock:
+            self.failure = self.failure or BagError(
+                f"{self.path}: {error.strerror} while bringing it to the disk; recording has stopped, the first "
+                f"{synced / 1e6:.1f} MB of {self.end / 1e6:.1f} MB are on the disk for certain"
+            )
+
+    def close(self) -> None:
+        """Write the open chunk, the index and the end mark. After a failure: the index as far as it goes.
+
+        Raises BagError for a failure that nobody was told of.
+        """
+        if self.syncer:
+            self.syncer.stop()
+        with self._lock:
+            if self.closed:
+                return
+            try:
+                if not self.failure:
+                    self.flush()
+                failed, self.failure = self.failure, None
+                with contextlib.suppress(BagError) if failed else contextlib.nullcontext():
+                    self._write([*self._summary.pieces(self.end), MAGIC])
+                self.failure = failed or self.failure
+                self._finish_sync()
+                if self.failure and not self._failure_told:
+                    self._raise()
+            finally:
+                self.closed = True
+                self._wake.set()
+                os.close(self._descriptor)
+
+    def _finish_sync(self) -> None:
+        if self.syncer and not self.failure:
+            try:
+                self.syncer.sync()
+            except OSError as error:
+                self._sync_failed(error)

@@ -1,0 +1,310 @@
+"""Finds the chunks of an MCAP file: by its index, or record by record where the index is missing or wrong.
+
+Nothing in the file is believed: every length is checked against the bytes that are there before they are read.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from typing import Any
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, ChunkIndex, Footer, Header, McapRecord, Metadata, MetadataIndex, Schema, Statistics
+
+from evis.bag import BagError
+from evis.bag.mcap.container import LIBRARY, MAGIC
+from evis.files.allowance import Allowance, AllowanceError
+
+MAX_CHUNK = 2 << 30
+"""Largest uncompressed chunk that is opened [bytes]; no writer makes one nearly as large."""
+_MAX_SMALL = 64 << 20
+"""Largest record other than chunks and attachments."""
+_KINDS: dict[int, type[McapRecord]] = {
+    Opcode.HEADER: Header, Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata,
+    Opcode.CHUNK_INDEX: ChunkIndex, Opcode.METADATA_INDEX: MetadataIndex, Opcode.STATISTICS: Statistics,
+    Opcode.FOOTER: Footer,
+}  # fmt: skip
+_FOOTER_BYTES = 9 + 20
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Where a chunk's records are. `at`, `size`: its stored bytes in the file; `full`: uncompressed bytes; `crc`: of
+    those, 0 = unknown. channels: ids of the channels with messages in it, None = unknown."""
+
+    at: int
+    size: int
+    compression: str
+    full: int
+    crc: int
+    start_ns: int
+    end_ns: int
+    channels: frozenset[int] | None = None
+
+
+@dataclass
+class Layout:
+    """What is where in the file. `problem`: why it is not whole, "" where it is."""
+
+    library: str = ""
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    chunks: list[Chunk] = field(default_factory=list)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    episodes: list[int] = field(default_factory=list)
+    """File offsets where a new episode begins."""
+    counts: dict[int, int] | None = None
+    """Messages by channel, where the index tells."""
+    problem: str = ""
+
+
+def parse(opcode: int, data: bytes | memoryview) -> Any:
+    """The record of these bytes, None for kinds that are of no interest. Raises BagError."""
+    kind = _KINDS.get(opcode)
+    if kind is None:
+        return None
+    try:
+        return kind.read(ReadDataStream(BytesIO(data)))  # type: ignore[attr-defined]
+    except Exception as error:  # the library raises many unrelated types on damaged records
+        raise BagError(f"a {Opcode(opcode).name.lower()} record is damaged ({type(error).__name__})") from None
+
+
+def records(data: memoryview) -> Iterator[tuple[int, int, memoryview]]:
+    """(opcode, offset, body) of each record in the bytes of a chunk. Raises BagError."""
+    at = 0
+    while at < len(data):
+        if at + 9 > len(data):
+            raise BagError("a chunk ends within a record")
+        opcode, length = data[at], int.from_bytes(data[at + 1 : at + 9], "little")
+        if length > len(data) - at - 9:
+            raise BagError("a chunk ends within a record")
+        yield opcode, at, data[at + 9 : at + 9 + length]
+        at += 9 + length
+
+
+def message(body: memoryview) -> tuple[int, int, int, memoryview]:
+    """(channel, sequence, log time [ns], payload) of a message record's body. Raises BagError."""
+    if len(body) < 22:
+        raise BagError("a message record is too short")
+    channel, sequence, log_time = struct.unpack_from("<HIQ", body)
+    return channel, sequence, log_time, body[22:]
+
+
+class TooLargeError(BagError):
+    """A chunk that unpacks to more than it may: not damaged, and so not left out in silence."""
+
+
+class Scanner:
+    """An MCAP file opened for reading. Raises BagError where it is no MCAP file at all."""
+
+    def __init__(self, descriptor: int, name: str) -> None:
+        self.descriptor, self.name = descriptor, name
+        self.size = os.fstat(descriptor).st_size
+        if not self.size:
+            raise BagError(f"{name} is empty")
+        if self._read(0, len(MAGIC)) != MAGIC:
+            raise BagError(f"{name} is not an MCAP bag: it does not begin with the MCAP signature")
+        self.layout = self._indexed() or self._walked()
+
+    def _read(self, at: int, size: int) -> bytes:
+        pieces = []
+        while size > 0 and (piece := os.pread(self.descriptor, size, at)):
+            pieces.append(piece)
+            at, size = at + len(piece), size - len(piece)
+        return pieces[0] if len(pieces) == 1 else b"".join(pieces)
+
+    def chunk_data(self, chunk: Chunk) -> memoryview:
+        """The uncompressed records of a chunk. Raises BagError where they are damaged, TooLargeError for a bomb."""
+        if chunk.full > MAX_CHUNK or chunk.size > MAX_CHUNK:
+            raise BagError(f"a chunk claims {max(chunk.full, chunk.size)} bytes, the limit is {MAX_CHUNK}")
+        data = self._read(chunk.at, chunk.size)
+        if len(data) != chunk.size:
+            raise BagError("the file ends within a chunk")
+        try:
+            data = _decompress(chunk, data)
+        except BagError:
+            raise
+        except AllowanceError as error:
+            raise TooLargeError(f"{self.name}: a chunk of {error}") from None
+        except Exception as error:  # each compressor has its own
+            raise BagError(f"a chunk cannot be decompressed ({type(error).__name__})") from None
+        if len(data) != chunk.full:
+            raise BagError("a chunk has not the size that it claims")
+        if chunk.crc and zlib.crc32(data) != chunk.crc:
+            raise BagError("a chunk's checksum is wrong")
+        return memoryview(data)
+
+    def stored(self, chunk: Chunk) -> bytes:
+        """The bytes of a chunk as they are in the file."""
+        return self._read(chunk.at, chunk.size)
+
+    # -- by index ----------------------------------------------------------------------------------------------------
+
+    def _indexed(self) -> Layout | None:
+        try:
+            return self._read_summary()
+        except BagError:
+            return None
+
+    def _read_summary(self) -> Layout | None:
+        if self.size < 2 * len(MAGIC) + _FOOTER_BYTES:
+            return None
+        tail = self._read(self.size - _FOOTER_BYTES - len(MAGIC), _FOOTER_BYTES + len(MAGIC))
+        if tail[-8:] != MAGIC or tail[0] != Opcode.FOOTER:
+            return None
+        footer = parse(Opcode.FOOTER, tail[9:-8])
+        start, end = footer.summary_start, self.size - _FOOTER_BYTES - len(MAGIC)
+        if not 0 < start < end or end - start > _MAX_SMALL * 16:
+            return None
+        summary = self._read(start, end - start)
+        if footer.summary_crc and zlib.crc32(tail[: _FOOTER_BYTES - 4], zlib.crc32(summary)) != footer.summary_crc:
+            return None
+        layout = Layout(library=self._library())
+        for opcode, _, body in records(memoryview(summary)):
+            record = parse(opcode, body)
+            if isinstance(record, Schema):
+                layout.schemas[record.id] = record
+            elif isinstance(record, Channel):
+                layout.channels[record.id] = record
+            elif isinstance(record, Statistics):
+                layout.counts = dict(record.channel_message_counts)
+            elif isinstance(record, MetadataIndex):
+                opcode, data = self._record(record.offset, start)
+                self._add_metadata(layout, parse(opcode, data), record.offset)
+            elif isinstance(record, ChunkIndex):
+                channels = frozenset(record.message_index_offsets)
+                layout.chunks.append(self._chunk(record.chunk_start_offset, start, channels or None))
+        if not layout.chunks and layout.counts and any(layout.counts.values()):
+            return None  # written without chunks, or without an index of them
+        layout.chunks.sort(key=lambda c: c.at)
+        return layout
+
+    def _library(self) -> str:
+        opcode, data = self._record(len(MAGIC), self.size)
+        record = parse(opcode, data)
+        return record.library if isinstance(record, Header) else ""
+
+    def _record(self, at: int, end: int) -> tuple[int, bytes]:
+        head = self._read(at, 9)
+        length = int.from_bytes(head[1:], "little")
+        if len(head) < 9 or length > min(_MAX_SMALL, end - at - 9):
+            raise BagError(f"a record at byte {at} is damaged")
+        return head[0], self._read(at + 9, length)
+
+    def _chunk(self, at: int, end: int, channels: frozenset[int] | None) -> Chunk:
+        head = self._read(at, 9 + 32 + 64)
+        length = int.from_bytes(head[1:9], "little")
+        if len(head) < 9 + 40 or head[0] != Opcode.CHUNK or length > end - at - 9 or length < 40:
+            raise BagError(f"the chunk at byte {at} is damaged")
+        start_ns, end_ns, full, crc, name_length = struct.unpack_from("<QQQII", head, 9)
+        stored_at = 9 + 32 + name_length
+        if name_length > 16 or stored_at + 8 > 9 + length:
+            raise BagError(f"the chunk at byte {at} is damaged")
+        compression = head[9 + 32 : stored_at].decode(errors="replace")
+        size = int.from_bytes(head[stored_at : stored_at + 8], "little")
+        if stored_at + 8 + size != 9 + length:
+            raise BagError(f"the chunk at byte {at} is damaged")
+        return Chunk(at + stored_at + 8, size, compression, full, crc, start_ns, end_ns, channels)
+
+    @staticmethod
+    def _add_metadata(layout: Layout, record: Any, at: int) -> None:
+        if isinstance(record, Metadata):
+            layout.metadata[record.name] = record.metadata
+            if record.name == "episode":
+                layout.episodes.append(at)
+
+    # -- record by record --------------------------------------------------------------------------------------------
+
+    def _walked(self) -> Layout:
+        layout = Layout()
+        at = len(MAGIC)
+        bare: list[int] = []  # first byte and times of a run of messages outside of chunks
+        try:
+            while True:
+                if at >= self.size:
+                    raise BagError(f"it ends at byte {at} without an end mark")
+                head = self._read(at, 9)
+                length = int.from_bytes(head[1:], "little")
+                if len(head) < 9 or length > self.size - at - 9:
+                    raise BagError(f"it ends within the record at byte {at}")
+                opcode, following = head[0], at + 9 + length
+                if opcode == Opcode.MESSAGE:
+                    log_time = int.from_bytes(self._read(at + 9 + 6, 8), "little")
+                    first, low, high = bare or (at, log_time, log_time)
+                    bare = [first, min(low, log_time), max(high, log_time)]
+                else:
+                    bare = self._end_run(layout, bare, at)
+                    if opcode == Opcode.CHUNK:
+                        layout.chunks.append(self._chunk(at, self.size, None))
+                    elif opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                        layout.problem = "" if opcode == Opcode.FOOTER else "its index is missing or damaged"
+                        break
+                    elif opcode in _KINDS:
+                        self._take(layout, parse(*self._record(at, self.size)), at)
+                    elif not opcode:
+                        raise BagError(f"there is no record at byte {at}")
+                at = following
+        except BagError as error:
+            self._end_run(layout, bare, at)
+            layout.problem = str(error)
+        if layout.library != LIBRARY:
+            self._look_inside(layout)
+        return layout
+
+    @staticmethod
+    def _end_run(layout: Layout, bare: list[int], at: int) -> list[int]:
+        """Messages outside of chunks are read as if they were an uncompressed chunk."""
+        if bare:
+            layout.chunks.append(Chunk(bare[0], at - bare[0], "", at - bare[0], 0, bare[1], bare[2]))
+        return []
+
+    def _take(self, layout: Layout, record: Any, at: int) -> None:
+        if isinstance(record, Header):
+            layout.library = record.library
+        elif isinstance(record, Schema):
+            layout.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            layout.channels[record.id] = record
+        else:
+            self._add_metadata(layout, record, at)
+
+    def _look_inside(self, layout: Layout) -> None:
+        """Other writers keep schemas and channels in the chunks."""
+        for chunk in layout.chunks:
+            try:
+                for opcode, _, body in records(self.chunk_data(chunk)):
+                    if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                        self._take(layout, parse(opcode, body), chunk.at)
+            except TooLargeError:
+                raise
+            except BagError:
+                continue  # counted when its messages are read
+
+
+def _decompress(chunk: Chunk, data: bytes) -> bytes:
+    if chunk.compression == "":
+        return data
+    allowance = Allowance(chunk.size)
+    if chunk.compression == "zstd":
+        import zstandard
+
+        claimed = zstandard.get_frame_parameters(data).content_size
+        if claimed not in (chunk.full, zstandard.CONTENTSIZE_UNKNOWN):
+            raise BagError("a chunk has not the size that it claims")
+        allowance.check(chunk.full)
+        return zstandard.decompress(data, chunk.full)
+    if chunk.compression == "lz4":
+        try:
+            import lz4.frame  # noqa: F401 (only what it is called for)
+        except ImportError:
+            raise BagError("its chunks are compressed with lz4; install it with: pip install lz4") from None
+        from evis.events.files.inflate import inflate
+
+        return inflate("lz4", data, allowance)
+    raise BagError(f"its chunks are compressed with {chunk.compression!r}, which is not supported")

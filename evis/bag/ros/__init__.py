@@ -1,0 +1,1 @@
+"""ROS 2 messages of a bag: CDR, schemas, and which message becomes which."""

@@ -1,0 +1,115 @@
+"""tf2_msgs/TFMessage for thousands of transforms at once.
+
+The layout of one TransformStamped depends on its names alone once it starts at a multiple of 8 bytes, and it ends at
+one. So all sub-steps share one template of bytes, into which times and poses are written as whole arrays. Only the very
+first transform starts elsewhere (after the 4-byte count) and is written by itself.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from evis.bag import BagError
+from evis.bag.ros.cdr import ENCAPSULATION, CdrWriter
+
+POSE_BYTES = 56
+SECOND = 1_000_000_000
+
+
+def _transform(writer: CdrWriter, frame_id: str, child: str) -> None:
+    writer.header(0, frame_id)
+    writer.string(child)
+    writer.doubles(np.zeros(7))
+
+
+@lru_cache(maxsize=64)
+def _template(frame_id: str, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(bytes of one sub-step from a multiple of 8 on, offsets of the stamps, offsets of the poses), one per body."""
+    writer = CdrWriter()
+    stamps, poses = [], []
+    for name in names:
+        stamps.append(len(writer.buffer) - 4)
+        _transform(writer, frame_id, name)
+        poses.append(len(writer.buffer) - 4 - POSE_BYTES)
+    return np.frombuffer(bytes(writer.buffer[4:]), np.uint8), np.array(stamps, np.int64), np.array(poses, np.int64)
+
+
+def _first(frame_id: str, name: str) -> CdrWriter:
+    writer = CdrWriter()
+    writer.number("I", 0)
+    _transform(writer, frame_id, name)
+    return writer
+
+
+Group = tuple[tuple[str, ...], np.ndarray, np.ndarray]
+"""Names of N bodies, sub-step times int64 [S] ns, poses float64 [S, N, 7] (p, q xyzw)."""
+
+
+def pack(frame_id: str, groups: Sequence[Group]) -> bytes:
+    """TFMessage with the S * N transforms of each group, group by group, sub-step by sub-step."""
+    groups = [group for group in groups if group[2].shape[0] * group[2].shape[1]]
+    if not groups:
+        return ENCAPSULATION + bytes(4)
+    blocks = [_block(frame_id, *group) for group in groups]
+    names, t, pose = groups[0]
+    first = _first(frame_id, names[0]).buffer
+    first[4:8] = struct.pack("<I", sum(pose.shape[0] * pose.shape[1] for _, _, pose in groups))
+    first[8:16] = np.array([t[0] // SECOND, t[0] % SECOND], "<u4").tobytes()
+    first[-POSE_BYTES:] = pose[0, 0].astype("<f8").tobytes()
+    return bytes(first) + blocks[0][_skipped(frame_id, names) :].tobytes() + b"".join(b.tobytes() for b in blocks[1:])
+
+
+def _skipped(frame_id: str, names: tuple[str, ...]) -> int:
+    """Bytes of the first transform where it starts at a multiple of 8."""
+    return int(_template(frame_id, names)[2][0]) + POSE_BYTES
+
+
+def _block(frame_id: str, names: tuple[str, ...], t: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """The transforms of one group, from a multiple of 8 on, uint8."""
+    steps, bodies = pose.shape[:2]
+    block, stamps, poses = _template(frame_id, names)
+    data = np.tile(block, (steps, 1))
+    times = np.stack([t // SECOND, t % SECOND], axis=1)
+    if times.min() < 0 or times.max() >= 1 << 31:
+        raise BagError(f"stamp {int(t.min())} ns cannot be recorded: a bag's times go from 0 to 2^31 s")
+    raw_times = np.ascontiguousarray(times, "<u4").view(np.uint8)
+    data[:, stamps[:, None] + np.arange(8)] = raw_times[:, None, :]
+    raw_poses = np.ascontiguousarray(pose, "<f8").view(np.uint8).reshape(steps, bodies, POSE_BYTES)
+    data[:, poses[:, None] + np.arange(POSE_BYTES)] = raw_poses
+    return data.reshape(-1)
+
+
+def unpack(raw: memoryview, frame_id: str, groups: Sequence[tuple[tuple[str, ...], int]]) -> list[np.ndarray]:
+    """The poses float64 [S, N, 7] of each group (names, sub-steps S) of what `pack` made.
+
+    Raises BagError where the size differs.
+    """
+    full = [(names, steps) for names, steps in groups if names and steps]
+    sizes = [len(_template(frame_id, names)[0]) * steps for names, steps in full]
+    data = np.empty(sum(sizes), np.uint8)
+    expected = len(ENCAPSULATION) + 4
+    if full:
+        names = full[0][0]
+        first, skipped = len(_first(frame_id, names[0]).buffer), _skipped(frame_id, names)
+        expected = first + len(data) - skipped
+    if len(raw) != expected:
+        what = ", ".join(f"{steps} steps of {len(names)} bodies" for names, steps in groups)
+        raise BagError(f"tf2_msgs/TFMessage has {len(raw)} bytes, {what} take {expected}")
+    if full:
+        data[skipped:] = np.frombuffer(raw[first:], np.uint8)
+        data[skipped - POSE_BYTES : skipped] = np.frombuffer(raw[first - POSE_BYTES : first], np.uint8)
+    result, at = [], 0
+    for names, steps in groups:
+        if not (names and steps):
+            result.append(np.zeros((steps, len(names), 7)))
+            continue
+        _, _, poses = _template(frame_id, names)
+        size = sizes.pop(0)
+        rows = data[at : at + size].reshape(steps, -1)[:, poses[:, None] + np.arange(POSE_BYTES)]
+        result.append(np.ascontiguousarray(rows).view("<f8").reshape(steps, len(names), 7))
+        at += size
+    return result

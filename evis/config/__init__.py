@@ -1,0 +1,1 @@
+"""What a user writes: YAML with line numbers, expressions, parameters with units and ranges, and where files lie."""

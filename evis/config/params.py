@@ -1,0 +1,141 @@
+"""Typed node parameters with units and ranges, and the errors that name the nearest valid one."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from evis.config.secret import SecretError, fetch
+
+
+class ParamError(ValueError):
+    """A parameter that a node does not have or cannot take. The text names the node, the key and the remedy."""
+
+
+@dataclass(frozen=True)
+class Param:
+    """One parameter: `type` is int, float, str, bool or list; minimum and maximum are inclusive.
+
+    `default=None` with `optional=True` means "not given". secret: a text that stays out of bags, logs and errors, and
+    may be given as `env:NAME` or `file:PATH`, which a list of processes does not show.
+    """
+
+    type: type
+    default: Any
+    help: str
+    unit: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[Any, ...] = ()
+    optional: bool = False
+    secret: bool = False
+
+    def convert(self, owner: str, key: str, value: Any) -> Any:
+        """`value` (from YAML or a command line string) as this parameter's type. Raises ParamError."""
+        if value is None and self.optional:
+            return None
+        if self.secret:
+            return self._secret(owner, key, value)
+        value = self._cast(owner, key, value)
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ParamError(f"{owner}: {key} is {value}; it must be finite")
+        if self.choices and value not in self.choices:
+            near = difflib.get_close_matches(str(value), [str(c) for c in self.choices], n=1)
+            hint = f"; did you mean '{near[0]}'?" if near else ""
+            raise ParamError(f"{owner}: {key} is '{value}', must be one of {', '.join(map(str, self.choices))}{hint}")
+        unit = f" {self.unit}" if self.unit else ""
+        if self.minimum is not None and value < self.minimum:
+            raise ParamError(f"{owner}: {key} is {value}{unit}, the least is {self.minimum:g}{unit}")
+        if self.maximum is not None and value > self.maximum:
+            raise ParamError(f"{owner}: {key} is {value}{unit}, the most is {self.maximum:g}{unit}")
+        return value
+
+    def _secret(self, owner: str, key: str, value: Any) -> str:
+        """As `convert`, and no error shows the value."""
+        if isinstance(value, (dict, list, tuple)):
+            raise ParamError(f"{owner}: {key} must be {_NAMES[str]}")
+        try:
+            return fetch(str(value))
+        except SecretError as error:
+            raise ParamError(f"{owner}: {key}: {error}") from None
+
+    def _cast(self, owner: str, key: str, value: Any) -> Any:
+        wrong = ParamError(f"{owner}: {key} is {value!r}, must be {_NAMES[self.type]}")
+        if self.type is bool:
+            if isinstance(value, bool):
+                return value
+            word = str(value).strip().lower()
+            if word in ("true", "yes", "on", "1"):
+                return True
+            if word in ("false", "no", "off", "0"):
+                return False
+            raise wrong
+        if isinstance(value, bool) and self.type in (int, float):
+            raise wrong
+        if self.type is list:
+            if isinstance(value, str):
+                return [v.strip() for v in value.split(",") if v.strip()]
+            if isinstance(value, (list, tuple)):
+                return list(value)
+            raise wrong
+        if self.type is str:
+            if isinstance(value, (dict, list)):
+                raise wrong
+            return str(value)
+        try:
+            if self.type is float:
+                return float(value)
+            with contextlib.suppress(ValueError):  # a text such as 1e3 is a whole number too
+                if isinstance(value, (int, str)):
+                    return int(value)
+            number = float(value)
+            if not number.is_integer():
+                raise wrong
+            return int(number)
+        except (TypeError, ValueError, OverflowError):
+            raise wrong from None
+
+
+_NAMES = {int: "a whole number", float: "a number", str: "a text", bool: "true or false", list: "a list"}
+
+
+def resolve(owner: str, declared: Mapping[str, Param], given: Mapping[str, Any]) -> dict[str, Any]:
+    """All parameters of `owner`: the given ones converted and checked, the others at their defaults.
+
+    Raises ParamError naming the owner, the key and the nearest valid key.
+    """
+    for key in given:
+        if key not in declared:
+            near = difflib.get_close_matches(key, declared, n=1, cutoff=0.4)
+            hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(sorted(declared)) or 'none'}"
+            raise ParamError(f"{owner} has no parameter '{key}'; {hint}")
+    return {
+        key: param.convert(owner, key, given[key]) if key in given else param.default for key, param in declared.items()
+    }
+
+
+def describe(param: Param) -> str:
+    """Help, unit, range and default of a parameter, in one line."""
+    parts = ["one of " + ", ".join(map(str, param.choices)) if param.choices else limits(param)]
+    parts.append("" if param.default is None else f"default {_shown(param.default)}")
+    return f"{param.help} ({', '.join(p for p in parts if p)})" if any(parts) else param.help
+
+
+def limits(param: Param) -> str:
+    """Its range in words, with the unit."""
+    if param.minimum is None:
+        return param.unit
+    upwards = f"to {param.maximum:g}" if param.maximum is not None else "or more"
+    return f"{param.minimum:g} {upwards} {param.unit}".strip()
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return ",".join(map(_shown, value)) or "none"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value) or "none"

@@ -1,0 +1,75 @@
+"""Where launch files and scenes lie: at the top of a checkout, inside the package when installed from a wheel."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+MOST_LOOKED_AT = 1 << 20
+"""Of a file to tell a scene from a launch file [characters]; longer ones are neither."""
+
+
+def data_folder(kind: str) -> Path:
+    """The folder `launch` or `scenes`. Raises FileNotFoundError when the installation lacks it."""
+    for folder in (_PACKAGE / "data" / kind, _PACKAGE.parent / kind):
+        if any(folder.glob("*.yaml")):
+            return folder
+    raise FileNotFoundError(f"this installation has no {kind}/ folder; install evis again")
+
+
+def names(kind: str) -> list[str]:
+    """Names of the launch files or scenes that come with evis, without .yaml."""
+    try:
+        return sorted(path.stem for path in data_folder(kind).glob("*.yaml"))
+    except FileNotFoundError:
+        return []
+
+
+def find(kind: str, name: str) -> Path | None:
+    """The file of a launch file or scene by path or by name; None when there is none."""
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml") or "/" in name:
+        if path.is_file():
+            return path
+    try:
+        path = data_folder(kind) / f"{name.removesuffix('.yaml')}.yaml"
+    except FileNotFoundError:
+        return None
+    return path if "/" not in name and path.is_file() else None
+
+
+def _is_scene(path: Path) -> bool:
+    """Whether a YAML file has a scene's keys and none that only a launch file has."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            keys = {line.partition(":")[0] for line in file.read(MOST_LOOKED_AT).splitlines()}
+    except (OSError, UnicodeDecodeError):
+        return False
+    return bool(keys & {"cameras", "bodies", "world", "mjcf"}) and "nodes" not in keys
+
+
+class UnknownLaunch(FileNotFoundError):
+    """What was named is neither a launch file nor a scene."""
+
+
+def find_launch(name: str) -> tuple[Path, dict[str, str]]:
+    """The launch file for what stands after `evis launch`, and the arguments that go with it.
+
+    name: a path or name of a launch file or of a scene, or an MJCF or URDF file (a scene goes with simulator.yaml and
+    scene:=NAME). Raises UnknownLaunch naming the nearest one.
+    """
+    is_model = name.endswith((".xml", ".urdf")) and Path(name).is_file()
+    path = None if is_model else find("launch", name)
+    if path is not None and not _is_scene(path):
+        return path, {}
+    simulator = find("launch", "simulator")
+    if simulator is not None and (is_model or path is not None or find("scenes", name) is not None):
+        return simulator, {"scene": name}
+    if Path(name).is_file():
+        play = f"replay bag:={name}" if name.endswith(".mcap") else f"camera file:={name}"
+        raise UnknownLaunch(f"{name} is no launch file and no scene; `evis launch {play}` plays a recording")
+    known = sorted({*names("launch"), *names("scenes")})
+    near = difflib.get_close_matches(Path(name).stem, known, n=1, cutoff=0.5)
+    hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(known) or 'none'}"
+    raise UnknownLaunch(f"no launch file or scene '{name}'; {hint}")

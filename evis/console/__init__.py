@@ -1,0 +1,1 @@
+"""How the program talks to its user and is stopped: streams that cannot fail, Ctrl-C, SIGTERM, printable text."""

@@ -1,0 +1,1 @@
+"""The demonstration (`python -m evis.demo`) and the gallery of scenes for the documentation."""

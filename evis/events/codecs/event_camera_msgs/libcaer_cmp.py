@@ -1,0 +1,110 @@
+"""The `libcaer_cmp` payload of event_camera_msgs: 16-bit words, a code in bits 12-15.
+
+0 TIME_HIGH and 1 TIME_LOW: 12 bits each, us since the message's base; 2 ADDR_X: x of what follows; 3 ADDR_Y: y and
+polarity (bit 11) of one event; 4 VECT_BASE_Y: y and polarity of vectors; 5 VECT_8: a mask of eight rows from there on,
+after which the base moves by 8. Nothing is carried over from message to message.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evis.events.codecs.encoder import find_groups
+from evis.events.codecs.event_camera_msgs import payload as ecm
+from evis.events.container import Events
+
+TIME_HIGH, TIME_LOW, ADDR_X, ADDR_Y, BASE_Y, VECT_8 = range(6)
+_HIGH, _LOW, _X, _Y, _SIGN, _UNKNOWN = range(4, 10)
+
+
+class Decoder(ecm.Decoder):
+    """`libcaer_cmp` messages to events. The base counts in whole us, as times do."""
+
+    encoding = "libcaer_cmp"
+    word = np.dtype("<u2")
+    wrap_ns = 1000 << 24
+    state_size = 10
+    counters = {**ecm.Decoder.counters, "unknown": _UNKNOWN}
+    kernel = "evis.events.codecs.event_camera_msgs.libcaer_cmp_kernels:decode_libcaer_cmp"
+
+    def _begin(self) -> None:
+        self.state[[_HIGH, _LOW, _X, _Y, _SIGN]] = 0
+
+    def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
+        """The vectorised reference."""
+        state, kind = self.state, words >> 12
+        data = words.astype(np.int64) & 0xFFF
+        at = {code: np.flatnonzero(kind == code) for code in (TIME_HIGH, TIME_LOW, ADDR_X, BASE_Y)}
+        events = np.flatnonzero((kind == ADDR_Y) | (kind == VECT_8))
+        high = np.append(state[_HIGH], data[at[TIME_HIGH]])
+        low = np.append(state[_LOW], data[at[TIME_LOW]])
+        since = (high[np.searchsorted(at[TIME_HIGH], events)] << 12) + low[np.searchsorted(at[TIME_LOW], events)]
+        times = state[ecm.BASE] // 1000 + since
+        late = times > limit
+        following, cut = -1, len(words)
+        if late.any():
+            i = int(np.argmax(late))
+            following, cut = int(times[i]), int(events[i])
+            kind, data, events, times = kind[:cut], data[:cut], events[:i], times[:i]
+            at = {code: place[place < cut] for code, place in at.items()}
+        state[_HIGH], state[_LOW] = high[len(at[TIME_HIGH])], low[len(at[TIME_LOW])]
+        state[_UNKNOWN] += np.count_nonzero(kind > VECT_8)
+        return self._expand(kind, data, at, events, times), cut, following
+
+    def _expand(
+        self, kind: np.ndarray, data: np.ndarray, at: dict[int, np.ndarray], events: np.ndarray, times: np.ndarray
+    ) -> Events:
+        state = self.state
+        columns = np.append(state[_X], data[at[ADDR_X]] & 0x7FF)
+        bases = np.append(state[_Y], data[at[BASE_Y]] & 0x7FF)
+        signs = np.append(state[_SIGN], data[at[BASE_Y]] >> 11)
+        # rows that all vectors have moved the base by before each word
+        moved = np.append(0, np.cumsum(np.where(kind == VECT_8, 8, 0)))
+        moved_at_base = np.append(0, moved[at[BASE_Y]])
+        state[_X], state[_SIGN] = columns[-1], signs[-1]
+        state[_Y] = (bases[-1] + moved[-1] - moved_at_base[-1]) & 0xFFFF
+        single = kind[events] == ADDR_Y
+        base = np.searchsorted(at[BASE_Y], events)
+        row = np.where(single, data[events] & 0x7FF, bases[base] + moved[events] - moved_at_base[base])
+        sign = np.where(single, data[events] >> 11, signs[base])
+        mask = np.where(single, 1, data[events] & 0xFF).astype(np.uint8)
+        flat = np.flatnonzero(np.unpackbits(mask, bitorder="little").view(bool))
+        of = flat >> 3
+        x = columns[np.searchsorted(at[ADDR_X], events)][of].astype(np.uint16)
+        y = ((row[of] + (flat & 7)) & 0xFFFF).astype(np.uint16)
+        t, p = times[of] * 1000, sign[of].astype(np.uint8)
+        keep = self._inside(x, y)
+        return Events(t, x, y, p) if keep is None else Events(t[keep], x[keep], y[keep], p[keep])
+
+
+class Encoder(ecm.Encoder):
+    """Events to `libcaer_cmp` messages: rows of eight share masks (one time, column, polarity, rising)."""
+
+    encoding = "libcaer_cmp"
+    word = np.dtype("<u2")
+    columns, rows, channels = 2048, 2048, 0
+    span_ns = 1000 << 24
+    base_ns = 1000
+
+    def _message(self, events: Events, base_ns: int) -> bytes:
+        us = self._fit(events.t, base_ns) // 1000
+        n = len(us)
+        if not n:
+            return b""
+        heads, mask = find_groups(us, events)
+        size = np.diff(np.append(heads, n))
+        x, y, p = (a.astype(np.int64) for a in (events.x, events.y, events.p))
+        us, x, y, p = us[heads], x[heads], y[heads], p[heads]
+        many = size > 2
+        words = np.stack(
+            [us >> 12, 1 << 12 | us & 0xFFF, 2 << 12 | x, 4 << 12 | p << 11 | y & ~7, 5 << 12 | mask], axis=1
+        )
+        words[~many, 3] = 3 << 12 | p[~many] << 11 | y[~many]
+        # a pair is two single events: the second in place of the mask
+        pair = size == 2
+        words[pair, 4] = 3 << 12 | p[pair] << 11 | events.y[heads + size - 1].astype(np.int64)[pair]
+        used = np.stack(
+            [np.diff(us >> 12, prepend=0) != 0, np.diff(us, prepend=0) != 0, np.diff(x, prepend=0) != 0], axis=1
+        )
+        used = np.concatenate([used, np.ones((len(us), 1), bool), (size > 1)[:, None]], axis=1)
+        return words[used].astype(self.word).tobytes()

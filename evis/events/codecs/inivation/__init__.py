@@ -1,0 +1,1 @@
+"""iniVation's cameras: DAVIS, DVXplorer, DVXplorer Mini, DVS128."""

@@ -1,0 +1,106 @@
+"""DAVIS346 over USB (iniVation FX3): events as row and column words, APS frames, inertial samples, triggers.
+
+Code 1 is a row, codes 2 and 3 a column with an OFF or ON event at the time in force; frames are put together in
+`davis_frames`, inertial samples in `inivation_imu`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evis.events.codecs.decoder import count_until
+from evis.events.codecs.inivation import encoder
+from evis.events.codecs.inivation import words as inivation
+from evis.events.codecs.inivation.davis_frames import FrameReader, frame_blocks
+from evis.events.codecs.inivation.imu import INVENSENSE, ImuReader
+from evis.events.codecs.inivation.words import (
+    ADDRESS,
+    EVENT,
+    FRAMES_DAMAGED,
+    IGNORED,
+    IMU_DAMAGED,
+    OUTSIDE,
+    SIDE,
+    STATE,
+)
+from evis.events.container import Events
+
+_ROW = STATE
+_SPECIALS = dict.fromkeys([5, 7, *range(8, 16)], SIDE)
+
+
+class Decoder(inivation.Decoder):
+    """DAVIS346 words to events, frames (uint16, 10 bits shifted up by 6), inertial samples and triggers.
+
+    aps_orientation: the APS orientation register of the device (module 2, parameter 2), see `FrameReader`.
+    """
+
+    encoding = "davis346"
+    geometry = (346, 260)
+    state_size = STATE + 1
+    kernel = "evis.events.codecs.inivation.davis_kernels:decode_davis"
+    kinds = inivation.classes(
+        {1: ADDRESS, 2: EVENT, 3: EVENT, 4: SIDE, 6: IGNORED}, _SPECIALS, dict.fromkeys(range(4), SIDE)
+    )
+    aps_orientation = 0
+
+    def _begin(self) -> None:
+        self.state[_ROW] = 0
+        self._imu = ImuReader(INVENSENSE, self.imu_orientation)
+        self._frames = FrameReader(self.width, self.height, self.aps_orientation)
+
+    def _events(self, words: np.ndarray, kind: np.ndarray, at: np.ndarray, times: np.ndarray) -> Events:
+        row = np.append(self.state[_ROW], words[kind == ADDRESS].astype(np.int64) & 0xFFF)
+        self.state[_ROW] = row[-1]
+        y, x = row[count_until(kind == ADDRESS, at)], words[at] & 0xFFF
+        p = (words[at] >> 12 & 1).astype(np.uint8)
+        columns, rows = self.readout
+        keep = (y < rows) & (x < columns)
+        if not keep.all():
+            self.state[OUTSIDE] += np.count_nonzero(~keep)
+            times, x, y, p = times[keep], x[keep], y[keep], p[keep]
+        return Events(times * 1000, x.astype(np.uint16), y.astype(np.uint16), p)
+
+    def _assemble(self, events: Events, t: np.ndarray, words: np.ndarray) -> None:
+        self._frames.orientation = self.aps_orientation
+        events.imu, damaged = self._imu.feed(t, words)
+        self.state[IMU_DAMAGED] += damaged
+        events.frames, damaged = self._frames.feed(t, words)
+        self.state[FRAMES_DAMAGED] += damaged
+
+
+class Encoder(encoder.Encoder):
+    """Events, frames, inertial samples and triggers to DAVIS346 words, in the order of the readout (no flips)."""
+
+    encoding = "davis346"
+    columns, rows = 346, 260
+    width, height = 346, 260
+    imu = INVENSENSE
+
+    def _forget(self) -> None:
+        self._row = -1
+
+    def _cells(self, events: Events, t_us: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        n = len(events)
+        x, y = events.x.astype(np.int64), events.y.astype(np.int64)
+        cells = np.stack([0x1000 | y, 0x2000 | events.p.astype(np.int64) << 12 | x], axis=1)
+        used = np.ones((n, 2), bool)
+        used[:, 0] = y != np.append(self._row, y[:-1])[:n]
+        if n:
+            self._row = int(y[-1])
+        return np.arange(n), cells, used
+
+    def _blocks(self, events: Events) -> list[tuple[int, np.ndarray]]:
+        blocks = super()._blocks(events)
+        last = -1
+        for frame in sorted(events.frames, key=lambda f: f.t_ns):
+            if frame.t_ns < max(last, 0):
+                raise ValueError(
+                    "frames of a DAVIS follow one another: one starts before the end of the last, or before 0"
+                )
+            blocks += frame_blocks(frame, self.width, self.height)
+            last = frame.end_ns
+        return blocks
+
+    def _check_samples(self, events: Events) -> None:
+        """All kinds of samples can be sent."""

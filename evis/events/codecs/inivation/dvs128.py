@@ -1,0 +1,113 @@
+"""DVS128 over USB: 32-bit words, an address and a 14-bit time each.
+
+Bits 0-15 are the address (0 polarity, inverted; 1-7 x and 8-14 y, both counted from the far corner; 15 an edge of the
+synchronisation input), bits 16-29 the time in us. Bit 31: the time has wrapped (+2^14 us); bit 30: it was reset.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evis.events.codecs import decoder
+from evis.events.codecs.encoder import Encoder as _Encoder
+from evis.events.codecs.encoder import merge
+from evis.events.codecs.inivation.words import MAX_OFFSET_US
+from evis.events.container import Events, Triggers
+
+_OFFSET, _OUTSIDE, _RESETS = 1, 2, 3
+_WRAP, _RESET, _EDGE = 1 << 31, 1 << 30, 1 << 15
+MAX_WRAPS = 1_000_000
+"""Wrap words in a row (four and a half hours) beyond which times do not count from the device's start."""
+
+
+class Decoder(decoder.Decoder):
+    """DVS128 words to events; edges of the synchronisation input are rising triggers of channel 0."""
+
+    encoding = "dvs128"
+    word = np.dtype("<u4")
+    wrap_ns = 1000 << 14
+    state_size = 4
+    counters = {"outside": _OUTSIDE, "timestamp_resets": _RESETS}
+    geometry = (128, 128)
+    kernel = "evis.events.codecs.inivation.dvs128_kernels:decode_dvs128"
+
+    def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
+        """The vectorised reference."""
+        state = self.state
+        is_wrap = words >= _WRAP
+        is_reset = ~is_wrap & (words & _RESET != 0)
+        total = state[_OFFSET] + np.cumsum(is_wrap.astype(np.int64) << 14)
+        last = np.maximum.accumulate(np.where(is_reset, np.arange(len(words)), -1))
+        base = np.minimum(np.where(last >= 0, total - total[last], total), MAX_OFFSET_US) if len(words) else total
+        timed = np.flatnonzero(~is_wrap & ~is_reset)
+        times = base[timed] + (words[timed] >> 16).astype(np.int64)
+        late = times > limit
+        following, cut = -1, len(words)
+        if late.any():
+            i = int(np.argmax(late))
+            following, cut = int(times[i]), int(timed[i])
+            timed, times = timed[:i], times[:i]
+        if cut:
+            state[_OFFSET] = base[cut - 1]
+            state[_RESETS] += np.count_nonzero(is_reset[:cut])
+        word = words[timed]
+        edge = word & _EDGE != 0
+        triggers = Triggers()
+        if edge.any():
+            n = int(np.count_nonzero(edge))
+            triggers = Triggers(times[edge] * 1000, np.zeros(n, np.uint8), np.ones(n, np.uint8))
+            word, times = word[~edge], times[~edge]
+        x, y = 127 - (word >> 1 & 0x7F).astype(np.uint16), 127 - (word >> 8 & 0x7F).astype(np.uint16)
+        p = (~word & 1).astype(np.uint8)
+        keep = (x < self.width) & (y < self.height)
+        if not keep.all():
+            state[_OUTSIDE] += np.count_nonzero(~keep)
+            x, y, p, times = x[keep], y[keep], p[keep], times[keep]
+        return Events(times * 1000, x, y, p, triggers=triggers), cut, following
+
+
+class Encoder(_Encoder):
+    """Events and rising triggers of channel 0 to DVS128 words."""
+
+    encoding = "dvs128"
+    word = np.dtype("<u4")
+    columns, rows, channels = 128, 128, 1
+    width, height = 128, 128
+
+    def __init__(self, resync: bool = False) -> None:
+        super().__init__(resync)
+        self._turn = 0
+
+    def encode(self, events: Events) -> bytes:
+        """The words, with a wrap word for every turn of 16.4 ms."""
+        self._check(events)
+        if len(events.triggers) and not events.triggers.value.all():
+            raise ValueError("dvs128 has rising triggers only")
+        item = merge(events)
+        if not len(item.t_us):
+            return b""
+        turn = item.t_us >> 14
+        steps = np.diff(turn, prepend=self._turn)
+        if steps.min() < 0:
+            raise ValueError(
+                "dvs128 cannot hold times that step back over a turn of its counter (16.4 ms); sort the events by time"
+            )
+        self._limit(int(steps.sum()))
+        address = (127 - item.x) << 1 | (127 - item.y) << 8 | 1 - item.p
+        words = np.where(item.is_trigger, _EDGE, address) | (item.t_us & 0x3FFF) << 16
+        self._turn = int(turn[-1])
+        return np.insert(words, np.repeat(np.arange(len(words)), steps), _WRAP).astype(self.word).tobytes()
+
+    def advance(self, t_ns: int) -> bytes:
+        """The wrap words up to t_ns, as a device that sees nothing sends them."""
+        steps = max((t_ns // 1000 >> 14) - self._turn, 0)
+        self._limit(steps)
+        self._turn += steps
+        return np.full(steps, _WRAP, self.word).tobytes()
+
+    def _limit(self, wraps: int) -> None:
+        if wraps > MAX_WRAPS:
+            raise ValueError(
+                f"dvs128 counts from 0 in turns of 16.4 ms; a jump of {wraps * 0.016384:.6g} s is too far: subtract "
+                "the first time (--rebase) or write .npz"
+            )

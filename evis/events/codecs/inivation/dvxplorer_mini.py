@@ -1,0 +1,193 @@
+"""DVXplorer Mini over USB (MIPI bridge): 32-bit words, 0 = padding.
+
+Bit 31: two groups of eight rows (first group bits 18-23, the second 26-30 further on; masks in bits 0-7 and 8-15,
+polarities in bits 16 and 17, 0 = ON) in the column in force. Bit 26: a column (bits 0-9); with bit 21 a readout starts,
+its time being the last reference plus bits 11-20 in us. Bit 27: the reference, ms in 22 bits. A sub-time that does not
+rise within one reference, or a column that does not rise within a readout, means that words were lost: nothing counts
+then until the next reference and the next start of a readout.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evis.events.codecs import decoder
+from evis.events.codecs.encoder import Encoder as _Encoder
+from evis.events.codecs.encoder import find_groups
+from evis.events.codecs.inivation.dvxplorer import folded
+from evis.events.container import Events
+
+_GROUPS, _REFERENCE, _COLUMN = 1 << 31, 1 << 27, 1 << 26
+REFERENCE_BITS = 22
+MAX_TURNS = 100_000
+"""Turns of the reference (13 years) beyond which times do not count from the device's start, in either direction."""
+
+# places in the state vector, shared with the kernel; TIMED is 1 once a reference has come, -1 after a loss
+(
+    _TIMED, _BASE, _TURNS, _LAST, _X, _NOW, _USED, _SUB, _OUTSIDE, _UNTIMED, _UNKNOWN, _LOST_TIME, _LOST_COLUMN, _BINNED
+) = range(14)  # fmt: skip
+
+
+class Decoder(decoder.Decoder):
+    """DVXplorer Mini words to events. binned: see `evis.events.codecs.inivation.dvxplorer.Decoder`."""
+
+    encoding = "dvxplorer_mini"
+    word = np.dtype("<u4")
+    wrap_ns = 1_000_000 << REFERENCE_BITS
+    state_size = 14
+    counters = {
+        "outside": _OUTSIDE,
+        "untimed": _UNTIMED,
+        "unknown": _UNKNOWN,
+        "lost_references": _LOST_TIME,
+        "lost_columns": _LOST_COLUMN,
+    }
+    geometry = (640, 480)
+    kernel = "evis.events.codecs.inivation.dvxplorer_mini_kernels:decode_dvxplorer_mini"
+
+    binned = False
+
+    def _begin(self) -> None:
+        self.state[[_X, _USED, _SUB]] = -1
+        self.state[_BINNED] = self.binned
+
+    def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
+        """The reference: columns and references one by one in Python, groups vectorised."""
+        is_group = words >= _GROUPS
+        places = np.flatnonzero(~is_group & (words != 0))
+        before = self.state.copy()
+        x, now = self._walk(words[places].tolist())
+        groups = np.flatnonzero(is_group)
+        of = decoder.count_until(~is_group & (words != 0), groups)
+        valid = x[of] >= 0
+        late = valid & (now[of] > limit)
+        following, cut = -1, len(words)
+        if late.any():
+            i = int(np.argmax(late))
+            following, cut = int(now[of[i]]), int(groups[i])
+            self.state = before
+            x, now = self._walk(words[places[places < cut]].tolist())
+            groups, of, valid = groups[:i], of[:i], valid[:i]
+        self.state[_UNTIMED] += np.count_nonzero(~valid)
+        return self._events(words[groups[valid]], x[of[valid]], now[of[valid]]), cut, following
+
+    def _walk(self, words: list[int]) -> tuple[np.ndarray, np.ndarray]:
+        """Column (-1: none yet) and time [us] before the first word and after each. Updates the state."""
+        s = self.state.tolist()
+        columns, times = [s[_X]], [s[_NOW]]
+        for word in words:
+            if word & _COLUMN:
+                column = word & 0x3FF
+                if s[_TIMED] <= 0 or (not word >> 21 & 1 and s[_X] < 0):
+                    s[_UNTIMED] += 1
+                elif word >> 21 & 1:
+                    sub = word >> 11 & 0x3FF
+                    if s[_BASE] == s[_USED] and sub <= s[_SUB]:
+                        s[_LOST_TIME] += 1
+                        s[_TIMED] = s[_X] = s[_USED] = s[_SUB] = -1
+                    else:
+                        s[_X], s[_USED], s[_SUB], s[_NOW] = column, s[_BASE], sub, s[_BASE] * 1000 + sub
+                elif column <= s[_X]:
+                    s[_LOST_COLUMN] += 1
+                    s[_TIMED] = s[_X] = s[_USED] = s[_SUB] = -1
+                else:
+                    s[_X] = column
+            elif word & _REFERENCE:
+                value = word & 0x3FFFFF
+                if value < s[_LAST] and s[_TURNS] < MAX_TURNS:
+                    s[_TURNS] += 1
+                s[_TIMED], s[_LAST], s[_BASE] = 1, value, (s[_TURNS] << REFERENCE_BITS) + value
+            else:
+                s[_UNKNOWN] += 1
+            columns.append(s[_X])
+            times.append(s[_NOW])
+        self.state = np.array(s, np.int64)
+        return np.array(columns, np.int64), np.array(times, np.int64)
+
+    def _events(self, words: np.ndarray, x: np.ndarray, now: np.ndarray) -> Events:
+        bits = np.unpackbits((words & 0xFFFF).astype("<u2").view(np.uint8), bitorder="little")
+        flat = np.flatnonzero(bits.view(bool))
+        of, second = flat >> 4, flat >> 3 & 1
+        word = words[of].astype(np.int64)
+        columns, rows = self.readout
+        x, row = x[of], ((word >> 18 & 63) + np.where(second, word >> 26 & 31, 0)) * 8
+        if self.state[_BINNED]:
+            x, row = folded(x, columns), folded(row, rows)
+        y = row + (flat & 7)
+        p = (1 - (word >> 16 + second & 1)).astype(np.uint8)
+        keep = (y < rows) & (x < columns)
+        if not keep.all():
+            self.state[_OUTSIDE] += np.count_nonzero(~keep)
+            of, x, y, p = of[keep], x[keep], y[keep], p[keep]
+        return Events(now[of] * 1000, x.astype(np.uint16), y.astype(np.uint16), p)
+
+
+class Encoder(_Encoder):
+    """Events to DVXplorer Mini words; events of one time leave by column, then row, as the device reads out."""
+
+    encoding = "dvxplorer_mini"
+    word = np.dtype("<u4")
+    columns, rows, channels = 640, 480, 0
+    width, height = 640, 480
+
+    def __init__(self, resync: bool = False) -> None:
+        super().__init__(resync)
+        self._t_us = -1
+        self._ms: int | None = None
+
+    def encode(self, events: Events) -> bytes:
+        """The words. Each call starts a new readout: its first time must be later than the last of the call before."""
+        self._check(events)
+        if not len(events):
+            return b""
+        t_us = events.t // 1000
+        if t_us[0] <= self._t_us or (np.diff(t_us) < 0).any():
+            raise ValueError(
+                "dvxplorer_mini sends whole readouts: times must not step back, and each call must start at a later us "
+                "than the last one ended; sort the events by time or write .npz"
+            )
+        order = np.lexsort((events.y, events.p, events.y >> 3, events.x, t_us))
+        events, t_us = events[order], t_us[order]
+        heads, masks = find_groups(t_us, events)
+        t, x = t_us[heads], events.x[heads].astype(np.int64)
+        starts = np.diff(t, prepend=-1) != 0
+        ms = t // 1000
+        steps = {
+            int(i): self._references(int(ms[i - 1]) if i else self._ms, int(ms[i]))
+            for i in np.flatnonzero(np.diff(ms, prepend=-1 if self._ms is None or self.resync else self._ms))
+        }
+        new_column = starts | (np.diff(x, prepend=-1) != 0)
+        column = _COLUMN | starts << 21 | np.where(starts, t % 1000, 0) << 11 | x
+        off = 1 - events.p[heads].astype(np.int64)
+        group = _GROUPS | events.y[heads].astype(np.int64) >> 3 << 18 | off << 16 | masks
+        flat = np.stack([column, group], axis=1)[np.stack([new_column, np.ones(len(t), bool)], axis=1)]
+        at = np.cumsum(new_column + 1) - (new_column + 1)
+        if steps:
+            place = np.repeat(at[list(steps)], [len(w) for w in steps.values()])
+            flat = np.insert(flat, place, np.concatenate(list(steps.values())))
+        self._t_us, self._ms = int(t[-1]), int(ms[-1])
+        return flat.astype(self.word).tobytes()
+
+    def advance(self, t_ns: int) -> bytes:
+        """The reference up to t_ns."""
+        ms = t_ns // 1_000_000
+        if self._ms is not None and ms <= self._ms:
+            return b""
+        words = self._references(self._ms, ms)
+        self._ms = ms
+        return words.astype(self.word).tobytes()
+
+    def _references(self, before: int | None, ms: int) -> np.ndarray:
+        """Reference words after the one for `before` [ms], none less than half a turn apart where turns pass."""
+        half = 1 << REFERENCE_BITS - 1
+        turns = (ms >> REFERENCE_BITS) - ((before or 0) >> REFERENCE_BITS)
+        if turns > MAX_TURNS:
+            raise ValueError(
+                f"dvxplorer_mini counts from 0 in turns of 4194 s; a jump to {ms / 1e3:.6g} s is too far: subtract the "
+                "first time (--rebase) or write .npz"
+            )
+        if not turns:
+            return np.array([_REFERENCE | ms & (1 << REFERENCE_BITS) - 1])
+        first = (before or 0) // half + 1 if before is not None else 0
+        passed = np.arange(first, -(-ms // half), dtype=np.int64) * half
+        return _REFERENCE | np.append(passed, ms) & (1 << REFERENCE_BITS) - 1

@@ -1,0 +1,1 @@
+"""Prophesee's EVT2, EVT2.1, EVT3 and EVT4."""

@@ -1,0 +1,146 @@
+"""EVT2 and EVT2.1 words to events, one after the other; the twins of `evt2.Decoder.decode_words`."""
+
+import warp as wp
+
+from evis.events.codecs.prophesee.run_kernels import evt2_run, keep_inside, put_mask
+from evis.events.codecs.writing_kernels import Sink, bound_of, put_trigger, report
+
+
+@wp.func
+def time_of(loop: wp.int64, high: wp.int64):
+    """Time [us] of a TIME_HIGH word, after `loop` turns of its 28 bits."""
+    return (loop << wp.int64(34)) + (high << wp.int64(6))
+
+
+@wp.func
+def turns_of(loop: wp.int64, high: wp.int64, newest: wp.int64):
+    """Turns of the 28 bits when TIME_HIGH `newest` follows `high`."""
+    if high >= newest + (wp.int64(1) << wp.int64(27)) and loop < wp.int64(262144):
+        return loop + wp.int64(1)
+    return loop
+
+
+@wp.func
+def low_of(head: wp.uint32):
+    """Low part of the time [us]."""
+    return wp.int64((head >> wp.uint32(22)) & wp.uint32(63))
+
+
+@wp.func
+def column_of(head: wp.uint32):
+    """The pixel's column, or that of the first of a vector."""
+    return int((head >> wp.uint32(11)) & wp.uint32(0x7FF))
+
+
+@wp.func
+def row_of(head: wp.uint32):
+    """The pixel's row."""
+    return int(head & wp.uint32(0x7FF))
+
+
+def make_decode(vectors: bool) -> wp.Kernel:
+    """vectors: EVT2.1, whose 64-bit words are an EVT2 word above a mask of 32 pixels; else EVT2."""
+    word_type = wp.uint64 if vectors else wp.uint32
+    per_word = 32 if vectors else 1
+
+    @wp.func
+    def head_of(word: word_type):
+        """The part of a word that is an EVT2 word."""
+        if wp.static(vectors):
+            return wp.uint32(word >> wp.uint64(32))
+        else:
+            return word
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def decode(
+        # in
+        words: wp.array(dtype=word_type),
+        start: wp.int64,
+        limit_us: wp.int64,
+        width: int,
+        height: int,
+        # out
+        to: Sink,
+    ):
+        timed = to.state[0]
+        high = to.state[1]
+        loop = to.state[2]
+        outside = to.state[3]
+        untimed = to.state[4]
+        unknown = to.state[5]
+        base = time_of(loop, high)
+        # stop while the events of a word still fit
+        last = to.t.shape[0] - wp.static(per_word)
+        last_trigger = to.trigger_t.shape[0]
+        n = wp.int32(0)
+        m = wp.int32(0)
+        next_us = wp.int64(-1)
+        i = int(start)
+        end = words.shape[0]
+        columns = bound_of(width)
+        rows = bound_of(height)
+        while i < end:
+            head = head_of(words[i])
+            kind = int(head >> wp.uint32(28))
+            if timed <= wp.int64(0) and kind != 8:
+                untimed += wp.int64(1)
+            elif kind < 2:
+                if n > last:
+                    break
+                now = base + low_of(head)
+                if now > limit_us:
+                    next_us = now
+                    break
+                first = n
+                if wp.static(vectors):
+                    column = column_of(head)
+                    row = row_of(head)
+                    mask = wp.uint32(words[i] & wp.uint64(0xFFFFFFFF))
+                    n = put_mask(n, now * wp.int64(1000), column, row, wp.uint8(kind), mask, to)
+                    if row >= rows or column + 32 > columns:
+                        met = n
+                        n = keep_inside(first, met, columns, rows, to)
+                        outside += wp.int64(met - n)
+                else:
+                    # all words up to the next TIME_HIGH at once, where none of them can be later than the limit
+                    stop = wp.where(base + wp.int64(63) <= limit_us, wp.min(end, i + last - n + 1), i + 1)
+                    after = evt2_run(words, i, stop, base, n, to)
+                    n = keep_inside(first, first + after - i, columns, rows, to)
+                    outside += wp.int64(after - i - n + first)
+                    i = after - 1
+            elif kind == 8:
+                newest = wp.int64(head & wp.uint32(0xFFFFFFF))
+                # after a gap (-1) the time before it still counts, for the turns
+                if timed == wp.int64(0):
+                    high = newest
+                timed = wp.int64(1)
+                loop = turns_of(loop, high, newest)
+                high = newest
+                base = time_of(loop, high)
+            elif kind == 10:
+                if m >= last_trigger:
+                    break
+                now = base + low_of(head)
+                if now > limit_us:
+                    next_us = now
+                    break
+                channel = int((head >> wp.uint32(8)) & wp.uint32(31))
+                value = int(head & wp.uint32(1))
+                put_trigger(m, now * wp.int64(1000), channel, value, to)
+                m += 1
+            elif kind < 14:
+                unknown += wp.int64(1)
+            i += 1
+        to.state[0] = timed
+        to.state[1] = high
+        to.state[2] = loop
+        to.state[3] = outside
+        to.state[4] = untimed
+        to.state[5] = unknown
+        report(i, n, m, next_us, to)
+
+    return decode
+
+
+decode_evt2 = make_decode(vectors=False)
+decode_evt21 = make_decode(vectors=True)

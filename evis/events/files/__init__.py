@@ -1,0 +1,1 @@
+"""Recordings in files: one module per format, found by `evis.events.open_recording`."""

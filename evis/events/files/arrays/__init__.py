@@ -1,0 +1,1 @@
+"""Events as NumPy arrays: npz and npy."""

@@ -1,0 +1,1 @@
+"""HDF5 in the layouts of Prophesee, DSEC, TUM-VIE, MVSEC and others, with Prophesee's ECF compression."""

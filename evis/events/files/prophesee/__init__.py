@@ -1,0 +1,1 @@
+"""Prophesee's files: RAW and DAT."""

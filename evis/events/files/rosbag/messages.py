@@ -1,0 +1,114 @@
+"""Event messages of ROS 1 and ROS 2: event_camera_msgs/EventPacket, dvs_msgs and prophesee_event_msgs EventArray."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from evis.events.container import Events
+from evis.events.files.inflate import DamagedError
+
+PACKETS = ("event_camera_msgs/EventPacket", "event_array_msgs/EventArray")
+ARRAYS = ("dvs_msgs/EventArray", "prophesee_event_msgs/EventArray")
+TYPES = PACKETS + ARRAYS
+
+# an event of an EventArray: u16 x, u16 y, u32 seconds, u32 nanoseconds, u8 polarity; packed in ROS 1
+_FIELDS = {"names": ["x", "y", "s", "ns", "p"], "formats": ["<u2", "<u2", "<u4", "<u4", "u1"]}
+_ROS1 = np.dtype({**_FIELDS, "offsets": [0, 2, 4, 8, 12], "itemsize": 13})  # type: ignore[call-overload]
+# in CDR numbers are aligned to their size: the first event begins at a multiple of 4, all others 2 bytes behind one
+_CDR_FIRST = np.dtype({**_FIELDS, "offsets": [0, 2, 4, 8, 12], "itemsize": 14})  # type: ignore[call-overload]
+_CDR = np.dtype({**_FIELDS, "offsets": [0, 2, 6, 10, 14], "itemsize": 16})  # type: ignore[call-overload]
+
+
+def plain_type(name: str) -> str:
+    """`dvs_msgs/msg/EventArray` -> `dvs_msgs/EventArray`."""
+    return name.replace("/msg/", "/")
+
+
+@dataclass
+class Packet:
+    """An EventPacket: `events` as its encoding has them; `time_base_ns` as the sender set it."""
+
+    width: int
+    height: int
+    seq: int
+    time_base_ns: int
+    encoding: str
+    big_endian: bool
+    events: memoryview
+
+
+class Cursor:
+    """Takes a ROS 1 or CDR message apart, checking every length. cut: the message may end early."""
+
+    def __init__(self, data: bytes | memoryview, cdr: bool, cut: bool = False) -> None:
+        self.data, self.cdr, self.cut = memoryview(data), cdr, cut
+        self.at = 4 if cdr else 0
+        if cdr and bytes(self.data[:2]) != b"\x00\x01":
+            raise DamagedError("a message is not little-endian CDR")
+
+    def number(self, code: str) -> int:
+        """One number; code as in `struct`."""
+        size = struct.calcsize(code)
+        if self.cdr:
+            self.at += -(self.at - 4) % size
+        return int(struct.unpack("<" + code, self.take(size))[0])
+
+    def take(self, size: int) -> memoryview:
+        """The next bytes."""
+        if self.at + size > len(self.data):
+            raise DamagedError(f"a message ends after {len(self.data)} bytes, {self.at + size} are needed")
+        part, self.at = self.data[self.at : self.at + size], self.at + size
+        return part
+
+    def text(self) -> str:
+        """A string."""
+        return bytes(self.take(self.number("I"))).rstrip(b"\0").decode(errors="replace")
+
+    def blob(self) -> memoryview:
+        """A sequence of bytes; of a cut message, what is there."""
+        size = self.number("I")
+        return self.take(min(size, len(self.data) - self.at) if self.cut else size)
+
+    def skip_header(self) -> None:
+        """std_msgs/Header; ROS 1 has a sequence number in it."""
+        for _ in range(2 if self.cdr else 3):
+            self.number("I")
+        self.text()
+
+
+def read_packet(data: bytes | memoryview, cdr: bool, cut: bool = False) -> Packet:
+    """An EventPacket. Raises DamagedError."""
+    cursor = Cursor(data, cdr, cut)
+    cursor.skip_header()
+    height, width, seq, base = (cursor.number(c) for c in "IIQQ")
+    encoding, big = cursor.text(), cursor.number("B")
+    return Packet(width, height, seq, base, encoding, bool(big), cursor.blob())
+
+
+def read_array(data: bytes | memoryview, cdr: bool, cut: bool = False) -> tuple[int, int, Events]:
+    """(width, height, events) of an EventArray. Raises DamagedError."""
+    cursor = Cursor(data, cdr, cut)
+    cursor.skip_header()
+    height, width, n = (cursor.number("I") for _ in range(3))
+    rest = cursor.data[cursor.at :]
+    rows = _cdr_rows(rest, n) if cdr else np.frombuffer(rest, _ROS1, min(n, len(rest) // 13))
+    if len(rows) < n and not cut:
+        raise DamagedError(f"a message claims {n} events and holds {len(rows)}")
+    t = rows["s"].astype(np.int64) * 1_000_000_000 + rows["ns"]
+    return width, height, Events(t, rows["x"].copy(), rows["y"].copy(), (rows["p"] != 0).view(np.uint8))
+
+
+def _cdr_rows(data: memoryview, n: int) -> np.ndarray:
+    # the last event lacks the padding that the others have behind them
+    padded = np.frombuffer(bytes(data) + b"\0", np.uint8)
+    whole = min(n, 0 if len(data) < 13 else 1 + (len(padded) - 14) // 16)
+    rows = np.empty(whole, _CDR)
+    if whole:
+        first = np.frombuffer(padded, _CDR_FIRST, 1)
+        others = np.frombuffer(padded, _CDR, whole - 1, 14)
+        for name in _FIELDS["names"]:
+            rows[name][:1], rows[name][1:] = first[name], others[name]
+    return rows

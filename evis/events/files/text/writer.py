@@ -1,0 +1,53 @@
+"""Events as text, written only: `.csv` with a header line and times in ns, `.txt` as `t x y p` with t in seconds.
+
+Neither has the sensor's size: a line before the events would be one too many for most programs that read such files.
+"""
+
+from __future__ import annotations
+
+import os
+
+from evis.events.container import Events
+from evis.events.recording import RecordingError, Writer
+
+_ROWS = 1 << 16
+
+
+class TextWriter(Writer):
+    """One line per event. Seconds have nine digits, so that they are exact."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        super().__init__(path)
+        self._csv = self.path.suffix.lower() == ".csv"
+        self._file = self.partial.open("w", encoding="ascii", newline="\n")
+        if self._csv:
+            self._file.write("t,x,y,p\n")
+
+    def write(self, events: Events) -> None:
+        for start in range(0, len(events), _ROWS):
+            part = events[start : start + _ROWS]
+            rows = zip(part.t.tolist(), part.x.tolist(), part.y.tolist(), part.p.tolist())
+            if self._csv:
+                self._file.writelines(f"{t},{x},{y},{p}\n" for t, x, y, p in rows)
+            else:
+                self._file.writelines(f"{_seconds(t)} {x} {y} {p}\n" for t, x, y, p in rows)
+
+    def _finish(self) -> None:
+        self._file.close()
+
+    def discard(self) -> None:
+        self._file.close()
+        super().discard()
+
+
+def _seconds(t: int) -> str:
+    """[ns] as seconds, exactly."""
+    whole, part = divmod(abs(t), 1_000_000_000)
+    return f"{'-' if t < 0 else ''}{whole}.{part:09d}"
+
+
+def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> TextWriter:
+    """A text writer. Raises RecordingError."""
+    if encoding:
+        raise RecordingError(f"{path}: an encoding ('{encoding}') is for .raw files; leave it out for text")
+    return TextWriter(path)

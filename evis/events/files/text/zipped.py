@@ -1,0 +1,20 @@
+"""Events as text in a zip archive, as E2VID has them. Archives of arrays are `npz`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from evis.events.files.text.reader import TextRecording, is_text_archive
+from evis.events.recording import OpenOptions
+
+NAME = "text in a zip archive"
+
+
+def matches(head: bytes, path: Path, name: str) -> bool:
+    """A zip archive with a text file in it."""
+    return head.startswith(b"PK\x03\x04") and is_text_archive(path)
+
+
+def open_file(path: Path, options: OpenOptions) -> TextRecording:
+    """Open the text file of an archive. Raises RecordingError."""
+    return TextRecording(path, options)

@@ -1,0 +1,91 @@
+"""Arguments that a user gave and that change nothing: said before the start, never ignored in silence."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any
+
+from evis.config.document import submap
+from evis.config.expression import names_in
+from evis.config.params import resolve
+from evis.launch.arguments import ArgumentError
+from evis.launch.catalog import load
+from evis.launch.expand import Expanded, NodeSpec
+from evis.launch.files import LaunchFile
+from evis.runtime.plan import Plan
+
+BESIDE = ("params", "otherwise", "spares")
+"""Keys of a node's entry of which params are looked at one by one, and the others are only told."""
+
+
+def check_effect(launch: LaunchFile, given: Collection[str], expanded: Expanded, plan: Plan) -> None:
+    """Raise ArgumentError naming the first of the `given` arguments that has no effect, and why.
+
+    One that is off anyway (0, false, an empty text or list) is never held against the user.
+    """
+    there: dict[str, list[NodeSpec]] = {}
+    for spec in expanded.nodes:
+        there.setdefault(spec.where, []).append(spec)
+    for name in given:
+        value = expanded.values.get(name)
+        reasons = list(_uses(launch, name, there, expanded, plan))
+        if value and reasons and all(reasons):
+            text = ",".join(map(str, value)) if isinstance(value, list) else value
+            raise ArgumentError(f"{name}:={text} has no effect: {'; '.join(dict.fromkeys(reasons))}; leave it out")
+
+
+def _uses(
+    launch: LaunchFile, name: str, there: Mapping[str, list[NodeSpec]], expanded: Expanded, plan: Plan
+) -> Iterator[str]:
+    """For each use of an argument in a file: why it changes nothing, "" where it does."""
+    table = launch.table
+    if any(name in names_in(table[key]) for key in ("mode", "recorded", "args") if key in table):
+        yield ""
+    for entry, child in launch.includes:
+        if any(name in names_in(entry[key]) for key in ("if", "unless", "namespace") if key in entry):
+            yield ""
+        set_here = submap(entry, "args")
+        inner = [key for key in set_here if name in names_in(set_here[key])]
+        for key in [*inner, *([name] if name in child.arguments and name not in set_here else [])]:
+            yield from _uses(child, key, there, expanded, plan)
+    nodes = submap(table, "nodes")
+    for key in nodes:
+        entry = nodes[key]
+        if any(name in names_in(entry[part]) for part in entry if part not in BESIDE):
+            yield ""
+        params = submap(entry, "params")
+        read = [param for param in params if name in names_in(params[param])]
+        if not read:
+            continue
+        specs = there.get(nodes.where(key), [])
+        if not specs:
+            yield f"{key} is left out, for {_why(key, expanded)}"
+        for spec in specs:
+            for param in read:
+                yield _idle(spec, param, plan)
+
+
+def _idle(spec: NodeSpec, param: str, plan: Plan) -> str:
+    """Why a parameter of a node that is there changes nothing, or ""."""
+    if spec.name not in plan.nodes:
+        return next(
+            (f"{item.what} is left out, for {item.why}" for item in plan.left_out if item.what == spec.name), ""
+        )
+    planned = plan.nodes[spec.name]
+    _, cls = load(planned.target, spec.where)
+    return cls.without_effect(planned.params).get(param, "")
+
+
+def check_parameters(cls: Any, name: str, given: Mapping[str, Any]) -> None:
+    """The same of one node's parameters by hand. Raises ArgumentError, ParamError."""
+    params = resolve(name, cls.PARAMS, given)
+    idle = cls.without_effect(params)
+    for key in given:
+        if key in idle and params[key]:
+            raise ArgumentError(f"{key}:={given[key]} has no effect: {idle[key]}; leave it out")
+
+
+def _why(node: str, expanded: Expanded) -> str:
+    """The reason of a node that is not there; `foreach` and includes put more about its name."""
+    names = (full for full in expanded.absent if full == node or full.rpartition("/")[2].startswith(node))
+    return next((expanded.absent[full] for full in names), "its condition does not hold")

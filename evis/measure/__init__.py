@@ -1,5 +1,0 @@
-"""Measures of event streams: rate, noise, sharpness and the rotation they show. Arrays in, plain numbers out."""
-
-from evis.measure.measurement import Measurement
-
-__all__ = ["Measurement"]

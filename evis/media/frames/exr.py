@@ -1,0 +1,63 @@
+"""Frames as a folder of OpenEXR files: linear R, G, B or Y, with the time in an attribute, times.txt or by --fps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evis.files.allowance import Allowance
+from evis.media.frames.folder import FolderFrames
+from evis.media.frames.source import PIXEL_BYTES, FrameOptions, FramesError
+from evis.media.frames.tone import luminance_of
+
+STAMPS = ("evis/stamp_ns", "evis/time_ns")
+"""Attributes that hold the time; `evis bag export` writes the first."""
+
+
+class ExrFrames(FolderFrames):
+    """Scan line or tiled EXR, half or float. Alpha and other channels are left out."""
+
+    kind = "exr"
+
+    def __init__(self, path: Path, names: list[str], options: FrameOptions) -> None:
+        options.refuse_tone(path, "EXR")
+        super().__init__(path, names, options)
+
+    def _read(self, path: Path) -> tuple[np.ndarray, int | None]:
+        import OpenEXR
+
+        try:
+            with OpenEXR.File(str(path), header_only=True) as file:
+                low, high = file.header()["dataWindow"]
+            # before the library asks for all of it
+            sides = [max(int(b) - int(a) + 1, 0) for a, b in zip(low, high)]
+            Allowance(path.stat().st_size).check(sides[0] * sides[1] * PIXEL_BYTES)
+            with OpenEXR.File(str(path), separate_channels=False) as file:
+                header = dict(file.header())
+                channels = {name: channel.pixels for name, channel in file.channels().items()}
+        except Exception as error:  # the library raises RuntimeError, TypeError and others for damaged files
+            raise FramesError(f"{path}: cannot be read as EXR: {' '.join(str(error).split())[:150]}") from None
+        pixels = next((channels[n] for n in ("RGB", "RGBA", "Y", "YA") if n in channels), None)
+        if pixels is None or pixels.dtype.kind != "f":
+            there = ", ".join(sorted(channels)) or "none"
+            raise FramesError(f"{path}: no R, G, B or Y of half or float; it has {there}")
+        return self._image(pixels), _stamp(path, header)
+
+    def _image(self, pixels: np.ndarray) -> np.ndarray:
+        if pixels.ndim == 3 and pixels.shape[2] >= 3:
+            rgb = np.ascontiguousarray(pixels[..., :3], dtype=np.float32)
+            return rgb if self.channels == 3 else luminance_of(rgb)
+        grey = np.asarray(pixels if pixels.ndim == 2 else pixels[..., 0], np.float32)
+        return np.repeat(grey[..., None], 3, axis=2) if self.channels == 3 else np.ascontiguousarray(grey)
+
+
+def _stamp(path: Path, header: dict[str, Any]) -> int | None:
+    value = next((header[name] for name in STAMPS if name in header), None)
+    if value is None:
+        return None
+    try:
+        return int(value)
+    except (TypeError, ValueError):
+        raise FramesError(f"{path}: its time attribute is {value!r}, must be whole nanoseconds") from None

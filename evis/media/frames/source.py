@@ -1,0 +1,208 @@
+"""Frames from anywhere, block by block: NumPy archives, folders of EXR or PNG, videos.
+
+One file per kind (`frames_npz`, `frames_exr`, `frames_png`, `frames_video`); `open_frames` finds the kind.
+"""
+
+from __future__ import annotations
+
+import abc
+import difflib
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from evis.files.damage import faults_as
+from evis.media.frames.tone import Tone
+
+BLOCK_BYTES = 8_000_000
+"""Frames per block are chosen to stay below this, so that a long video needs little memory."""
+BLOCK_FRAMES = 32
+PIXEL_BYTES = 12
+"""What a pixel of an image takes in memory at least: linear R, G and B as float32."""
+INT64_MAX = np.iinfo(np.int64).max
+
+
+class FramesError(ValueError):
+    """Frames that are missing, damaged or of a wrong kind. The text names the file and the remedy."""
+
+
+class FrameBlock(NamedTuple):
+    """K frames of one camera.
+
+    t: int64 [K] ns, strictly ascending. image: float32, linear luminance [K, H, W] or RGB [K, H, W, 3]. dlog_dt:
+    float32 of the same shape, d ln(image)/dt [1/s], or None.
+    """
+
+    t: np.ndarray
+    image: np.ndarray
+    dlog_dt: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class FrameOptions:
+    """How frames are to be read.
+
+    colour: RGB instead of luminance. slopes: read dlog_dt where there is one. fps: frames per second in place of the
+    times that the files tell. tone, white: inverse tone curve of PNG and video, and the radiance of full scale.
+    """
+
+    colour: bool = False
+    slopes: bool = False
+    fps: float | None = None
+    tone: str | None = None
+    white: float | None = None
+
+    def check(self) -> None:
+        """Raise ValueError for a value out of range."""
+        if self.fps is not None and not 1e-6 <= self.fps <= 1e9:
+            raise FramesError(f"fps is {self.fps:g}, must be 1e-6 to 1e9 frames per second")
+
+    def make_tone(self) -> Tone:
+        """The inverse tone curve, sRGB unless given."""
+        return Tone(self.tone or "srgb", 1.0 if self.white is None else self.white)
+
+    def refuse_tone(self, path: Path, what: str) -> None:
+        """Raise where a tone curve is given for frames that are linear already."""
+        if self.tone is not None or self.white is not None:
+            raise FramesError(f"{path}: {what} is linear; a tone curve and white are for PNG and video")
+
+    def stamp(self, index: int) -> int:
+        """Time of a frame at `fps` [ns], rounded once, so that it does not drift."""
+        assert self.fps is not None
+        return round(index * 1_000_000_000 / Fraction(self.fps))
+
+
+class FrameSource(abc.ABC):
+    """An open sequence of frames, read once from start to end. A context manager."""
+
+    kind: str
+    width: int
+    height: int
+    channels: int
+    count: int | None
+    """Frames in all, None where the file does not tell."""
+    has_slopes: bool = False
+    about: dict[str, Any]
+    """What a report should tell: the tone curve, files left out."""
+
+    @abc.abstractmethod
+    def blocks(self) -> Iterator[FrameBlock]:
+        """All frames, in blocks of bounded size. Raises FramesError after the last good frame before a bad one."""
+
+    def close(self) -> None:
+        """Close the file."""
+        return
+
+    def block_frames(self) -> int:
+        """Frames of one block."""
+        size = 4 * self.width * self.height * self.channels * (2 if self.has_slopes else 1)
+        return max(1, min(BLOCK_FRAMES, BLOCK_BYTES // size))
+
+    def __enter__(self) -> FrameSource:
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+
+class ImageSource(FrameSource):
+    """A source that gives one image after the other: `_images` yields (name, t [ns], image); this class checks them."""
+
+    @abc.abstractmethod
+    def _images(self) -> Iterator[tuple[str, int, np.ndarray]]:
+        """Every frame with the name that an error should give it."""
+
+    def blocks(self) -> Iterator[FrameBlock]:
+        images, length = self._checked(), self.block_frames()
+        while True:
+            stamps: list[int] = []
+            gathered: list[np.ndarray] = []
+            failure: Exception | None = None
+            while len(stamps) < length:
+                try:
+                    t, image = next(images)
+                except StopIteration:
+                    break
+                except Exception as error:
+                    # the frames before the bad one are still good
+                    failure = error
+                    break
+                stamps.append(t)
+                gathered.append(image)
+            if stamps:
+                yield FrameBlock(np.array(stamps, np.int64), np.stack(gathered))
+            if failure is not None:
+                raise failure
+            if len(stamps) < length:
+                return
+
+    def _checked(self) -> Iterator[tuple[int, np.ndarray]]:
+        last: int | None = None
+        for name, t, image in self._images():
+            height, width = image.shape[:2]
+            if (height, width) != (self.height, self.width):
+                raise FramesError(f"{name}: {width}x{height}, the frames before are {self.width}x{self.height}")
+            if abs(t) > INT64_MAX:
+                raise FramesError(f"{name}: its time {t} ns does not fit int64")
+            if last is not None and t <= last:
+                raise FramesError(f"{name}: its time {t} ns does not come after {last} ns of the frame before")
+            last = t
+            yield t, image
+
+
+def open_frames(path: str | os.PathLike[str], options: FrameOptions | None = None) -> FrameSource:
+    """Open frames: an .npz, a folder of EXR or PNG, or a video. Raises FramesError with one line naming the file."""
+    path, options = Path(path), options or FrameOptions()
+    options.check()
+    options.make_tone()
+    with faults_as(FramesError, path):
+        return _open(path, options)
+
+
+def _open(path: Path, options: FrameOptions) -> FrameSource:
+    if not path.exists():
+        names = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
+        near = difflib.get_close_matches(path.name, names, n=1)
+        raise FramesError(f"{path}: no such file" + (f"; did you mean {near[0]}?" if near else ""))
+    if path.is_dir():
+        return _open_folder(path, options)
+    try:
+        with path.open("rb") as file:
+            head = file.read(4)
+    except OSError as error:
+        raise FramesError(f"{path}: cannot be read: {error.strerror}") from None
+    if not head:
+        raise FramesError(f"{path}: the file is empty")
+    if head.startswith(b"PK") or path.suffix.lower() == ".npz":
+        from evis.media.frames.npz import NpzFrames
+
+        return NpzFrames(path, options)
+    if path.suffix.lower() in (".png", ".exr"):
+        raise FramesError(f"{path}: one image makes no events; give the folder of all of them")
+    from evis.media.frames.video import VideoFrames
+
+    return VideoFrames(path, options)
+
+
+def _open_folder(path: Path, options: FrameOptions) -> FrameSource:
+    names = [p.name for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
+    kinds = {end: [n for n in names if n.lower().endswith(end)] for end in (".exr", ".png")}
+    exr, png = kinds[".exr"], kinds[".png"]
+    if exr and png:
+        raise FramesError(f"{path}: holds {len(exr)} EXR and {len(png)} PNG files; keep one kind in the folder")
+    if exr:
+        from evis.media.frames.exr import ExrFrames
+
+        return ExrFrames(path, exr, options)
+    if png:
+        from evis.media.frames.png import PngFrames
+
+        return PngFrames(path, png, options)
+    there = ", ".join(sorted({Path(n).suffix or n for n in names})[:5]) or "nothing"
+    raise FramesError(f"{path}: no .exr or .png files in the folder; it has {there}")

@@ -1,0 +1,124 @@
+"""Frames of a video file, decoded by PyAV (the optional extra `video`) and made linear by an inverse tone curve."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evis.files.allowance import Allowance
+from evis.files.damage import faults_as
+from evis.media.frames.source import PIXEL_BYTES, FrameOptions, FramesError, ImageSource
+from evis.media.frames.tone import shaped
+
+_BT709, _BT601, _UNKNOWN = 1, 5, 2
+"""Numbers of colour spaces in ITU-T H.273, which video files and ffmpeg use."""
+_HD = 720
+
+
+class VideoFrames(ImageSource):
+    """The first video track. Times are the file's, counted from its first frame, or those of --fps."""
+
+    kind = "video"
+
+    def __init__(self, path: Path, options: FrameOptions) -> None:
+        try:
+            import av
+        except ImportError:
+            raise FramesError(
+                f"{path}: reading videos needs PyAV: pip install 'evis[video]', or give a folder of PNG and --fps"
+            ) from None
+        self._path, self._options, self._tone = path, options, options.make_tone()
+        self._error = av.error.FFmpegError
+        try:
+            self._file = av.open(str(path))
+        except (av.error.FFmpegError, OSError, ValueError) as error:
+            raise FramesError(f"{path}: not frames that can be read, or damaged: {_text(error)}") from None
+        if not self._file.streams.video:
+            self._file.close()
+            raise FramesError(f"{path}: has no video track")
+        self._track = self._file.streams.video[0]
+        self._track.thread_type = "NONE"
+        self.width, self.height = self._track.width, self._track.height
+        Allowance(path.stat().st_size).check(self.width * self.height * PIXEL_BYTES)
+        self.channels, self.count = 3 if options.colour else 1, self._track.frames or None
+        self.about = {"tone": self._tone.name, "white": self._tone.white}
+
+    def _images(self) -> Iterator[tuple[str, int, np.ndarray]]:
+        first: Fraction | None = None
+        end = Fraction(0)
+        index = 0
+        for frame in self._frames():
+            name = f"{self._path}, frame {index}"
+            if frame.pts is None and not self._options.fps:
+                raise FramesError(f"{name}: the file tells no time for it; give --fps")
+            at = Fraction(frame.pts or 0) * (frame.time_base or 0)
+            first = at if first is None else first
+            end = at - first
+            t = self._options.stamp(index) if self._options.fps else round(end * 1_000_000_000)
+            with faults_as(FramesError, name):
+                image = shaped(self._codes(frame), self._tone, self.channels == 3)
+            yield name, t, image
+            index += 1
+        self._check_end(index, end)
+
+    def _frames(self) -> Iterator[Any]:
+        """Decoded frames, also those that the decoder still holds at damage; then raises FramesError."""
+        index, damage = 0, ""
+        packets = self._file.demux(self._track)
+        while not damage:
+            try:
+                packet = next(packets, None)
+                if packet is None:
+                    return
+                damage = "a packet is incomplete" if packet.is_corrupt else ""
+                frames = self._track.codec_context.decode(None) if damage else packet.decode()
+            except self._error as error:
+                frames, damage = [], _text(error)
+            for frame in frames:
+                if frame.is_corrupt and not damage:
+                    damage = "it is damaged"
+                    break
+                yield frame
+                index += 1
+        raise FramesError(f"{self._path}: truncated or damaged at frame {index}: {damage}")
+
+    def _check_end(self, frames: int, end: Fraction) -> None:
+        """Raise where the video is clearly shorter than its header says: decoders end a cut file without a word."""
+        if not frames:
+            raise FramesError(f"{self._path}: no frame can be decoded")
+        told = self._told()
+        if told is None or frames < 2:
+            return
+        period = end / (frames - 1)
+        if told - (end + period) > max(2 * period, told / 100):
+            raise FramesError(
+                f"{self._path}: truncated: it ends after {float(end + period):.3f} s (frame {frames - 1}), "
+                f"its header says {float(told):.3f} s"
+            )
+
+    def _told(self) -> Fraction | None:
+        """Length of the track by the header [s], None where it does not say."""
+        track = self._track
+        if track.duration is not None and track.time_base is not None:
+            return Fraction(track.duration) * track.time_base
+        if self._file.duration is not None and len(self._file.streams) == 1:
+            return Fraction(self._file.duration, 1_000_000)
+        return None
+
+    def _codes(self, frame: Any) -> np.ndarray:
+        deep = max(component.bits for component in frame.format.components) > 8
+        # what the file leaves open is Rec. 709 in HD and Rec. 601 below, as players take it
+        space = int(frame.colorspace)
+        source = (_BT709 if frame.height >= _HD else _BT601) if space == _UNKNOWN else None
+        return frame.to_ndarray(format="rgb48le" if deep else "rgb24", src_colorspace=source)
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _text(error: BaseException) -> str:
+    return str(getattr(error, "strerror", None) or error) or type(error).__name__

@@ -1,0 +1,53 @@
+"""A published message on its way to the nodes of its own process: by reference, on its device if they take it so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from evis.bus import Publisher
+from evis.bus.device import device_of, on_host
+from evis.runtime.host import Host
+from msgs.header import Message
+
+
+@dataclass
+class Delivery:
+    """given: what each consumer gets, in their order. slots: what the arrays lie in, pinned until `over`."""
+
+    given: list[Message]
+    slots: list[Any]
+
+    @staticmethod
+    def of(message: Message, publisher: Publisher, consumers: Sequence[tuple[Host, str]]) -> Delivery:
+        """Send a message to other processes and viewers, in numpy arrays, and say what the consumers here get."""
+        device = device_of(message)
+        if device is None:
+            return Delivery([message] * len(consumers), [publisher.send(message)])
+        there = [_takes(consumer, port, device) for consumer, port in consumers]
+        slots, host = [], message
+        if publisher.reads_bytes() or not all(there):
+            host = on_host(message, publisher)
+            slots.append(publisher.send(host))
+        else:
+            publisher.passed(message)
+        slot = publisher.claim_on(message)
+        message._slot = slot  # type: ignore[misc]
+        return Delivery([message if takes else host for takes in there], [*slots, slot])
+
+    def over(self) -> None:
+        """Every consumer was called; what it keeps it has pinned itself."""
+        for slot in self.slots:
+            if slot is not None:
+                slot.unpin()
+
+
+def _takes(consumer: Host, port: str, device: Any) -> bool:
+    """Whether a node takes Warp arrays of this device on a port."""
+    named = consumer.node.params.get("device")
+    if not consumer.node.INPUTS[port].on_device or named is None:
+        return False
+    import warp as wp
+
+    return bool(wp.get_device(named) == device)

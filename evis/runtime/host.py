@@ -1,0 +1,261 @@
+"""A node in its process: the node, its queues, its publishers and subscribers, built from the plan."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass, field
+from typing import Any
+
+import zmq
+
+from evis.bus import PeerLost, Publisher, Subscriber, endpoints_for
+from evis.runtime.clock import Pacer
+from evis.runtime.join import Join
+from evis.runtime.node import Node
+from evis.runtime.plan import NodePlan, Plan
+from evis.runtime.profile import Profile
+from msgs.camera import EventPacket
+from msgs.header import Message
+from msgs.topics import find_topic
+
+TAP_HZ = 30.0
+EVENT_TAP_HZ = 250.0
+"""Taps see images at the rate of a screen; of events, which add up, every packet of a camera that sends some hundred
+a second."""
+SYSTEM_TOPICS = ("/clock", "/diagnostics")
+"""Published by the executor of every process for its nodes; read as taps only."""
+
+
+class NodeFailed(Exception):
+    """A node raised; carries its name, and the cause as __cause__."""
+
+    def __init__(self, node: str, error: BaseException) -> None:
+        super().__init__(f"{node}: {describe(error)}")
+        self.node = node
+
+
+def describe(error: BaseException) -> str:
+    """One line for a person."""
+    text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
+    if isinstance(error, (ValueError, OSError, KeyError, PeerLost)) and text:
+        return text
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+class Inside:
+    """Time and errors of the block belong to one node."""
+
+    def __init__(self, profile: Profile | None, name: str) -> None:
+        self._name = name
+        self._timer = profile.inside(name) if profile else None
+
+    def __enter__(self) -> Any:
+        return self._timer.__enter__() if self._timer else None
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if self._timer:
+            self._timer.__exit__(None, None, None)
+        if isinstance(error, Exception) and not isinstance(error, (NodeFailed, PeerLost)):
+            raise NodeFailed(self._name, error) from error
+
+
+def load_class(target: str) -> type[Node]:
+    """The class of a dotted target `package.module:Class`."""
+    module, _, name = target.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+@dataclass
+class Host:
+    """One node with its wiring in this process."""
+
+    node: Node
+    plan: NodePlan
+    join: Join
+    publishers: dict[str, Publisher] = field(default_factory=dict)
+    downstream: list[tuple[Host, str, str]] = field(default_factory=list)
+    """(consumer, port, topic) of consumers in this process."""
+    subscriptions: list[Subscription] = field(default_factory=list)
+    arrays: dict[str, list[str]] = field(default_factory=dict)
+    """Topics of which the declared readers need only some arrays, as TopicPlan.arrays says."""
+    gates: list[Publisher] = field(default_factory=list)
+    """Publishers that must have credit before this node is called."""
+    single_open: set[str] = field(default_factory=set)
+    """Topics of declared inputs that are not joined and have not ended."""
+    waiting: set[str] = field(default_factory=set)
+    """Latched topics that the node has not seen yet: no update before them."""
+    delayed: dict[str, dict[int, Message]] = field(default_factory=dict)
+    service: bool = False
+    """Neither a source nor fed by declared inputs (a viewer): lives as long as the graph."""
+    active: bool = False
+    ended: bool = False
+    pacer: Pacer | None = None
+
+    @property
+    def name(self) -> str:
+        """The node's name."""
+        return self.plan.name
+
+    def open(self) -> bool:
+        """May this node be called now, without a wait inside it?"""
+        return all(p.credit() > 0 for p in self.gates)
+
+    def wants(self, port: str) -> bool:
+        """Does anybody read this output now?"""
+        topic = self.plan.outputs.get(port)
+        if topic is None:
+            return False
+        kept = port in self.plan.keep
+        return kept or any(t == topic for _, _, t in self.downstream) or self.publishers[topic].wanted()
+
+    def wants_array(self, port: str, array: str) -> bool:
+        """Does anybody read this array of an output's messages now? Taps read all."""
+        topic = self.plan.outputs.get(port)
+        if topic is None:
+            return False
+        if topic not in self.arrays or array in self.arrays[topic]:
+            return self.wants(port)
+        return self.publishers[topic].tapped()
+
+    def inputs_over(self) -> bool:
+        """Nothing more will come that could be given to the node."""
+        return (not self.join.queues or self.join.over()) and not self.single_open
+
+    def delayed_inputs(self) -> dict[str, Message] | None:
+        """What closes a loop back to this source, for the stamps that its next step needs; None = not there yet."""
+        inputs: dict[str, Message] = {}
+        for port, stamp in self.node.due().items():
+            waiting = self.delayed.get(port)
+            if waiting is None:
+                continue
+            for old in [s for s in waiting if s < stamp]:
+                waiting.pop(old).release()
+            if stamp not in waiting:
+                return None
+            inputs[port] = waiting[stamp]
+        return inputs
+
+    def reachable(self) -> list[Publisher]:
+        """Publishers of this node and of every node of this process that its messages lead to."""
+        seen: dict[str, Host] = {}
+        todo = [self]
+        while todo:
+            host = todo.pop()
+            if host.name not in seen:
+                seen[host.name] = host
+                todo += [consumer for consumer, port, _ in host.downstream if port not in consumer.delayed]
+        return [p for host in seen.values() for p in host.publishers.values()]
+
+
+@dataclass
+class Subscription:
+    """A topic that comes to a host from another process."""
+
+    subscriber: Subscriber
+    host: Host
+    port: str
+    topic: str
+    declared: bool
+    ended: bool = False
+    """A declared topic is read to its end even when the node needs no more: its publisher waits for that."""
+
+
+class Wiring:
+    """Builds the hosts of one process of a plan."""
+
+    def __init__(self, plan: Plan, process: str, context: zmq.Context) -> None:
+        self.plan = plan
+        self.context = context
+        self.hosts: dict[str, Host] = {}
+        for node_plan in (n for n in plan.nodes.values() if n.process == process):
+            with Inside(None, node_plan.name):
+                node = load_class(node_plan.target)(node_plan.name, node_plan.params)
+            joined = [p for p, topics in node_plan.inputs.items() if self._is_joined(node, p, topics[0])]
+            self.hosts[node_plan.name] = Host(node, node_plan, Join(joined))
+        for host in self.hosts.values():
+            self._outputs(host)
+            self._inputs(host)
+        for host in self.hosts.values():
+            host.gates = host.reachable()
+
+    @staticmethod
+    def _is_joined(node: Node, port: str, topic: str) -> bool:
+        declared = node.INPUTS[port]
+        return declared.join and not declared.delayed and declared.topic != "*" and not find_topic(topic).latched
+
+    def _outputs(self, host: Host) -> None:
+        for topic in host.plan.outputs.values():
+            if (arrays := self.plan.topics[topic].arrays) is not None:
+                host.arrays[topic] = arrays
+            remote = []
+            for edge in self.plan.topics[topic].edges:
+                if edge.kind == "tap":
+                    continue
+                if edge.node in self.hosts:
+                    host.downstream.append((self.hosts[edge.node], edge.port, topic))
+                else:
+                    remote.append(f"{edge.node}:{edge.port}")
+            row = find_topic(topic)
+            host.publishers[topic] = Publisher(
+                self.context,
+                topic,
+                host.name,
+                endpoints_for(self.plan.directory, topic),
+                remote,
+                message_type=row.type,
+                window=self.plan.window,
+                latched=row.latched,
+                tap_hz=EVENT_TAP_HZ if row.type is EventPacket else TAP_HZ,
+            )
+
+    def _inputs(self, host: Host) -> None:
+        kinds = set()
+        for port, topics in host.plan.inputs.items():
+            if host.node.INPUTS[port].delayed:
+                host.delayed[port] = {}
+            for topic in topics:
+                kind = self._edge_kind(topic, host.name, port)
+                kinds.add(kind)
+                if port not in host.join.queues and kind == "lockstep":
+                    host.single_open.add(topic)
+                if find_topic(topic).latched:
+                    host.waiting.add(topic)
+                if kind == "tap" or self.plan.topics[topic].node not in self.hosts:
+                    for subscriber in self.subscribe(topic, host.name, port, tap=kind == "tap"):
+                        host.subscriptions.append(Subscription(subscriber, host, port, topic, kind != "tap"))
+        host.service = not host.node.SOURCE and kinds <= {"tap"}
+
+    def _edge_kind(self, topic: str, node: str, port: str) -> str:
+        if topic in SYSTEM_TOPICS:
+            return "tap"
+        for edge in self.plan.topics[topic].edges:
+            if (edge.node, edge.port) == (node, port):
+                return edge.kind
+        raise ValueError(f"{node}: input {port} reads {topic}, but the plan has no such edge")
+
+    def subscribe(self, topic: str, node: str, port: str, *, tap: bool) -> list[Subscriber]:
+        """Subscribers of a topic, not started: one, or one per process for a system topic."""
+        row = find_topic(topic)
+        return [
+            Subscriber(
+                self.context,
+                topic,
+                node,
+                port,
+                endpoints_for(self.plan.directory, name),
+                message_type=row.type,
+                tap=tap,
+                window=self.plan.window,
+            )
+            for name in self._endpoint_names(topic)
+        ]
+
+    def _endpoint_names(self, topic: str) -> list[str]:
+        if topic in SYSTEM_TOPICS:
+            return [system_topic(topic, p) for p in sorted({n.process for n in self.plan.nodes.values()})]
+        return [topic]
+
+
+def system_topic(topic: str, process: str) -> str:
+    """Endpoint name of one process's share of a system topic."""
+    return f"{topic}@{process}"

@@ -1,0 +1,131 @@
+"""The resolved graph: what the planner makes of a launch file and the executor and supervisor carry out."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from evis.config.secret import Redactor
+
+
+@dataclass
+class Edge:
+    """One consumer of a topic. kind: `lockstep` (declared, never loses), `delayed` (closes a loop) or `tap` (lossy)."""
+
+    node: str
+    port: str
+    kind: str = "lockstep"
+
+
+@dataclass
+class TopicPlan:
+    """One topic of the graph with its publisher and consumers."""
+
+    name: str
+    type: str
+    node: str
+    port: str
+    edges: list[Edge] = field(default_factory=list)
+    latched: bool = False
+    arrays: list[str] | None = None
+    """Arrays that the declared consumers need of its messages, as their classes say; None = all."""
+
+
+@dataclass
+class NodePlan:
+    """One node: its class by dotted name (`nodes.physics.node:PhysicsNode`), resolved parameters, and wiring.
+
+    inputs: port -> topics (one, but for nodes that take whatever they are told); outputs: port -> topic, without the
+    ports that nobody reads. dormant: not started until a viewer asks for one of its topics; its inputs are taps.
+    """
+
+    name: str
+    target: str
+    params: dict[str, Any]
+    process: str
+    inputs: dict[str, list[str]] = field(default_factory=dict)
+    outputs: dict[str, str] = field(default_factory=dict)
+    respawn: bool = False
+    dormant: bool = False
+    keep: list[str] = field(default_factory=list)
+    """Output ports that are made even when nobody reads them: what the graph was started for."""
+
+
+@dataclass
+class LeftOut:
+    """One thing the graph does not need, and why."""
+
+    what: str
+    why: str
+
+
+@dataclass
+class Plan:
+    """A whole graph. `mode`: lockstep, realtime or live. `duration_s` None = until the sources end."""
+
+    name: str
+    run_id: str
+    directory: str
+    """Private directory of the run: sockets, logs, plan.json."""
+    mode: str = "lockstep"
+    seed: int = 0
+    duration_s: float | None = None
+    window: int = 2
+    nodes: dict[str, NodePlan] = field(default_factory=dict)
+    topics: dict[str, TopicPlan] = field(default_factory=dict)
+    left_out: list[LeftOut] = field(default_factory=list)
+    args: dict[str, Any] = field(default_factory=dict)
+    brought: dict[str, str] = field(default_factory=dict)
+    """Arguments that nobody gave and that another one brought: name -> `preset:=dvs128`."""
+
+    sensors: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """What the sensor of each camera is, for its CameraInfo, by the camera's topics without their last part."""
+
+    launch_text: str = ""
+    """The launch file with every argument filled in, as YAML; goes into the bag."""
+
+    random: dict[str, list[str]] = field(default_factory=dict)
+    """Of each node that has a seed, what it decides, in words; none: every seed gives the same."""
+    chosen: dict[str, Any] = field(default_factory=dict)
+    """Arguments that were chosen for the user (interpolator:=auto), and `why`; empty when there are none."""
+
+    imports: list[str] = field(default_factory=list)
+    """Files outside evis that were imported for the nodes, before anything runs."""
+    unknown: list[dict[str, Any]] = field(default_factory=list)
+    """Nodes whose code was not loaded (`--no-import`): what the launch file says of them."""
+    secrets: list[str] = field(default_factory=list)
+    """Values of secret parameters and arguments; what others may read is made of `redacted`."""
+
+    def redacted(self) -> Plan:
+        """The plan without its secrets."""
+        plan: Plan = Redactor(self.secrets).value(self)
+        return dataclasses.replace(plan, directory=self.directory, secrets=[])
+
+    def processes(self) -> dict[str, list[NodePlan]]:
+        """Process name -> its nodes in data-flow order, dormant ones left out."""
+        result: dict[str, list[NodePlan]] = {}
+        for node in self.nodes.values():
+            if not node.dormant:
+                result.setdefault(node.process, []).append(node)
+        return result
+
+    def sensor_beside(self, node: str, port: str) -> dict[str, Any]:
+        """What the sensor is that publishes beside an output of a node; {} where there is none."""
+        topic = self.nodes[node].outputs.get(port, "") if node in self.nodes else ""
+        return self.sensors.get(topic.rpartition("/")[0], {})
+
+    def save(self, path: Path) -> None:
+        """Write as JSON."""
+        path.write_text(json.dumps(dataclasses.asdict(self), indent=1))
+
+    @staticmethod
+    def load(path: Path) -> Plan:
+        """Read what `save` wrote."""
+        raw = json.loads(path.read_text())
+        nodes = {k: NodePlan(**v) for k, v in raw.pop("nodes").items()}
+        topics = {k: TopicPlan(**{**v, "edges": [Edge(**e) for e in v["edges"]]}) for k, v in raw.pop("topics").items()}
+        left_out = [LeftOut(**v) for v in raw.pop("left_out")]
+        return Plan(nodes=nodes, topics=topics, left_out=left_out, **raw)

@@ -1,0 +1,92 @@
+"""One process of a running graph: `python -m evis.runtime.process PLAN.json PROCESS`, started by the supervisor."""
+
+from __future__ import annotations
+
+import gc
+import resource
+import signal
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+from evis.config.secret import Redactor, Veil
+from evis.console.outlet import standard_streams
+from evis.console.termination import STATUS, Termination
+from evis.runtime.control import ControlClient, control_address
+from evis.runtime.executor import Executor
+from evis.runtime.host import NodeFailed, describe
+from evis.runtime.parent_death import die_with_parent
+from evis.runtime.plan import Plan
+
+BARRIER_S = 1800.0
+"""Longest wait for the other processes [s]: their setup may compile kernels for the first time, minutes on a small
+machine. One that dies meanwhile is the supervisor's to notice."""
+
+
+def main(argv: list[str]) -> int:
+    """Run the nodes of one process. Exit status 0, 1 after a failure that was reported, 143 when told to end."""
+    with standard_streams():  # a log that has no room must not end a node
+        return _main(argv)
+
+
+def _main(argv: list[str]) -> int:
+    plan_path, process = argv
+    die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is the supervisor's to handle, in order
+    termination = Termination()
+    plan = Plan.load(Path(plan_path))
+    hide = Redactor(plan.secrets)
+    sys.stdout, sys.stderr = Veil(sys.stdout, hide), Veil(sys.stderr, hide)  # type: ignore[assignment]
+    control = ControlClient(control_address(plan.directory), process)
+    executor = None
+    try:
+        executor = Executor(plan, process, request=control.want, tell=control.tell, redactor=hide)
+        _run(executor, control, termination)
+        return 0
+    except Exception as error:
+        cause = error.__cause__ if isinstance(error, NodeFailed) and error.__cause__ else error
+        traceback.print_exception(cause)
+        if termination.asked:
+            return STATUS  # it was broken off in the middle of something: that is no failure of the node's
+        node = error.node if isinstance(error, NodeFailed) else process
+        control.failed(node, hide.text(describe(cause)))
+        return 1
+    finally:
+        if executor is not None:
+            executor.close()
+        control.close()
+
+
+def _run(executor: Executor, control: ControlClient, termination: Termination) -> None:
+    executor.setup()
+
+    def commands() -> None:
+        termination.check()
+        for command in control.poll():
+            if "stop" in command:
+                executor.stop()
+        control.heartbeat(executor.progress())
+
+    executor.wait_connected(BARRIER_S, commands)
+    if not executor.stopping:
+        control.ready()
+        if not control.wait_go(meanwhile=termination.check):
+            executor.stop()
+    gc.freeze()  # what setup made stays: the collector need not look through it again and again
+    before = time.process_time()
+    executor.run(commands)
+    control.done(
+        {"nodes": executor.summary(), "rss_mb": _peak_rss_mb(), "cpu_s": round(time.process_time() - before, 6)}
+    )
+
+
+def _peak_rss_mb() -> float:
+    """Largest resident memory of this process [MB]; ru_maxrss is in kB on Linux, in bytes on macOS."""
+    peak: Any = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return round(peak / (1e6 if sys.platform == "darwin" else 1e3), 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

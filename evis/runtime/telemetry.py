@@ -1,0 +1,86 @@
+"""What a process says about itself: /clock of its sources and /diagnostics of its nodes, both as taps."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import zmq
+
+from evis.bus import Publisher, endpoints_for
+from evis.config.secret import Redactor
+from evis.console.printable import printable
+from evis.runtime.host import SYSTEM_TOPICS, Host, system_topic
+from evis.runtime.plan import Plan
+from evis.runtime.profile import Profile
+from msgs.diagnostics import Diagnostics
+from msgs.header import Header
+from msgs.topics import find_topic
+from msgs.world import Clock
+
+PERIOD_S = 1.0
+"""Interval of /diagnostics [s]."""
+TAP_HZ = 1000.0
+"""System messages are small and rare: no rate limit that would hide a warning."""
+
+
+class Telemetry:
+    """Publishers of the system topics of one process."""
+
+    def __init__(self, plan: Plan, process: str, context: zmq.Context, profile: Profile, redactor: Redactor) -> None:
+        self._profile = profile
+        self._redactor = redactor
+        self._started = time.monotonic_ns()
+        self._sent_at = time.monotonic()
+        self.publishers = {
+            topic: Publisher(
+                context,
+                topic,
+                process,
+                endpoints_for(plan.directory, system_topic(topic, process)),
+                [],
+                message_type=find_topic(topic).type,
+                tap_hz=TAP_HZ,
+            )
+            for topic in SYSTEM_TOPICS
+        }
+
+    def start_clock(self) -> None:
+        """The graph starts now: the origin of the real-time factor."""
+        self._started = time.monotonic_ns()
+
+    def tick(self, host: Host) -> None:
+        """Say the time of a source's newest message."""
+        if self.publishers["/clock"].wanted():
+            profile = self._profile.node(host.name)
+            since = profile.stamp_ns - (profile.first_stamp_ns or 0)
+            wall = max(time.monotonic_ns() - self._started, 1)
+            self.publishers["/clock"].send(Clock(Header(profile.stamp_ns), real_time_factor=since / wall))
+
+    def say(self, host: Host | None, name: str, level: str, text: str) -> None:
+        """One line in the process's log and one Diagnostics message, both without secrets."""
+        text = self._redactor.text(text)
+        line = f"{name}: {text}" if level == "info" else f"{name}: {level}: {text}"
+        print(printable(line), file=sys.stderr, flush=True)
+        self.publishers["/diagnostics"].send(self._diagnostics(host, name, level, text))
+
+    def periodic(self, hosts: dict[str, Host], *, force: bool = False) -> None:
+        """Diagnostics of every node once per PERIOD_S."""
+        now = time.monotonic()
+        if now - self._sent_at < PERIOD_S and not force:
+            return
+        self._sent_at = now
+        publisher = self.publishers["/diagnostics"]
+        publisher.pump()
+        if publisher.wanted():
+            for name, host in hosts.items():
+                publisher.send(self._diagnostics(host, name))
+
+    def _diagnostics(self, host: Host | None, name: str, level: str = "ok", text: str = "") -> Diagnostics:
+        profile = self._profile.node(name)
+        values = profile.summary()
+        values["stamp_ns"] = profile.stamp_ns
+        if host is not None:
+            values["queue"] = sum(len(queue) for queue in host.join.queues.values())
+            values["waits_s"] = round(sum(p.stats()["waits_s"] for p in host.publishers.values()), 6)
+        return Diagnostics(Header(time.time_ns(), clock="wall"), node=name, level=level, text=text, values=values)

@@ -1,0 +1,5 @@
+"""What can go wrong while a scene is read."""
+
+
+class SceneError(ValueError):
+    """A scene that cannot be loaded. The text names the file, the line where there is one, the key and the remedy."""

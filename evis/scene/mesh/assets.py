@@ -1,0 +1,74 @@
+"""What a mesh file names: MTL, pictures, buffers. Imported only for scenes with a mesh file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from trimesh.resolvers import Resolver
+
+from evis.scene.errors import SceneError
+from evis.scene.folders import Folders, first_file
+from evis.scene.pictures import check_picture
+
+
+class Assets(Resolver):  # type: ignore[misc]
+    """Gives trimesh the files that a mesh names, if they lie in the scene's folders and are no larger than allowed.
+
+    trimesh goes on without a file that it does not get; `refusals` has what it was not given.
+    """
+
+    def __init__(self, path: Path, folders: Folders, buffers: set[str] | None = None) -> None:
+        self.path, self.folders, self.buffers = path, folders, buffers or set()
+        self.refusals: list[SceneError] = []
+        self.parent, self.file_name = str(path.parent), path.name
+
+    def get(self, key: Any) -> bytes:
+        """The content of a file. Raises SceneError, or FileNotFoundError where there is none."""
+        name = str(key).strip()
+        try:
+            path = self.find(name)
+            if path is None:
+                raise FileNotFoundError(name)
+            if name not in self.buffers and path.suffix.lower() != ".mtl":
+                self._check_picture(path, name)
+            return path.read_bytes()
+        except SceneError as error:
+            self.refusals.append(error)
+            raise
+
+    def find(self, name: str) -> Path | None:
+        """The file that is called so: as it is written, percent-decoded, or by its last part beside the mesh.
+
+        Raises SceneError for one outside of the folders.
+        """
+        folder = self.path.parent
+        for text in dict.fromkeys((name, unquote(name))):
+            found = first_file([folder / text.removeprefix("file://")])
+            if found is not None:
+                self.folders.check(found, f"{self.path.name}: '{name}'")
+                return found
+        # A program that wrote the mesh elsewhere left its own folders in the name.
+        beside = first_file([folder / Path(unquote(name)).name])
+        if beside is not None:
+            self.folders.check(beside, f"{self.path.name}: '{name}'")
+        return beside
+
+    def _check_picture(self, path: Path, name: str) -> None:
+        try:
+            check_picture(path)
+        except SceneError as error:
+            raise SceneError(f"{self.path.name} names {name}, {error}") from None
+
+    def keys(self) -> list[str]:
+        """Nothing: what there is is not listed."""
+        return []
+
+    def write(self, name: str, data: Any) -> None:
+        """Nothing is written."""
+        raise NotImplementedError
+
+    def namespaced(self, namespace: str) -> Assets:
+        """No part of it is used."""
+        raise NotImplementedError

@@ -1,0 +1,109 @@
+"""The JSON of a glTF or GLB file: its materials, and how much memory the file asks for."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from evis.files.allowance import Allowance
+from evis.scene.errors import SceneError
+from evis.scene.pictures import check_picture
+
+SUFFIXES = (".gltf", ".glb")
+_PARTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+ELEMENT = 8
+"""Most bytes of one number, as meshes are worked on in float64."""
+
+
+def read_header(path: Path) -> tuple[dict[str, Any], bytes]:
+    """The JSON, and of a GLB the binary chunk. Raises ValueError for what is neither."""
+    data = path.read_bytes()
+    binary = b""
+    if data[:4] == b"glTF":
+        (length,) = struct.unpack_from("<I", data, 12)
+        binary = data[28 + length :]
+        data = data[20 : 20 + length]
+    tree = json.loads(data)
+    if not isinstance(tree, dict):
+        raise ValueError("its JSON is no map")
+    return tree, binary
+
+
+def materials_of(tree: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
+    """The materials as the JSON has them, by name, which several may share."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for material in tree.get("materials", []):
+        if "name" in material:
+            found.setdefault(str(material["name"]), []).append(material)
+    return found
+
+
+def buffer_names(tree: dict[str, Any]) -> set[str]:
+    """The uris of its buffers, which are no pictures."""
+    return {str(buffer["uri"]).strip() for buffer in tree.get("buffers", []) if "uri" in buffer}
+
+
+def check_header(tree: dict[str, Any], binary: bytes, read: Callable[[str], bytes], size: int) -> None:
+    """Refuses a file that asks for more memory than its size allows, and pictures within it that are too large.
+
+    read: the content of a uri. size: of the file [bytes]. Accessors, views and meshes count as often as they are used:
+    numbers in a few bytes of JSON can name the same bytes many times. Raises SceneError, AllowanceError (whose texts
+    the caller puts the name before), or whatever else a damaged file leads to.
+    """
+    views = tree.get("bufferViews", [])
+    buffers = [_content(b, read, binary) for b in tree.get("buffers", [])]
+    allowance = Allowance(size + sum(map(len, buffers)))
+    for view in views:
+        allowance.take(max(0, int(view["byteLength"])))
+    sizes = [_size(accessor) for accessor in tree.get("accessors", [])]
+    for one in sizes:
+        allowance.take(one)
+    meshes = [
+        sum(sizes[i] for p in mesh.get("primitives", []) for i in (*p["attributes"].values(), *_indices(p)))
+        for mesh in tree.get("meshes", [])
+    ]
+    nodes = tree.get("nodes", [])
+    roots = [n for scene in tree.get("scenes", []) for n in scene.get("nodes", [])]
+    for number in (*roots, *(child for node in nodes for child in node.get("children", []))):
+        if "mesh" in nodes[number]:
+            allowance.take(meshes[nodes[number]["mesh"]])
+    for one in meshes:
+        allowance.take(one)
+    for number, image in enumerate(tree.get("images", [])):
+        if "bufferView" in image:
+            view = views[image["bufferView"]]
+            start = int(view.get("byteOffset", 0))
+            packed = buffers[view["buffer"]][start : start + int(view["byteLength"])]
+        elif str(image.get("uri", "")).find("base64,") >= 0:
+            packed = _content(image, read, binary)
+        else:
+            continue  # a file, which is checked as it is read
+        try:
+            check_picture(packed)
+        except SceneError as error:
+            raise SceneError(f"its image {image.get('name', number)}, {error}") from None
+
+
+def _content(entry: dict[str, Any], read: Callable[[str], bytes], binary: bytes) -> bytes:
+    """The bytes of a buffer or image."""
+    uri = entry.get("uri")
+    if uri is None:
+        return binary
+    start = str(uri).find("base64,")
+    return read(str(uri)) if start < 0 else base64.b64decode(str(uri)[start + 7 :])
+
+
+def _size(accessor: dict[str, Any]) -> int:
+    count = accessor["count"]
+    if not isinstance(count, (int, float)) or not math.isfinite(count) or count < 0:
+        raise ValueError(f"an accessor has the count {count!r:.40}")
+    return int(count) * _PARTS[accessor["type"]] * ELEMENT
+
+
+def _indices(primitive: dict[str, Any]) -> list[int]:
+    return [primitive["indices"]] if "indices" in primitive else []

@@ -1,0 +1,49 @@
+"""From an MJCF or URDF file to MuJoCo's model: the one place that lets MuJoCo read a file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import mujoco
+
+from evis.scene.errors import SceneError
+from evis.scene.folders import Folders
+from evis.scene.mjcf.check import check_model
+from evis.scene.model import Scene
+
+
+def folders_of(scene: Scene) -> Folders:
+    """Where the files of the scene's model may lie: its own folder unless the scene says more."""
+    assert scene.mjcf is not None
+    return scene.folders or Folders(scene.mjcf.parent)
+
+
+def compile_mjcf(path: Path, folders: Folders) -> Any:
+    """The MjModel of an MJCF file. Raises SceneError in one line that names the file."""
+    check_model(path, folders)
+    return compiled(path, lambda: mujoco.MjModel.from_xml_path(str(path)))
+
+
+def compiled(path: Path, compile_it: Callable[[], Any]) -> Any:
+    """What `compile_it` returns; what MuJoCo raises, as SceneError in one line that names the file."""
+    try:
+        return compile_it()
+    except (ValueError, RuntimeError, MemoryError) as error:
+        if isinstance(error, SceneError):
+            raise
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        if "unknown exception" in str(error) or not lines:
+            lines = ["MuJoCo cannot read it; most likely it needs more memory than there is"]
+        raise SceneError(f"{path.name}: {'; '.join(lines)}") from None
+
+
+def compile_model(scene: Scene) -> Any:
+    """The MjModel that moves a scene's bodies: the visual geometry of a URDF is left out. Raises SceneError."""
+    assert scene.mjcf is not None
+    if scene.mjcf.suffix.lower() == ".urdf":
+        from evis.scene.mjcf.urdf import mujoco_model
+
+        return mujoco_model(scene.mjcf, folders_of(scene))
+    return compile_mjcf(scene.mjcf, folders_of(scene))

@@ -1,0 +1,117 @@
+"""Bodies, geoms, cameras and lights of a MuJoCo model as parts of a Scene. Imported only for scenes with dynamics.
+
+Only geom groups 0 to 2 are drawn (3 and up are collision shapes by custom), and nothing of alpha 0; of a body under a
+skin, which is not drawn, its collision shapes where it has no others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from evis.config.document import nearest
+from evis.files.allowance import Allowance, AllowanceError
+from evis.geometry import se3
+from evis.scene.errors import SceneError
+from evis.scene.mjcf.cameras import add_cameras, add_default
+from evis.scene.mjcf.compile import compile_mjcf, folders_of
+from evis.scene.mjcf.frames import at_rest, name_of
+from evis.scene.mjcf.geoms import GROUPS, add_geom
+from evis.scene.mjcf.lights import add_lights
+from evis.scene.mjcf.sky import skybox
+from evis.scene.model import Body, Scene
+from evis.scene.motion import Prescribed
+
+HOME = "home"
+"""Keyframe that is the start unless the scene names another: so the robots of MuJoCo Menagerie call theirs."""
+DRAWN = 2 << 30
+"""Memory for the shapes of a model, more where its files are large [bytes]."""
+
+
+def add_model(scene: Scene, size: tuple[int, int], *, own_cameras: bool, visuals: bool = True) -> Any:
+    """Compile scene.mjcf and add what it has to the scene; its cameras only where the scene file lists none of its own.
+
+    size: width and height of cameras [px]. visuals=False: no geoms. Returns the MjModel. Raises SceneError.
+    """
+    assert scene.mjcf is not None
+    mujoco.set_mju_user_warning(lambda text: None)  # else MuJoCo writes a log file into the working directory
+    model, shown = _compile(scene, scene.mjcf, visuals)
+    data = at_rest(model)
+    for i in range(1, model.nbody):
+        pose = se3.make_pose(data.xpos[i], se3.from_mujoco(data.xquat[i]))
+        welded = Prescribed(pose) if model.body_weldid[i] == 0 else None
+        scene.bodies.append(Body(name_of(model, mujoco.mjtObj.mjOBJ_BODY, i, "body"), welded))
+    allowance = Allowance(scene.mjcf.stat().st_size, base=DRAWN)
+    textures: dict[int, np.ndarray] = {}
+    for geom in np.flatnonzero(shown).tolist():
+        try:
+            allowance.take(add_geom(scene, model, geom, textures))
+        except AllowanceError as error:
+            raise SceneError(f"{scene.mjcf.name}: its shapes are too large to be drawn: {error}") from None
+    if model.nflex:
+        scene.notes.append("flexes are simulated but not drawn")
+    if model.nskin:
+        scene.notes.append("skins are not drawn; in their place are the shapes of the bodies under them")
+    if not own_cameras:
+        add_cameras(scene, model, data, size)
+    return model
+
+
+def complete(
+    scene: Scene, model: Any, arguments: Mapping[str, Any], *, lit: bool, sky: bool, visuals: bool = True
+) -> None:
+    """A default camera, the model's lights, its ambient light and skybox, each unless the scene file gave its own.
+
+    visuals=False: no skybox.
+    """
+    if not scene.cameras:
+        add_default(scene, model, (int(arguments["width"]), int(arguments["height"])))
+    head = model.vis.headlight
+    ambient = np.array(head.ambient, np.float32) if head.active else np.zeros(3, np.float32)
+    if not lit:
+        ambient = add_lights(scene, model)
+    if not sky:
+        scene.environment = ambient
+        if visuals:
+            scene.environment_map = skybox(model)
+            scene.sky_lights = scene.environment_map is None
+
+
+def keyframe_of(model: Any, wanted: str) -> int:
+    """Number of the keyframe with this name or number; of `home`, if there is one, for `auto`; -1 for `none`.
+
+    Raises ValueError with what there is.
+    """
+    names = [name_of(model, mujoco.mjtObj.mjOBJ_KEY, i, "") for i in range(model.nkey)]
+    if wanted in names:
+        return names.index(wanted)
+    if wanted in ("auto", "none"):
+        return names.index(HOME) if wanted == "auto" and HOME in names else -1
+    hint = nearest(wanted, [*names, "auto", "none"]) if names else "the model has no keyframe"
+    raise ValueError(f"is '{wanted}'; {hint}")
+
+
+def _compile(scene: Scene, path: Path, visuals: bool) -> tuple[Any, np.ndarray]:
+    """The MjModel of an MJCF or URDF file, and which of its geoms are drawn, bool [ngeom]."""
+    if path.suffix.lower() == ".urdf":
+        from evis.scene.mjcf.urdf import compile_urdf, drawn
+
+        bare, full, note = compile_urdf(path, folders_of(scene))
+        if note:
+            scene.notes.append(note)
+        return (full, drawn(full)) if visuals else (bare, np.zeros(bare.ngeom, bool))
+    model = compile_mjcf(path, folders_of(scene))
+    shown = np.isin(model.geom_group, GROUPS)
+    return model, (shown | _under_skins(model, shown)) & visuals
+
+
+def _under_skins(model: Any, shown: np.ndarray) -> np.ndarray:
+    """Geoms of bodies under a skin that have nothing else to be seen: of each the lowest group, bool [ngeom]."""
+    bodies = np.setdiff1d(model.skin_bonebodyid, model.geom_bodyid[shown])
+    lowest = np.full(model.nbody, np.iinfo(np.int32).max)
+    np.minimum.at(lowest, model.geom_bodyid, model.geom_group)
+    return np.isin(model.geom_bodyid, bodies) & (model.geom_group == lowest[model.geom_bodyid])

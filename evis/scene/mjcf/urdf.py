@@ -1,0 +1,135 @@
+"""URDF robots through MuJoCo's own reader, with their visual geometry."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import mujoco
+import numpy as np
+
+from evis.scene.errors import SceneError
+from evis.scene.folders import Folders
+from evis.scene.mjcf.check import check_model
+from evis.scene.mjcf.compile import compiled
+
+VISUAL_GROUP = 1
+"""Group in which MuJoCo puts the visual geometry of a URDF; its collision geometry is in group 0."""
+
+
+def compile_urdf(path: Path, folders: Folders) -> tuple[Any, Any, str | None]:
+    """The MjModel of a URDF by itself, the same with its visual geometry, and a note where that was not possible.
+
+    MuJoCo leaves visual geometry out unless the file asks for it in <mujoco><compiler discardvisual="false"/></mujoco>;
+    here that is the default. Bodies and joints are the same either way. folders: where its meshes may lie. Raises
+    SceneError, also for a visual mesh outside of the folders.
+    """
+    model = mujoco_model(path, folders)
+    try:
+        return model, mujoco.MjModel.from_xml_string(_text(path, folders, visuals=True)), None
+    except SceneError:
+        raise
+    except (ValueError, RuntimeError, ET.ParseError, OSError) as error:
+        reason = " ".join(str(error).split())[:200]
+        note = f"the collision geometry of {path.name} is drawn, its visual geometry cannot be read: {reason}"
+        return model, model, note
+
+
+def mujoco_model(path: Path, folders: Folders) -> Any:
+    """The MjModel of a URDF without its visual geometry. Raises SceneError in one line that names the file."""
+    check_model(path, folders.also(*_own_package(path)))
+    try:
+        text = _text(path, folders, visuals=False)
+    except (ET.ParseError, OSError):
+        return compiled(path, lambda: mujoco.MjModel.from_xml_path(str(path)))  # which says what is wrong
+    return compiled(path, lambda: mujoco.MjModel.from_xml_string(text))
+
+
+def drawn(model: Any) -> np.ndarray:
+    """Which geoms are seen, bool [ngeom]: the visual ones of bodies that have any, else the collision ones."""
+    visual = model.geom_group == VISUAL_GROUP
+    return visual | ~np.isin(model.geom_bodyid, model.geom_bodyid[visual])
+
+
+def _text(path: Path, folders: Folders, visuals: bool) -> str:
+    """The file with every mesh by its whole path: a model that is given as text has no folder of its own."""
+    folders = folders.also(*_own_package(path))
+    root = ET.parse(path).getroot()
+    extension = root.find("mujoco")
+    if extension is None:
+        extension = ET.SubElement(root, "mujoco")
+    compiler = extension.find("compiler")
+    if compiler is None:
+        compiler = ET.SubElement(extension, "compiler")
+    if visuals and compiler.get("discardvisual") is None:
+        compiler.set("discardvisual", "false")
+    folder = path.parent / compiler.get("meshdir", ".")
+    compiler.attrib.pop("meshdir", None)
+    compiler.set("strippath", "false")
+    keeps = compiler.get("discardvisual") == "false"
+    for part in ("visual", "collision") if keeps else ("collision",):
+        for mesh in root.iterfind(f".//{part}//mesh"):
+            mesh.set("filename", str(mesh_file(mesh.get("filename", ""), path, folder, folders)))
+    return ET.tostring(root, encoding="unicode")
+
+
+def mesh_file(name: str, urdf: Path, folder: Path, folders: Folders) -> Path:
+    """The file that a URDF calls by a path from `folder`, a `file://` or a `package://`. Raises ValueError.
+
+    A ROS package is looked for among the folders above the URDF and beside them, then in ROS_PACKAGE_PATH and
+    AMENT_PREFIX_PATH. Above and beside, it counts as a folder of the scene only with a package.xml that names it; of
+    packages in the environment links are followed wherever they lead. Raises SceneError for a file outside.
+    """
+    if name.startswith("package://"):
+        package, _, rest = name.removeprefix("package://").partition("/")
+        if package in ("", ".", ".."):
+            raise ValueError(f"{urdf.name}: {name} names no package")
+        found = next((found for found in _packages(package, urdf) if (found[0] / rest).is_file()), None)
+        if found is None:
+            raise ValueError(
+                f"{urdf.name}: no file {name}; package '{package}' is looked for above {urdf.parent.resolve()} and in "
+                "ROS_PACKAGE_PATH and AMENT_PREFIX_PATH"
+            )
+        place, says_so = found
+        path = Path(os.path.normpath(place / rest))
+        if not (says_so == "environment" and path.is_relative_to(os.path.normpath(place))):
+            (folders.also(place) if says_so else folders).check(path, f"{urdf.name}: '{name}'")
+        return path.resolve()
+    whole = folder / unquote(name.removeprefix("file://")) if name.startswith("file://") else folder / name
+    bare = folder / Path(name).name  # where MuJoCo looks by itself
+    path = bare if bare.is_file() and not whole.is_file() else whole
+    if path.is_file():
+        folders.check(path, f"{urdf.name}: '{name}'")
+    return path.resolve()
+
+
+def _packages(name: str, urdf: Path) -> Iterator[tuple[Path, str]]:
+    """Folders that may be a ROS package of this name, and what says so: `manifest`, `environment`, or only its name."""
+    for above in urdf.resolve().parents:
+        named = _name_in(above / "package.xml")
+        if above.name == name or named == name:
+            yield above, "manifest" if named == name else ""
+        beside = above / name
+        yield beside, "manifest" if _name_in(beside / "package.xml") == name else ""
+    for entry in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
+        yield Path(entry) / name, "environment"
+        if Path(entry).name == name:
+            yield Path(entry), "environment"
+    for entry in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
+        yield Path(entry) / "share" / name, "environment"
+
+
+def _own_package(urdf: Path) -> tuple[Path, ...]:
+    """The ROS package that the URDF is a part of: what lies in it is its own."""
+    return next(((above,) for above in urdf.resolve().parents if (above / "package.xml").is_file()), ())
+
+
+def _name_in(manifest: Path) -> str:
+    try:
+        return (ET.parse(manifest).getroot().findtext("name") or "").strip()
+    except (OSError, ET.ParseError):
+        return ""

@@ -1,0 +1,1 @@
+"""Scene files: checked reading, and what each of their sections becomes."""

@@ -1,0 +1,377 @@
+"""What a scene file says, made into a Scene: cameras, bodies and their motion, shapes, materials, lights.
+
+The file is YAML; every key is optional but `cameras` (an MJCF may do without). Angles are radians, or texts as
+`40 deg`; colours are linear Rec. 709, one number is a grey; `${...}` is arithmetic over the arguments.
+
+    args:       {NAME: {type: float|int|str|bool|vector, default, min, max, choices, unit, help}}; width, height: always
+    cameras:    {NAME: FRAME + {fov (vertical) | focal (px), width, height, near, supersampling,
+                rate (keyframes per second), distortion: {model: plumb_bob|equidistant, coefficients}}}
+    bodies:     {NAME: FRAME + {motion: [MOTION], shapes: [SHAPE], semantic}}
+    world:      [SHAPE], static
+    materials:  {NAME: {albedo, emission, roughness, metallic, two_sided, texture: {kind: image, file} or
+                {kind: blobs|noise|checker|bricks|planks, size, low, high, seed, feature, cells, joint,
+                wedge: {angle, value}}}}
+    lights:     {NAME: {kind: directional, direction, irradiance} | {kind: point, position, intensity}
+                | {kind: spot, position, direction|look_at, intensity, cone, full: half-angles}
+                | {kind: area, position, direction|look_at, up, size, radiance}; all: body, shadows,
+                flicker: {kind: sine|square, frequency, depth, phase (periods), duty}}
+    environment: radiance of the sky
+    environment_map: FILE.exr | {kind: sky, rows, zenith, horizon, ground, sun: {towards, irradiance, size}}
+                | {kind: studio, wall, panels: [{towards, size, radiance}]}
+                | {kind: tunnel, wall, outside, towards, size}
+    include:    a file with materials, world, bodies, lights and environment that several scenes share
+    timestep:   sub-step of prescribed motion [s]
+    mjcf:       a MuJoCo model or URDF with the bodies that move by dynamics;  initial_spread: {position, rotation}
+    assets:     [FOLDER], from which the files named here (mjcf, meshes) may take theirs, beside their own folders
+    keyframe:   of the model, where it starts: a name, a number, none; auto (the default): `home`, if it has that
+
+    FRAME:  position and rotation: {axis, angle} (or a list) | quaternion | look_at (with up), in the frame of `parent`;
+            or view: {camera, offset, depth}, a place in a camera's image
+    MOTION: in the parent's frame, added up: {kind: linear, velocity} | {kind: sinusoid, amplitude, frequency, phase}
+            | {kind: path, times, points, loop, start_velocity, end_velocity}, a spline
+            in the body's frame, chained: {kind: spin, axis, rate} | {kind: swing, axis, amplitude, frequency, phase}
+            | {kind: turn, axis, times, angles, loop, start_rate, end_rate}, a spline
+    SHAPE:  {shape: box (size, edge: radius of round edges | tile) | sphere | ellipsoid | cylinder | capsule | disk
+            | plane (size, repeat | tile, cells) | mesh (vertices, faces), material, name, position, rotation}
+            or {shape: mesh, file: X.obj|ply|stl|gltf|glb, scale, up: y|z, crease}, with the file's own materials
+            semantic: the class of the thing; else its body's, its name or its body's name, without what copies add
+
+Entries of bodies, cameras, lights, world and shapes may have `copies:` and stand for many, see `copies`.
+Paths are relative to the scene file.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evis.config.document import Table, nearest
+from evis.files.allowance import Allowance, AllowanceError
+from evis.geometry import pinhole, se3
+from evis.scene import motion
+from evis.scene.errors import SceneError
+from evis.scene.folders import Folders
+from evis.scene.model import MODELS, WORLD, Body, Instance, Material, Mesh, Scene
+from evis.scene.sky import mean_radiance, read_environment_map
+from evis.scene.yaml.cameras import read_camera
+from evis.scene.yaml.copies import MAX_COPIES, copies
+from evis.scene.yaml.lights import read_light
+from evis.scene.yaml.materials import read_material
+from evis.scene.yaml.motion import read_motion
+from evis.scene.yaml.reader import Fields
+from evis.scene.yaml.tessellate import read_parts, read_shape
+
+SUBSTEP_NS = 1_000_000
+"""Sub-step of /state unless the scene says otherwise [ns]: the 1 kHz that controllers and inertial sensors use."""
+
+MADE = 2 << 30
+"""What a scene file may make of a few lines by code, meshes and textures [bytes]; 100 times its size comes to it."""
+
+
+def build(table: Table, path: Path, arguments: Mapping[str, Any], textures: bool = True, visuals: bool = True) -> Scene:
+    """The Scene of a checked argument set. textures, visuals: as in `load_scene`. Raises SceneError."""
+    return _Builder(table, path, arguments, textures, visuals).scene
+
+
+class _Builder:
+    def __init__(self, table: Table, path: Path, arguments: Mapping[str, Any], textures: bool, visuals: bool) -> None:
+        self.top = Fields(table, f"scene {path.stem}", arguments)
+        self.arguments, self.folder, self.textures, self.visuals = arguments, path.parent, textures, visuals
+        self.folders = _folders(self.top, path)
+        self.allowance = Allowance(path.stat().st_size, base=MADE)
+        self.entries = 0
+        self.scene = Scene(path.stem, [], [], [], [], [], np.zeros(3, np.float32))
+        self.meshes: dict[Any, Mesh] = {}
+        self.counted: dict[int, Mesh] = {}
+        self.parts: dict[Any, list[Any]] = {}
+        self.top.has("args")
+        self.top.has("include")
+        self.top.text("description", "")
+        self._physics(path)
+        self.materials = {material.name: i for i, material in enumerate(self.scene.materials)}
+        self.labels = {instance.name for instance in self.scene.instances}
+        self._frames()
+        if visuals:
+            self._materials(textures)
+            self._shapes(WORLD, "world", self.top.items("world", "shape"))
+            for name, fields in self.bodies.items():
+                shared = fields.text("semantic", "")
+                self._shapes(self.index[name], name, fields.items("shapes", "shape"), shared, self.stems[name])
+            self._lights()
+            self._sky()
+            for fields in (*self.bodies.values(), *self.cameras.values(), self.top):
+                fields.done()
+        self._settle(path)
+
+    def _physics(self, path: Path) -> None:
+        """The MJCF, if there is one: its bodies come first, so that body n of the engine is body n here."""
+        scene = self.scene
+        scene.timestep_ns = round(self.top.number("timestep", SUBSTEP_NS * 1e-9, above=1e-7) * 1e9)
+        spread = self.top.section("initial_spread", "initial_spread")
+        if spread:
+            scene.initial_spread = (spread.number("position", 0.0, minimum=0), spread.angle("rotation", 0.0))
+            spread.done()
+        self.model: Any = None
+        if self.top.has("mjcf"):
+            from evis.scene.mjcf.model import add_model, keyframe_of
+
+            scene.mjcf = (path.parent / self.top.text("mjcf")).resolve()
+            if not scene.mjcf.is_file():
+                raise self.top.error("mjcf", f"names {scene.mjcf.name}, which is not in {path.parent or '.'}")
+            scene.folders = self.folders.beside(scene.mjcf)
+            size = (int(self.arguments["width"]), int(self.arguments["height"]))
+            self.model = add_model(scene, size, own_cameras="cameras" in self.top.table, visuals=self.visuals)
+            try:
+                scene.keyframe = keyframe_of(self.model, self.top.text("keyframe", "auto"))
+            except ValueError as error:
+                if isinstance(error, SceneError):
+                    raise
+                raise self.top.error("keyframe", str(error)) from None
+            return
+        for key in ("initial_spread", "keyframe"):
+            if self.top.has(key):
+                raise self.top.error(key, "is for scenes with an mjcf; prescribed motion starts where it says")
+
+    def _frames(self) -> None:
+        """Bodies and cameras: numbered first, then placed, since each may stand on another."""
+        bodies = self.top.sections("bodies", "body")
+        copied = [(base, ending, copy) for base, entry in bodies.items() for ending, copy in self._copies(entry)]
+        self.stems = {base + ending: base for base, ending, _ in copied}
+        self.bodies = {base + ending: copy for base, ending, copy in copied}
+        self.cameras = {
+            base + ending: copy
+            for base, entry in self.top.sections("cameras", "camera").items()
+            for ending, copy in self._copies(entry)
+        }
+        self.index = {body.name: i for i, body in enumerate(self.scene.bodies)}
+        for name, fields in (*self.bodies.items(), *self.cameras.items()):
+            if name in self.index or name == "world":
+                raise fields.error(None, "has a name that is taken already")
+            self.index[name] = len(self.scene.bodies)
+            self.scene.bodies.append(Body(name, None))
+        for name, fields in self.cameras.items():
+            if not re.fullmatch(r"[\w.-]+", name):  # it is part of the names of topics
+                raise fields.error(None, f"has the name '{name}'; take letters, digits, _ . and -")
+            self.scene.cameras.append(read_camera(name, fields, self.arguments))
+        self._placed: dict[str, bool] = {}
+        for name in (*self.cameras, *self.bodies):
+            self._place(name)
+
+    def _copies(self, entry: Fields) -> list[tuple[str, Fields]]:
+        """What an entry stands for; copies within copies are counted together."""
+        made = copies(entry)
+        self.entries += len(made)
+        if self.entries > MAX_COPIES:
+            raise entry.error(
+                "copies", f"makes more than {MAX_COPIES} bodies, shapes, lights and cameras in this scene"
+            )
+        return made
+
+    def _take(self, size: int, fields: Fields) -> None:
+        """Count what is made of a few lines. Raises SceneError at the one that is too much."""
+        try:
+            self.allowance.take(size)
+        except AllowanceError as error:
+            raise fields.error(None, f"is too large with what stands before it: {error}") from None
+
+    def _place(self, name: str) -> None:
+        """Give body `name` its trajectory, after the one of the body it stands on."""
+        if self._placed.get(name):
+            return
+        fields = self.bodies.get(name) or self.cameras[name]
+        if name in self._placed:
+            raise fields.error("parent", "leads back to the body itself")
+        self._placed[name] = False
+        body = self.scene.bodies[self.index[name]]
+        parent = self._reference(fields, "parent") if fields.has("parent") else None
+        start = self._start(fields)
+        motions = [read_motion(m) for m in fields.items("motion", "motion")]
+        above = self.scene.bodies[parent] if parent is not None else None
+        if above is None or above.trajectory is not None:
+            outer = above.trajectory if above else None
+            assert outer is None or isinstance(outer, motion.Prescribed)
+            body.trajectory = motion.Prescribed(start, motions, outer)
+        elif motions:
+            raise fields.error("motion", f"is not possible on '{above.name}', which the physics engine moves")
+        else:
+            assert parent is not None
+            root, offset = above.mount or (parent, se3.IDENTITY)
+            body.mount = (root, se3.compose(offset, start))
+        self._placed[name] = True
+
+    def _start(self, fields: Fields) -> np.ndarray:
+        if fields.has("look_at"):
+            if fields.has("rotation") or fields.has("quaternion"):
+                raise fields.error("look_at", "and a rotation are given; leave one out")
+            try:
+                return se3.look_at(
+                    fields.place("position"), fields.vector("look_at"), fields.vector("up", 3, [0, 0, 1])
+                )
+            except ValueError as error:
+                if isinstance(error, SceneError):
+                    raise
+                raise fields.error("look_at", f"cannot be followed: {error}") from None
+        view = fields.section("view", "view")
+        if view is None:
+            return se3.make_pose(fields.place("position"), fields.rotation())
+        if fields.has("position"):
+            raise fields.error("view", "and position are given; leave one out")
+        return se3.make_pose(self._in_view(view), fields.rotation())
+
+    def _in_view(self, view: Fields) -> np.ndarray:
+        """The point at `depth` m that is seen, at t = 0, `offset` off the middle (fractions of the frame)."""
+        name = view.text("camera", "cam0")
+        if name not in self.cameras:
+            raise view.error("camera", f"is '{name}'; {nearest(name, self.cameras)}")
+        camera = self.scene.camera(name)
+        self._place(name)
+        trajectory = self.scene.bodies[self.index[name]].trajectory
+        if trajectory is None:
+            raise view.error("camera", f"is '{name}', which the physics engine moves")
+        offset, depth = view.vector("offset", 2, [0, 0]), view.number("depth", above=0.0)
+        view.done()
+        size = np.array([camera.width, camera.height])
+        point = pinhole.unproject(camera.k, (size - 1) / 2 + offset * size, np.array(depth))
+        return se3.transform(trajectory.pose(np.zeros(1, np.int64))[0], point)
+
+    def _reference(self, fields: Fields, key: str) -> int:
+        name = fields.text(key)
+        if name not in self.index:
+            raise fields.error(key, f"is '{name}'; {nearest(name, self.index)}")
+        if name in self.bodies or name in self.cameras:
+            self._place(name)
+        return self.index[name]
+
+    def _materials(self, textures: bool) -> None:
+        for name, fields in self.top.sections("materials", "material").items():
+            self._add_material(read_material(name, fields, self.folder, textures), fields)
+
+    def _add_material(self, material: Material, fields: Fields) -> None:
+        if material.name in self.materials:
+            raise fields.error(None, "has a name that the MJCF uses already")
+        self._take(0 if material.texture is None else material.texture.nbytes, fields)
+        self.materials[material.name] = len(self.scene.materials)
+        self.scene.materials.append(material)
+
+    def _shapes(self, body: int, name: str, shapes: list[Fields], shared: str = "", stem: str = "world") -> None:
+        """The shapes of a body. shared: the body's own class; stem: its name without what copies add."""
+        entries = [entry for fields in shapes for entry in self._copies(fields)]
+        for i, (ending, fields) in enumerate(entries):
+            if fields.has("name"):
+                label = fields.text("name") + ending
+            else:
+                label = name if len(entries) == 1 else f"{name}_{i}"
+            material = self._material(fields) if fields.has("material") else None
+            pose = se3.make_pose(fields.place("position"), fields.rotation())
+            semantic = fields.text("semantic", shared or fields.text("name", stem))
+            if fields.has("file"):
+                self._file(label, body, fields, material, pose, semantic)
+            elif material is None:
+                raise fields.error(None, "needs 'material', such as grey, with materials: {grey: {albedo: 0.5}}")
+            else:
+                mesh = read_shape(fields, self.meshes)
+                self._add_instance(Instance(label, body, mesh, material, pose, semantic), fields)
+            fields.done()
+
+    def _material(self, fields: Fields) -> int:
+        name = fields.text("material")
+        if name not in self.materials:
+            raise fields.error("material", f"is '{name}'; {nearest(name, self.materials)}")
+        return self.materials[name]
+
+    def _add_instance(self, instance: Instance, fields: Fields) -> None:
+        if instance.name in self.labels:
+            raise fields.error("name", f"'{instance.name}' is taken already")
+        if id(instance.mesh) not in self.counted:
+            self.counted[id(instance.mesh)] = instance.mesh
+            self._take(instance.mesh.nbytes, fields)
+        self.labels.add(instance.name)
+        self.scene.instances.append(instance)
+
+    def _file(
+        self, label: str, body: int, fields: Fields, material: int | None, pose: np.ndarray, semantic: str
+    ) -> None:
+        """Every mesh of a file as an instance, with the file's materials unless the entry names one."""
+        parts = read_parts(fields, self.folders, self.textures, self.parts)
+        for i, part in enumerate(parts):
+            chosen = material
+            if chosen is None:
+                if part.material is None:
+                    raise fields.error("file", f"names {fields.text('file')}, which has no material; add 'material'")
+                if part.material.name not in self.materials:
+                    self._add_material(part.material, fields)
+                chosen = self.materials[part.material.name]
+            name = label if len(parts) == 1 else f"{label}_{i}"
+            self._add_instance(Instance(name, body, part.mesh, chosen, pose, semantic), fields)
+
+    def _lights(self) -> None:
+        for base, section in self.top.sections("lights", "light").items():
+            for ending, fields in self._copies(section):
+                body = self._reference(fields, "body") if fields.has("body") else WORLD
+                self.scene.lights.append(read_light(base + ending, fields, body))
+
+    def _sky(self) -> None:
+        """`environment` and `environment_map`; without the former it is the mean of the map."""
+        if self.top.has("environment_map"):
+            self.scene.environment_map = read_environment_map(self.top, self.folder)
+            self.scene.environment = mean_radiance(self.scene.environment_map)
+        if self.top.has("environment"):
+            self.scene.environment = self.top.colour("environment")
+
+    def _settle(self, path: Path) -> None:
+        """Leave no scene without a camera, a cam0, or light."""
+        scene = self.scene
+        if self.model is not None:
+            from evis.scene.mjcf.model import complete
+
+            sky = self.top.has("environment") or self.top.has("environment_map")
+            complete(scene, self.model, self.arguments, lit=self.top.has("lights"), sky=sky, visuals=self.visuals)
+        elif not any(self.top.has(key) for key in ("lights", "environment", "environment_map")):
+            if not (_mentions(self.top.table, "emission") or _mentions(self.top.table, "file")):  # a mesh may glow
+                scene.notes.append("nothing gives light, so every image is black: add `lights:` or `environment:`")
+        if not scene.cameras:
+            raise SceneError(f"{path.name}: scene {scene.name} has no camera; add `cameras: {{cam0: {{fov: 40 deg}}}}`")
+        # The only camera, or a model's first one, is found without its name; several keep those of the file.
+        named = self.cameras and len(scene.cameras) > 1
+        if not named and all(camera.name != "cam0" for camera in scene.cameras):
+            self._free_cam0(path)
+            first = scene.cameras[0]
+            scene.bodies[scene.body_index(first.name)].name = "cam0"
+            first.name = "cam0"
+
+    def _free_cam0(self, path: Path) -> None:
+        """A link of a model that is called cam0 gives way to the camera; a body of the scene file is a mistake."""
+        if "cam0" not in self.index:
+            return
+        number = self.index["cam0"]
+        if self.model is None or number >= self.model.nbody - 1:
+            raise SceneError(f"{path.name}: 'cam0' is the name of the first camera, but here it is a body; rename it")
+        from evis.scene.mjcf.frames import free_name
+
+        self.scene.bodies[number].name = free_name(self.scene, "cam0", "body")
+
+
+def _folders(top: Fields, path: Path) -> Folders:
+    """The scene's folder, and those of `assets`: relative to the scene file, or to where a model by itself is
+    launched. Raises SceneError for one that is not there."""
+    stated = top.plain("assets", [])
+    names = [name.strip() for name in stated.split(",") if name.strip()] if isinstance(stated, str) else stated
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise top.error("assets", f"is {stated!r:.60}; it must be a list of folders")
+    bare = path.suffix in MODELS
+    folders = tuple(Path(name).expanduser() if bare else path.parent / name for name in names)
+    for folder in folders:
+        if not folder.is_dir():
+            raise top.error("assets", f"names {folder}, which is no folder")
+    return Folders(path.parent, folders, bare)
+
+
+def _mentions(value: Any, key: str) -> bool:
+    """Whether a map in `value` has this key."""
+    if isinstance(value, dict):
+        return key in value or any(_mentions(inner, key) for inner in value.values())
+    return isinstance(value, list) and any(_mentions(inner, key) for inner in value)

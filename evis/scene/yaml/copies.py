@@ -1,0 +1,104 @@
+"""`copies:` of a scene file: one entry that stands for many."""
+
+from __future__ import annotations
+
+import itertools
+import keyword
+import zlib
+from typing import Any
+
+import numpy as np
+
+from evis.scene.yaml.reader import Fields
+
+MAX_COPIES = 100_000
+"""Most entries that the `copies` of a scene make."""
+MAX_VALUES = 1_000_000
+"""Most values that one `copies` works out: its copies times its variables."""
+
+
+def copies(fields: Fields) -> list[tuple[str, Fields]]:
+    """What an entry stands for: (ending of the name, fields with the variables of `copies` filled in).
+
+        copies:
+          over:   {row: 4, side: [-1, 1]}         every combination; a number n counts 0 ... n - 1; the last is fastest
+          random: {seed: 7, turn: {from: 0, to: 0.3}, paint: {choose: [red, blue]}}     drawn anew for every copy
+          let:    {x: "${row * 2.5}"}             worked out in order
+          if:     "${row > 0}"                    leaves out the others
+
+    Names end in the positions within `over`: shelf_0_1. A draw depends on the seed, its name and the copy alone. An
+    entry without `copies` stands for itself. Raises SceneError.
+    """
+    section = fields.section("copies", "copies")
+    if section is None:
+        return [("", fields)]
+    over = section.section("over", "over")
+    if over is None or not over.table:
+        raise section.error(None, "needs 'over', such as {i: 10}")
+    values = {name: _values(over, name) for name in over.table}
+    count = int(np.prod([len(v) for v in values.values()], dtype=float))
+    if count > MAX_COPIES:
+        raise section.error("over", f"makes {count} copies; the most is {MAX_COPIES}")
+    let, random = section.section("let", "let"), section.section("random", "random")
+    variables = sum(len(part.table) for part in (over, let, random) if part)
+    if count * variables > MAX_VALUES:
+        raise section.error(
+            None, f"makes {count} copies of {variables} variables each; the most is {MAX_VALUES} in all"
+        )
+    draws = _draws(random, count)
+    result = []
+    for number, places in enumerate(itertools.product(*(range(len(v)) for v in values.values()))):
+        own = {name: values[name][place] for name, place in zip(values, places)}
+        own |= {name: drawn[number] for name, drawn in draws.items()}
+        copy = Fields(fields.table, fields.what, {**fields.arguments, **own})
+        copy.has("copies")
+        for name in let.table if let else ():
+            assert let is not None
+            _check_name(let, name)
+            copy.arguments = {**copy.arguments, name: Fields(let.table, let.what, copy.arguments).raw(name)}
+        kept = Fields(section.table, section.what, copy.arguments)
+        if kept.flag("if", True):
+            result.append(("".join(f"_{place}" for place in places), copy))
+    section.has("if")
+    section.done()
+    return result
+
+
+def _values(over: Fields, name: str) -> list[Any]:
+    _check_name(over, name)
+    value = over.plain(name)
+    if isinstance(value, list):
+        return value
+    return list(range(over.whole(name, maximum=MAX_COPIES)))
+
+
+def _draws(random: Fields | None, count: int) -> dict[str, list[Any]]:
+    """Random values per name, one for each copy."""
+    if random is None:
+        return {}
+    seed = random.whole("seed", 0, maximum=(1 << 32) - 1)
+    result: dict[str, list[Any]] = {}
+    for name in random.table:
+        if name == "seed":
+            continue
+        _check_name(random, name)
+        draw = random.section(name, name)
+        assert draw is not None
+        uniform = np.random.Generator(np.random.Philox(key=[seed, zlib.crc32(name.encode())])).random(count)
+        if draw.has("choose"):
+            choices = draw.plain("choose")
+            if not isinstance(choices, list) or not choices:
+                raise draw.error("choose", "must be a list of values")
+            result[name] = [choices[int(u * len(choices))] for u in uniform]
+        else:
+            low, high = draw.number("from"), draw.number("to")
+            result[name] = (low + (high - low) * uniform).tolist()
+        draw.done()
+    return result
+
+
+def _check_name(fields: Fields, name: str) -> None:
+    if not name.isidentifier() or keyword.iskeyword(name):
+        raise fields.error(name, "is no name for a variable; use letters, digits and _")
+    if name in fields.arguments:
+        raise fields.error(name, "is the name of an argument already; choose another")

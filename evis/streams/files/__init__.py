@@ -1,1 +1,0 @@
-"""Recordings in files: one module per format, found by `evis.streams.open_recording`."""

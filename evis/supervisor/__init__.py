@@ -1,0 +1,1 @@
+"""Starts the processes of a plan, watches them, ends them in order, and leaves nothing behind."""

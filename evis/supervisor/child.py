@@ -1,0 +1,136 @@
+"""One process of a running graph as its supervisor sees it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+from evis.console.termination import STATUS
+from evis.runtime.parent_death import PARENT_VARIABLE
+from evis.runtime.plan import NodePlan
+
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+"""One compute thread per process unless the user's environment says otherwise: more are many times slower."""
+
+_FROM_OUTSIDE = (
+    "the signal came from outside the graph (kill, a service manager, a container that is stopped): run again"
+)
+_REMEDIES = {
+    signal.SIGKILL: "if nobody did that by hand, the machine ran out of memory: try fewer envs, a smaller image, less "
+    "upsampling",
+    signal.SIGSEGV: "a crash in native code: run again with device:=cpu to tell a driver's fault from ours",
+    signal.SIGBUS: "shared memory ran out: free some memory, or raise the container's limit",
+    signal.SIGABRT: "a native library gave up: its last words are in the lines above",
+    signal.SIGILL: "a library was built for another processor: install it again on this machine",
+    signal.SIGTERM: _FROM_OUTSIDE,
+    signal.SIGHUP: _FROM_OUTSIDE,
+    signal.SIGINT: _FROM_OUTSIDE,
+    signal.SIGQUIT: _FROM_OUTSIDE,
+}
+
+
+@dataclass
+class Child:
+    """state: starting, ready, running, then done or failed."""
+
+    name: str
+    nodes: list[NodePlan]
+    directory: Path
+    service: bool = False
+    state: str = "starting"
+    process: subprocess.Popen[bytes] | None = None
+    heard_at: float = 0.0
+    busy_s: float = 0.0
+    stats: dict[str, Any] = field(default_factory=dict)
+    summary: dict[str, Any] = field(default_factory=dict)
+    failure: tuple[str, str] | None = None
+    """(node, text) as the process itself reported it."""
+    respawns: int = 0
+    spared: bool = False
+    """It failed, and nothing depends on it."""
+    mentioned: bool = False
+    """The user has been told that it is slow."""
+    log: IO[bytes] | None = None
+
+    @property
+    def title(self) -> str:
+        """The nodes of the process, for messages."""
+        names = ", ".join(node.name for node in self.nodes)
+        return names if len(self.nodes) == 1 and names == self.name else f"{self.name} ({names})"
+
+    @property
+    def log_path(self) -> Path:
+        """Its standard output and error."""
+        return self.directory / f"{self.name}.log"
+
+    @property
+    def ended(self) -> bool:
+        """It will say nothing more."""
+        return self.state in ("done", "failed")
+
+    def alive(self) -> bool:
+        """Is there a process?"""
+        return self.process is not None and self.process.poll() is None
+
+    @property
+    def exit_status(self) -> int | None:
+        """How its process ended, the number of a signal below 0; None while there is one."""
+        return self.process.poll() if self.process is not None else None
+
+    def start(self) -> None:
+        """Start the process in a session of its own: a terminal's Ctrl-C reaches the supervisor alone."""
+        environment = dict(os.environ)
+        environment[PARENT_VARIABLE] = str(os.getpid())
+        environment["PYTHONPATH"] = os.pathsep.join(os.path.abspath(p) for p in sys.path if p)
+        environment["PYTHONUNBUFFERED"] = "1"
+        for variable in THREAD_VARIABLES:
+            environment.setdefault(variable, "1")
+        self.log = open(self.log_path, "ab")
+        self.process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "evis.runtime.process", str(self.directory / "plan.json"), self.name],
+            stdin=subprocess.DEVNULL,
+            stdout=self.log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env=environment,
+        )
+        self.log.close()
+        self.state = "starting"
+        self.heard_at = time.monotonic()
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal if it is there."""
+        if self.process is not None and self.alive():
+            self.process.send_signal(number)
+            if number in (signal.SIGTERM, signal.SIGINT):
+                self.process.send_signal(signal.SIGCONT)
+
+    def death(self) -> str:
+        """One line about an exit that the process did not announce."""
+        code = self.process.returncode if self.process is not None else None
+        if code == STATUS:
+            code = -signal.SIGTERM  # it has closed its files first, see evis/console/termination.py
+        if code is not None and code < 0:
+            try:
+                number = signal.Signals(-code)
+            except ValueError:
+                return f"{self.title} was ended by signal {-code}"
+            remedy = _REMEDIES.get(number, "its last words are in the lines above")
+            return f"{self.title} was ended by {number.name}; {remedy}"
+        return f"{self.title} ended with exit status {code} and no message"
+
+    def last_lines(self, count: int) -> list[str]:
+        """The end of its log."""
+        try:
+            with open(self.log_path, "rb") as log:
+                log.seek(0, os.SEEK_END)
+                log.seek(max(0, log.tell() - 200 * count))
+                return log.read().decode(errors="replace").splitlines()[-count:]
+        except OSError:
+            return []

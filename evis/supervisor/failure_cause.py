@@ -1,0 +1,48 @@
+"""Which of several failures was the cause, and how to say it."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterable
+
+from evis.supervisor.child import Child
+
+_PEER_LOST = "(topic /"
+"""What the bus writes when the other end of a topic is gone: a consequence, as long as there is a cause."""
+_LINES = 12
+
+
+def why(child: Child) -> str:
+    """One line about a failure: what the node said, or how the process died."""
+    if child.failure is None:
+        return child.death()
+    node, text = child.failure
+    return text if text.startswith(f"{node}: ") else f"{node}: {text}"
+
+
+def first_cause(children: Iterable[Child]) -> Child:
+    """Of those that failed: a death without a word before a report, a report before "my neighbour is gone".
+
+    One that was told to end by SIGTERM comes after who reports something, and before its neighbours.
+    """
+    failed = list(children)
+    silent = [c for c in failed if c.failure is None]
+    deaths = [c for c in silent if c.exit_status not in (143, -signal.SIGTERM)]
+    reports = [c for c in failed if c.failure and _PEER_LOST not in c.failure[1]]
+    return (deaths or reports or silent or failed)[0]
+
+
+def by_force(children: Iterable[Child], patience_s: float, asked: bool) -> str:
+    """One line about processes that had to be killed at the end. asked: by a second Ctrl-C, and not for waiting."""
+    found = list(children)
+    names = ", ".join(c.title for c in found)
+    was, its = ("was", "its") if len(found) == 1 else ("were", "their")
+    if asked:
+        return f"{names} {was} ended by force, as a second Ctrl-C asks; {its} files may be incomplete"
+    return f"{names} did not end in {patience_s:g} s and {was} ended by force; {its} files may be incomplete"
+
+
+def last_words(child: Child) -> list[str]:
+    """The end of its log without tracebacks."""
+    lines = [line for line in child.last_lines(_LINES) if not line.startswith(("Traceback (", "  "))]
+    return [f"  {child.name} | {line}" for line in lines]

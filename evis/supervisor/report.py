@@ -1,0 +1,95 @@
+"""How a run went: the numbers of its summary, as JSON and as a short table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from evis.runtime.plan import Plan
+
+DROP_COUNTERS = ("drops", "dropped", "lost")
+"""Counters that stand for data that did not arrive."""
+_BUS_KEYS = ("bus", "idle")
+
+
+@dataclass
+class Report:
+    """summary: what --json prints. failure: the one line of what went wrong."""
+
+    summary: dict[str, Any]
+    failure: str | None = None
+    interrupted: bool = False
+
+
+def summarise(
+    plan: Plan,
+    parts: list[dict[str, Any]],
+    *,
+    startup_s: float,
+    wall_s: float,
+    failure: str | None,
+    interrupted: bool,
+) -> Report:
+    """Put the summaries of all processes together. Times in seconds; rtf = sim_s / wall_s."""
+    plan = plan.redacted()
+    nodes: dict[str, Any] = {}
+    overhead: dict[str, float] = dict.fromkeys(_BUS_KEYS, 0.0)
+    for part in parts:
+        for name, values in part.get("nodes", {}).items():
+            if name in _BUS_KEYS:
+                overhead[name] += values.get("busy_s", 0.0)
+            else:
+                nodes[name] = values
+    spans = [n["stamp_ns"] - n["first_stamp_ns"] for n in nodes.values() if n.get("first_stamp_ns") is not None]
+    sim_s = max(spans, default=0) / 1e9
+    summary = {
+        "sim_s": sim_s,
+        "startup_s": round(startup_s, 6),
+        "wall_s": round(wall_s, 6),
+        "rtf": round(sim_s / wall_s, 6) if wall_s > 0 else 0.0,
+        "events": _total(nodes, "events"),
+        "keyframes": _total(nodes, "keyframes"),
+        "frames": _total(nodes, "frames"),
+        "drops": sum(n.get("counters", {}).get(key, 0) for n in nodes.values() for key in DROP_COUNTERS),
+        "dropped_events": sum(n.get("counters", {}).get("dropped_events", 0) for n in nodes.values()),
+        "nodes": nodes,
+        "left_out": [{"what": item.what, "why": item.why} for item in plan.left_out],
+        "bus_s": round(overhead["bus"], 6),
+        "idle_s": round(overhead["idle"], 6),
+        "cpu_s": round(sum(part.get("cpu_s", 0.0) for part in parts), 6),
+        "rss_mb": round(sum(part.get("rss_mb", 0.0) for part in parts), 1),
+        "args": plan.args,
+        "random": plan.random,
+    }
+    if plan.chosen:
+        summary["chosen"] = plan.chosen
+    if failure is not None:
+        summary["error"] = failure
+    return Report(summary, failure, interrupted)
+
+
+def _total(nodes: dict[str, Any], key: str) -> int:
+    return int(sum(node.get(key, 0) for node in nodes.values()))
+
+
+def as_table(report: Report) -> str:
+    """The summary for a person."""
+    s = report.summary
+    unused = s["args"].get("seed") and s["random"] and not any(s["random"].values())
+    lines = [
+        f"{s['sim_s']:.3f} s in {s['wall_s']:.2f} s (real-time factor {s['rtf']:.3f}), start-up {s['startup_s']:.2f} s",
+        f"{s['events']:,} events, {s['keyframes']:,} keyframes, {s['frames']:,} frames, "
+        f"{s['drops']:,} messages and {s['dropped_events']:,} events dropped",
+        *([f"nothing in this run is random: seed {s['args']['seed']} changes nothing"] if unused else []),
+        "",
+        f"{'node':<20}{'updates':>10}{'ms/update':>12}{'busy s':>10}  counters",
+    ]
+    for name, node in s["nodes"].items():
+        counters = ", ".join(
+            f"{k}={v:,}" if isinstance(v, int) else f"{k}={v:,.10g}" for k, v in node.get("counters", {}).items()
+        )
+        lines.append(
+            f"{name:<20}{node.get('updates', 0):>10}{node.get('ms_per_update', 0.0):>12.3f}"
+            f"{node.get('busy_s', 0.0):>10.3f}  {counters}".rstrip()
+        )
+    return "\n".join(lines)

@@ -1,0 +1,120 @@
+"""The private directory of a run: sockets, logs, the plan. Gone with the run, whatever kind of death that is."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import secrets
+import shutil
+import stat
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+LOCK = "lock"
+"""File in a run's directory that its launcher holds locked: a run without that lock is dead."""
+_LONGEST_ROOT = 40
+"""Longest root that leaves a socket's path room [characters]; the system's limit is 107."""
+_SETTLE_S = 60.0
+
+
+def root() -> Path:
+    """The folder of all runs of this user: below XDG_RUNTIME_DIR, or /tmp/evis-<uid>. Raises OSError if not private."""
+    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
+    if runtime and len(runtime) < _LONGEST_ROOT and os.access(runtime, os.W_OK):
+        folder = Path(runtime) / "evis"
+    else:
+        folder = Path(tempfile.gettempdir()) / f"evis-{os.getuid()}"
+        if len(str(folder)) > _LONGEST_ROOT:
+            folder = Path("/tmp") / f"evis-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    status = folder.lstat()
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid():
+        raise OSError(f"{folder} belongs to somebody else; set XDG_RUNTIME_DIR to a folder of your own")
+    if stat.S_IMODE(status.st_mode) != 0o700:
+        folder.chmod(0o700)
+    return folder
+
+
+@contextlib.contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Within it, an error of the system names the folder, which a write that finds no room does not, and the remedy."""
+    try:
+        yield
+    except OSError as error:
+        reason = f"{error.strerror or error}; make room there, or set XDG_RUNTIME_DIR to another folder of your own"
+        raise OSError(error.errno, reason, error.filename or str(folder)) from None
+
+
+def is_live(directory: Path) -> bool:
+    """True while the launcher of this run lives."""
+    try:
+        with open(directory / LOCK) as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return True
+    except OSError:
+        pass
+    return False
+
+
+def live_runs() -> list[Path]:
+    """Directories of running graphs, the newest first."""
+    try:
+        folders = [p for p in root().iterdir() if p.is_dir() and (p / "plan.json").exists() and is_live(p)]
+    except OSError:
+        return []
+    return sorted(folders, key=lambda p: p.name, reverse=True)
+
+
+def sweep() -> list[Path]:
+    """Remove what dead runs have left, and name it."""
+    removed = []
+    for folder in root().iterdir():
+        try:
+            young = time.time() - folder.stat().st_mtime < _SETTLE_S
+        except OSError:
+            continue
+        # A run that is just being made has no lock yet.
+        if folder.is_dir() and not is_live(folder) and ((folder / LOCK).exists() or not young):
+            shutil.rmtree(folder, ignore_errors=True)
+            removed.append(folder)
+    return removed
+
+
+class RunDirectory:
+    """A run's directory, locked by this process and watched by a clean-up process that outlives it for a moment."""
+
+    def __init__(self) -> None:
+        sweep()
+        self.run_id = f"{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(3)}"
+        self.path = root() / self.run_id
+        with writing(self.path):
+            self.path.mkdir(mode=0o700)
+            # Locked before it has its name: another launcher sweeps what has a lock file that nobody holds.
+            unnamed = self.path / f"{LOCK}.new"
+            self._lock = open(unnamed, "w")
+            fcntl.flock(self._lock, fcntl.LOCK_EX)
+            unnamed.rename(self.path / LOCK)
+        program = Path(__file__).with_name("cleanup.py")
+        self._cleanup = subprocess.Popen(
+            [sys.executable, "-I", "-S", str(program), str(self.path)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+
+    def close(self) -> None:
+        """Remove the directory and let the clean-up process go."""
+        shutil.rmtree(self.path, ignore_errors=True)
+        self._lock.close()
+        if self._cleanup.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._cleanup.stdin.close()
+        self._cleanup.wait(10)

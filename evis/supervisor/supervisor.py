@@ -1,0 +1,353 @@
+"""Starts the processes of a plan, lets them go together, watches them, and ends them in order."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from evis.config.secret import Redactor
+from evis.console.printable import printable
+from evis.console.voice import Voice
+from evis.runtime.control import ControlServer, control_address
+from evis.runtime.host import load_class
+from evis.runtime.plan import NodePlan, Plan
+from evis.supervisor.child import Child
+from evis.supervisor.failure_cause import by_force, first_cause, last_words, why
+from evis.supervisor.logs import Logs
+from evis.supervisor.report import Report, summarise
+from evis.supervisor.run_directory import RunDirectory, writing
+
+DRAIN_S = 5.0
+"""How long the graph may take to end by itself after a stop before it gets SIGTERM, and then SIGKILL [s]."""
+START_DRAIN_S = 1.0
+"""The same before it has begun, when there is nothing to lose yet [s]."""
+SILENCE_S = 8.0
+"""A process that sends no heartbeat for so long is frozen [s]; a thread of its own sends one every 0.5 s."""
+SUSPECT_S = 4.0
+"""The same when a neighbour of somebody's is lost [s]: the bus gives a frozen peer up 5 s after it last answered."""
+STARTUP_SILENCE_S = 60.0
+"""The same before its first heartbeat: imports come first [s]."""
+SETTLE_S = 0.4
+"""How long to listen after a failure, so that the cause is named and not its consequences [s]."""
+LAST_WORD_S = 0.2
+"""How long to listen for what a process wrote before it ended [s]; it waits for the answer, but not for ever."""
+MAX_RESPAWNS = 5
+BUSY_S = 30.0
+"""A node that has been in one call for so long is mentioned, once [s]."""
+HELD_S = 1.0
+"""A turn of the supervisor's own loop that took longer was held up: by Ctrl-Z, or by a busy machine [s]."""
+_TICK_S = 0.05
+
+
+class Supervisor:
+    """Runs one plan to its end. `say`: takes one line for the user; `tick`: called with the progress so far."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        *,
+        say: Callable[[str], None] | None = None,
+        tick: Callable[[dict[str, Any]], None] | None = None,
+        debug: bool = False,
+    ) -> None:
+        self.plan = plan
+        self._voice = Voice(say, tick)
+        self._tell, self._tick = self._voice.say, self._voice.tick
+        self._redactor = Redactor(plan.secrets)
+        self._debug = debug
+        self._children: dict[str, Child] = {}
+        self._interrupts = 0
+        self._stopped_at = 0.0
+        self._stage = 0
+        self._failed_at = 0.0
+        self._cause: str | None = None
+        self._started = 0.0
+        self._went_at = 0.0
+        self._ended_at = 0.0
+        self._turned_at = 0.0
+        self._logs = Logs(self._say, debug)
+
+    def run(self) -> Report:
+        """Until everything has ended. The report says how it went; nothing is left behind."""
+        self._started = time.monotonic()
+        directory = RunDirectory()
+        self.plan.run_id = directory.run_id
+        self.plan.directory = str(directory.path)
+        try:
+            with writing(directory.path):
+                self.plan.save(directory.path / "plan.json")
+            with self._control(), self._signals():
+                for name, nodes in self.plan.processes().items():
+                    self._add(name, nodes)
+                for child in self._children.values():
+                    child.start()
+                self._loop()
+            return summarise(
+                self.plan,
+                [child.summary for child in self._children.values()],
+                startup_s=(self._went_at or time.monotonic()) - self._started,
+                wall_s=self._ended_at - self._went_at if self._went_at else 0.0,
+                failure=None if self._cause is None else self._redactor.text(self._cause),
+                interrupted=self._interrupts > 0,
+            )
+        finally:
+            self._kill_all()
+            directory.close()
+            self._voice.close()
+
+    # -- set-up ------------------------------------------------------------------------------------------------------
+
+    def _add(self, name: str, nodes: list[NodePlan]) -> Child:
+        child = Child(name, nodes, Path(self.plan.directory), service=all(self._is_service(n) for n in nodes))
+        self._children[name] = child
+        return child
+
+    def _is_service(self, node: NodePlan) -> bool:
+        """Neither a source nor fed by declared inputs: lives until the others have ended."""
+        if load_class(node.target).SOURCE:
+            return False
+        edges = [e for topics in node.inputs.values() for t in topics if t in self.plan.topics
+                 for e in self.plan.topics[t].edges if e.node == node.name]  # fmt: skip
+        return all(edge.kind == "tap" for edge in edges)
+
+    @contextlib.contextmanager
+    def _control(self) -> Iterator[None]:
+        self._server = ControlServer(control_address(self.plan.directory))
+        try:
+            yield
+        finally:
+            self._server.close()
+
+    @contextlib.contextmanager
+    def _signals(self) -> Iterator[None]:
+        """Ctrl-C, polite requests to end and a lost terminal (but under nohup) are counted, not raised."""
+
+        def interrupt(number: int, frame: FrameType | None) -> None:
+            self._interrupts += 1
+
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        numbers = [signal.SIGINT, signal.SIGTERM]
+        if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+            numbers.append(signal.SIGHUP)
+        before = {number: signal.signal(number, interrupt) for number in numbers}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    # -- the loop ----------------------------------------------------------------------------------------------------
+
+    def _loop(self) -> None:
+        while not all(child.ended and not child.alive() for child in self._children.values()):
+            for process, message in self._server.poll(_TICK_S):
+                self._handle(process, message)
+            self._forgive_own_pause()
+            for child in list(self._children.values()):
+                self._watch(child)
+            self._start_together()
+            self._end_in_order()
+            self._logs.forward(self._children.values())
+            self._tick(self._progress())
+        self._logs.forward(self._children.values())
+        if self._cause is None:
+            self._name_cause()
+
+    def _forgive_own_pause(self) -> None:
+        """While this process was held up it heard nobody: that was no silence of theirs, and no patience of ours."""
+        now = time.monotonic()
+        pause, self._turned_at = now - (self._turned_at or now), now
+        if pause > HELD_S:
+            for child in self._children.values():
+                child.heard_at = min(now, child.heard_at + pause)
+            if self._stopped_at:
+                self._stopped_at = min(now, self._stopped_at + pause)
+
+    def _handle(self, process: str, message: dict[str, Any]) -> None:
+        if "want" in message:
+            self._wake(str(message["want"]))
+            return
+        child = self._children.get(process)
+        if child is None:
+            return
+        child.heard_at = time.monotonic()
+        if "tell" in message:
+            self._tell(f"{message.get('node')}: {message['tell']}")
+        elif "ready" in message and child.state == "starting":
+            child.state = "ready"
+            if self._went_at:
+                self._go(child)
+        elif "heartbeat" in message:
+            child.stats = message.get("stats") or {}
+            child.busy_s = float(message.get("busy_s") or 0.0)
+            if self._stopped_at and (not child.service or self._workers_ended()):
+                self._server.send(process, {"stop": 1})  # the first one came before the process could hear it
+        elif "done" in message:
+            child.state = "done"
+            child.summary = message.get("summary") or {}
+            if not child.service:
+                self._ended_at = time.monotonic()
+            self._server.send(process, {"bye": 1})
+        elif "failed" in message:
+            child.state = "failed"
+            child.failure = (str(message.get("node")), " ".join(str(message.get("text")).split()))
+            self._server.send(process, {"bye": 1})
+            self._on_failure(child)
+
+    def _start_together(self) -> None:
+        """The readiness barrier: nobody goes before all are ready."""
+        if not self._went_at and all(c.state == "ready" for c in self._children.values()):
+            self._went_at = self._ended_at = time.monotonic()
+            for child in self._children.values():
+                self._go(child)
+
+    def _go(self, child: Child) -> None:
+        child.state, child.busy_s = "running", 0.0
+        self._server.send(child.name, {"go": 1})
+
+    def _wake(self, topic: str) -> None:
+        """Start the dormant node that publishes a topic."""
+        planned = self.plan.topics.get(topic)
+        node = self.plan.nodes.get(planned.node) if planned else None
+        if node is not None and node.dormant and node.process not in self._children and not self._stopped_at:
+            self._add(node.process, [node]).start()
+
+    def _watch(self, child: Child) -> None:
+        if child.ended:
+            return
+        if not child.alive():
+            # What it wrote last may still be under way to us.
+            end = time.monotonic() + LAST_WORD_S
+            while not child.ended and time.monotonic() < end:
+                for process, message in self._server.poll(LAST_WORD_S):
+                    self._handle(process, message)
+            if not child.ended:
+                child.state = "failed"
+                self._on_failure(child)
+            return
+        if child.busy_s > BUSY_S and child.state != "ready" and not child.mentioned:
+            child.mentioned = True
+            doing = "in one step" if child.state == "running" else "getting ready (kernels may be compiling)"
+            self._say(f"{child.title}: {doing} for {BUSY_S:g} s now")
+        limit = SILENCE_S if child.stats or child.state != "starting" else STARTUP_SILENCE_S
+        if time.monotonic() - child.heard_at > limit:
+            self._end_frozen(child, limit)
+            self._on_failure(child)
+
+    def _end_frozen(self, child: Child, silent_s: float) -> None:
+        text = f"gave no sign of life for {silent_s:.0f} s (stopped, or stuck in native code)"
+        child.failure, child.state = (child.name, text), "failed"
+        child.signal(signal.SIGKILL)
+
+    def _suspect_frozen(self) -> None:
+        """Who misses a neighbour that froze says so before SILENCE_S is over: the cause is who is silent, not they."""
+        now = time.monotonic()
+        for child in self._children.values():
+            if child.stats and not child.ended and child.alive() and now - child.heard_at > SUSPECT_S:
+                self._end_frozen(child, now - child.heard_at)
+
+    def _on_failure(self, child: Child) -> None:
+        if self._stage and child.failure is None:
+            return  # our own signal
+        if all(node.respawn for node in child.nodes) and child.respawns < MAX_RESPAWNS and not self._stopped_at:
+            child.respawns += 1
+            self._say(f"{why(child)}; started again ({child.respawns} of {MAX_RESPAWNS})")
+            if child.process is not None:
+                child.process.wait(10)
+            child.failure = None
+            child.start()
+            return
+        if child.service and self._went_at:
+            child.spared = True
+            self._say(f"{why(child)}; the graph goes on without it")
+        elif not self._failed_at:
+            self._failed_at = time.monotonic()
+
+    # -- the end -----------------------------------------------------------------------------------------------------
+
+    def _end_in_order(self) -> None:
+        now = time.monotonic()
+        if self._failed_at and not self._stopped_at and now - self._failed_at > SETTLE_S:
+            self._name_cause()
+            self._stop(now)
+        elif self._interrupts and not self._stopped_at:
+            self._stop(now)
+        elif not self._stopped_at and self._workers_ended():
+            self._stop(now)
+        if self._stopped_at and self._workers_ended():
+            self._stop_services()
+        if not self._stopped_at:
+            return
+        waited, patience = now - self._stopped_at, DRAIN_S if self._went_at else START_DRAIN_S
+        if self._stage == 0 and (waited > patience or self._interrupts > 1):
+            self._stage, self._stopped_at = 1, now
+            self._signal_all(signal.SIGTERM)
+        elif self._stage == 1 and (waited > patience or self._interrupts > 2):
+            self._stage = 2
+            self._signal_all(signal.SIGKILL)
+
+    def _workers_ended(self) -> bool:
+        """Only services are left. A graph of services alone lives until it is stopped."""
+        workers = [c for c in self._children.values() if not c.service]
+        return all(c.ended for c in workers) and (bool(workers) or self._stopped_at > 0)
+
+    def _stop(self, now: float) -> None:
+        """Sources first: the end of the stream then flows through, and what records it is closed whole."""
+        self._stopped_at = now
+        for child in self._children.values():
+            if not child.service:
+                self._server.send(child.name, {"stop": 1})
+
+    def _stop_services(self) -> None:
+        for child in self._children.values():
+            if child.service and not child.ended:
+                self._server.send(child.name, {"stop": 1})
+
+    def _signal_all(self, number: signal.Signals) -> None:
+        for child in self._children.values():
+            child.signal(number)
+
+    def _kill_all(self) -> None:
+        self._signal_all(signal.SIGKILL)
+        for child in self._children.values():
+            if child.process is not None:
+                with contextlib.suppress(Exception):
+                    child.process.wait(10)
+
+    def _name_cause(self) -> None:
+        if self._failed_at:
+            self._suspect_frozen()
+        failed = [child for child in self._children.values() if child.state == "failed" and not child.spared]
+        if not failed:
+            return
+        if not self._failed_at:
+            # One that is stopped before it has begun has nothing to lose.
+            self._cause = by_force(failed, DRAIN_S, self._interrupts > 1) if self._went_at else None
+            return
+        child = first_cause(failed)
+        self._cause = why(child)
+        if child.failure is None and not self._debug:
+            for line in last_words(child):
+                self._say(line)
+
+    # -- what the user sees ------------------------------------------------------------------------------------------
+
+    def _say(self, line: str) -> None:
+        """One line for the user, who may keep it in a file: without the secrets that were given to the run."""
+        self._tell(printable(self._redactor.text(line)))
+
+    def _progress(self) -> dict[str, Any]:
+        stats = [child.stats for child in self._children.values()]
+        total = {key: sum(int(s.get(key, 0)) for s in stats) for key in ("events", "keyframes", "frames")}
+        return total | {
+            "stamp_ns": max((int(s.get("stamp_ns", 0)) for s in stats), default=0),
+            "running": bool(self._went_at),
+        }

@@ -1,0 +1,1 @@
+"""How the sensor's work is laid out on a CPU."""

@@ -1,0 +1,100 @@
+"""The engine of the ideal sensor on a CPU: its state, and the lists that take its events."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from nodes.event_sensor.cpu.ideal_kernels import (
+    AT_STEP,
+    FULL,
+    GROUP,
+    NEEDED,
+    OUTGROWN,
+    STATUS,
+    STEP,
+    Lists,
+    plain_kernel,
+)
+from nodes.event_sensor.cpu.simd_kernels import Bands, Level, room_for_block
+from nodes.event_sensor.model import pixel_kernels
+
+FIRST_ROOM = 4096
+"""Events for which a list has room at first."""
+
+
+class StepLists:
+    """A list of keys for each step of a group, and one to sort in; they grow one by one."""
+
+    def __init__(self) -> None:
+        self.kernel: Any = Lists()
+        self._keys = [np.empty(FIRST_ROOM, np.int64) for _ in range(GROUP)]
+        self._addresses = np.array([keys.ctypes.data for keys in self._keys], np.uint64)
+        self._room = np.full(GROUP, FIRST_ROOM, np.int64)
+        self._taken = np.zeros(GROUP, np.int64)
+        self.kernel.keys = wp.array(self._addresses, dtype=wp.uint64, device="cpu", copy=False)
+        self.kernel.room = wp.array(self._room, dtype=wp.int64, device="cpu", copy=False)
+        self.kernel.taken = wp.array(self._taken, dtype=wp.int64, device="cpu", copy=False)
+        self._spare_for(FIRST_ROOM)
+
+    def _spare_for(self, room: int) -> None:
+        self._spare = np.empty(room, np.int64)
+        self.kernel.spare = self._spare.ctypes.data
+
+    def empty(self) -> None:
+        """Forget all events."""
+        self._taken[:] = 0
+
+    def grow(self, step: int, needed: int) -> None:
+        """Room for this many events in the list of a step."""
+        room = max(needed, 2 * len(self._keys[step]))
+        keys = np.empty(room, np.int64)
+        taken = self._taken[step]
+        keys[:taken] = self._keys[step][:taken]
+        self._keys[step], self._addresses[step], self._room[step] = keys, keys.ctypes.data, room
+        if room > len(self._spare):
+            self._spare_for(room)
+
+
+class Plain:
+    """Linear or frame stamps, no fault, on a CPU; nodes.event_sensor.cuda.ideal is the same on a GPU."""
+
+    sorts = True
+    """Its keys come in order."""
+
+    def __init__(self, total: int, frame: bool) -> None:
+        """total: pixels and channels of all environments. frame: events carry the stamp of their frame."""
+        self._kernel = plain_kernel(frame)
+        self._bands: Any = Bands()
+        self._bands.last = wp.zeros(total, dtype=wp.float32, device="cpu")
+        self._bands.low = wp.full(total, float("inf"), dtype=wp.float32, device="cpu")
+        self._bands.high = wp.zeros(total, dtype=wp.float32, device="cpu")
+        self._bands.level = wp.zeros(total, dtype=Level, device="cpu")
+        self._work = room_for_block()
+        self._lists = StepLists()
+        self._progress = np.zeros(AT_STEP + 1, np.int64)
+        self._progress_there: wp.array = wp.array(self._progress, dtype=wp.int64, device="cpu", copy=False)
+
+    def arrays(self) -> tuple[wp.array, ...]:
+        """Everything that is kept per pixel."""
+        return self._bands.last, self._bands.low, self._bands.high, self._bands.level
+
+    def launch(self, sensor: pixel_kernels.Sensor, batch: Any, keys: wp.array, counters: wp.array, resume: int) -> None:
+        """Events of a batch to `keys`, as many as fit; resume > 0: go on where the last launch found them full."""
+        if not resume:
+            self._progress[:] = 0
+            self._lists.empty()
+        inputs = [sensor, batch.images, batch.t, batch.t_base, batch.begin]
+        while True:
+            kept = [self._bands, self._work, self._lists.kernel, self._progress_there]
+            wp.launch(self._kernel, 1, [*inputs, *kept], [keys, counters], device="cpu")
+            if self._progress[STATUS] != OUTGROWN:
+                break
+            self._lists.grow(int(self._progress[STEP]), int(self._progress[NEEDED]))
+        if self._progress[STATUS] == FULL:
+            counters.numpy()[-1] = self._progress[NEEDED]
+
+    def swap(self) -> None:
+        """The state is changed in place."""

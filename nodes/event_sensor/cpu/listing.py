@@ -1,0 +1,89 @@
+"""Events of a call on a CPU: the list that the kernel fills, as long as it has to be, in the order of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from nodes.event_sensor.cpu.simd_kernels import SPARE
+from nodes.event_sensor.model import pixel_kernels
+from nodes.event_sensor.readout.packet import KeyLayout, env_offsets, sort_keys, unpack
+
+
+class Listing:
+    """Of the last call. total: pixels of all environments. found: called with the counters of each call.
+
+    ordered: in the order of time; else by environment alone, for whoever sorts them later.
+    """
+
+    def __init__(
+        self, engine: Any, sensor: pixel_kernels.Sensor, layout: KeyLayout, envs: int, total: int,
+        found: Callable[[np.ndarray], None], ordered: bool = True,
+    ) -> None:  # fmt: skip
+        self._sorts = ordered and not engine.sorts
+        self._engine, self._sensor, self._layout, self._envs, self._found = engine, sensor, layout, envs, found
+        self._counters: wp.array = wp.zeros(len(pixel_kernels.COUNTERS) + 1, dtype=wp.int64, device="cpu")
+        self._listed = np.zeros(0, np.int64)
+        self._t_base = 0
+        self._grow(max(2 * total, 4096))
+
+    def _grow(self, capacity: int) -> None:
+        self._keys: wp.array = wp.empty(capacity + SPARE, dtype=wp.int64, device="cpu")
+        self._spare: wp.array = wp.empty(capacity if self._sorts else 0, dtype=wp.int64, device="cpu")
+        self._capacity = capacity
+        self._sensor.capacity = wp.int64(capacity)
+
+    def fill(self, batch: Any, stamp: int) -> None:
+        """Run the kernel on a batch that ends at `stamp`, and sort its events.
+
+        Where the events did not fit, the kernel goes on, or is run again, with a longer list.
+        """
+        self._t_base = batch.t_base
+        count = 0
+        if batch.count:
+            found = self._run(batch.on("cpu"))
+            self._found(found)
+            count = int(found[0])
+        if self._sorts:
+            self._listed = sort_keys(self._keys, self._spare, count, self._layout, stamp - batch.t_base)
+        else:
+            self._listed = self._keys.numpy()[:count]
+
+    def clear(self) -> None:
+        """No events."""
+        self._listed = np.zeros(0, np.int64)
+
+    def _run(self, batch: Any) -> np.ndarray:
+        self._counters.zero_()
+        resume = 0
+        while True:
+            self._engine.launch(self._sensor, batch, self._keys, self._counters, resume)
+            found = np.array(self._counters.numpy())
+            count, left = int(found[0]), int(found[-1])
+            if not left and count <= self._capacity:
+                self._engine.swap()
+                return found[:-1]
+            if max(count, left and 2 * self._capacity) >= 1 << 31:
+                raise ValueError(f"{count} events in one message; raise the contrast threshold or keyframe_rate")
+            keys = self._keys
+            self._grow(2 * self._capacity if left else count + count // 4)
+            if left:
+                self._keys.numpy()[:count] = keys.numpy()[:count]
+                self._counters.numpy()[-1] = 0
+                resume = left
+            else:
+                self._counters.zero_()
+
+    def __len__(self) -> int:
+        return len(self._listed)
+
+    def read(self, out: dict[str, np.ndarray]) -> None:
+        """Write the events to columns of their length."""
+        unpack(self._listed, self._sensor, self._t_base, out)
+
+    def env_offsets(self) -> np.ndarray:
+        """int64 [E + 1]: where each environment's events begin."""
+        return env_offsets(self._listed, self._layout, self._envs)

@@ -1,0 +1,33 @@
+"""Where a call's parameters, counters and results stand in their arrays."""
+
+import warp as wp
+
+from nodes.event_sensor.model.pixel_kernels import COUNTERS
+
+# Parameters, int64.
+IMAGES = wp.constant(0)
+"""Address of the luminance, float32 [E, K, H, W, C]."""
+T_BASE = wp.constant(1)
+SPAN = wp.constant(2)
+"""The last stamp less t_base."""
+STAMPS = wp.constant(3)
+"""From here on: K stamps, then for each environment not 0 where an episode begins."""
+
+# Counters, int64, beyond those of nodes.event_sensor.model.pixel_kernels.
+ACTIVE = wp.constant(len(COUNTERS) + 1)
+"""Pixels that are listed."""
+FULL_FROM = wp.constant(len(COUNTERS) + 2)
+"""The first place of the list of events that a pixel could not use, where one found no room."""
+BLOCKED = wp.constant(len(COUNTERS) + 3)
+"""Not 0 while the host has to make room for an earlier call."""
+COUNTS = len(COUNTERS) + 4
+NOWHERE = 0x7FFFFFFFFFFFFFFF
+"""FULL_FROM while there is room."""
+
+# Results, int64, in memory of the host; the first COUNTS are the counters.
+STATUS = wp.constant(COUNTS)
+OFFSETS = wp.constant(COUNTS + 1)
+"""From here on: where the events of each environment begin, and where the last one's end."""
+
+DONE, OUTGROWN, CROWDED, SKIPPED = 0, 1, 2, 3
+"""Status: events in order; no room in the list; no room in a bucket; nothing done, for an earlier call's sake."""

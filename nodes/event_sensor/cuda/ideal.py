@@ -1,0 +1,69 @@
+"""The ideal sensor on a GPU: its state and its two launches."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from nodes.event_sensor.cuda import ideal_kernels
+from nodes.event_sensor.model.pixel_kernels import Sensor
+
+BLOCK = 128
+SHARE = ideal_kernels.LANES * ideal_kernels.EACH
+THREADS = 1 << 18
+"""Of the second launch, about what one chip holds at a time; each takes every THREADS-th active pixel."""
+
+
+class PlainPasses:
+    """State of `total` pixels and channels, `size` in each environment, and the list of the active ones.
+
+    28 bytes of state per pixel and channel, and 8 of list.
+    """
+
+    repeats = False
+    records = True
+
+    def __init__(self, total: int, size: int, frame: bool, device: Any) -> None:
+        self._size, self._device = size, device
+        self._kernel = ideal_kernels.sense_kernel(frame)
+        self._state = ideal_kernels.PlainState()
+        self._state.last = wp.zeros(total, dtype=wp.float32, device=device)
+        self._state.low = wp.full(total, float("inf"), dtype=wp.float32, device=device)
+        self._state.high = wp.zeros(total, dtype=wp.float32, device=device)
+        self._state.counts = wp.zeros(total, dtype=wp.vec2i, device=device)
+        self._state.base = wp.zeros(total, dtype=wp.float64, device=device)
+        self._active: wp.array = wp.empty(total, dtype=wp.vec2i, device=device)
+
+    def arrays(self) -> tuple[wp.array, ...]:
+        """Everything that there is per pixel, the list with it."""
+        s = self._state
+        return s.last, s.low, s.high, s.counts, s.base, self._active
+
+    def find(
+        self, sensor: Sensor, call: wp.array, frames: int, filled: wp.array, counters: wp.array, before: wp.array
+    ) -> None:
+        """Empty the buckets and list the active pixels."""
+        threads = -(-self._active.size // SHARE) * ideal_kernels.LANES
+        wp.launch(
+            ideal_kernels.find_active,
+            max(threads, filled.size),
+            [sensor, call, frames, self._size, before, self._state],
+            [self._active, filled, counters],
+            device=self._device,
+        )
+
+    def sense(self, sensor: Sensor, call: wp.array, frames: int, keys: wp.array, counters: wp.array) -> None:
+        """Events of the active pixels, from where they were left; those that fit."""
+        threads = min(self._active.size, THREADS)
+        wp.launch(
+            self._kernel,
+            threads,
+            [sensor, call, frames, self._size, threads, self._state, self._active],
+            [keys, counters],
+            device=self._device,
+            block_dim=BLOCK,
+        )
+
+    def done(self) -> None:
+        """Nothing to do: the state is changed in place."""

@@ -1,0 +1,273 @@
+# ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
+"""The ideal sensor on a GPU: one pass over all pixels that finds those with something in them, one over these.
+
+The first pass reads every sample and the quiet band once and writes the last sample: 4 K + 12 bytes a pixel for K
+frames. The second has a thread for every pixel that left its band, so that a warp does not wait for the few that fire.
+
+State is changed in place. A pixel that finds no room for the events of a step leaves its state as it was before that
+step and the step's number in the list of active pixels; the next launch, with more room, goes on from there.
+"""
+
+from functools import lru_cache
+from typing import Any
+
+import warp as wp
+
+from nodes.event_sensor.cpu.ideal_kernels import quiet_band
+from nodes.event_sensor.cuda.call_kernels import ACTIVE, BLOCKED, FULL_FROM, IMAGES, STAMPS, T_BASE
+from nodes.event_sensor.cuda.room_kernels import take_place, take_room
+from nodes.event_sensor.model.pixel_kernels import (
+    EVENTS,
+    LARGEST,
+    NONFINITE,
+    TOLERANCE,
+    Pixel,
+    Sensor,
+    count_clipped,
+    key_head,
+    key_tail,
+    log_level,
+    valid,
+)
+
+wp.set_module_options({"enable_backward": False})
+
+Places = wp.types.vector(length=4, dtype=wp.int64)
+LANES = 256
+EACH = 4
+"""Pixels that a thread looks at, LANES apart, so that enough loads are under way."""
+
+
+@wp.struct
+class PlainState:
+    """Of every pixel and channel, as in nodes.event_sensor.model.pixel_kernels.Pixel; the reference's base apart."""
+
+    last: wp.array(dtype=wp.float32)
+    low: wp.array(dtype=wp.float32)
+    high: wp.array(dtype=wp.float32)
+    counts: wp.array(dtype=wp.vec2i)
+    base: wp.array(dtype=wp.float64)
+
+
+@wp.func
+def inside(v: wp.float32, low: wp.float32, high: wp.float32):
+    """1 in the band, 0 outside and for NaN."""
+    return wp.where(v >= low and v <= high, 1, 0)
+
+
+@wp.func
+def must_wait(sensor: Sensor, before: wp.array(dtype=wp.int64)):
+    """Whether the call before, whose counters these are, did not end, so that the state is not yet that after it."""
+    return before[BLOCKED] != wp.int64(0) or before[EVENTS] > sensor.capacity
+
+
+@wp.kernel
+def find_active(
+    # in
+    sensor: Sensor,
+    call: wp.array(dtype=wp.int64),
+    frames: wp.int32,
+    size: wp.int32,
+    before: wp.array(dtype=wp.int64),
+    # in and out
+    state: PlainState,
+    # out
+    active: wp.array(dtype=wp.vec2i),
+    filled: wp.array(dtype=wp.int32),
+    counters: wp.array(dtype=wp.int64),
+):
+    """A thread is EACH pixels and channels. Those that are not quiet are listed: the pixel, the frame to go on from."""
+    thread = wp.tid()
+    if thread < filled.shape[0]:
+        filled[thread] = 0
+    first = thread // wp.static(LANES) * wp.static(LANES * EACH) + thread % wp.static(LANES)
+    stopped = must_wait(sensor, before)
+    if thread == 0:
+        counters[BLOCKED] = wp.where(stopped, wp.int64(1), wp.int64(0))
+    if stopped or first >= active.shape[0]:
+        return
+    images = wp.array(ptr=wp.uint64(call[IMAGES]), shape=(1,), dtype=wp.float32)
+    stride = wp.int64(size)
+    low = wp.vec4f()
+    high = wp.vec4f()
+    v = wp.vec4f()
+    good = wp.vec4i()
+    at = Places()
+    for j in range(wp.static(EACH)):
+        i = wp.min(first + j * wp.static(LANES), active.shape[0] - 1)
+        env = i // size
+        at[j] = wp.int64(env) * stride * wp.int64(frames) + wp.int64(i - env * size)
+        low[j] = state.low[i]
+        high[j] = state.high[i]
+        v[j] = images[at[j]]
+    for j in range(wp.static(EACH)):
+        good[j] = inside(v[j], low[j], high[j])
+    k = int(1)
+    while k < frames:
+        more = wp.vec4f()
+        step = wp.int64(wp.min(k + 1, frames - 1) - k) * stride
+        for j in range(wp.static(EACH)):
+            at[j] = at[j] + stride
+            more[j] = images[at[j]]
+            v[j] = images[at[j] + step]
+            at[j] = at[j] + step
+        for j in range(wp.static(EACH)):
+            good[j] = good[j] & inside(more[j], low[j], high[j]) & inside(v[j], low[j], high[j])
+        k += 2
+    for j in range(wp.static(EACH)):
+        i = first + j * wp.static(LANES)
+        if i < active.shape[0]:
+            if good[j] != 0 and call[STAMPS + frames + i // size] == wp.int64(0):
+                state.last[i] = v[j]
+            else:
+                active[take_place(counters, ACTIVE)] = wp.vec2i(i, 0)
+
+
+@lru_cache
+def sense_kernel(frame: bool, room: Any = take_room) -> Any:
+    """Kernel over the listed pixels.
+
+    frame: events carry the stamp of their frame, not of their crossing. room: how a pixel takes room for its events.
+    """
+
+    @wp.func
+    def walk(
+        # in
+        sensor: Sensor,
+        call: wp.array(dtype=wp.int64),
+        frames: wp.int32,
+        size: wp.int32,
+        index: wp.int32,
+        first: wp.int32,
+        # in and out
+        state: PlainState,
+        # out
+        keys: wp.array(dtype=wp.int64),
+        counters: wp.array(dtype=wp.int64),
+    ):
+        """All steps of a pixel from frame `first` on; returns the frame whose events found no room, or -1."""
+        env = index // size
+        inner = index - env * size
+        c = inner % sensor.channels
+        x = (inner // sensor.channels) % sensor.width
+        y = inner // (sensor.channels * sensor.width)
+        stride = wp.int64(size)
+        images = wp.array(ptr=wp.uint64(call[IMAGES]), shape=(1,), dtype=wp.float32)
+        at = wp.int64(env) * stride * wp.int64(frames) + wp.int64(inner)
+        t_base = call[T_BASE]
+        pixel = Pixel()
+        pixel.last = state.last[index]
+        pixel.low = state.low[index]
+        pixel.high = state.high[index]
+        pixel.net = state.counts[index][0]
+        pixel.n_off = state.counts[index][1]
+        base = state.base[index]
+        k = int(first)
+        if k == 0 and call[STAMPS + frames + env] != wp.int64(0):
+            pixel.low = float(wp.inf)
+        start = t_base
+        if k > 0:
+            start = call[STAMPS + k - 1]
+        l_last = wp.float64(0.0)
+        known = bool(False)
+        stuck = int(-1)
+        following = images[at + wp.int64(k) * stride]
+        while k < frames:
+            v = following
+            # On its way while this one is dealt with.
+            following = images[at + wp.int64(wp.min(k + 1, frames - 1)) * stride]
+            now = call[STAMPS + k]
+            if v >= pixel.low and v <= pixel.high:
+                pixel.last = v
+                known = bool(False)
+            elif not valid(sensor, v):
+                # The last good value is held, so the next step starts here and its events are later than this.
+                wp.atomic_add(counters, NONFINITE, wp.int64(1))
+            elif pixel.low > LARGEST:
+                base = log_level(sensor, v)
+                pixel.net = 0
+                pixel.n_off = 0
+                pixel = quiet_band(sensor, base, pixel)
+                pixel.last = v
+                count_clipped(sensor, v, counters)
+            else:
+                l0 = l_last
+                if not known:
+                    l0 = log_level(sensor, pixel.last)
+                l1 = log_level(sensor, v)
+                reference = (
+                    base
+                    + wp.float64(pixel.net) * sensor.threshold_on
+                    + wp.float64(pixel.n_off) * (sensor.threshold_on - sensor.threshold_off)
+                )
+                delta = l1 - reference
+                on = delta > wp.float64(0.0)
+                step = wp.where(on, sensor.threshold_on, sensor.threshold_off)
+                n = wp.int32((wp.abs(delta) + TOLERANCE) / step)
+                if n > 0:
+                    slot = room(counters, EVENTS, n)
+                    if slot + wp.int64(n) > sensor.capacity:
+                        wp.atomic_min(counters, FULL_FROM, slot)
+                        stuck = k
+                        break
+                    signed = wp.where(on, step, -step)
+                    span = now - start
+                    slope = wp.float64(span) / (l1 - l0)
+                    head = key_head(sensor, env)
+                    tail = key_tail(sensor, y, x, c, on)
+                    m = int(0)
+                    while m < n:
+                        # L is linear inside the step: t = t0 + (L_m - L_0) / (L_1 - L_0) (t1 - t0).
+                        crossing = (reference + wp.float64(m + 1) * signed - l0) * slope
+                        ns = wp.int64(wp.clamp(crossing + wp.float64(0.5), wp.float64(1.0), wp.float64(span)))
+                        if wp.static(frame):
+                            ns = span
+                        keys[slot + wp.int64(m)] = head | ((start - t_base + ns) << sensor.shift_t) | tail
+                        m += 1
+                    if on:
+                        pixel.net = pixel.net + n
+                    else:
+                        pixel.net = pixel.net - n
+                        pixel.n_off = pixel.n_off + n
+                    pixel = quiet_band(sensor, reference + wp.float64(n) * signed, pixel)
+                count_clipped(sensor, v, counters)
+                pixel.last = v
+                l_last = l1
+                known = bool(True)
+            start = now
+            k += 1
+        state.last[index] = pixel.last
+        state.low[index] = pixel.low
+        state.high[index] = pixel.high
+        state.counts[index] = wp.vec2i(pixel.net, pixel.n_off)
+        state.base[index] = base
+        return stuck
+
+    @wp.kernel(module="unique")
+    def sense_active(
+        # in
+        sensor: Sensor,
+        call: wp.array(dtype=wp.int64),
+        frames: wp.int32,
+        size: wp.int32,
+        threads: wp.int32,
+        # in and out
+        state: PlainState,
+        active: wp.array(dtype=wp.vec2i),
+        # out
+        keys: wp.array(dtype=wp.int64),
+        counters: wp.array(dtype=wp.int64),
+    ):
+        """A thread takes every `threads`-th pixel of the list."""
+        if counters[BLOCKED] != wp.int64(0):
+            return
+        listed = wp.int32(counters[ACTIVE])
+        j = wp.tid()
+        while j < listed:
+            index = active[j][0]
+            if index >= 0:
+                stuck = walk(sensor, call, frames, size, index, active[j][1], state, keys, counters)
+                active[j] = wp.vec2i(wp.where(stuck < 0, -1, index), stuck)
+            j += threads
+
+    return sense_active

@@ -1,0 +1,231 @@
+# ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
+"""The paper's event model as its equations stand, for comparison.
+
+n = floor(|L - L_ref| / C) events of one polarity per step, all at the frame's stamp; L_ref moves by n C. Leak, shot
+noise and hot pixels fire with probability rate x step, at most once a step, and leave L_ref alone. An event is
+suppressed while t - t_last is less than the refractory period, so that of several events of a step the first remains;
+L_ref moves anyway.
+
+A signal that returns to its old value stands exactly at a threshold here, where the last bit of L decides about an
+event. So that all devices agree, the logarithm is made of operations whose rounding is prescribed, and no product is
+contracted with a sum.
+"""
+
+import warp as wp
+
+from nodes.event_sensor.model.pixel_kernels import (
+    DROPPED,
+    EVENTS,
+    NONFINITE,
+    Sensor,
+    count_clipped,
+    key_head,
+    key_tail,
+    valid,
+)
+from nodes.event_sensor.model.random_kernels import draw, mix, stream_of, uniform
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+LN2_HIGH = wp.constant(wp.float64(0.6931471803691238))
+"""32 bits of ln 2, so that its product with an exponent is exact."""
+LN2_LOW = wp.constant(wp.float64(1.9082149292705877e-10))
+ROOT2 = wp.constant(wp.float64(1.4142135623730951))
+MANTISSA = wp.constant(wp.int64((1 << 52) - 1))
+ONE = wp.constant(wp.int64(1023 << 52))
+"""Bits of 1.0."""
+TERMS = 12
+
+
+@wp.struct
+class PaperPixel:
+    """Reference (NaN: none yet), stamp of the last event, and the light that is held where a sample is bad."""
+
+    reference: wp.float64
+    t_last: wp.int64
+    last: wp.float32
+    fired: wp.int32
+
+
+@wp.func
+def log_level(sensor: Sensor, intensity: wp.float32):
+    """L = ln(I + I_dark) = e ln 2 + 2 artanh((m - 1) / (m + 1)) with I + I_dark = m 2^e, to 2 units in the last place.
+
+    The series of artanh(s), |s| < 0.172, is cut where it is below 1e-19.
+    """
+    x = wp.max(wp.float64(intensity) + sensor.dark, wp.float64(sensor.floor))
+    bits = wp.cast(x, wp.int64)
+    e = (bits >> wp.int64(52)) - wp.int64(1023)
+    m = wp.cast((bits & MANTISSA) | ONE, wp.float64)
+    if m > ROOT2:
+        m = m * wp.float64(0.5)
+        e += wp.int64(1)
+    s = (m - wp.float64(1.0)) / (m + wp.float64(1.0))
+    z = s * s
+    rest = wp.float64(0.0)
+    for i in range(wp.static(TERMS)):
+        rest = (rest + wp.float64(wp.static(2.0 / (2 * (TERMS - i) + 1)))) * z
+    return wp.float64(e) * LN2_HIGH + (s * rest + (wp.float64(e) * LN2_LOW + wp.float64(2.0) * s))
+
+
+@wp.func
+def fire(
+    sensor: Sensor,
+    pixel: PaperPixel,
+    now: wp.int64,
+    key: wp.int64,
+    n: wp.int32,
+    written: wp.int32,
+    keys: wp.array(dtype=wp.int64),
+    counters: wp.array(dtype=wp.int64),
+):
+    """How many of n events at `now` the refractory period leaves. written: events of this pixel in this step so far."""
+    left = n
+    if n > 0 and sensor.dead_ns > wp.int64(0):
+        left = 1
+        if pixel.fired != 0 and now - pixel.t_last < sensor.dead_ns:
+            left = 0
+    j = int(0)
+    while j < left:
+        if sensor.cap > 0 and written + j >= sensor.cap:
+            wp.atomic_add(counters, DROPPED, wp.int64(1))
+        else:
+            slot = wp.atomic_add(counters, EVENTS, wp.int64(1))
+            if slot < sensor.capacity:
+                keys[slot] = key
+        j += 1
+    return left
+
+
+@wp.func
+def sense_paper(
+    # in
+    sensor: Sensor,
+    env: wp.int32,
+    y: wp.int32,
+    x: wp.int32,
+    c: wp.int32,
+    begin: wp.int32,
+    episode: wp.int32,
+    luminance: wp.array(dtype=wp.float32),
+    t: wp.array(dtype=wp.int64),
+    t_base: wp.int64,
+    thresholds_on: wp.array(dtype=wp.float32),
+    thresholds_off: wp.array(dtype=wp.float32),
+    leaks: wp.array(dtype=wp.float32),
+    hots: wp.array(dtype=wp.float32),
+    before: wp.array(dtype=PaperPixel),
+    # out
+    after: wp.array(dtype=PaperPixel),
+    keys: wp.array(dtype=wp.int64),
+    counters: wp.array(dtype=wp.int64),
+):
+    """All steps of one pixel."""
+    count = t.shape[0]
+    size = sensor.height * sensor.width * sensor.channels
+    inner = (y * sensor.width + x) * sensor.channels + c
+    index = env * size + inner
+    first = wp.int64(env) * wp.int64(count) * wp.int64(size) + wp.int64(inner)
+    pixel = before[index]
+    if begin != 0:
+        pixel.reference = wp.float64(wp.nan)
+        pixel.fired = 0
+    c_on = sensor.threshold_on
+    c_off = sensor.threshold_off
+    if thresholds_on.shape[0] > 0:
+        c_on = wp.float64(thresholds_on[index])
+        c_off = wp.float64(thresholds_off[index])
+    hot = wp.float64(0.0)
+    if hots.shape[0] > 0:
+        hot = wp.float64(hots[index])
+    leak = wp.float64(0.0)
+    if leaks.shape[0] > 0:
+        leak = wp.float64(leaks[index])
+    noisy = hot + leak + sensor.shot_rate > wp.float64(0.0)
+    stream = stream_of(sensor.seed + wp.int64(env), inner, episode)
+    start = t_base
+    k = int(0)
+    while k < count:
+        v = luminance[first + wp.int64(k) * wp.int64(size)]
+        now = t[k]
+        ok = valid(sensor, v)
+        if not ok:
+            wp.atomic_add(counters, NONFINITE, wp.int64(1))
+        if wp.isnan(pixel.reference):
+            if ok:
+                pixel.reference = log_level(sensor, v)
+                pixel.last = v
+                count_clipped(sensor, v, counters)
+        else:
+            head = key_head(sensor, env) | ((now - t_base) << sensor.shift_t)
+            written = int(0)
+            if ok:
+                pixel.last = v
+                count_clipped(sensor, v, counters)
+                delta = log_level(sensor, v) - pixel.reference
+                on = delta > wp.float64(0.0)
+                step = wp.where(on, c_on, c_off)
+                n = wp.int32(wp.abs(delta) / step)
+                pixel.reference = pixel.reference + wp.where(on, step, -step) * wp.float64(n)
+                key = head | key_tail(sensor, y, x, c, on)
+                left = fire(sensor, pixel, now, key, n, written, keys, counters)
+                if left > 0:
+                    written += left
+                    pixel.t_last = now
+                    pixel.fired = 1
+            if noisy:
+                dt = wp.float64(now - start) * wp.float64(1.0e-9)
+                seen = wp.clamp(wp.float64(pixel.last) / sensor.white, wp.float64(0.0), wp.float64(1.0))
+                bits = mix(stream ^ mix(wp.uint64(now)))
+                kind = int(0)
+                while kind < 3:
+                    rate = leak
+                    if kind == 1:
+                        rate = sensor.shot_rate * (wp.float64(1.0) - seen)
+                    if kind == 2:
+                        rate = hot
+                    chance = draw(bits, wp.int64(kind))
+                    if uniform(chance) < rate * dt:
+                        on = kind == 0 or (mix(chance) & wp.uint64(1)) != wp.uint64(0)
+                        key = head | key_tail(sensor, y, x, c, on)
+                        left = fire(sensor, pixel, now, key, 1, written, keys, counters)
+                        if left > 0:
+                            written += left
+                            pixel.t_last = now
+                            pixel.fired = 1
+                    kind += 1
+        start = now
+        k += 1
+    after[index] = pixel
+
+
+@wp.kernel
+def paper(
+    # in
+    sensor: Sensor,
+    begin: wp.array(dtype=wp.int32),
+    episodes: wp.array2d(dtype=wp.int32),
+    luminance: wp.array(dtype=wp.float32),
+    t: wp.array(dtype=wp.int64),
+    t_base: wp.int64,
+    columns: wp.int32,
+    thresholds_on: wp.array(dtype=wp.float32),
+    thresholds_off: wp.array(dtype=wp.float32),
+    leaks: wp.array(dtype=wp.float32),
+    hots: wp.array(dtype=wp.float32),
+    before: wp.array(dtype=PaperPixel),
+    # out
+    after: wp.array(dtype=PaperPixel),
+    keys: wp.array(dtype=wp.int64),
+    counters: wp.array(dtype=wp.int64),
+):
+    """`columns` pixels and channels of a row per thread: all of them on a CPU, one on a GPU."""
+    env, y, group = wp.tid()
+    column = group * columns
+    end = column + columns
+    while column < end:
+        sense_paper(
+            sensor, env, y, column // sensor.channels, column % sensor.channels, begin[env], episodes[0, env],
+            luminance, t, t_base, thresholds_on, thresholds_off, leaks, hots, before, after, keys, counters,
+        )  # fmt: skip
+        column += 1

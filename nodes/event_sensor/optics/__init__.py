@@ -1,0 +1,1 @@
+"""What comes before the threshold: defocus and the photoreceptor."""

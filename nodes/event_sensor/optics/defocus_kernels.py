@@ -1,0 +1,192 @@
+# ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
+"""Kernels of the defocus: one pass of a separable filter, along the rows or down the columns.
+
+weights: of the distances 0, 1, ... radius; the samples at the ends of a line are repeated. On a CPU a thread is a row
+of the image, which it filters RUN samples at a time, in C++: over the strides of a Warp array no loop is vectorised.
+
+Products and sums are rounded apart, in one order: all devices blur to the same bits.
+"""
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+RUN = 16
+
+
+@wp.func
+def filtered(
+    weights: wp.array(dtype=wp.float32),
+    image: wp.array(dtype=wp.float32),
+    i: wp.int32,
+    place: wp.int32,
+    length: wp.int32,
+    stride: wp.int32,
+):
+    """One sample of the filter along an axis: sample i, at `place` in a line of `length` samples `stride` apart."""
+    total = weights[0] * image[i]
+    j = int(1)
+    while j < weights.shape[0]:
+        before = wp.min(j, place)
+        after = wp.min(j, length - 1 - place)
+        total += weights[j] * (image[i - before * stride] + image[i + after * stride])
+        j += 1
+    return total
+
+
+ALONG = """
+    typedef float run __attribute__((ext_vector_type(16), aligned(4)));
+    const float* weight = weights.data;
+    const int taps = weights.shape[0];
+    for (int first = margin; first < end; first += 16) {
+        const int i = first < end - 16 ? first : end - 16;
+        const float* here = image.data + start + i;
+        run total = weight[0] * *(const run*)here;
+        for (int j = 1; j < taps; ++j)
+            total += weight[j] * (*(const run*)(here - j * channels) + *(const run*)(here + j * channels));
+        *(run*)(rows.data + to + i) = total;
+    }
+"""
+ACROSS = """
+    typedef float run __attribute__((ext_vector_type(16), aligned(4)));
+    const float* weight = weights.data;
+    const int taps = weights.shape[0];
+    const float* here = rows.data + y % ring * row;
+    for (int first = 0; first < row; first += 64) {
+        const int stop = first + 64 < row ? first + 64 : row;
+        run total[4];
+        int count = 0;
+        for (int at = first; at < stop; at += 16)
+            total[count++] = weight[0] * *(const run*)(here + (at < row - 16 ? at : row - 16));
+        for (int j = 1; j < taps; ++j) {
+            const float* above = rows.data + (y < j ? 0 : y - j) % ring * row;
+            const float* below = rows.data + (y + j < height ? y + j : height - 1) % ring * row;
+            int n = 0;
+            for (int at = first; at < stop; at += 16, ++n) {
+                const int i = at < row - 16 ? at : row - 16;
+                total[n] += weight[j] * (*(const run*)(above + i) + *(const run*)(below + i));
+            }
+        }
+        int n = 0;
+        for (int at = first; at < stop; at += 16, ++n)
+            *(run*)(blurred.data + out + (at < row - 16 ? at : row - 16)) = total[n];
+    }
+"""
+
+
+@wp.func_native(ALONG)
+def filter_runs(
+    weights: wp.array(dtype=wp.float32),
+    image: wp.array(dtype=wp.float32),
+    start: wp.int32,
+    channels: wp.int32,
+    margin: wp.int32,
+    end: wp.int32,
+    to: wp.int32,
+    rows: wp.array(dtype=wp.float32),
+):
+    """Samples margin to end of the row at `start`, which need no clamp; the last run reaches back over the other."""
+    ...
+
+
+@wp.func_native(ACROSS)
+def blend_rows(
+    weights: wp.array(dtype=wp.float32),
+    rows: wp.array(dtype=wp.float32),
+    y: wp.int32,
+    height: wp.int32,
+    ring: wp.int32,
+    row: wp.int32,
+    out: wp.int32,
+    blurred: wp.array(dtype=wp.float32),
+):
+    """Row y of the result, to `out`: the filter down the columns of the rows in the ring."""
+    ...
+
+
+@wp.func
+def row_filtered(
+    # in
+    weights: wp.array(dtype=wp.float32),
+    image: wp.array(dtype=wp.float32),
+    start: wp.int32,
+    width: wp.int32,
+    channels: wp.int32,
+    to: wp.int32,
+    # out
+    rows: wp.array(dtype=wp.float32),
+):
+    """Filter the row that starts at `start` along x, to `rows` from `to` on."""
+    row = width * channels
+    taps = weights.shape[0]
+    margin = wp.min((taps - 1) * channels, row)
+    end = row - margin  # of what needs no clamp
+    if end - margin < wp.static(RUN):
+        margin = row
+        end = row
+    i = int(0)
+    while i < row:
+        if i == margin:
+            i = end
+        if i < row:
+            rows[to + i] = filtered(weights, image, start + i, i // channels, width, channels)
+        i += 1
+    filter_runs(weights, image, start, channels, margin, end, to, rows)
+
+
+@wp.kernel(module="unique")
+def blur_rows(
+    # in
+    weights: wp.array(dtype=wp.float32),
+    image: wp.array(dtype=wp.float32),
+    height: wp.int32,
+    width: wp.int32,
+    channels: wp.int32,
+    # in and out
+    rows: wp.array(dtype=wp.float32),
+    # out
+    blurred: wp.array(dtype=wp.float32),
+):
+    """One row of the result per thread, in order; `rows` keeps the 2 radius + 1 rows filtered along x that it needs."""
+    n, y = wp.tid()
+    row = width * channels
+    radius = weights.shape[0] - 1
+    ring = 2 * radius + 1
+    image_at = n * height * row
+    ready = y + radius  # rows up to here have been filtered along x
+    first = wp.where(y == 0, 0, ready)
+    while first <= wp.min(ready, height - 1):
+        row_filtered(weights, image, image_at + first * row, width, channels, first % ring * row, rows)
+        first += 1
+    here = y % ring * row
+    out = image_at + y * row
+    i = int(0)
+    if row < wp.static(RUN):
+        while i < row:
+            sample = weights[0] * rows[here + i]
+            j = int(1)
+            while j <= radius:
+                above = wp.max(y - j, 0) % ring * row
+                below = wp.min(y + j, height - 1) % ring * row
+                sample += weights[j] * (rows[above + i] + rows[below + i])
+                j += 1
+            blurred[out + i] = sample
+            i += 1
+    else:
+        blend_rows(weights, rows, y, height, ring, row, out, blurred)
+
+
+@wp.kernel
+def each_sample(
+    # in
+    weights: wp.array(dtype=wp.float32),
+    image: wp.array(dtype=wp.float32),
+    length: wp.int32,
+    stride: wp.int32,
+    # out
+    blurred: wp.array(dtype=wp.float32),
+):
+    """Filter along an axis of `length` samples `stride` apart; a thread is a sample, for a GPU."""
+    outer, place, inner = wp.tid()
+    i = (outer * length + place) * stride + inner
+    blurred[i] = filtered(weights, image, i, place, length, stride)

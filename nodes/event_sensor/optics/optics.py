@@ -1,0 +1,67 @@
+"""What comes before the threshold: the lens's blur and the photoreceptor, each only where it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from nodes.event_sensor.model import pixel_kernels
+
+
+class Optics:
+    """Lens and photoreceptor of E sensors of height x width pixels in `channels` channels."""
+
+    def __init__(
+        self, height: int, width: int, envs: int, channels: int, p: Mapping[str, Any], slopes: bool, device: Any
+    ) -> None:
+        self._shape = (-1, height, width, channels)
+        self._device = device
+        self._defocus = self._defocus_slopes = self._photoreceptor = None
+        if p["defocus_px"] > 0:
+            from nodes.event_sensor.optics.defocus import Defocus
+
+            self._defocus = Defocus(p["defocus_px"], str(device))
+            if slopes:
+                self._defocus_slopes = Defocus(p["defocus_px"], str(device))
+        if p["bandwidth_hz"] > 0:
+            from nodes.event_sensor.optics.photoreceptor import Photoreceptor
+
+            self._photoreceptor = Photoreceptor(
+                height,
+                width,
+                envs,
+                channels,
+                bandwidth_hz=p["bandwidth_hz"],
+                bandwidth_level=p["bandwidth_level"],
+                poles=p["bandwidth_poles"],
+                dark_level=p["dark_level"],
+                device=str(device),
+            )
+
+    @property
+    def clear(self) -> bool:
+        """Frames pass unchanged."""
+        return self._defocus is None and self._photoreceptor is None
+
+    def seen(self, images: wp.array, t: np.ndarray, before: int, fresh: np.ndarray) -> wp.array:
+        """Flat frames through lens and photoreceptor. before: the stamp before t[0]; fresh: where an episode begins."""
+        if self._defocus is not None:
+            images = self._defocus(images.reshape(self._shape)).flatten()
+        if self._photoreceptor is not None:
+            blurred = self._defocus is not None  # the blur's own buffer, not the frames of whoever called
+            images = self._photoreceptor.advance(images.flatten(), t, before, fresh, in_place=blurred).flatten()
+        return images
+
+    def slopes(self, slopes: wp.array, sharp: wp.array, seen: wp.array) -> wp.array:
+        """d ln I/dt of what is seen: the blur is linear in I, so it is (blur of I times slope) / (blur of I)."""
+        if self._defocus_slopes is None:
+            return slopes
+        slopes, sharp = slopes.flatten(), sharp.flatten()
+        change: wp.array = wp.empty_like(slopes)
+        wp.launch(pixel_kernels.product, len(slopes), [slopes, sharp], [change], device=self._device)
+        blurred = self._defocus_slopes(change.reshape(self._shape)).flatten()
+        wp.launch(pixel_kernels.quotient, len(slopes), [blurred, seen], [change], device=self._device)
+        return change

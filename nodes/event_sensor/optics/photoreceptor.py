@@ -1,0 +1,117 @@
+"""The photoreceptor's finite bandwidth: a low pass on log-intensity whose corner falls with the light.
+
+The pixel's front end turns photocurrent into a voltage in proportion to its logarithm, with a small-signal time
+constant tau = C U_T / I_photo (Delbruck and Mead, ISCAS 1994; Lichtsteiner et al., JSSC 2008): it is the log-intensity
+that is filtered, and the corner is proportional to the light up to where the bias current limits it. v2e (Hu et al.,
+CVPRW 2021, section 3) has the same law with an Euler step. Here every step is the exact answer to an input whose L goes
+linearly from one frame to the next,
+
+    dy/dt = (L(t) - y) / tau,   1 / tau = 2 pi bandwidth_hz min(1, (I + I_dark) / bandwidth_level),
+
+so it is stable at any dt / tau, and in constant light does not depend on the frame rate. Where tau changes within a
+step, 1 / tau is the mean of its values at both ends, which is of second order in the step. Two poles are two equal low
+passes one after the other.
+
+On a CPU ln, exp and the step's response are polynomials good to 1e-9, on a GPU the library's functions: an event may
+move by as much as 1e-9 ln I moves its crossing (a few ns), and a float32 result by its last bit.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import warp as wp
+
+from nodes.event_sensor.optics import photoreceptor_kernels as kernels
+from nodes.event_sensor.optics import photoreceptor_simd_kernels as lanes
+from nodes.event_sensor.optics.photoreceptor_simd_kernels import Receptor
+
+
+class Photoreceptor:
+    """Low pass of E cameras of height x width pixels and 1 or 3 channels.
+
+    bandwidth_hz: corner of each pole [Hz], above 0, at intensities from bandwidth_level on; below, it is proportional
+    to I + dark_level. bandwidth_level 0: the same for every intensity. poles: 1 or 2. dark_level: I_dark, in the unit
+    of the luminance. State: 12 bytes per pixel and channel with one pole, 20 with two. Raises ValueError.
+    """
+
+    def __init__(
+        self,
+        height: int,
+        width: int,
+        envs: int = 1,
+        channels: int = 1,
+        bandwidth_hz: float = 300.0,
+        bandwidth_level: float = 0.0,
+        poles: int = 1,
+        dark_level: float = 0.0,
+        device: str = "cpu",
+    ) -> None:
+        if not (math.isfinite(bandwidth_hz) and bandwidth_hz > 0):
+            raise ValueError(f"bandwidth_hz {bandwidth_hz:g} must be above 0 and finite; without a limit leave it out")
+        for level, text in ((bandwidth_level, "bandwidth_level"), (dark_level, "dark_level")):
+            if not (math.isfinite(level) and level >= 0):
+                raise ValueError(f"{text} {level:g} must be finite and not negative")
+        if poles not in (1, 2):
+            raise ValueError(f"bandwidth_poles {poles} must be 1 or 2")
+        self._device = wp.get_device(device)
+        make = kernels.low_pass_gpu if self._device.is_cuda else kernels.low_pass
+        self._kernel = make(poles, bandwidth_level > 0)
+        self._envs, self._size = envs, height * width * channels
+        self._rate = 2.0 * math.pi * bandwidth_hz
+        values = {
+            "size": self._size,
+            "rate": self._rate,
+            "level": bandwidth_level,
+            "dark": dark_level,
+            "floor": kernels.FLOOR,
+        }
+        self._receptor = Receptor()
+        for name, value in values.items():
+            setattr(self._receptor, name, value)
+        total = envs * self._size
+        self._last: wp.array = wp.full(total, -1.0, dtype=wp.float32, device=self._device)
+        self._first: wp.array = wp.zeros(total, dtype=wp.float64, device=self._device)
+        self._second: wp.array = wp.zeros(total if poles == 2 else 0, dtype=wp.float64, device=self._device)
+        self._place: wp.array = wp.empty(lanes.BLOCK, dtype=wp.int32, device="cpu")
+        self._filtered: wp.array | None = None
+
+    def advance(
+        self, images: wp.array, t: np.ndarray, t_base: int, fresh: np.ndarray, in_place: bool = False
+    ) -> wp.array:
+        """Filtered luminance, float32 of the shape of `images`, in a buffer that the next call overwrites.
+
+        images: float32, linear, on this device: the samples of [E, K, H, W, C] in this order, in any shape (Warp has
+        four axes at most). t: int64 [K] ns, ascending. t_base: stamp [ns] of the frame before, where the first step
+        starts. fresh: bool [E], environments whose first good sample here sets the state. ln(result + dark_level) is
+        the filtered L. A sample that is NaN, infinite or negative comes out as NaN; its input is held at the last good
+        one. in_place: the result goes to `images`, which takes no further memory. Raises ValueError when the number of
+        samples does not fit.
+        """
+        count = len(t)
+        if math.prod(images.shape) != self._envs * count * self._size:
+            raise ValueError(
+                f"photoreceptor got images {tuple(images.shape)} with {count} stamps, "
+                f"expected {self._envs} x {count} x {self._size} samples"
+            )
+        device = self._device
+        gaps = np.diff(np.asarray(t, np.int64), prepend=np.int64(t_base))
+        seconds: wp.array = wp.array(np.maximum(gaps, 0) * 1e-9, dtype=wp.float64, device=device)
+        steps: wp.array = wp.empty(count, dtype=wp.vec2d, device=device)
+        wp.launch(kernels.responses, count, [self._rate, seconds], [steps], device=device)
+        if in_place:
+            filtered = images
+        else:
+            if self._filtered is None or self._filtered.shape != images.shape:
+                self._filtered = wp.empty(images.shape, dtype=wp.float32, device=device)
+            filtered = self._filtered
+        starts: wp.array = wp.array(np.asarray(fresh, np.int32), device=device)
+        state = [self._last, self._first, self._second]
+        threads = (self._envs, self._size)
+        if not device.is_cuda:
+            threads = (self._envs, -(-self._size // lanes.BLOCK))
+            state.append(self._place)
+        inputs = [self._receptor, starts, seconds, steps, images.flatten(), *state]
+        wp.launch(self._kernel, threads, inputs, [filtered.flatten()], device=device)
+        return filtered

@@ -1,0 +1,240 @@
+# ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
+"""Kernels of the photoreceptor: the exact step of a low pass on log-intensity whose input is linear in time.
+
+What is kept is how far each pole is behind the input, e = y - L. In a step of a = dt / tau in which L grows by dL,
+
+    e1' = e1 d - dL f,   e2' = e2 d + e1 a d + dL (d - 2 f),   d = exp(-a),   f = (1 - d) / a,
+
+so nothing is a difference of nearly equal numbers, and the result I' + dark = (I + dark) exp(e) needs dL = ln of the
+ratio of two intensities alone. On a CPU photoreceptor_simd_kernels takes the pixels of a block
+together, good to 1e-9; samples that it lists go through the library's functions here, as all do on a GPU.
+"""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from nodes.event_sensor.optics import photoreceptor_simd_kernels as lanes
+from nodes.event_sensor.optics.photoreceptor_simd_kernels import GRAIN, Receptor
+
+wp.set_module_options({"enable_backward": False})
+
+FLOOR = 2.0**-24
+"""Least I + I_dark, as in the sensor: the smallest positive half-precision radiance."""
+SMALL = wp.constant(wp.float64(0.02))
+"""Below this dt / tau the difference in f cancels, and its series has the better error (1e-14)."""
+LARGEST = wp.constant(3.4028235e38)
+
+
+@wp.func
+def response(a: wp.float64):
+    """(d, f) of a step of a = dt / tau."""
+    decay = wp.exp(-a)
+    f = (wp.float64(1.0) - decay) / wp.max(a, SMALL)
+    if a < SMALL:
+        f = wp.float64(1.0)
+        for k in range(8, 1, -1):
+            f = wp.float64(1.0) - a / wp.float64(k) * f
+    return wp.vec2d(decay, f)
+
+
+@wp.kernel
+def responses(
+    # in
+    rate: wp.float64,
+    seconds: wp.array(dtype=wp.float64),
+    # out
+    steps: wp.array(dtype=wp.vec2d),
+):
+    """The response of each step where all pixels have the same time constant."""
+    k = wp.tid()
+    steps[k] = response(rate * seconds[k])
+
+
+@wp.func
+def corner(receptor: Receptor, intensity: wp.float32):
+    """1 / tau [1/s]."""
+    return receptor.rate * wp.min(wp.float64(1.0), (wp.float64(intensity) + receptor.dark) / receptor.level)
+
+
+@wp.func
+def kept(e: wp.float64):
+    """e in multiples of 2^-60."""
+    return (e + GRAIN) - GRAIN
+
+
+@functools.cache
+def exact_step(poles: int, varying: bool) -> Any:
+    """Function: one step of a pixel with the library's functions; returns its output, last sample and both e."""
+    two = poles == 2
+
+    @wp.func
+    def step(
+        receptor: Receptor,
+        v: wp.float32,
+        last: wp.float32,
+        e1: wp.float64,
+        e2: wp.float64,
+        seconds: wp.float64,
+        constant: wp.vec2d,
+    ):
+        """last: -1 where there is none yet. constant: the response where it is not varying."""
+        good = v >= 0.0 and v <= LARGEST
+        if last < 0.0:
+            if good:
+                return v, v, wp.float64(0.0), wp.float64(0.0)
+            return float(wp.nan), last, e1, e2
+        # A bad sample holds the input at the last good one; time goes on.
+        seen = wp.where(good, v, last)
+        level = wp.max(wp.float64(seen) + receptor.dark, receptor.floor)
+        first = e1
+        second = e2
+        if seen != last or e1 != wp.float64(0.0) or e2 != wp.float64(0.0):
+            grown = wp.float64(0.0)
+            if seen != last:
+                grown = wp.log(level / wp.max(wp.float64(last) + receptor.dark, receptor.floor))
+            a = wp.float64(0.0)
+            df = constant
+            if wp.static(varying):
+                a = wp.float64(0.5) * (corner(receptor, last) + corner(receptor, seen)) * seconds
+                df = response(a)
+            elif wp.static(two):
+                a = receptor.rate * seconds
+            if wp.static(two):
+                second = kept(e2 * df[0] + e1 * (a * df[0]) + grown * (df[0] - wp.float64(2.0) * df[1]))
+            first = kept(e1 * df[0] - grown * df[1])
+        y = first
+        if wp.static(two):
+            y = second
+        out = float(wp.nan)
+        if good:
+            out = v
+            if y != wp.float64(0.0):
+                out = wp.clamp(wp.float32(level * wp.exp(y) - receptor.dark), 0.0, LARGEST)
+        return out, seen, first, second
+
+    return step
+
+
+@functools.cache
+def low_pass(poles: int, varying: bool) -> wp.Kernel:
+    """The filter with one pole or two, with a corner that follows the intensity (`varying`) or not, for a CPU."""
+    exact, step_block = exact_step(poles, varying), lanes.step_block(poles, varying)
+    two = poles == 2
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def filter_blocks(
+        # in
+        receptor: Receptor,
+        fresh: wp.array(dtype=wp.int32),
+        seconds: wp.array(dtype=wp.float64),
+        steps: wp.array(dtype=wp.vec2d),
+        luminance: wp.array(dtype=wp.float32),
+        # in and out: last good sample (-1: none yet), how far the poles are behind it in ln I; places in a block
+        last_sample: wp.array(dtype=wp.float32),
+        first_pole: wp.array(dtype=wp.float64),
+        second_pole: wp.array(dtype=wp.float64),
+        place: wp.array(dtype=wp.int32),
+        # out
+        filtered: wp.array(dtype=wp.float32),
+    ):
+        """A block of pixels per thread, through all frames."""
+        env, block = wp.tid()
+        count = seconds.shape[0]
+        first = block * wp.static(lanes.BLOCK)
+        size = wp.min(receptor.size - first, wp.static(lanes.BLOCK))
+        index = env * receptor.size + first
+        if fresh[env] != 0:
+            i = int(0)
+            while i < size:
+                last_sample[index + i] = -1.0
+                i += 1
+        at = wp.int64(env) * wp.int64(count) * wp.int64(receptor.size) + wp.int64(first)
+        k = int(0)
+        while k < count:
+            half = wp.float64(0.5) * receptor.rate * seconds[k]
+            halvings = int(0)
+            ahead = wp.int64(wp.where(k + 1 < count, receptor.size, 0))
+            alone = int(size)  # pixels that are filtered one by one
+            together = not (wp.static(varying) and half > lanes.WIDEST)
+            if together:
+                if wp.static(varying):
+                    while half > lanes.REACH:
+                        half = wp.float64(0.5) * half
+                        halvings += 1
+                alone = step_block(
+                    receptor, luminance, at, ahead, index, size, half, halvings, steps[k][0], steps[k][1], last_sample,
+                    first_pole, second_pole, filtered, place,
+                )  # fmt: skip
+            j = int(0)
+            while j < alone:
+                i = j
+                if together:
+                    i = place[j]
+                here = index + i
+                e2 = wp.float64(0.0)
+                if wp.static(two):
+                    e2 = second_pole[here]
+                out, seen, after1, after2 = exact(
+                    receptor, luminance[at + wp.int64(i)], last_sample[here], first_pole[here], e2, seconds[k], steps[k]
+                )  # fmt: skip
+                filtered[at + wp.int64(i)] = out
+                last_sample[here] = seen
+                first_pole[here] = after1
+                if wp.static(two):
+                    second_pole[here] = after2
+                j += 1
+            at += wp.int64(receptor.size)
+            k += 1
+
+    return filter_blocks
+
+
+@functools.cache
+def low_pass_gpu(poles: int, varying: bool) -> wp.Kernel:
+    """The same with a thread per pixel."""
+    two = poles == 2
+    exact = exact_step(poles, varying)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def filter_pixel(
+        # in
+        receptor: Receptor,
+        fresh: wp.array(dtype=wp.int32),
+        seconds: wp.array(dtype=wp.float64),
+        steps: wp.array(dtype=wp.vec2d),
+        luminance: wp.array(dtype=wp.float32),
+        # in and out: as above
+        last_sample: wp.array(dtype=wp.float32),
+        first_pole: wp.array(dtype=wp.float64),
+        second_pole: wp.array(dtype=wp.float64),
+        # out
+        filtered: wp.array(dtype=wp.float32),
+    ):
+        env, i = wp.tid()
+        count = seconds.shape[0]
+        index = env * receptor.size + i
+        at = wp.int64(env) * wp.int64(count) * wp.int64(receptor.size) + wp.int64(i)
+        last = last_sample[index]
+        if fresh[env] != 0:
+            last = float(-1.0)
+        e1 = first_pole[index]
+        e2 = wp.float64(0.0)
+        if wp.static(two):
+            e2 = second_pole[index]
+        k = int(0)
+        while k < count:
+            out, seen, first, second = exact(receptor, luminance[at], last, e1, e2, seconds[k], steps[k])
+            filtered[at] = out
+            last = seen
+            e1 = first
+            e2 = second
+            at += wp.int64(receptor.size)
+            k += 1
+        last_sample[index] = last
+        first_pole[index] = e1
+        if wp.static(two):
+            second_pole[index] = e2
+
+    return filter_pixel

@@ -1,0 +1,53 @@
+"""DVS-Voltmeter: the pixel's voltage as Brownian motion with drift, events at its first passages.
+
+Lin, Ma, Guo, Wen, "DVS-Voltmeter: Stochastic Process-based Event Simulator for Dynamic Vision Sensors", ECCV 2022.
+Between two frames the voltage has, eqs. (10) and (11), the drift
+    mu = k1 dL / (dt (L_mean + k2)) + k4 + k5 L_mean    and    sigma = k3 sqrt(L_mean) / (L_mean + k2) + k6,
+L in 8-bit numbers (DN), dt in us, threshold 1. Algorithm 1: draw which threshold is reached first, then when (inverse
+Gaussian, or Levy without drift; sampled as Michael, Schucany, Haas, "Generating random variates using transformations
+with multiple roots", 1976), until the frame ends; what was reached of the last passage by then stays as a residual.
+
+Limits that are the model's: the drift is the midpoint rule of d ln L, so that a jump gives 2 k1 events at most; the
+time is drawn as if the other threshold did not exist; the residual is the straight line to a passage that never was.
+Departures: stamps are whole ns; a passage against the drift takes the law of one along it (which is its law given that
+it happens at all) where the public program draws from a truncated normal; without drift the threshold is drawn by the
+two distances where the program takes 1/2; sigma = 0 is allowed and gives straight lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from evis.config.params import Param
+from nodes.event_sensor.peers.dvs_voltmeter_kernels import VoltPixel, VoltSensor, voltmeter_events
+from nodes.event_sensor.peers.kernels import each_pixel
+from nodes.event_sensor.peers.model import Model, filled
+
+
+class DvsVoltmeter(Model):
+    """k1 not given is 1 / threshold_on; k2 to k6 default to the paper's DAVIS346. shot_white: luminance of 255 DN.
+
+    The paper's k1 of the DAVIS346 is 5.265, which is a threshold of 0.19.
+    """
+
+    NAME: ClassVar[str] = "dvs_voltmeter"
+    USES: ClassVar[tuple[str, ...]] = ("shot_white",)
+    OWN: ClassVar[Mapping[str, Param]] = {
+        "k1": Param(float, None, "events per nat", "1/ln I", 0, optional=True),
+        "k2": Param(float, 20.0, "dark level", "DN", 0),
+        "k3": Param(float, 1e-4, "photon noise", "DN^0.5 us^-0.5", 0),
+        "k4": Param(float, 1e-7, "leak", "1/us"),
+        "k5": Param(float, 5e-9, "leak that grows with light", "1/(DN us)"),
+        "k6": Param(float, 1e-5, "noise that does not depend on light", "us^-0.5", 0),
+    }
+
+    def __init__(self, height: int, width: int, envs: int = 1, *, seed: int = 0, **params: Any) -> None:
+        super().__init__(height, width, envs, seed=seed, **params)
+        p = self.params
+        sensor = filled(
+            VoltSensor(), **{name: p[name] for name in ("k2", "k3", "k4", "k5", "k6")},
+            k1=1.0 / p["threshold_on"] if p["k1"] is None else p["k1"],
+            off=p["threshold_off"] / p["threshold_on"], dn=255.0 / p["shot_white"],
+        )  # fmt: skip
+        self._keep(sensor, VoltPixel, each_pixel(voltmeter_events, VoltSensor, VoltPixel))

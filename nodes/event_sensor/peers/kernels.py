@@ -1,0 +1,108 @@
+"""What the kernels of the published event models share: a frame, its samples, random numbers, events."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from nodes.event_sensor.model.pixel_kernels import EVENTS, LARGEST, NONFINITE
+
+wp.set_module_options({"enable_backward": False})
+
+TINY = wp.constant(1.0e-30)
+"""Least intensity of which a logarithm is taken."""
+NEVER = wp.constant(wp.int64(-(1 << 62)))
+"""Stamp of the last event of a pixel that has had none."""
+
+
+@wp.struct
+class Frame:
+    """Which frame of which call: `before` is the stamp of the frame before it, `span` the time since [ns]."""
+
+    k: wp.int32
+    count: wp.int32
+    pixels: wp.int32
+    seed: wp.int32
+    number: wp.int32
+    t_base: wp.int64
+    before: wp.int64
+    span: wp.int64
+    shift_t: wp.int64
+    shift_env: wp.int64
+
+
+@wp.func
+def sample_at(frame: Frame, images: wp.array(dtype=wp.float32), env: wp.int32, pixel: wp.int32):
+    """Luminance of a pixel in this frame."""
+    plane = wp.int64(env) * wp.int64(frame.count) + wp.int64(frame.k)
+    return images[plane * wp.int64(frame.pixels) + wp.int64(pixel)]
+
+
+@wp.func
+def usable(intensity: wp.float32, counters: wp.array(dtype=wp.int64)):
+    """Whether a sample is finite and not negative; counted if it is not."""
+    good = intensity >= 0.0 and intensity <= LARGEST
+    if not good:
+        wp.atomic_add(counters, NONFINITE, wp.int64(1))
+    return good
+
+
+@wp.func
+def random_state(frame: Frame, env: wp.int32, pixel: wp.int32, purpose: wp.int32):
+    """Start of the stream of (seed + env, pixel, frame, purpose); purpose < 4."""
+    mine = wp.rand_init(frame.seed + env, pixel)
+    return wp.rand_init(wp.int32(mine), frame.number * 4 + purpose)
+
+
+@wp.func
+def put(
+    frame: Frame,
+    env: wp.int32,
+    pixel: wp.int32,
+    on: wp.bool,
+    offset: wp.int64,
+    keys: wp.array(dtype=wp.int64),
+    counters: wp.array(dtype=wp.int64),
+):
+    """One event, `offset` ns after the frame before; counted even where it does not fit."""
+    slot = wp.atomic_add(counters, EVENTS, wp.int64(1))
+    if slot < wp.int64(keys.shape[0]):
+        t = frame.before - frame.t_base + wp.clamp(offset, wp.int64(1), frame.span)
+        key = (wp.int64(env) << frame.shift_env) | (t << frame.shift_t) | (wp.int64(pixel) << wp.int64(1))
+        keys[slot] = key | wp.where(on, wp.int64(1), wp.int64(0))
+
+
+@cache
+def each_pixel(step: Any, sensor_type: Any, pixel_type: Any) -> Any:
+    """Kernel: one frame of a model that makes a pixel's events in one go.
+
+    step: function of (frame, sensor, env, pixel, v, p, keys, counters) that returns the pixel's state p after a good
+    sample v; p.begun is 0 at the first one of an episode. Samples that are not usable change nothing.
+    """
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def sense(
+        # in
+        frame: Frame,
+        sensor: sensor_type,
+        images: wp.array(dtype=wp.float32),
+        fresh: wp.array(dtype=wp.int32),
+        before: wp.array(dtype=pixel_type),
+        # out
+        after: wp.array(dtype=pixel_type),
+        keys: wp.array(dtype=wp.int64),
+        counters: wp.array(dtype=wp.int64),
+    ):
+        index = wp.tid()
+        env = index // frame.pixels
+        pixel = index % frame.pixels
+        p = before[index]
+        if fresh[env] != 0:
+            p.begun = 0
+        v = sample_at(frame, images, env, pixel)
+        if usable(v, counters):
+            p = step(frame, sensor, env, pixel, v, p, keys, counters)
+            p.begun = 1
+        after[index] = p
+
+    return sense

@@ -1,0 +1,229 @@
+"""The readout: how events get from the pixels to the outside, and what that does to their times.
+
+One bus carries the events of all pixels, at most `readout_rate` a second, first come first served; events of the same
+ns are served row by row. The k-th event that asked at t_k leaves at
+
+    D_k = max(t_k, D_{k-1} + 1 / readout_rate),
+
+so an isolated event is not delayed and a burst queues (Lindley's recursion for a constant service time; Kleinrock,
+Queueing Systems I, 8.1). The timestamp is taken as an event leaves, with a jitter: a normal delay with the given
+standard deviation and three times that as its mean, cut at three standard deviations, so that it is never negative
+(the cut makes the deviation 0.25 % smaller).
+
+Times only ever become later, therefore no event belongs to a packet that is already sent: what leaves after a packet's
+stamp is held for the packet in whose interval it falls. Nothing is lost unless `queue` says so; how a stream is cut
+into packets changes no event.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import warp as wp
+
+from nodes.event_sensor.model.pixel_kernels import Sensor
+from nodes.event_sensor.readout import readout_kernels as kernels
+from nodes.event_sensor.readout.packet import KeyLayout, sort_keys, unpack
+
+SPAN_BITS = 62
+"""The queue's clock counts up to 2^62 units after a packet's start."""
+
+NONE = np.zeros(0, np.uint8)
+"""The colour channel of events without one."""
+
+
+class Readout:
+    """Readouts of E cameras of width x height pixels.
+
+    readout_rate: events per second, 0 = no limit, else at least 1. timestamp_jitter_us: standard deviation [us], 0 =
+    none; environment e draws from seed + e, by pixel, polarity and time of the event alone. queue: most events that may
+    wait in one camera; further ones are dropped and counted; 0 = no limit. Raises ValueError.
+
+    Counters, over all environments: `delayed` events that had to wait, `delay_ns` that they waited together,
+    `longest_ns` of them, `dropped` events that found the queue full, `cut` events whose episode ended before they left.
+    """
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        envs: int = 1,
+        readout_rate: float = 0.0,
+        timestamp_jitter_us: float = 0.0,
+        seed: int = 0,
+        queue: int = 0,
+    ) -> None:
+        if not (math.isfinite(readout_rate) and (readout_rate == 0 or readout_rate >= 1)):
+            raise ValueError(f"readout_rate {readout_rate:g} must be 0 (no limit) or at least 1 event per second")
+        if not (math.isfinite(timestamp_jitter_us) and 0 <= timestamp_jitter_us <= 1e6):
+            raise ValueError(f"timestamp_jitter_us {timestamp_jitter_us:g} must lie in 0 to 1e6")
+        if queue < 0:
+            raise ValueError(f"queue {queue} must be 0 (no limit) or a number of events")
+        self._envs = envs
+        self._sigma = 1e3 * timestamp_jitter_us
+        service = 1e9 / readout_rate if readout_rate else 0.0
+        # 2^20 units per service time at least: the rate is met within 5e-7.
+        self._fraction = max(0, 20 - math.floor(math.log2(service))) if service else 0
+        values = {
+            "service": round(service * 2**self._fraction),
+            "fraction": self._fraction,
+            "capacity": queue,
+            "sigma": self._sigma,
+            "seed": seed & (2**64 - 1),
+            "width": width,
+            "height": height,
+        }
+        self._queue = kernels.Queue()
+        for name, value in values.items():
+            setattr(self._queue, name, value)
+        self._layout = KeyLayout.of(height, width, envs)
+        self._shifts = Sensor()
+        for name in ("x", "y", "t", "env"):
+            setattr(self._shifts, f"shift_{name}", getattr(self._layout, name))
+        self._keys: wp.array = wp.empty(0, dtype=wp.int64, device="cpu")
+        self._spare = self._keys
+        self._free = np.zeros(envs, np.int64)
+        self._base = 0
+        self._held: dict[str, np.ndarray] | None = None
+        self.delayed = self.delay_ns = self.longest_ns = self.dropped = self.cut = 0
+
+    @property
+    def queues(self) -> bool:
+        """There is a rate, so that events have to come in the order of time."""
+        return bool(self._queue.service > 0)
+
+    @property
+    def latency_ns(self) -> int:
+        """Mean of the delay that the jitter adds [ns]."""
+        return round(float(kernels.REACH) * self._sigma)
+
+    @property
+    def waiting(self) -> int:
+        """Events held for a later packet."""
+        return 0 if self._held is None else len(self._held["t"])
+
+    def apply(
+        self,
+        columns: dict[str, np.ndarray],
+        env_offsets: np.ndarray,
+        t_base: int,
+        stamp: int,
+        fresh: np.ndarray | None = None,
+    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Events of the packet (t_base, stamp] as they leave: columns and int64 [E + 1] offsets, sorted by t, y, x.
+
+        columns: t int64 [n] ns, x, y uint16, p uint8 and perhaps c uint8, of one packet, by environment and, where
+        it `queues`, time.
+        t_base, stamp: its interval [ns], which starts where the last one ended. fresh: bool [E], environments that
+        start again here with an empty queue. Raises ValueError for a packet too long for the queue's clock.
+        """
+        if (int(stamp) - int(t_base)) >> (SPAN_BITS - self._fraction):
+            longest = (1 << (SPAN_BITS - self._fraction)) * 1e-9
+            raise ValueError(
+                f"a packet from {t_base} to {stamp} ns is too long for the readout, which takes {longest:.3g} s; put "
+                "frames in between, or cut the sequence where its stamps have a gap"
+            )
+        self._start(t_base, fresh)
+        stamps = self._serve(columns, np.ascontiguousarray(env_offsets, np.int64), t_base)
+        env = self._environments(np.diff(env_offsets))
+        new = {**columns, "t": stamps, "env": env}
+        if self._queue.capacity and stamps.size and stamps.min() < 0:
+            new = {name: column[stamps >= 0] for name, column in new.items()}
+        if self.waiting and self._held is not None:
+            new = {name: np.concatenate((self._held[name], column)) for name, column in new.items()}
+        ordered, offsets = self._sorted(new, t_base)
+        return self._left_by(ordered, offsets, stamp)
+
+    def flush(self) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
+        """Events still held, at the end of a stream, as `apply` gives them; None when there are none."""
+        held, self._held = self._held, None
+        return None if held is None else self._sorted(held, int(held["t"].min()) - 1)
+
+    def _left_by(
+        self, events: dict[str, np.ndarray], offsets: np.ndarray, stamp: int
+    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Sorted events up to `stamp`; later ones are held."""
+        ends = [
+            offsets[e] + np.searchsorted(events["t"][offsets[e] : offsets[e + 1]], stamp, "right")
+            for e in range(self._envs)
+        ]
+        rest = offsets[1:] - ends
+        self._held = None
+        if rest.any():
+            tails = [slice(a, b) for a, b in zip(ends, offsets[1:])]
+            self._held = {name: np.concatenate([c[part] for part in tails]) for name, c in events.items()}
+            self._held["env"] = self._environments(rest)
+            heads = [slice(a, b) for a, b in zip(offsets[:-1], ends)]
+            one = self._envs == 1
+            events = {n: c[heads[0]] if one else np.concatenate([c[part] for part in heads]) for n, c in events.items()}
+            offsets = offsets - np.append(0, np.cumsum(rest))
+        return events, offsets
+
+    def counts(self) -> dict[str, int]:
+        """Counters that only go up, by name."""
+        return {n: getattr(self, n) for n in ("delayed", "delay_ns", "dropped", "cut")}
+
+    def _environments(self, counts: np.ndarray) -> np.ndarray:
+        """int32: which environment each event belongs to, counts[e] of environment e."""
+        if self._envs == 1:
+            return np.zeros(int(counts[0]), np.int32)
+        return np.repeat(np.arange(self._envs, dtype=np.int32), counts)
+
+    def _start(self, t_base: int, fresh: np.ndarray | None) -> None:
+        """Bring the clocks to `t_base`, and empty the queues of fresh environments."""
+        passed = min(max(t_base - self._base, 0), 1 << (SPAN_BITS - self._fraction)) << self._fraction
+        self._free = np.maximum(self._free - passed, 0)
+        self._base = t_base
+        if fresh is None or not np.any(fresh):
+            return
+        self._free[np.asarray(fresh, bool)] = 0
+        if self._held is not None:
+            stale = np.asarray(fresh, bool)[self._held["env"]]
+            self.cut += int(stale.sum())
+            self._held = {name: column[~stale] for name, column in self._held.items()}
+
+    def _serve(self, columns: dict[str, np.ndarray], offsets: np.ndarray, t_base: int) -> np.ndarray:
+        """Stamps of the new events, -1 for those that the full queue turned away."""
+        stamps = np.array(columns["t"], np.int64)
+        if not len(stamps):
+            return stamps
+        statistics = np.zeros((self._envs, 4), np.int64)
+        given = [offsets, *(np.ascontiguousarray(columns[n]) for n in ("t", "x", "y", "p")), columns.get("c", NONE)]
+        arrays: list[wp.array] = [
+            wp.array(a, copy=False, device="cpu") for a in (*given, self._free, stamps, statistics)
+        ]  # fmt: skip
+        wp.launch(kernels.serve, self._envs, [self._queue, t_base, *arrays], device="cpu")
+        if self._free.max() >> SPAN_BITS:
+            raise ValueError("the readout's queue is longer than its clock; raise readout_rate or limit the queue")
+        self.delayed += int(statistics[:, 0].sum())
+        self.delay_ns += int(statistics[:, 1].sum())
+        self.longest_ns = max(self.longest_ns, int(statistics[:, 2].max()))
+        self.dropped += int(statistics[:, 3].sum())
+        return stamps
+
+    def _sorted(self, events: dict[str, np.ndarray], t_base: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """By environment, t, y, x, channel, polarity; offsets of the environments."""
+        env, t = events.pop("env"), events["t"]
+        counts = np.bincount(env, minlength=self._envs) if self._envs > 1 else np.array([t.size])
+        offsets = np.append(0, np.cumsum(counts)).astype(np.int64)
+        if not t.size:
+            return events, offsets
+        span = int(t.max()) - t_base
+        if span >> (self._layout.env - self._layout.t):
+            order = np.lexsort((events["p"], events.get("c", np.zeros(t.shape)), events["x"], events["y"], t, env))
+            return {name: column[order] for name, column in events.items()}, offsets
+        if self._keys.size < t.size:
+            self._keys, self._spare = (wp.empty(t.size + t.size // 4, dtype=wp.int64, device="cpu") for _ in range(2))
+        ascending = np.ones(1, np.int32)
+        given = [env, *(np.ascontiguousarray(events[n]) for n in ("t", "x", "y", "p")), events.get("c", NONE)]
+        arrays: list[wp.array] = [wp.array(a, copy=False, device="cpu") for a in given]
+        found: wp.array = wp.array(ascending, copy=False, device="cpu")
+        wp.launch(kernels.pack, 1, [self._shifts, t_base, *arrays], [self._keys, found], device="cpu")
+        if ascending[0]:
+            return events, offsets
+        keys = sort_keys(self._keys, self._spare, t.size, self._layout, span)
+        wp.launch(kernels.tidy, 1, [t.size], [wp.array(keys, copy=False, device="cpu")], device="cpu")
+        out = {name: np.empty(t.size, column.dtype) for name, column in events.items()}
+        unpack(keys, self._shifts, t_base, out)
+        return out, offsets

@@ -1,0 +1,141 @@
+"""Renderer, interpolator and sensor in a row for some gaps of a scene: what a way to run it really costs."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from evis.runtime.clock import keyframe_count, keyframe_stamp
+from nodes.event_sensor.sensor import EventSensor
+from nodes.interpolator.auto.setting import (
+    LIGHT,
+    Setting,
+    Way,
+    draw,
+    frames_for,
+    kept,
+    make_interpolator,
+    make_renderer,
+)
+from nodes.interpolator.auto.world import World
+from nodes.interpolator.interpolator import NEEDS, Interpolator
+from nodes.interpolator.keyframe import States
+from nodes.renderer.renderer import LAST
+
+LONG_S = 0.1
+"""Time that one round of a trial counts, about [s]; the same is done again until twice as much is counted, and the
+shortest round is taken."""
+MOST = 40
+"""Gaps that a round counts at most; the one before them, in which memory is found, is left out."""
+ROUNDS = 4
+"""Most rounds, where a run has few gaps."""
+
+
+class Chain:
+    """Renderer, interpolator and sensor in a row, as a graph has them, on the scene itself.
+
+    On a CPU environments cost the same each, so that one is run; on a GPU all at once.
+    """
+
+    def __init__(self, setting: Setting, world: World | None = None) -> None:
+        """world: the scene's motion, if it is known already."""
+        self._setting = setting
+        self._envs = setting.envs if setting.on_gpu else 1
+        self._world = world
+        self._renderers: dict[bool, Any] = {}
+        self._interpolators: dict[tuple[str, int], Interpolator] = {}
+        self._episode = 0
+
+    def gaps(self, way: Way, seconds: float) -> int:
+        """How many to count in a round of a way that takes so many seconds per simulated second; 0 where the run has
+        too few."""
+        rate, _ = self._rate(way)
+        wanted = math.ceil(LONG_S * rate / max(seconds, 1e-9))
+        return max(min(wanted, MOST, keyframe_count(self._setting.duration_ns, rate) - 2), 0)
+
+    def rounds(self, way: Way, seconds: float) -> int:
+        """How often it is done."""
+        counted = self.gaps(way, seconds) * seconds / self._rate(way)[0]
+        return min(math.ceil(2 * LONG_S / max(counted, 1e-9)), ROUNDS)
+
+    def takes(self, way: Way, seconds: float) -> float:
+        """About how long a trial takes [s]: about two gaps before those that count in every round, and one at first."""
+        gaps, rounds = self.gaps(way, seconds), self.rounds(way, seconds)
+        return (rounds * (gaps + 2) + 1) * seconds / self._rate(way)[0]
+
+    def seconds(self, way: Way, seconds: float) -> float:
+        """Run time of a way [s per simulated s] that was taken to be `seconds`, physics not included."""
+        found = [self.gap(way, self.gaps(way, seconds)) for _ in range(self.rounds(way, seconds))]
+        # Trials differ in K, and the frames of many environments are large.
+        self._interpolators.clear()
+        return min(found) * self._rate(way)[0] * self._setting.envs
+
+    def gap(self, way: Way, gaps: int) -> float:
+        """Mean time of a gap [s] of one environment, its keyframe and its events included, over the last ones of the
+        run; the one before them is left out. gaps = 0: of a run's only gap."""
+        s = self._setting
+        method, (rate, k) = way[0], self._rate(way)
+        if self._world is None:
+            self._world = World(s.scene, s.duration_ns, s.seed)
+        samples = s.camera.supersampling if method == "rigid" else 1
+        renderer, interpolator = self._renderer(method, samples > 1), self._interpolator(method, k, samples)
+        first = keyframe_count(int(self._world.t[-1]), rate) - 2 - gaps
+        stamps = [keyframe_stamp(first + n, rate) for n in range(gaps + 2)]
+        self._episode += 1
+        took = self._round(renderer, interpolator, NEEDS[method], s.margin * samples, stamps, self._episode)
+        return float(np.mean(took[min(gaps, 1) + 1 :])) / self._envs
+
+    def _interpolator(self, method: str, k: int, samples: int) -> Interpolator:
+        """One that has everything: what is made in the first gap is no part of a run's cost."""
+        if (method, k) not in self._interpolators:
+            s, margin = self._setting, self._setting.margin * samples
+            made = self._interpolators[method, k] = make_interpolator(s, s.scene, s.camera, method, k)
+            size = (s.camera.height * samples + 2 * margin, s.camera.width * samples + 2 * margin)
+            made.rehearse(self._envs, *size, margin)
+        return self._interpolators[method, k]
+
+    def _round(
+        self,
+        renderer: Any,
+        interpolator: Interpolator,
+        needs: frozenset[str],
+        margin: int,
+        stamps: list[int],
+        episode: int,
+    ) -> list[float]:
+        """Times [s] of the keyframes at these stamps, all but the first one with the gap before it."""
+        s, envs, world = self._setting, self._envs, self._world
+        assert world is not None
+        sensor = EventSensor(s.camera.height, s.camera.width, envs, device=s.device, **s.sensor)
+        episodes = np.full(envs, episode, np.int32)
+        outputs = {LIGHT} | (needs & {"depth", "motion"})
+        last, took = stamps[0], list[float]()
+        for stamp in stamps:
+            poses = np.repeat(world.poses(stamp), envs, 0)
+            states = None
+            if "states" in needs:
+                t, *both = world.states(last, stamp)
+                states = States(t, *(np.repeat(values, envs, 0) for values in both))
+            began = s.clock()
+            images = kept(s, draw(s, renderer, poses, LAST if took else None, outputs, stamp))
+            t, frames = interpolator.push(
+                stamp, episodes, images[LIGHT], images.get("depth"), images.get("motion"), margin, frames_for(s), states
+            )
+            sensor.process(frames, t, episodes)
+            took.append(s.clock() - began)
+            last = stamp
+        return took
+
+    def _rate(self, way: Way) -> tuple[float, int]:
+        """Keyframes per second and K; dense rendering has a keyframe for every frame."""
+        method, rate, k = way
+        return (rate * k, 1) if method == "none" else (rate, k)
+
+    def _renderer(self, method: str, apart: bool) -> Any:
+        s = self._setting
+        if apart not in self._renderers:
+            how = {"envs": self._envs, "margin": s.margin, "device": s.device, "threads": s.threads}
+            self._renderers[apart] = make_renderer(s, s.camera, method, **how)
+        return self._renderers[apart]

@@ -1,0 +1,154 @@
+"""How a scene is going to be run, for the probe, and the rates that it tries."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from evis.runtime.clock import NS
+from evis.scene.model import Camera, Scene
+from nodes.interpolator.interpolator import Allocate, Interpolator, new_frames
+from nodes.renderer.renderer import Renderer
+from nodes.renderer.supersampling import SupersampledRenderer
+
+LIGHT = "luminance"
+"""What keyframes carry where nobody reads their colour."""
+METHODS = ("none", "splat", "rigid")
+RATES = {"none": (250.0,), "splat": (31.25, 62.5, 125.0, 250.0), "rigid": (31.25, 62.5, 125.0, 250.0)}
+"""Keyframe rates [Hz] that are tried where the user gives none; that of `none` where K is given."""
+FRAME_RATES = (250, 500, 1000, 2000, 4000)
+"""Frames per second, about, that are tried with every keyframe rate; for dense rendering also half of the least."""
+REFERENCE_HZ = {8000: 1.5, 4000: 3.0, 2000: 3.0}
+"""Rates of dense rendering that errors may be against [Hz], and how long it may take [s]; the last has no choice."""
+Way = tuple[str, float, int]
+"""Method, keyframe rate [Hz], K."""
+
+
+@dataclass
+class Setting:
+    """How a scene is going to be run: what of it decides cost and error.
+
+    keyframe_rate, upsampling: the user's own, or None. sensor: parameters of EventSensor without noise. light: options
+    of the renderer (light_samples, paths). warp: options of the interpolator (tolerance, sample_px).
+    """
+
+    scene: Scene
+    camera: Camera
+    duration_ns: int
+    seed: int = 0
+    device: str = "cpu"
+    envs: int = 1
+    threads: int = 1
+    margin: int = 0
+    keyframe_rate: float | None = None
+    upsampling: int | None = None
+    sensor: dict[str, Any] = field(default_factory=dict)
+    light: dict[str, Any] = field(default_factory=dict)
+    warp: dict[str, Any] = field(default_factory=dict)
+
+    def shifted(self) -> Setting:
+        """The same with bodies that are placed by their states alone and not by paths, for times that are not true."""
+        still = [b.trajectory is not None and b.trajectory.is_static() for b in self.scene.bodies]
+        bodies = [b if fixed else replace(b, trajectory=None) for b, fixed in zip(self.scene.bodies, still)]
+        return replace(self, scene=replace(self.scene, bodies=bodies))
+
+    @property
+    def on_gpu(self) -> bool:
+        """Whether images stay on a GPU."""
+        return self.device.startswith("cuda")
+
+    def clock(self) -> float:
+        """CPU time where one thread does all the work, for others may be at work here; else wall time [s]."""
+        if self.on_gpu:
+            wp.init()
+            wp.synchronize_device(self.device)
+            return time.perf_counter()
+        return time.process_time() if self.threads == 1 else time.perf_counter()
+
+
+@dataclass(eq=False)
+class Grid:
+    """Rates that fit each other: every frame of a candidate is at a stamp of the reference.
+
+    base: reference [Hz]. ways: (method, keyframe rate, K).
+    """
+
+    base: float
+    ways: list[Way]
+
+    @staticmethod
+    def of(setting: Setting, reference_hz: float = max(REFERENCE_HZ)) -> Grid:
+        """What the user's keyframe rate and K leave. reference_hz: rate of the reference, about."""
+        rates = [f for f in FRAME_RATES if 2 * f <= reference_hz]
+        rate, given = setting.keyframe_rate, setting.upsampling
+        odd = given // (given & -given) if given else 1
+        base = (rate or RATES["splat"][0]) * odd
+        while base * np.sqrt(2) < reference_hz:
+            base *= 2
+        shortest = 0.999 * NS / setting.duration_ns
+        ks = [given] if given else [2**n for n in range(8)]
+        ways = set()
+        for method in METHODS:
+            fitting = [r for r in RATES[method] if r >= shortest] or [RATES["splat"][-1]]
+            for r in [rate] if rate else fitting:
+                for k in ks:
+                    fits = given or any(abs(np.log2(r * k / f)) <= 0.5 for f in rates)
+                    if method == "none" and (rate or given) and (given or r * k <= base / 2):
+                        ways.add((method, r, k))
+                    elif method != "none" and k > 1 and fits:
+                        ways.add((method, r, k))
+        if not rate and not given:
+            ways |= {("none", float(f), 1) for f in (rates[0] / 2, *rates)}
+        top = max(r * k for _, r, k in ways)
+        while base < 2 * top:
+            base *= 2
+        return Grid(base, sorted(ways))
+
+    @property
+    def gap(self) -> int:
+        """Steps of the reference in the longest gap between keyframes."""
+        return max(round(self.base / r) for _, r, k in self.ways)
+
+    @property
+    def length(self) -> int:
+        """Time of that gap [ns]."""
+        return self.stamp(0, self.gap)
+
+    def stamp(self, start_ns: int, step: int) -> int:
+        """Time of a step of the reference after the start of a window [ns]."""
+        return start_ns + round(step * NS / self.base)
+
+
+def make_interpolator(s: Setting, scene: Scene, camera: Camera, method: str, k: int) -> Interpolator:
+    """The interpolator as the graph would have it."""
+    how: dict[str, Any] = {"device": s.device, "threads": s.threads, **s.light, **s.warp}
+    return Interpolator(method, k, scene=scene, camera=camera, **how)
+
+
+def make_renderer(s: Setting, camera: Camera, method: str, **how: Any) -> Renderer | SupersampledRenderer:
+    """The renderer as the graph would have it before a method."""
+    if camera.supersampling > 1:
+        apart = method == "rigid"
+        return SupersampledRenderer(s.scene, camera, camera.supersampling, **how, **s.light, apart=apart)
+    return Renderer(s.scene, camera, **how, **s.light)
+
+
+def draw(s: Setting, renderer: Any, poses: np.ndarray, before: Any, outputs: set[str], stamp: int) -> dict[str, Any]:
+    """Images in the renderer's own memory: of numpy, or on a GPU where they are, as the graph hands them on."""
+    return renderer.render(poses, before, outputs, renderer.buffers(outputs) if s.on_gpu else {}, stamp)
+
+
+def kept(s: Setting, images: dict[str, Any]) -> dict[str, Any]:
+    """Copies of such images, for the interpolator remembers them."""
+    return {name: wp.clone(image) if s.on_gpu else image.copy() for name, image in images.items()}
+
+
+def frames_for(s: Setting) -> Allocate:
+    """Where the interpolator puts its frames, as in the graph."""
+    if not s.on_gpu:
+        return new_frames
+    return lambda shape: wp.empty(shape[:4], dtype=wp.float32, device=s.device)

@@ -1,1 +1,0 @@
-"""The warp on a GPU."""

@@ -1,0 +1,163 @@
+"""A portion's sub-frames looked up in both keyframes; what these do not show is shaded at its own time."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from nodes.interpolator.rigid.gather_kernels import Portion, make_gather, make_place
+from nodes.interpolator.rigid.keyframes import Pair
+from nodes.interpolator.rigid.sampling import Part, Sampling, Todo
+from nodes.renderer.lighting import LIST_WORKERS, Shading
+
+BLOCK = 128
+"""Threads of a block that looks up."""
+
+CARE_WORKERS = 1 << 18
+"""Threads that share the list of what needs care, on a GPU."""
+
+
+class Looking:
+    """Of the slots of a shading's visibility, each of `envs` environments; launches only, but for a CPU's lists.
+
+    strength float32 [slots]: of lights that flicker. counted: int32 on the device, pixels that were shaded anew by list
+    and, as the last number, what `nonfinite` has been added to; and pixels that were looked up by list.
+    """
+
+    def __init__(
+        self,
+        shading: Shading,
+        sampling: Sampling,
+        pieces: wp.array,
+        portions: list[list[int]],
+        envs: int,
+        channels: int,
+        tolerance: float,
+        relight: bool,
+        exact: bool,
+        staged: bool,
+    ) -> None:
+        """pieces: body and patch of each triangle. portions: sub-frames of the slots of each. relight: all but the sky
+        is shaded anew. exact: lights flicker, and `strength` says how. staged: what is quick to look up is looked up
+        in the order of the pixels, and only the rest is listed."""
+        v = self._v = shading.visibility
+        self._shading, self._sampling, self._pieces = shading, sampling, pieces
+        self._envs, self._upsampling = envs, max(max(part) for part in portions)
+        self._tolerance, self._relight, self._device = tolerance, int(relight), v.device
+        self._staged = staged
+        self._index = [v.put(np.array(part, np.int32), wp.int32) for part in portions]
+        slots = v.envs // envs
+        self._inner = envs * (v.shape[1] - 2 * v.margin) * (v.shape[2] - 2 * v.margin)
+        whole = envs * v.shape[1] * v.shape[2] if exact else 0
+        # B's own slot is the first: the pixels of its environments are the first of all.
+        starts = [whole * k // sampling.bands for k in range(sampling.bands + 1)]
+        with wp.ScopedDevice(v.device):
+            self._radiance = wp.empty(v.shape, dtype=wp.vec3)
+            self._pixels = wp.empty(slots * self._inner, dtype=wp.int32)
+            self._count = wp.zeros(sampling.counts.size + 1, dtype=wp.int32)
+            self.strength = wp.zeros(slots if exact else 0, dtype=wp.float32)
+            self._all: wp.array = wp.array(np.arange(whole, dtype=np.int32))
+            self._all_count: wp.array = wp.array(np.diff(starts).astype(np.int32))
+        self._all_starts = starts[:-1]
+        self._first_look = make_gather(v.lens, channels, exact, listed=False)
+        self._gather = make_gather(v.lens, channels, exact, listed=True)
+        self._place = make_place(channels)
+        # The portion that lights and what casts shadows are placed for, on a CPU.
+        self._lit: int | None = None
+        self._loaded = False
+
+    @property
+    def nonfinite(self) -> wp.array:
+        """Pixels of keyframes that are not used, int32 [1]."""
+        return self._count[-1:]
+
+    @property
+    def counted(self) -> tuple[wp.array, wp.array]:
+        """See the class."""
+        return self._count, self._sampling.counts
+
+    def clear(self) -> None:
+        """A gap begins."""
+        self._count.zero_()
+        self._sampling.clear()
+
+    def place(self, pair: Pair) -> None:
+        """For poses that have arrived: where bodies were at the keyframes, and on a GPU lights and what shades them."""
+        v = self._v
+        self._lit = None
+        pair.displace(v.camera_body, v.poses)
+        if v.device.is_cuda:
+            self._shading.place()
+            self._shading.placed()
+
+    def light(self, which: str, placed: bool) -> wp.array:
+        """Radiance of all pixels of the first slot under LightSet.select, vec3 [>= E, H, W]. placed: after `place`."""
+        shading = self._shading
+        shading.lights.select(which)
+        ready = placed and self._device.is_cuda
+        shading.shade_list(self._radiance, self._all, self._all_count, self._all_starts, ready)
+        shading.lights.select("now")
+        return self._radiance
+
+    def look(self, part: Part, pair: Pair, quiet: wp.array, frames: wp.array) -> None:
+        """Look up what may have changed, shade what no keyframe shows, and again where samples are too far apart."""
+        todo: Todo | None
+        how: list[Any] = [self._portion(part, quiet), pair.kernel()]
+        if self._staged:
+            todo = self._first_pixels(part, how, frames)
+        else:
+            todo = self._sampling.plan(part, pair.b, quiet, frames)
+        while todo is not None:
+            self._shade(part, todo, self._look_up(todo, how, frames), frames)
+            todo = self._sampling.refine(pair.a)
+
+    def _portion(self, part: Part, quiet: wp.array) -> Any:
+        """What the gather reads of a portion and of the scene."""
+        portion: Any = Portion()
+        portion.slot0, portion.count, portion.envs = part.slot0, part.count, self._envs
+        portion.upsampling, portion.tolerance, portion.relight = self._upsampling, self._tolerance, self._relight
+        portion.index, portion.strength = self._index[part.number], self.strength
+        portion.packed, portion.quiet, portion.pieces = self._v.packed, quiet, self._pieces
+        return portion
+
+    def _first_pixels(self, part: Part, how: list[Any], frames: wp.array) -> Todo:
+        """Look up all pixels of a portion but those that need care, which are listed."""
+        todo = self._sampling.everything(part)
+        given: list[Any] = [self._v.view, 0, 0, 1, todo.at, *how, todo.pixels, self._sampling.counts]
+        given += [frames, self._pixels, self._count]
+        wp.launch(self._first_look, part.count * self._inner, given, device=self._device, block_dim=BLOCK)
+        return todo
+
+    def _look_up(self, todo: Todo, how: list[Any], frames: wp.array) -> list[int]:
+        """Look up what is listed. Gives where the list of each band begins of what no keyframe shows."""
+        view = self._v.view
+        shared = [*how, todo.pixels, self._sampling.counts, frames, self._pixels, self._count]
+        if todo.starts is None:
+            given: list[Any] = [view, 0, -1, CARE_WORKERS, todo.at, *shared]
+            wp.launch(self._gather, CARE_WORKERS, given, device=self._device, block_dim=BLOCK)
+            return [0] * self._sampling.bands
+        launches = [
+            (self._gather, 1, [view, first, last, 1, todo.at + k, *shared])
+            for k, (first, last) in enumerate(pairwise(todo.starts))
+        ]
+        self._sampling.launch(launches)
+        return todo.starts[:-1]
+
+    def _shade(self, part: Part, todo: Todo, firsts: list[int], frames: wp.array) -> None:
+        """The listed pixels, anew."""
+        count = self._count[todo.at : todo.at + self._sampling.bands]
+        # The first time also for nothing, so that what is rehearsed loads all kernels.
+        if self._loaded and todo.starts is not None and not count.numpy().any():
+            return
+        self._loaded = True
+        ready = self._device.is_cuda or self._lit == part.number
+        self._shading.shade_list(self._radiance, self._pixels, count, firsts, ready)
+        self._lit = part.number
+        workers = 1 if self._device.is_cpu else LIST_WORKERS
+        for band, first in enumerate(firsts):
+            given: list[Any] = [workers, first, band, self._envs, self._upsampling, self._v.margin]
+            given += [self._index[part.number], self._pixels, count, self._radiance]
+            wp.launch(self._place, workers, given, [frames], device=self._device)

@@ -1,0 +1,377 @@
+# ruff: noqa: RUF046, F811 - int(0) declares a variable that changes; functions are overloaded by their types
+"""Kernels of the warp on a CPU: one serial scatter per environment.
+
+A CPU launch runs its threads one after the other, so plain sums in the order of the sources are deterministic. Inner
+loops are `while`: Warp's `range` costs 1.5 ns per turn on a CPU, a `while` 0.1 ns.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from nodes.interpolator.splat.warp_kernels import (
+    EMPTY,
+    SAME_SURFACE,
+    SUBPIXEL,
+    Source,
+    Target,
+    background,
+    bent,
+    displaced_depth,
+    known_depth,
+    padded,
+    target_of,
+)
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def collect(
+    # in
+    sign: wp.float32,
+    held: wp.array(dtype=wp.int32),
+    depth: wp.array3d(dtype=wp.float32),
+    other_depth: wp.array3d(dtype=wp.float32),
+    motion: wp.array4d(dtype=wp.float32),
+    bends: wp.array2d(dtype=wp.vec2),
+    counts_b: wp.array2d(dtype=wp.int32),
+    # out
+    still: wp.array2d(dtype=wp.float32),
+    sources: wp.array2d(dtype=Source),
+    counts: wp.array2d(dtype=wp.int32),
+):
+    """Split a keyframe's pixels into those that stay (their depth, on the padded grid) and those that move.
+
+    sign: +1 for B (it goes back along its motion), -1 for A. counts per environment: moving sources, then the box of
+    their paths (x0, y0, x1, y1, inclusive), then sources without finite motion. A is left out where B's box is empty.
+    """
+    env = wp.tid()
+    counts[env, 0] = 0
+    counts[env, 5] = 0
+    if sign < 0.0 and counts_b[env, 3] < 0:
+        return
+    hold = held[env] != 0
+    height = depth.shape[1]
+    width = depth.shape[2]
+    n = int(0)
+    lost = int(0)
+    x0 = width
+    y0 = height
+    x1 = int(-1)
+    y1 = int(-1)
+    y = int(0)
+    while y < height:
+        x = int(0)
+        while x < width:
+            dx = sign * motion[env, y, x, 0]
+            dy = sign * motion[env, y, x, 1]
+            z = depth[env, y, x]
+            own = known_depth(z)
+            at = (y + 1) * (width + 2) + x + 1
+            bend = wp.vec2(0.0, 0.0)
+            if bends.shape[1] > 0:
+                bend = bends[env, y * width + x]
+            straight = bend[0] == 0.0 and bend[1] == 0.0
+            if hold or (straight and dx == 0.0 and dy == 0.0 and z == other_depth[env, y, x]):
+                still[env, at] = own
+            else:
+                still[env, at] = EMPTY
+                fx = float(x) + dx
+                fy = float(y) + dy
+                there = displaced_depth(other_depth, env, fx, fy, own)
+                x0 = wp.min(x0, x)
+                y0 = wp.min(y0, y)
+                x1 = wp.max(x1, x)
+                y1 = wp.max(y1, y)
+                if wp.abs(dx) < 1.0e6 and wp.abs(dy) < 1.0e6:
+                    # A parabola is at most a quarter of its bend off the straight line.
+                    bx = 0.25 * wp.abs(bend[0])
+                    by = 0.25 * wp.abs(bend[1])
+                    x0 = wp.min(x0, wp.int32(wp.max(wp.min(fx, float(x)) - bx, 0.0)))
+                    y0 = wp.min(y0, wp.int32(wp.max(wp.min(fy, float(y)) - by, 0.0)))
+                    x1 = wp.max(x1, wp.int32(wp.min(wp.max(fx, float(x)) + bx + 1.0, float(width - 1))))
+                    y1 = wp.max(y1, wp.int32(wp.min(wp.max(fy, float(y)) + by + 1.0, float(height - 1))))
+                    source = Source()
+                    grid = float(SUBPIXEL)
+                    source.x = grid * float(x)
+                    source.y = grid * float(y)
+                    source.dx = grid * dx
+                    source.dy = grid * dy
+                    source.z = own
+                    source.dz = there - own
+                    source.pixel = y * width + x
+                    sources[env, n] = source
+                    n += 1
+                elif not (wp.isfinite(dx) and wp.isfinite(dy)):
+                    lost += 1
+            x += 1
+        y += 1
+    counts[env, 0] = n
+    counts[env, 1] = x0
+    counts[env, 2] = y0
+    counts[env, 3] = x1
+    counts[env, 4] = y1
+    counts[env, 5] = lost
+
+
+@wp.func
+def weighted(value: wp.float32, weight: wp.float32):
+    return wp.vec2(weight * value, weight)
+
+
+@wp.func
+def weighted(value: wp.vec3, weight: wp.float32):
+    return wp.vec4(weight * value[0], weight * value[1], weight * value[2], weight)
+
+
+@wp.func
+def weight_of(total: wp.vec2):
+    return total[1]
+
+
+@wp.func
+def weight_of(total: wp.vec4):
+    return total[3]
+
+
+@wp.func
+def mean(total: wp.vec2):
+    return total[0] / total[1]
+
+
+@wp.func
+def mean(total: wp.vec4):
+    return wp.vec3(total[0] / total[3], total[1] / total[3], total[2] / total[3])
+
+
+@wp.func
+def lower(nearest: wp.array(dtype=wp.float32), at: int, z: wp.float32):
+    nearest[at] = wp.min(nearest[at], z)
+
+
+@wp.func
+def lower_all(nearest: wp.array(dtype=wp.float32), target: Target, z: wp.float32):
+    lower(nearest, target.at, z)
+    lower(nearest, target.at + target.right, z)
+    lower(nearest, target.at + target.down, z)
+    lower(nearest, target.at + target.right + target.down, z)
+
+
+@wp.func
+def add(nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any), at: int, z: wp.float32, term: Any):
+    """Average in a source whose depth is within 1 % of the nearest at this target."""
+    if z * SAME_SURFACE <= nearest[at]:
+        sums[at] = sums[at] + term
+
+
+@wp.func
+def add_all(nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any), target: Target, z: wp.float32, value: Any):
+    """Bilinear weights, in units of 2^-24."""
+    gx = SUBPIXEL - target.fx
+    gy = SUBPIXEL - target.fy
+    at = target.at
+    add(nearest, sums, at, z, weighted(value, float(gx * gy)))
+    add(nearest, sums, at + target.right, z, weighted(value, float(target.fx * gy)))
+    add(nearest, sums, at + target.down, z, weighted(value, float(gx * target.fy)))
+    add(nearest, sums, at + target.right + target.down, z, weighted(value, float(target.fx * target.fy)))
+
+
+@wp.func
+def reset(
+    env: int, box: wp.vec4i, width: int, still: wp.array2d(dtype=wp.float32),
+    nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any),
+):  # fmt: skip
+    """Start a sub-frame from the pixels that stay."""
+    y = box[1]
+    while y <= box[3]:
+        at = (y + 1) * (width + 2) + box[0] + 1
+        end = at + box[2] - box[0]
+        while at <= end:
+            nearest[at] = still[env, at]
+            sums[at] = sums.dtype(0.0)
+            at += 1
+        y += 1
+
+
+@wp.func
+def splat_b(
+    env: int, count: int, a: wp.float32, width: int, height: int,
+    sources: wp.array2d(dtype=Source), bends: wp.array2d(dtype=wp.vec2), image: wp.array2d(dtype=Any),
+    nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any),
+):  # fmt: skip
+    """All moving sources: the nearest depth of every target, then the sums of those that are as near."""
+    j = int(0)
+    while j < count:
+        source = sources[env, j]
+        target = target_of(bent(source, a, env, bends), a, width, height)
+        if target.at >= 0:
+            lower_all(nearest, target, source.z + a * source.dz)
+        j += 1
+    j = int(0)
+    while j < count:
+        source = sources[env, j]
+        target = target_of(bent(source, a, env, bends), a, width, height)
+        if target.at >= 0:
+            add_all(nearest, sums, target, source.z + a * source.dz, image[env, source.pixel])
+        j += 1
+
+
+@wp.func
+def splat_a(
+    env: int, count: int, a: wp.float32, width: int, height: int,
+    sources: wp.array2d(dtype=Source), bends: wp.array2d(dtype=wp.vec2), image: wp.array2d(dtype=Any),
+    nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any), hits: wp.array(dtype=wp.int32),
+):  # fmt: skip
+    """As splat_b, for targets that are holes; the others hold depth 0, which nothing is nearer than."""
+    n = int(0)
+    j = int(0)
+    while j < count:
+        source = sources[env, j]
+        target = target_of(bent(source, a, env, bends), a, width, height)
+        if target.at >= 0:
+            at = target.at
+            here = wp.max(nearest[at], nearest[at + target.right])
+            below = wp.max(nearest[at + target.down], nearest[at + target.down + target.right])
+            if here > 0.0 or below > 0.0:
+                lower_all(nearest, target, source.z + a * source.dz)
+                hits[n] = j
+                n += 1
+        j += 1
+    h = int(0)
+    while h < n:
+        source = sources[env, hits[h]]
+        target = target_of(bent(source, a, env, bends), a, width, height)
+        add_all(nearest, sums, target, source.z + a * source.dz, image[env, source.pixel])
+        h += 1
+
+
+@wp.func
+def total_of(
+    env: int, pixel: int, at: int, still: wp.array2d(dtype=wp.float32), image: wp.array2d(dtype=Any),
+    nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any),
+):  # fmt: skip
+    """The sum at a target with the source that stays there, whose weight is one pixel."""
+    total = sums[at]
+    z = still[env, at]
+    if z < EMPTY and z * SAME_SURFACE <= nearest[at]:
+        total = total + weighted(image[env, pixel], float(SUBPIXEL * SUBPIXEL))
+    return total
+
+
+@wp.func
+def resolve_b(
+    env: int, row: int, box: wp.vec4i, width: int, still: wp.array2d(dtype=wp.float32), image: wp.array2d(dtype=Any),
+    nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any),
+    holes: wp.array(dtype=wp.int32), frames: wp.array2d(dtype=Any),
+):  # fmt: skip
+    """Write the box of one frame; the pixels without any source go to `holes`. Returns how many."""
+    n = int(0)
+    y = box[1]
+    while y <= box[3]:
+        x = box[0]
+        while x <= box[2]:
+            pixel = y * width + x
+            total = total_of(env, pixel, (y + 1) * (width + 2) + x + 1, still, image, nearest, sums)
+            if weight_of(total) > 0.0:
+                frames[row, pixel] = mean(total)
+            else:
+                holes[n] = pixel
+                n += 1
+            x += 1
+        y += 1
+    return n
+
+
+@wp.func
+def resolve_a(
+    env: int, row: int, count: int, width: int, still: wp.array2d(dtype=wp.float32), image: wp.array2d(dtype=Any),
+    nearest_a: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any),
+    nearest: wp.array(dtype=wp.float32), holes: wp.array(dtype=wp.int32), frames: wp.array2d(dtype=Any),
+):  # fmt: skip
+    """Write the holes that A saw and keep the others in `holes`. Returns how many, their depth in `nearest` is -1."""
+    n = int(0)
+    j = int(0)
+    while j < count:
+        pixel = holes[j]
+        at = padded(pixel, width)
+        total = total_of(env, pixel, at, still, image, nearest_a, sums)
+        nearest[at] = nearest_a[at]
+        nearest_a[at] = 0.0
+        if weight_of(total) > 0.0:
+            frames[row, pixel] = mean(total)
+        else:
+            nearest[at] = -1.0
+            holes[n] = pixel
+            n += 1
+        j += 1
+    return n
+
+
+@wp.kernel
+def warp_gap(
+    # in
+    first: int,
+    last: int,
+    upsampling: int,
+    width: int,
+    height: int,
+    margin: int,
+    image_a: wp.array2d(dtype=Any),
+    image_b: wp.array2d(dtype=Any),
+    still_a: wp.array2d(dtype=wp.float32),
+    still_b: wp.array2d(dtype=wp.float32),
+    sources_a: wp.array2d(dtype=Source),
+    sources_b: wp.array2d(dtype=Source),
+    bends_a: wp.array2d(dtype=wp.vec2),
+    bends_b: wp.array2d(dtype=wp.vec2),
+    counts_a: wp.array2d(dtype=wp.int32),
+    counts_b: wp.array2d(dtype=wp.int32),
+    # scratch on the padded grid, then lists of pixels and of sources
+    nearest: wp.array(dtype=wp.float32),
+    nearest_a: wp.array(dtype=wp.float32),
+    sums: wp.array(dtype=Any),
+    holes: wp.array(dtype=wp.int32),
+    hits: wp.array(dtype=wp.int32),
+    # out
+    frames: wp.array2d(dtype=Any),
+    filled: wp.array(dtype=wp.int32),
+):
+    """Sub-frames first .. last - 1 of one environment's gap, equations (5) to (7), B first and A into its holes.
+
+    frames comes filled with B's own image, and only the box that B's moving pixels sweep is written. filled counts the
+    pixels of each frame, margin apart, that neither keyframe saw.
+    """
+    env = wp.tid()
+    box = wp.vec4i(counts_b[env, 1], counts_b[env, 2], counts_b[env, 3], counts_b[env, 4])
+    at = int(0)
+    while at < (width + 2) * (height + 2):
+        nearest[at] = still_b[env, at]
+        nearest_a[at] = 0.0
+        at += 1
+    for i in range(first, last):
+        row = env * upsampling + i - 1
+        back = float(upsampling - i) / float(upsampling)
+        reset(env, box, width, still_b, nearest, sums)
+        splat_b(env, counts_b[env, 0], back, width, height, sources_b, bends_b, image_b, nearest, sums)
+        filled[row] = 0
+        n = resolve_b(env, row, box, width, still_b, image_b, nearest, sums, holes, frames)
+        if n > 0:
+            j = int(0)
+            while j < n:
+                at = padded(holes[j], width)
+                nearest_a[at] = still_a[env, at]
+                j += 1
+            forth = float(i) / float(upsampling)
+            splat_a(env, counts_a[env, 0], forth, width, height, sources_a, bends_a, image_a, nearest_a, sums, hits)
+            n = resolve_a(env, row, n, width, still_a, image_a, nearest_a, sums, nearest, holes, frames)
+            j = int(0)
+            while j < n:
+                x = holes[j] % width
+                y = holes[j] // width
+                if wp.min(wp.min(x, width - 1 - x), wp.min(y, height - 1 - y)) >= margin:
+                    filled[row] = filled[row] + 1
+                known = background(nearest, holes[j], width, height)
+                if known >= 0:
+                    frames[row, holes[j]] = frames[row, known]
+                j += 1

@@ -1,0 +1,275 @@
+"""Light on what a `Visibility` sees: materials, lights and shadow casters of a scene on the device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+
+from nodes.renderer.features import Features
+from nodes.renderer.geometry.poses import Frames
+from nodes.renderer.geometry.triangles import is_static
+from nodes.renderer.lights.lights import LightSet, check_colour
+from nodes.renderer.lights.sky import make_sky
+from nodes.renderer.materials.ggx import alpha_of, is_plain
+from nodes.renderer.raster.surface_kernels import Seen, Surfaces
+from nodes.renderer.raster.visibility import Visibility
+from nodes.renderer.shading import shading_kernels
+from nodes.renderer.shading.cache_kernels import Kept
+from nodes.renderer.shading.radiance_kernels import make_image
+from nodes.renderer.shading.shadow_pass import ShadowPass, shadowed
+from nodes.renderer.shadows.occlusion import Occluders
+from nodes.renderer.textures.textures import pack
+
+CACHED_LIGHTS = 32
+"""Most lights, one bit each, under which still surfaces are remembered."""
+
+if TYPE_CHECKING:
+    from nodes.renderer.paths.paths import PathOptions, Paths
+
+SHADE_BLOCK = 128
+"""Threads of a block that shades: fewer than usual wait for the slowest of them."""
+
+LIST_WORKERS = 1 << 17
+"""Threads that share a list of pixels on a GPU."""
+
+make_shade = cache(shading_kernels.make_shade)
+
+
+class Shading:
+    """Fills an image of radiance, of luminance, or both, from a visibility's z-buffer.
+
+    Call `update` with the frames that the visibility was updated with, then `shade`. While the camera, all lights and
+    the still bodies stay where they are, the light on still surfaces is remembered, and only what moving casters do to
+    it is traced; the image is the same, bit for bit. Of flickering lights it is remembered only whom they reach.
+
+    A material of roughness 1 without metal is plain diffuse, any other the GGX of glTF 2.0; emission, lights' `colour`
+    and the sky are as in `evis.scene.model`. Area lights are unseen themselves, cast soft shadows by `light_samples`
+    rays with random numbers that belong to the surface (none where nothing can be in the way), and need materials that
+    glow in their place to be seen. Without `paths`, surfaces that emit light nothing else, and nothing hides the sky;
+    with them, see `Paths`.
+
+    remember: False for `shade_list`, which never sees all of an image. split: whether shadow rays to lights that are
+    points are traced in a pass of their own before anything is shaded, None = on a GPU; the image is the same. merged:
+    whether what stands still in the world is one structure for rays, None = for paths on a GPU.
+    """
+
+    def __init__(
+        self,
+        visibility: Visibility,
+        half: bool = False,
+        light_samples: int = 16,
+        paths: PathOptions | None = None,
+        remember: bool = True,
+        split: bool | None = None,
+        merged: bool | None = None,
+    ) -> None:
+        scene, geometry = visibility.scene, visibility.geometry
+        self.visibility, self.scene, self.device = visibility, scene, visibility.device
+        self.pixel: Any = wp.vec3h if half else wp.vec3f
+        self.scalar: Any = wp.float16 if half else wp.float32
+        self.normals = visibility.put(geometry.normals, wp.vec3)
+        self._still = geometry.static & is_static(scene, visibility.camera_body)
+        self.surfaces, textured = self._make_surfaces()
+        self.lights = LightSet(visibility, light_samples)
+        gloss = any(not is_plain(scene.materials[i.material]) for i in scene.instances)
+        self.sky = make_sky(visibility, gloss)
+        shadows = any(light.shadows for light in scene.lights) and len(geometry.triangles) > 0
+        rays = paths is not None and len(geometry.triangles) > 0
+        merged = rays and self.device.is_cuda if merged is None else merged
+        self.occluders = Occluders(visibility, geometry.static, shadows or rays, merged=merged)
+        self._cached = cached = remember and self._cacheable()
+        self._listed = not remember
+        self._still_place = -1
+        shape = visibility.shape if cached else (0, 0, 0)
+        self._kept = Kept()
+        self._kept.triangle = wp.full(shape, -1, dtype=wp.int32, device=self.device)
+        self._kept.lit = wp.zeros(shape, dtype=wp.uint32, device=self.device)
+        self._kept.colour = wp.zeros(shape, dtype=wp.vec3, device=self.device)
+        bands = len(visibility.bands.rows)
+        # Pixels that were not finite, and that were clipped, of each band.
+        self._counts = wp.zeros((2, bands), dtype=wp.int32, device=self.device)
+        kinds = self.lights.kinds
+        # In a GPU's way: rays in a pass of their own, and neighbouring threads on a tile of pixels.
+        self._tiled = split = self.device.is_cuda if split is None else split
+        self.shadow_pass: ShadowPass | None = None
+        if split and not cached and shadowed(visibility):
+            self.shadow_pass = ShadowPass(visibility, self.lights, self.occluders, self.normals)
+        self._seen = Seen()
+        self._seen.packed, self._seen.vertices = visibility.packed, visibility.vertices
+        self._seen.rotation, self._seen.translation = visibility.rotation, visibility.translation
+        if self.shadow_pass is not None:
+            self._seen.hidden = self.shadow_pass.hidden
+        self.features = Features(
+            textures=textured,
+            smooth=geometry.smooth is not None,
+            tinted=geometry.tint is not None,
+            gloss=gloss,
+            directional="directional" in kinds,
+            point="point" in kinds,
+            spot="spot" in kinds,
+            area="area" in kinds,
+            hard=shadows and any(light.shadows and light.kind != "area" for light in scene.lights),
+            soft=shadows and any(light.shadows and light.kind == "area" for light in scene.lights),
+            flicker=self.lights.flickers,
+            mapped=scene.environment_map is not None,
+            ambience=not rays,
+            trees=self.occluders.trees,
+            joined=merged,
+            cached=cached,
+            masked=self.shadow_pass is not None,
+            tiled=self._tiled,
+            half=half and not rays,
+        )
+        self._kernel, self._list_kernel = make_shade(self.features)
+        self.paths: Paths | None = None
+        if rays and paths is not None:
+            from nodes.renderer.paths.paths import Paths
+
+            self.paths = Paths(visibility, paths, self.features, half)
+            self._direct = self._image(False, self.paths.direct, None)
+        self._half = half
+
+    def update(self, frames: Frames) -> None:
+        """Lights to the camera frame; what was remembered is forgotten if the camera or a still body has moved."""
+        self.occluders.update(frames)
+        if self._cached and self._still_place != self.visibility.still_place:
+            self._still_place = self.visibility.still_place
+            self._kept.triangle.fill_(-1)
+
+    def set_time(self, t_ns: int) -> bool:
+        """Flickering lights as they are at an instant; True where one is not as it was."""
+        return self.set_times(np.full(self.visibility.envs, t_ns, np.int64))
+
+    def set_times(self, t_ns: np.ndarray) -> bool:
+        """The same with an instant for each environment, int64 [E] ns."""
+        return self.lights.set_times(t_ns)
+
+    def place(self) -> None:
+        """What shading needs of the poses alone: launches only, as in `placed` and `shade`."""
+        self.occluders.launch()
+        self.lights.launch()
+        self._counts.zero_()
+        if self.shadow_pass is not None and not self._listed:
+            self.shadow_pass.clear()
+
+    def placed(self) -> None:
+        """What shading needs of the visibility's placed instances."""
+        self.occluders.launch_moving()
+        if self.shadow_pass is not None:
+            self.shadow_pass.place()
+
+    def shade(self, radiance: wp.array | None, ready: bool = False, luminance: wp.array | None = None) -> None:
+        """Write [E, H, W] radiance of `pixel`, luminance of `scalar`, or both: launches only, that a graph may hold.
+
+        ready: after `place` and `placed`.
+        """
+        if not ready:
+            self.place()
+            self.placed()
+        v = self.visibility
+        envs, _, width = v.shape
+        bands = {row0: k for k, (row0, _) in enumerate(v.bands.rows)}
+
+        def launch(kernel: wp.Kernel, shared: list[Any]) -> None:
+            def arguments(row0: int, row1: int) -> tuple[tuple[int, ...], list[Any]]:
+                # Paths go by rows.
+                tiled = self._tiled and kernel is self._kernel
+                dim = v.tiles if tiled else (envs, row1 - row0, width // v.span)
+                return dim, [v.view, row0, bands[row0], v.span, *shared]
+
+            v.bands.launch(kernel, arguments, self.device, SHADE_BLOCK)
+
+        if self.shadow_pass is not None:
+            self.shadow_pass.launch()
+        self._run(launch, self._image(self._half, radiance, luminance), False)
+
+    def shade_list(
+        self,
+        radiance: wp.array | None,
+        pixels: wp.array,
+        count: wp.array,
+        firsts: list[int],
+        ready: bool = False,
+        luminance: wp.array | None = None,
+    ) -> None:
+        """Write only the pixels of a list, int32 indices into [E, H, W]; radiance and luminance as in `shade`.
+
+        Band b has count[b] of them from pixels[firsts[b]] on; count is read where the kernel runs. ready: nothing has
+        moved since a list before.
+        """
+        if not ready:
+            self.place()
+            self.placed()
+        v = self.visibility
+        workers = 1 if self.device.is_cpu else LIST_WORKERS
+        bands = {row0: k for k, (row0, _) in enumerate(v.bands.rows)}
+
+        def launch(kernel: wp.Kernel, shared: list[Any]) -> None:
+            def arguments(row0: int, row1: int) -> tuple[int, list[Any]]:
+                k = bands[row0]
+                return workers, [v.view, workers, firsts[k], k, pixels, count, *shared]
+
+            v.bands.launch(kernel, arguments, self.device, SHADE_BLOCK)
+
+        if self.shadow_pass is not None:
+            self.shadow_pass.launch_list(workers, pixels, count)
+        self._run(launch, self._image(self._half, radiance, luminance), True)
+
+    def _image(self, half: bool, radiance: wp.array | None, luminance: wp.array | None) -> Any:
+        """What kernels write light to."""
+        image = make_image(half)()
+        if radiance is not None:
+            image.radiance = radiance
+        if luminance is not None:
+            image.luminance = luminance
+        image.not_finite, image.clipped = self._counts[0], self._counts[1]
+        return image
+
+    def _run(self, launch: Callable[[wp.Kernel, list[Any]], None], image: Any, listed: bool) -> None:
+        """Launch what shades a whole image, or a list of its pixels."""
+        light = [self._seen, self.surfaces, self.lights.kernel, self.sky, self.occluders.casters]
+        kernel = self._list_kernel if listed else self._kernel
+        launch(kernel, [*light, self._kept, image if self.paths is None else self._direct])
+        if self.paths is not None:
+            launch(self.paths.kernel(listed), self.paths.arguments(light, image))
+
+    def counts(self) -> tuple[int, int]:
+        """How many pixels of the last image were not finite, and how many were clipped to float16; waits for it."""
+        not_finite, clipped = self._counts.numpy().sum(1)
+        return int(not_finite), int(clipped)
+
+    def _cacheable(self) -> bool:
+        """Whether some light on some surface can stay the same while something moves."""
+        lights = self.scene.lights
+        still = all(is_static(self.scene, light.body) for light in lights) and len(lights) <= CACHED_LIGHTS
+        return still and bool(self._still.any())
+
+    def _make_surfaces(self) -> tuple[Any, bool]:
+        """The materials, and whether any is textured."""
+        scene, geometry, put = self.scene, self.visibility.geometry, self.visibility.put
+        surfaces = Surfaces()
+        for material in scene.materials:
+            check_colour(scene, f"material '{material.name}' albedo", material.albedo)
+            check_colour(scene, f"material '{material.name}' emission", material.emission)
+            if not 0 <= material.roughness <= 1 or not 0 <= material.metallic <= 1:
+                raise ValueError(
+                    f"scene {scene.name}: material '{material.name}' has roughness {material.roughness} and metallic "
+                    f"{material.metallic}; both must be 0 ... 1"
+                )
+        none2, none3 = np.zeros((0, 2)), np.zeros((0, 3))
+        surfaces.instance, surfaces.triangles = self.visibility.triangle_instance, self.visibility.triangles
+        surfaces.normals = self.normals
+        surfaces.uv = put(none2 if geometry.uv is None else geometry.uv, wp.vec2)
+        surfaces.smooth = put(none3 if geometry.smooth is None else geometry.smooth, wp.vec3)
+        surfaces.tint = put(none3 if geometry.tint is None else geometry.tint, wp.vec3)
+        surfaces.material = put(np.array([i.material for i in scene.instances], np.int32), wp.int32)
+        surfaces.albedo = put(np.array([m.albedo for m in scene.materials]).reshape(-1, 3), wp.vec3)
+        surfaces.emission = put(np.array([m.emission for m in scene.materials]).reshape(-1, 3), wp.vec3)
+        gloss = [(alpha_of(m), m.metallic) for m in scene.materials]
+        surfaces.gloss = put(np.array(gloss).reshape(-1, 2), wp.vec2)
+        surfaces.textures, textured = pack(scene, put)
+        return surfaces, textured

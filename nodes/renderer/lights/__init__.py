@@ -1,0 +1,1 @@
+"""Point, spot, directional and area lights, and the sky."""

@@ -1,0 +1,1 @@
+"""How surfaces reflect: the GGX model and its tables."""

@@ -1,0 +1,1 @@
+"""Light over several surfaces, by paths."""

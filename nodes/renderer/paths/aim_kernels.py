@@ -1,0 +1,168 @@
+"""What a path's vertex reflects of sources of light that it aims at: lights, glowing triangles, the sky."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from nodes.renderer.features import Features
+from nodes.renderer.lights.area_kernels import SHORT
+from nodes.renderer.lights.light_kernels import AREA, DIRECTIONAL, FAR, SPOT, Lights, spot_falloff
+from nodes.renderer.lights.sky_kernels import Sky, make_sky
+from nodes.renderer.paths.sampling_kernels import (
+    Sources,
+    rescaled,
+    searched,
+    sky_density,
+    sky_direction,
+)
+from nodes.renderer.paths.surface_kernels import Bodies, PathVertex, make_reflection
+from nodes.renderer.raster.surface_kernels import Surfaces
+from nodes.renderer.shading.radiance_kernels import luminance
+from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def towards(lights: Lights, env: int, l: int, p: wp.vec3, normal: wp.vec3, u: wp.vec2, width: float):
+    """Unit vector from p to a light, or to its point u, the length of the shadow ray, and the irradiance over the
+    cosine.
+
+    The light of a near lamp is spread over the `width` of the path, as a texture is: as if it came from
+    sqrt(h^2 + width^2) above the surface instead of h. That keeps its power, and shrinks with the number of paths.
+    """
+    vector = lights.vector[env, l]
+    kind = lights.kind[l]
+    if kind == DIRECTIONAL:
+        return vector, FAR, 1.0
+    vector = vector - p
+    if kind == AREA:
+        vector += (2.0 * u[0] - 1.0) * lights.half_u[env, l] + (2.0 * u[1] - 1.0) * lights.half_v[env, l]
+    length = wp.length(vector)
+    ray = vector / length
+    cosine = wp.dot(normal, ray)
+    if cosine <= 0.0:
+        return ray, length, 0.0
+    slope = width / length
+    spread = 1.0 + slope * slope
+    strength = wp.sqrt(cosine * cosine + slope * slope) / (cosine * spread * wp.sqrt(spread)) / length / length
+    if kind == SPOT:
+        strength *= spot_falloff(lights, env, l, ray)
+    if kind == AREA:
+        leaving = -wp.dot(wp.cross(lights.half_u[env, l], lights.half_v[env, l]), ray)
+        return ray, SHORT * length, 4.0 * wp.max(leaving, 0.0) * strength
+    return ray, length, strength
+
+
+@cache
+def make_aims(f: Features) -> tuple[Any, Any, Any]:
+    """The functions `of_lights`, `of_glow` and `of_sky`."""
+    background, _, _ = make_sky(f.mapped)
+    occluded, _ = make_occlusion(f.trees, f.joined)
+    _, reflected, _ = make_reflection(f.gloss)
+
+    @wp.func
+    def of_lights(
+        lights: Lights,
+        casters: Casters,
+        env: int,
+        v: PathVertex,
+        width: float,
+        u: wp.vec2,
+        choice: float,
+    ):
+        """What a vertex reflects of one light, over the chance that it is that one."""
+        total = wp.float32(0.0)
+        chosen = wp.int32(-1)
+        weight = wp.float32(0.0)
+        colour = wp.vec3(0.0, 0.0, 0.0)
+        rest = choice
+        for l in range(lights.kind.shape[0]):
+            ray, length, strength = towards(lights, env, l, v.point.position, v.point.facing, u, width)
+            if strength > 0.0:
+                value, _ = reflected(v, ray)
+                value = wp.cw_mul(value, strength * lights.colour[env, l])
+                given = luminance(value)
+                if given > 0.0:
+                    total += given
+                    # One number chooses among all: what is left of it is as uniform as it was.
+                    chance = given / total
+                    if rest < chance:
+                        rest = rest / chance
+                        chosen = l
+                        weight = given
+                        colour = value
+                    else:
+                        rest = (rest - chance) / wp.max(1.0 - chance, 1.0e-9)
+        if chosen < 0:
+            return colour
+        if lights.shadow[chosen] == 1:
+            ray, length, strength = towards(lights, env, chosen, v.point.position, v.point.facing, u, width)
+            last = casters.order.shape[0]
+            if occluded(casters, env, 0, last, v.point.alone, v.point.lift, ray, length):
+                return wp.vec3(0.0, 0.0, 0.0)
+        return (total / weight) * colour
+
+    @wp.func
+    def of_glow(
+        sources: Sources,
+        surfaces: Surfaces,
+        bodies: Bodies,
+        casters: Casters,
+        env: int,
+        v: PathVertex,
+        u: wp.vec2,
+    ):
+        """What a vertex reflects of a point on a glowing triangle, weighted against finding it by chance."""
+        zero = wp.vec3(0.0, 0.0, 0.0)
+        g = searched(sources.glow_sum, u[0])
+        root = wp.sqrt(rescaled(sources.glow_sum, g, u[0]))
+        i = sources.glow_instance[g]
+        a = sources.glow_corners[g, 0]
+        b = sources.glow_corners[g, 1]
+        c = sources.glow_corners[g, 2]
+        turn = casters.rotation[env, i]
+        place = turn * ((1.0 - root) * a + (root * (1.0 - u[1])) * b + (root * u[1]) * c) + casters.translation[env, i]
+        gap = place - v.point.lift
+        length = wp.length(gap)
+        if i == v.point.alone or length == 0.0:
+            return zero
+        ray = gap / length
+        leaving = -wp.dot(turn * wp.normalize(wp.cross(b - a, c - a)), ray)
+        if bodies.two_sided[i] == 1:
+            leaving = wp.abs(leaving)
+        if leaving <= 0.0:
+            return zero
+        value, other = reflected(v, ray)
+        if other == 0.0:
+            return zero
+        emission = surfaces.emission[surfaces.material[i]]
+        density = luminance(emission) * sources.glow_density * (length / leaving * length)
+        last = casters.order.shape[0]
+        if occluded(casters, env, 0, last, v.point.alone, v.point.lift, ray, SHORT * length):
+            return zero
+        return wp.cw_mul(value, emission) / (density + other)
+
+    @wp.func
+    def of_sky(
+        sources: Sources,
+        sky: Sky,
+        casters: Casters,
+        env: int,
+        v: PathVertex,
+        u: wp.vec2,
+    ):
+        """What a vertex reflects of a direction of the map, weighted against finding it by chance."""
+        zero = wp.vec3(0.0, 0.0, 0.0)
+        world = sky_direction(sources, u)
+        ray = wp.transpose(sky.camera[env]) * world
+        value, other = reflected(v, ray)
+        if other == 0.0:
+            return zero
+        last = casters.order.shape[0]
+        if occluded(casters, env, 0, last, v.point.alone, v.point.lift, ray, FAR):
+            return zero
+        return wp.cw_mul(value, background(sky, env, ray)) / (sky_density(sources, world) + other)
+
+    return of_lights, of_glow, of_sky

@@ -1,0 +1,124 @@
+"""Light that reaches seen surfaces over other surfaces, from the sky and from glowing surfaces: paths from the camera.
+
+At every surface point a path takes one direction from the mixture of its lobes and aims once at a glowing triangle and
+once at the sky's map; what two of these can find is weighted by the balance heuristic (Veach and Guibas, SIGGRAPH
+1995). From the second point on it aims at one light too, chosen by what each would give if it were seen; at the first
+one the light of lights is there already.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from nodes.renderer.features import Features
+from nodes.renderer.lights.light_kernels import Lights
+from nodes.renderer.lights.sky_kernels import Sky
+from nodes.renderer.paths.sampling_kernels import Sources, frozen_shift
+from nodes.renderer.paths.surface_kernels import Bodies
+from nodes.renderer.paths.walk_kernels import PathLimits, make_vertices, make_walk
+from nodes.renderer.raster.surface_kernels import (
+    Pixel,
+    Seen,
+    Surfaces,
+    listed_pixel,
+    pixel_at,
+    seen_face,
+    seen_triangle,
+)
+from nodes.renderer.raster.triangle_kernels import MISS, View
+from nodes.renderer.shading.radiance_kernels import make_image, make_write
+from nodes.renderer.shadows.ray_kernels import Casters
+
+wp.set_module_options({"enable_backward": False})
+
+
+def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.Kernel, wp.Kernel]:
+    """The kernels that add the light of paths to all pixels of an image, and to those of a list.
+
+    f: of the shading kernel that brings the light of lights. glowing: some surface glows. dark: none does, and the sky
+    is black. half: light is written as float16.
+    """
+    Image: Any = make_image(half)
+    write = make_write(half)
+    first_vertex, _ = make_vertices(f)
+    walk = make_walk(f, glowing, dark)
+
+    @wp.func
+    def paths(
+        view: View,
+        pixel: Pixel,
+        limits: PathLimits,
+        seen: Seen,
+        surfaces: Surfaces,
+        lights: Lights,
+        sky: Sky,
+        casters: Casters,
+        bodies: Bodies,
+        sources: Sources,
+    ):
+        """Radiance of a pixel from paths."""
+        if seen_triangle(seen, pixel) == MISS:
+            return wp.vec3(0.0, 0.0, 0.0)
+        face = seen_face(view, seen, surfaces, pixel)
+        first = first_vertex(view, pixel, seen, surfaces, sky, casters, face)
+        i = face.instance
+        q = wp.transpose(face.turn) * (face.position - seen.translation[pixel.env, i])
+        shift = frozen_shift(q, casters.radius[i], i)
+        return walk(limits, i, shift, pixel.env, first, surfaces, lights, sky, casters, bodies, sources)
+
+    # Kernels name their parameters one by one; these two share what they do, and so most of their names.
+    @wp.kernel(module="unique", enable_backward=False)
+    def add_paths(
+        # in
+        view: View,
+        row0: int,
+        band: int,
+        span: int,
+        limits: PathLimits,
+        seen: Seen,
+        surfaces: Surfaces,
+        lights: Lights,
+        sky: Sky,
+        casters: Casters,
+        bodies: Bodies,
+        sources: Sources,
+        direct: wp.array3d(dtype=wp.vec3),
+        # out
+        image: Image,
+    ):
+        env, row, part = wp.tid()
+        y = row0 + row
+        for x in range(part * span, wp.min(part * span + span, view.width)):
+            pixel = pixel_at(env, y, x)
+            add = paths(view, pixel, limits, seen, surfaces, lights, sky, casters, bodies, sources)
+            write(pixel.env, pixel.y, pixel.x, band, direct[pixel.env, pixel.y, pixel.x] + add, image)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def add_paths_list(
+        # in
+        view: View,
+        workers: int,
+        first: int,
+        band: int,
+        pixels: wp.array(dtype=int),
+        count: wp.array(dtype=int),
+        limits: PathLimits,
+        seen: Seen,
+        surfaces: Surfaces,
+        lights: Lights,
+        sky: Sky,
+        casters: Casters,
+        bodies: Bodies,
+        sources: Sources,
+        direct: wp.array3d(dtype=wp.vec3),
+        # out
+        image: Image,
+    ):
+        j = wp.tid()
+        while j < count[band]:
+            pixel = listed_pixel(view, pixels[first + j])
+            add = paths(view, pixel, limits, seen, surfaces, lights, sky, casters, bodies, sources)
+            write(pixel.env, pixel.y, pixel.x, band, direct[pixel.env, pixel.y, pixel.x] + add, image)
+            j += workers
+
+    return add_paths, add_paths_list

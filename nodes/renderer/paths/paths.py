@@ -1,0 +1,147 @@
+"""Light over several surfaces: what paths need besides a `Shading`, and the launch of their kernel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from evis.scene.model import Light, Scene
+from nodes.renderer.features import Features
+from nodes.renderer.paths import path_kernels
+from nodes.renderer.paths.sampling_kernels import GLOWING, PICTURE, Sources
+from nodes.renderer.paths.surface_kernels import Bodies
+from nodes.renderer.paths.walk_kernels import PathLimits
+from nodes.renderer.raster.visibility import Visibility
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+NEAR = 2.0
+"""A glowing instance is the picture of a light that lies within this many times its radius from its middle."""
+
+MOST_BOUNCES = 63
+
+make_paths = cache(path_kernels.make_paths)
+
+
+@dataclass(frozen=True)
+class PathOptions:
+    """bounces: surfaces, after the one that is seen, over which light may come. samples: paths for each pixel.
+
+    roulette: from the second bounce on a path goes on with the chance of its weight, and counts for more then.
+    """
+
+    bounces: int = 0
+    samples: int = 16
+    roulette: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.bounces <= MOST_BOUNCES:
+            raise ValueError(f"bounces is {self.bounces}; it must be 0 ... {MOST_BOUNCES}")
+        if self.samples < 1:
+            raise ValueError(f"path_samples is {self.samples}; it must be at least 1")
+
+
+class Paths:
+    """Adds to the direct light of lights what comes from the sky, glowing surfaces, and over other surfaces.
+
+    features: of the shading kernel. half: whether light is written as float16.
+    """
+
+    def __init__(self, visibility: Visibility, options: PathOptions, features: Features, half: bool) -> None:
+        scene, geometry, put = visibility.scene, visibility.geometry, visibility.put
+        self.visibility = visibility
+        self._limits = PathLimits()
+        self._limits.bounces, self._limits.samples = options.bounces, options.samples
+        self._limits.roulette = int(options.roulette)
+        self.direct = visibility.empty(visibility.shape, wp.vec3)
+        self._bodies = Bodies()
+        self._bodies.first = put(geometry.first[:-1], wp.int32)
+        self._bodies.two_sided, self._bodies.points = visibility.two_sided, visibility.points
+        self.glows = glowing(scene, visibility)
+        glows = self.glows == int(GLOWING)
+        self._sources = make_sources(visibility, glows)
+        self._sources.glows = put(self.glows, wp.int32)
+        dark = not glows.any() and scene.environment_map is None and not np.any(scene.environment)
+        self._kernels = make_paths(features, bool(glows.any()), dark, half)
+
+    def kernel(self, listed: bool) -> wp.Kernel:
+        """The kernel for all pixels of the rows it gets, or for those of a list; arguments as of `make_shade`'s."""
+        return self._kernels[listed]
+
+    def arguments(self, light: list[Any], image: Any) -> list[Any]:
+        """The kernels' arguments from `limits` on. light: what is seen, surfaces, lights, sky and casters."""
+        return [self._limits, *light, self._bodies, self._sources, self.direct, image]
+
+
+def glowing(scene: Scene, visibility: Visibility) -> np.ndarray:
+    """int32 [I]: GLOWING for an instance that emits light, PICTURE for one that shows a light, 0 for the others.
+
+    The light of a lamp would be counted twice if its shade lit others too, and what the shade throws back of the light
+    within it is part of that light: paths end at a picture.
+    """
+    geometry = visibility.geometry
+    found = np.zeros(len(scene.instances), np.int32)
+    for index, instance in enumerate(scene.instances):
+        if np.any(scene.materials[instance.material].emission) and len(instance.mesh.faces):
+            reach, centre = NEAR * float(geometry.radius[index]), geometry.translation[index]
+            shown = any(_shows(light, instance.body, centre, reach) for light in scene.lights)
+            found[index] = int(PICTURE if shown else GLOWING)
+    return found
+
+
+def _shows(light: Light, body: int, centre: np.ndarray, reach: float) -> bool:
+    """Whether a glowing thing on a body is what is seen of a light."""
+    if light.kind == "directional" or light.body != body:
+        return False
+    return bool(np.linalg.norm(np.asarray(light.vector, np.float64) - centre) <= reach)
+
+
+def make_sources(visibility: Visibility, glows: np.ndarray) -> Any:
+    """The kernels' sources of light that are no lights; glows: bool [I], those that emit light of their own."""
+    scene, geometry, put = visibility.scene, visibility.geometry, visibility.put
+    instance = geometry.triangle_instance
+    chosen = np.flatnonzero(glows[instance]) if len(instance) else np.zeros(0, np.int64)
+    corners = geometry.vertices[geometry.triangles[chosen]].astype(np.float64).reshape(-1, 3, 3)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    emission = np.array([m.emission for m in scene.materials], np.float64).reshape(-1, 3) @ LUMINANCE
+    material = np.array([i.material for i in scene.instances], np.int64)
+    power = area * emission[material[instance[chosen]]]
+    sources = Sources()
+    sources.glow_sum = put(_running(power), wp.float32)
+    sources.glow_instance = put(instance[chosen], wp.int32)
+    sources.glow_corners = put(corners, wp.vec3)
+    sources.glow_density = 1.0 / float(power.sum()) if power.sum() > 0 else 0.0
+    rows, columns, share = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0))
+    if scene.environment_map is not None:
+        rows, columns, share = sky_shares(np.asarray(scene.environment_map, np.float64))
+    sources.sky_rows = put(rows, wp.float32)
+    sources.sky_columns, sources.sky_share = put(columns, wp.float32), put(share, wp.float32)
+    return sources
+
+
+def sky_shares(radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Running shares of the rows [h] and of the columns [h, w], and each texel's share times their number.
+
+    A texel's luminance counts with its neighbours', for between their centres the map is interpolated, and with a part
+    of the mean, so that no direction is left out.
+    """
+    h, w = radiance.shape[:2]
+    light = radiance @ LUMINANCE
+    light = light / 2 + (np.roll(light, 1, 1) + np.roll(light, -1, 1)) / 4
+    padded = np.pad(light, ((1, 1), (0, 0)), "edge")
+    light = padded[1:-1] / 2 + (padded[:-2] + padded[2:]) / 4
+    solid = -np.diff(np.cos(np.linspace(0, np.pi, h + 1)))[:, None] * np.ones((1, w))
+    mean = (light * solid).sum() / solid.sum()
+    weight = (light + 0.05 * mean + 1e-30) * solid
+    share = weight / weight.sum()
+    columns = np.cumsum(weight, 1)
+    return _running(weight.sum(1)), columns / columns[:, -1:], share * (h * w)
+
+
+def _running(weight: np.ndarray) -> np.ndarray:
+    total = np.cumsum(weight)
+    return total / total[-1] if len(total) and total[-1] > 0 else total

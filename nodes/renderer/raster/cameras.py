@@ -1,0 +1,79 @@
+"""A scene's camera as the kernels have it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from evis.geometry import pinhole
+from evis.geometry.distortion import Lens, curvature_bound, unproject
+from evis.scene.model import Camera
+from nodes.renderer.raster.triangle_kernels import View
+
+BEYOND = 0.05
+"""How far outside the field of view [rad] the bounds of triangles are still taken from their corners."""
+
+
+def lens_of(camera: Camera) -> str:
+    """Name of the camera's distortion; `none` also where all coefficients are 0 and the model is a pinhole's then."""
+    plain = camera.distortion_model == "plumb_bob" and not np.any(camera.distortion)
+    return "none" if plain else camera.distortion_model
+
+
+def finer(camera: Camera, n: int) -> Camera:
+    """The same camera with n x n pixels for each one; n^2 of them have a pixel's centre as their mean."""
+    if n == 1:
+        return camera
+    k = np.array(camera.k, np.float64)
+    k[:2] *= n
+    k[:2, 2] += (n - 1) / 2
+    return replace(camera, width=camera.width * n, height=camera.height * n, k=k)
+
+
+def make_view(camera: Camera, margin: int, device: Any) -> View:
+    """Raises ValueError naming the camera and what cannot be its intrinsics, size or distortion."""
+    k = np.asarray(camera.k, np.float64)
+    if k.shape != (3, 3) or not np.isfinite(k).all() or not (k[0, 0] > 0 and k[1, 1] > 0) or k[0, 1] or k[1, 0]:
+        raise ValueError(f"camera '{camera.name}': k must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], it is {k.tolist()}")
+    if camera.width < 1 or camera.height < 1 or margin < 0 or not camera.near > 0:
+        raise ValueError(
+            f"camera '{camera.name}': {camera.width} x {camera.height} px, margin {margin} px, near {camera.near} m; "
+            "the size and near must be above 0"
+        )
+    try:
+        lens = Lens.of(camera.distortion_model, camera.distortion)
+    except ValueError as error:
+        raise ValueError(f"camera '{camera.name}': {error}") from None
+    view = View()
+    view.fx, view.fy, view.cx, view.cy = (float(v) for v in (k[0, 0], k[1, 1], k[0, 2], k[1, 2]))
+    view.near, view.margin = float(camera.near), margin
+    view.width, view.height = camera.width + 2 * margin, camera.height + 2 * margin
+    if lens_of(camera) == "none":
+        far_x = max(view.cx + margin, view.width - 1 - margin - view.cx) / view.fx
+        far_y = max(view.cy + margin, view.height - 1 - margin - view.cy) / view.fy
+        view.reach = float(np.hypot(np.hypot(far_x, far_y), 1.0))
+        view.columns = wp.array(_slopes(view.width, margin, view.fx, view.cx), dtype=wp.float32, device=device)
+        view.rows = wp.array(_slopes(view.height, margin, view.fy, view.cy), dtype=wp.float32, device=device)
+        view.rays = wp.empty((0, 0), dtype=wp.vec3, device=device)
+        return view
+    view.columns = view.rows = wp.empty(0, dtype=wp.float32, device=device)
+    rays = unproject(k, lens, pinhole.pixel_grid(view.width, view.height) - margin)
+    angle = np.arccos(np.clip(rays[..., 2], -1.0, 1.0))
+    widest = float(np.nanmax(angle, initial=0.0)) + 1e-5
+    view.distorted, view.reach = 1, 1.0
+    view.rays = wp.array(np.nan_to_num(rays).astype(np.float32), dtype=wp.vec3, device=device)
+    coefficients: Any = type(view.lens)
+    view.lens = coefficients(lens.k)
+    view.cos_field, view.sin_field = float(np.cos(widest)), float(np.sin(widest))
+    view.domain = lens.domain
+    view.bounded = min(lens.domain, widest + BEYOND)
+    view.bulge = curvature_bound(k, lens, view.bounded)
+    return view
+
+
+def _slopes(count: int, margin: int, focal: float, centre: float) -> np.ndarray:
+    """(i - margin - centre) / focal for i < count, in float32."""
+    return (np.arange(count, dtype=np.float32) - np.float32(margin) - np.float32(centre)) / np.float32(focal)

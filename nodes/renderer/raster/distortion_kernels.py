@@ -1,0 +1,135 @@
+"""A lens in a kernel: where a direction is seen, what of the image a triangle may cover, and its pixels by table rays.
+
+The formulas are those of evis.geometry.distortion. Positions are computed in float64, for motion is a difference of two
+of them, and float32 pixels would leave 1e-4 px.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from nodes.renderer.raster.triangle_kernels import Setup, View, outside
+
+wp.set_module_options({"enable_backward": False})
+
+
+@cache
+def make_distorted(lens: str) -> wp.Function:
+    """The wp.func (view, point) -> pixel [px] without margin, float64, for `plumb_bob` or `equidistant`."""
+
+    @wp.func
+    def plumb_bob(view: View, p: wp.vec3d):
+        x = p[0] / p[2]
+        y = p[1] / p[2]
+        k = view.lens
+        one = wp.float64(1.0)
+        two = wp.float64(2.0)
+        s = x * x + y * y
+        ratio = (one + s * (k[0] + s * (k[1] + s * k[4]))) / (one + s * (k[5] + s * (k[6] + s * k[7])))
+        u = x * ratio + two * k[2] * x * y + k[3] * (s + two * x * x)
+        v = y * ratio + k[2] * (s + two * y * y) + two * k[3] * x * y
+        return wp.vec2d(
+            wp.float64(view.fx) * u + wp.float64(view.cx),
+            wp.float64(view.fy) * v + wp.float64(view.cy),
+        )
+
+    @wp.func
+    def equidistant(view: View, p: wp.vec3d):
+        x = p[0]
+        y = p[1]
+        r = wp.sqrt(x * x + y * y)
+        theta = wp.atan2(r, p[2])
+        k = view.lens
+        s = theta * theta
+        bent = theta * (wp.float64(1.0) + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3]))))
+        ratio = wp.float64(0.0)
+        if r > wp.float64(0.0):
+            ratio = bent / r
+        return wp.vec2d(
+            wp.float64(view.fx) * x * ratio + wp.float64(view.cx),
+            wp.float64(view.fy) * y * ratio + wp.float64(view.cy),
+        )
+
+    return plumb_bob if lens == "plumb_bob" else equidistant
+
+
+@wp.func
+def angle_of(p: wp.vec3d):
+    """Angle to the optical axis [rad]."""
+    return wp.atan2(wp.sqrt(p[0] * p[0] + p[1] * p[1]), p[2])
+
+
+@wp.func
+def in_bounds(view: View, p: wp.vec3):
+    """Whether the bound `bulge` holds for this direction."""
+    return wp.atan2(wp.sqrt(p[0] * p[0] + p[1] * p[1]), p[2]) < view.bounded
+
+
+@cache
+def make_bounds(lens: str) -> wp.Function:
+    """The wp.func (view, a, b, c) -> (x min, x max, y min, y max): what of the image a triangle may cover.
+
+    An edge of angle alpha strays from the chord between its ends by at most bulge alpha^2 / 8. A triangle that reaches
+    far beyond the field of view may cover all of the image.
+    """
+    distorted = make_distorted(lens)
+
+    @wp.func
+    def bounds_through_lens(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+        w = float(view.width)
+        h = float(view.height)
+        least = 1.0e-3 * wp.max(wp.length(a), wp.max(wp.length(b), wp.length(c)))
+        good = wp.min(a[2], wp.min(b[2], c[2])) > least
+        if not (good and in_bounds(view, a) and in_bounds(view, b) and in_bounds(view, c)):
+            m = (a + b + c) / 3.0
+            if outside(view, 0, view.height, m, wp.max(wp.length(a - m), wp.max(wp.length(b - m), wp.length(c - m)))):
+                return wp.vec4(0.0, -1.0, 0.0, -1.0)
+            return wp.vec4(0.0, w, 0.0, h)
+        ua = wp.normalize(a)
+        ub = wp.normalize(b)
+        uc = wp.normalize(c)
+        # At least the angle 2 asin(chord / 2) of two directions, and hardly more where that is small.
+        chord = wp.max(wp.length(ub - ua), wp.max(wp.length(uc - ub), wp.length(ua - uc)))
+        angle = chord * (1.0 + 0.15 * chord * chord)
+        slack = 0.01 + 0.125 * view.bulge * angle * angle
+        pa = distorted(view, wp.vec3d(a))
+        pb = distorted(view, wp.vec3d(b))
+        pc = distorted(view, wp.vec3d(c))
+        margin = float(view.margin)
+        x0 = float(wp.min(pa[0], wp.min(pb[0], pc[0]))) + margin - slack
+        x1 = float(wp.max(pa[0], wp.max(pb[0], pc[0]))) + margin + slack
+        y0 = float(wp.min(pa[1], wp.min(pb[1], pc[1]))) + margin - slack
+        y1 = float(wp.max(pa[1], wp.max(pb[1], pc[1]))) + margin + slack
+        return wp.vec4(
+            wp.clamp(x0, -1.0, w), wp.clamp(x1, -1.0, w), wp.clamp(y0, -1.0, h), wp.clamp(y1, -1.0, h)
+        )  # fmt: skip
+
+    return bounds_through_lens
+
+
+@wp.func
+def walk_rays(
+    view: View,
+    s: Setup,
+    x0: int,
+    x1: int,
+    y0: int,
+    y1: int,
+    env: int,
+    triangle: int,
+    packed: wp.array3d(dtype=wp.uint64),
+):
+    """As kernels.walk, by the rays of the table: distance along the ray in place of depth."""
+    low = wp.uint64(triangle)
+    for y in range(y0, y1 + 1):
+        for x in range(x0, x1 + 1):
+            d = view.rays[y, x]
+            if wp.dot(s.e0, d) + s.slack[0] >= 0.0 and wp.dot(s.e1, d) + s.slack[1] >= 0.0:
+                if wp.dot(s.e2, d) + s.slack[2] >= 0.0:
+                    along = wp.dot(s.normal, d)
+                    if along != 0.0:
+                        z = s.offset / along
+                        if z >= view.near:
+                            z = wp.clamp(z, s.z_min, s.z_max)
+                            bits = wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)
+                            wp.atomic_min(packed, env, y, x, bits | low)

@@ -1,0 +1,120 @@
+"""Geometric images of a z-buffer: depth, ids, normals, motion, and the points that are hit."""
+
+import warp as wp
+
+from nodes.renderer.raster.distortion_kernels import angle_of, make_distorted
+from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, triangle_of
+
+wp.set_module_options({"enable_backward": False})
+
+BEHIND = wp.constant(1.0e6)
+"""Motion [px], both components, of a point that the previous camera had behind its near plane: outside every image."""
+
+
+def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool, lens: str) -> wp.Kernel:
+    """The geometric images that are asked for; the arrays of the others may be empty. lens: `none` or a distortion."""
+    bent = lens != "none"
+    distorted = make_distorted(lens) if bent else None
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def outputs(
+        # in
+        view: View,
+        row0: int,
+        span: int,
+        packed: wp.array3d(dtype=wp.uint64),
+        instance: wp.array(dtype=int),
+        normals: wp.array(dtype=wp.vec3),
+        rotation: wp.array2d(dtype=wp.mat33),
+        camera: wp.array(dtype=wp.mat33),
+        turn: wp.array2d(dtype=wp.mat33),
+        shift: wp.array2d(dtype=wp.vec3),
+        # out
+        depth_out: wp.array3d(dtype=float),
+        motion_out: wp.array3d(dtype=wp.vec2),
+        ids_out: wp.array3d(dtype=int),
+        normal_out: wp.array3d(dtype=wp.vec3),
+    ):
+        env, row, part = wp.tid()
+        y = row0 + row
+        for x in range(part * span, wp.min(part * span + span, view.width)):
+            hit = packed[env, y, x]
+            t = triangle_of(hit)
+            z = float(wp.inf)
+            i = wp.int32(-1)
+            if t != MISS:
+                z = depth_of(hit)
+                i = instance[t]
+            if wp.static(depth):
+                if wp.static(bent):
+                    # What is beside or behind a wide lens has a depth of 0 or less.
+                    depth_out[env, y, x] = wp.where(t != MISS, z * pixel_ray(view, x, y)[2], z)
+                else:
+                    depth_out[env, y, x] = z
+            if wp.static(ids):
+                ids_out[env, y, x] = i + 1
+            if wp.static(normal):
+                n = wp.vec3(0.0, 0.0, 0.0)
+                if t != MISS:
+                    n = rotation[env, i] * normals[t]
+                    if wp.dot(n, pixel_ray(view, x, y)) > 0.0:
+                        n = -n
+                    n = camera[env] * n
+                normal_out[env, y, x] = n
+            if wp.static(motion):
+                d = pixel_ray(view, x, y)
+                p = d
+                near = 1.0e-6
+                if t != MISS:
+                    p = z * d
+                    near = view.near
+                else:
+                    # The sky is the last entry: a direction, which only turns.
+                    i = turn.shape[1] - 1
+                # q = p + m; its image minus p's, free of the cancellation that two projections would have.
+                m = turn[env, i] * p + shift[env, i]
+                v = wp.vec2(BEHIND, BEHIND)
+                if wp.static(bent):
+                    # In float64, where adding m to p keeps its digits.
+                    q = wp.vec3d(p) + wp.vec3d(m)
+                    if m[0] == 0.0 and m[1] == 0.0 and m[2] == 0.0:
+                        v = wp.vec2(0.0, 0.0)
+                    elif angle_of(q) < wp.float64(view.domain) and wp.length(q) >= wp.float64(near):
+                        v = wp.vec2(distorted(view, q) - distorted(view, wp.vec3d(p)))
+                else:
+                    q_z = p[2] + m[2]
+                    if q_z >= near:
+                        v = wp.vec2(view.fx * (m[0] - d[0] * m[2]) / q_z, view.fy * (m[1] - d[1] * m[2]) / q_z)
+                motion_out[env, y, x] = wp.vec2(wp.clamp(v[0], -BEHIND, BEHIND), wp.clamp(v[1], -BEHIND, BEHIND))
+
+    return outputs
+
+
+@wp.kernel
+def body_points(
+    # in
+    view: View,
+    packed: wp.array3d(dtype=wp.uint64),
+    instance: wp.array(dtype=int),
+    rotation: wp.array2d(dtype=wp.mat33),
+    translation: wp.array2d(dtype=wp.vec3),
+    rest_rotation: wp.array(dtype=wp.mat33),
+    rest_translation: wp.array(dtype=wp.vec3),
+    # out
+    triangle_out: wp.array3d(dtype=int),
+    instance_out: wp.array3d(dtype=int),
+    point_out: wp.array3d(dtype=wp.vec3),
+):
+    """Who is hit, and where in the frame of the body that carries it."""
+    env, y, x = wp.tid()
+    hit = packed[env, y, x]
+    t = triangle_of(hit)
+    i = wp.int32(-1)
+    p = wp.vec3(0.0, 0.0, 0.0)
+    if t != MISS:
+        i = instance[t]
+        p = depth_of(hit) * pixel_ray(view, x, y)
+        p = rest_rotation[i] * (wp.transpose(rotation[env, i]) * (p - translation[env, i])) + rest_translation[i]
+    triangle_out[env, y, x] = t
+    instance_out[env, y, x] = i
+    point_out[env, y, x] = p

@@ -1,0 +1,164 @@
+"""Two ways to draw a scene's triangles into a z-buffer, with the same result: by rows on a CPU, by lists on a GPU."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+
+from nodes.renderer.raster import clusters, raster_kernels, tiled_kernels
+from nodes.renderer.raster.triangle_kernels import Setup
+
+if TYPE_CHECKING:
+    from nodes.renderer.raster.visibility import Visibility
+
+WORKERS = 1 << 20
+"""Threads that share a list: more than run at once, so that who has done his is followed by another."""
+
+TILE_BLOCK = 64
+"""Threads of a block that draws tiles: few, for a block makes room only when all of it is done."""
+
+FEW = 1 << 14
+"""Blocks up to which they are drawn without a list of what may be seen."""
+
+ROWS = {True: 32, False: 8}
+"""Rows of a tile where blocks are few, and it counts how long one takes, and many, where no thread should be idle."""
+
+LARGE_IMAGE = 1 << 16
+"""Pixels from which triangles are large enough for tiles of many rows in any case."""
+
+SPLIT_AREA = {True: 16, False: 32}
+"""Bounding box [px] above which a triangle is cut into tiles, by the same: who walks many holds up its neighbours."""
+
+SHARED_AREA = 64
+"""The same where threads share the pixels of a tile, which pays for many large images: one waits for its slowest."""
+
+AT_ONCE = 1 << 25
+"""Most triangles that are gone through at once; more environments than have so many take turns."""
+
+MOST_TILES = 1 << 22
+"""Tiles that there is room for in all; more environments than have room take turns."""
+
+make_raster = cache(raster_kernels.make_raster)
+make_pooled = cache(tiled_kernels.make_pooled)
+
+
+class BandRaster:
+    """Corners are turned to the camera once; then every thread draws all triangles into the rows that it owns."""
+
+    local = False
+
+    def __init__(self, visibility: Visibility, still: np.ndarray, two_sided: np.ndarray) -> None:
+        v = self._v = visibility
+        pieces = clusters.triangle_blocks(v.geometry, still, two_sided), clusters.vertex_blocks(v.geometry, still)
+        self.blocks = [put_blocks(p, v.put) for p in pieces]
+        self._sizes = [(p.still, len(p.instance)) for p in pieces]
+        self.vertices = v.empty((v.envs, len(v.geometry.vertices)), wp.vec3)
+        self._raster = make_raster(v.lens)
+
+    def clear(self) -> None:
+        """As PooledRaster.clear: nothing."""
+
+    def draw(self, packed: wp.array, still: bool, moving: bool, cleared: Callable[[], None] = lambda: None) -> None:
+        """Add the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
+        cleared()
+        v = self._v
+        blocks, points = self.blocks
+        (start, count), (start_points, count_points) = (part_of(*sizes, still, moving) for sizes in self._sizes)
+        if not count:
+            return
+        place = [v.rotation, v.translation]
+        inputs = [v.view, start_points, points, v.points, *place, self.vertices]
+        wp.launch(raster_kernels.to_camera, dim=(v.envs, count_points), inputs=inputs, device=v.device)
+        shared = [start, blocks, v.two_sided, *place, self.vertices, v.triangles, packed]
+        v.bands.launch(self._raster, lambda row0, row1: ((v.envs, count), [v.view, row0, row1, *shared]), v.device)
+
+
+class PooledRaster:
+    """What may be seen is listed step by step, and threads share the lists; see pooled_kernels."""
+
+    local = True
+
+    def __init__(self, visibility: Visibility, still: np.ndarray, two_sided: np.ndarray) -> None:
+        v = self._v = visibility
+        pieces = clusters.triangle_blocks(v.geometry, still, two_sided)
+        self._blocks, self._still, self._count = put_blocks(pieces, v.put), pieces.still, len(pieces.instance)
+        self.vertices = v.points.reshape((1, -1))
+        self._counters = wp.zeros(tiled_kernels.COUNTERS * int(tiled_kernels.LINE), dtype=wp.int32, device=v.device)
+        lanes, regions = int(tiled_kernels.LANES), int(tiled_kernels.SMALL_REGIONS)
+        # A warehouse of 200,000 triangles takes a tile for every second pixel, of 8 rows; of 32, for every sixth.
+        pixels = v.shape[1] * v.shape[2]
+        room = min(2 * len(v.geometry.triangles), pixels // 2)
+        at_once = min(AT_ONCE // max(1, self._count * lanes), MOST_TILES // max(1, room))
+        self._envs = min(v.envs, max(1, at_once))
+        listed = self._envs * self._count
+        self._few = listed <= FEW
+        if not self._few:
+            self._listed = v.empty(listed, wp.vec4i)
+            self._small = v.empty((regions, -(-listed // regions) * lanes), wp.vec2i)
+        rows = ROWS[self._few or pixels > LARGE_IMAGE]
+        # Room for a few triangles as large as the image in any case.
+        regions = int(tiled_kernels.LARGE_REGIONS)
+        full = (v.shape[2] // int(tiled_kernels.WIDE) + 1) * (v.shape[1] // rows + 1)
+        places = self._envs * room // regions + 4 * full
+        self._large, self._setups = v.empty((regions, places), wp.vec4i), v.empty((regions, places), Setup)
+        together = v.device.is_cuda and v.lens == "none" and not self._few and pixels > LARGE_IMAGE
+        area = SHARED_AREA if together else SPLIT_AREA[self._few]
+        self._list, self._raster, self._at_once, self._tiles = make_pooled(v.lens, area, rows, together)
+        self._cleared = False
+
+    def clear(self) -> None:
+        """What may be done before `draw`, beside other things."""
+        self._counters.zero_()
+        self._cleared = True
+
+    def draw(self, packed: wp.array, still: bool, moving: bool, cleared: Callable[[], None] = lambda: None) -> None:
+        """Add the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
+        start, count = part_of(self._still, self._count, still, moving)
+        if count:
+            for first in range(0, self._v.envs, self._envs):
+                self._draw(packed, start, count, first, min(self._envs, self._v.envs - first), cleared)
+
+    def _draw(
+        self, packed: wp.array, start: int, count: int, first: int, envs: int, cleared: Callable[[], None]
+    ) -> None:
+        v, counters = self._v, self._counters
+        place = [v.rotation, v.translation]
+        corners = [*place, self.vertices, v.triangles]
+        large = [counters, self._large, self._setups, packed]
+        workers = min(WORKERS, envs * count * int(tiled_kernels.LANES))
+        cleared()
+        if not self._cleared:
+            counters.zero_()
+        self._cleared = False
+        if self._few:
+            inputs = [v.view, workers, first, envs, start, count, self._blocks, v.two_sided, *corners]
+            wp.launch(self._at_once, dim=workers, inputs=[*inputs, *large], device=v.device)
+        else:
+            inputs = [v.view, first, start, self._blocks, *place, counters, self._listed]
+            wp.launch(tiled_kernels.list_blocks, dim=(envs, count), inputs=inputs, device=v.device)
+            inputs = [v.view, workers, v.two_sided, *corners, self._listed, counters, self._small]
+            wp.launch(self._list, dim=workers, inputs=inputs, device=v.device)
+            inputs = [v.view, WORKERS, v.triangle_instance, *corners, self._small, *large]
+            wp.launch(self._raster, dim=WORKERS, inputs=inputs, device=v.device)
+        wp.launch(self._tiles, WORKERS, [v.view, WORKERS, *large], device=v.device, block_dim=TILE_BLOCK)
+
+
+def part_of(first_moving: int, count: int, still: bool, moving: bool) -> tuple[int, int]:
+    """Start and number of the still items, which come first, of the others, or of both."""
+    start = 0 if still else first_moving
+    return start, (count if moving else first_moving) - start
+
+
+def put_blocks(blocks: clusters.Blocks, put: Any) -> Any:
+    """Blocks on the device. put: as Visibility.put."""
+    there = raster_kernels.Blocks()
+    for name in ("instance", "first", "last"):
+        setattr(there, name, put(getattr(blocks, name), wp.int32))
+    there.centre, there.axis = put(blocks.centre, wp.vec3), put(blocks.axis, wp.vec3)
+    for name in ("radius", "extent", "cosine"):
+        setattr(there, name, put(getattr(blocks, name), wp.float32))
+    return there

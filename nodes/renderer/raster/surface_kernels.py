@@ -1,0 +1,220 @@
+"""What a pixel sees of a surface: a triangle, a point of it, and its albedo and shading normal there."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from nodes.renderer.raster.triangle_kernels import (
+    View,
+    corner,
+    depth_of,
+    edge_normal,
+    pixel_ray,
+    ray_steps,
+    triangle_of,
+)
+from nodes.renderer.textures.texture_kernels import Textures, filtered
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Surfaces:
+    """What the triangles look like; material is per instance; gloss (alpha, metallic) is the material's.
+
+    uv, smooth (shading normals) and tint (what the albedo is multiplied by) are per corner [3 T], or have no elements.
+    """
+
+    instance: wp.array(dtype=int)
+    triangles: wp.array(dtype=wp.vec3i)
+    normals: wp.array(dtype=wp.vec3)
+    uv: wp.array(dtype=wp.vec2)
+    smooth: wp.array(dtype=wp.vec3)
+    tint: wp.array(dtype=wp.vec3)
+    material: wp.array(dtype=int)
+    albedo: wp.array(dtype=wp.vec3)
+    emission: wp.array(dtype=wp.vec3)
+    gloss: wp.array(dtype=wp.vec2)
+    textures: Textures
+
+
+@wp.struct
+class Seen:
+    """What the pixels show: z-buffer uint64 [E, H, W], vertices, and the instances' places [E, I] in the camera frame.
+
+    hidden: of shadow_kernels, bits [E, H, W] of the lights that are not seen from a pixel; may have no elements.
+    """
+
+    packed: wp.array3d(dtype=wp.uint64)
+    vertices: wp.array2d(dtype=wp.vec3)
+    rotation: wp.array2d(dtype=wp.mat33)
+    translation: wp.array2d(dtype=wp.vec3)
+    hidden: wp.array3d(dtype=wp.uint32)
+
+
+@wp.struct
+class Pixel:
+    """One of [E, H, W]."""
+
+    env: int
+    y: int
+    x: int
+
+
+@wp.struct
+class Face:
+    """Where a pixel's ray meets a triangle, in the camera frame.
+
+    ray: through `position`. turn: the instance's rotation. normal: geometric, towards the viewer. side: -1 where that
+    is the triangle's back, otherwise 1.
+    """
+
+    triangle: int
+    instance: int
+    ray: wp.vec3
+    position: wp.vec3
+    turn: wp.mat33
+    normal: wp.vec3
+    side: float
+
+
+@wp.struct
+class Weights:
+    """Weights of a triangle's corners where a ray d meets it: w = (e0 . d, e1 . d, e2 . d) / total."""
+
+    w: wp.vec3
+    e0: wp.vec3
+    e1: wp.vec3
+    e2: wp.vec3
+    total: float
+
+
+@wp.func
+def pixel_at(env: int, y: int, x: int):
+    p = Pixel()
+    p.env = env
+    p.y = y
+    p.x = x
+    return p
+
+
+@wp.func
+def listed_pixel(view: View, at: int):
+    """The pixel of an index into [E, H, W]."""
+    return pixel_at(at // (view.width * view.height), at // view.width % view.height, at % view.width)
+
+
+@wp.func
+def seen_triangle(seen: Seen, pixel: Pixel):
+    """The triangle that a pixel sees, or MISS."""
+    return triangle_of(seen.packed[pixel.env, pixel.y, pixel.x])
+
+
+@wp.func
+def seen_face(view: View, seen: Seen, surfaces: Surfaces, pixel: Pixel):
+    """Where a pixel's ray meets the triangle that it sees; there must be one."""
+    face = Face()
+    hit = seen.packed[pixel.env, pixel.y, pixel.x]
+    t = triangle_of(hit)
+    i = surfaces.instance[t]
+    d = pixel_ray(view, pixel.x, pixel.y)
+    turn = seen.rotation[pixel.env, i]
+    normal = turn * surfaces.normals[t]
+    side = wp.where(wp.dot(normal, d) > 0.0, -1.0, 1.0)
+    face.triangle = t
+    face.instance = i
+    face.ray = d
+    face.position = depth_of(hit) * d
+    face.turn = turn
+    face.normal = side * normal
+    face.side = side
+    return face
+
+
+@wp.func
+def weights_of(view: View, seen: Seen, surfaces: Surfaces, env: int, face: Face):
+    """The weights of a seen triangle's corners."""
+    k = surfaces.triangles[face.triangle]
+    turn = face.turn
+    centre = seen.translation[env, face.instance]
+    a = corner(view, seen.vertices, turn, centre, env, k[0])
+    b = corner(view, seen.vertices, turn, centre, env, k[1])
+    c = corner(view, seen.vertices, turn, centre, env, k[2])
+    e0 = edge_normal(b, c)
+    e1 = edge_normal(c, a)
+    e2 = edge_normal(a, b)
+    d = face.ray
+    w = wp.vec3(wp.dot(e0, d), wp.dot(e1, d), wp.dot(e2, d))
+    total = w[0] + w[1] + w[2]
+    r = Weights()
+    r.w = w / total
+    r.e0 = e0
+    r.e1 = e1
+    r.e2 = e2
+    r.total = total
+    return r
+
+
+@wp.func
+def seen_texture(view: View, pixel: Pixel, surfaces: Surfaces, t: int, place: wp.vec2i, r: Weights):
+    """A texture under a pixel that sees triangle t."""
+    j = 3 * t
+    uv0 = surfaces.uv[j]
+    uv1 = surfaces.uv[j + 1]
+    uv2 = surfaces.uv[j + 2]
+    w = r.w
+    uv = w[0] * uv0 + w[1] * uv1 + w[2] * uv2
+    # The weights are linear in d before they are divided by their sum.
+    right, below = ray_steps(view, pixel.x, pixel.y)
+    right = right / r.total
+    below = below / r.total
+    e0 = r.e0
+    e1 = r.e1
+    e2 = r.e2
+    across = wp.dot(e0, right) * (uv0 - uv) + wp.dot(e1, right) * (uv1 - uv)
+    across += wp.dot(e2, right) * (uv2 - uv)
+    down = wp.dot(e0, below) * (uv0 - uv) + wp.dot(e1, below) * (uv1 - uv)
+    down += wp.dot(e2, below) * (uv2 - uv)
+    return filtered(surfaces.textures, place, uv, across, down)
+
+
+@wp.func
+def smooth_normal(surfaces: Surfaces, t: int, w: wp.vec3):
+    """The shading normal of triangle t in the instance's frame, of any length; 0 where it has none of its own."""
+    j = 3 * t
+    return w[0] * surfaces.smooth[j] + w[1] * surfaces.smooth[j + 1] + w[2] * surfaces.smooth[j + 2]
+
+
+@wp.func
+def tint_of(surfaces: Surfaces, t: int, w: wp.vec3):
+    """The colour of triangle t: exact where its corners have one colour, and never outside 0 ... 1 by rounding."""
+    c = surfaces.tint[3 * t + 2]
+    tint = c + w[0] * (surfaces.tint[3 * t] - c) + w[1] * (surfaces.tint[3 * t + 1] - c)
+    return wp.min(wp.max(tint, wp.vec3(0.0, 0.0, 0.0)), wp.vec3(1.0, 1.0, 1.0))
+
+
+@cache
+def make_surface(textures: bool, smooth: bool, tinted: bool) -> Any:
+    """The function `surface`."""
+
+    @wp.func
+    def surface(view: View, pixel: Pixel, seen: Seen, surfaces: Surfaces, face: Face):
+        """Albedo, and shading normal towards the viewer, where a pixel sees a triangle."""
+        albedo = surfaces.albedo[surfaces.material[face.instance]]
+        facing = face.normal
+        if wp.static(textures or smooth or tinted):
+            r = weights_of(view, seen, surfaces, pixel.env, face)
+            if wp.static(textures):
+                place = surfaces.textures.place[face.instance]
+                if place[1] > 0:
+                    albedo = wp.cw_mul(albedo, seen_texture(view, pixel, surfaces, face.triangle, place, r))
+            if wp.static(tinted):
+                albedo = wp.cw_mul(albedo, tint_of(surfaces, face.triangle, r.w))
+            if wp.static(smooth):
+                n = smooth_normal(surfaces, face.triangle, r.w)
+                if wp.dot(n, n) > 0.0:
+                    facing = face.side * wp.normalize(face.turn * n)
+        return albedo, facing
+
+    return surface

@@ -1,0 +1,340 @@
+"""The raster for thousands of threads: every step lists what the next one has to do, so that none waits for others.
+
+Blocks that may be seen are listed, then their triangles that may cover a pixel, then the tiles of large ones; few
+blocks are drawn at once, for a list takes longer than it saves. A fixed number of threads shares a
+list, so that the host need not know how long it is. The places of a list are handed out by several counters, each for a
+region of it and in a cache line of its own, for one line alone would be waited for. Corners are turned to the camera
+where they are needed: reading them for every environment would cost more.
+"""
+
+import warp as wp
+
+from nodes.renderer.raster.distortion_kernels import make_bounds, walk_rays
+from nodes.renderer.raster.raster_kernels import Blocks, before_near, unseen
+from nodes.renderer.raster.shuffle_kernels import lane_of, of_lane, running_sum
+from nodes.renderer.raster.triangle_kernels import (
+    Setup,
+    View,
+    bounds,
+    columns_of,
+    corner,
+    cover,
+    facing,
+    holds_pixel,
+    row_share,
+    runs_of,
+    set_up,
+    walk,
+    walk_all,
+)
+
+wp.set_module_options({"enable_backward": False})
+
+LANES = wp.constant(64)
+"""Threads that share a block: one for each of its triangles."""
+
+GROUP = wp.constant(32)
+"""Threads that share a region of the list of triangles at a time."""
+
+WIDE = wp.constant(64)
+"""Columns of a tile."""
+
+SMALL_REGIONS = wp.constant(256)
+LARGE_REGIONS = wp.constant(64)
+
+LINE = wp.constant(32)
+"""Counters of a cache line, of which one is used: those of a line take turns."""
+
+SMALL = wp.constant(1)
+LARGE = wp.constant(257)
+COUNTERS = 321
+"""The first counter is that of the blocks, then come those of the triangles' regions and of the large ones'."""
+
+
+@wp.func
+def take(counters: wp.array(dtype=int), counter: int, places: int):
+    """The first of so many places of a list."""
+    return wp.atomic_add(counters, counter * LINE, places)
+
+
+@wp.kernel
+def list_blocks(
+    # in
+    view: View,
+    env0: int,
+    block0: int,
+    blocks: Blocks,
+    rotation: wp.array2d(dtype=wp.mat33),
+    translation: wp.array2d(dtype=wp.vec3),
+    # out
+    counters: wp.array(dtype=int),
+    listed: wp.array(dtype=wp.vec4i),
+):
+    """(environment, instance, first and last triangle) of the blocks that may be seen, in any order."""
+    index, block = wp.tid()
+    env = env0 + index
+    n = block0 + block
+    i = blocks.instance[n]
+    if not unseen(view, 0, view.height, blocks, n, rotation[env, i], translation[env, i]):
+        listed[wp.atomic_add(counters, 0, 1)] = wp.vec4i(env, i, blocks.first[n], blocks.last[n])
+
+
+@wp.func
+def corners(
+    view: View,
+    rotation: wp.array2d(dtype=wp.mat33),
+    translation: wp.array2d(dtype=wp.vec3),
+    vertices: wp.array2d(dtype=wp.vec3),
+    triangles: wp.array(dtype=wp.vec3i),
+    env: int,
+    i: int,
+    t: int,
+):
+    """The three corners of triangle t, of instance i, in the camera frame."""
+    turn = rotation[env, i]
+    place = translation[env, i]
+    k = triangles[t]
+    a = corner(view, vertices, turn, place, env, k[0])
+    b = corner(view, vertices, turn, place, env, k[1])
+    return a, b, corner(view, vertices, turn, place, env, k[2])
+
+
+@wp.func
+def beside(e: wp.vec3, slack: float, left: float, right: float, top: float, bottom: float):
+    """Whether an edge has all of a tile outside: the pixel that lies most inside, by the sums that walking takes."""
+    x = wp.where(e[0] > 0.0, right, left)
+    y = wp.where(e[1] > 0.0, bottom, top)
+    return e[0] * x + (e[1] * y + e[2] + slack) < 0.0
+
+
+@wp.func
+def missed(view: View, s: Setup, x0: int, x1: int, y0: int, y1: int):
+    """Whether a triangle of a pinhole's image leaves out all of a tile, which is so for most tiles of a thin one."""
+    left = view.columns[x0]
+    right = view.columns[x1]
+    top = view.rows[y0]
+    bottom = view.rows[y1]
+    return (
+        beside(s.e0, s.slack[0], left, right, top, bottom)
+        or beside(s.e1, s.slack[1], left, right, top, bottom)
+        or beside(s.e2, s.slack[2], left, right, top, bottom)
+    )
+
+
+def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel, wp.Kernel]:
+    """The kernels `list_triangles`, `raster`, `raster_at_once` in place of both, and `raster_tiles`.
+
+    area: bounding box [px] above which a triangle is cut into tiles. rows: of a tile, and threads that share it, 8, 16
+    or 32. together: these run together and share its pixels; for a pinhole on a GPU.
+    """
+    bounds_of = make_bounds(lens) if lens != "none" else bounds
+    walk_over, walk_row = (walk_rays, walk_rays) if lens != "none" else (walk_all, walk)
+
+    @wp.func
+    def shows(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
+        """Whether a triangle faces the camera and has a pixel centre in its bounds, and these bounds."""
+        box = wp.vec4()
+        if not (facing(a, b, c, two_sided) and before_near(view, a, b, c)):
+            return False, box
+        box = bounds_of(view, a, b, c)
+        return holds_pixel(view, box), box
+
+    @wp.func
+    def draw(
+        view: View,
+        env: int,
+        t: int,
+        a: wp.vec3,
+        b: wp.vec3,
+        c: wp.vec3,
+        box: wp.vec4,
+        counters: wp.array(dtype=int),
+        large: wp.array2d(dtype=wp.vec4i),
+        setups: wp.array2d(dtype=Setup),
+        packed: wp.array3d(dtype=wp.uint64),
+    ):
+        """Draw a small triangle, list the tiles of a large one; box: its bounds, which hold a pixel's centre."""
+        s = set_up(view, a, b, c, box)
+        mine = wp.bool(True)
+        if (s.x1 - s.x0 + 1) * (s.y1 - s.y0 + 1) > wp.static(area):
+            tiles = ((s.x1 - s.x0) // WIDE + 1) * ((s.y1 - s.y0) // wp.static(rows) + 1)
+            there = (t + 7 * env) % LARGE_REGIONS
+            first = take(counters, LARGE + there, tiles)
+            # What the list has no room for is walked at once.
+            mine = first + tiles > large.shape[1]
+            if not mine:
+                setups[there, first] = s
+            for n in range(tiles):
+                if first + n < large.shape[1]:
+                    large[there, first + n] = wp.vec4i(env, wp.where(mine, -1, t), n, first)
+        if mine:
+            walk_over(view, s, s.x0, s.x1, s.y0, s.y1, env, t, packed)
+
+    @wp.func
+    def walk_tile(
+        view: View,
+        s: Setup,
+        x0: int,
+        x1: int,
+        y0: int,
+        y1: int,
+        lane: int,
+        env: int,
+        t: int,
+        packed: wp.array3d(dtype=wp.uint64),
+    ):
+        """`walk` by a group of threads: each finds the columns of its row, then all share the pixels of all rows."""
+        columns = wp.vec2i(0, -1)
+        if y0 + lane <= y1:
+            r = row_share(view, s, y0 + lane)
+            columns = columns_of(runs_of(view, s, x0, x1), r, view.cx + float(view.margin), x0, x1)
+        length = columns[1] - columns[0] + 1
+        end = running_sum(length, wp.static(rows))
+        # Where a row's pixel 0 would be if it began with the first pixel of all.
+        origin = columns[0] - (end - length)
+        total = of_lane(end, wp.static(rows) - 1, wp.static(rows))
+        for start in range(0, total, wp.static(rows)):
+            pixel = start + lane
+            row = lane_of(pixel, end, wp.static(rows))
+            x = pixel + of_lane(origin, row, wp.static(rows))
+            if pixel < total:
+                cover(view, s, row_share(view, s, y0 + row), x, y0 + row, env, t, packed)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def list_triangles(
+        # in
+        view: View,
+        workers: int,
+        two_sided: wp.array(dtype=int),
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        vertices: wp.array2d(dtype=wp.vec3),
+        triangles: wp.array(dtype=wp.vec3i),
+        listed: wp.array(dtype=wp.vec4i),
+        # in and out
+        counters: wp.array(dtype=int),
+        # out
+        small: wp.array2d(dtype=wp.vec2i),
+    ):
+        """(environment, triangle) of what faces the camera and has a pixel centre in its bounds."""
+        tid = wp.tid()
+        item = tid // LANES
+        count = counters[0]
+        while item < count:
+            block = listed[item]
+            env = block[0]
+            i = block[1]
+            t = block[2] + tid % LANES
+            if t < block[3]:
+                a, b, c = corners(view, rotation, translation, vertices, triangles, env, i, t)
+                shown, _ = shows(view, a, b, c, two_sided[i])
+                if shown:
+                    region = item % SMALL_REGIONS
+                    small[region, take(counters, SMALL + region, 1)] = wp.vec2i(env, t)
+            item += workers // LANES
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def raster(
+        # in
+        view: View,
+        workers: int,
+        instance: wp.array(dtype=int),
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        vertices: wp.array2d(dtype=wp.vec3),
+        triangles: wp.array(dtype=wp.vec3i),
+        small: wp.array2d(dtype=wp.vec2i),
+        # in and out
+        counters: wp.array(dtype=int),
+        # out
+        large: wp.array2d(dtype=wp.vec4i),
+        setups: wp.array2d(dtype=Setup),
+        packed: wp.array3d(dtype=wp.uint64),
+    ):
+        """The listed triangles; large ones are listed in turn."""
+        tid = wp.tid()
+        region = (tid // GROUP) % SMALL_REGIONS
+        at = tid // (GROUP * SMALL_REGIONS) * GROUP + tid % GROUP
+        count = counters[(SMALL + region) * LINE]
+        while at < count:
+            env = small[region, at][0]
+            t = small[region, at][1]
+            a, b, c = corners(view, rotation, translation, vertices, triangles, env, instance[t], t)
+            draw(view, env, t, a, b, c, bounds_of(view, a, b, c), counters, large, setups, packed)
+            at += workers // SMALL_REGIONS
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def raster_at_once(
+        # in
+        view: View,
+        workers: int,
+        env0: int,
+        envs: int,
+        block0: int,
+        count: int,
+        blocks: Blocks,
+        two_sided: wp.array(dtype=int),
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        vertices: wp.array2d(dtype=wp.vec3),
+        triangles: wp.array(dtype=wp.vec3i),
+        # in and out
+        counters: wp.array(dtype=int),
+        # out
+        large: wp.array2d(dtype=wp.vec4i),
+        setups: wp.array2d(dtype=Setup),
+        packed: wp.array3d(dtype=wp.uint64),
+    ):
+        """All triangles of the blocks block0.. that may be seen: sooner done where there are not many, for nothing
+        waits for a list."""
+        tid = wp.tid()
+        item = tid // LANES
+        while item < envs * count:
+            env = env0 + item // count
+            n = block0 + item % count
+            i = blocks.instance[n]
+            t = blocks.first[n] + tid % LANES
+            if t < blocks.last[n] and not unseen(
+                view, 0, view.height, blocks, n, rotation[env, i], translation[env, i]
+            ):
+                a, b, c = corners(view, rotation, translation, vertices, triangles, env, i, t)
+                shown, box = shows(view, a, b, c, two_sided[i])
+                if shown:
+                    draw(view, env, t, a, b, c, box, counters, large, setups, packed)
+            item += workers // LANES
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def raster_tiles(
+        # in
+        view: View,
+        workers: int,
+        counters: wp.array(dtype=int),
+        large: wp.array2d(dtype=wp.vec4i),
+        setups: wp.array2d(dtype=Setup),
+        # out
+        packed: wp.array3d(dtype=wp.uint64),
+    ):
+        """The tiles of large triangles, a thread for each row."""
+        tid = wp.tid()
+        region = (tid // wp.static(rows)) % LARGE_REGIONS
+        at = tid // (wp.static(rows) * LARGE_REGIONS)
+        count = wp.min(counters[(LARGE + region) * LINE], large.shape[1])
+        while at < count:
+            env = large[region, at][0]
+            t = large[region, at][1]
+            if t >= 0:
+                s = setups[region, large[region, at][3]]
+                columns = (s.x1 - s.x0) // WIDE + 1
+                x0 = s.x0 + large[region, at][2] % columns * WIDE
+                x1 = wp.min(x0 + WIDE - 1, s.x1)
+                y0 = s.y0 + large[region, at][2] // columns * wp.static(rows)
+                y1 = wp.min(y0 + wp.static(rows) - 1, s.y1)
+                y = y0 + tid % wp.static(rows)
+                if wp.static(together):
+                    if not missed(view, s, x0, x1, y0, y1):
+                        walk_tile(view, s, x0, x1, y0, y1, tid % wp.static(rows), env, t, packed)
+                elif y <= y1:
+                    walk_row(view, s, x0, x1, y, y, env, t, packed)
+            at += workers // (wp.static(rows) * LARGE_REGIONS)
+
+    return list_triangles, raster, raster_at_once, raster_tiles

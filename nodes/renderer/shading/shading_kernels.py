@@ -1,0 +1,162 @@
+"""Radiance of the pixels that a z-buffer has found: what surfaces emit, and reflect of the lights and the sky.
+
+The way of a pixel: the triangle that it sees (surface_kernels), what is remembered of it (memory_kernels), else its
+material and the sky's light on it (look_kernels), the light of lights (lights_direct_kernels, lights_area_kernels) as
+far as nothing is in the way (lights_shadow_kernels), and out (write_kernels).
+"""
+
+from typing import Any
+
+import warp as wp
+
+from nodes.renderer.features import Features
+from nodes.renderer.lights.area_kernels import frozen_key
+from nodes.renderer.lights.direct_kernels import make_lighting
+from nodes.renderer.lights.light_kernels import DirectLight, Lights, SurfacePoint
+from nodes.renderer.lights.sky_kernels import Sky, make_sky
+from nodes.renderer.raster.surface_kernels import (
+    Face,
+    Pixel,
+    Seen,
+    Surfaces,
+    listed_pixel,
+    pixel_at,
+    seen_face,
+    seen_triangle,
+)
+from nodes.renderer.raster.triangle_kernels import MISS, View, pixel_ray, tile_pixel
+from nodes.renderer.shading.cache_kernels import Kept, make_memory
+from nodes.renderer.shading.material_kernels import make_look
+from nodes.renderer.shading.radiance_kernels import make_image, make_write
+from nodes.renderer.shadows.ray_kernels import Casters, shadow_start
+
+wp.set_module_options({"enable_backward": False})
+
+INVERSE_PI = wp.constant(1.0 / wp.pi)
+
+
+def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
+    """The shading kernels, of all pixels and of a list of them."""
+    Image: Any = make_image(f.half)
+    write = make_write(f.half)
+    look, gather = make_look(f), make_lighting(f)
+    recall, remember = make_memory(f)
+    background, _, _ = make_sky(f.mapped)
+
+    @wp.func
+    def point_of(casters: Casters, face: Face):
+        """The seen point, with where its shadow rays start."""
+        s = SurfacePoint()
+        s.position = face.position
+        s.normal = face.normal
+        if wp.static(f.shadows):
+            lift, alone = shadow_start(casters, face.instance, s.position, s.normal, face.side > 0.0)
+            s.lift = lift
+            s.alone = alone
+        return s
+
+    @wp.func
+    def reflected(glow: wp.vec3, albedo: wp.vec3, irradiance: wp.vec3, shine: wp.vec3):
+        """Radiance of a surface under light."""
+        colour = glow + INVERSE_PI * wp.cw_mul(albedo, irradiance)
+        if wp.static(f.gloss):
+            colour += shine
+        return colour
+
+    @wp.func
+    def shade_pixel(
+        view: View,
+        pixel: Pixel,
+        band: int,
+        seen: Seen,
+        surfaces: Surfaces,
+        lights: Lights,
+        sky: Sky,
+        casters: Casters,
+        kept: Kept,
+        image: Image,
+    ):
+        colour = wp.vec3(0.0, 0.0, 0.0)
+        if seen_triangle(seen, pixel) == MISS:
+            colour = background(sky, pixel.env, pixel_ray(view, pixel.x, pixel.y))
+        else:
+            face = seen_face(view, seen, surfaces, pixel)
+            start = point_of(casters, face)
+            known, bits, done = recall(lights, casters, kept, pixel, face.triangle, start)
+            if done:
+                colour = kept.colour[pixel.env, pixel.y, pixel.x]
+            else:
+                s, albedo, glow = look(view, pixel, seen, surfaces, sky, face, start)
+                if wp.static(f.area):
+                    q = wp.transpose(face.turn) * (s.position - seen.translation[pixel.env, face.instance])
+                    s.key = frozen_key(q, wp.length(s.position) / view.fx, face.instance)
+                mask = wp.uint32(0)
+                if wp.static(f.masked):
+                    mask = seen.hidden[pixel.env, pixel.y, pixel.x]
+                light = DirectLight()
+                if wp.static(f.lit):
+                    light = gather(lights, casters, pixel.env, s, known, bits, mask)
+                colour = reflected(glow, albedo, light.irradiance, light.shine)
+                if wp.static(f.cached):
+                    if not known:
+                        unhidden = reflected(glow, albedo, light.still_irradiance, light.still_shine)
+                        remember(casters, kept, pixel, face, light.bits, unhidden)
+        write(pixel.env, pixel.y, pixel.x, band, colour, image)
+
+    # Kernels name their parameters one by one; these two share what they do, and so most of their names.
+    @wp.kernel(module="unique", enable_backward=False)
+    def shade(
+        # in
+        view: View,
+        row0: int,
+        band: int,
+        span: int,
+        seen: Seen,
+        surfaces: Surfaces,
+        lights: Lights,
+        sky: Sky,
+        casters: Casters,
+        # in and out
+        kept: Kept,
+        # out
+        image: Image,
+    ):
+        env, row, part = wp.tid()
+        if wp.static(f.tiled):
+            y, x = tile_pixel(view, row, part)
+            if y < view.height and x < view.width:
+                shade_pixel(view, pixel_at(env, y, x), band, seen, surfaces, lights, sky, casters, kept, image)
+        else:
+            y = row0 + row
+            for x in range(part * span, wp.min(part * span + span, view.width)):
+                shade_pixel(view, pixel_at(env, y, x), band, seen, surfaces, lights, sky, casters, kept, image)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def shade_list(
+        # in
+        view: View,
+        workers: int,
+        first: int,
+        band: int,
+        pixels: wp.array(dtype=int),
+        count: wp.array(dtype=int),
+        seen: Seen,
+        surfaces: Surfaces,
+        lights: Lights,
+        sky: Sky,
+        casters: Casters,
+        # in and out
+        kept: Kept,
+        # out
+        image: Image,
+    ):
+        j = wp.tid()
+        while j < count[band]:
+            pixel = listed_pixel(view, pixels[first + j])
+            shade_pixel(view, pixel, band, seen, surfaces, lights, sky, casters, kept, image)
+            if wp.static(f.masked):
+                # For the next list.
+                seen.hidden[pixel.env, pixel.y, pixel.x] = wp.uint32(0)
+            j += workers
+
+    return shade, shade_list

@@ -1,0 +1,160 @@
+"""Rays from what is seen to point-like lights, in a pass of their own.
+
+On a GPU neighbouring pixels' rays to one light go through the same of the trees at the same time, and a kernel that
+does nothing else leaves room for more of them at once than the one that shades.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from nodes.renderer.lights.light_kernels import Lights, SurfacePoint, make_directions
+from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, tile_pixel, triangle_of
+from nodes.renderer.shadows.grid_kernels import Grid, hidden_from
+from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion, shadow_start
+
+wp.set_module_options({"enable_backward": False})
+
+
+@cache
+def make_shadow_rays(
+    directional: bool, point: bool, spot: bool, trees: bool, grids: bool
+) -> tuple[wp.Kernel, wp.Kernel]:
+    """The kernels `shadow_rays`, of all pixels, and `listed_shadow_rays` with only what a scene has. grids: the lights
+    in `shadowed` are those of `grid`, in that order."""
+    towards, idle = make_directions(directional, point, spot)
+    occluded, _ = make_occlusion(trees, False)
+
+    @wp.func
+    def trace(
+        view: View,
+        env: int,
+        y: int,
+        x: int,
+        n: int,
+        packed: wp.array3d(dtype=wp.uint64),
+        instance: wp.array(dtype=int),
+        normals: wp.array(dtype=wp.vec3),
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        lights: Lights,
+        shadowed: wp.array(dtype=int),
+        casters: Casters,
+        grid: Grid,
+        hidden: wp.array3d(dtype=wp.uint32),
+    ):
+        """Set bit l of a pixel from which light l = shadowed[n] is not seen though it might be."""
+        l = shadowed[n]
+        hit = packed[env, y, x]
+        t = triangle_of(hit)
+        if t == MISS:
+            return
+        i = instance[t]
+        d = pixel_ray(view, x, y)
+        s = SurfacePoint()
+        s.position = depth_of(hit) * d
+        normal = rotation[env, i] * normals[t]
+        side = wp.where(wp.dot(normal, d) > 0.0, -1.0, 1.0)
+        s.normal = side * normal
+        # The shading normal is not known here; it can only spare more rays.
+        s.facing = s.normal
+        if idle(lights, env, l, s):
+            return
+        ray, length, strength = towards(lights, env, l, s.position)
+        if wp.dot(s.normal, ray) > 0.0 and strength > 0.0:
+            lift, alone = shadow_start(casters, i, s.position, s.normal, side > 0.0)
+            blocked = wp.bool(False)
+            if wp.static(grids):
+                blocked = hidden_from(casters, grid, n, env, alone, lift, ray, length)
+            else:
+                blocked = occluded(casters, env, 0, casters.order.shape[0], alone, lift, ray, length)
+            if blocked:
+                wp.atomic_or(hidden, env, y, x, wp.uint32(1) << wp.uint32(l))
+
+    # Somewhat fewer registers than it would take let more rays run at once.
+    registers = 80 if grids else 96
+
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
+    def shadow_rays(
+        # in
+        view: View,
+        packed: wp.array3d(dtype=wp.uint64),
+        instance: wp.array(dtype=int),
+        normals: wp.array(dtype=wp.vec3),
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        lights: Lights,
+        shadowed: wp.array(dtype=int),
+        casters: Casters,
+        grid: Grid,
+        # out
+        hidden: wp.array3d(dtype=wp.uint32),
+    ):
+        """The bits of those lights that are in `shadowed`, in every pixel."""
+        n, env, tile, lane = wp.tid()
+        y, x = tile_pixel(view, tile, lane)
+        if y >= view.height or x >= view.width:
+            return
+        trace(
+            view,
+            env,
+            y,
+            x,
+            n,
+            packed,
+            instance,
+            normals,
+            rotation,
+            translation,
+            lights,
+            shadowed,
+            casters,
+            grid,
+            hidden,
+        )
+
+    @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
+    def listed_shadow_rays(
+        # in
+        view: View,
+        packed: wp.array3d(dtype=wp.uint64),
+        instance: wp.array(dtype=int),
+        normals: wp.array(dtype=wp.vec3),
+        rotation: wp.array2d(dtype=wp.mat33),
+        translation: wp.array2d(dtype=wp.vec3),
+        lights: Lights,
+        shadowed: wp.array(dtype=int),
+        casters: Casters,
+        grid: Grid,
+        workers: int,
+        pixels: wp.array(dtype=int),
+        count: wp.array(dtype=int),
+        # out
+        hidden: wp.array3d(dtype=wp.uint32),
+    ):
+        """The same of count[0] listed pixels, indices into [E, H, W], which `workers` threads share for each light."""
+        n, j = wp.tid()
+        while j < count[0]:
+            env = pixels[j] // (view.width * view.height)
+            y = pixels[j] // view.width % view.height
+            x = pixels[j] % view.width
+            trace(
+                view,
+                env,
+                y,
+                x,
+                n,
+                packed,
+                instance,
+                normals,
+                rotation,
+                translation,
+                lights,
+                shadowed,
+                casters,
+                grid,
+                hidden,
+            )
+            j += workers
+
+    return shadow_rays, listed_shadow_rays

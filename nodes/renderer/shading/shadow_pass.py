@@ -1,0 +1,93 @@
+"""The shadow rays of an image, or of a list of its pixels, in a pass before it is shaded."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import warp as wp
+
+from nodes.renderer.shading import shadow_kernels
+from nodes.renderer.shadows.grid import ShadowGrid
+from nodes.renderer.shadows.grid_kernels import Grid
+
+if TYPE_CHECKING:
+    from nodes.renderer.lights.lights import LightSet
+    from nodes.renderer.raster.visibility import Visibility
+    from nodes.renderer.shadows.occlusion import Occluders
+
+MOST_LIGHTS = 32
+"""Lights that there are bits for."""
+
+BLOCK = 64
+"""Threads that start and end together: rays differ in length, and a block waits for its longest one."""
+
+
+class ShadowPass:
+    """Fills `hidden`, uint32 [E, H, W] on the device: bit l of a pixel from which light l is hidden by something.
+
+    Only bits of lights with shadows that are no area lights. Of an image, `clear`, then `launch` where all is placed;
+    of a list `launch_list`, and who shades it sets what was listed to 0 again. Lights that have a grid (ShadowGrid) are
+    traced by it, the others by the occluders' trees.
+    """
+
+    def __init__(self, visibility: Visibility, lights: LightSet, occluders: Occluders, normals: wp.array) -> None:
+        self._visibility, self._lights, self._occluders, self._normals = visibility, lights, occluders, normals
+        every = shadowed(visibility)
+        with_grid = [light for light in every if ShadowGrid.suits(visibility, occluders, light)]
+        others = [light for light in every if light not in with_grid]
+        self._grid = ShadowGrid(visibility, occluders, with_grid) if with_grid else None
+        self._placed = False
+        self.hidden = wp.zeros(visibility.shape, dtype=wp.uint32, device=visibility.device)
+        delta = {kind: kind in lights.kinds for kind in ("directional", "point", "spot")}
+        # Lights, the grid that they have, and the kernels of an image and of a list.
+        self._parts: list[tuple[wp.array, Any, wp.Kernel, wp.Kernel]] = []
+        for part, grid in ((with_grid, self._grid), (others, None)):
+            if part:
+                which = visibility.put(np.array(part, np.int32), wp.int32)
+                kernels = shadow_kernels.make_shadow_rays(**delta, trees=occluders.trees, grids=grid is not None)
+                self._parts.append((which, Grid() if grid is None else grid.kernel, *kernels))
+
+    def clear(self) -> None:
+        """Forget the last image's."""
+        self.hidden.zero_()
+
+    def place(self) -> None:
+        """What the rays need of the visibility's placed instances, if called for every instant; else they do it."""
+        self._placed = True
+        if self._grid is not None:
+            self._grid.place()
+
+    def launch(self) -> None:
+        """Trace the rays of what the visibility has drawn."""
+        self._place_once()
+        v = self._visibility
+        for which, grid, kernel, _ in self._parts:
+            inputs = [*self._seen(), which, self._occluders.casters, grid]
+            wp.launch(kernel, (len(which), *v.tiles), inputs, [self.hidden], device=v.device, block_dim=BLOCK)
+
+    def launch_list(self, workers: int, pixels: wp.array, count: wp.array) -> None:
+        """Trace those of count[0] pixels of a list, int32 indices into [E, H, W]."""
+        self._place_once()
+        device = self._visibility.device
+        for which, grid, _, kernel in self._parts:
+            inputs = [*self._seen(), which, self._occluders.casters, grid, workers, pixels, count]
+            wp.launch(kernel, (len(which), workers), inputs, [self.hidden], device=device, block_dim=BLOCK)
+
+    def _place_once(self) -> None:
+        if not self._placed and self._grid is not None:
+            self._grid.place()
+
+    def _seen(self) -> list[Any]:
+        """What the kernels have in common."""
+        v = self._visibility
+        seen = [v.view, v.packed, v.triangle_instance, self._normals, v.rotation, v.translation]
+        return [*seen, self._lights.kernel]
+
+
+def shadowed(visibility: Visibility) -> list[int]:
+    """Lights that rays of a pass of their own go to; none where there are more lights than bits."""
+    lights = visibility.scene.lights
+    if len(lights) > MOST_LIGHTS or not len(visibility.geometry.triangles):
+        return []
+    return [index for index, light in enumerate(lights) if light.shadows and light.kind != "area"]

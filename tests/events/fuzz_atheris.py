@@ -1,0 +1,30 @@
+"""Coverage-guided fuzzing of one decoder: `python fuzz_atheris.py ENCODING -runs=N`. Needs the atheris package.
+
+The first bytes of an input choose size, time limit and cuts; the rest is decoded by numpy (whose branches guide the
+search) and by the kernel, which must agree.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import atheris
+
+sys.path[:0] = [str(Path(__file__).parents[2]), str(Path(__file__).parent)]
+with atheris.instrument_imports(include=["evis.events"]):
+    import test_fuzz_codec
+
+
+def one_input(data: bytes) -> None:
+    """One input: two pieces, both back ends."""
+    provider = atheris.FuzzedDataProvider(data)
+    size = test_fuzz_codec.SIZES[provider.ConsumeIntInRange(0, 3)]
+    limit, gap = provider.ConsumeIntInRange(-10, 1 << 40), provider.ConsumeIntInRange(0, 3)
+    first = provider.ConsumeBytes(provider.ConsumeIntInRange(0, 200))
+    test_fuzz_codec.run(encoding, size, [first, provider.ConsumeBytes(400)], limit, gap)
+
+
+encoding = sys.argv.pop(1)
+atheris.Setup(sys.argv, one_input)
+atheris.Fuzz()

@@ -1,0 +1,118 @@
+"""Frames of videos: values, times, and files that end too early."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+from evis.media.frames.source import FrameOptions, FramesError, open_frames
+
+
+def test_without_pyav_the_remedy_is_told(tmp_path, monkeypatch):
+    """The extra to install, and the way without it."""
+    (tmp_path / "v.mp4").write_bytes(b"\0\0\0\x18ftypmp42")
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(FramesError, match=r"v\.mp4: .* pip install 'evis\[video\]', or give a folder of PNG"):
+        open_frames(tmp_path / "v.mp4")
+
+
+@pytest.fixture
+def av():
+    """PyAV, the optional reader."""
+    return pytest.importorskip("av", reason="PyAV is not installed (pip install 'evis[video]')")
+
+
+def write(av, path, frames, *, codec="ffv1", pixels="bgr0", rate=100, times=None):
+    """A video of uint8 [T, H, W, 3], times [ticks of 1/rate] given or 0, 1, 2, ..."""
+    from fractions import Fraction
+
+    options = {"movflags": "faststart"} if path.suffix == ".mp4" else {}
+    with av.open(str(path), "w", options=options) as file:
+        stream = file.add_stream(codec, rate=rate)
+        stream.height, stream.width = frames.shape[1:3]
+        stream.pix_fmt = pixels
+        stream.codec_context.time_base = Fraction(1, rate)
+        for i, image in enumerate(frames):
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame.pts, frame.time_base = (i if times is None else times[i]), Fraction(1, rate)
+            for packet in stream.encode(frame):
+                file.mux(packet)
+        for packet in stream.encode():
+            file.mux(packet)
+
+
+def noise(n, height=48, width=64):
+    return np.random.default_rng(7).integers(0, 256, (n, height, width, 3)).astype(np.uint8)
+
+
+def frames_of(path, **options):
+    with open_frames(path, FrameOptions(**options)) as source:
+        blocks = list(source.blocks())
+    return np.concatenate([b.t for b in blocks]), np.concatenate([b.image for b in blocks])
+
+
+def test_a_lossless_video_is_its_frames(av, tmp_path):
+    """FFV1 in RGB: every code, at the times of the file, counted from its first frame."""
+    frames = noise(40)
+    times = np.cumsum(np.random.default_rng(8).integers(1, 6, 40))
+    write(av, tmp_path / "v.mkv", frames, times=times.tolist())
+    t, luminance = frames_of(tmp_path / "v.mkv", tone="linear", white=255)
+    # Matroska keeps ms
+    assert t.tolist() == [int(n) * 10_000_000 for n in times - times[0]]
+    np.testing.assert_allclose(luminance, frames @ [0.2126, 0.7152, 0.0722], rtol=4e-7)
+    t, rgb = frames_of(tmp_path / "v.mkv", tone="linear", white=255, colour=True, fps=3)
+    np.testing.assert_allclose(t, np.arange(40) / 3 * 1e9, atol=0.51)
+    np.testing.assert_allclose(rgb, frames, rtol=2e-7)
+
+
+@pytest.mark.parametrize(("height", "matrix"), [(48, (0.299, 0.587, 0.114)), (720, (0.2126, 0.7152, 0.0722))])
+def test_colours_of_a_compressed_video(av, tmp_path, height, matrix):
+    """Y'CbCr by ITU-R BT.601 below 720 lines and BT.709 from there, where the file does not say."""
+    luma, blue, red = 100 / 255, 20 / 255, -30 / 255
+    kr, kg, kb = matrix
+    r, b = luma + 2 * (1 - kr) * red, luma + 2 * (1 - kb) * blue
+    expected = np.array([r, (luma - kr * r - kb * b) / kg, b])
+    chroma = [np.full(height // 2 * 32, round(128 + 224 * c)) for c in (blue, red)]
+    frame = np.concatenate([np.full(height * 64, round(16 + 219 * luma)), *chroma]).astype(np.uint8)
+    with av.open(str(tmp_path / "v.mkv"), "w") as file:
+        stream = file.add_stream("ffv1", rate=10)
+        stream.height, stream.width, stream.pix_fmt = height, 64, "yuv420p"
+        for packet in stream.encode(av.VideoFrame.from_ndarray(frame.reshape(height * 3 // 2, 64), format="yuv420p")):
+            file.mux(packet)
+        for packet in stream.encode():
+            file.mux(packet)
+    rgb = frames_of(tmp_path / "v.mkv", tone="linear", colour=True)[1]
+    # two roundings to whole codes
+    np.testing.assert_allclose(rgb[0, 8, 8], expected, atol=2.1 / 255)
+
+
+@pytest.mark.parametrize(("name", "codec", "pixels"), [("v.mkv", "ffv1", "bgr0"), ("v.avi", "mjpeg", "yuvj420p")])
+def test_a_cut_video_is_an_error_after_its_good_frames(av, tmp_path, name, codec, pixels):
+    """Decoders end a cut file without a word; the length in the header tells."""
+    frames = noise(50)
+    write(av, tmp_path / name, frames, codec=codec, pixels=pixels)
+    whole = (tmp_path / name).read_bytes()
+    expected = frames_of(tmp_path / name)[1]
+    assert len(expected) == 50
+    for share in (0.3, 0.9):
+        (tmp_path / name).write_bytes(whole[: int(share * len(whole))])
+        seen = []
+        with open_frames(tmp_path / name) as source, pytest.raises(FramesError, match="truncated"):
+            for block in source.blocks():
+                seen.append(block.image)
+        got = np.concatenate(seen)
+        assert 2 < len(got) < 50
+        np.testing.assert_array_equal(got, expected[: len(got)])
+
+
+def test_no_video(av, tmp_path):
+    """Text, and a header cut short."""
+    (tmp_path / "v.mp4").write_text("no video at all, but a long enough text to look at")
+    with pytest.raises(FramesError, match=r"v\.mp4: not frames that can be read"):
+        open_frames(tmp_path / "v.mp4")
+    write(av, tmp_path / "w.mkv", noise(3))
+    (tmp_path / "w.mkv").write_bytes((tmp_path / "w.mkv").read_bytes()[:300])
+    with pytest.raises(FramesError, match=r"w\.mkv"):
+        frames_of(tmp_path / "w.mkv")

@@ -1,0 +1,46 @@
+"""Of several processes that ended, the one that is named, and how."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from evis.supervisor.failure_cause import by_force, first_cause, why
+
+
+def child(name, failure=None, status=None):
+    return SimpleNamespace(title=name, failure=failure, exit_status=status, death=lambda: f"{name} died")
+
+
+DEAD = child("dead", status=-9)
+SAID = child("said", failure=("camera", "no camera model 'evk9'"), status=1)
+LOST = child("lost", failure=("relay", "its neighbour is gone (topic /cam0/events)"), status=1)
+TOLD = child("told", status=143)
+KILLED = child("killed", status=-15)
+
+
+@pytest.mark.parametrize(
+    ("failed", "cause"),
+    [
+        ([LOST, SAID, DEAD], DEAD),
+        ([LOST, SAID], SAID),
+        ([LOST], LOST),
+        ([TOLD, LOST, SAID], SAID),
+        ([LOST, KILLED], KILLED),
+        ([TOLD], TOLD),
+    ],
+)
+def test_who_died_without_a_word_then_who_said_something_then_who_was_told_to_end(failed, cause):
+    assert first_cause(failed) is cause
+
+
+def test_a_node_is_named_once():
+    assert why(SAID) == "camera: no camera model 'evk9'"
+    assert why(child("x", failure=("imu", "imu: /state has no body"))) == "imu: /state has no body"
+    assert why(DEAD) == "dead died"
+
+
+def test_one_and_several_that_were_ended_by_force():
+    assert by_force([DEAD], 5.0, False) == "dead did not end in 5 s and was ended by force; its files may be incomplete"
+    assert by_force([DEAD, SAID], 5.0, True).startswith(
+        "dead, said were ended by force, as a second Ctrl-C asks; their"
+    )
