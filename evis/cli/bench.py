@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     from bench.report import SUBJECTS
 
-    parser.epilog = EXAMPLE + "\n\nsubjects:\n" + "\n".join(f"  {k:22}{v}" for k, v in SUBJECTS.items())
+    parser.epilog = EXAMPLE + "\n\nsubjects:\n" + "\n".join(f"  {k:22}{v}" for k, (_, v) in SUBJECTS.items())
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("what", nargs="*", metavar="WHAT", help="subjects; all when none is named")
     parser.add_argument("--quick", action="store_true", help="shorter runs: minutes instead of half an hour")
