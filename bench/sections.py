@@ -15,8 +15,8 @@ def columns(rows: Sequence[Row]) -> list[str]:
 
 
 def cells(rows: Sequence[Row], names: Sequence[str]) -> list[list[str]]:
-    """The text of every cell, "" where a row lacks the column."""
-    return [[str(row.get(name, "")) for name in names] for row in rows]
+    """The text of every cell, "" where a row lacks the column or has nothing there."""
+    return [["" if row.get(name) is None else str(row[name]) for name in names] for row in rows]
 
 
 def as_text(section: Mapping[str, Any]) -> str:

@@ -20,8 +20,8 @@ import numpy as np
 from bench.event_sensor.signals import SECOND
 from evis.events.measure.distance import Stream
 
-QUOTED = "quoted: authors' programs, measured on another machine"
-"""Marks a figure that this run did not measure."""
+QUOTED = "quoted"
+"""Marks a figure that this run did not measure: of the authors' own programs, on another machine."""
 SINUSOIDS: dict[int, tuple[tuple[str, float, float, float, float, float | None], ...]] = {
     125: (
         ("rpg_esim, esim_py core", 120, 2214, 2.49, 0, 0.46),
