@@ -42,7 +42,7 @@ def run(
 
 
 def subject_of(module: Any) -> str:
-    """The name of a benchmark in a report: that of `evis bench`, else the module's, such as renderer.gpu."""
+    """Gives the name of a benchmark in a report: that of `evis bench`, else the module's, such as renderer.gpu."""
     name = module.__spec__.name if module.__spec__ else module.__name__
     return next((subject for subject, (path, _) in SUBJECTS.items() if path == name), name.removeprefix("bench."))
 

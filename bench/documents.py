@@ -34,7 +34,7 @@ Kept = dict[str, dict[str, Any]]
 
 @dataclass(frozen=True)
 class Table:
-    """A table that a page asks for: the section's key, and the columns, all when there are none."""
+    """Describes a table that a page asks for: the section's key, and its columns, all when there are none."""
 
     key: str
     columns: tuple[str, ...]
@@ -66,7 +66,7 @@ def collect(report: Mapping[str, Any], wanted: Sequence[Table], remark: str = ""
 
 
 def written(text: str, kept: Kept) -> str:
-    """The page with every table made anew; one of which nothing is kept stays empty."""
+    """Makes every table of a page anew; one of which nothing is kept stays empty."""
 
     def table(mark: re.Match[str]) -> str:
         first = mark[0].split("\n", 1)[0]

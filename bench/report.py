@@ -64,7 +64,7 @@ code { background: #f2f2f2 }
 
 
 def machine() -> dict[str, Any]:
-    """The processor, its number of cores, the versions of Python and the system."""
+    """Describes this machine: processor, number of cores, Python's version, system."""
     cpu = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():
@@ -74,14 +74,14 @@ def machine() -> dict[str, Any]:
 
 
 def report_of(subjects: dict[str, Any], quick: bool) -> dict[str, Any]:
-    """A report of these subjects' sections, measured here and today."""
+    """Makes a report of these subjects' sections, measured here and today."""
     today = datetime.date.today().isoformat()
     report: dict[str, Any] = {"machine": machine(), "date": today, "quick": quick, "subjects": subjects}
     return report | {"plots": [], "notes": [], "failures": []}
 
 
 def run(subjects: Sequence[str], out: Path, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
-    """Measure the subjects one after another; the report is written after each, so that a later failure loses none."""
+    """Measures the subjects one after another and writes the report after each, so that a failure loses nothing."""
     out.mkdir(parents=True, exist_ok=True)
     report = report_of({}, quick)
     drawn = importlib.util.find_spec("matplotlib") is not None
@@ -107,7 +107,7 @@ def run(subjects: Sequence[str], out: Path, quick: bool, say: Callable[[str], No
 
 
 def page(report: dict[str, Any]) -> str:
-    """The report as one HTML page."""
+    """Makes one HTML page of a report."""
     about = ", ".join(f"{k} {v}" for k, v in report["machine"].items())
     parts = [HEAD, f"<p>{html.escape(about)}, {report['date']}</p>"]
     parts += [f'<p><img src="{html.escape(name)}" alt="{html.escape(name)}">' for name in report["plots"]]

@@ -10,17 +10,17 @@ Row = Mapping[str, Any]
 
 
 def columns(rows: Sequence[Row]) -> list[str]:
-    """Names of all columns in the order of their first appearance; rows may lack some of them."""
+    """Lists all columns in the order of their first appearance; rows may lack some of them."""
     return list(dict.fromkeys(name for row in rows for name in row))
 
 
 def cells(rows: Sequence[Row], names: Sequence[str]) -> list[list[str]]:
-    """The text of every cell, "" where a row lacks the column or has nothing there."""
+    """Gives the text of every cell, "" where a row lacks the column or has nothing there."""
     return [["" if row.get(name) is None else str(row[name]) for name in names] for row in rows]
 
 
 def as_text(section: Mapping[str, Any]) -> str:
-    """Title, a table with aligned columns, note."""
+    """Writes title, a table with aligned columns, and note."""
     names = columns(section["rows"])
     table = [names, *cells(section["rows"], names)]
     widths = [max(len(line[i]) for line in table) for i in range(len(names))]
@@ -29,7 +29,7 @@ def as_text(section: Mapping[str, Any]) -> str:
 
 
 def as_html(section: Mapping[str, Any]) -> str:
-    """Heading, command, table and note."""
+    """Writes heading, command, table and note."""
     names = columns(section["rows"])
     head = "".join(f"<th>{html.escape(name)}</th>" for name in names)
     body = "".join(
@@ -43,7 +43,7 @@ def as_html(section: Mapping[str, Any]) -> str:
 
 
 def as_markdown(rows: Sequence[Row], names: Sequence[str] = ()) -> str:
-    """A table of these columns, of all when none is named."""
+    """Writes a table of these columns, of all when none is named."""
     names = list(names) or columns(rows)
     lines = [names, ["---"] * len(names), *cells(rows, names)]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)

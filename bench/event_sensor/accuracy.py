@@ -17,7 +17,7 @@ RATES = (125, 250, 1000)
 
 
 def sinusoids(quick: bool) -> dict[str, Any]:
-    """One section per frame rate: time error, missed and extra events, run time, against the closed form."""
+    """Measures time error, missed and extra events and run time on sinusoids, a section per frame rate."""
     signal = Sinusoids(60, 80) if quick else Sinusoids(240, 320)
     methods = crossings() | {f"{name} (our own code)": (model(name, **p), False) for name, p in MODELS.items()}
     sections = {}
@@ -53,7 +53,7 @@ def _esim_sinusoids(frames: Recording, truth: Stream) -> dict[str, Any]:
 
 
 def closed_forms(quick: bool) -> dict[str, Any]:
-    """Ramp, step and exponential: the number of events and the largest time error of each method."""
+    """Measures the largest time error of each method on a ramp, a step and an exponential."""
     rows = []
     for form in FORMS:
         for rate in (125, 1000):
@@ -73,7 +73,7 @@ def closed_forms(quick: bool) -> dict[str, Any]:
 
 
 def edges(quick: bool) -> dict[str, Any]:
-    """Hard edges: the disk sampled at lower rates against its own dense rendering, every method.
+    """Measures every method on hard edges: the disk at lower frame rates against its own dense rendering.
 
     The reference spreads an edge over its own step, so the highest rates have one of 64 kHz, of the picture's middle.
     """

@@ -35,7 +35,9 @@ def align_kernel(
     # out
     partner: wp.array(dtype=wp.int64),
 ):
-    """One pixel and polarity per thread. choice: 0 = pair, 1 = event of a alone, 2 = event of b alone."""
+    """Pairs the events of two streams at least cost, one pixel and polarity per thread.
+
+    choice: 0 = pair, 1 = event of a alone, 2 = event of b alone."""
     i_group = wp.tid()
     g = first + i_group
     a0 = offsets_a[g]
@@ -81,7 +83,9 @@ def align_kernel(
 
 @dataclass(frozen=True)
 class Alignment:
-    """error_ns: test minus reference of every pair, int64. missed, extra: events without a partner in the other."""
+    """Holds the result of `align`.
+
+    error_ns: test minus reference of every pair, int64. missed, extra: events without a partner in the other."""
 
     error_ns: np.ndarray
     missed: int
@@ -89,7 +93,7 @@ class Alignment:
     reference: int
 
     def figures(self) -> dict[str, float]:
-        """Columns of a table: median and 99th percentile of |error| [us], missed and extra [% of the reference]."""
+        """Gives the columns of a table: median and 99th percentile of |error| [us], missed and extra [%]."""
         error = np.abs(self.error_ns) / 1e3
         median, most = np.quantile(error, (0.5, 0.99)) if len(error) else (np.nan, np.nan)
         total = max(self.reference, 1)
@@ -102,7 +106,7 @@ class Alignment:
 
 
 def align(test: Stream, reference: Stream, unpaired_ns: int = UNPAIRED_NS) -> Alignment:
-    """Pairs of two streams of the same sensor."""
+    """Pairs the events of two streams of the same sensor."""
     (ta, offsets_a), (tb, offsets_b) = test.trains(), reference.trains()
     n_a, n_b = np.diff(offsets_a), np.diff(offsets_b)
     partner: wp.array = wp.full(len(tb), -1, dtype=wp.int64, device="cpu")

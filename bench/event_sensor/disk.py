@@ -35,7 +35,9 @@ def draw(
     luminance: wp.array3d(dtype=wp.float32),
     dlog_dt: wp.array3d(dtype=wp.float32),
 ):
-    """soft: width of the edges between sectors [px], 1 as by a box filter, 0 as by point samples."""
+    """Draws the picture at one instant.
+
+    soft: width of the edges between sectors [px], 1 as by a box filter, 0 as by point samples."""
     k, y, x = wp.tid()
     half = wp.float64(0.5)
     width = wp.float64(luminance.shape[2])
@@ -71,7 +73,7 @@ def draw(
 
 
 def record(t: np.ndarray, soft: float, width: int = 640, height: int = 480, seed: int = 1) -> Recording:
-    """Frames at the stamps t [ns]."""
+    """Draws frames at the stamps t [ns]."""
     patches = np.where(np.random.default_rng(seed).random((RINGS, SECTORS)) < 0.5, 10.0, 60.0)
     luminance, slope = (np.empty((len(t), height, width), np.float32) for _ in range(2))
     inputs = [wp.array(t / SECOND, dtype=wp.float64, device="cpu"), wp.array(patches, device="cpu"), soft]
@@ -81,7 +83,7 @@ def record(t: np.ndarray, soft: float, width: int = 640, height: int = 480, seed
 
 
 def reference_events(frames: Iterable[np.ndarray], t: np.ndarray, threshold: float) -> Stream:
-    """Events in float64 numpy: whole numbers of thresholds from the first frame, times linear in ln I."""
+    """Computes the true events in float64: whole thresholds from the first frame on, times linear in ln I."""
     images = iter(frames)
     first = np.log(next(images).astype(np.float64))
     height, width = first.shape

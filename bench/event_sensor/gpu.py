@@ -33,7 +33,7 @@ ENVIRONMENTS = ((1, 640, 480), (8, 640, 480), (64, 640, 480), (1024, 128, 128), 
 
 
 class Loop:
-    """Calls of a sensor on the same frames over and over, time going on. images: [E, K, H, W] each."""
+    """Calls a sensor on the same frames over and over, with stamps that go on. images: [E, K, H, W] each."""
 
     def __init__(self, sensor: EventSensor, images: list[wp.array]) -> None:
         self._sensor, self._images, self._device = sensor, images, images[0].device
@@ -42,7 +42,7 @@ class Loop:
         self._episodes = np.zeros(sensor.envs, np.int32)
 
     def run(self, calls: int, in_flight: int) -> int:
-        """Make `calls` calls; returns their events."""
+        """Makes `calls` calls and returns the number of their events."""
         waiting: list[Any] = []
         events = 0
         steps = np.arange(1, self._frames + 1, dtype=np.int64) * PERIOD
@@ -59,7 +59,7 @@ class Loop:
         return events + sum(pending.result().count for pending in waiting)
 
     def timed(self, calls: int, in_flight: int) -> tuple[float, int]:
-        """Least microseconds a call in ROUNDS rounds, after one that compiles and records; and events of a round."""
+        """Measures the least time of a call [us] in ROUNDS rounds, after one that compiles; also a round's events."""
         times = []
         for _ in range(1 + ROUNDS):
             wp.synchronize_device(self._device)
@@ -70,7 +70,7 @@ class Loop:
         return 1e6 * min(times[1:]) / calls, events
 
     def device_time(self, calls: int, kernel: str) -> float:
-        """Median microseconds of a kernel whose name contains `kernel`, not launched from a graph."""
+        """Measures the median time [us] of kernels whose name contains `kernel`, launched one by one."""
         self._sensor._side.pipeline.records = False
         wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
         self.run(calls, 1)
@@ -80,7 +80,7 @@ class Loop:
 
 
 def bandwidth(device: str) -> float:
-    """Bytes a second, read and written, of a copy on the device."""
+    """Measures how many bytes a second a copy on the device reads and writes."""
     a: wp.array = wp.zeros(1 << 28, dtype=wp.float32, device=device)
     b = wp.zeros_like(a)
     times = []
@@ -94,7 +94,7 @@ def bandwidth(device: str) -> float:
 
 
 def disk_rows(quick: bool, device: str) -> list[dict[str, Any]]:
-    """The HDR disk, 640x480 at 1 kHz."""
+    """Measures the HDR disk, 640x480 at 1 kHz."""
     frames = disk.record((np.arange(FRAMES, dtype=np.int64) + 1) * PERIOD, soft=1.0).luminance
     rows = []
     for k in (1, 8, 50):
@@ -111,7 +111,9 @@ def disk_rows(quick: bool, device: str) -> list[dict[str, Any]]:
 
 
 def sparse_rows(quick: bool, device: str) -> list[dict[str, Any]]:
-    """Scenes in which hardly anything happens. Floor: L read once, a 4-byte level read and written."""
+    """Measures pictures in which hardly anything changes.
+
+    Floor: the time to read every sample once and to read and write a level of 4 bytes per pixel."""
     rate, calls = bandwidth(device), 20 if quick else 100
     rows = []
     for envs, width, height in ENVIRONMENTS:
@@ -138,7 +140,7 @@ def sparse_rows(quick: bool, device: str) -> list[dict[str, Any]]:
 
 
 def sparse_frames(envs: int, k: int, height: int, width: int, device: str) -> list[wp.array]:
-    """Two messages of the same picture, in each of which other samples are brighter."""
+    """Makes two messages of the same picture, in each of which other samples are brighter."""
     rng = np.random.default_rng(0)
     one = np.exp(rng.normal(0, 1, (1, 1, height, width))).astype(np.float32)
     still = np.broadcast_to(one, (envs, k, height, width))
@@ -152,12 +154,12 @@ def sparse_frames(envs: int, k: int, height: int, width: int, device: str) -> li
 
 @wp.func
 def alone(counters: wp.array(dtype=wp.int64), place: wp.int32, n: wp.int32):
-    """Room for events by an atomic of each pixel and step."""
+    """Takes room for events by one atomic per pixel and step."""
     return wp.atomic_add(counters, place, wp.int64(n))
 
 
 def atomics_rows(quick: bool, device: str) -> list[dict[str, Any]]:
-    """Noise in every pixel of every frame: the pass over the active pixels, with and without adding up in a warp."""
+    """Measures noise in every pixel, with room for events taken by each warp together and by each pixel."""
     rng = np.random.default_rng(0)
     noise = (np.exp(rng.normal(0, 0.5, (1, 8, 480, 640))).astype(np.float32) for _ in range(4))
     images = [wp.array(frames, device=device) for frames in noise]

@@ -138,7 +138,7 @@ extern "C" void end(void* r) { delete (Run*)r; }
 
 
 class EsimCore:
-    """esim_py's event generation on log images in memory, one frame a call, its sorting included."""
+    """Runs esim_py's event generation on log images in memory, one frame a call, its sorting included."""
 
     def __init__(self, library: Path) -> None:
         self._c: Any = ctypes.CDLL(str(library))
@@ -151,18 +151,18 @@ class EsimCore:
         self._c.end.argtypes = [pointer]
 
     def begin(self, threshold: float) -> None:
-        """A new sequence."""
+        """Begins a new sequence."""
         self._run = self._c.begin(threshold)
         self._count = 0
 
     def frame(self, luminance: np.ndarray, t: int) -> None:
-        """One frame, linear float32 [H, W], at t ns."""
+        """Takes one frame, linear float32 [H, W], at t ns."""
         log = np.log(luminance)
         self._count = self._c.frame(self._run, log.ctypes.data, *log.shape, t / SECOND)
         self._shape = log.shape
 
     def end(self) -> Stream:
-        """All events of the sequence, in its own order."""
+        """Returns all events of the sequence, in ESIM's own order."""
         n = self._count
         t, (x, y, p) = np.empty(n), (np.empty(n, np.int32) for _ in range(3))
         self._c.take(self._run, *(a.ctypes.data for a in (t, x, y, p)))
@@ -174,7 +174,7 @@ class EsimCore:
 
 @functools.cache
 def esim_core() -> EsimCore | None:
-    """ESIM's core from the checkout in EVIS_PEERS; None where there is none. Raises OSError when it does not build."""
+    """Builds ESIM's core from the checkout in EVIS_PEERS; None where there is none. Raises OSError if that fails."""
     folder = os.environ.get("EVIS_PEERS")
     source = next(Path(folder).glob("**/esim_py/src/esim.cpp"), None) if folder else None
     compiler = shutil.which("g++") or shutil.which("c++")

@@ -24,17 +24,17 @@ Make = Callable[[int, int], Any]
 
 
 def evis(**params: Any) -> Make:
-    """The sensor of this project with these parameters."""
+    """Makes the sensor of this project with these parameters."""
     return lambda height, width: EventSensor(height, width, **{"threshold": C, **params})
 
 
 def model(name: str, **params: Any) -> Make:
-    """Another model with these parameters."""
+    """Makes another published model with these parameters."""
     return lambda height, width: make_model(name, height, width, **{"threshold": C, **params})
 
 
 def sense(make: Make, frames: Recording, slopes: bool = False, a_call: int = FRAMES_A_CALL) -> tuple[Stream, float]:
-    """Events and CPU seconds of a recording, one call for every `a_call` frames after the first."""
+    """Runs a sensor on a recording, `a_call` frames a call after the first one: its events, and CPU seconds."""
     _, height, width = frames.luminance.shape
     episodes = np.zeros(1, np.int32)
 
@@ -57,7 +57,7 @@ def sense(make: Make, frames: Recording, slopes: bool = False, a_call: int = FRA
 
 
 def crossings() -> dict[str, tuple[Make, bool]]:
-    """Every method of the sensor, and whether it takes dL/dt."""
+    """Lists every crossing method of the sensor, and whether it takes dL/dt."""
     return {f"evis, {name}": (evis(crossing=name), name == "hermite") for name in CROSSINGS}
 
 

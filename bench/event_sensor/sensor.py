@@ -19,7 +19,7 @@ from bench.event_sensor.speed import omissions, speed
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """All tables; quick: fewer pixels, frames and repetitions."""
+    """Measures all tables; quick: fewer pixels, frames and repetitions."""
     sections: dict[str, Any] = {}
     for table in (sinusoids, closed_forms, speed, edges, omissions):
         sections |= table(quick)
@@ -27,7 +27,7 @@ def measure(quick: bool = False) -> dict[str, Any]:
 
 
 def plot(sections: dict[str, Any], out: Path) -> list[Path]:
-    """Median time error of the sinusoids against run time, a line per method over the frame rates."""
+    """Plots the sinusoids' median time error against run time, a line per method over the frame rates."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -19,7 +19,7 @@ SECOND = 1_000_000_000
 
 @dataclass(frozen=True)
 class Recording:
-    """Frames of a signal. luminance, dlog_dt float32 [K, H, W] (dL/dt in 1/s); t int64 [K] ns."""
+    """Holds frames of a signal: luminance, dlog_dt float32 [K, H, W] (dL/dt in 1/s); t int64 [K] ns."""
 
     luminance: np.ndarray
     dlog_dt: np.ndarray
@@ -27,12 +27,14 @@ class Recording:
 
 
 def stamps(rate: float, duration_s: float) -> np.ndarray:
-    """Frame k is at round(k / rate); the last one not after the duration."""
+    """Gives the stamps of frames: frame k is at round(k / rate), the last one not after the duration."""
     return np.rint(np.arange(int(duration_s * rate + 1e-9) + 1) * SECOND / rate).astype(np.int64)
 
 
 class Sinusoids:
-    """L = ln 71 + A sin(2 pi f t + phi); A uniform in 0.25 to 1.25, f log-uniform in 1 to 20 Hz, phi uniform."""
+    """Makes a sinusoid of its own in every pixel, and its events in closed form.
+
+    L = ln 71 + A sin(2 pi f t + phi); A uniform in 0.25 to 1.25, f log-uniform in 1 to 20 Hz, phi uniform."""
 
     def __init__(self, height: int, width: int, seed: int = 0) -> None:
         rng = np.random.default_rng(seed)
@@ -42,7 +44,7 @@ class Sinusoids:
         self.phase = rng.uniform(0, 2 * np.pi, self.shape)
 
     def record(self, rate: float, duration_s: float) -> Recording:
-        """Frames at `rate` Hz from t = 0."""
+        """Draws frames at `rate` Hz from t = 0."""
         t = stamps(rate, duration_s)
         luminance, slope = (np.empty((len(t), *self.shape), np.float32) for _ in range(2))
         omega = 2 * np.pi * self.frequency
@@ -53,7 +55,7 @@ class Sinusoids:
         return Recording(luminance, slope, t)
 
     def events(self, threshold: float, end_ns: int) -> Stream:
-        """Events in (0, end_ns], in closed form: t_k = (j pi +- arcsin(sin phi + k C / A) - phi) / (2 pi f)."""
+        """Computes the events in (0, end_ns]: t_k = (j pi +- arcsin(sin phi + k C / A) - phi) / (2 pi f)."""
         a, phase = self.amplitude.ravel(), self.phase.ravel()
         omega = 2 * np.pi * self.frequency.ravel()
         last_angle = omega * end_ns / SECOND + phase
@@ -90,7 +92,9 @@ class Sinusoids:
 
 @dataclass(frozen=True)
 class Form:
-    """One monotone signal. level(t): L(t) - L(0); slope(t): its derivative; crossing(k C): when L passes k C [s]."""
+    """Describes one monotone signal.
+
+    level(t): L(t) - L(0); slope(t): its derivative; crossing(k C): when L passes k C [s]."""
 
     name: str
     level: Callable[[np.ndarray], np.ndarray]
@@ -98,13 +102,13 @@ class Form:
     crossing: Callable[[np.ndarray], np.ndarray]
 
     def record(self, rate: float, duration_s: float) -> Recording:
-        """Frames of one pixel at `rate` Hz."""
+        """Draws frames of one pixel at `rate` Hz."""
         t = stamps(rate, duration_s)
         luminance = np.exp(self.level(t / SECOND)).astype(np.float32)
         return Recording(luminance[:, None, None], self.slope(t / SECOND).astype(np.float32)[:, None, None], t)
 
     def events(self, threshold: float, end_ns: int) -> Stream:
-        """Events in (0, end_ns]."""
+        """Computes the events in (0, end_ns]."""
         total = float(self.level(np.array([end_ns / SECOND]))[0])
         k = np.arange(1, int(abs(total) / threshold + 1e-9) + 1)
         t = np.rint(self.crossing(math.copysign(1, total) * k * threshold) * SECOND).astype(np.int64)

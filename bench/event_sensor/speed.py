@@ -33,7 +33,7 @@ ALL: dict[str, Any] = {name: value for fault in FAULTS.values() for name, value 
 
 
 def speed(quick: bool) -> dict[str, Any]:
-    """Frames per CPU second on the disk, and the number of events, beside other simulators."""
+    """Measures frames per CPU second on the disk, and the number of events, beside other simulators."""
     t = stamps(1000, 0.039 if quick else 0.199)
     frames = disk.record(t, 1.0)
     truth = disk.reference_events(frames.luminance, t, C)
@@ -82,7 +82,7 @@ def _speed_row(name: str, frames: int, spent: list[float], events: Stream, truth
 
 
 def omissions(quick: bool) -> dict[str, Any]:
-    """What each fault adds to a frame of the disk, one at a time and all together."""
+    """Measures what each fault adds to a frame of the disk, one at a time and all together."""
     t = stamps(1000, 0.039 if quick else 0.099)
     frames = disk.record(t, 1.0)
     repeats = 1 if quick else 3

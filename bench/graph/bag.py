@@ -33,7 +33,7 @@ VARIANTS = 4
 
 
 def keyframe(k: int) -> Keyframe:
-    """A smooth HDR image with a fine texture."""
+    """Makes a smooth HDR image with a fine texture."""
     rng = np.random.default_rng(k % VARIANTS)
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float32)
     smooth = np.exp(np.sin(x / 90 + k % VARIANTS) + np.cos(y / 70))
@@ -42,7 +42,7 @@ def keyframe(k: int) -> Keyframe:
 
 
 def depth(k: int) -> Depth:
-    """A sphere in front of a plane, as a renderer gives it."""
+    """Makes the depth image of a sphere in front of a plane."""
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float32)
     r2 = (x - WIDTH / 2 - 9 * (k % VARIANTS)) ** 2 + (y - HEIGHT / 2) ** 2
     z = np.where(r2 < 150**2, 2 - np.sqrt(np.maximum(150**2 - r2, 0)) / 300, 3 + y / 480)
@@ -50,7 +50,7 @@ def depth(k: int) -> Depth:
 
 
 def packet(k: int) -> EventPacket:
-    """Events of one interval, sorted by time, along a vertical edge."""
+    """Makes the events of one interval, sorted by time, along a vertical edge."""
     rng = np.random.default_rng(k % VARIANTS)
     t0 = k * 33_333_333
     t = np.sort(rng.integers(t0 + 1, t0 + 33_333_333, PACKET))
@@ -62,21 +62,21 @@ def packet(k: int) -> EventPacket:
 
 
 def content_bytes(message: Message) -> int:
-    """What the message weighs in a bag without compression: pixels, or 8 bytes an event."""
+    """Counts a message's bytes in a bag without compression: pixels, or 8 bytes an event."""
     if isinstance(message, EventPacket):
         return 8 * PACKET
     return sum(a.nbytes for a in message.arrays().values())
 
 
 def evis_writer(path: Path, messages: Iterator[tuple[str, Message]]) -> None:
-    """Through BagWriter."""
+    """Writes with BagWriter."""
     with BagWriter(path) as writer:
         for topic, message in messages:
             writer.write(topic, message)
 
 
 def library_writer(path: Path, messages: Iterator[tuple[str, Message]]) -> None:
-    """The same bytes through mcap.writer.Writer, uncompressed for keyframes and zstd otherwise, 1 MB chunks."""
+    """Writes the same with mcap.writer.Writer: keyframes uncompressed, others zstd, chunks of 1 MB."""
     from mcap.writer import CompressionType, Writer
 
     from evis.bag.ros import mapping, schemas
@@ -99,21 +99,21 @@ def library_writer(path: Path, messages: Iterator[tuple[str, Message]]) -> None:
 
 
 def read(path: Path, messages: Iterator[tuple[str, Message]]) -> None:
-    """Through BagReader; `messages` is not used."""
+    """Reads with BagReader; `messages` is not used."""
     with BagReader(path) as reader:
         for _ in reader.messages():
             pass
 
 
 def timed(work: Callable[[], None]) -> tuple[float, float]:
-    """(wall, CPU) seconds."""
+    """Measures (wall, CPU) seconds of a call."""
     wall, cpu = time.perf_counter(), time.process_time()
     work()
     return time.perf_counter() - wall, time.process_time() - cpu
 
 
 def stream(topic: str, make: Callable[[int], Message], megabytes: int) -> Callable[[], Iterator[tuple[str, Message]]]:
-    """As many messages as make `megabytes`, over and over the same few, made beforehand."""
+    """Gives as many messages as make `megabytes`, the same few over and over, made beforehand."""
     made = [make(k) for k in range(VARIANTS)]
     count = max(VARIANTS, megabytes * 1_000_000 // content_bytes(made[0]))
 
@@ -125,7 +125,7 @@ def stream(topic: str, make: Callable[[int], Message], megabytes: int) -> Callab
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """MB/s of wall time and CPU seconds per GB of content, medians; ratio of CPU times to the library's writer."""
+    """Measures MB/s of wall time, CPU seconds per GB of content and the ratio to the library's writer; medians."""
     megabytes, repeats = (100, 3) if quick else (500, 5)
     rows = []
     for topic, make in (("/cam0/keyframe", keyframe), ("/cam0/depth", depth), ("/cam0/events", packet)):

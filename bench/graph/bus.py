@@ -39,7 +39,7 @@ TARGETS = {1: 0.15, 3: 0.20}
 
 
 def cpu_s() -> float:
-    """CPU time of this process so far [s]."""
+    """Returns the CPU time of this process so far [s]."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
     return usage.ru_utime + usage.ru_stime
 
@@ -136,7 +136,7 @@ def _run(read: Callable[..., None], send: Callable[..., float], consumers: int, 
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """CPU milliseconds per 1.2 MB message for 1 and 3 consumers: median and least of the repetitions."""
+    """Measures CPU milliseconds per 1.2 MB message for 1 and 3 consumers: median and least of the repetitions."""
     count, repetitions = (600, 5) if quick else (2000, 7)
     load, rows = os.getloadavg()[0], []
     for consumers, target in TARGETS.items():

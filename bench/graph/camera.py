@@ -36,7 +36,7 @@ nodes:
 
 
 def flood(rate: float, seconds: float, packet_ms: float) -> dict[str, Any]:
-    """One run: what the camera node wrote, and what the reader counted."""
+    """Runs the graph once: what the camera node measured, and what the reader counted."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "result.json"
         graph = Path(folder) / "flood.yaml"
@@ -46,7 +46,7 @@ def flood(rate: float, seconds: float, packet_ms: float) -> dict[str, Any]:
 
 
 def row(rate: float, seconds: float, packet_ms: float) -> dict[str, Any]:
-    """A line of the report."""
+    """Measures a line of the report."""
     r = flood(rate, seconds, packet_ms)
     p50, p99, worst = r["latency_ms"]
     return {
@@ -68,7 +68,7 @@ def row(rate: float, seconds: float, packet_ms: float) -> dict[str, Any]:
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """Sustained rate, losses, CPU share and latency by offered rate."""
+    """Measures sustained rate, losses, CPU share and latency by offered rate."""
     seconds = 2.0 if quick else 5.0
     words = prepared(RATES[-1])
     per_event = words.nbytes / _events_in(words)

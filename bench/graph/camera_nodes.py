@@ -28,7 +28,7 @@ WIDTH, HEIGHT = 1280, 720
 
 
 def prepared(rate: float) -> np.ndarray:
-    """EVT3 words (uint16) of one turn at `rate` bytes/s of device time: groups of four neighbours in a row."""
+    """Makes EVT3 words (uint16) of one turn at `rate` bytes/s of device time: groups of four neighbours in a row."""
     rng = np.random.default_rng(5)
     groups = round(rate * TURN_US / 1e6 / 11.2)  # bytes per group, refined below
     for _ in range(3):
@@ -43,7 +43,7 @@ def prepared(rate: float) -> np.ndarray:
 
 
 def turns(words: np.ndarray) -> Iterator[np.ndarray]:
-    """The prepared bytes again and again, their TIME_HIGH words counting on."""
+    """Repeats the prepared bytes without end, with TIME_HIGH words that count on."""
     at = np.flatnonzero(words >> 12 == 8)
     high = words[at].astype(np.int64) & 0xFFF
     while True:
@@ -53,7 +53,7 @@ def turns(words: np.ndarray) -> Iterator[np.ndarray]:
 
 
 class FloodCameraNode(CameraNode):
-    """The camera node as it is, with an emulated EVK4 that waits for nobody. Writes what it measured at its end."""
+    """Runs the camera node on an emulated EVK4 that waits for nobody, and writes what it measured at its end."""
 
     driver: UsbDriver
     PARAMS: ClassVar[dict[str, Param]] = {
@@ -116,7 +116,7 @@ class FloodCameraNode(CameraNode):
 
 
 class Meter:
-    """A bulk read of the emulated device, with the CPU time that the device itself takes: no real one would."""
+    """Wraps a bulk read and measures the CPU time of the emulated device, which a real one would not take."""
 
     def __init__(self, read: Callable[[int, Any, float], int]) -> None:
         self._read = read
@@ -131,7 +131,7 @@ class Meter:
 
 
 class SinkNode(Node):
-    """Reads the events, as a consumer would: counts them."""
+    """Reads the events as a consumer would, and counts them."""
 
     PARAMS: ClassVar[Mapping[str, Param]] = {"camera": Param(str, "cam0", "camera to read")}
     INPUTS: ClassVar[Mapping[str, Input]] = {"events": Input("/{camera}/events")}

@@ -20,7 +20,7 @@ NODES = ("physics", "renderer", "interpolator", "event_sensor", "labeler", "reco
 
 
 def launch(scene: str, *args: str, duration: float) -> dict[str, Any]:
-    """Summary of one `evis launch`, run as its own process. Raises RuntimeError with its error text."""
+    """Runs `evis launch` as a process and returns its summary. Raises RuntimeError with its error text."""
     command = [sys.executable, "-m", "evis.cli", "launch", scene, *args]
     command += ["--duration", str(duration), "--no-view", "--json"]
     started = time.monotonic()
@@ -33,13 +33,13 @@ def launch(scene: str, *args: str, duration: float) -> dict[str, Any]:
 
 
 def overhead(summary: dict[str, Any]) -> float:
-    """Share of the graph's CPU time that is not a node's own."""
+    """Computes the share of the graph's CPU time that no node spent itself."""
     own = sum(node["cpu_s"] for name, node in summary["nodes"].items() if name in NODES)
     return 1.0 - own / summary["cpu_s"] if summary["cpu_s"] else 0.0
 
 
 def row(name: str, summary: dict[str, Any]) -> dict[str, Any]:
-    """One line of the report."""
+    """Makes one line of the report."""
     cells: dict[str, Any] = {
         "run": name,
         "real-time factor": round(summary["rtf"], 2),
@@ -58,7 +58,7 @@ def row(name: str, summary: dict[str, Any]) -> dict[str, Any]:
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """Runs of spinning_disk in every arrangement, and with and without what a scene can leave out."""
+    """Measures spinning_disk in every arrangement, and with and without what a scene can leave out."""
     duration = 1.0 if quick else 5.0
     launch("spinning_disk", duration=0.1)  # kernels are compiled now, whatever ran before
     large = ("width:=640", "height:=480")

@@ -18,7 +18,7 @@ from nodes.interpolator.auto.world import World
 
 @dataclass(frozen=True)
 class Fixed:
-    """A fixed choice that was measured: run time per simulated second, and error."""
+    """Holds a fixed choice that was measured: run time per simulated second, and error."""
 
     label: str
     seconds: float
@@ -34,8 +34,7 @@ def compare(
     light: dict[str, Any],
     known: Callable[[str, float, int], Fixed | None],
 ) -> list[dict[str, Any]]:
-    """Rows of auto by its own rule, at the run times of three fixed choices and with the errors of two, linear crossing
-    times throughout.
+    """Compares auto with fixed choices: by its own rule, at three run times and at two errors, linear crossing times.
 
     known: a fixed choice that was run already. Every choice is run in full. error ratio: its error over that of the
     best fixed choice that takes no more time than it does itself; of a run time wanted, also of the best that keeps it.
@@ -102,5 +101,5 @@ def _run(world: World, way: tuple[str, float, int], duration_ns: int, truth: Str
 
 
 def label_of(method: str, rate: float, k: int) -> str:
-    """Method, keyframes per second x K."""
+    """Makes the label of a choice: method, keyframes per second x K."""
     return f"{'dense' if method == 'none' else method} {rate:g}x{k}"

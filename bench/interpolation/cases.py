@@ -33,7 +33,7 @@ SPEED = 1e9 / GAP
 
 
 def square(half: float, height: float | None = None) -> Mesh:
-    """In z = 0, uv from 0 to 1. half, height: half of its edges [m]."""
+    """Makes a rectangle in z = 0 with uv from 0 to 1. half, height: half of its edges [m]."""
     size = np.array([half, half if height is None else height, 0])
     corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * size
     faces = np.array([(0, 1, 2), (0, 2, 3)], np.int32)
@@ -42,7 +42,7 @@ def square(half: float, height: float | None = None) -> Mesh:
 
 
 def painted() -> Material:
-    """A smooth picture, 0.2 ... 0.8."""
+    """Makes a material with a smooth picture, 0.2 ... 0.8."""
     at = (np.arange(512) + 0.5) / 512
     u, v = np.meshgrid(at, at[::-1])
     picture = 0.5 + 0.2 * np.sin(2 * np.pi * (2 * u + 0.1)) + 0.1 * np.cos(2 * np.pi * (v + u))
@@ -50,12 +50,12 @@ def painted() -> Material:
 
 
 def plain(value: float, **given: Any) -> Material:
-    """One colour."""
+    """Makes a material of one colour."""
     return Material(f"plain {value}", np.full(3, value), two_sided=True, **given)
 
 
 def moving(place: Sequence[float], *motions: Motion) -> Prescribed:
-    """At `place`, and not turned, half a gap after START; as the motions say about that."""
+    """Makes a body that is at `place`, not turned, half a gap after START, and moves as the motions say."""
     middle = (START + GAP // 2) * 1e-9
     start, turn = np.array(place, np.float64), np.zeros(3)
     for motion in motions:
@@ -67,12 +67,12 @@ def moving(place: Sequence[float], *motions: Motion) -> Prescribed:
 
 
 def along(*per_gap: float) -> Linear:
-    """Motion by so many metres per gap."""
+    """Makes a motion by so many metres per gap."""
     return Linear(np.array(per_gap, np.float64) * SPEED)
 
 
 def turning(degrees: float, axis: Sequence[float] = (0, 0, 1)) -> Spin:
-    """Rotation by an angle per gap."""
+    """Makes a rotation by an angle per gap."""
     return Spin(np.array(axis, np.float64), np.radians(degrees) * SPEED)
 
 
@@ -82,7 +82,7 @@ Thing = tuple[Mesh, Material, Prescribed]
 def scene_of(
     things: Sequence[Thing], camera_path: Prescribed | None = None, lights: Sequence[Light] = (), sky: float = 0.3
 ) -> Scene:
-    """Things before a camera at the origin that looks along +z; the sky is the only light unless there are others."""
+    """Makes a scene of things before a camera at the origin that looks along +z; without lights the sky lights it."""
     k = np.array([[FOCAL, 0, (WIDTH - 1) / 2 + 0.3], [0, FOCAL, (HEIGHT - 1) / 2 - 0.2], [0, 0, 1]])
     bodies = [Body(f"body{n}", path) for n, (_, _, path) in enumerate(things)]
     instances = [Instance(f"thing{n}", n, mesh, n) for n, (mesh, _, _) in enumerate(things)]
@@ -93,12 +93,12 @@ def scene_of(
 
 
 def wall(depth: float = 3.0, material: Material | None = None) -> Thing:
-    """A painted wall that fills the image and stands still."""
+    """Makes a painted wall that fills the image and stands still."""
     return square(4.0), material or painted(), moving((0, 0, depth))
 
 
 def lamp(**given: Any) -> Light:
-    """A point light above the camera."""
+    """Makes a point light above the camera."""
     return Light("lamp", "point", np.full(3, 40.0), np.array([0.0, -1.0, 0.0]), **given)
 
 

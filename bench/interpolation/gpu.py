@@ -35,7 +35,7 @@ STEP = 1_000_000
 
 
 def states_at(scene: Any, last: int, envs: int) -> States:
-    """Of the bodies in the interval that ends at `last` ns; all environments are alike."""
+    """Computes the bodies' states in the interval that ends at `last` ns; all environments are alike."""
     first = last - GAP
     inner = np.arange(first // STEP + 1, -(-last // STEP)) * STEP
     t = np.concatenate([[first], inner, [last]])
@@ -44,7 +44,7 @@ def states_at(scene: Any, last: int, envs: int) -> States:
 
 
 def keyframes(scene: Any, envs: int, device: str, count: int) -> list[View]:
-    """Consecutive keyframes of a scene, on the device."""
+    """Renders consecutive keyframes of a scene, on the device."""
     renderer, views = Renderer(scene, scene.cameras[0], envs, 0, device), []
     for k in range(count):
         stamp = START + k * GAP
@@ -57,7 +57,7 @@ def keyframes(scene: Any, envs: int, device: str, count: int) -> list[View]:
 
 
 def gap_ms(method: Method, views: list[View], out: wp.array, held: list[bool]) -> tuple[float, float]:
-    """(whole, host) ms of the fastest gap, but for the first half of them, which load kernels and record graphs."""
+    """Measures (whole, host) ms of the fastest gap in the second half, when kernels are loaded and recorded."""
     times = []
     for a, b in pairwise(views):
         wp.synchronize()
@@ -70,7 +70,7 @@ def gap_ms(method: Method, views: list[View], out: wp.array, held: list[bool]) -
 
 
 def kernel_ms(work: Callable[[], Any]) -> dict[str, float]:
-    """Device time by kernel, the ten longest."""
+    """Measures the device time of the ten longest kernels [ms]."""
     with wp.ScopedTimer("kernels", print=False, cuda_filter=wp.TIMING_ALL, synchronize=True) as timer:
         work()
     total: dict[str, float] = {}
@@ -81,7 +81,7 @@ def kernel_ms(work: Callable[[], Any]) -> dict[str, float]:
 
 
 def rows(name: str, envs: int, device: str, count: int, parts: bool) -> list[dict[str, Any]]:
-    """One row per method for a scene."""
+    """Measures a scene, one row per method."""
     scene = load_scene(name, {"width": WIDTH, "height": HEIGHT})
     views = keyframes(scene, envs, device, count)
     out = wp.empty((envs, UPSAMPLING, HEIGHT, WIDTH), dtype=wp.float32, device=device)

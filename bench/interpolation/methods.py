@@ -2,10 +2,10 @@
 
     evis bench interpolation [--quick]
 
-The reference is dense rendering at the scene's reference rate with
-linear crossing times; half that rate against it is the reference's own error, printed with the results. Run times are
-CPU time of one core, of renderer, interpolator and sensor, without what is made once. Where shading is dear, the run
-time follows from the number of pixels shaded: a table gives it at shading costs beyond that of these scenes.
+The reference is dense rendering at the scene's reference rate with linear crossing times; half that rate against it is
+the reference's own error, printed with the results. Run times are CPU time of one core, of renderer, interpolator and
+sensor, without what is made once. Where shading is expensive, the run time follows from the number of pixels shaded: a
+table gives it at shading costs beyond that of these scenes.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ COMMAND = "evis bench interpolation"
 
 @dataclass(frozen=True)
 class Case:
-    """A scene to be measured: its arguments, the reference's rate [Hz], the simulated time [ns] when quick and not."""
+    """Describes a scene to measure: arguments, the reference's rate [Hz], simulated time [ns] when quick and when not."""
 
     overrides: dict[str, object]
     reference_hz: float
@@ -69,7 +69,7 @@ SCENES = {
 
 
 def errors(stream: Stream, truth: Stream) -> dict[str, float]:
-    """All metrics of events against the reference."""
+    """Computes all metrics of events against the reference."""
     median, most = time_error(stream, truth)
     return {
         "VP 1/ms": victor_purpura(stream, truth, 1.0),
@@ -82,7 +82,7 @@ def errors(stream: Stream, truth: Stream) -> dict[str, float]:
 
 
 def configurations() -> list[tuple[str, float, int, float | None]]:
-    """Methods, keyframe rates [Hz], K, and `sample_px` where it is not the default."""
+    """Lists methods, keyframe rates [Hz], K, and `sample_px` where it is not the default."""
     found: list[tuple[str, float, int, float | None]] = [("none", rate, 1, None) for rate in (*ALONE_HZ, *DENSE_HZ)]
     found += [(method, rate, k, None) for method in METHODS for rate, k in RATES]
     found += [(method, rate, k, None) for method in ("splat", "rigid") for rate, k in MANY]
@@ -92,7 +92,7 @@ def configurations() -> list[tuple[str, float, int, float | None]]:
 
 
 def run_scene(name: str, quick: bool) -> tuple[list[Row], dict[str, Any]]:
-    """All rows of a scene and what was measured about the reference."""
+    """Measures a scene: all its rows, and facts about the reference."""
     case = SCENES[name]
     duration_ns = case.quick_ns if quick else case.full_ns
     world = World(load_scene(name, case.overrides), duration_ns)
@@ -132,7 +132,7 @@ def _auto(name: str, world: World, truth: Stream, duration_ns: int, rows: list[R
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """Tables of claims, of run times where shading is dear, of failures, and one per scene."""
+    """Measures all scenes: tables of error at equal shading and time, of paths, of auto, of failures, one per scene."""
     everything = {name: run_scene(name, quick) for name in SCENES}
     sections: dict[str, Any] = {}
     sections["equal shading"] = {

@@ -18,7 +18,7 @@ PATHS = PathOptions(bounces=1, samples=4)
 
 
 def rows() -> list[dict[str, Any]]:
-    """Run times [s per simulated s] of a few ways."""
+    """Measures run times [s per simulated s] of a few methods with and without paths."""
     world = World(load_scene(SCENE, SIZE), DURATION_NS)
     pixels = SIZE["width"] * SIZE["height"]
     runs: list[dict[tuple[str, float, int], Run]] = []

@@ -31,7 +31,7 @@ FOUND_IN = 1
 
 @dataclass
 class Run:
-    """Events of a run by crossing method, and the CPU time [s] of its stages, without what is made once.
+    """Holds a run's events by crossing method, and the CPU time [s] of its stages, without what is made once.
 
     shaded: pixels of keyframes and those shaded between them. remembered: those of them whose light the renderer can
     remember from the keyframe before. frame_error: root mean square of ln I against dense rendering over the
@@ -50,17 +50,17 @@ class Run:
     frame_errors: list[float] = field(default_factory=list)
 
     def seconds(self, crossing: str) -> float:
-        """All three stages."""
+        """Adds up the CPU time of all three stages."""
         return self.render_s + self.interpolate_s + self.sense_s[crossing]
 
     @property
     def frame_error(self) -> float:
-        """Over all compared sub-frames."""
+        """Computes the root mean square over all compared sub-frames."""
         return float(np.sqrt(np.mean(np.square(self.frame_errors)))) if self.frame_errors else 0.0
 
 
 class Sensors:
-    """Event sensors that differ in their crossing method, on the same frames."""
+    """Runs event sensors that differ in their crossing method on the same frames."""
 
     def __init__(self, height: int, width: int, crossings: Sequence[str]) -> None:
         self._size = (width, height)
@@ -69,14 +69,14 @@ class Sensors:
         self.seconds = dict.fromkeys(crossings, 0.0)
 
     def process(self, frames: np.ndarray, t: np.ndarray, share: float = 1.0) -> None:
-        """Frames float32 [1, K, H, W] at stamps int64 [K] ns; share: by how much their time counts."""
+        """Takes frames float32 [1, K, H, W] at stamps int64 [K] ns; share: by how much their time counts."""
         for crossing, sensor in self._sensors.items():
             start = time.process_time()
             self._parts[crossing].append(sensor.process(frames, t, np.zeros(1, np.int32)))
             self.seconds[crossing] += (time.process_time() - start) * share
 
     def streams(self) -> dict[str, Stream]:
-        """All events, what look-ahead held back included."""
+        """Returns all events, also those that look-ahead held back."""
         result = {}
         for crossing, sensor in self._sensors.items():
             parts = [*self._parts[crossing], sensor.flush()]
@@ -96,11 +96,20 @@ def simulate(
     light: Mapping[str, Any] | None = None,
     warp: Mapping[str, Any] | None = None,
 ) -> Run:
-    """One environment of a scene from t = 0 for duration_ns, seen by cam0.
+    """Simulates one environment of a scene from t = 0, seen by cam0.
 
-    truth: luminance float32 [H, W] by stamp, of dense rendering; sub-frames at these stamps are compared with it.
-    light: options of renderer and interpolator (light_samples, paths). warp: of the interpolator alone. What has few
-    gaps is run twice, and the less of each stage's time is taken.
+    What has few gaps is run twice, and the less of each stage's time is taken.
+
+    Args:
+        world: the scene and its states.
+        method: of interpolation.
+        keyframe_rate: keyframes per second [Hz].
+        upsampling: frames of a gap, K.
+        duration_ns: simulated time [ns].
+        crossings: crossing methods of the sensors.
+        truth: luminance float32 [H, W] by stamp, of dense rendering; sub-frames at these stamps are compared with it.
+        light: options of renderer and interpolator (light_samples, paths).
+        warp: options of the interpolator alone.
     """
     given = (world, method, keyframe_rate, upsampling, duration_ns, crossings)
     run = _once(*given, truth, light or {}, warp or {})
@@ -175,8 +184,11 @@ def _once(
 
 
 class Memory:
-    """How many pixels of a keyframe have light that can be remembered: where camera and lights stand still, those of
-    bodies that never move, if they show the same instance as in the keyframe before."""
+    """Counts the pixels of a keyframe whose light can be remembered.
+
+    Where camera and lights stand still these are the pixels of bodies that never move, if they show the same instance
+    as in the keyframe before.
+    """
 
     def __init__(self, scene: Scene, camera: Camera) -> None:
         bodies = [next(n for n, body in enumerate(scene.bodies) if body.name == camera.name)]
@@ -186,7 +198,7 @@ class Memory:
         self._ids: np.ndarray | None = None
 
     def of(self, poses: np.ndarray) -> int:
-        """Of the next keyframe, for body poses [1, N, 7]."""
+        """Counts them in the next keyframe, for body poses [1, N, 7]."""
         if self._renderer is None:
             return 0
         ids = self._renderer.render(poses, None, ("ids",))["ids"].copy()
@@ -209,7 +221,7 @@ def _rehearse(interpolator: Interpolator, world: World, camera: Camera, needs: f
 
 
 def visibility_seconds(world: World, rate: float, duration_ns: int) -> float:
-    """CPU time [s] per keyframe of finding out what cam0 sees, without any light on it."""
+    """Measures the CPU time [s] per keyframe of finding out what cam0 sees, without any light."""
     renderer = Renderer(world.scene, world.scene.camera("cam0"))
     spent, count = 0.0, 0
     for k in range(keyframe_count(duration_ns, rate)):
@@ -225,7 +237,7 @@ def visibility_seconds(world: World, rate: float, duration_ns: int) -> float:
 def reference(
     world: World, rate: float, duration_ns: int, keep_every_ns: int, light: Mapping[str, Any] | None = None
 ) -> tuple[Stream, Stream, dict[int, np.ndarray]]:
-    """Events of dense rendering at `rate` and, of every second of its frames, at half of it; and frames by stamp.
+    """Renders densely: events at `rate`, events of every second frame, and frames by stamp.
 
     Frames are kept where the stamp is a multiple of keep_every_ns. Crossing times are linear, for at these rates they
     are the same by any method.

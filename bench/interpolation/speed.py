@@ -27,7 +27,7 @@ COMMAND = "evis bench interpolation_speed"
 
 
 def cpu_s(work: Callable[[], Any], repeats: int) -> float:
-    """Least CPU time of one call [s], after one that is not counted."""
+    """Measures the least CPU time of one call [s], after one that is not counted."""
     work()
     times = []
     for _ in range(repeats):
@@ -38,12 +38,12 @@ def cpu_s(work: Callable[[], Any], repeats: int) -> float:
 
 
 def per_sample(seconds: float, frames: int) -> float:
-    """ns per pixel and sub-frame."""
+    """Converts CPU seconds to ns per pixel and sub-frame."""
     return round(seconds / (frames * HEIGHT * WIDTH) * 1e9, 2)
 
 
 class Disk:
-    """Keyframes of a textured disk that spins in the image plane before a wall; its share of the image is given."""
+    """Makes keyframes of a textured disk that spins in the image plane; its share of the image is given."""
 
     def __init__(self, share: float, omega: float = 50.0, channels: int = 1, creep: float = 0.0) -> None:
         """creep: motion [px] given to the wall, below the warp's grid: it stays where it is but counts as moving."""
@@ -56,14 +56,14 @@ class Disk:
         self._creep = creep
 
     def image(self, k: float) -> np.ndarray:
-        """float32 [H, W] luminance at keyframe time k."""
+        """Draws float32 [H, W] luminance at keyframe time k."""
         c, s = np.cos(self._turn * k), np.sin(self._turn * k)
         u, v = c * self._x + s * self._y, c * self._y - s * self._x
         pattern = np.exp(0.8 * np.tanh(3 * np.sin(0.2 * u) * np.sin(0.2 * v)))
         return np.where(self._inside, pattern, 0.3).astype(np.float32)
 
     def view(self, k: float) -> View:
-        """Keyframe k."""
+        """Makes keyframe k."""
         c, s = np.cos(self._turn), np.sin(self._turn)
         back = np.stack([c * self._x + s * self._y - self._x, c * self._y - s * self._x - self._y], -1)
         motion = np.where(self._inside[..., None], back, self._creep)
@@ -74,12 +74,12 @@ class Disk:
 
 
 def as_warp(image: np.ndarray) -> wp.array:
-    """[1, ...] float32 on the CPU."""
+    """Puts an image into a Warp array [1, ...] float32 on the CPU."""
     return wp.array(np.ascontiguousarray(image[None], dtype=np.float32), device="cpu")
 
 
 def time_splat(a: View, b: View, repeats: int, upsampling: int = UPSAMPLING) -> float:
-    """ns per pixel and sub-frame of one gap."""
+    """Measures ns per pixel and sub-frame of one gap."""
     channels = 3 if a.image.ndim == 4 else 1
     method = make_splat(HEIGHT, WIDTH, 1, upsampling, 0, channels)
     out = np.empty((1, upsampling, HEIGHT, WIDTH) + ((3,) if channels == 3 else ()), np.float32)
@@ -87,7 +87,7 @@ def time_splat(a: View, b: View, repeats: int, upsampling: int = UPSAMPLING) -> 
 
 
 def drop_one(view: View) -> View:
-    """The keyframe with one source taken away, which leaves one hole."""
+    """Takes one source away from a keyframe, which leaves one hole."""
     assert view.motion is not None
     motion = view.motion.numpy().copy()
     motion[0, HEIGHT // 2, WIDTH // 2] = np.nan
@@ -95,7 +95,7 @@ def drop_one(view: View) -> View:
 
 
 def splat_rows(repeats: int) -> list[dict[str, Any]]:
-    """The warp on the disk, the disk's share of the image rising to all of it."""
+    """Measures the warp on disks that fill ever more of the image."""
     rows = []
     for share in (0.0, 0.05, 0.3, 0.6, 1.0):
         disk = Disk(share)
@@ -104,7 +104,7 @@ def splat_rows(repeats: int) -> list[dict[str, Any]]:
 
 
 def omission_rows(repeats: int) -> list[dict[str, Any]]:
-    """Each omission: the cost with it, and of the same frames when it cannot be made."""
+    """Measures each omission: the cost with it, and of the same frames when it cannot be made."""
 
     def row(what: str, with_it: float, without: float) -> dict[str, Any]:
         return {"left out": what, "ns": with_it, "ns without": without, "saved": f"{1 - with_it / without:.0%}"}
@@ -121,7 +121,7 @@ def omission_rows(repeats: int) -> list[dict[str, Any]]:
 
 
 def time_sensor(frames: np.ndarray, repeats: int, size: int = UPSAMPLING) -> tuple[float, int]:
-    """(ns per pixel and sub-frame, events) of a video [T, H, W] in messages of `size` frames, after a first frame."""
+    """Measures (ns per pixel and sub-frame, events) of a video [T, H, W] in messages of `size` frames."""
     episodes = np.zeros(1, np.int32)
     stamps = (np.arange(len(frames), dtype=np.int64) * GAP) // UPSAMPLING
     times, events = [], 0
@@ -137,7 +137,7 @@ def time_sensor(frames: np.ndarray, repeats: int, size: int = UPSAMPLING) -> tup
 
 
 def sensor_rows(repeats: int, gaps: int) -> list[dict[str, Any]]:
-    """The sensor on the same disk, sampled exactly at each sub-frame."""
+    """Measures the sensor on the same disk, sampled exactly at each sub-frame."""
     rows = []
     for share in (0.0, 0.05, 0.3, 1.0):
         disk = Disk(share, omega=10.0)
@@ -152,7 +152,7 @@ def sensor_rows(repeats: int, gaps: int) -> list[dict[str, Any]]:
 
 
 def scene_rows(repeats: int, gaps: int) -> list[dict[str, Any]]:
-    """Warp and sensor on the rendered spinning disk."""
+    """Measures warp and sensor on the rendered spinning disk."""
     from evis.scene import load_scene
     from nodes.physics.prescribed import prescribed_states
     from nodes.renderer.renderer import Renderer
@@ -189,8 +189,9 @@ def scene_rows(repeats: int, gaps: int) -> list[dict[str, Any]]:
 
 
 def flicker_rows(gaps: int) -> list[dict[str, Any]]:
-    """`rigid` under a lamp that flickers: by its waveform, and shading every surface at every sub-frame, for which it
-    is given a second lamp of no light and another waveform. Least CPU time of several gaps."""
+    """Measures `rigid` under a lamp that flickers: by its waveform, and with every surface shaded at every sub-frame.
+
+    For the latter it gets a second lamp without light and with another waveform. Least CPU time of several gaps."""
     from evis.scene import load_scene
     from evis.scene.model import Scene, Waveform
     from nodes.interpolator.keyframe import States
@@ -233,7 +234,7 @@ def flicker_rows(gaps: int) -> list[dict[str, Any]]:
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """All tables."""
+    """Measures all tables."""
     repeats, gaps = (3, 4) if quick else (9, 12)
     note = "ns = CPU nanoseconds per pixel and sub-frame, 346x260, K = 8, one thread"
     return {

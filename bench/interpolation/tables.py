@@ -32,7 +32,7 @@ VP = "VP 1/ms"
 
 @dataclass
 class Row:
-    """One method at one rate with one crossing method. sample_px: of rigid, None where it is the default."""
+    """Holds one method at one rate with one crossing method. sample_px: of rigid, None where it is the default."""
 
     method: str
     rate: float
@@ -44,25 +44,25 @@ class Row:
 
     @property
     def name(self) -> str:
-        """Of the method, as the tables have it."""
+        """Gives the method's name in the tables."""
         if self.sample_px is not None:
             return f"{self.method}, sample_px {self.sample_px:g}"
         return "dense" if self.method == "none" else self.method
 
     @property
     def label(self) -> str:
-        """Keyframes per second x K."""
+        """Gives keyframes per second x K."""
         return f"{self.rate:g}x{self.k}"
 
     def seconds(self, duration_s: float, extra_us: float = 0.0, remember: bool = False) -> float:
-        """Run time per simulated second, every shaded pixel costing extra_us more than it did; remember: but for those
+        """Computes the run time per simulated second if every shaded pixel cost extra_us more; remember: but for those
         whose light may be remembered."""
         pixels = self.run.shaded - self.run.remembered * remember
         return (self.run.seconds(self.crossing) + pixels * extra_us * 1e-6) / duration_s
 
 
 def shown(row: Row, seconds: float) -> dict[str, Any]:
-    """A line of a scene's own table."""
+    """Makes a line of a scene's own table."""
     line: dict[str, Any] = {
         "method": row.name,
         "keyframes x K": row.label,
@@ -80,7 +80,7 @@ def shown(row: Row, seconds: float) -> dict[str, Any]:
 
 
 def equal_time(name: str, rows: Sequence[Row], facts: dict[str, Any]) -> list[dict[str, Any]]:
-    """For each cost of shading, the least error of every method within the time of the paper's configuration."""
+    """Finds the least error of every method within the time of the paper's configuration, by cost of shading."""
     lines = []
     own = facts["shading_us"]
     for cost in (own, *(c for c in SHADING_US if c > own)):
@@ -96,7 +96,7 @@ def equal_time(name: str, rows: Sequence[Row], facts: dict[str, Any]) -> list[di
 
 
 def half_error(name: str, rows: Sequence[Row], facts: dict[str, Any]) -> dict[str, Any]:
-    """The least cost of shading from which on rigid, and rigid or dense rendering, have half of splat's error."""
+    """Finds the cost of shading from which on rigid, and rigid or dense rendering, have half of splat's error."""
     own = facts["shading_us"]
     line: dict[str, Any] = {"scene": name, "its own shading [us/px]": round(own, 3)}
     for shown_as, methods, remember in (
@@ -126,7 +126,7 @@ def _within(
 
 
 def equal_shading(name: str, rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """At each keyframe rate: the paper's method, the best K of splat and rigid, and the excess over dense rendering."""
+    """Compares the paper's method, the best K of splat and rigid, and dense rendering at each keyframe rate."""
     lines = []
     dense = {r.crossing: r.error[VP] for r in rows if r.method == "none" and r.rate == 1000}
     for rate, k in RATES:
@@ -162,7 +162,7 @@ def equal_shading(name: str, rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def failures(name: str, rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Runs of warps at 1000 frames per second that are far off."""
+    """Lists runs of warps at 1000 frames per second that are far off."""
     dense = {r.crossing: r.error[VP] for r in rows if r.method == "none" and r.rate == 1000}
     true = next(len(r.run.streams[r.crossing].t) for r in rows if r.method == "none" and r.rate == 1000)
     lines = []
@@ -181,7 +181,7 @@ def failures(name: str, rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def by_method(runs: Sequence[dict[str, Any]], cases: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Where each method fails, a line for each: its runs among `failures`, and the hard cases (interpolation_cases) in
+    """Says where each method fails, a line for each: its runs among `failures`, and the hard cases (cases.py) in
     which more than LOST of its pixels are off."""
     names = list(dict.fromkeys([*(r["method"] for r in runs), *(m for c in cases for m in c["off"])]))
     lines = []

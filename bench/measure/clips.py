@@ -21,7 +21,9 @@ COMMAND = "EVIS_TEST_DATA=DIR python -m bench.measure.clips"
 
 
 def row(path: Path, at: np.ndarray, wanted: np.ndarray) -> tuple[dict[str, Any], np.ndarray]:
-    """A line of the report, and the relative error at each stamp; at [us from the first event], wanted [rad/s]."""
+    """Measures a clip: a line of the report, and the relative error at each stamp.
+
+    at: stamps of the reference [us from the first event]; wanted: its speeds [rad/s]."""
     with open_recording(path) as recording:
         events = recording.read()
         measurement = Measurement(recording.info.width, recording.info.height)
@@ -39,7 +41,7 @@ def row(path: Path, at: np.ndarray, wanted: np.ndarray) -> tuple[dict[str, Any],
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """Deviation by clip, and of all samples together."""
+    """Measures the deviation by clip, and of all samples together."""
     folder = Path(os.environ.get("EVIS_TEST_DATA", "")) / "wheel"
     table = folder / "reference_speed.csv"
     if not table.exists():

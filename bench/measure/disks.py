@@ -27,7 +27,10 @@ Edges = list[tuple[float, float, float, int]]
 
 @dataclass(frozen=True)
 class Case:
-    """A disk. omega(t): speed [rad/s] at t [s]; edges: (angle, inner, outer radius [px], polarity); tilt [deg]."""
+    """Describes a disk.
+
+    omega(t): speed [rad/s] at t [s]; edges: (angle, inner, outer radius [px], polarity); tilt [deg].
+    """
 
     name: str
     omega: Callable[[np.ndarray], np.ndarray]
@@ -40,7 +43,7 @@ class Case:
 
 
 def texture(radius: float = 44.0) -> Edges:
-    """24 radial edges at random places: they come again only after a full turn."""
+    """Makes 24 radial edges at random places, which come again only after a full turn."""
     random = np.random.default_rng(3)
     inner = random.uniform(0.11, 0.8, 24) * radius
     outer = inner + random.uniform(0.14, 0.32, 24) * radius
@@ -49,12 +52,12 @@ def texture(radius: float = 44.0) -> Edges:
 
 
 def sectors(count: int, radius: float = 44.0) -> Edges:
-    """Black and white sectors, `count` of each."""
+    """Makes black and white sectors, `count` of each."""
     return [(np.pi * k / count, 0.14 * radius, radius, k % 2) for k in range(2 * count)]
 
 
 def events(case: Case) -> tuple[np.ndarray, ...]:
-    """t int64 [n, ns] ascending, x, y uint16, p uint8."""
+    """Computes the events of a disk: t int64 [n] ns ascending, x, y uint16, p uint8."""
     random = np.random.default_rng(0)
     width, height = case.size
     rows, columns = np.mgrid[0:height, 0:width]
@@ -89,7 +92,7 @@ def events(case: Case) -> tuple[np.ndarray, ...]:
 
 
 def cases(quick: bool) -> list[Case]:
-    """What holds, and where it ends."""
+    """Lists the disks: what works, and where it ends."""
     at = lambda speed: lambda t: speed + 0 * t
     result = [Case(f"texture, {w} rad/s", at(w), texture(), float(np.clip(12 / w, 0.4, 2))) for w in (5, 20, 200)]
     result += [Case(f"{n} sectors, {w} rad/s", at(w), sectors(n)) for n, w in ((1, 30), (12, 30), (6, 200), (12, 280))]
@@ -111,7 +114,7 @@ def cases(quick: bool) -> list[Case]:
 
 
 def row(case: Case) -> dict[str, Any]:
-    """A line of the report."""
+    """Measures a line of the report."""
     t, x, y, p = events(case)
     began = time.process_time()
     measurement = Measurement(*case.size)
@@ -133,7 +136,7 @@ def row(case: Case) -> dict[str, Any]:
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """Error, confidence and CPU time by disk."""
+    """Measures error, confidence and CPU time by disk."""
     note = (
         "Errors of a series are relative to the true speed at that time, but to 5 rad/s, or the mean, where it is less."
     )

@@ -25,18 +25,18 @@ LOOP_NS = 500_000_000
 
 
 def case() -> Case:
-    """One revolution, with noise of 5 Hz per pixel."""
+    """Makes one revolution, with noise of 5 Hz per pixel."""
     return Case("", lambda t: 4 * np.pi + 0 * t, texture(210.0), 0.5, (640, 480), (320.0, 240.0), noise_hz=5.0)
 
 
 def resident() -> int:
-    """Memory of this process [bytes]."""
+    """Returns the memory of this process [bytes]."""
     with open("/proc/self/statm") as status:
         return int(status.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def one(wanted: int) -> dict[str, Any]:
-    """Measures so many events, at least. Memory is looked at after each block and all the way through a fit."""
+    """Measures at least so many events. Memory is looked at after each block and all the way through a fit."""
     loop = events(case())
     before = peak = resident()
 
@@ -65,7 +65,7 @@ def one(wanted: int) -> dict[str, Any]:
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """Memory and time by length."""
+    """Measures memory and time by length."""
     rows = []
     for wanted in (2_000_000, 10_000_000) if quick else (2_000_000, 10_000_000, 100_000_000):
         done = subprocess.run(

@@ -36,15 +36,17 @@ CASES = (
 
 
 def poses_of(scene: Any, count: int, envs: int) -> np.ndarray:
-    """Poses [count, E, N, 7] of a scene with prescribed motion, STEP_NS apart."""
+    """Computes poses [count, E, N, 7] of a scene with prescribed motion, STEP_NS apart."""
     t = np.arange(count, dtype=np.int64) * STEP_NS
     one = np.stack([b.trajectory.pose(t) for b in scene.bodies], axis=1)
     return np.repeat(one[:, None], envs, axis=1)
 
 
 def timed(call: Callable[[int], object], count: int, device: str) -> dict[str, float]:
-    """Milliseconds of call(i): medians until it returns, until the device is done, and between its ends on the device;
-    then of each where nobody waits for one before the next is called."""
+    """Measures milliseconds of call(i): until it returns, until the device is done, by the device's clock; medians.
+
+    each: of calls one after another, with no wait between them.
+    """
     host, wall, on_device = [], [], []
     begin, end = (wp.Event(device, enable_timing=True) for _ in range(2))
     stream = wp.get_stream(device)
@@ -71,7 +73,7 @@ def timed(call: Callable[[int], object], count: int, device: str) -> dict[str, f
 
 
 def kernels(launch: Callable[[], object], count: int) -> dict[str, float]:
-    """Device milliseconds of every kernel, copy and fill that `launch` starts, medians."""
+    """Measures device milliseconds of every kernel, copy and fill that `launch` starts, medians."""
     seen: dict[str, list[float]] = {}
     for _ in range(count):
         wp.timing_begin(cuda_filter=wp.TIMING_ALL)
@@ -86,7 +88,7 @@ def kernels(launch: Callable[[], object], count: int) -> dict[str, float]:
 
 
 def rows_of(name: str, envs: int, size: tuple[int, int], count: int, device: str) -> Iterable[dict[str, Any]]:
-    """Visibility alone, and all outputs with the shadows of all lights that cast them, of one such light, and none."""
+    """Measures visibility alone, and all outputs with the shadows of all lights, of one light and of none."""
     scene = load_scene(name, {"width": size[0], "height": size[1]})
     poses = poses_of(scene, count + 5, envs)
     case = f"{envs} x {name} {size[0]}x{size[1]}"

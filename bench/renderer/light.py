@@ -27,7 +27,7 @@ LIGHTS = {
 
 
 def lit(kinds: tuple[str, ...], gloss: bool, mapped: bool, size: tuple[int, int] = SIZE) -> tuple[Scene, np.ndarray]:
-    """Ten spheres before a wall."""
+    """Makes ten spheres before a wall under these kinds of light."""
     scene, poses = balls(10, 20, size)
     scene.lights = [LIGHTS[kind] for kind in kinds]
     roughness = 0.4 if gloss else 1.0
@@ -38,7 +38,7 @@ def lit(kinds: tuple[str, ...], gloss: bool, mapped: bool, size: tuple[int, int]
 
 
 def shading(kinds: tuple[str, ...], gloss: bool, mapped: bool, repeats: int) -> dict[str, Any]:
-    """All bodies count as moving, so that every pixel is lit anew."""
+    """Measures shading with every pixel lit anew, for all bodies count as moving."""
     from bench.renderer.stages import milliseconds
 
     scene, poses = lit(kinds, gloss, mapped)
@@ -56,7 +56,7 @@ def shading(kinds: tuple[str, ...], gloss: bool, mapped: bool, repeats: int) -> 
 
 
 def noise(samples: int) -> dict[str, Any]:
-    """A lamp behind a ball, on a wall: log radiance against the same with 576 shadow rays, and between two images."""
+    """Measures the noise of a soft shadow: log radiance against that of 576 shadow rays, and between two images."""
     scene, poses = lit(("area",), False, False, (120, 90))
     images = []
     for count in (samples, 576):
@@ -77,7 +77,7 @@ def noise(samples: int) -> dict[str, Any]:
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """Both tables; quick: fewer repetitions."""
+    """Measures both tables; quick: fewer repetitions."""
     repeats = 3 if quick else 15
     cases: list[tuple[tuple[str, ...], bool, bool]] = [((kind,), False, False) for kind in LIGHTS] + [
         (tuple(LIGHTS), False, False)

@@ -16,12 +16,12 @@ LLVM = "DRJIT_LIBLLVM_PATH"
 
 
 def variants() -> dict[str, str]:
-    """Mitsuba's variants that are compared, by the name in the table."""
+    """Lists Mitsuba's variants that are compared, by the name in the table."""
     return {"Mitsuba": "scalar_rgb"} | ({"Mitsuba llvm": "llvm_ad_rgb"} if os.environ.get(LLVM) else {})
 
 
 def tracing(scene: Scene, poses: np.ndarray, depth: int, samples: int, variant: str) -> Callable[[], np.ndarray] | None:
-    """A function that traces the scene at `poses` [N, 7]; None where Mitsuba is not installed.
+    """Makes a function that traces the scene at `poses` [N, 7]; None where Mitsuba is not installed.
 
     depth: Mitsuba's max_depth, 2 for direct light. The scene's first camera, its lights without cones and its plain
     diffuse materials are taken over; the scene is built once, and only tracing is left for the function.

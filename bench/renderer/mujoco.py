@@ -16,7 +16,7 @@ HALF_TURN = se3.exp(np.array([np.pi, 0.0, 0.0]))
 
 
 def drawing(scene: Scene, poses: np.ndarray, depth: bool) -> Callable[[], np.ndarray] | None:
-    """A function that moves the bodies to `poses` [N, 7] and draws colour or depth; None where no OpenGL is to be had.
+    """Makes a function that moves the bodies to `poses` [N, 7] and draws colour or depth; None without OpenGL.
 
     The scene's first camera, point lights and plain materials are taken over.
     """
@@ -46,7 +46,7 @@ def drawing(scene: Scene, poses: np.ndarray, depth: bool) -> Callable[[], np.nda
 
 
 def compiled(scene: Scene, poses: np.ndarray) -> Any:
-    """The scene at `poses` [N, 7] as a MuJoCo model. Raises ImportError without MuJoCo."""
+    """Compiles the scene at `poses` [N, 7] as a MuJoCo model. Raises ImportError without MuJoCo."""
     import mujoco
 
     spec = mujoco.MjSpec()

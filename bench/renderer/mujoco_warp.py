@@ -12,7 +12,7 @@ from evis.scene.model import Scene
 
 
 def tracing(scene: Scene, poses: np.ndarray, image: str, device: str, worlds: int = 1) -> Callable[[], None] | None:
-    """A function that refits the tree and draws `image`, radiance or depth, of `worlds` copies of the scene.
+    """Makes a function that refits the tree and draws `image`, radiance or depth, of `worlds` copies of a scene.
 
     None where MuJoCo Warp is not installed. 8-bit colour with true shadows, without ambient light.
     """

@@ -24,7 +24,7 @@ EDGE = 0.02
 
 
 def room(size: tuple[int, int], plain: bool = True) -> tuple[Scene, np.ndarray]:
-    """A furnished room at rest and its poses; plain: without textures, so that only light varies on a surface."""
+    """Loads a furnished room at rest and its poses; plain: without textures, so that only light varies on a surface."""
     scene = load_scene("stereo_room", dict(zip(("width", "height"), size)))
     if plain:
         for material in scene.materials:
@@ -33,7 +33,7 @@ def room(size: tuple[int, int], plain: bool = True) -> tuple[Scene, np.ndarray]:
 
 
 def moved(scene: Scene, poses: np.ndarray, pixels: float) -> np.ndarray:
-    """The camera turned by about `pixels`, and shifted by a tenth of what that is at 1 m."""
+    """Turns the camera by about `pixels`, and shifts it by a tenth of what that is at 1 m."""
     camera = scene.cameras[0]
     index, angle = scene.body_index(camera.name), pixels / float(camera.k[0, 0])
     out = poses.copy()
@@ -43,7 +43,7 @@ def moved(scene: Scene, poses: np.ndarray, pixels: float) -> np.ndarray:
 
 
 def followed(now: dict[str, np.ndarray], before: dict[str, np.ndarray]) -> np.ndarray:
-    """Change of log luminance of each pixel's surface point since the image before, where that saw it too [N].
+    """Computes the change of log luminance [N] of each surface point since the image before, where both saw it.
 
     The image before is interpolated at the point's place in it, between four pixels of the same surface.
     """
@@ -66,11 +66,12 @@ def followed(now: dict[str, np.ndarray], before: dict[str, np.ndarray]) -> np.nd
 
 
 def luminance(images: dict[str, np.ndarray]) -> np.ndarray:
+    """Computes luminance [H, W] in float64, at least 1e-6."""
     return np.maximum(images["radiance"][0].astype(np.float64) @ [0.2126, 0.7152, 0.0722], 1e-6)
 
 
 def changes(options: PathOptions | None, pixels: float, size: tuple[int, int]) -> np.ndarray:
-    """`followed` between two images of the room, the second with the camera moved."""
+    """Computes `followed` between two images of the room, the second with the camera moved."""
     scene, poses = room(size)
     renderer = Renderer(scene, scene.cameras[0], paths=options)
     wanted = ("radiance", "motion", "ids", "normal")
@@ -84,7 +85,7 @@ def changes(options: PathOptions | None, pixels: float, size: tuple[int, int]) -
 
 
 def stillness(options: PathOptions, pixels: float, size: tuple[int, int]) -> dict[str, Any]:
-    """Standard deviation of the change of log luminance between two images, following the surface.
+    """Measures the standard deviation of the change of log luminance between two images, following the surface.
 
     Only where direct light, which has no noise, changes by less than EDGE: between the pixels of a shadow's edge
     interpolation gives something else.
@@ -103,7 +104,7 @@ def stillness(options: PathOptions, pixels: float, size: tuple[int, int]) -> dic
 
 
 def cost(name: str, options: PathOptions | None, size: tuple[int, int], repeats: int) -> dict[str, Any]:
-    """CPU time of an image of a scene, every pixel lit anew."""
+    """Measures the CPU time of an image of a scene, every pixel lit anew."""
     from bench.renderer.stages import milliseconds
 
     scene = load_scene(name, dict(zip(("width", "height"), size)))
@@ -119,7 +120,7 @@ def cost(name: str, options: PathOptions | None, size: tuple[int, int], repeats:
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """Both tables; quick: smaller images and fewer repetitions."""
+    """Measures both tables; quick: smaller images and fewer repetitions."""
     size, repeats = ((173, 130), 1) if quick else ((346, 260), 3)
     options: list[PathOptions | None] = [None, PathOptions(0, 16), PathOptions(1, 16), PathOptions(2, 16)]
     moves = [(PathOptions(1), p) for p in (0.0, 0.5, 2.3, 10.7)] + [(PathOptions(1, 64), 2.3)]

@@ -31,7 +31,7 @@ Contender = tuple[str, str, Callable[[], Any] | None]
 
 
 def disk(size: tuple[int, int]) -> tuple[Scene, np.ndarray]:
-    """The spinning disk at two instants, float64 [2, 1, N, 7], under its lamp as a point light."""
+    """Loads the spinning disk under a point light, and its poses at two instants, float64 [2, 1, N, 7]."""
     scene = load_scene("spinning_disk", dict(zip(("width", "height"), size)))
     for material in scene.materials:
         material.texture, material.roughness, material.metallic = None, 1.0, 0.0
@@ -46,7 +46,7 @@ def disk(size: tuple[int, int]) -> tuple[Scene, np.ndarray]:
 
 
 def ours(scene: Scene, poses: np.ndarray, image: str, device: str, paths: PathOptions | None) -> Callable[[], Any]:
-    """A function that draws one image, at each call at the other of two instants."""
+    """Makes a function that draws one image, at each call at the other of two instants."""
     renderer = Renderer(scene, scene.cameras[0], device=device, paths=paths)
     out = {image: wp.empty(renderer.shape, dtype=renderer.types[image], device=device)}
     turn = [0]
@@ -59,7 +59,7 @@ def ours(scene: Scene, poses: np.ndarray, image: str, device: str, paths: PathOp
 
 
 def contenders(scene: Scene, poses: np.ndarray, device: str) -> list[Contender]:
-    """Who draws what: image, name, function."""
+    """Lists who draws what: image, name, function."""
     first = poses[0, 0]
     listed: list[Contender] = []
     for image in ("radiance", "depth"):
@@ -78,7 +78,7 @@ def contenders(scene: Scene, poses: np.ndarray, device: str) -> list[Contender]:
 
 
 def compare(label: str, scene: Scene, poses: np.ndarray, device: str, repeats: int) -> list[dict[str, Any]]:
-    """Every contender once in turn, `repeats` times: the least time of each, and its ratio to ours."""
+    """Runs every renderer in turn, `repeats` times: the least time of each, and its ratio to ours."""
     listed = contenders(scene, poses, device)
     present = [(image, name, draw) for image, name, draw in listed if draw is not None]
     least = dict.fromkeys([(image, name) for image, name, _ in present], np.inf)
@@ -114,7 +114,7 @@ def _milliseconds(draw: Callable[[], Any], device: str) -> float:
 
 
 def measure(quick: bool = False, device: str = "cpu") -> dict[str, Any]:
-    """The table; quick: a smaller image and fewer repetitions."""
+    """Measures the table; quick: a smaller image and fewer repetitions."""
     size, repeats = ((346, 260), 2) if quick else ((640, 480), 5)
     where = f"{size[0]} x {size[1]}"
     return {

@@ -9,7 +9,7 @@ from evis.scene.model import Body, Camera, Instance, Light, Material, Mesh, Scen
 
 
 class Still:
-    """A trajectory that stays at a pose."""
+    """Stays at a pose: a trajectory without motion."""
 
     def __init__(self, pose: np.ndarray) -> None:
         self._pose = pose
@@ -25,7 +25,7 @@ class Still:
 
 
 def ball(radius: float, rings: int) -> Mesh:
-    """A sphere of 4 rings (rings - 1) triangles."""
+    """Makes a sphere of 4 rings (rings - 1) triangles."""
     theta = np.linspace(0, np.pi, rings + 1)[:, None]
     phi = np.linspace(0, 2 * np.pi, 2 * rings, endpoint=False)[None]
     unit = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta) + 0 * phi], -1)
@@ -37,7 +37,7 @@ def ball(radius: float, rings: int) -> Mesh:
 
 
 def balls(count: int, rings: int, size: tuple[int, int]) -> tuple[Scene, np.ndarray]:
-    """Spheres before a wall of two triangles, and their poses."""
+    """Makes spheres before a wall of two triangles, and their poses."""
     # The diagonal must not run through pixel centres, where both of its triangles are right.
     corners = np.array([(-9, -8, 4), (9, -9, 4), (8, 9.1, 4), (-9, 9, 4)], np.float32)
     wall = Mesh(corners, np.array([(0, 2, 1), (0, 3, 2)], np.int32))
@@ -53,7 +53,7 @@ def balls(count: int, rings: int, size: tuple[int, int]) -> tuple[Scene, np.ndar
 
 
 def hall(size: tuple[int, int], movers: int = 20, still_camera: bool = True) -> tuple[Scene, np.ndarray]:
-    """A hall with 520 things of 220,000 triangles in rows, `movers` of which move, and one shadowed light.
+    """Makes a hall with 520 things of 220,000 triangles in rows, `movers` of which move, and one shadowed light.
 
     Poses of two instants, float64 [2, 1, N, 7]; the camera of the second is turned by 1 degree unless still.
     """

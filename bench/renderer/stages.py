@@ -36,7 +36,7 @@ def cast_rays(
     triangle: wp.array3d(dtype=int),
     depth: wp.array3d(dtype=float),
 ):
-    """One primary ray per pixel from the camera, at the origin."""
+    """Casts one primary ray per pixel from the camera, at the origin."""
     env, y, x = wp.tid()
     query = wp.mesh_query_ray(mesh, wp.vec3(0.0, 0.0, 0.0), pixel_ray(view, x, y), 1.0e6)
     triangle[env, y, x] = wp.where(query.result, query.face, MISS)
@@ -52,7 +52,7 @@ def differing(
     # out
     count: wp.array(dtype=int),
 ):
-    """Pixels where one way sees something and the other nothing, or the depths are more than 1e-4 apart."""
+    """Counts pixels where raster and rays disagree: one sees nothing, or the depths are more than 1e-4 apart."""
     env, y, x = wp.tid()
     hit = packed[env, y, x]
     if (triangle_of(hit) == MISS) != (triangle[env, y, x] == MISS):
@@ -62,7 +62,7 @@ def differing(
 
 
 def milliseconds(call: Callable[[int], Any], repeats: int) -> float:
-    """Median CPU time of `call(k)`, k = 1..repeats, after one to warm up."""
+    """Measures the median CPU time [ms] of `call(k)`, k = 1..repeats, after one to warm up."""
     call(0)
     times = []
     for k in range(1, repeats + 1):
@@ -73,7 +73,7 @@ def milliseconds(call: Callable[[int], Any], repeats: int) -> float:
 
 
 def stages(name: str, size: tuple[int, int], shadows: bool, repeats: int) -> dict[str, Any]:
-    """A scene of prescribed motion: what a keyframe with depth and motion costs, stage by stage."""
+    """Measures a keyframe with depth and motion, stage by stage, of a scene of prescribed motion."""
     scene = load_scene(name, dict(zip(("width", "height"), size)))
     for light in scene.lights:
         light.shadows = light.shadows and shadows
@@ -86,7 +86,7 @@ def stages(name: str, size: tuple[int, int], shadows: bool, repeats: int) -> dic
 
 
 def stage_times(scene: Scene, poses: list[np.ndarray], repeats: int) -> dict[str, Any]:
-    """Stages of keyframes at poses [repeats + 2], each after the one before."""
+    """Measures the stages of keyframes at poses [repeats + 2], each after the one before."""
     r = Renderer(scene, scene.cameras[0])
     v = r.visibility
     out = {name: np.empty(*r.array_shape(name)) for name in ("radiance", "depth", "motion")}
@@ -118,7 +118,7 @@ def stage_times(scene: Scene, poses: list[np.ndarray], repeats: int) -> dict[str
 
 
 def luminance_alone(name: str, size: tuple[int, int], repeats: int) -> dict[str, Any]:
-    """A keyframe of luminance beside one of radiance with what takes its luminance afterwards, in turn; least times."""
+    """Measures a keyframe of luminance, and one of radiance with the conversion to luminance; least times."""
     scene = load_scene(name, dict(zip(("width", "height"), size)))
     poses = [
         np.array([[b.trajectory.pose(np.array([round(k * 1e9 / RATE)]))[0] for b in scene.bodies]])
@@ -152,7 +152,7 @@ def luminance_alone(name: str, size: tuple[int, int], repeats: int) -> dict[str,
 
 
 def background(label: str, scene: Scene, poses: list[np.ndarray], repeats: int) -> dict[str, Any]:
-    """Visibility with the still background kept, and drawn anew each time: times, their ratio, pixels that differ."""
+    """Measures visibility with the still background kept and drawn anew: times, their ratio, pixels that differ."""
     kept = Visibility(scene, scene.cameras[0])
     anew = Visibility(scene, scene.cameras[0], layered=False)
     frames = [kept.frames(p) for p in poses]
@@ -169,7 +169,7 @@ def background(label: str, scene: Scene, poses: list[np.ndarray], repeats: int) 
 
 
 def backgrounds(size: tuple[int, int], repeats: int) -> list[dict[str, Any]]:
-    """The saving on the spinning disk and on the hall."""
+    """Measures a kept background on the spinning disk and on the hall."""
     disk = load_scene("spinning_disk", dict(zip(("width", "height"), size)))
     instants = [np.array([[b.trajectory.pose(np.array([t]))[0] for b in disk.bodies]]) for t in (0, 10**7)]
     crowd, poses = hall(size)
@@ -180,7 +180,7 @@ def backgrounds(size: tuple[int, int], repeats: int) -> list[dict[str, Any]]:
 
 
 def raster_against_rays(size: tuple[int, int], rings: int, repeats: int) -> dict[str, Any]:
-    """Visibility of ten balls both ways: times, their ratio, and the pixels that do not agree."""
+    """Measures the visibility of ten balls by raster and by rays: times, ratio, pixels that do not agree."""
     scene, poses = balls(10, rings, size)
     v = Visibility(scene, scene.cameras[0])
     raster = milliseconds(lambda k: v.update(poses), repeats)
@@ -208,7 +208,7 @@ def raster_against_rays(size: tuple[int, int], rings: int, repeats: int) -> dict
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """All tables; quick: fewer repetitions."""
+    """Measures all tables; quick: fewer repetitions."""
     repeats = 5 if quick else 30
     few = 3 if quick else 8
     return {

@@ -48,12 +48,12 @@ COMMAND = "evis bench streams"
 
 
 def data_folder() -> Path:
-    """Where the real recordings are, if they are."""
+    """Returns the folder of real recordings, which need not exist."""
     return Path(os.environ.get("EVIS_TEST_DATA", Path(__file__).parents[3] / "shared" / "data"))
 
 
 def synthetic(n: int, width: int = 1280, height: int = 720) -> Events:
-    """Rows of neighbouring pixels that fire together, as an edge does: about 8 events per row and time."""
+    """Makes rows of neighbouring pixels that fire together, as an edge does: about 8 events per row and time."""
     rng = np.random.default_rng(1)
     groups = n // 8
     t = np.repeat(np.cumsum(rng.integers(0, 3, groups)), 8) * 1000
@@ -63,7 +63,7 @@ def synthetic(n: int, width: int = 1280, height: int = 720) -> Events:
 
 
 def fit(events: Events, encoding: str) -> Events:
-    """The same events folded into the sensor of an encoding, in the order of its readout."""
+    """Folds events into the sensor of an encoding, in the order of its readout."""
     width, height = SIZES.get(encoding, (1280, 720))
     folded = Events(events.t, events.x % width, events.y % height, events.p)
     if not encoding.startswith("dvxplorer"):
@@ -74,7 +74,7 @@ def fit(events: Events, encoding: str) -> Events:
 
 
 def cpu_seconds(work: Callable[[], Any], repeats: int) -> float:
-    """Least CPU time [s] of one call, after one call that is not counted (imports, compilation)."""
+    """Measures the least CPU time [s] of a call, after one that is not counted (imports, compilation)."""
     work()
     times = []
     for _ in range(repeats):
@@ -85,18 +85,18 @@ def cpu_seconds(work: Callable[[], Any], repeats: int) -> float:
 
 
 def rate(events: int, seconds: float) -> float:
-    """Million events per second."""
+    """Computes million events per second."""
     return round(events / seconds / 1e6, 1)
 
 
 def decode(decoder: Decoder, packets: list[tuple[int, bytes]]) -> int:
-    """Events of a stream, decoded from its start."""
+    """Decodes a stream from its start and counts its events."""
     decoder.reset()
     return sum(len(decoder.decode_packet(data, base)) for base, data in packets)
 
 
 def real_words(name: str) -> bytes | None:
-    """The words of a real recording, where it is at hand."""
+    """Reads the words of a real recording, if there is one."""
     path = data_folder() / REAL[name][0]
     if not path.exists():
         return None
@@ -106,7 +106,7 @@ def real_words(name: str) -> bytes | None:
 
 
 def codec_rows(quick: bool) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Decoding and encoding, a row per stream."""
+    """Measures decoding and encoding, a row per stream."""
     repeats, n = (3, 200_000) if quick else (7, 2_000_000)
     events = synthetic(n)
     streams: list[tuple[str, str, tuple[int, int], list[tuple[int, bytes]]]] = []
@@ -135,7 +135,7 @@ def codec_rows(quick: bool) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]
 
 
 def stepping_back(events: Events) -> Events:
-    """The same events, one in a hundred some us earlier, as a sensor's arbiter sends them now and then."""
+    """Moves one event in a hundred some us back in time, as a sensor's arbiter does now and then."""
     rng = np.random.default_rng(2)
     t = events.t.copy()
     heads = np.arange(0, len(t) - 8, 800)
@@ -146,7 +146,7 @@ def stepping_back(events: Events) -> Events:
 
 
 def compared_files(folder: Path, quick: bool) -> list[dict[str, Any]]:
-    """Files that several libraries read, with the hash of what is in them."""
+    """Lists files that several libraries read, with the hash of what is in them."""
     files = []
     path = data_folder() / "ground_truth.json"
     truth = json.loads(path.read_text())["files"] if path.exists() else {}
@@ -170,7 +170,7 @@ def compared_files(folder: Path, quick: bool) -> list[dict[str, Any]]:
 
 
 def ours(path: str, backend: str) -> tuple[Any, Any, Any, Any]:
-    """A whole file through the same door as every other recording."""
+    """Reads a whole file as every other recording is read."""
     recording: Recording = open_recording(path, backend)
     with recording:
         events = recording.read()
@@ -178,14 +178,14 @@ def ours(path: str, backend: str) -> tuple[Any, Any, Any, Any]:
 
 
 def verdict(known: str, found: dict[str, Any]) -> str:
-    """Whether arrays are what is in the file."""
+    """Says whether arrays are what is in the file."""
     if found["sha256"] == known:
         return "right"
     return "clamps or changes times" if not found["back"] else f"wrong (last time {found['last_us']} us)"
 
 
 def reader_rows(quick: bool) -> tuple[list[dict[str, Any]], str]:
-    """File to arrays: this project and every library that is there, all in one run; and which are absent."""
+    """Measures reading files into arrays by every library that is there, in one run; and says which are absent."""
     repeats = 3 if quick else 7
     rows = []
     with tempfile.TemporaryDirectory() as folder:
@@ -222,7 +222,7 @@ def reader_rows(quick: bool) -> tuple[list[dict[str, Any]], str]:
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """Million events per second of CPU time, by stream and decoder; ratios are safer than the numbers."""
+    """Measures million events per second of CPU time, by stream and decoder; ratios are safer than the numbers."""
     rows, encoding_rows = codec_rows(quick)
     compared, absent = reader_rows(quick)
     command = COMMAND + (" --quick" if quick else "")

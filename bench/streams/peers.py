@@ -22,13 +22,13 @@ Arrays = tuple[Any, Any, Any, Any]
 
 
 def read_evt3(path: str, form: str, width: int, height: int) -> Arrays:
-    """evt3 (Rust)."""
+    """Reads with evt3 (Rust)."""
     events = importlib.import_module("evt3").decode_file(path)
     return events.t if hasattr(events, "t") else events.timestamp, events.x, events.y, events.p
 
 
 def read_expelliarmus(path: str, form: str, width: int, height: int) -> Arrays:
-    """expelliarmus (C)."""
+    """Reads with expelliarmus (C)."""
     events = importlib.import_module("expelliarmus").Wizard(encoding=form, fpath=path).read()
     if events is None:
         raise ValueError("gives up at trigger words")
@@ -36,21 +36,21 @@ def read_expelliarmus(path: str, form: str, width: int, height: int) -> Arrays:
 
 
 def read_faery(path: str, form: str, width: int, height: int) -> Arrays:
-    """faery (Rust)."""
+    """Reads with faery (Rust)."""
     stream = importlib.import_module("faery").events_stream_from_file(path, dimensions_fallback=(width, height))
     events = stream.to_array()
     return events["t"], events["x"], events["y"], events["on"]
 
 
 def read_aedat(path: str, form: str, width: int, height: int) -> Arrays:
-    """aedat (Rust)."""
+    """Reads with aedat (Rust)."""
     packets = [p["events"] for p in importlib.import_module("aedat").Decoder(path) if "events" in p]
     events = np.concatenate(packets)
     return events["t"], events["x"], events["y"], events["on"]
 
 
 def read_dv_processing(path: str, form: str, width: int, height: int) -> Arrays:
-    """dv-processing (C++)."""
+    """Reads with dv-processing (C++)."""
     recording = importlib.import_module("dv_processing").io.MonoCameraRecording(path)
     packets = []
     while recording.isRunning() and (batch := recording.getNextEventBatch()) is not None:
@@ -70,7 +70,7 @@ PEERS: dict[str, tuple[Callable[[str, str, int, int], Arrays], tuple[str, ...]]]
 
 
 def digest(t: Any, x: Any, y: Any, p: Any) -> dict[str, Any]:
-    """Count, hash and backward steps of decoded arrays, t in us."""
+    """Computes count, hash and backward steps of decoded arrays, t in us."""
     t = np.asarray(t).astype(np.int64)
     hashed = hashlib.sha256()
     for array, dtype in ((t, "<i8"), (x, "<u2"), (y, "<u2"), (p, "u1")):
@@ -80,7 +80,7 @@ def digest(t: Any, x: Any, y: Any, p: Any) -> dict[str, Any]:
 
 
 def main(repeats: int, files: list[str]) -> dict[str, Any]:
-    """What each library makes of each file."""
+    """Reads each file with each library."""
     found: dict[str, str] = {}
     for name in PEERS:
         try:

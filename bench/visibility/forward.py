@@ -16,7 +16,7 @@ FOOTPRINTS = {"1 px": (0, False), "3x3 px": (1, False), "3x3 px, into holes only
 
 
 class Forward:
-    """Z-buffers of P instants of one environment from those of the keyframes about them.
+    """Makes z-buffers of P instants of one environment from those of the keyframes about them.
 
     packed: Warp uint64 [P, H, W] on the device, as Visibility's but for entries without a triangle: SKY where the sky
     was moved to, HOLE where nothing was, and marks at what is beside a point's own pixel (visibility_kernels).
@@ -36,8 +36,10 @@ class Forward:
         self.packed = v.empty((instants, *v.shape[1:]), wp.uint64)
 
     def draw(self, poses: wp.array, keyframes: list[tuple[wp.array, wp.array]]) -> None:
-        """Fill `packed` for body poses transformd [P, N] from keyframes, each a z-buffer uint64 [1, H, W] of the raster
-        and its poses transformd [1, N]: launches only."""
+        """Fills `packed` for body poses transformd [P, N] from keyframes: launches only.
+
+        keyframes: each a z-buffer uint64 [1, H, W] of the raster and its poses transformd [1, N].
+        """
         v = self._v
         self.packed.view(wp.int64).fill_(-1)
         dim = (self.packed.shape[0], v.shape[1], v.shape[2] // v.span)
@@ -49,5 +51,5 @@ class Forward:
             wp.launch(self._project, dim, given, [self.packed], device=v.device)
 
     def settle(self, exact: wp.array) -> None:
-        """Make `packed` one of the raster's kind, its holes filled from `exact` [P, H, W]."""
+        """Makes `packed` one of the raster's kind, its holes filled from `exact` [P, H, W]."""
         wp.launch(settle, self.packed.shape, [exact], [self.packed], device=self._v.device)

@@ -22,7 +22,7 @@ from nodes.renderer.raster.visibility import Visibility
 
 @dataclass
 class Gap:
-    """One gap of a scene on a device: what is drawn by either way, from the same poses.
+    """Holds one gap of a scene on a device, for both ways of drawing from the same poses.
 
     poses: float64 [K, N, 7], of keyframe B and then of the K - 1 sub-frames, as `rigid` has them. past: [LATELY, N, 7],
     before the gap, LONGEST sub-frames apart. keyframes: z-buffer
@@ -40,7 +40,7 @@ class Gap:
 
     @staticmethod
     def of(world: World, rate: float, k: int, end_ns: int, device: str) -> Gap:
-        """The gap of 1 / rate before end_ns."""
+        """Makes the gap of 1 / rate before end_ns."""
         start = end_ns - round(1e9 / rate)
         stamps = subframe_stamps(start, end_ns, k)
         poses = np.concatenate([world.poses(int(t)) for t in (end_ns, *stamps[:-1])])
@@ -56,7 +56,7 @@ class Gap:
 
 
 class Ways:
-    """Everything that finds out what the sub-frames of a gap see, and how long each takes."""
+    """Draws what the sub-frames of a gap see in every way, and measures each."""
 
     def __init__(self, gap: Gap) -> None:
         g, k = self._gap, self._k = gap, len(gap.stamps)
@@ -80,11 +80,11 @@ class Ways:
             self.draw[f"keyframes, {footprint}"] = partial(self._move, footprint, forward)
 
     def seen(self, way: str) -> np.ndarray:
-        """Z-buffers uint64 [K - 1, H, W] of the sub-frames."""
+        """Draws z-buffers uint64 [K - 1, H, W] of the sub-frames."""
         return self.draw[way]().numpy()[1:]
 
     def milliseconds(self, repeats: int) -> dict[str, float]:
-        """Least time per slot, all ways in turn."""
+        """Measures the least time per slot [ms], all ways in turn."""
         times: dict[str, list[float]] = {way: [] for way in self.draw}
         for _ in range(repeats):
             for way, draw in self.draw.items():

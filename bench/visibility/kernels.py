@@ -20,7 +20,9 @@ SKY_NEAR = wp.constant(1.0e-6)
 
 @cache
 def make_project(reach: int, behind: bool) -> wp.Kernel:
-    """reach: pixels beside its own that a point covers on every side. behind: there only what no point falls on."""
+    """Makes the kernel that moves a keyframe's points to other instants.
+
+    reach: pixels beside its own that a point covers on every side. behind: there only what no point falls on."""
 
     @wp.kernel(module="unique", enable_backward=False)
     def project(
@@ -35,9 +37,11 @@ def make_project(reach: int, behind: bool) -> wp.Kernel:
         # out
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """Points of a keyframe's z-buffer `seen` [1, H, W] into those of P instants, packed [P, H, W]; the nearest one
-        stays. turn and shift [P, N + 2]: where bodies have moved since (displacement_kernels.displace). A thread does
-        `span` pixels."""
+        """Moves points of a keyframe's z-buffer into those of P instants, where the nearest one stays.
+
+        seen: the keyframe's [1, H, W]. packed: the instants' [P, H, W]. turn and shift [P, N + 2]: where bodies have
+        moved since (displacement_kernels.displace). A thread does `span` pixels.
+        """
         row, y, part = wp.tid()
         for x in range(part * span, wp.min(part * span + span, view.width)):
             hit = seen[0, y, x]
@@ -89,7 +93,7 @@ def settle(
     # in and out
     packed: wp.array3d(dtype=wp.uint64),
 ):
-    """Make z-buffers [P, H, W] as the raster's are: without marks, holes filled from `exact`."""
+    """Makes z-buffers [P, H, W] as the raster's are: without marks, holes filled from `exact`."""
     row, y, x = wp.tid()
     hit = packed[row, y, x]
     if hit == HOLE:
@@ -107,6 +111,6 @@ def repeat(
     # out
     rows: wp.array2d(dtype=wp.transformd),
 ):
-    """Poses [1, N] into every row of [P, N]."""
+    """Copies poses [1, N] into every row of [P, N]."""
     row, n = wp.tid()
     rows[row, n] = poses[0, n]

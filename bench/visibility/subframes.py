@@ -48,9 +48,11 @@ COMMAND = "evis bench visibility"
 
 
 def compared(seen: np.ndarray, exact: np.ndarray, instance: np.ndarray) -> dict[str, float]:
-    """Shares of pixels of z-buffers uint64 [P, H, W] beside those of the raster: holes; wrong instance (the sky is
-    one); of the others that are no sky, depth off by more than `rigid` takes for the same point. And the median of
-    that error. instance: of each triangle."""
+    """Compares z-buffers uint64 [P, H, W] with those of the raster.
+
+    As shares of pixels: holes; wrong instance (the sky is one); of the others that are no sky, depth off by more than
+    `rigid` takes for the same point. And the median of that error. instance: of each triangle.
+    """
     ids = np.append(instance, -1)
     hole = seen == np.uint64(HOLE)
     if not hole.any() or (exact[hole] == np.uint64(HOLE)).all():
@@ -89,8 +91,10 @@ class Instead:
 
 
 def frame_errors(gap: Gap) -> dict[str, tuple[float, float]]:
-    """Of `rigid` by footprint, "" being the raster: root mean square of ln I against dense rendering, in thresholds,
-    and the share of pixels that it shades anew."""
+    """Measures sub-frames of `rigid` by footprint, "" being the raster.
+
+    Root mean square of ln I against dense rendering, in thresholds, and the share of pixels that it shades anew.
+    """
     scene, camera, k = gap.scene, gap.scene.cameras[0], len(gap.stamps)
     renderer = Renderer(scene, camera, device=gap.device)
 
@@ -113,7 +117,7 @@ def frame_errors(gap: Gap) -> dict[str, tuple[float, float]]:
 
 
 def rows(name: str, rates: tuple[tuple[float, int], ...], device: str, repeats: int) -> list[dict[str, Any]]:
-    """A scene's rows: one per rate and way, means over its gaps."""
+    """Measures a scene: a row per rate and way, means over its gaps."""
     width, height = SIZE[device.partition(":")[0]]
     scene = load_scene(name, {**SCENES[name], "width": width, "height": height})
     world = World(scene, max(ENDS_NS))
@@ -152,7 +156,7 @@ def rows(name: str, rates: tuple[tuple[float, int], ...], device: str, repeats: 
 
 
 def measure(quick: bool = False, device: str = "cpu") -> dict[str, Any]:
-    """The table."""
+    """Measures the table."""
     size = "x".join(map(str, SIZE[device.partition(":")[0]]))
     rates, repeats = (QUICK, 6) if quick else (RATES, 10)
     return {
