@@ -51,7 +51,7 @@ COMMAND = "evis bench interpolation"
 
 @dataclass(frozen=True)
 class Case:
-    """Describes a scene to measure: arguments, the reference's rate [Hz], simulated time [ns] when quick and when not."""
+    """Describes a scene to measure: arguments, the reference's rate [Hz], simulated time [ns] if quick and if not."""
 
     overrides: dict[str, object]
     reference_hz: float
