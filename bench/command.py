@@ -24,7 +24,10 @@ def run(
         device: default of --device, `cuda` where only a GPU is measured; without it there is no such option.
         argv: the arguments, without the program's name; those of the process when not given.
     """
-    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    module = name_of(measure)
+    parser = argparse.ArgumentParser(
+        prog=f"python -m {module}", description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--quick", action="store_true", help="less data, fewer repetitions")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write a report as `evis bench` does")
@@ -36,15 +39,20 @@ def run(
         _check_device(parser, args.device, gpu_only=device == "cuda")
     sections = measure(args.quick, args.device) if device else measure(args.quick)
     if args.out:
-        subject = subject_of(sys.modules[measure.__module__])
-        args.out.write_text(json.dumps(report_of({subject: sections}, args.quick), indent=1, default=str) + "\n")
+        report = report_of({subject_of(module): sections}, args.quick)
+        args.out.write_text(json.dumps(report, indent=1, default=str) + "\n")
     print(json.dumps(sections, default=str) if args.json else "\n".join(map(as_text, sections.values())))
 
 
-def subject_of(module: Any) -> str:
+def name_of(measure: Callable[..., Any]) -> str:
+    """Gives the name by which a function's module is imported, also where it is run as the main module."""
+    spec = sys.modules[measure.__module__].__spec__
+    return spec.name if spec else measure.__module__
+
+
+def subject_of(module: str) -> str:
     """Gives the name of a benchmark in a report: that of `evis bench`, else the module's, such as renderer.gpu."""
-    name = module.__spec__.name if module.__spec__ else module.__name__
-    return next((subject for subject, (path, _) in SUBJECTS.items() if path == name), name.removeprefix("bench."))
+    return next((subject for subject, (path, _) in SUBJECTS.items() if path == module), module.removeprefix("bench."))
 
 
 def _check_device(parser: argparse.ArgumentParser, device: str, gpu_only: bool) -> None:

@@ -106,7 +106,9 @@ def _body(section: Mapping[str, Any], names: Sequence[str]) -> str:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Takes the command line's reports into the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="python -m bench.documents", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument(
         "reports", nargs="*", type=Path, metavar="REPORT.json", help="of `evis bench`, or of --out FILE"
     )

@@ -2,6 +2,7 @@
 
 import json
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
@@ -32,6 +33,17 @@ def test_a_benchmark_has_help(module, monkeypatch, capsys):
         runpy.run_module(module, run_name="__main__", alter_sys=False)
     told = capsys.readouterr().out
     assert end.value.code == 0 and told.startswith("usage:") and len(told.splitlines()) > 6
+
+
+def test_a_benchmark_says_how_it_is_run():
+    """By its module's name, also as the main module; its report has the name of `evis bench`."""
+    script = [sys.executable, "-m", "bench.measure.disks", "--help"]
+    assert subprocess.run(script, capture_output=True, text=True).stdout.startswith(
+        "usage: python -m bench.measure.disks"
+    )
+    assert (
+        command.subject_of("bench.graph.runs") == "graph" and command.subject_of("bench.renderer.gpu") == "renderer.gpu"
+    )
 
 
 def measure(quick):
