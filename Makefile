@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test lint clean
+.PHONY: demo test lint docs clean
 
 # The base installation; remade when the dependencies change.
 .venv/base: pyproject.toml
@@ -30,6 +30,12 @@ lint: .venv/dev
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/ruff format --diff --quiet .
 	@$(BIN)/mypy --no-error-summary
+
+# Pictures and tables of docs/ that code makes. Figures are measured anew by `evis bench ... --docs docs/performance.md`.
+docs: .venv/base
+	@$(BIN)/python docs/rooms.py
+	@$(BIN)/python -m bench.documents
+	@$(BIN)/python -m evis.demo.gallery --out docs/scenes
 
 clean:
 	rm -rf .venv demo report build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,5 +1,7 @@
-"""Error against run time, stability and throughput. One module per subject, each with `measure(quick) -> dict`.
+"""Measures error against run time, stability and throughput: a room per subject, on top of the simulator itself.
 
-A result is a dict of sections; a section is {"title", "command", "rows": [{column: value}], "note"}. `evis bench` runs
-the modules, writes report.json and index.html, and every figure in the README comes from there.
+Each benchmark is a module with `measure(quick) -> dict` of sections; a section is {"title", "command", "rows":
+[{column: value}], "note"}. `evis bench` runs those of `bench.report.SUBJECTS` and writes report.json and index.html;
+every one, those for a GPU too, runs by itself as `python -m bench.ROOM.NAME` (`--help`). The tables of
+docs/performance.md are written from such reports by `bench.documents`.
 """

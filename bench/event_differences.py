@@ -13,12 +13,12 @@ from evis.events.measure.distance import Stream, count_error
 
 
 def file_of(name: str) -> str:
-    """Name of the file of a row's events."""
+    """Gives the name of the file that holds a row's events."""
     return name.replace("/", "-") + ".npz"
 
 
 def differences(old: Path, new: Path, scenes: Sequence[str]) -> Iterator[tuple[str, str, str]]:
-    """(row, `equal`, `different` or `missing`, what there is to say) of every row of these scenes in either file.
+    """Compares every row of these scenes in two files: yields (row, `equal`, `different` or `missing`, remark).
 
     Raises ValueError where the two are not of the same size, duration and seed.
     """
@@ -68,7 +68,7 @@ def _differs(rows: list[dict[str, Any]], column: str) -> bool:
 
 
 def sized(before: dict[str, np.ndarray], after: dict[str, np.ndarray]) -> str:
-    """What differs between the events of two runs: the times, or which pixels have how many."""
+    """Says what differs between the events of two runs: the times, or the number of events by pixel."""
     if not before or not after or not len(before["t"]) or not len(after["t"]):
         return "one has no events"
     width, height = (1 + max(int(a[axis].max()) for a in (before, after)) for axis in "xy")

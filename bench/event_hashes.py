@@ -45,7 +45,7 @@ Case = tuple[str, str, str]
 
 
 def events_of(case: Case, device: str) -> dict[str, dict[str, np.ndarray]]:
-    """Camera -> column -> values, of one case run in this process. Raises what the graph's nodes raise."""
+    """Runs one case in this process: camera -> column -> values. Raises what the graph's nodes raise."""
     from evis.bag.decoded import decoded_events
     from evis.bag.reader import BagReader
     from evis.cli.launch import read_target
@@ -84,7 +84,7 @@ def events_of(case: Case, device: str) -> dict[str, dict[str, np.ndarray]]:
 
 
 def row_of(columns: dict[str, np.ndarray]) -> dict[str, Any]:
-    """What the file holds of one camera's events."""
+    """Makes the file's row for one camera's events."""
     if not columns:
         return {"events": 0, "sha256": {}}
     t, p = columns["t"], columns["p"]
@@ -95,7 +95,9 @@ def row_of(columns: dict[str, np.ndarray]) -> dict[str, Any]:
 
 
 def run_case(case: Case, device: str, keep: Path | None) -> tuple[Case, dict[str, Any], str]:
-    """(case, row by `scene/preset/interpolator/camera`, why it failed or nothing); keep: folder for the events."""
+    """Runs a case: (case, row by `scene/preset/interpolator/camera`, why it failed or "").
+
+    keep: folder for the events."""
     rows = {}
     try:
         for camera, columns in events_of(case, device).items():
@@ -111,7 +113,7 @@ def run_case(case: Case, device: str, keep: Path | None) -> tuple[Case, dict[str
 def run_all(
     cases: Sequence[Case], device: str, jobs: int, keep: Path | None
 ) -> Iterator[tuple[Case, dict[str, Any], str]]:
-    """What `run_case` gives of each, as they end; jobs: processes."""
+    """Runs cases in so many processes (`jobs`) and yields what `run_case` gives, in the order in which they end."""
     if jobs == 1:
         for case in cases:
             yield run_case(case, device, keep)
@@ -122,7 +124,7 @@ def run_all(
 
 
 def write(out: Path, scenes: Sequence[str], device: str, jobs: int, keep: Path | None) -> int:
-    """Run all cases of these scenes and write the file; exit status 1 when one failed."""
+    """Runs all cases of these scenes and writes the file; exit status 1 when one failed."""
     cases = list(product(scenes, PRESETS, INTERPOLATORS))
     if keep is not None:
         keep.mkdir(parents=True, exist_ok=True)
@@ -145,7 +147,7 @@ def write(out: Path, scenes: Sequence[str], device: str, jobs: int, keep: Path |
 
 
 def compare(old: Path, new: Path, scenes: Sequence[str]) -> int:
-    """Print a line per row of these scenes; exit status 1 when one differs or is in one of the files alone."""
+    """Prints a line per row of these scenes; exit status 1 when one differs or is in one file only."""
     counts = {"equal": 0, "different": 0, "missing": 0}
     for name, verdict, text in differences(old, new, scenes):
         counts[verdict] += 1
@@ -155,7 +157,7 @@ def compare(old: Path, new: Path, scenes: Sequence[str]) -> int:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write or compare."""
+    """Runs the command line: write a file of hashes, or compare two."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--out", type=Path, metavar="FILE", help="run the cases and write this JSON file")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import html
 import importlib
 import importlib.util
@@ -14,21 +15,38 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from bench.sections import as_html
+
 SUBJECTS = {
-    "interpolation": "error against run time, every method and keyframe rate, against dense rendering",
-    "bus": "cost of a message between processes, against plain ZeroMQ",
-    "graph": "real-time factor, where the time goes, overhead, what omissions save",
-    "event_sensor": "time error against closed forms, speed against the models of other simulators, cost of each fault",
-    "renderer": "milliseconds per keyframe and stage, raster against rays",
-    "renderer_paths": "milliseconds of path tracing, and how still its noise is",
-    "renderer_peers": "the renderer beside MuJoCo's, MuJoCo Warp's and Mitsuba 3, those that are installed",
-    "visibility": "what sub-frames see: the raster beside points moved from keyframes, time and error",
-    "interpolation_speed": "nanoseconds per pixel and sub-frame of interpolator and sensor",
-    "streams": "decoding speed, against other libraries",
-    "bag": "recording speed",
-    "camera": "camera node on emulated USB: sustained rate, losses, CPU share, latency",
+    "interpolation": (
+        "bench.interpolation.methods",
+        "error against run time, every method and keyframe rate, against dense rendering",
+    ),
+    "bus": ("bench.graph.bus", "cost of a message between processes, against plain ZeroMQ"),
+    "graph": ("bench.graph.runs", "real-time factor, where the time goes, overhead, what omissions save"),
+    "event_sensor": (
+        "bench.event_sensor.sensor",
+        "time error against closed forms, speed against the models of other simulators, cost of each fault",
+    ),
+    "renderer": ("bench.renderer.stages", "milliseconds per keyframe and stage, raster against rays"),
+    "renderer_paths": ("bench.renderer.paths", "milliseconds of path tracing, and how still its noise is"),
+    "renderer_peers": (
+        "bench.renderer.peers",
+        "the renderer beside MuJoCo's, MuJoCo Warp's and Mitsuba 3, those that are installed",
+    ),
+    "visibility": (
+        "bench.visibility.subframes",
+        "what sub-frames see: the raster beside points moved from keyframes, time and error",
+    ),
+    "interpolation_speed": (
+        "bench.interpolation.speed",
+        "nanoseconds per pixel and sub-frame of interpolator and sensor",
+    ),
+    "streams": ("bench.streams.codecs", "decoding speed, against other libraries"),
+    "bag": ("bench.graph.bag", "recording speed"),
+    "camera": ("bench.graph.camera", "camera node on emulated USB: sustained rate, losses, CPU share, latency"),
 }
-"""Name of the module in bench/ -> what it measures."""
+"""Name -> module with `measure(quick)` and perhaps `plot(sections, folder)`, and what it measures."""
 
 NO_PLOTS = "no plots, for matplotlib is not installed: pip install 'evis[bench]'"
 
@@ -46,7 +64,7 @@ code { background: #f2f2f2 }
 
 
 def machine() -> dict[str, Any]:
-    """What the figures were measured on."""
+    """Describes this machine: processor, number of cores, Python's version, system."""
     cpu = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():
@@ -55,23 +73,24 @@ def machine() -> dict[str, Any]:
     return {"cpu": cpu, "cores": os.cpu_count(), "python": platform.python_version(), "system": platform.system()}
 
 
+def report_of(subjects: dict[str, Any], quick: bool) -> dict[str, Any]:
+    """Makes a report of these subjects' sections, measured here and today."""
+    today = datetime.date.today().isoformat()
+    report: dict[str, Any] = {"machine": machine(), "date": today, "quick": quick, "subjects": subjects}
+    return report | {"plots": [], "notes": [], "failures": []}
+
+
 def run(subjects: Sequence[str], out: Path, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
-    """Measure the subjects one after another; the report is written after each, so that a later failure loses none."""
+    """Measures the subjects one after another and writes the report after each, so that a failure loses nothing."""
     out.mkdir(parents=True, exist_ok=True)
-    report: dict[str, Any] = {
-        "machine": machine(),
-        "quick": quick,
-        "subjects": {},
-        "plots": [],
-        "notes": [],
-        "failures": [],
-    }
+    report = report_of({}, quick)
     drawn = importlib.util.find_spec("matplotlib") is not None
     for subject in subjects:
-        say(f"{subject}: {SUBJECTS[subject]}")
+        path, what = SUBJECTS[subject]
+        say(f"{subject}: {what}")
         started = time.monotonic()
         try:
-            module = importlib.import_module(f"bench.{subject}")
+            module = importlib.import_module(path)
             if hasattr(module, "plot") and not drawn:
                 say(f"{subject}: {NO_PLOTS}")
                 report["notes"].append(f"{subject}: {NO_PLOTS}")
@@ -88,15 +107,15 @@ def run(subjects: Sequence[str], out: Path, quick: bool, say: Callable[[str], No
 
 
 def page(report: dict[str, Any]) -> str:
-    """The report as one HTML page."""
+    """Makes one HTML page of a report."""
     about = ", ".join(f"{k} {v}" for k, v in report["machine"].items())
-    parts = [HEAD, f"<p>{html.escape(about)}</p>"]
+    parts = [HEAD, f"<p>{html.escape(about)}, {report['date']}</p>"]
     parts += [f'<p><img src="{html.escape(name)}" alt="{html.escape(name)}">' for name in report["plots"]]
     for subject, sections in report["subjects"].items():
         parts.append(f"<h2>{html.escape(subject)}</h2>")
         for section in sections.values():
             if isinstance(section, dict) and "rows" in section:
-                parts.append(_section(section))
+                parts.append(as_html(section))
     parts.append("<h2>Omissions and failures</h2><ul>")
     parts += [f"<li>{html.escape(f['subject'])}: {html.escape(f['error'])}</li>" for f in report["failures"]]
     parts += [f"<li>{html.escape(o)}</li>" for o in (*report["notes"], *OMISSIONS)]
@@ -114,18 +133,3 @@ OMISSIONS = (
     "EVIS_PEERS names a checkout of it.",
 )
 """What the published figures do not cover."""
-
-
-def _section(section: dict[str, Any]) -> str:
-    columns: list[str] = []
-    for line in section["rows"]:
-        columns += [c for c in line if c not in columns]
-    head = "".join(f"<th>{html.escape(c)}</th>" for c in columns)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(str(line.get(c, '')))}</td>" for c in columns) + "</tr>"
-        for line in section["rows"]
-    )
-    return (
-        f"<h3>{html.escape(section['title'])}</h3><p><code>{html.escape(section['command'])}</code></p>"
-        f"<table><tr>{head}</tr>{body}</table><p class=note>{html.escape(section.get('note', ''))}</p>"
-    )

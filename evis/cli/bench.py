@@ -10,7 +10,7 @@ import sys
 from evis.cli.parser import UsageError
 from evis.console.printable import printable
 
-HELP = "measure, and write the report that the README's figures come from"
+HELP = "measure, and write the report that docs/performance.md takes its figures from"
 EXAMPLE = "example: evis bench graph --quick --out report"
 
 
@@ -18,11 +18,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     from bench.report import SUBJECTS
 
-    parser.epilog = EXAMPLE + "\n\nsubjects:\n" + "\n".join(f"  {k:22}{v}" for k, v in SUBJECTS.items())
+    parser.epilog = EXAMPLE + "\n\nsubjects:\n" + "\n".join(f"  {k:22}{v}" for k, (_, v) in SUBJECTS.items())
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("what", nargs="*", metavar="WHAT", help="subjects; all when none is named")
     parser.add_argument("--quick", action="store_true", help="shorter runs: minutes instead of half an hour")
     parser.add_argument("--out", default="report", metavar="DIR", help="where report.json and index.html go")
+    parser.add_argument("--docs", metavar="PAGE", help="write the report's figures into the tables of this page")
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
 
 
@@ -42,7 +43,13 @@ def run(args: argparse.Namespace) -> int:
             near = difflib.get_close_matches(subject, SUBJECTS, n=1)
             hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(SUBJECTS)}"
             raise UsageError(f"no subject '{subject}'; {hint}")
+    if args.docs and not Path(args.docs).is_file():
+        raise UsageError(f"--docs {args.docs}: no such page")
     report = measure(args.what or list(SUBJECTS), Path(args.out), args.quick, say)
+    if args.docs:
+        from bench.documents import update
+
+        update(Path(args.docs), [report])
     if args.json:
         print(json.dumps(report, default=str))
     else:

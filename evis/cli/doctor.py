@@ -17,7 +17,7 @@ EXTRAS = {
     "bench": "plots",
     "files": "HDF5 compressed as DSEC and TUM-VIE",
     "ros": "rosbags and mcap-ros2-support for your own scripts",
-    "peers": "MuJoCo Warp in bench.renderer_peers",
+    "peers": "MuJoCo Warp in evis bench renderer_peers",
 }
 """Optional parts of the installation and what they are for; `usb` has a check of its own."""
 VIEWER_PORT = 8421

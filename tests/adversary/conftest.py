@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path[:0] = [str(Path(__file__).parents[1] / room) for room in ("bag", "launch", "streams")]
+sys.path[:0] = [str(Path(__file__).parents[1] / room) for room in ("bag", "launch", "events")]
 
 import tally  # noqa: E402
 from recorded_runs import Stage  # noqa: E402

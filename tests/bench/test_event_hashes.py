@@ -10,7 +10,7 @@ import pytest
 
 from bench import event_hashes
 from bench.event_differences import file_of, sized
-from bench.pipeline import simulate
+from bench.interpolation.pipeline import simulate
 from evis.scene import load_scene
 from nodes.interpolator.auto.world import World
 

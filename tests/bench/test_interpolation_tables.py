@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from bench.interpolation_tables import Row, by_method, failures
-from bench.pipeline import Run
+from bench.interpolation.pipeline import Run
+from bench.interpolation.tables import Row, by_method, failures
 from evis.events.measure.distance import Stream
 
 

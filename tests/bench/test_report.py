@@ -22,7 +22,7 @@ def subjects(monkeypatch):
         for key, value in more.items():
             setattr(made, key, value)
         monkeypatch.setitem(sys.modules, f"bench.{name}", made)
-        monkeypatch.setitem(report.SUBJECTS, name, "a test")
+        monkeypatch.setitem(report.SUBJECTS, name, (f"bench.{name}", "a test"))
 
     module("drawn", plot=lambda sections, out: done.append("drawn") or [])
     module("plain")

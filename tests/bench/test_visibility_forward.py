@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import warp as wp
 
-from bench.visibility import compared
-from bench.visibility_forward import Forward
-from bench.visibility_kernels import HOLE, SKY
+from bench.visibility.forward import Forward
+from bench.visibility.kernels import HOLE, SKY
+from bench.visibility.subframes import compared
 from evis.geometry import se3
 from evis.scene.model import Body, Camera, Instance, Material, Mesh, Scene
 from evis.scene.motion import Prescribed

@@ -53,8 +53,8 @@ def test_every_extra_is_known_and_on_the_first_page() -> None:
     wanted = OPTIONAL.keys() - {"dev"}
     assert doctor.EXTRAS.keys() | {"usb"} == wanted
     text = (ROOT / "README.md").read_text()
-    sentence = text[text.index("`make demo` leaves out") :].split("\n\n")[0]
-    assert set(re.findall(r"`(\w+)` for", sentence)) == wanted
+    table = text[text.index("| NAME | what it adds |") :].split("\n\n")[0]
+    assert set(re.findall(r"^\| `(\w+)` \|", table, re.M)) == wanted
 
 
 def test_no_page_or_message_names_an_extra_that_is_not_there() -> None:

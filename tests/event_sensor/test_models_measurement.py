@@ -6,9 +6,9 @@ import itertools
 import numpy as np
 import pytest
 
-from bench import disk
-from bench.alignment import align
-from bench.signals import FORMS, SECOND, Sinusoids, stamps
+from bench.event_sensor import disk
+from bench.event_sensor.alignment import align
+from bench.event_sensor.signals import FORMS, SECOND, Sinusoids, stamps
 from evis.events.measure.distance import Stream
 
 MS = 1_000_000
@@ -54,7 +54,7 @@ def test_streams_larger_than_one_part_are_paired_alike(monkeypatch):
     a, b = (stream(np.sort(rng.integers(0, 10**8, 400)), rng.integers(0, 2, 400), rng.integers(0, 4, 400))
             for _ in range(2))  # fmt: skip
     whole = align(a, b)
-    monkeypatch.setattr("bench.alignment.CELLS_AT_ONCE", 100)
+    monkeypatch.setattr("bench.event_sensor.alignment.CELLS_AT_ONCE", 100)
     assert align(a, b).error_ns.tolist() == whole.error_ns.tolist()
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from bench import disk
-from bench.alignment import align
-from bench.signals import SECOND, Recording, Sinusoids, stamps
+from bench.event_sensor import disk
+from bench.event_sensor.alignment import align
+from bench.event_sensor.signals import SECOND, Recording, Sinusoids, stamps
 from evis.events.measure.distance import Stream
 from nodes.event_sensor.sensor import EventSensor
 

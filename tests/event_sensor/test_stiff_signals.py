@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from bench.alignment import align
-from bench.signals import Sinusoids
+from bench.event_sensor.alignment import align
+from bench.event_sensor.signals import Sinusoids
 from evis.events.measure.distance import Stream
 from nodes.event_sensor.parameters import CROSSINGS
 from nodes.event_sensor.sensor import EventSensor

@@ -107,9 +107,8 @@ def test_a_command_in_the_text_exists(page: str, span: str) -> None:
 
         assert all(word in SUBJECTS for word in words[:1] if not word.startswith("-"))
     if command == "launch" and (pairs := [word for word in words if ":=" in word]):
-        own = words[0].endswith((".xml", ".urdf"))  # a model of the reader's
-        model = str(paths.data_folder("scenes") / "robot_arm.xml")
-        path, preset = paths.find_launch(model if own else "spinning_disk" if words[0] == "SCENE" else words[0])
+        made_up = {"SCENE": "spinning_disk", "arm.xml": str(paths.data_folder("scenes") / "robot_arm.xml")}
+        path, preset = paths.find_launch(made_up.get(words[0], words[0]))
         known = {**load(path).arguments, **(scene_args(preset["scene"]) if preset else {})}
         assert parse_pairs(pairs).keys() <= known.keys()
 
@@ -135,7 +134,7 @@ def test_every_module_that_is_to_be_run_exists() -> None:
     options = 0
     for page in PAGES:
         text = page.read_text()
-        for module in {*re.findall(r"python -m ([\w.]+)", text), *re.findall(r"`(bench\.\w+)`", text)}:
+        for module in {*re.findall(r"python -m ([\w.]+)", text), *re.findall(r"`(bench\.[\w.]+)`", text)}:
             assert importlib.util.find_spec(module), (page.name, module)
         for module, rest in re.findall(r"python -m ([\w.]+)((?: [-\w./]+)*)", text):
             found = importlib.util.find_spec(module)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench import interpolation_cases as cases
-from bench.interpolation_cases import GAP, START, frames_of, moving, plain, scene_of, square, wall
+from bench.interpolation import cases
+from bench.interpolation.cases import GAP, START, frames_of, moving, plain, scene_of, square, wall
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.interpolator import NEEDS, Interpolator
 from nodes.interpolator.keyframe import States

@@ -1,0 +1,1 @@
+"""The event sensor: against closed forms, beside other simulators, on a CPU and on a GPU."""

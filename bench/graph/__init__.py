@@ -1,0 +1,1 @@
+"""The graph as processes: whole runs, the bus, bags, a camera on an emulated USB."""

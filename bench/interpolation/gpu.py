@@ -1,0 +1,126 @@
+"""Time of one keyframe gap on a GPU, and where it goes: `rigid` and `splat`, one environment and many.
+
+    python -m bench.interpolation.gpu [--quick] [--json] [--device cuda]
+
+640x480, K = 8, 30 Hz keyframes, output on the device. A gap is from the call to the end of the device's work, the least
+of several gaps; `host` is how long the call itself took. Parts: kernels of one gap by name, from the device's own
+clock, launched one by one.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from bench import command
+from evis.scene import load_scene
+from nodes.interpolator.keyframe import Method, States, View
+from nodes.interpolator.luminance import luminance_of
+from nodes.interpolator.rigid import Rigid
+from nodes.interpolator.splat.splat import make_splat
+from nodes.renderer.renderer import Renderer
+
+HEIGHT, WIDTH, RATE, UPSAMPLING = 480, 640, 30, 8
+GAP = round(1e9 / RATE)
+COMMAND = "python -m bench.interpolation.gpu"
+START = 1_000_000_000
+STEP = 1_000_000
+"""Sub-step of the states [ns]."""
+
+
+def states_at(scene: Any, last: int, envs: int) -> States:
+    """Computes the bodies' states in the interval that ends at `last` ns; all environments are alike."""
+    first = last - GAP
+    inner = np.arange(first // STEP + 1, -(-last // STEP)) * STEP
+    t = np.concatenate([[first], inner, [last]])
+    pose, twist = (np.stack([getattr(b.trajectory, n)(t) for b in scene.bodies], 1)[None] for n in ("pose", "twist"))
+    return States(t, np.repeat(pose, envs, 0), np.repeat(twist, envs, 0))
+
+
+def keyframes(scene: Any, envs: int, device: str, count: int) -> list[View]:
+    """Renders consecutive keyframes of a scene, on the device."""
+    renderer, views = Renderer(scene, scene.cameras[0], envs, 0, device), []
+    for k in range(count):
+        stamp = START + k * GAP
+        states = states_at(scene, stamp, envs)
+        given = states.pose[:, -1], states.pose[:, 0], ("radiance", "depth", "motion")
+        images = {n: np.array(a) for n, a in renderer.render(*given, t_ns=stamp).items()}
+        arrays: list[wp.array] = [wp.array(images[n], dtype=wp.float32, device=device) for n in ("depth", "motion")]
+        views.append(View(luminance_of(images["radiance"], device), arrays[0], arrays[1], states, stamp))
+    return views
+
+
+def gap_ms(method: Method, views: list[View], out: wp.array, held: list[bool]) -> tuple[float, float]:
+    """Measures (whole, host) ms of the fastest gap in the second half, when kernels are loaded and recorded."""
+    times = []
+    for a, b in pairwise(views):
+        wp.synchronize()
+        start = time.perf_counter()
+        method.between(a, b, held, out)
+        host = time.perf_counter() - start
+        wp.synchronize()
+        times.append((1e3 * (time.perf_counter() - start), 1e3 * host))
+    return min(times[len(times) // 2 :])
+
+
+def kernel_ms(work: Callable[[], Any]) -> dict[str, float]:
+    """Measures the device time of the ten longest kernels [ms]."""
+    with wp.ScopedTimer("kernels", print=False, cuda_filter=wp.TIMING_ALL, synchronize=True) as timer:
+        work()
+    total: dict[str, float] = {}
+    for result in timer.timing_results:
+        name = result.name.split("(")[0].replace("forward kernel ", "").replace("__locals__", ".")
+        total[name] = total.get(name, 0.0) + result.elapsed
+    return {name: round(ms, 4) for name, ms in sorted(total.items(), key=lambda item: -item[1])[:10]}
+
+
+def rows(name: str, envs: int, device: str, count: int, parts: bool) -> list[dict[str, Any]]:
+    """Measures a scene, one row per method."""
+    scene = load_scene(name, {"width": WIDTH, "height": HEIGHT})
+    views = keyframes(scene, envs, device, count)
+    out = wp.empty((envs, UPSAMPLING, HEIGHT, WIDTH), dtype=wp.float32, device=device)
+    held, result = [False] * envs, []
+    makers: dict[str, Callable[[], Any]] = {
+        "rigid": lambda: Rigid(scene, scene.cameras[0], envs, UPSAMPLING, 0, 1, device),
+        "splat": lambda: make_splat(HEIGHT, WIDTH, envs, UPSAMPLING, 0, 1, device),
+    }
+    for label, make in makers.items():
+        method = make()
+        whole, host = gap_ms(method, views, out, held)
+        row: dict[str, Any] = {"scene": name, "method": label, "envs": envs, "ms": round(whole, 3)}
+        row |= {"host ms": round(host, 3), "ms per env": round(whole / envs, 4)}
+        if parts:
+            fresh = make()
+            fresh.between(views[0], views[1], held, out)
+            # What happens for the first time is not recorded as a graph, whose kernels cannot be told apart.
+            row["kernels ms"] = kernel_ms(partial(fresh.between, views[1], views[2], held, out))
+        result.append(row)
+    return result
+
+
+def measure(quick: bool = False, device: str = "cuda") -> dict[str, Any]:
+    """Measures gaps of one environment and of many; quick: fewer gaps, and no 64 warehouses."""
+    count, many = (12, 64) if quick else (24, 64)
+    table: list[dict[str, Any]] = []
+    for name in ("spinning_disk", "drone", "warehouse"):
+        single = rows(name, 1, device, count, True)
+        table += single
+        if name == "warehouse" and quick:
+            continue
+        for row, one in zip(rows(name, many, device, 6, False), single):
+            row["ratio"] = round(row["ms"] / (many * one["ms"]), 3)
+            table.append(row)
+    note = "ms: a whole gap, the least of several. host ms: until the call returns. ratio: the time of many "
+    note += "environments over as many times that of one. kernels ms: of one gap, launched one by one."
+    title = f"Gaps of 8 frames on {wp.get_device(device).name}, {WIDTH}x{HEIGHT}"
+    return {"gaps": {"title": title, "command": COMMAND, "rows": table, "note": note}}
+
+
+if __name__ == "__main__":
+    command.run(measure, __doc__ or "", device="cuda")

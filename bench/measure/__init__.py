@@ -1,0 +1,1 @@
+"""`evis events measure` against rotations of known speed."""

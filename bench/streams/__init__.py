@@ -1,0 +1,1 @@
+"""Decoders of event streams and files, beside other libraries."""
