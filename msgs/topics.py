@@ -67,6 +67,9 @@ TOPICS: tuple[Topic, ...] = (
     Topic("/<cam>/image", Image, True, False, 2, True, "8-bit image: preview, or a real sensor's frame"),
 )
 
+SYSTEM_TOPICS = tuple(row.pattern for row in TOPICS if not row.lockstep)
+"""Every process publishes its share of these, so their sequence numbers tell nothing; they are only ever tapped."""
+
 
 class UnknownTopic(KeyError):
     """A name that no row of the table matches; the text names the nearest pattern."""

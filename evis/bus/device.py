@@ -10,7 +10,7 @@ it, so what is launched after the last release comes after all that reads.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -23,8 +23,6 @@ from msgs.header import Message
 
 if TYPE_CHECKING:
     import warp as wp
-
-    from evis.bus.publisher import Publisher
 
 MOST_VIEWS = 16
 """Layouts that a slot remembers; packets of events have another length every time."""
@@ -71,13 +69,16 @@ def check(message: Message) -> int:
     return sum(form.nbytes for form in forms.values())
 
 
-def on_host(message: Message, publisher: Publisher) -> Message:
-    """The same message in numpy arrays, those that were Warp's in a loan of the publisher. Waits for the device."""
+def on_host(message: Message, loan: Callable[..., Mapping[str, np.ndarray]]) -> Message:
+    """Copies a message to the host: those of its arrays that were Warp's lie in a `loan`. Waits for the device.
+
+    loan: of the publisher that will send it, name=(shape, dtype) -> name: array.
+    """
     import warp as wp
 
     away = {name: value for name, value in message.arrays().items() if not isinstance(value, np.ndarray)}
     forms = {name: Form.of(value) for name, value in away.items()}
-    here: dict[str, Any] = publisher.loan(**{name: (form.shape, form.dtype) for name, form in forms.items()})
+    here: Any = loan(**{name: (form.shape, form.dtype) for name, form in forms.items()})
     for name, value in away.items():
         target: wp.array = wp.array(here[name], dtype=value.dtype, shape=value.shape, copy=False, device="cpu")
         wp.copy(target, value)

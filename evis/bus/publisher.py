@@ -15,7 +15,7 @@ from evis.bus.endpoints import Endpoints, bind, check_bind, unlink
 from evis.bus.errors import BusError, PeerLost
 from evis.bus.placing import describe, place
 from evis.bus.slots import Slot, SlotPool
-from evis.bus.tap import Tap, queue_length
+from evis.bus.tap import TapSender, queue_length
 from msgs.codec import Buffer, contents, pack_header, raw
 from msgs.header import Message
 
@@ -59,7 +59,7 @@ class Publisher:
         self._frame = topic.encode()
         # A latched message also reaches consumers that are half connected, which only the socket does.
         self._consumers = Consumers(topic, node, consumers, message_type, window, piped=not latched)
-        self._tap = Tap(topic, tap_hz)
+        self._tap = TapSender(topic, tap_hz)
         self._pool = SlotPool(topic, window + 1, shared=bool(consumers))
         self._on_device = DevicePool(topic)
         self._latch: list[Buffer] | None = None

@@ -27,8 +27,11 @@ def queue_length(topic: str) -> int:
 END_WAIT_S = 0.2
 
 
-class Tap:
-    """Publisher's end. `hz`: most messages per second, 0 = all; the ones between are skipped and counted."""
+class TapSender:
+    """Sends the lossy copy of one topic.
+
+    hz: most messages per second, 0 = all; the ones between are skipped and counted.
+    """
 
     def __init__(self, topic: str, hz: float) -> None:
         self.topic = topic.encode()

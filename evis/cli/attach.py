@@ -55,7 +55,7 @@ def _loaded(runs: Iterable[Path]) -> Iterator[Plan]:
 def check_topic(plan: Plan, topic: str) -> str:
     """`topic` if the graph has it. Raises ValueError naming the nearest one."""
     from evis.config.document import nearest
-    from evis.runtime.host import SYSTEM_TOPICS
+    from msgs.topics import SYSTEM_TOPICS
 
     known = [*plan.topics, *SYSTEM_TOPICS]
     if topic not in known:
@@ -72,9 +72,9 @@ def listen(plan: Plan, topic: str, timeout_s: float | None = None) -> Iterator[t
 
     from evis.bus import Subscriber, endpoints_for
     from evis.runtime.control import ask_for
-    from evis.runtime.host import SYSTEM_TOPICS, system_topic
+    from evis.runtime.host import system_topic
     from msgs.header import Message
-    from msgs.topics import find_topic
+    from msgs.topics import SYSTEM_TOPICS, find_topic
 
     names = [topic]
     if topic in SYSTEM_TOPICS:

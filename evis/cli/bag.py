@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import sys
 import textwrap
@@ -101,8 +102,6 @@ def _info(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _recover(args: argparse.Namespace) -> dict[str, Any]:
-    import dataclasses
-
     from evis.bag.mcap.recover import recover
 
     result = dataclasses.asdict(recover(args.bag, args.out))

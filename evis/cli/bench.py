@@ -6,6 +6,7 @@ import argparse
 import difflib
 import json
 import sys
+from pathlib import Path
 
 from evis.cli.parser import UsageError
 from evis.console.printable import printable
@@ -28,8 +29,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and write; exit status 1 when a subject failed."""
-    from pathlib import Path
-
     from bench.report import SUBJECTS
     from bench.report import run as measure
 

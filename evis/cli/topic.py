@@ -67,8 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _list(args: argparse.Namespace, plan: Any) -> int:
-    from evis.runtime.host import SYSTEM_TOPICS
-    from msgs.topics import find_topic
+    from msgs.topics import SYSTEM_TOPICS, find_topic
 
     rows = {name: topic.type for name, topic in plan.topics.items()}
     rows |= {name: find_topic(name).type.__name__ for name in SYSTEM_TOPICS}

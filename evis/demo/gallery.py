@@ -10,6 +10,7 @@ import argparse
 import subprocess
 import sys
 import tempfile
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,8 +60,6 @@ def record(scene: str, camera: str, seconds: float, bag: Path) -> None:
 
 def make_picture(scene: str, folder: Path, seconds: float = 0.4) -> Entry:
     """Write folder/SCENE.png from a run of `seconds`, at seven eighths of it."""
-    import time
-
     from PIL import Image
 
     from evis.bag.reader import BagReader

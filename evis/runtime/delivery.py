@@ -28,7 +28,7 @@ class Delivery:
         there = [_takes(consumer, port, device) for consumer, port in consumers]
         slots, host = [], message
         if publisher.reads_bytes() or not all(there):
-            host = on_host(message, publisher)
+            host = on_host(message, publisher.loan)
             slots.append(publisher.send(host))
         else:
             publisher.passed(message)

@@ -19,14 +19,15 @@ from evis.bus import END, Publisher
 from evis.config.secret import Redactor
 from evis.runtime.clock import Pacer
 from evis.runtime.delivery import Delivery
-from evis.runtime.host import SYSTEM_TOPICS, Host, Inside, NodeFailed, Subscription, Wiring
+from evis.runtime.host import Host, Inside, NodeFailed, Subscription, Wiring
 from evis.runtime.node import Node
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
-from evis.runtime.tap import Tap
+from evis.runtime.tap import TapSubscription
 from evis.runtime.telemetry import Telemetry
 from evis.runtime.wakeup import Wakeup
 from msgs.header import Message
+from msgs.topics import SYSTEM_TOPICS
 
 IDLE_MS = 50
 """Longest time between two looks at commands, taps and idle hooks."""
@@ -58,7 +59,7 @@ class Executor:
         self._tell = tell or (lambda name, text: print(f"{name}: {text}", file=sys.stderr, flush=True))
         self._context = zmq.Context()
         self._wakeup = Wakeup()
-        self._taps: list[Tap] = []
+        self._taps: list[TapSubscription] = []
         self._last_idle = 0.0
         self._wiring = Wiring(plan, process, self._context)
         self._telemetry = Telemetry(plan, process, self._context, self.profile, self._redactor)
@@ -396,7 +397,7 @@ class Executor:
         """See Node.hide."""
         self._redactor.add(secret)
 
-    def open_tap(self, node: Node, topic: str, callback: Callable[[Message], None]) -> Tap:
+    def open_tap(self, node: Node, topic: str, callback: Callable[[Message], None]) -> TapSubscription:
         """Subscribe a running topic, lossily. `callback` runs on this thread; arrays are valid while it runs."""
         if topic not in SYSTEM_TOPICS and topic not in self.plan.topics:
             raise ValueError(f"{node.name}: nobody publishes {topic}")
@@ -404,12 +405,12 @@ class Executor:
         for subscriber in subscribers:
             subscriber.start()
             self._wakeup.hear(subscriber, subscriber.sockets())
-        tap = Tap(topic, callback, subscribers, self.close_tap)
+        tap = TapSubscription(topic, callback, subscribers, self.close_tap)
         self._taps.append(tap)
         return tap
 
-    def close_tap(self, tap: Tap) -> None:
-        """See Tap.close."""
+    def close_tap(self, tap: TapSubscription) -> None:
+        """See TapSubscription.close."""
         if tap in self._taps:
             self._taps.remove(tap)
             for subscriber in tap.subscribers:

@@ -16,14 +16,12 @@ from evis.runtime.plan import NodePlan, Plan
 from evis.runtime.profile import Profile
 from msgs.camera import EventPacket
 from msgs.header import Message
-from msgs.topics import find_topic
+from msgs.topics import SYSTEM_TOPICS, find_topic
 
 TAP_HZ = 30.0
 EVENT_TAP_HZ = 250.0
 """Taps see images at the rate of a screen; of events, which add up, every packet of a camera that sends some hundred
 a second."""
-SYSTEM_TOPICS = ("/clock", "/diagnostics")
-"""Published by the executor of every process for its nodes; read as taps only."""
 
 
 class NodeFailed(Exception):

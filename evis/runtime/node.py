@@ -6,9 +6,9 @@ carries away what it publishes, whether the other end is in this process, anothe
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -16,7 +16,12 @@ from evis.config.params import Param, resolve
 from msgs.header import Message
 
 if TYPE_CHECKING:
-    from evis.runtime.executor import Executor
+    from evis.runtime.plan import Plan
+    from evis.runtime.tap import TapSubscription
+
+
+Arrays = Mapping[str, tuple[tuple[int, ...], Any]]
+"""What is asked of a loan: name -> (shape, dtype)."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,42 @@ class Output:
     topic: str
 
 
+class Runtime(Protocol):
+    """What the executor does for the nodes of its process; a node reaches most of it by its own methods."""
+
+    plan: Plan
+
+    def wants(self, node: Node, port: str, array: str = "") -> bool:
+        """Says whether somebody reads an output now, or an array of its messages."""
+
+    def loan(self, node: Node, port: str, arrays: Arrays) -> dict[str, np.ndarray]:
+        """Gives arrays to write an output's next message into."""
+
+    def loan_on(self, node: Node, port: str, device: Any, arrays: Arrays) -> dict[str, Any]:
+        """Gives arrays on a device to write an output's next message into."""
+
+    def publish(self, node: Node, port: str, message: Message) -> None:
+        """Sends a message on an output."""
+
+    def count(self, node: Node, name: str, amount: float) -> None:
+        """Adds to a counter of the node."""
+
+    def diagnose(self, node: Node, level: str, text: str) -> None:
+        """Writes one line to the process's log, and sends it as one Diagnostics message."""
+
+    def tell(self, node: Node, text: str) -> None:
+        """Says one line to the user alone."""
+
+    def hide(self, secret: str) -> None:
+        """Keeps a secret out of logs and diagnostics from now on."""
+
+    def open_tap(self, node: Node, topic: str, callback: Callable[[Message], None]) -> TapSubscription:
+        """Subscribes a topic of the running graph, lossily."""
+
+    def request(self, topic: str) -> None:
+        """Asks the supervisor to start the dormant node that publishes a topic."""
+
+
 class Node:
     """Base of all nodes. Life: `__init__`, `setup`, then `update`/`receive`/`step` by the executor, `finish`, `close`.
 
@@ -60,7 +101,8 @@ class Node:
     def __init__(self, name: str, params: Mapping[str, Any]) -> None:
         self.name = name
         self.params = resolve(name, self.PARAMS, params)
-        self.runtime: Executor  # set by the executor before setup
+        self.runtime: Runtime  # set by the executor before setup
+        self._totals: dict[str, float] = {}
 
     # -- what the planner asks, before anything is constructed -------------------------------------------------------
 
@@ -171,6 +213,24 @@ class Node:
     def count(self, name: str, amount: float = 1) -> None:
         """Add to a counter shown in /diagnostics and in the run's summary (drops, clips, non-finite values, ...)."""
         self.runtime.count(self, name, amount)
+
+    def count_total(self, name: str, total: float) -> bool:
+        """Adds to a counter what a running total has gained since it was last given.
+
+        True when that is the first time that the total is not 0, for a warning that is said once. A total that falls
+        takes away what it lost, so that a gauge (a temperature) can be shown too.
+        """
+        last = self._totals.get(name, 0)
+        if total == last:
+            return False
+        self.count(name, total - last)
+        first = name not in self._totals
+        self._totals[name] = total
+        return first
+
+    def restart_totals(self) -> None:
+        """Says that all totals begin at 0 again; what they were stays counted."""
+        self._totals = {}
 
     def warn(self, text: str) -> None:
         """One warning line in the log and on /diagnostics."""

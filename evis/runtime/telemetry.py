@@ -10,12 +10,12 @@ import zmq
 from evis.bus import Publisher, endpoints_for
 from evis.config.secret import Redactor
 from evis.console.printable import printable
-from evis.runtime.host import SYSTEM_TOPICS, Host, system_topic
+from evis.runtime.host import Host, system_topic
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
 from msgs.diagnostics import Diagnostics
 from msgs.header import Header
-from msgs.topics import find_topic
+from msgs.topics import SYSTEM_TOPICS, find_topic
 from msgs.world import Clock
 
 PERIOD_S = 1.0

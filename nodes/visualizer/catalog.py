@@ -6,16 +6,13 @@ from collections.abc import Callable
 from typing import Any
 
 from evis.runtime.plan import NodePlan, Plan
-from msgs.topics import UnknownTopic, find_topic
+from msgs.topics import SYSTEM_TOPICS, UnknownTopic, find_topic
 from nodes.visualizer.playback import recording
 from nodes.visualizer.statistics import plain
 from nodes.visualizer.views.events import EventView
 from nodes.visualizer.views.images import ImageView
 from nodes.visualizer.views.part import View
 from nodes.visualizer.views.tables import BoxView, MovingView, SeriesView, TableView, TriggerView
-
-SYSTEM = ("/clock", "/diagnostics")
-"""Topics behind the status line and the Rates panel; not offered as panels."""
 
 VIEWS: dict[str, dict[str, str]] = {
     "Keyframe": {"radiance": "image"},
@@ -70,7 +67,7 @@ def topics(plan: Plan) -> list[dict[str, Any]]:
     order = ["events", "image", "keyframe", "frames", "labels", "depth", "motion", "ids", "normal"]
     result = []
     for topic in plan.topics.values():
-        if topic.name in SYSTEM or topic.type not in VIEWS:
+        if topic.name in SYSTEM_TOPICS or topic.type not in VIEWS:
             continue
         tail = topic.name.rpartition("/")[2]
         publisher = plan.nodes.get(topic.node)

@@ -16,6 +16,7 @@ import numpy as np
 
 from evis.runtime.plan import Plan
 from msgs.header import Message
+from msgs.topics import SYSTEM_TOPICS
 from nodes.visualizer import catalog
 from nodes.visualizer.statistics import Statistics
 from nodes.visualizer.views.part import View
@@ -137,7 +138,7 @@ class Hub:
         with self._lock:
             if not self._clients:
                 return set()
-            return set(self._by_topic) | set(catalog.SYSTEM)
+            return set(self._by_topic) | set(SYSTEM_TOPICS)
 
     def put(self, topic: str, message: Message) -> None:
         """A message of a tap. Copies what the open panels need; costs nothing for topics that nobody has open."""

@@ -13,7 +13,7 @@ from evis.config.params import Param
 from evis.runtime.node import Node
 
 if TYPE_CHECKING:
-    from evis.runtime.executor import Tap
+    from evis.runtime.tap import TapSubscription
     from nodes.visualizer.hub import Hub
     from nodes.visualizer.server import Server
 
@@ -53,7 +53,7 @@ class VisualizerNode(Node):
         token = address.choose_token(p["host"], p["token"])
         self.hide(token)
         listener, note = (address.borrow(p["listener"]), "") if p["listener"] else address.bind(p["host"], p["port"])
-        self._taps: dict[str, Tap] = {}
+        self._taps: dict[str, TapSubscription] = {}
         self._hub = Hub(plan, p["jpeg_quality"])
         names = address.names_of(listener, [p["host"], *map(str, p["names"])])
         self._server = Server(self._hub, listener, token, names, p["max_fps"])
