@@ -34,7 +34,7 @@ def graph(tmp_path: Path) -> Path:
 def test_the_overview_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
-    for name, text in COMMANDS.items():
+    for name, (_, text) in COMMANDS.items():
         assert name in out and text in out
     assert main([]) == 2
     assert main(["--version"]) == 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import importlib.util
 import re
 import shlex
@@ -11,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from evis.cli import COMMANDS
+from evis.cli import COMMANDS, module_of
 from evis.cli.parser import Parser
 from evis.config import paths
 from evis.launch.arguments import parse_pairs
@@ -58,7 +57,7 @@ def test_a_command_is_understood(page: str, line: str) -> None:
     """By its parser; the arguments of a launch file are its own or its scene's."""
     _, command, *words = shlex.split(line)
     assert command in COMMANDS
-    module = importlib.import_module(f"evis.cli.{command}")
+    module = module_of(command)
     parser = Parser(f"evis {command}", module.HELP, "", words)
     module.add_arguments(parser)
     args = parser.parse_intermixed_args(words) if getattr(module, "INTERMIXED", False) else parser.parse_args(words)
@@ -95,7 +94,7 @@ def test_a_command_in_the_text_exists(page: str, span: str) -> None:
     if command.startswith("-"):
         return
     assert command in COMMANDS
-    module = importlib.import_module(f"evis.cli.{command}")
+    module = module_of(command)
     parser = Parser(f"evis {command}", module.HELP, "", words)
     module.add_arguments(parser)
     assert {word.partition("=")[0] for word in words if word.startswith("--")} <= _options(parser)
@@ -107,7 +106,8 @@ def test_a_command_in_the_text_exists(page: str, span: str) -> None:
 
         assert all(word in SUBJECTS for word in words[:1] if not word.startswith("-"))
     if command == "launch" and (pairs := [word for word in words if ":=" in word]):
-        path, preset = paths.find_launch("spinning_disk" if words[0] == "SCENE" else words[0])
+        own = {"SCENE": "spinning_disk", "arm.xml": str(paths.data_folder("scenes") / "robot_arm.xml")}
+        path, preset = paths.find_launch(own.get(words[0], words[0]))
         known = {**load(path).arguments, **(scene_args(preset["scene"]) if preset else {})}
         assert parse_pairs(pairs).keys() <= known.keys()
 

@@ -38,9 +38,9 @@ EARLY = "evis/console/interrupt.py"
 """Loaded before anything else, so that Ctrl-C while the rest is imported is handled."""
 KNOWN_LAZY = {
     ("evis/events/files/trial.py", "resource"),
-    ("evis/cli/run.py", "pathlib"),
-    ("evis/cli/run.py", "signal"),
-    ("evis/cli/run.py", "time"),
+    ("evis/cli/graph/run.py", "pathlib"),
+    ("evis/cli/graph/run.py", "signal"),
+    ("evis/cli/graph/run.py", "time"),
     ("nodes/camera/emulated/faults.py", "dataclasses"),
 }
 

@@ -6,9 +6,9 @@ import argparse
 from contextlib import suppress
 from typing import Any
 
-from evis.cli.attach import add_run_option
 from evis.cli.events.files import add_input, add_part, blocks_of, open_input
 from evis.cli.events.measure_progress import Progress
+from evis.cli.graph.attach import add_run_option
 from evis.cli.parser import UsageError
 
 HELP = "event rate, rotation speed, noise and sharpness of a recording or of a topic of a running graph"
@@ -92,7 +92,7 @@ def _file(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _topic(args: argparse.Namespace) -> dict[str, Any]:
-    from evis.cli.attach import check_topic, find_run, listen
+    from evis.cli.graph.attach import check_topic, find_run, listen
     from evis.events.codecs.decoder import decoder_for
     from evis.events.measure import Measurement
     from msgs.events import EventPacket

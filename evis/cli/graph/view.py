@@ -28,7 +28,7 @@ EXAMPLE = (
 
 def add_arguments(parser: Parser) -> None:
     """Declare the command's arguments."""
-    from evis.cli.attach import add_run_option
+    from evis.cli.graph.attach import add_run_option
 
     parser.add_argument("file", nargs="?", metavar="BAG|FILE", help="bag (.mcap) or event recording (.raw, .npz, ...)")
     parser.add_argument("--port", type=int, metavar="N", help="port of the page (8421, or the next free one; 0 = any)")
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
         return _play(args)
     if args.once:
         raise UsageError("--once is for files, it does not go with a running graph")
-    from evis.cli.attach import find_run
+    from evis.cli.graph.attach import find_run
 
     plan = find_run(args.run)
     url = page_of(Path(plan.directory))
@@ -77,7 +77,7 @@ def _announced(args: argparse.Namespace, url: str) -> bool:
 
 def _attach(args: argparse.Namespace, plan: Plan) -> int:
     """A visualizer beside a graph that runs without one; it reads by taps and cannot slow the graph."""
-    from evis.cli.run import run as run_node
+    from evis.cli.graph.run import run as run_node
     from nodes.visualizer import address
 
     listener, _ = address.bind("127.0.0.1", args.port)

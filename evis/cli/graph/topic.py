@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from evis.cli.attach import add_run_option, check_topic, find_run, listen
+from evis.cli.graph.attach import add_run_option, check_topic, find_run, listen
 from evis.cli.parser import Parser
 from evis.console.printable import all_printable
 
@@ -105,7 +105,7 @@ def _info(args: argparse.Namespace, plan: Any) -> int:
 
 
 def _echo(args: argparse.Namespace, plan: Any) -> int:
-    from evis.cli.show import as_plain, as_text
+    from evis.cli.graph.show import as_plain, as_text
     from evis.console.outlet import strict_output
 
     shown = 0
@@ -124,7 +124,7 @@ def _echo(args: argparse.Namespace, plan: Any) -> int:
 
 
 def _measure(args: argparse.Namespace, plan: Any) -> int:
-    from evis.cli.measure import Measure
+    from evis.cli.graph.topic_rates import Measure
 
     measure = Measure()
     try:

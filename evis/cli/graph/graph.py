@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from evis.cli.attach import add_run_option, find_run
+from evis.cli.graph.attach import add_run_option, find_run
 from evis.cli.parser import Parser, UsageError
 from evis.console.printable import printable_lines
 
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
             raise ValueError(f"{out}: the folder {out.absolute().parent} does not exist; make it first")
     plan = find_run(args.run) if args.target is None else _planned(args)
     if args.png:
-        from evis.cli.drawing import draw
+        from evis.cli.graph.drawing import draw
 
         draw(plan, out)
     if args.json:
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _planned(args: argparse.Namespace) -> Any:
-    from evis.cli.launch import read_target
+    from evis.cli.graph.launch import read_target
     from evis.launch.arguments import ArgumentError
     from evis.launch.planner import Options, plan_launch
 

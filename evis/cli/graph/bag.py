@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from evis.cli.attach import add_run_option, find_run
+from evis.cli.graph.attach import add_run_option, find_run
 from evis.cli.parser import Parser, UsageError
 from evis.console.printable import all_printable, printable
 
