@@ -1,4 +1,4 @@
-"""What a subscriber gives out beside the messages: the hold on each of them, and the end of the stream."""
+"""Defines what a subscriber gives out beside the messages: the hold on each of them, and the end of the stream."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from evis.bus.errors import BusError
 
 
 class End(enum.Enum):
-    """What `receive` returns when the publisher has ended the stream."""
+    """Stands for the end of a stream: what `receive` returns when the publisher has ended it."""
 
     END = "end of stream"
 
@@ -19,7 +19,7 @@ END: Final = End.END
 
 
 class Receiver(Protocol):
-    """The subscriber that a message came through, which answers its publisher."""
+    """Stands for the subscriber that a message came through, which answers its publisher."""
 
     topic: str
 

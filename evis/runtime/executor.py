@@ -35,7 +35,7 @@ Commands = Callable[[], None]
 
 
 class Executor:
-    """All nodes of one process of a plan."""
+    """Runs all nodes of one process of a plan."""
 
     def __init__(
         self,
@@ -71,7 +71,7 @@ class Executor:
     # -- life --------------------------------------------------------------------------------------------------------
 
     def setup(self) -> None:
-        """Open the sockets and prepare every node."""
+        """Opens the sockets and prepares every node."""
         for publisher in self._publishers:
             publisher.start()
             self._wakeup.hear(publisher, publisher.sockets())
@@ -85,7 +85,7 @@ class Executor:
                 host.node.setup()
 
     def wait_connected(self, timeout_s: float, commands: Commands | None = None) -> None:
-        """Until every declared edge of this process stands. Raises TimeoutError naming who is missing."""
+        """Waits until every declared edge of this process stands. Raises TimeoutError naming who is missing."""
         deadline = time.monotonic() + timeout_s
         while (missing := self._missing()) and not self.stopping:
             if time.monotonic() > deadline:
@@ -105,7 +105,7 @@ class Executor:
         ]
 
     def run(self, commands: Commands | None = None) -> None:
-        """Until every node has ended. `commands` is called at least every IDLE_MS (heartbeat, stop requests)."""
+        """Runs until every node has ended. `commands` is called at least every IDLE_MS (heartbeat, stop requests)."""
         self._telemetry.start_clock()
         try:
             while not self._finished():
@@ -126,7 +126,7 @@ class Executor:
         return all(h.ended for h in self._hosts.values()) and all(s.ended for s in self._subscriptions if s.declared)
 
     def stop(self) -> None:
-        """End the sources and services of this process; what they sent still flows through."""
+        """Ends the sources and services of this process; what they sent still flows through."""
         self.stopping = True
 
     def _close_nodes(self) -> None:
@@ -143,7 +143,7 @@ class Executor:
             raise failure
 
     def close(self) -> None:
-        """Close the sockets."""
+        """Closes the sockets."""
         for tap in list(self._taps):
             tap.close()
         for subscription in self._subscriptions:
@@ -153,7 +153,7 @@ class Executor:
         self._context.destroy(linger=0)
 
     def progress(self) -> dict[str, Any]:
-        """Plain numbers for the heartbeat: newest stamp, events, keyframes, frames so far."""
+        """Returns plain numbers for the heartbeat: newest stamp, events, keyframes, frames so far."""
         nodes = self.profile.nodes.values()
         return {
             "stamp_ns": max((n.stamp_ns for n in nodes), default=0),
@@ -163,11 +163,11 @@ class Executor:
         }
 
     def heard(self) -> set[str]:
-        """Topics of this process's nodes that somebody reads now."""
+        """Names the topics of this process's nodes that somebody reads now."""
         return {topic for h in self._hosts.values() for topic, p in h.publishers.items() if p.wanted()}
 
     def summary(self) -> dict[str, Any]:
-        """Profiles of the nodes, and of `bus` and `idle`."""
+        """Returns the profiles of the nodes, and of `bus` and `idle`."""
         return {name: profile.summary() for name, profile in self.profile.nodes.items()}
 
     # -- one turn ----------------------------------------------------------------------------------------------------
@@ -348,22 +348,22 @@ class Executor:
     # -- what nodes call ---------------------------------------------------------------------------------------------
 
     def wants(self, node: Node, port: str, array: str = "") -> bool:
-        """See Node.wants."""
+        """Implements Node.wants."""
         host = self._hosts[node.name]
         return host.wants_array(port, array) if array else host.wants(port)
 
     def loan(self, node: Node, port: str, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> dict[str, np.ndarray]:
-        """See Node.loan."""
+        """Implements Node.loan."""
         host = self._hosts[node.name]
         return host.publishers[host.plan.outputs[port]].loan(**arrays)
 
     def loan_on(self, node: Node, port: str, device: Any, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> Any:
-        """See Node.loan_on."""
+        """Implements Node.loan_on."""
         host = self._hosts[node.name]
         return host.publishers[host.plan.outputs[port]].loan_on(device, arrays)
 
     def publish(self, node: Node, port: str, message: Message) -> None:
-        """See Node.publish."""
+        """Implements Node.publish."""
         host = self._hosts[node.name]
         topic = host.plan.outputs.get(port)
         if topic is None:
@@ -382,23 +382,23 @@ class Executor:
             delivery.over()
 
     def count(self, node: Node, name: str, amount: float) -> None:
-        """See Node.count."""
+        """Implements Node.count."""
         self.profile.node(node.name).counters[name] += amount  # type: ignore[assignment]
 
     def diagnose(self, node: Node, level: str, text: str) -> None:
-        """One line to the process's log, and one Diagnostics message."""
+        """Writes one line to the process's log, and sends one Diagnostics message."""
         self._telemetry.say(self._hosts.get(node.name), node.name, level, text)
 
     def tell(self, node: Node, text: str) -> None:
-        """See Node.tell."""
+        """Implements Node.tell."""
         self._tell(node.name, text)
 
     def hide(self, secret: str) -> None:
-        """See Node.hide."""
+        """Implements Node.hide."""
         self._redactor.add(secret)
 
     def open_tap(self, node: Node, topic: str, callback: Callable[[Message], None]) -> TapSubscription:
-        """Subscribe a running topic, lossily. `callback` runs on this thread; arrays are valid while it runs."""
+        """Subscribes a running topic, lossily. `callback` runs on this thread; arrays are valid while it runs."""
         if topic not in SYSTEM_TOPICS and topic not in self.plan.topics:
             raise ValueError(f"{node.name}: nobody publishes {topic}")
         subscribers = self._wiring.subscribe(topic, node.name, "tap", tap=True)
@@ -410,7 +410,7 @@ class Executor:
         return tap
 
     def close_tap(self, tap: TapSubscription) -> None:
-        """See TapSubscription.close."""
+        """Implements TapSubscription.close."""
         if tap in self._taps:
             self._taps.remove(tap)
             for subscriber in tap.subscribers:
@@ -418,6 +418,6 @@ class Executor:
                 subscriber.close()
 
     def request(self, topic: str) -> None:
-        """Ask the supervisor to start the dormant node that publishes `topic`."""
+        """Asks the supervisor to start the dormant node that publishes `topic`."""
         if self._request is not None:
             self._request(topic)

@@ -1,4 +1,4 @@
-"""A lossy subscription that a node opened at run time."""
+"""Lets a node subscribe to a topic at run time, lossily."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from evis.runtime.control import ControlServer, control_address
 from evis.runtime.host import load_class
 from evis.runtime.plan import NodePlan, Plan
 from evis.supervisor.child import Child
-from evis.supervisor.failure_cause import by_force, first_cause, last_words, why
+from evis.supervisor.failure_cause import describe_failure, ended_by_force, first_cause, last_words
 from evis.supervisor.logs import Logs
 from evis.supervisor.report import Report, summarise
 from evis.supervisor.run_directory import RunDirectory, writing
@@ -46,7 +46,10 @@ _TICK_S = 0.05
 
 
 class Supervisor:
-    """Runs one plan to its end. `say`: takes one line for the user; `tick`: called with the progress so far."""
+    """Runs one plan to its end.
+
+    say: takes one line for the user. tick: called with the progress so far.
+    """
 
     def __init__(
         self,
@@ -74,7 +77,7 @@ class Supervisor:
         self._logs = Logs(self._say, debug)
 
     def run(self) -> Report:
-        """Until everything has ended. The report says how it went; nothing is left behind."""
+        """Runs until everything has ended, and reports how it went; nothing is left behind."""
         self._started = time.monotonic()
         directory = RunDirectory()
         self.plan.run_id = directory.run_id
@@ -259,7 +262,7 @@ class Supervisor:
             return  # our own signal
         if all(node.respawn for node in child.nodes) and child.respawns < MAX_RESPAWNS and not self._stopped_at:
             child.respawns += 1
-            self._say(f"{why(child)}; started again ({child.respawns} of {MAX_RESPAWNS})")
+            self._say(f"{describe_failure(child)}; started again ({child.respawns} of {MAX_RESPAWNS})")
             if child.process is not None:
                 child.process.wait(10)
             child.failure = None
@@ -267,7 +270,7 @@ class Supervisor:
             return
         if child.service and self._went_at:
             child.spared = True
-            self._say(f"{why(child)}; the graph goes on without it")
+            self._say(f"{describe_failure(child)}; the graph goes on without it")
         elif not self._failed_at:
             self._failed_at = time.monotonic()
 
@@ -330,10 +333,10 @@ class Supervisor:
             return
         if not self._failed_at:
             # One that is stopped before it has begun has nothing to lose.
-            self._cause = by_force(failed, DRAIN_S, self._interrupts > 1) if self._went_at else None
+            self._cause = ended_by_force(failed, DRAIN_S, self._interrupts > 1) if self._went_at else None
             return
         child = first_cause(failed)
-        self._cause = why(child)
+        self._cause = describe_failure(child)
         if child.failure is None and not self._debug:
             for line in last_words(child):
                 self._say(line)

@@ -26,7 +26,7 @@ RANDOM = {
 
 
 class ImuNode(Node):
-    """An accelerometer and a gyroscope at a camera, in the camera's axes (x right, y down, z forward)."""
+    """Publishes what an accelerometer and a gyroscope at a camera read, in its axes (x right, y down, z forward)."""
 
     PARAMS: ClassVar[Mapping[str, Param]] = {
         "camera": Param(str, "cam0", "camera that carries the unit"),
@@ -49,17 +49,17 @@ class ImuNode(Node):
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Noise and bias, those that it has."""
+        """Names noise and bias, those that it has."""
         return tuple(what for name, what in RANDOM.items() if params[name])
 
     def setup(self) -> None:
-        """Make the unit."""
+        """Makes the unit."""
         from nodes.imu.inertial import ImuModel, InertialUnit
 
         self._unit: InertialUnit = InertialUnit(ImuModel(**{k: v for k, v in self.params.items() if k != "camera"}))
 
     def update(self, inputs: Mapping[str, Message]) -> None:
-        """Publish the samples of one interval; none at an episode's first stamp."""
+        """Publishes the samples of one interval; none at an episode's first stamp."""
         state = inputs["state"]
         assert isinstance(state, WorldState)
         body = self._body(state)

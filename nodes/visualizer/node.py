@@ -1,4 +1,4 @@
-"""The visualizer node: opens the taps that the page's panels ask for, and hands their messages to the page's server."""
+"""Runs the visualizer: opens the taps that the page's panels ask for, and hands their messages to its server."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class VisualizerNode(Node):
 
 
 def write_private(path: Path, content: dict[str, Any]) -> None:
-    """Write JSON that only this user can read, in one step."""
+    """Writes JSON that only this user can read, in one step."""
     temporary = path.with_suffix(".tmp")
     with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:
         json.dump(content, file)

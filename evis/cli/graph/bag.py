@@ -27,7 +27,7 @@ EXAMPLE = "examples:\n" + "\n".join(f"  {text}" for text in EXAMPLES.values())
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
+    """Declares the command's arguments."""
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION", parser_class=Parser)
 
     def action(name: str, text: str) -> argparse.ArgumentParser:
@@ -73,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do it. Raises ValueError or OSError with one line for a person."""
+    """Runs one action. Raises ValueError or OSError with one line for a person."""
     if args.action == "play":
         from evis.cli import main
 

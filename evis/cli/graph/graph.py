@@ -16,7 +16,7 @@ EXAMPLE = "example: evis graph spinning_disk --png disk.png"
 
 
 def add_arguments(parser: Parser) -> None:
-    """Declare the command's arguments."""
+    """Declares the command's arguments."""
     parser.add_argument(
         "target", nargs="?", metavar="FILE|NAME", help="launch file or scene; the running graph if not given"
     )
@@ -27,7 +27,7 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print or draw."""
+    """Prints or draws a graph."""
     from evis.launch.explain import as_dict
 
     if args.png:
@@ -61,7 +61,7 @@ def _planned(args: argparse.Namespace) -> Any:
 
 
 def mermaid(plan: Any) -> str:
-    """The graph in Mermaid's flowchart language: processes as boxes, dashed arrows for taps."""
+    """Writes the graph in Mermaid's flowchart language: processes as boxes, dashed arrows for taps."""
     names = {name: f"n{index}" for index, name in enumerate(plan.nodes)}
     groups: dict[str, list[Any]] = {}
     for node in plan.nodes.values():

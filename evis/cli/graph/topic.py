@@ -25,7 +25,7 @@ ACTIONS = {
 
 
 def add_arguments(parser: Parser) -> None:
-    """Declare the command's arguments."""
+    """Declares the command's arguments."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     for name, text in ACTIONS.items():
         sub = actions.add_parser(name, help=text, description=text, epilog=f"example: evis topic {name} " + (
@@ -55,7 +55,7 @@ def _positive(text: str) -> float:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Dispatch."""
+    """Runs one action on a running graph."""
     plan = find_run(args.run)
     if args.action == "list":
         return _list(args, plan)
@@ -124,9 +124,9 @@ def _echo(args: argparse.Namespace, plan: Any) -> int:
 
 
 def _measure(args: argparse.Namespace, plan: Any) -> int:
-    from evis.cli.graph.topic_rates import Measure
+    from evis.cli.graph.topic_rates import TopicRates
 
-    measure = Measure()
+    measure = TopicRates()
     try:
         for arrived, message in listen(plan, args.topic, args.window):
             measure.add(arrived, message)

@@ -27,7 +27,7 @@ EXAMPLE = (
 
 
 def add_arguments(parser: Parser) -> None:
-    """Declare the command's arguments."""
+    """Declares the command's arguments."""
     from evis.cli.graph.attach import add_run_option
 
     parser.add_argument("file", nargs="?", metavar="BAG|FILE", help="bag (.mcap) or event recording (.raw, .npz, ...)")
@@ -38,7 +38,7 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the page's address; with a file, or a graph that has no page, serve until Ctrl-C."""
+    """Prints the page's address; with a file, or a graph that has no page, serves until Ctrl-C."""
     if args.port is not None and not 0 <= args.port <= 65535:
         raise UsageError(f"--port is {args.port}, it must be 0 to 65535")
     if args.file is not None:
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def page_of(directory: Path) -> str | None:
-    """The address of the page that a run's visualizer serves; None when it has none, or no longer."""
+    """Returns the address of the page that a run's visualizer serves; None when it has none, or no longer."""
     try:
         content = json.loads((directory / "viewer.json").read_text())
         os.kill(int(content["pid"]), 0)

@@ -33,7 +33,10 @@ MB = 1 << 20
 
 @dataclass
 class Finding:
-    """level: ok, note (something optional is not there) or fail (with the remedy in text)."""
+    """Says what one check found.
+
+    level: ok, note (something optional is not there) or fail (with the remedy in text).
+    """
 
     name: str
     level: str
@@ -41,12 +44,12 @@ class Finding:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
+    """Declares the command's arguments."""
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run every check; exit status 1 when one fails."""
+    """Runs every check; exit status 1 when one fails."""
     findings = list(check())
     if args.json:
         print(
@@ -63,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def check() -> Iterator[Finding]:
-    """All findings, one per check; a check that breaks is a failure with its reason."""
+    """Yields all findings, one per check; a check that breaks is a failure with its reason."""
     checks: dict[str, Callable[[], Finding]] = {
         "python": _python, "packages": _packages, "extras": _extras, "machine": _machine,
         "shared memory": _shared_memory, "run directory": _run_directory, "processes": _processes, "kernels": _kernels,
