@@ -1,8 +1,7 @@
 """Runs the nodes of one process: joins their inputs, calls them, and carries away what they publish.
 
-Nodes of one process call each other directly, depth first; everything else goes over the bus. A node is called only
-while every topic that it, or a node it calls, publishes to another process has credit: so nothing is lost, memory is
-bounded, and no wait inside a node can close a circle of waits between processes.
+Nodes of one process call each other directly (calls.py); everything else goes over the bus. A message is taken from the
+bus only where its node can take it: so nothing is lost, and memory is bounded.
 """
 
 from __future__ import annotations
@@ -17,9 +16,9 @@ import zmq
 
 from evis.bus import END, Publisher
 from evis.config.secret import Redactor
-from evis.runtime.clock import Pacer
+from evis.runtime.calls import Calls
 from evis.runtime.delivery import Delivery
-from evis.runtime.host import Host, Inside, NodeFailed, Subscription, Wiring
+from evis.runtime.host import Inside, NodeFailed, Subscription, Wiring
 from evis.runtime.node import Node
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
@@ -53,7 +52,6 @@ class Executor:
         """
         self.plan = plan
         self.profile = Profile()
-        self.stopping = False
         self._redactor = redactor or Redactor(plan.secrets)
         self._request = request
         self._tell = tell or (lambda name, text: print(f"{name}: {text}", file=sys.stderr, flush=True))
@@ -64,6 +62,7 @@ class Executor:
         self._wiring = Wiring(plan, process, self._context)
         self._telemetry = Telemetry(plan, process, self._context, self.profile, self._redactor)
         self._hosts = self._wiring.hosts
+        self._calls = Calls(self._hosts, self.profile, self._telemetry, plan.mode == "realtime")
         self._subscriptions: list[Subscription] = [s for h in self._hosts.values() for s in h.subscriptions]
         self._publishers: list[Publisher] = [p for h in self._hosts.values() for p in h.publishers.values()]
         self._publishers += self._telemetry.publishers.values()
@@ -114,7 +113,7 @@ class Executor:
                         publisher.pump()
                 progress = self._receive()
                 for host in self._hosts.values():
-                    progress |= self._call(host)
+                    progress |= self._calls.call(host)
                 self._housekeeping(commands)
                 if not progress:
                     self._wait()
@@ -122,12 +121,17 @@ class Executor:
         finally:
             self._close_nodes()
 
+    @property
+    def stopping(self) -> bool:
+        """Whether `stop` was called."""
+        return self._calls.stopping
+
     def _finished(self) -> bool:
         return all(h.ended for h in self._hosts.values()) and all(s.ended for s in self._subscriptions if s.declared)
 
     def stop(self) -> None:
         """Ends the sources and services of this process; what they sent still flows through."""
-        self.stopping = True
+        self._calls.stopping = True
 
     def _close_nodes(self) -> None:
         """Errors of one do not keep the others open."""
@@ -175,7 +179,7 @@ class Executor:
     def _receive(self) -> bool:
         progress = False
         for s in self._subscriptions:
-            if s.ended or not self._takes(s.host, s.port):
+            if s.ended or not self._calls.takes(s.host, s.port):
                 continue
             with self.profile.inside("bus"):
                 message = s.subscriber.receive(0)
@@ -186,7 +190,7 @@ class Executor:
             progress = True
             s.ended = s.declared and message is END
             if message is not END or s.declared:
-                self._accept(s.host, s.port, s.topic, message)
+                self._calls.accept(s.host, s.port, s.topic, message)
         for tap in list(self._taps):
             for subscriber in tap.subscribers:
                 message = subscriber.receive(0)
@@ -195,113 +199,6 @@ class Executor:
                     tap.callback(message)
                     message.release()
         return progress
-
-    @staticmethod
-    def _takes(host: Host, port: str) -> bool:
-        """Queues take whatever comes, the window bounds it; a call needs credit downstream."""
-        return host.ended or port in host.join.queues or port in host.delayed or host.open()
-
-    def _accept(self, host: Host, port: str, topic: str, message: Any) -> None:
-        """Take over one message (with one pin) or the end of a topic."""
-        if host.ended and message is not END:
-            message.release()
-        elif port in host.join.queues:
-            if message is END:
-                host.join.end(port)
-            else:
-                host.join.put(port, message)
-        elif port in host.delayed:
-            if message is not END:
-                host.delayed[port][message.header.stamp_ns] = message
-        elif message is END:
-            host.single_open.discard(topic)
-            host.waiting.discard(topic)
-        else:
-            try:
-                with Inside(self.profile, host.name) as profile:
-                    host.node.receive(topic if host.node.INPUTS[port].topic == "*" else port, message)
-                    profile.updates += 1
-                host.waiting.discard(topic)
-            finally:
-                message.release()
-
-    def _call(self, host: Host) -> bool:
-        """Give a node what is ready for it; True when it was called. Never from within itself."""
-        if host.ended or host.active:
-            return False
-        host.active = True
-        try:
-            return self._step(host) if host.node.SOURCE else self._update(host)
-        finally:
-            host.active = False
-
-    def _update(self, host: Host) -> bool:
-        progress = False
-        while not host.waiting and host.join.ready() and host.open():
-            inputs = host.join.take()
-            try:
-                with Inside(self.profile, host.name) as profile:
-                    host.node.update(inputs)
-                    profile.updates += 1
-            finally:
-                for message in inputs.values():
-                    message.release()
-            progress = True
-        if self._over(host) and host.open():
-            self._end(host)
-            progress = True
-        return progress
-
-    def _over(self, host: Host) -> bool:
-        if host.service:
-            return self.stopping and all(h.ended for h in self._hosts.values() if not h.service)
-        return host.inputs_over()
-
-    def _step(self, host: Host) -> bool:
-        if not host.open():
-            return False
-        if self.stopping:
-            self._end(host)
-            return True
-        inputs = host.delayed_inputs()
-        if inputs is None or (host.pacer and host.pacer.wait_s(self._stamp(host)) > 0):
-            return False
-        try:
-            with Inside(self.profile, host.name) as profile:
-                alive = host.node.step(inputs)
-                profile.updates += 1
-        finally:
-            for port, message in inputs.items():
-                host.delayed[port].pop(message.header.stamp_ns)
-                message.release()
-        if self.plan.mode == "realtime":
-            self._pace(host)
-        self._telemetry.tick(host)
-        if not alive:
-            self._end(host)
-        return True
-
-    def _stamp(self, host: Host) -> int:
-        return self.profile.node(host.name).stamp_ns
-
-    def _pace(self, host: Host) -> None:
-        if host.pacer is None:
-            host.pacer = Pacer()
-        late = -host.pacer.wait_s(self._stamp(host))
-        counters = self.profile.node(host.name).counters
-        counters["late_ms_max"] = max(counters["late_ms_max"], round(1e3 * late))
-
-    def _end(self, host: Host) -> None:
-        with Inside(self.profile, host.name):
-            host.node.finish()
-        counters = self.profile.node(host.name).counters
-        if unmatched := host.join.skipped + host.join.drop_rest():
-            counters["unmatched_inputs"] += unmatched
-        host.ended = True
-        for publisher in host.publishers.values():
-            publisher.finish(0)
-        for consumer, port, topic in host.downstream:
-            self._accept(consumer, port, topic, END)
 
     def _drain(self, commands: Commands | None) -> None:
         """After the last node: until every consumer has given its credits back (ipc drops what is sent last)."""
@@ -315,8 +212,7 @@ class Executor:
     def _wait(self) -> None:
         timeout = float(IDLE_MS)
         for host in self._hosts.values():
-            if host.pacer and not host.ended:
-                timeout = min(timeout, max(1e3 * host.pacer.wait_s(self._stamp(host)), 0.0))
+            timeout = min(timeout, max(1e3 * self._calls.due_s(host), 0.0))
         for s in self._subscriptions:
             self._wakeup.hear(s.subscriber, self._sockets(s))
         with self.profile.inside("idle"):
@@ -326,7 +222,7 @@ class Executor:
         """Those that `_receive` would read now; one left readable would turn the wait into a busy loop."""
         if s.ended:
             return ()
-        if self._takes(s.host, s.port):
+        if self._calls.takes(s.host, s.port):
             return s.subscriber.sockets()
         if s.declared:
             s.subscriber.raise_if_publisher_lost()
@@ -375,9 +271,9 @@ class Executor:
         try:
             for (consumer, consumer_port), given in zip(consumers, delivery.given):
                 given.keep()
-                self._accept(consumer, consumer_port, topic, given)
+                self._calls.accept(consumer, consumer_port, topic, given)
                 if not consumer.node.SOURCE:
-                    self._call(consumer)
+                    self._calls.call(consumer)
         finally:
             delivery.over()
 
