@@ -64,7 +64,11 @@ class WorldState(Message):
     def dense(
         cls, header: Header, t: np.ndarray, pose: np.ndarray, twist: np.ndarray, episodes: np.ndarray, **others: Any
     ) -> WorldState:
-        """Makes the message of all sub-steps of all bodies: pose float64 [E, S, N, 7], twist float64 [E, S, N, 6]."""
+        """Makes the message of all sub-steps of all bodies.
+
+        t: int64 [S] ns. pose: float64 [E, S, N, 7]. twist: float64 [E, S, N, 6]. episodes: int32 [E]. others: the other
+        fields, as they are.
+        """
         moving = moving_bodies(pose, twist)
         end = np.ascontiguousarray(pose[:, -1])
         return cls(header, t, end, moving, pose[:, :, moving], twist[:, :, moving], episodes, **others)

@@ -49,6 +49,7 @@ class Consumer:
 
     @property
     def connected(self) -> bool:
+        """It has said whether it can open our memory."""
         return self.shared is not None
 
     def forget(self) -> None:
@@ -70,7 +71,11 @@ class Consumers:
     def __init__(
         self, topic: str, node: str, names: list[str], message_type: type[Message], window: int, piped: bool
     ) -> None:
-        """piped: messages may go through pipes, where a consumer can be reached that way."""
+        """topic, node: names of the topic and of its publisher. names: ids `node:port` of the declared consumers.
+
+        message_type: what a consumer must expect. window: messages that each may be behind. piped: messages may go
+        through pipes, where a consumer can be reached that way.
+        """
         self.topic = topic
         self.node = node
         self.message_type = message_type

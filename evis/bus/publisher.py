@@ -29,9 +29,10 @@ PUMP_EVERY_S = 0.005
 class Publisher:
     """Publishes one topic: to its declared consumers without loss, to taps as far as they can follow.
 
-    consumers: ids `node:port` of the declared consumers in other processes. window: messages that each of them may be
-    behind. latched: a consumer that connects late gets the last value. tap_hz: most messages per second on the tap,
-    0 = all. All calls are from one thread.
+    context: of ZeroMQ, the process's. topic, node: names. endpoints: the addresses that it binds. consumers: ids
+    `node:port` of the declared consumers in other processes. message_type: the only one that it sends. window: messages
+    that each consumer may be behind. latched: a consumer that connects late gets the last value. tap_hz: most messages
+    per second on the tap [Hz], 0 = all. All calls are from one thread.
     Raises BusError, and PeerLost when a consumer is gone.
     """
 

@@ -29,8 +29,10 @@ _MONITORED = struct.Struct("=Hi")
 class Subscriber:
     """Receives one topic: without loss as a declared consumer `node:port`, or (tap) as much as comes through.
 
-    window: messages it lets the publisher be ahead. `lost`: messages missed, by their sequence numbers; `rejected`:
-    what came and was no message. All calls are from one thread. Raises BusError and PeerLost.
+    context: of ZeroMQ, the process's. topic, node, port: names. endpoints: the publisher's addresses. message_type: the
+    only one that it takes. window: messages it lets the publisher be ahead. All calls are from one thread.
+    `lost`: messages missed, by their sequence numbers; `rejected`: what came and was no message.
+    Raises BusError and PeerLost.
     """
 
     def __init__(

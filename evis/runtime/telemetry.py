@@ -25,7 +25,11 @@ TAP_HZ = 1000.0
 
 
 class Telemetry:
-    """Owns the publishers of the system topics of one process."""
+    """Owns the publishers of the system topics of one process.
+
+    plan, process: what is run, and the process's name. context: of ZeroMQ, the process's. profile: times and counts of
+    its nodes, to be told. redactor: takes the secrets out of what is told.
+    """
 
     def __init__(self, plan: Plan, process: str, context: zmq.Context, profile: Profile, redactor: Redactor) -> None:
         self._profile = profile

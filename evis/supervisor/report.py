@@ -30,7 +30,11 @@ def summarise(
     failure: str | None,
     interrupted: bool,
 ) -> Report:
-    """Puts the summaries of all processes together. Times in seconds; rtf = sim_s / wall_s."""
+    """Puts the summaries of all processes together.
+
+    plan: what was run. parts: the summaries of its processes. startup_s: until all were ready [s]. wall_s: from
+    there to the end [s]; rtf = sim_s / wall_s. failure: what went wrong, in one line. interrupted: it was asked to end.
+    """
     plan = plan.redacted()
     nodes: dict[str, Any] = {}
     overhead: dict[str, float] = dict.fromkeys(_BUS_KEYS, 0.0)

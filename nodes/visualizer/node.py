@@ -45,6 +45,7 @@ class VisualizerNode(Node):
     _address_file: Path | None = None
 
     def setup(self) -> None:
+        """Starts the page's server, and writes its address where `evis view` finds it."""
         from nodes.visualizer import address
         from nodes.visualizer.hub import Hub
         from nodes.visualizer.server import Server
@@ -67,6 +68,7 @@ class VisualizerNode(Node):
             self.tell(f"open {shown}" + (f" ({note})" if note else ""))
 
     def idle(self) -> None:
+        """Opens and closes taps as panels open and close, and counts and warns for the server."""
         if self._hub is None:
             return
         wanted = self._hub.wanted()
@@ -92,10 +94,12 @@ class VisualizerNode(Node):
             hub.refuse(topic, str(error))
 
     def finish(self) -> None:
+        """Tells the page that the graph has ended."""
         if self._hub is not None:
             self._hub.finish()
 
     def close(self) -> None:
+        """Closes the taps and ends the server."""
         for tap in getattr(self, "_taps", {}).values():
             tap.close()
         self._taps = {}

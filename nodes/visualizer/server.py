@@ -125,7 +125,11 @@ async def _goodbye(ws: web.WebSocketResponse) -> None:
 
 
 class Server:
-    """Runs the application on its own thread and event loop."""
+    """Runs the application on its own thread and event loop.
+
+    hub: what the page shows. listener: bound socket. token, names: who gets in, see address.py. max_fps: most bundles
+    per second to each browser [Hz].
+    """
 
     def __init__(self, hub: Hub, listener: socket.socket, token: str, names: frozenset[str], max_fps: float) -> None:
         self._app = make_app(hub, token, names, max_fps)
