@@ -48,7 +48,7 @@ def events_of(case: Case, device: str) -> dict[str, dict[str, np.ndarray]]:
     """Runs one case in this process: camera -> column -> values. Raises what the graph's nodes raise."""
     from evis.bag.decoded import decoded_events
     from evis.bag.reader import BagReader
-    from evis.cli.launch import read_target
+    from evis.cli.graph.launch import read_target
     from evis.launch.planner import COMPOSED, Options, plan_launch
     from evis.runtime.executor import Executor
     from evis.supervisor.run_directory import RunDirectory

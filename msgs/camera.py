@@ -1,4 +1,4 @@
-"""Messages of one camera: what it is, what the renderer gives, what the interpolator and the sensor make of it.
+"""Defines the messages of one camera: what it is, what renderer, interpolator and sensor make of it.
 
 Image arrays lead with E (environments). With an over-render margin, H and W include `margin` pixels on every side.
 """
@@ -16,7 +16,7 @@ from msgs.header import Header, Message
 
 @dataclass
 class CameraInfo(Message):
-    """Latched description of a camera. Pixel (0, 0) is the top-left pixel's centre; x right, y down, z forward."""
+    """Describes a camera; latched. Pixel (0, 0) is the top-left pixel's centre; x right, y down, z forward."""
 
     header: Header
     k: np.ndarray = array("float64", "3 3", "intrinsic matrix [px], of the image without margin")
@@ -45,7 +45,9 @@ class CameraInfo(Message):
 
 @dataclass
 class Keyframe(Message):
-    """Scene-linear light at header.stamp_ns: radiance, Rec. 709 primaries, or its luminance where nobody reads colour.
+    """Carries scene-linear light at header.stamp_ns.
+
+    Radiance, Rec. 709 primaries, or its luminance where nobody reads colour.
 
     A supersampled one whose samples are to be moved before they are averaged is larger than the camera by a whole
     number of times, its margin too.
@@ -60,7 +62,10 @@ class Keyframe(Message):
 
     @property
     def image(self) -> np.ndarray:
-        """The radiance [E, H, W, 3] or, without it, the luminance [E, H, W]. Raises MessageError where both lack."""
+        """Returns the radiance [E, H, W, 3] or, without it, the luminance [E, H, W].
+
+        Raises MessageError where both lack.
+        """
         found = self.luminance if self.radiance is None else self.radiance
         if found is None:
             raise MessageError("Keyframe has neither radiance nor luminance")
@@ -68,14 +73,14 @@ class Keyframe(Message):
 
     @property
     def rgb(self) -> np.ndarray:
-        """The radiance, or a grey view [E, H, W, 3] of the luminance, for what shows pictures; of numpy arrays only."""
+        """Returns the radiance, or a grey view [E, H, W, 3] of the luminance, for pictures; of numpy arrays only."""
         image = self.image
         return image if image.ndim == 4 else np.broadcast_to(image[..., None], (*image.shape, 3))
 
 
 @dataclass
 class Depth(Message):
-    """Distance along the optical axis."""
+    """Carries the distance along the optical axis."""
 
     header: Header
     depth: np.ndarray = array("float32", "E H W", "z [m], +inf = sky")
@@ -84,7 +89,7 @@ class Depth(Message):
 
 @dataclass
 class Motion(Message):
-    """Backward motion: where the surface point was at the previous keyframe minus where it is now."""
+    """Carries backward motion: where the surface point was at the previous keyframe minus where it is now."""
 
     header: Header
     motion: np.ndarray = array("float32", "E H W 2", "(dx, dy) [px]")
@@ -93,7 +98,7 @@ class Motion(Message):
 
 @dataclass
 class Ids(Message):
-    """Instance seen by each pixel; CameraInfo.instances names them."""
+    """Carries the instance seen by each pixel; CameraInfo.instances names them."""
 
     header: Header
     ids: np.ndarray = array("int32", "E H W", "0 = background")
@@ -102,7 +107,7 @@ class Ids(Message):
 
 @dataclass
 class Normal(Message):
-    """Geometric surface normal in the world frame."""
+    """Carries the geometric surface normal in the world frame."""
 
     header: Header
     normal: np.ndarray = array("float32", "E H W 3", "unit vector towards the camera, 0 = sky")
@@ -111,7 +116,7 @@ class Normal(Message):
 
 @dataclass
 class Frames(Message):
-    """Linear luminance (or RGB) at K times of the gap (previous stamp, header.stamp_ns], margin cropped.
+    """Carries linear luminance (or RGB) at K times of the gap (previous stamp, header.stamp_ns], margin cropped.
 
     The first message of an episode has K = 1 and sets the sensor's reference.
     """
@@ -130,7 +135,7 @@ class Frames(Message):
 
 @dataclass
 class EventPacket(Message):
-    """Events of one interval, decoded arrays or the sensor's own bytes (`encoding` and `raw`), or both.
+    """Carries the events of one interval: decoded arrays, the sensor's own bytes (`encoding`, `raw`), or both.
 
     Simulated events are sorted by t, then y, x and lie in (t0_ns, header.stamp_ns]; a real sensor's order is kept as it
     came. `lost` counts events or bytes known to be missing before this packet.
@@ -154,7 +159,7 @@ class EventPacket(Message):
 
 @dataclass
 class Labels(Message):
-    """Ground truth at header.stamp_ns, the stamp of an event packet. Only what was asked for is present."""
+    """Carries ground truth at header.stamp_ns, the stamp of an event packet. Only what was asked for is present."""
 
     header: Header
     flow: np.ndarray | None = array("float32", "E H W 2", "forward optical flow [px/s], NaN = unknown", optional=True)
@@ -176,7 +181,7 @@ class Labels(Message):
 
 @dataclass
 class Imu(Message):
-    """Inertial samples of a camera, in its own frame."""
+    """Carries inertial samples of a camera, in its own frame."""
 
     header: Header
     t: np.ndarray = array("int64", "n", "[ns]")
@@ -187,7 +192,7 @@ class Imu(Message):
 
 @dataclass
 class Trigger(Message):
-    """External trigger edges."""
+    """Carries external trigger edges."""
 
     header: Header
     t: np.ndarray = array("int64", "n", "[ns]")
@@ -197,7 +202,7 @@ class Trigger(Message):
 
 @dataclass
 class Image(Message):
-    """An image for people, or a real sensor's frame. `encoding` as in sensor_msgs/Image (rgb8, mono8, 32FC1, ...)."""
+    """Carries an image for people, or a real sensor's frame. `encoding` as in sensor_msgs/Image (rgb8, mono8)."""
 
     header: Header
     data: np.ndarray = array("uint8|uint16|float32", "H W ?", "channels last, 1 or 3")

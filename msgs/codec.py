@@ -1,4 +1,4 @@
-"""The wire codec: a message as `[msgpack header][array buffer]...`, and back, with every claim of the sender checked.
+"""Encodes a message as `[msgpack header][array buffer]...` and decodes it, with every claim of the sender checked.
 
 The header is a msgpack map: `type`, `version`, `header` (stamp_ns, seq, clock, episode), `scalars` (the other plain
 fields), `arrays` ([name, dtype, shape] each, in the order of the buffers), and `extra` for the transport. Nothing is
@@ -38,7 +38,7 @@ _passed: set[tuple[type[Message], Layout]] = set()
 
 @dataclass
 class WireHeader:
-    """A decoded header, before the arrays are attached."""
+    """Holds a decoded header, before the arrays are attached."""
 
     message_type: type[Message]
     header: Header
@@ -48,13 +48,13 @@ class WireHeader:
 
 
 def contiguous(value: Any) -> np.ndarray:
-    """A C-contiguous numpy view of a numpy or Warp array, copied only where it must be."""
+    """Returns a C-contiguous numpy view of a numpy or Warp array, copied only where it must be."""
     array = value if isinstance(value, np.ndarray) else value.numpy()
     return array if array.flags.c_contiguous else np.ascontiguousarray(array)
 
 
 def contents(message: Message) -> dict[str, np.ndarray]:
-    """The arrays of a message as they go on the wire, checked against its type. Raises MessageError."""
+    """Returns the arrays of a message as they go on the wire, checked against its type. Raises MessageError."""
     if not isinstance(message.header, Header):
         raise MessageError(f"{type(message).__name__}.header is {type(message.header).__name__}, not Header")
     arrays = {name: contiguous(value) for name, value in message.arrays().items()}
@@ -63,12 +63,12 @@ def contents(message: Message) -> dict[str, np.ndarray]:
 
 
 def layout(arrays: Mapping[str, np.ndarray]) -> Layout:
-    """Names, dtypes and shapes; most topics never change theirs."""
+    """Describes arrays by names, dtypes and shapes; most topics never change theirs."""
     return tuple([(name, array.dtype, array.shape) for name, array in arrays.items()])
 
 
 def check_layout(message_type: type[Message], arrays: Mapping[str, np.ndarray]) -> None:
-    """`check_arrays`, remembering what has passed. Raises MessageError."""
+    """Checks arrays as `check_arrays` does, remembering what has passed. Raises MessageError."""
     key = message_type, layout(arrays)
     if key not in _passed:
         check_arrays(message_type, dict(arrays))
@@ -78,7 +78,7 @@ def check_layout(message_type: type[Message], arrays: Mapping[str, np.ndarray]) 
 
 
 def pack_header(message: Message, arrays: Mapping[str, np.ndarray], extra: dict[str, Any] | None = None) -> bytes:
-    """The msgpack header of a message with these `contents`. Raises MessageError."""
+    """Packs the msgpack header of a message with these `contents`. Raises MessageError."""
     h = message.header
     name = type(message).__name__
     body = {
@@ -94,12 +94,12 @@ def pack_header(message: Message, arrays: Mapping[str, np.ndarray], extra: dict[
 
 
 def pack_scalars(message: Message) -> bytes:
-    """The scalars alone; two messages have the same where these bytes are the same. Raises MessageError."""
+    """Packs the scalars alone; two messages have the same where these bytes are the same. Raises MessageError."""
     return _pack(type(message).__name__, message.scalars())
 
 
 def pack_moment(header: Header) -> bytes:
-    """Stamp, sequence number and episode: what follows a header that is sent once more. Raises MessageError."""
+    """Packs stamp, sequence number and episode: what follows a header that is sent once more. Raises MessageError."""
     try:
         return _MOMENT.pack(int(header.stamp_ns), int(header.seq), int(header.episode))
     except struct.error as error:
@@ -124,18 +124,18 @@ def _plain(value: Any) -> Any:
 
 
 def raw(array: np.ndarray) -> Buffer:
-    """The bytes of a contiguous array, in place."""
+    """Returns the bytes of a contiguous array, in place."""
     return array.data.cast("B") if array.size else b""
 
 
 def encode(message: Message) -> list[Buffer]:
-    """All frames of a message with its arrays inline."""
+    """Encodes all frames of a message with its arrays inline."""
     arrays = contents(message)
     return [pack_header(message, arrays), *map(raw, arrays.values())]
 
 
 def decode_header(frame: Buffer, expected: type[Message] | None = None) -> WireHeader:
-    """Unpack and check a header. `expected`: the type that the topic carries. Raises MessageError, TypeMismatch."""
+    """Unpacks and checks a header. `expected`: the type that the topic carries. Raises MessageError, TypeMismatch."""
     if len(frame) > MAX_HEADER:
         raise MessageError(f"header of {len(frame)} bytes, the limit is {MAX_HEADER}")
     try:
@@ -165,7 +165,7 @@ def decode_header(frame: Buffer, expected: type[Message] | None = None) -> WireH
 
 
 def decode_moment(frame: Buffer, clock: str) -> Header:
-    """The header of `pack_moment`. Raises MessageError."""
+    """Decodes the header of `pack_moment`. Raises MessageError."""
     if len(frame) != _MOMENT.size:
         raise MessageError(f"stamp, sequence number and episode in {len(frame)} bytes, not {_MOMENT.size}")
     stamp_ns, seq, episode = _MOMENT.unpack(frame)
@@ -240,12 +240,12 @@ def _descriptor(message_type: type[Message], value: Any) -> tuple[str, np.dtype,
 
 
 def nbytes(descriptor: tuple[str, np.dtype, tuple[int, ...]]) -> int:
-    """Bytes that an array of this descriptor takes."""
+    """Returns the bytes that an array of this descriptor takes."""
     return math.prod(descriptor[2]) * descriptor[1].itemsize
 
 
 def attach(wire: WireHeader, buffers: Sequence[Buffer]) -> Message:
-    """Make the message, its arrays being views of `buffers` (read-only where the buffer is). Raises MessageError."""
+    """Makes the message, its arrays being views of `buffers` (read-only where the buffer is). Raises MessageError."""
     name = wire.message_type.__name__
     if len(buffers) != len(wire.arrays):
         raise MessageError(f"{name}: {len(wire.arrays)} arrays announced, {len(buffers)} buffers came")
@@ -270,7 +270,7 @@ def _empty(name: str, field: str, shape: tuple[int, ...], dtype: np.dtype) -> np
 
 
 def decode(frames: Sequence[Buffer], expected: type[Message] | None = None) -> Message:
-    """The message of `encode`'s frames. Raises MessageError on anything that is not one."""
+    """Decodes the message of `encode`'s frames. Raises MessageError on anything that is not one."""
     if not frames:
         raise MessageError("no frames")
     return attach(decode_header(frames[0], expected), frames[1:])

@@ -1,4 +1,4 @@
-"""What every node says about itself."""
+"""Defines what every node says about itself."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from msgs.header import Header, Message
 
 @dataclass
 class Diagnostics(Message):
-    """State of one node, about once a second, and at once for warnings and errors.
+    """Carries the state of one node, about once a second, and at once for warnings and errors.
 
     values: plain numbers by name: rate_hz, lag_ms, queue, drops, ms_per_update, rss_mb, and the node's own counters.
     """

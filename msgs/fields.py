@@ -1,4 +1,4 @@
-"""How a message declares its arrays, and the checks that follow from the declaration."""
+"""Lets a message declare its arrays, and makes the checks that follow from the declaration."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class ArraySpec:
-    """dtype and shape of one array field.
+    """Declares dtype and shape of one array field.
 
     `dtypes`: allowed numpy dtype names, the first is the usual one. `dims`: names or numbers, one per axis; the same
     name stands for the same length everywhere in one message (`E`, `H`, `W`, ...), `?` for any length.
@@ -30,7 +30,7 @@ class ArraySpec:
 
 
 def array(dtypes: str, dims: str, doc: str = "", *, optional: bool = False) -> Any:
-    """Declare an array field: `array("float32|float16", "E H W 3", "radiance")`. Optional fields default to None."""
+    """Declares an array field: `array("float32|float16", "E H W 3", "radiance")`. Optional fields default to None."""
     spec = ArraySpec(
         tuple(dtypes.split("|")),
         tuple(int(d) if d.isdigit() else d for d in dims.split()),
@@ -47,7 +47,7 @@ _plain: dict[type, dict[str, str]] = {}
 
 
 def array_specs(message_type: type) -> dict[str, ArraySpec]:
-    """The array fields of a message class, in declaration order. The dict is shared: do not change it."""
+    """Returns the array fields of a message class, in declaration order. The dict is shared: do not change it."""
     specs = _specs.get(message_type)
     if specs is None:
         fields = dataclasses.fields(message_type)
@@ -56,7 +56,7 @@ def array_specs(message_type: type) -> dict[str, ArraySpec]:
 
 
 def plain_fields(message_type: type) -> dict[str, str]:
-    """The other fields of a message class but `header`, in declaration order: name -> annotation. Do not change it."""
+    """Returns the other fields of a message class but `header`, in order: name -> annotation. Do not change it."""
     plain = _plain.get(message_type)
     if plain is None:
         others = (f for f in dataclasses.fields(message_type) if "array" not in f.metadata and f.name != "header")
@@ -65,15 +65,15 @@ def plain_fields(message_type: type) -> dict[str, str]:
 
 
 class MessageError(ValueError):
-    """A message that is not what its type declares. The text names the type, the field and both sides."""
+    """Reports a message that is not what its type declares. The text names the type, the field and both sides."""
 
 
 class TypeMismatch(MessageError):
-    """A message of another type, or another version of it, than this side expects."""
+    """Reports a message of another type, or another version of it, than this side expects."""
 
 
 def check_arrays(message_type: type, arrays: dict[str, Any]) -> None:
-    """Check dtype and shape of every array of one message against its declaration.
+    """Checks dtype and shape of every array of one message against its declaration.
 
     `arrays` maps field name to anything with `dtype` and `shape`. Raises MessageError naming the field, what was
     declared and what is there.
@@ -111,7 +111,7 @@ def _shape_error(message_type: type, name: str, shape: tuple[int, ...], why: str
 
 
 def dtype_name(value: Any) -> str:
-    """numpy dtype name of a numpy or Warp array (`float32`); a Warp vector array counts as its scalar.
+    """Names the numpy dtype of a numpy or Warp array (`float32`); a Warp vector array counts as its scalar.
 
     A foreign byte order is part of the name (`>f4`): the wire has this machine's.
     """

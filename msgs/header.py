@@ -1,4 +1,4 @@
-"""The header that every message carries, and the registry of message types."""
+"""Defines the header that every message carries, and the registry of message types."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from msgs.fields import MessageError, array_specs, check_arrays, plain_fields
 
 @dataclass(slots=True)
 class Header:
-    """When and whence.
+    """Says what time and which stream a message belongs to.
 
     stamp_ns: physical time the data is about [ns]. seq: counts up by one per topic and publisher; a gap is a loss.
     clock: the time domain (`sim`, `wall`, `device:<serial>`). episode: goes up at each reset; no node carries state
@@ -24,7 +24,9 @@ class Header:
 
 
 class Message:
-    """Base of all messages. A subclass is a dataclass whose first field is `header`.
+    """Carries data from one node to others: the base of all messages.
+
+    A subclass is a dataclass whose first field is `header`.
 
     VERSION goes up whenever the fields change meaning; a mismatch on the wire is an error that names both sides.
     """
@@ -40,25 +42,25 @@ class Message:
         Message.TYPES[cls.__name__] = cls
 
     def arrays(self) -> dict[str, Any]:
-        """The array fields that are present, in declaration order."""
+        """Returns the array fields that are present, in declaration order."""
         return {n: v for n in array_specs(type(self)) if (v := getattr(self, n)) is not None}
 
     def scalars(self) -> dict[str, Any]:
-        """All other fields but the header."""
+        """Returns all other fields but the header."""
         return {n: getattr(self, n) for n in plain_fields(type(self))}
 
     def check(self) -> None:
-        """Raise MessageError unless dtypes and shapes are as declared."""
+        """Raises MessageError unless dtypes and shapes are as declared."""
         if not isinstance(self.header, Header):
             raise MessageError(f"{type(self).__name__}.header is {type(self.header).__name__}, not Header")
         check_arrays(type(self), self.arrays())
 
     def keep(self) -> None:
-        """Keep the arrays valid after `update` returns, until `release`: the slot they lie in is not written again."""
+        """Keeps the arrays valid after `update` returns, until `release`: the slot they lie in is not written again."""
         if self._slot is not None:
             self._slot.pin()
 
     def release(self) -> None:
-        """Undo one `keep`."""
+        """Undoes one `keep`."""
         if self._slot is not None:
             self._slot.unpin()

@@ -1,4 +1,4 @@
-"""The one table of topics: name pattern -> type, delivery, queue length, recorded by default or not."""
+"""Lists all topics in one table: name pattern -> type, delivery, queue length, recorded by default or not."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from msgs.world import Action, Clock, WorldState
 
 @dataclass(frozen=True)
 class Topic:
-    """One row. `lockstep`: declared consumers get every message; otherwise the topic is only ever tapped.
+    """Describes one topic. `lockstep`: declared consumers get every message; otherwise the topic is only ever tapped.
 
     `latched`: late joiners get the last message. `queue`: messages that a tap may lag behind before it loses some.
     `recorded`: in a bag unless asked otherwise. `help`: one line for `evis topic info`.
@@ -67,16 +67,19 @@ TOPICS: tuple[Topic, ...] = (
     Topic("/<cam>/image", Image, True, False, 2, True, "8-bit image: preview, or a real sensor's frame"),
 )
 
+SYSTEM_TOPICS = tuple(row.pattern for row in TOPICS if not row.lockstep)
+"""Every process publishes its share of these, so their sequence numbers tell nothing; they are only ever tapped."""
+
 
 class UnknownTopic(KeyError):
-    """A name that no row of the table matches; the text names the nearest pattern."""
+    """Reports a name that no row of the table matches; the text names the nearest pattern."""
 
     def __str__(self) -> str:
         return str(self.args[0])
 
 
 def find_topic(name: str) -> Topic:
-    """The row for a concrete topic name such as `/cam0/events`. Raises UnknownTopic."""
+    """Returns the row for a concrete topic name such as `/cam0/events`. Raises UnknownTopic."""
     for topic in TOPICS:
         if topic.regex.match(name):
             return topic

@@ -1,4 +1,4 @@
-"""Messages about the simulated world: time, actions, body states."""
+"""Defines the messages about the simulated world: time, actions, body states."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from msgs.header import Header, Message
 
 @dataclass
 class Clock(Message):
-    """The current time (header.stamp_ns) and how fast it runs against the wall clock."""
+    """Carries the current time (header.stamp_ns) and how fast it runs against the wall clock."""
 
     header: Header
     real_time_factor: float = 0.0
@@ -22,7 +22,7 @@ class Clock(Message):
 
 @dataclass
 class Action(Message):
-    """Controls for the step that starts at header.stamp_ns."""
+    """Carries controls for the step that starts at header.stamp_ns."""
 
     header: Header
     controls: np.ndarray = array("float64", "E nu", "actuator controls, in the units of the model's actuators")
@@ -30,7 +30,7 @@ class Action(Message):
 
 @dataclass
 class WorldState(Message):
-    """Poses and twists of the bodies over the interval that ends at header.stamp_ns.
+    """Carries poses and twists of the bodies over the interval that ends at header.stamp_ns.
 
     Body n is `names[n]`; every camera of the scene is a body too, under its own name. In the first message of an
     episode S = 1; in every later one t[0] is the previous stamp and t[-1] is header.stamp_ns, so one message is enough
@@ -64,13 +64,17 @@ class WorldState(Message):
     def dense(
         cls, header: Header, t: np.ndarray, pose: np.ndarray, twist: np.ndarray, episodes: np.ndarray, **others: Any
     ) -> WorldState:
-        """The message of all sub-steps of all bodies: pose float64 [E, S, N, 7], twist float64 [E, S, N, 6], S > 0."""
+        """Makes the message of all sub-steps of all bodies.
+
+        t: int64 [S] ns. pose: float64 [E, S, N, 7]. twist: float64 [E, S, N, 6]. episodes: int32 [E]. others: the other
+        fields, as they are.
+        """
         moving = moving_bodies(pose, twist)
         end = np.ascontiguousarray(pose[:, -1])
         return cls(header, t, end, moving, pose[:, :, moving], twist[:, :, moving], episodes, **others)
 
     def rows(self, bodies: Sequence[int] | np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Poses float64 [E, S, n, 7] and twists [E, S, n, 6] of these bodies (None: all N) at every sub-step."""
+        """Returns poses float64 [E, S, n, 7] and twists [E, S, n, 6] of these bodies (None: all) at every sub-step."""
         count = self.end_pose.shape[1]
         chosen = np.arange(count) if bodies is None else np.asarray(bodies, np.int64)
         place = np.full(count, -1)
@@ -85,13 +89,13 @@ class WorldState(Message):
         return pose, twist
 
     def end_twist(self) -> np.ndarray:
-        """Velocities of all bodies at t[-1], float64 [E, N, 6]."""
+        """Returns the velocities of all bodies at t[-1], float64 [E, N, 6]."""
         twist = np.zeros((*self.end_pose.shape[:2], 6))
         twist[:, self.moving] = self.moving_twist[:, -1]
         return twist
 
     def check(self) -> None:
-        """As every message's; also raises MessageError unless `moving` names bodies that there are, in order."""
+        """Checks as every message does; also raises MessageError unless `moving` names bodies there are, in order."""
         super().check()
         moving, count = np.asarray(self.moving), self.end_pose.shape[1]
         if moving.size and (moving[0] < 0 or moving[-1] >= count or (np.diff(moving) <= 0).any()):
@@ -99,7 +103,7 @@ class WorldState(Message):
 
 
 def moving_bodies(pose: np.ndarray, twist: np.ndarray) -> np.ndarray:
-    """Bodies, int32 ascending, that are not at one pose without velocity throughout, to the bit, in all environments.
+    """Finds the bodies, int32 ascending, that are not at one pose without velocity throughout, to the bit.
 
     pose float64 [E, S, N, 7], twist float64 [E, S, N, 6].
     """

@@ -1,4 +1,4 @@
-"""The publisher's view of its declared consumers: who is there, who has credit, who still holds which slot."""
+"""Keeps the publisher's view of its declared consumers: who is there, who has credit, who still holds which slot."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ MAX_KEYS = 4096
 
 @dataclass
 class Consumer:
-    """One declared consumer. `held`: message -> its slot, until freed; `uncredited`: messages it has not taken yet."""
+    """Records one declared consumer.
+
+    `held`: message -> its slot, until freed; `uncredited`: messages it has not taken yet.
+    """
 
     name: str
     window: int
@@ -46,10 +49,11 @@ class Consumer:
 
     @property
     def connected(self) -> bool:
+        """It has said whether it can open our memory."""
         return self.shared is not None
 
     def forget(self) -> None:
-        """It is gone: nothing that it held is needed any more."""
+        """Releases all that it held: it is gone."""
         for slot in self.held.values():
             if slot is not None:
                 slot.unpin()
@@ -67,7 +71,11 @@ class Consumers:
     def __init__(
         self, topic: str, node: str, names: list[str], message_type: type[Message], window: int, piped: bool
     ) -> None:
-        """piped: messages may go through pipes, where a consumer can be reached that way."""
+        """topic, node: names of the topic and of its publisher. names: ids `node:port` of the declared consumers.
+
+        message_type: what a consumer must expect. window: messages that each may be behind. piped: messages may go
+        through pipes, where a consumer can be reached that way.
+        """
         self.topic = topic
         self.node = node
         self.message_type = message_type
@@ -85,41 +93,41 @@ class Consumers:
         self._lost: list[Consumer] = []
 
     def attach(self, router: zmq.Socket) -> None:
-        """Answer through this bound ROUTER."""
+        """Takes the bound ROUTER through which to answer."""
         self._router = router
 
     def missing(self) -> list[str]:
-        """Declared, but not connected now."""
+        """Names the consumers that are declared, but not connected now."""
         return [c.name for c in self.all.values() if not self._present(c)]
 
     def _present(self, consumer: Consumer) -> bool:
         return consumer.connected and consumer.key in self._keys
 
     def arrivals(self) -> list[Consumer]:
-        """Those that became connected since the last call."""
+        """Lists the consumers that became connected since the last call."""
         new = [c for c in self.all.values() if not c.greeted and self._present(c)]
         for consumer in new:
             consumer.greeted = True
         return new
 
     def room(self) -> int:
-        """Longest record that every consumer's pipe takes [bytes]; 0 when one has none."""
+        """Returns the longest record that every consumer's pipe takes [bytes]; 0 when one has none."""
         return min([c.room for c in self.all.values()], default=1 << 30)
 
     def credit(self) -> int:
-        """Messages that every consumer has room for."""
+        """Returns how many messages every consumer has room for."""
         return min([c.window - len(c.uncredited) if c.greeted else 0 for c in self.all.values()], default=1 << 30)
 
     def behind(self) -> list[str]:
-        """Those without credit."""
+        """Names the consumers without credit."""
         return [c.name for c in self.all.values() if not c.greeted or len(c.uncredited) >= c.window]
 
     def shared(self) -> bool:
-        """True when no consumer has said that it cannot open our memory."""
+        """Says whether no consumer has said that it cannot open our memory."""
         return all(c.shared is not False for c in self.all.values())
 
     def charge(self, consumers: list[Consumer], seq: int, slot: Slot | None) -> None:
-        """A message is on its way to consumers, each of which holds the slot from now on."""
+        """Charges consumers for a message on its way to them; each holds the slot from now on."""
         for consumer in consumers:
             consumer.uncredited.add(seq)
             consumer.held[seq] = slot
@@ -127,7 +135,7 @@ class Consumers:
                 slot.pin()
 
     def raise_lost(self) -> None:
-        """Raise PeerLost for a consumer that has left before the end."""
+        """Raises PeerLost for a consumer that has left before the end."""
         while self._lost:
             consumer = self._lost.pop()
             if not consumer.ended and not consumer.gone_at:
@@ -137,7 +145,7 @@ class Consumers:
                 raise PeerLost(consumer.name, self.topic)
 
     def subscription(self, frames: list[bytes]) -> None:
-        """Take what the XPUB says: who has come, who has left."""
+        """Takes what the XPUB says: who has come, who has left."""
         key = frames[0][1:]
         if len(frames) != 1 or frames[0][:1] not in (b"\0", b"\1") or len(key) > 512:
             self.rejected += 1
@@ -157,14 +165,14 @@ class Consumers:
                     self._lost.append(consumer)
 
     def answered(self, timeout_ms: int) -> bool:
-        """Wait a little for the pipe, where all answer through it, and take what has come; False when nothing has."""
+        """Waits a little for the pipe, where all answer through it, and takes what has come; False when nothing has."""
         if not all([c.answers for c in self.all.values()]) or not self.inbox.wait(min(timeout_ms, wire.SOON_MS)):
             return False
         self.collect()
         return True
 
     def collect(self) -> None:
-        """Take the credits that came through the pipe."""
+        """Takes the credits that came through the pipe."""
         for link, op, seq in self.inbox.take(self._links):
             consumer = self._links[link]
             try:
@@ -174,7 +182,7 @@ class Consumers:
                 self.rejected += 1
 
     def talk(self, frames: list[bytes]) -> None:
-        """Take what the ROUTER says: greetings, and credits of those that cannot reach the pipe or found it full.
+        """Takes what the ROUTER says: greetings, and credits of those that cannot reach the pipe or found it full.
 
         Raises BusError for a consumer of another message type.
         """
@@ -259,7 +267,7 @@ class Consumers:
         self._router.send_multipart([route, wire.pack_map(wire.REFUSED, reason=reason)])
 
     def unfinished(self, heard_at: float) -> bool:
-        """True while some have not answered the end of the stream. Raises PeerLost for one that left without a word.
+        """Says whether some have not answered the end of the stream. Raises PeerLost for one that left without a word.
 
         heard_at: time.monotonic() before the sockets were last read. Time that passed since tells nothing: this process
         may have been held up with the answer in its queue.

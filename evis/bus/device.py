@@ -1,4 +1,4 @@
-"""Arrays that stay on their device between the nodes of one process.
+"""Keeps arrays on their device between the nodes of one process.
 
 A node that computes on a GPU loans Warp arrays there and publishes them as they are. Consumers of the process that
 compute on the same device and say so (`Input.on_device`) get them by reference; everybody else gets a message of numpy
@@ -10,7 +10,7 @@ it, so what is launched after the last release comes after all that reads.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -24,8 +24,6 @@ from msgs.header import Message
 if TYPE_CHECKING:
     import warp as wp
 
-    from evis.bus.publisher import Publisher
-
 MOST_VIEWS = 16
 """Layouts that a slot remembers; packets of events have another length every time."""
 
@@ -34,7 +32,7 @@ Asked = Mapping[str, tuple[tuple[int, ...], Any]]
 
 
 def device_of(message: Message) -> Any:
-    """The device that the first of a message's Warp arrays lies on; None where all are numpy's."""
+    """Returns the device that the first of a message's Warp arrays lies on; None where all are numpy's."""
     for value in message.arrays().values():
         if not isinstance(value, np.ndarray):
             return value.device
@@ -43,14 +41,14 @@ def device_of(message: Message) -> Any:
 
 @dataclass(frozen=True)
 class Form:
-    """dtype and shape of an array as numpy has it."""
+    """Gives dtype and shape of an array as numpy has it."""
 
     dtype: np.dtype
     shape: tuple[int, ...]
 
     @staticmethod
     def of(array: Any) -> Form:
-        """Of a numpy or Warp array, whose vectors become one more axis."""
+        """Makes the form of a numpy or Warp array, whose vectors become one more axis."""
         if isinstance(array, np.ndarray):
             return Form(array.dtype, array.shape)
         import warp as wp
@@ -60,24 +58,27 @@ class Form:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of such an array."""
+        """Size of such an array [bytes]."""
         return math.prod(self.shape) * self.dtype.itemsize
 
 
 def check(message: Message) -> int:
-    """Check a message with Warp arrays against its type; gives its size [bytes]. Raises MessageError."""
+    """Checks a message with Warp arrays against its type, and returns its size [bytes]. Raises MessageError."""
     forms: dict[str, Any] = {name: Form.of(value) for name, value in message.arrays().items()}
     check_layout(type(message), forms)
     return sum(form.nbytes for form in forms.values())
 
 
-def on_host(message: Message, publisher: Publisher) -> Message:
-    """The same message in numpy arrays, those that were Warp's in a loan of the publisher. Waits for the device."""
+def on_host(message: Message, loan: Callable[..., Mapping[str, np.ndarray]]) -> Message:
+    """Copies a message to the host: those of its arrays that were Warp's lie in a `loan`. Waits for the device.
+
+    loan: of the publisher that will send it, name=(shape, dtype) -> name: array.
+    """
     import warp as wp
 
     away = {name: value for name, value in message.arrays().items() if not isinstance(value, np.ndarray)}
     forms = {name: Form.of(value) for name, value in away.items()}
-    here: dict[str, Any] = publisher.loan(**{name: (form.shape, form.dtype) for name, form in forms.items()})
+    here: Any = loan(**{name: (form.shape, form.dtype) for name, form in forms.items()})
     for name, value in away.items():
         target: wp.array = wp.array(here[name], dtype=value.dtype, shape=value.shape, copy=False, device="cpu")
         wp.copy(target, value)
@@ -90,7 +91,7 @@ def on_host(message: Message, publisher: Publisher) -> Message:
 
 
 class DeviceSlot:
-    """A block of device memory. `pins`: how many still need its contents; at zero it goes back to its pool."""
+    """Owns a block of device memory. `pins`: how many still need its contents; at zero it goes back to its pool."""
 
     def __init__(self, pool: DevicePool, device: Any, size: int) -> None:
         import warp as wp
@@ -102,7 +103,7 @@ class DeviceSlot:
         self.pins = 0
 
     def arrays(self, asked: Asked) -> dict[str, Any]:
-        """Arrays behind each other in it; the same objects for the same question."""
+        """Returns arrays behind each other in the slot; the same objects for the same question."""
         import warp as wp
 
         key = tuple((name, tuple(shape), dtype) for name, (shape, dtype) in asked.items())
@@ -119,15 +120,15 @@ class DeviceSlot:
         return self._views[key]
 
     def holds(self, array: Any) -> bool:
-        """Does the array lie in it?"""
+        """Says whether the array lies in this slot."""
         return not isinstance(array, np.ndarray) and 0 <= array.ptr - self._memory.ptr < self.size
 
     def pin(self) -> None:
-        """Keep the contents for one more user."""
+        """Keeps the contents for one more user."""
         self.pins += 1
 
     def unpin(self) -> None:
-        """One user less. Raises BusError when there was none."""
+        """Takes one user away. Raises BusError when there was none."""
         if self.pins <= 0:
             raise BusError(f"{self._pool.name}: a message was released more often than it was kept")
         self.pins -= 1
@@ -136,7 +137,10 @@ class DeviceSlot:
 
 
 class DevicePool:
-    """The device slots of one topic, all of one device and size: a bigger message, or another device, has them anew."""
+    """Owns the device slots of one topic, all of one device and size.
+
+    A bigger message, or another device, has them anew.
+    """
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -146,7 +150,7 @@ class DevicePool:
         self._loans: list[DeviceSlot] = []
 
     def loan(self, device: Any, asked: Asked) -> dict[str, Any]:
-        """Warp arrays to write the next message into; they hold until the next claim. Raises BusError."""
+        """Returns Warp arrays to write the next message into; they hold until the next claim. Raises BusError."""
         size = sum(aligned(_nbytes(shape, dtype)) for shape, dtype in asked.values())
         if device != self._of[0] or size > self._of[1]:
             self._of = device, rounded(size)
@@ -165,7 +169,7 @@ class DevicePool:
         return slot.arrays(asked)
 
     def claim(self, message: Message) -> DeviceSlot | None:
-        """The loan that the message's arrays lie in, with its pin now the caller's; other loans lapse."""
+        """Returns the loan that the message's arrays lie in, with its pin now the caller's; other loans lapse."""
         loans, self._loans = self._loans, []
         claimed = None
         for slot in loans:
@@ -176,7 +180,7 @@ class DevicePool:
         return claimed
 
     def give_back(self, slot: DeviceSlot) -> None:
-        """Called by a slot whose last pin is gone."""
+        """Takes back a slot whose last pin is gone; called by the slot."""
         if (slot.device, slot.size) == self._of:
             self._free.append(slot)
         else:

@@ -1,4 +1,4 @@
-"""Where the sockets of a topic are: files in the run's private directory, so that only its user can connect."""
+"""Places the sockets of a topic: files in the run's private directory, so that only its user can connect."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SUN_PATH = 107
 
 @dataclass(frozen=True)
 class Endpoints:
-    """The three addresses of one topic.
+    """Holds the three addresses of one topic.
 
     lockstep: messages to declared consumers. credit: their greetings and credits. tap: the lossy copy.
     """
@@ -33,7 +33,7 @@ class Endpoints:
 
 
 def endpoints_for(directory: str | os.PathLike[str], topic: str) -> Endpoints:
-    """Unix sockets for a topic in the run's directory. Raises BusError when the path is too long for a socket."""
+    """Names the Unix sockets of a topic in the run's directory. Raises BusError when the path is too long for one."""
     stem = Path(directory).absolute() / topic.strip("/").replace("/", "~")  # topics have no '~': names stay distinct
     paths = [f"{stem}.{kind}" for kind in ("data", "credit", "tap")]
     longest = max(len(os.fsencode(p)) for p in paths)
@@ -46,7 +46,7 @@ def endpoints_for(directory: str | os.PathLike[str], topic: str) -> Endpoints:
 
 
 def check_bind(address: str) -> None:
-    """Refuse an address that others could reach: any but a socket file in a directory of the user's own."""
+    """Refuses an address that others could reach: any but a socket file in a directory of the user's own."""
     scheme, _, path = address.partition("://")
     # libzmq takes `@name` for the abstract namespace, which has no permissions, and `*` for a file in /tmp.
     if scheme != "ipc" or not path.startswith("/"):
@@ -71,7 +71,7 @@ def _check_private(path: Path) -> None:
 
 
 def bind(sock: zmq.Socket, address: str) -> None:
-    """Bind a socket. Raises BusError."""
+    """Binds a socket. Raises BusError."""
     try:
         sock.bind(address)
     except zmq.ZMQError as error:
@@ -79,6 +79,6 @@ def bind(sock: zmq.Socket, address: str) -> None:
 
 
 def unlink(endpoints: Endpoints) -> None:
-    """Remove the socket files of endpoints that were bound here; libzmq leaves them behind."""
+    """Removes the socket files of endpoints that were bound here; libzmq leaves them behind."""
     for address in endpoints:
         Path(address.removeprefix("ipc://")).unlink(missing_ok=True)

@@ -1,14 +1,14 @@
-"""What can go wrong on the bus."""
+"""Defines what can go wrong on the bus."""
 
 from __future__ import annotations
 
 
 class BusError(OSError):
-    """A transport failure; the text names the topic and the remedy."""
+    """Reports a transport failure; the text names the topic and the remedy."""
 
 
 class PeerLost(BusError):
-    """The other end of a topic died, froze or left before the end of the stream.
+    """Reports that the other end of a topic died, froze or left before the end of the stream.
 
     node: who is gone (a node, or `node:port` for a consumer). topic: what it was publishing or reading.
     """

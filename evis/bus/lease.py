@@ -1,19 +1,16 @@
-"""What a subscriber gives out beside the messages: the hold on each of them, and the end of the stream."""
+"""Defines what a subscriber gives out beside the messages: the hold on each of them, and the end of the stream."""
 
 from __future__ import annotations
 
 import enum
-from typing import TYPE_CHECKING, Final
+from typing import Final, Protocol
 
 from evis.bus import wire
 from evis.bus.errors import BusError
 
-if TYPE_CHECKING:
-    from evis.bus.subscriber import Subscriber
-
 
 class End(enum.Enum):
-    """What `receive` returns when the publisher has ended the stream."""
+    """Stands for the end of a stream: what `receive` returns when the publisher has ended it."""
 
     END = "end of stream"
 
@@ -21,30 +18,39 @@ class End(enum.Enum):
 END: Final = End.END
 
 
+class Receiver(Protocol):
+    """Stands for the subscriber that a message came through, which answers its publisher."""
+
+    topic: str
+
+    def reply(self, op: bytes, seq: int) -> None:
+        """Tells the publisher what becomes of a message: CREDIT, TAKEN or FREED of wire.py."""
+
+
 class Lease:
-    """Hold on a received message. The first `unpin` returns the credit; when no pin is left its slot may be reused."""
+    """Holds a received message. The first `unpin` returns its credit; when no pin is left its slot may be reused."""
 
-    __slots__ = ("_credited", "_pins", "_seq", "_subscriber")
+    __slots__ = ("_credited", "_pins", "_receiver", "_seq")
 
-    def __init__(self, subscriber: Subscriber, seq: int) -> None:
-        self._subscriber = subscriber
+    def __init__(self, receiver: Receiver, seq: int) -> None:
+        self._receiver = receiver
         self._seq = seq
         self._pins = 1
         self._credited = False
 
     def pin(self) -> None:
-        """Keep the arrays valid for one more user."""
+        """Keeps the arrays valid for one more user. Raises BusError after the last release."""
         if not self._pins:
-            raise BusError(f"topic {self._subscriber.topic}: a message was kept after its release")
+            raise BusError(f"topic {self._receiver.topic}: a message was kept after its release")
         self._pins += 1
 
     def unpin(self) -> None:
-        """One user less."""
+        """Takes one user away and answers the publisher. Raises BusError when there was none."""
         if not self._pins:
-            raise BusError(f"topic {self._subscriber.topic}: a message was released more often than it was kept")
+            raise BusError(f"topic {self._receiver.topic}: a message was released more often than it was kept")
         self._pins -= 1
         if not self._pins:
-            self._subscriber.reply(wire.FREED if self._credited else wire.CREDIT, self._seq)
+            self._receiver.reply(wire.FREED if self._credited else wire.CREDIT, self._seq)
         elif not self._credited:
             self._credited = True
-            self._subscriber.reply(wire.TAKEN, self._seq)
+            self._receiver.reply(wire.TAKEN, self._seq)

@@ -1,4 +1,4 @@
-"""The reader's side of shared memory: open the publisher's slots, map each once, view the arrays in place."""
+"""Reads shared memory: opens the publisher's slots, maps each once, views the arrays in place."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOST_HEADERS = 64
 
 
 def open_memfd(pid: int, fd: int) -> int:
-    """Open another process's memfd for reading. Raises OSError when it cannot be reached or is not one."""
+    """Opens another process's memfd for reading. Raises OSError when it cannot be reached or is not one."""
     handle = os.open(f"/proc/{pid}/fd/{fd}", os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         # Without the seal its owner could shrink the file, and reading the lost pages is a SIGBUS.
@@ -34,7 +34,7 @@ def open_memfd(pid: int, fd: int) -> int:
 
 
 def reachable(pid: int, fd: int, token: bytes) -> bool:
-    """True when the publisher's probe opens here and holds its token: same host, pid namespace and user."""
+    """Says whether the publisher's probe opens here and holds its token: same host, pid namespace and user."""
     try:
         handle = open_memfd(pid, fd)
     except OSError:
@@ -57,7 +57,7 @@ class SlotReader:
         self._known: dict[bytes, tuple[type[Message], str, dict[str, np.ndarray], dict[str, Any]]] = {}
 
     def recall(self, frames: Sequence[bytes]) -> Message | None:
-        """The message of a header known from before and of the moment that comes with it. Raises MessageError."""
+        """Returns the message of a header known from before and of the moment with it. Raises MessageError."""
         known = self._known.get(frames[0])
         if known is None or len(frames) != 2:
             return None
@@ -67,7 +67,7 @@ class SlotReader:
         return message_type(header, **{n: a.view() for n, a in arrays.items()}, **scalars)  # type: ignore[call-arg]
 
     def attach(self, wire: WireHeader, descriptor: Any, frames: Sequence[bytes]) -> Message:
-        """The message whose arrays a descriptor names. Raises MessageError, or OSError when the slot is gone."""
+        """Makes the message whose arrays a descriptor names. Raises MessageError, or OSError when the slot is gone."""
         if len(frames) > 2:
             raise MessageError(f"{wire.message_type.__name__}: a slot descriptor where the arrays should be")
         if len(frames) == 2:
@@ -81,7 +81,10 @@ class SlotReader:
         return message
 
     def buffers(self, wire: WireHeader, descriptor: Any) -> list[memoryview]:
-        """The memory of each array of a message, in place. Raises MessageError, or OSError when the slot is gone."""
+        """Returns the memory of each array of a message, in place.
+
+        Raises MessageError, or OSError when the slot is gone.
+        """
         pid, fd, slot, generation, size, offsets = _checked(descriptor, wire)
         if generation != self._generation:  # views that are kept hold their map alive by themselves
             self._maps.clear()

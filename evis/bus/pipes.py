@@ -1,4 +1,4 @@
-"""Pipes between processes of one machine: messages to a consumer, credits back to the publisher.
+"""Connects processes of one machine by pipes: messages to a consumer, credits back to the publisher.
 
 ZeroMQ wakes an I/O thread on either side for whatever is sent, which costs more than writing a megabyte of pixels. A
 pipe costs one `write` and one `read`. Each side makes the pipe that it reads from; the other opens it through
@@ -34,18 +34,18 @@ ELSEWHERE = _HEAD.pack(_HEAD.size, 0)
 
 
 def pack(frames: Sequence[Buffer]) -> bytes:
-    """The record of a message."""
+    """Packs the record of a message."""
     count = len(frames)
     return b"".join((struct.pack(f"<{count + 2}I", packed_size(frames), count, *map(len, frames)), *frames))
 
 
 def packed_size(frames: Sequence[Buffer]) -> int:
-    """Bytes of `pack(frames)`."""
+    """Returns the size of `pack(frames)` [bytes]."""
     return _HEAD.size + 4 * len(frames) + sum(map(len, frames))
 
 
 class Inbox:
-    """A pipe to read from; another process writes into it, from `address`."""
+    """Owns a pipe to read from; another process writes into it, from `address`."""
 
     def __init__(self) -> None:
         self._read, self._write = os.pipe2(os.O_CLOEXEC | os.O_NONBLOCK)
@@ -54,15 +54,15 @@ class Inbox:
         self._rest = b""
 
     def fileno(self) -> int:
-        """For a poller."""
+        """Returns the pipe's file descriptor, for a poller."""
         return self._read
 
     def wait(self, timeout_ms: float) -> bool:
-        """True when there is something to read within this time."""
+        """Waits at most this long, and says whether there is something to read."""
         return bool(self._poll.poll(timeout_ms))
 
     def fill(self) -> int:
-        """Take in a page of what has come; how many bytes that were."""
+        """Takes in a page of what has come, and returns how many bytes that were."""
         try:
             chunk = os.read(self._read, PAGE)
         except BlockingIOError:
@@ -76,13 +76,13 @@ class Inbox:
         return [os.getpid(), self._write, os.fstat(self._write).st_ino]
 
     def close(self) -> None:
-        """Who still writes finds nobody there."""
+        """Closes the pipe; who still writes finds nobody there."""
         os.close(self._read)
         os.close(self._write)
 
 
 class MessageInbox(Inbox):
-    """The consumer's: messages in the order they were sent."""
+    """Receives a consumer's messages, in the order they were sent."""
 
     def __init__(self, window: int) -> None:
         super().__init__()
@@ -90,7 +90,7 @@ class MessageInbox(Inbox):
             fcntl.fcntl(self._write, fcntl.F_SETPIPE_SZ, (PAGES_PER_MESSAGE * window + 1) * PAGE)
 
     def take(self) -> list[bytes] | None:
-        """The frames of the next message, none at all for one that is ELSEWHERE; None when nothing has come.
+        """Returns the frames of the next message, none at all for one that is ELSEWHERE; None when nothing has come.
 
         Raises Malformed: what came is no record, and where the next one begins is not known.
         """
@@ -100,7 +100,10 @@ class MessageInbox(Inbox):
         return frames
 
     def pending(self, timeout_ms: float = 0) -> bool:
-        """True when `take` has something to do within this time; half a record whose writer died does not count."""
+        """Waits at most this long, and says whether `take` has something to do.
+
+        Half a record whose writer died does not count.
+        """
         data = self._rest
         complete = len(data) >= _HEAD.size and len(data) >= _HEAD.unpack_from(data)[0]
         return complete or bool(self._poll.poll(timeout_ms))
@@ -125,7 +128,7 @@ class MessageInbox(Inbox):
 
 
 class CreditInbox(Inbox):
-    """The publisher's. A link is the number that it gave to one connection of one consumer."""
+    """Receives a publisher's credits. A link is the number that it gave to one connection of one consumer."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -133,7 +136,7 @@ class CreditInbox(Inbox):
         """Bytes that belonged to no record."""
 
     def take(self, links: Container[int]) -> list[tuple[int, bytes, int]]:
-        """What has come: (link, operation, sequence number), of these links only.
+        """Returns what has come: (link, operation, sequence number), of these links only.
 
         Somebody who writes half a record cannot displace those of others: what does not begin with a known link is
         stepped over byte by byte.
@@ -154,7 +157,7 @@ class CreditInbox(Inbox):
 
 
 class Outlet:
-    """A pipe of another process to write into. Raises OSError when it cannot be opened from here."""
+    """Writes into a pipe of another process. Raises OSError when it cannot be opened from here."""
 
     def __init__(self, address: Sequence[int]) -> None:
         if len(address) != 3 or any(type(n) is not int for n in address):
@@ -167,12 +170,12 @@ class Outlet:
             raise OSError("not that pipe")
 
     def room(self, window: int) -> int:
-        """Longest record [bytes] of which `window` and some small ones always fit."""
+        """Returns the longest record [bytes] of which `window` and some small ones always fit."""
         pages = fcntl.fcntl(self._fd, fcntl.F_GETPIPE_SZ) // PAGE
         return (pages - 1) // window * PAGE
 
     def write(self, record: bytes) -> bool:
-        """Hand a record over; False when the pipe is full. Nobody at the other end needs none."""
+        """Hands a record over; False when the pipe is full. Nobody at the other end needs none."""
         try:
             return os.write(self._fd, record) == len(record)
         except BlockingIOError:
@@ -181,9 +184,9 @@ class Outlet:
             return True  # the other side is gone, which shows elsewhere
 
     def write_credit(self, link: int, op: bytes, seq: int) -> bool:
-        """Hand one credit over; False when the pipe is full."""
+        """Hands one credit over; False when the pipe is full."""
         return self.write(_CREDIT.pack(link, op, seq))
 
     def close(self) -> None:
-        """Hang up."""
+        """Closes the pipe."""
         os.close(self._fd)

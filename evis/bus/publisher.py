@@ -1,4 +1,4 @@
-"""The sending end of a topic."""
+"""Implements the sending end of a topic."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from evis.bus.endpoints import Endpoints, bind, check_bind, unlink
 from evis.bus.errors import BusError, PeerLost
 from evis.bus.placing import describe, place
 from evis.bus.slots import Slot, SlotPool
-from evis.bus.tap import Tap, queue_length
+from evis.bus.tap import TapSender, queue_length
 from msgs.codec import Buffer, contents, pack_header, raw
 from msgs.header import Message
 
@@ -29,9 +29,10 @@ PUMP_EVERY_S = 0.005
 class Publisher:
     """Publishes one topic: to its declared consumers without loss, to taps as far as they can follow.
 
-    consumers: ids `node:port` of the declared consumers in other processes. window: messages that each of them may be
-    behind. latched: a consumer that connects late gets the last value. tap_hz: most messages per second on the tap,
-    0 = all. All calls are from one thread.
+    context: of ZeroMQ, the process's. topic, node: names. endpoints: the addresses that it binds. consumers: ids
+    `node:port` of the declared consumers in other processes. message_type: the only one that it sends. window: messages
+    that each consumer may be behind. latched: a consumer that connects late gets the last value. tap_hz: most messages
+    per second on the tap [Hz], 0 = all. All calls are from one thread.
     Raises BusError, and PeerLost when a consumer is gone.
     """
 
@@ -59,7 +60,7 @@ class Publisher:
         self._frame = topic.encode()
         # A latched message also reaches consumers that are half connected, which only the socket does.
         self._consumers = Consumers(topic, node, consumers, message_type, window, piped=not latched)
-        self._tap = Tap(topic, tap_hz)
+        self._tap = TapSender(topic, tap_hz)
         self._pool = SlotPool(topic, window + 1, shared=bool(consumers))
         self._on_device = DevicePool(topic)
         self._latch: list[Buffer] | None = None
@@ -70,7 +71,7 @@ class Publisher:
         self._pump_at = 0.0
 
     def start(self) -> None:
-        """Bind the sockets. Raises BusError: address in use, directory not private."""
+        """Binds the sockets. Raises BusError: address in use, directory not private."""
         for address in self.endpoints:
             check_bind(address)
         data = self._open(zmq.XPUB)
@@ -93,11 +94,11 @@ class Publisher:
         return sock
 
     def sockets(self) -> list[zmq.Socket | int]:
-        """For a poller, sockets and a file descriptor: call `pump` when one is readable."""
+        """Lists sockets and a file descriptor for a poller: call `pump` when one is readable."""
         return [self._consumers.inbox.fileno(), *self._sockets]
 
     def pump(self) -> None:
-        """Handle credits, newcomers and departures; never waits. Raises PeerLost."""
+        """Handles credits, newcomers and departures; never waits. Raises PeerLost."""
         self._consumers.collect()
         for sock in self._sockets:
             self._hear(sock)
@@ -127,44 +128,47 @@ class Publisher:
                 self._consumers.charge([consumer], self._seq - 1, None)
 
     def missing(self) -> list[str]:
-        """Declared consumers that are not connected."""
+        """Names the declared consumers that are not connected."""
         self.pump()
         return self._consumers.missing()
 
     def credit(self) -> int:
-        """Messages that `send` takes without waiting."""
+        """Returns how many messages `send` takes without waiting."""
         return self._consumers.credit()
 
     def wanted(self) -> bool:
-        """True when somebody reads this topic: a declared consumer, or a tap right now."""
+        """Says whether somebody reads this topic: a declared consumer, or a tap right now."""
         return bool(self._consumers.all) or self._tap.listeners > 0
 
     def tapped(self) -> bool:
-        """True while a tap listens."""
+        """Says whether a tap listens."""
         return self._tap.listeners > 0
 
     def loan(self, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, np.ndarray]:
-        """Aligned arrays to write the next message into, name -> (shape, dtype). Valid until the next `send`."""
+        """Returns aligned arrays to write the next message into, name -> (shape, dtype); valid until `send`."""
         if not self._pool.ready():
             self._consumers.collect()  # a slot may be free by now
         return self._pool.loan(arrays)
 
     def loan_on(self, device: Any, asked: Asked) -> dict[str, Any]:
-        """As `loan`, Warp arrays on a device: name -> (shape, Warp dtype)."""
+        """Returns Warp arrays on a device as `loan` does: name -> (shape, Warp dtype)."""
         if device.is_cuda:
             self._pool.pin_memory()
         return self._on_device.loan(device, asked)
 
     def claim_on(self, message: Message) -> DeviceSlot | None:
-        """The slot of `loan_on` that a message's Warp arrays lie in, pinned once for the caller; None = in none."""
+        """Returns the slot of `loan_on` that a message's Warp arrays lie in, pinned once for the caller.
+
+        None = in none.
+        """
         return self._on_device.claim(message)
 
     def reads_bytes(self) -> bool:
-        """True where the next message must be `send` in numpy arrays: another process or a viewer gets it."""
+        """Says whether the next message must be sent in numpy arrays: another process or a viewer gets it."""
         return self.latched or bool(self._consumers.all) or self._tap.ready()
 
     def passed(self, message: Message) -> None:
-        """Count a message whose arrays stay on their device, for nobody outside this process gets it."""
+        """Counts a message whose arrays stay on their device, for nobody outside this process gets it."""
         self._check(message)
         message.header.seq = self._seq
         self._bytes += check(message)
@@ -184,7 +188,9 @@ class Publisher:
             )
 
     def send(self, message: Message, timeout_s: float | None = None) -> Slot | None:
-        """Publish; fills header.seq. Waits while a declared consumer has no credit, at most timeout_s (BusError then).
+        """Publishes a message, and fills header.seq.
+
+        Waits while a declared consumer has no credit, at most timeout_s (BusError then).
 
         Arrays that lie in the loan are not copied. Returns the slot that the arrays lie in, pinned once for the caller
         (`unpin` it when local delivery is over), or None when they lie in no slot. A latched message does not wait for
@@ -264,7 +270,7 @@ class Publisher:
             self._waited_s += time.monotonic() - start
 
     def finish(self, timeout_s: float | None = None) -> bool:
-        """End the stream: say so (once), and wait until every consumer has answered, so that nothing is under way.
+        """Ends the stream: says so (once), and waits until every consumer has answered, so that nothing is under way.
 
         False when some have not answered within timeout_s (0: just look); call again. Raises PeerLost for one that died
         meanwhile.
@@ -287,7 +293,7 @@ class Publisher:
         return True
 
     def close(self) -> None:
-        """Release sockets and memory. Without `finish` before it, messages under way are lost."""
+        """Releases sockets and memory. Without `finish` before it, messages under way are lost."""
         for sock in self._sockets:
             sock.close(linger=1000 if sock is getattr(self._tap, "socket", None) else 0)
         if self._sockets:
@@ -297,7 +303,7 @@ class Publisher:
         self._pool.close()
 
     def stats(self) -> dict[str, float]:
-        """Counters since the start: messages, bytes, array copies, seconds waited for credit, taps, slots, refusals."""
+        """Returns counters since the start: messages, bytes, copies, time waited for credit, taps, slots, refusals."""
         return {
             "sent": self._seq,
             "bytes": self._bytes,

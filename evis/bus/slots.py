@@ -1,4 +1,4 @@
-"""Where the arrays of a message lie, and who still needs them.
+"""Keeps track of where the arrays of a message lie, and who still needs them.
 
 A slot is one block of memory with a pin count: the loan, each remote consumer and each `keep` hold one pin, and the
 slot is written again only when all are gone. `HeapSlot` serves consumers of this process; `MemorySlot` is a memfd that
@@ -32,7 +32,7 @@ _ids = itertools.count(1)
 
 
 class Slot:
-    """One block of memory. `pins`: how many still need its contents; at zero it goes back to its pool."""
+    """Owns one block of memory. `pins`: how many still need its contents; at zero it goes back to its pool."""
 
     kind: ClassVar[str] = "heap"
 
@@ -50,11 +50,11 @@ class Slot:
         self.pins = 0
 
     def pin(self) -> None:
-        """Keep the contents for one more user."""
+        """Keeps the contents for one more user."""
         self.pins += 1
 
     def unpin(self) -> None:
-        """One user less. Raises BusError when there was none."""
+        """Takes one user away. Raises BusError when there was none."""
         if self.pins <= 0:
             raise BusError(f"{self.pool.name}: a message was released more often than it was kept")
         self.pins -= 1
@@ -62,14 +62,14 @@ class Slot:
             self.pool.give_back(self)
 
     def place(self, shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
-        """The next aligned array of this shape behind those already placed."""
+        """Returns the next aligned array of this shape behind those already placed."""
         view: np.ndarray = np.ndarray(shape, dtype, buffer=self.memory.data, offset=self.used)
         self.placed.append((view, self.used))
         self.used = aligned(self.used + view.nbytes)
         return view
 
     def offset(self, array: np.ndarray) -> int | None:
-        """Where an array lies in this slot [bytes]; None when it does not."""
+        """Returns where an array lies in this slot [bytes]; None when it does not."""
         for view, at in self.placed:  # by far the usual case, and asking numpy for an address takes a microsecond
             if view is array:
                 return at
@@ -77,15 +77,15 @@ class Slot:
         return start if 0 <= start and start + array.nbytes <= self.size else None
 
     def descriptor(self, offsets: list[int]) -> list[Any] | None:
-        """What another process needs to map the arrays; None where it cannot."""
+        """Returns what another process needs to map the arrays; None where it cannot."""
         return None
 
     def close(self) -> None:
-        """Give the memory back, once nobody in this process looks at it."""
+        """Gives the memory back, once nobody in this process looks at it."""
 
 
 class HeapSlot(Slot):
-    """Memory of this process alone."""
+    """Owns memory of this process alone."""
 
     def __init__(self, pool: SlotPool, generation: int, size: int) -> None:
         raw = _pinned(size + ALIGN) if pool.pinned else np.empty(size + ALIGN, np.uint8)
@@ -94,7 +94,10 @@ class HeapSlot(Slot):
 
 
 class MemorySlot(Slot):
-    """Anonymous shared memory. Its pages are reserved here: a full machine is an error now and not a SIGBUS later."""
+    """Owns anonymous shared memory.
+
+    Its pages are reserved here: a full machine is an error now and not a SIGBUS later.
+    """
 
     kind: ClassVar[str] = "memfd"
 
@@ -122,7 +125,7 @@ def _pinned(size: int) -> np.ndarray:
 
 
 def reserve(name: str, size: int) -> int:
-    """A memfd of `size` bytes whose pages exist and that can never shrink. Raises BusError when memory is short."""
+    """Makes a memfd of `size` bytes whose pages exist and that can never shrink. Raises BusError: memory is short."""
     fd = os.memfd_create(f"evis{name.replace('/', '-')}", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
     try:
         os.posix_fallocate(fd, 0, size)
@@ -137,23 +140,23 @@ def reserve(name: str, size: int) -> int:
 
 
 def address(array: np.ndarray) -> int:
-    """First byte of an array's memory."""
+    """Returns the address of an array's first byte."""
     return array.__array_interface__["data"][0]
 
 
 def aligned(size: int) -> int:
-    """The next multiple of ALIGN."""
+    """Returns the next multiple of ALIGN."""
     return -(-size // ALIGN) * ALIGN
 
 
 def rounded(size: int) -> int:
-    """Slot size for a message: whole pages, in steps of a quarter octave, so that growing packets seldom reallocate."""
+    """Returns the slot size for a message: whole pages, in quarter octaves, so that growing ones seldom need more."""
     step = 1 << max(12, (size - 1).bit_length() - 3)
     return max(SMALLEST, -(-size // step) * step)
 
 
 class SlotPool:
-    """The slots of one topic: `slots` of them, all of one size and kind.
+    """Owns the slots of one topic: `slots` of them, all of one size and kind.
 
     A bigger message starts a new generation; older slots are closed when their last pin goes. When every slot is pinned
     one more is made (`spares` counts them), up to MOST_SLOTS.
@@ -173,14 +176,14 @@ class SlotPool:
         self._loans: list[Slot] = []
 
     def loan(self, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> dict[str, np.ndarray]:
-        """Aligned arrays to write the next message into, name -> (shape, dtype). A loan lasts until the next claim."""
+        """Returns aligned arrays to write the next message into, name -> (shape, dtype), until the next claim."""
         wanted = [(name, tuple(shape), np.dtype(dtype)) for name, (shape, dtype) in arrays.items()]
         slot = self.take(sum([aligned(math.prod(shape) * dtype.itemsize) for _, shape, dtype in wanted]))
         self._loans.append(slot)
         return {name: slot.place(shape, dtype) for name, shape, dtype in wanted}
 
     def claim(self, arrays: Mapping[str, np.ndarray]) -> Slot | None:
-        """The loaned slot that (most of) the arrays lie in, with the loan's pin now the caller's; other loans lapse."""
+        """Returns the loaned slot that (most of) the arrays lie in, its pin now the caller's; other loans lapse."""
         if not self._loans:
             return None
         loans, self._loans = self._loans, []
@@ -194,11 +197,14 @@ class SlotPool:
         return loans[best] if bytes_in[best] else None
 
     def ready(self) -> bool:
-        """True when a slot is free to be taken."""
+        """Says whether a slot is free to be taken."""
         return bool(self._free)
 
     def take(self, size: int) -> Slot:
-        """A free slot of `size` bytes (and SLACK) or more, pinned once. Raises BusError: out of memory or slots."""
+        """Returns a free slot of `size` bytes (and SLACK) or more, pinned once.
+
+        Raises BusError: out of memory or slots.
+        """
         size += SLACK
         if size > self._size:
             self._size = rounded(size)
@@ -219,13 +225,13 @@ class SlotPool:
         return slot
 
     def share(self, shared: bool) -> None:
-        """Choose between heap and shared memory for the slots to come."""
+        """Chooses between heap and shared memory for the slots to come."""
         if shared != self.shared:
             self.shared = shared
             self._renew()
 
     def pin_memory(self) -> None:
-        """From now on the slots that are not shared are written to by a GPU."""
+        """Prepares the slots that are not shared for a GPU to write into, from now on."""
         if not self.pinned:
             self.pinned = True
             self._renew()
@@ -242,7 +248,7 @@ class SlotPool:
         self._free.clear()
 
     def give_back(self, slot: Slot) -> None:
-        """Called by a slot whose last pin is gone."""
+        """Takes back a slot whose last pin is gone; called by the slot."""
         if slot.generation == self.generation:
             self._free.append(slot)
         else:
@@ -250,7 +256,7 @@ class SlotPool:
             self.live -= 1
 
     def close(self) -> None:
-        """Close what is free; pinned slots close with their last pin."""
+        """Closes what is free; pinned slots close with their last pin."""
         for slot in self._loans:
             slot.unpin()
         self._loans.clear()

@@ -1,4 +1,4 @@
-"""The receiving end of a topic."""
+"""Implements the receiving end of a topic."""
 
 from __future__ import annotations
 
@@ -29,8 +29,10 @@ _MONITORED = struct.Struct("=Hi")
 class Subscriber:
     """Receives one topic: without loss as a declared consumer `node:port`, or (tap) as much as comes through.
 
-    window: messages it lets the publisher be ahead. `lost`: messages missed, by their sequence numbers; `rejected`:
-    what came and was no message. All calls are from one thread. Raises BusError and PeerLost.
+    context: of ZeroMQ, the process's. topic, node, port: names. endpoints: the publisher's addresses. message_type: the
+    only one that it takes. window: messages it lets the publisher be ahead. All calls are from one thread.
+    `lost`: messages missed, by their sequence numbers; `rejected`: what came and was no message.
+    Raises BusError and PeerLost.
     """
 
     def __init__(
@@ -80,20 +82,23 @@ class Subscriber:
         return self._data
 
     def sockets(self) -> list[zmq.Socket | int]:
-        """For a poller, sockets and a file descriptor: when one is readable, `receive` until that gives None.
+        """Lists sockets and a file descriptor for a poller: when one is readable, `receive` until that gives None.
 
         Then `raise_if_publisher_lost`: it takes in what `signals` shows.
         """
         return [self._data, *([] if self._inbox is None else [self._inbox.fileno()]), *self.signals()]
 
     def signals(self) -> list[zmq.Socket | int]:
-        """Those of `sockets` that show no message: a welcome or refusal, the loss of the publisher. A tap has none."""
+        """Lists those of `sockets` that show no message: a welcome or refusal, the loss of the publisher.
+
+        A tap has none.
+        """
         if self.tap:
             return []
         return [self._monitor] if self._ready else [self._monitor, self._dealer]
 
     def start(self) -> None:
-        """Connect; the publisher need not be there yet."""
+        """Connects; the publisher need not be there yet."""
         token = os.urandom(8).hex()
         self._data = self._open(zmq.SUB, TAP_QUEUE if self.tap else 0)
         # Monitored from before the connection is made: a publisher that dies shows as a disconnection.
@@ -120,7 +125,7 @@ class Subscriber:
         return sock
 
     def connected(self) -> bool:
-        """True once the publisher has welcomed this consumer (a tap: once the connection stands). Raises BusError."""
+        """Says whether the publisher has welcomed this consumer (a tap: the connection stands). Raises BusError."""
         self._watch()
         if not self.tap and not self._ready:
             self._greet()
@@ -149,7 +154,7 @@ class Subscriber:
             self._ready = True
 
     def receive(self, timeout_ms: int = 0) -> Message | End | None:
-        """The next message, END after the last, None when nothing has come within timeout_ms.
+        """Returns the next message, END after the last, None when nothing has come within timeout_ms.
 
         The message holds one pin; `message.release()` returns the credit. Its arrays may be read-only views of the
         publisher's memory. Raises BusError for a message of the wrong type or shape, naming both sides.
@@ -269,7 +274,7 @@ class Subscriber:
             self.lost += seq - self._next_seq
 
     def reply(self, op: bytes, seq: int) -> None:
-        """Called by a lease: tell the publisher."""
+        """Tells the publisher what becomes of a message; called by a lease."""
         if not self._sockets or self._disconnected:
             return
         if self._credits is None or not self._credits.write_credit(self._link, op, seq):
@@ -283,7 +288,7 @@ class Subscriber:
             self._disconnected = not up if self.tap else self._disconnected or not up
 
     def raise_if_publisher_lost(self) -> None:
-        """Raise PeerLost when the publisher went away before the end of the stream and all that came is received."""
+        """Raises PeerLost when the publisher went away before the end and all that came is received."""
         self._watch()
         if self._disconnected and not self._ended and not self._pending():
             raise PeerLost(self.publisher, self.topic)
@@ -292,7 +297,7 @@ class Subscriber:
         return wire.readable(self._data) or (self._inbox is not None and self._inbox.pending())
 
     def close(self) -> None:
-        """Disconnect. Arrays of messages that are kept stay readable."""
+        """Disconnects. Arrays of messages that are kept stay readable."""
         if self._sockets:
             self._data.disable_monitor()
         for sock in self._sockets:

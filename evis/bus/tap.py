@@ -1,4 +1,4 @@
-"""The lossy copy of a topic for viewers and tools: its own socket, rate-limited, silent while nobody listens.
+"""Sends the lossy copy of a topic to viewers and tools: own socket, rate-limited, silent while nobody listens.
 
 A full queue drops, here or at the listener; sequence numbers tell it how much it missed.
 """
@@ -17,7 +17,7 @@ from msgs.topics import UnknownTopic, find_topic
 
 
 def queue_length(topic: str) -> int:
-    """Messages that a tap may lag behind, from the topic table; 2 for a name that is not in it."""
+    """Returns how many messages a tap may lag behind, from the topic table; 2 for a name that is not in it."""
     try:
         return max(2, find_topic(topic).queue)  # at 1, libzmq never lets a first message through to a late subscriber
     except UnknownTopic:
@@ -27,8 +27,11 @@ def queue_length(topic: str) -> int:
 END_WAIT_S = 0.2
 
 
-class Tap:
-    """Publisher's end. `hz`: most messages per second, 0 = all; the ones between are skipped and counted."""
+class TapSender:
+    """Sends the lossy copy of one topic.
+
+    hz: most messages per second, 0 = all; the ones between are skipped and counted.
+    """
 
     def __init__(self, topic: str, hz: float) -> None:
         self.topic = topic.encode()
@@ -42,12 +45,12 @@ class Tap:
         self._next = -math.inf  # of a clock that starts anywhere: 0 would be late or far ahead by the machine's uptime
 
     def open(self, sock: zmq.Socket, address: str) -> None:
-        """Bind the socket that it sends through."""
+        """Binds the socket that it sends through."""
         self.socket = sock
         bind(sock, address)
 
     def subscription(self, frames: list[bytes]) -> None:
-        """Take what the XPUB says: who has come, who has left."""
+        """Takes what the XPUB says: who has come, who has left."""
         key = frames[0][1:]
         if len(frames) != 1 or frames[0][:1] not in (b"\0", b"\1"):
             self.rejected += 1
@@ -59,11 +62,11 @@ class Tap:
             wire.send(self.socket, [key, *self.latched])
 
     def ready(self) -> bool:
-        """Would the next message go out? Counts nothing."""
+        """Says whether the next message would go out. Counts nothing."""
         return self.listeners > 0 and time.monotonic() >= self._next
 
     def due(self) -> bool:
-        """True when somebody listens and the rate limit lets the next message through; counts it as skipped if not."""
+        """Says whether somebody listens and the rate limit lets the next message through; counts it if not."""
         if not self.listeners:
             return False
         now = time.monotonic()
@@ -75,12 +78,12 @@ class Tap:
         return True
 
     def send(self, frames: list[Buffer]) -> None:
-        """Copy a message into the socket's queue; never waits."""
+        """Copies a message into the socket's queue; never waits."""
         wire.send(self.socket, [self.topic, *frames])
         self.sent += 1
 
     def end(self, frames: list[Buffer]) -> None:
-        """The one message that a full queue must not swallow; a listener that stands still has END_WAIT_S for it."""
+        """Sends the one message that a full queue must not swallow; waits END_WAIT_S for a slow listener."""
         if not self.listeners:
             return
         self.socket.setsockopt(zmq.XPUB_NODROP, 1)

@@ -1,4 +1,4 @@
-"""The small talk of a lock-step edge, beside the messages themselves.
+"""Packs the control messages of a lock-step edge, which go beside the messages themselves.
 
 DEALER -> ROUTER, one frame each: HELLO (who, what type it expects), READY (whether it can open shared memory, and where
 its pipe is), ENDED to answer the end of the stream. ROUTER -> DEALER: WELCOME (with a probe in shared memory, and where
@@ -40,28 +40,28 @@ _SEQ = struct.Struct("<cQ")
 
 
 class Malformed(ValueError):
-    """A frame that is none of ours."""
+    """Reports a frame that is none of ours."""
 
 
 def pack_seq(op: bytes, seq: int) -> bytes:
-    """CREDIT, TAKEN or FREED for one message."""
+    """Packs CREDIT, TAKEN or FREED for one message."""
     return _SEQ.pack(op, seq)
 
 
 def unpack_seq(frame: bytes) -> tuple[bytes, int]:
-    """Operation and sequence number. Raises Malformed."""
+    """Returns operation and sequence number. Raises Malformed."""
     if len(frame) != _SEQ.size:
         raise Malformed(f"{len(frame)} bytes")
     return _SEQ.unpack(frame)
 
 
 def pack_map(op: bytes, **fields: Any) -> bytes:
-    """HELLO, READY, WELCOME or REFUSED."""
+    """Packs HELLO, READY, WELCOME or REFUSED."""
     return op + msgpack.packb(fields)
 
 
 def unpack_map(frame: bytes, **kinds: type) -> list[Any]:
-    """The named fields of a map frame, each of the given type. Raises Malformed."""
+    """Returns the named fields of a map frame, each of the given type. Raises Malformed."""
     try:
         fields = msgpack.unpackb(frame[1:])
     except Exception as error:  # msgpack raises several unrelated types on hostile input
@@ -72,17 +72,20 @@ def unpack_map(frame: bytes, **kinds: type) -> list[Any]:
 
 
 def type_name(message_type: type[Message]) -> str:
-    """A message type as the two sides compare it: `Depth v1`."""
+    """Names a message type as the two sides compare it: `Depth v1`."""
     return f"{message_type.__name__} v{message_type.VERSION}"
 
 
 def private_key(consumer: str, token: str) -> bytes:
-    """What one consumer subscribes beside the topic: its name shows who left, and it can be addressed alone."""
+    """Makes what one consumer subscribes beside the topic.
+
+    Its name shows who left, and it can be addressed alone.
+    """
     return f"!{consumer};{token}".encode()
 
 
 def open_socket(context: zmq.Context, kind: int, high_water_mark: int = 0) -> zmq.Socket:
-    """A socket with the bus's options: queue length, heartbeats, fast reconnection."""
+    """Opens a socket with the bus's options: queue length, heartbeats, fast reconnection."""
     sock = context.socket(kind)
     sock.setsockopt(zmq.LINGER, 0)
     sock.setsockopt(zmq.SNDHWM, high_water_mark)
@@ -98,20 +101,20 @@ def open_socket(context: zmq.Context, kind: int, high_water_mark: int = 0) -> zm
 
 
 def send(sock: zmq.Socket, frames: Sequence[Buffer]) -> None:
-    """All frames of one message; pyzmq's own send_multipart takes ten times as long over its checks."""
+    """Sends all frames of one message; pyzmq's own send_multipart takes ten times as long over its checks."""
     for frame in frames[:-1]:
         sock.send(frame, _MORE)
     sock.send(frames[-1])
 
 
 def readable(sock: zmq.Socket) -> bool:
-    """Is something there? Cheaper than any poll."""
+    """Says whether something is there; cheaper than any poll."""
     events = sock.getsockopt(zmq.EVENTS)
     return bool(int(events) & _POLLIN)
 
 
 def poller(*sockets: zmq.Socket | int) -> zmq.Poller:
-    """For reading, of sockets and file descriptors."""
+    """Makes a poller for reading, of sockets and file descriptors."""
     result = zmq.Poller()
     for sock in sockets:
         result.register(sock, zmq.POLLIN)

@@ -1,6 +1,7 @@
 """The program `evis`: one module per command, imported when its command is used.
 
-A command's module has HELP (one line), EXAMPLE, `add_arguments(parser)` and `run(args) -> exit status`.
+A command's module has HELP (one line), EXAMPLE, `add_arguments(parser)` and `run(args) -> exit status`. They lie in
+rooms by what they are about: `graph/`, `events/`, `machine/`.
 """
 
 from __future__ import annotations
@@ -8,23 +9,24 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Sequence
+from types import ModuleType
 
 from evis.console import interrupt
 
 COMMANDS = {
-    "launch": "start a graph of nodes",
-    "run": "run one node by hand",
-    "topic": "list, echo and measure the topics of a running graph",
-    "node": "list and describe the nodes of a running graph",
-    "graph": "draw a running graph",
-    "doctor": "check this machine and this installation",
-    "bag": "record, play, describe, repair and export bags",
-    "events": "describe, convert, simulate, measure and draw event recordings",
-    "camera": "find and try USB event cameras",
-    "view": "open the web visualizer",
-    "bench": "measure error against run time, stability, throughput",
+    "launch": ("graph.launch", "start a graph of nodes"),
+    "run": ("graph.run", "run one node by hand"),
+    "topic": ("graph.topic", "list, echo and measure the topics of a running graph"),
+    "node": ("graph.node", "list and describe the nodes of a running graph"),
+    "graph": ("graph.graph", "draw a running graph"),
+    "doctor": ("machine.doctor", "check this machine and this installation"),
+    "bag": ("graph.bag", "record, play, describe, repair and export bags"),
+    "events": ("events", "describe, convert, simulate, measure and draw event recordings"),
+    "camera": ("machine.camera", "find and try USB event cameras"),
+    "view": ("graph.view", "open the web visualizer"),
+    "bench": ("machine.bench", "measure error against run time, stability, throughput"),
 }
-"""Command -> one line for `evis --help`, so that it need not import them."""
+"""Name -> module below evis.cli, and one line for `evis --help`, so that it need not import them."""
 
 
 STATUSES = (
@@ -34,7 +36,7 @@ STATUSES = (
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and give its exit status, as STATUSES says; a failure is told in one line on stderr."""
+    """Runs one command and gives its exit status, as STATUSES says; a failure is told in one line on stderr."""
     from evis.cli.failure import guarded
 
     words = list(sys.argv[1:] if argv is None else argv)
@@ -44,6 +46,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     status = guarded(who, debug, lambda: _command(words, debug))
     interrupt.no_more()
     return status
+
+
+def module_of(command: str) -> ModuleType:
+    """Imports the module of a command of COMMANDS."""
+    return importlib.import_module(f"evis.cli.{COMMANDS[command][0]}")
 
 
 def _command(words: list[str], debug: bool) -> int:
@@ -69,7 +76,7 @@ def _command(words: list[str], debug: bool) -> int:
 def _run(command: str, words: list[str], debug: bool) -> int:
     from evis.cli.parser import Parser
 
-    module = importlib.import_module(f"evis.cli.{command}")
+    module = module_of(command)
     parser = Parser(f"evis {command}", module.HELP, getattr(module, "EXAMPLE", ""), words)
     module.add_arguments(parser)
     # Words such as key:=value may stand between options; argparse only takes that in this mode.
@@ -81,7 +88,7 @@ def _run(command: str, words: list[str], debug: bool) -> int:
 
 def _overview() -> str:
     lines = ["usage: evis COMMAND ...", "", "Event-camera simulation for robots, as a graph of processes.", ""]
-    lines += [f"  {name:<9} {text}" for name, text in COMMANDS.items()]
+    lines += [f"  {name:<9} {text}" for name, (_, text) in COMMANDS.items()]
     lines += [
         "",
         "`evis COMMAND --help` tells more. --debug shows tracebacks and every line that the processes write.",

@@ -1,4 +1,4 @@
-"""What an error looks like to the user: one line, and the exit status."""
+"""Shows an error to the user: one line, and the exit status."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ READER_GONE = 128 + signal.SIGPIPE
 
 
 def guarded(who: str, debug: bool, action: Callable[[], int]) -> int:
-    """Run `action` and turn what it raises into an exit status and one line on stderr.
+    """Runs `action` and turns what it raises into an exit status and one line on stderr.
 
     A BrokenPipeError of standard output is the end of a stream whose reader has had enough, as `head` has, and no
     failure. KeyboardInterrupt: its argument is the signal, SIGINT if it has none.
@@ -53,7 +53,7 @@ def _told(who: str, text: str, status: int) -> int:
 
 
 def one_line(error: BaseException) -> str:
-    """An exception as one line for a person; the type is named only where the text alone would not do."""
+    """Describes an exception in one line for a person; names its type only where the text alone would not do."""
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)

@@ -1,4 +1,4 @@
-"""The argument parser of all commands: one line for an error, the example at the end of the help."""
+"""Parses the arguments of all commands: one line for an error, the example at the end of the help."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ KINDS = {"float": "a number", "int": "a whole number"}
 
 
 class UsageError(ValueError):
-    """A command line that is understood but wrong: exit status 2."""
+    """Reports a command line that is understood but wrong: exit status 2."""
 
 
 class Parser(argparse.ArgumentParser):
-    """`words`: the command line, for a help text that depends on it."""
+    """Parses the words of one command. `words`: the command line, for a help text that depends on it."""
 
     def __init__(
         self, prog: str = "", description: str = "", epilog: str = "", words: Sequence[str] = (), **kwargs: Any
@@ -30,14 +30,14 @@ class Parser(argparse.ArgumentParser):
         self.words = list(words)
 
     def add_argument(self, *args: Any, **kwargs: Any) -> argparse.Action:
-        """As argparse's; what may be left out is not called missing beside something that is."""
+        """Adds an argument as argparse does; what may be left out is not called missing beside something that is."""
         action = super().add_argument(*args, **kwargs)
         if action.nargs in (argparse.ZERO_OR_MORE, argparse.REMAINDER):
             action.required = False
         return action
 
     def error(self, message: str) -> NoReturn:
-        """One line, and exit status 2."""
+        """Prints one line, and exits with status 2."""
         print(f"{self.prog}: {printable(_in_words(message))} ({self.prog} --help tells more)", file=sys.stderr)
         raise SystemExit(2)
 

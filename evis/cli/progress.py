@@ -1,4 +1,4 @@
-"""What a run says: a progress bar on a terminal, lines above it; a log takes what cannot be said."""
+"""Shows how a run goes: a progress bar on a terminal, lines above it; a log takes what cannot be said."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Progress:
             self._bar = tqdm(total=duration_s, desc="starting", bar_format=form, leave=False)
 
     def tick(self, progress: dict[str, Any]) -> None:
-        """Show the numbers of the latest heartbeats."""
+        """Shows the numbers of the latest heartbeats."""
         if self._bar is None:
             return
         if not progress["running"]:
@@ -43,7 +43,7 @@ class Progress:
         self._bar.set_postfix_str(f" {progress['events']:,} events", refresh=True)
 
     def say(self, line: str) -> None:
-        """One line for the user, above the bar."""
+        """Prints one line for the user, above the bar."""
         if self._bar is not None:
             self._bar.write(line, file=sys.stderr)
         else:

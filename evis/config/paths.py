@@ -71,5 +71,8 @@ def find_launch(name: str) -> tuple[Path, dict[str, str]]:
         raise UnknownLaunch(f"{name} is no launch file and no scene; `evis launch {play}` plays a recording")
     known = sorted({*names("launch"), *names("scenes")})
     near = difflib.get_close_matches(Path(name).stem, known, n=1, cutoff=0.5)
+    if "/" in name or Path(name).suffix not in ("", ".yaml", ".yml"):
+        hint = f"; did you mean '{near[0]}'?" if near else ""
+        raise UnknownLaunch(f"{name}: {'is a folder' if Path(name).is_dir() else 'no such file'}{hint}")
     hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(known) or 'none'}"
     raise UnknownLaunch(f"no launch file or scene '{name}'; {hint}")

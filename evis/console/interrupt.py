@@ -1,4 +1,4 @@
-"""Ctrl-C of the program `evis` at a moment when nobody handles it: exit status 130, and no traceback.
+"""Handles a Ctrl-C of the program `evis` at a moment when nobody else does: exit status 130, and no traceback.
 
 Imports come before any handler can: so this module is the first that is loaded, and needs nothing but what Python has
 loaded already. Whoever imports evis as a library keeps Python's own ways.
@@ -48,7 +48,7 @@ def _send_again() -> None:
 
 
 def no_more() -> None:
-    """The exit status of the program is decided: from here on Ctrl-C changes nothing, and shows nothing."""
+    """Ignores Ctrl-C from here on: the exit status of the program is decided."""
     if IS_PROGRAM:
         import signal
 

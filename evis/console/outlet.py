@@ -24,14 +24,14 @@ class Log(Protocol):
     path: Path | None
 
     def add(self, text: str, reason: str) -> None:
-        """Take a text, and why it could not be said."""
+        """Takes a text, and why it could not be said."""
 
     def close(self) -> None:
-        """Nothing more comes."""
+        """Ends the log: nothing more comes."""
 
 
 class Outlet:
-    """A text stream around another whose writes never raise. `error`: why nothing can be said here any more.
+    """Wraps a text stream so that its writes never raise. `error`: why nothing can be said here any more.
 
     stream: None for one that was closed when the program started. `strict`: errors are raised as they come, for a
     command to which the end of its reader is the end of its work.
@@ -50,7 +50,7 @@ class Outlet:
 
     @property
     def reason(self) -> str:
-        """`error` as words."""
+        """`error` in words."""
         return f"{self._name}: {self.error.strerror or self.error}" if self.error else ""
 
     @property
@@ -59,7 +59,7 @@ class Outlet:
         return self._log.path if self._log is not None else None
 
     def write(self, text: str) -> int:
-        """Write, or give the text to the log."""
+        """Writes the text, or gives it to the log."""
         if self._closed_from_the_start and self.error is None and text:
             self.error = OSError(errno.EBADF, os.strerror(errno.EBADF))
         if self.error is not None:
@@ -87,12 +87,12 @@ class Outlet:
             self._stream.write(text.encode(code, "backslashreplace").decode(code))
 
     def writelines(self, lines: Any) -> None:
-        """Write one after the other."""
+        """Writes one line after the other."""
         for line in lines:
             self.write(line)
 
     def flush(self) -> None:
-        """Bring out what waits."""
+        """Brings out what waits."""
         if self.error is None:
             try:
                 self._stream.flush()
@@ -101,14 +101,14 @@ class Outlet:
                 self._give_up(error)
 
     def fall_back_on(self, log: Log) -> None:
-        """What cannot be said goes there, what could not be said before now too."""
+        """Sends what cannot be said to a log, what could not be said before now too."""
         self._log = log
         if self._lost:
             log.add(self._lost, self.reason)
             self._lost = ""
 
     def close(self) -> None:
-        """Flush; the stream itself stays open, it is the process's."""
+        """Flushes; the stream itself stays open, it is the process's."""
         self.flush()
         if self._log is not None:
             self._log.close()
@@ -143,7 +143,7 @@ class Outlet:
 
 @contextlib.contextmanager
 def standard_streams() -> Iterator[tuple[Outlet, Outlet]]:
-    """For this block sys.stdout and sys.stderr are outlets; gives both. Within such a block: its own."""
+    """Makes sys.stdout and sys.stderr outlets for this block, and gives both. Within such a block: its own."""
     if isinstance(sys.stdout, Outlet) and isinstance(sys.stderr, Outlet):
         yield sys.stdout, sys.stderr
         return
@@ -160,7 +160,7 @@ def standard_streams() -> Iterator[tuple[Outlet, Outlet]]:
 
 
 def occupy() -> None:
-    """Give what is closed of descriptors 0, 1, 2 to /dev/null: the next file opened would get it, and stray words."""
+    """Gives what is closed of descriptors 0, 1, 2 to /dev/null: the next file opened would get it, and stray words."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -169,7 +169,7 @@ def occupy() -> None:
 
 
 def fall_back_on(log: Log) -> None:
-    """As Outlet.fall_back_on, for the standard streams where they are outlets."""
+    """Sends what the standard streams cannot say to a log, where they are outlets."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, Outlet):
             stream.fall_back_on(log)
@@ -177,7 +177,7 @@ def fall_back_on(log: Log) -> None:
 
 @contextlib.contextmanager
 def strict_output() -> Iterator[None]:
-    """In this block what cannot be written to standard output is raised, as BrokenPipeError where its reader left."""
+    """Raises in this block what cannot be written to standard output, as BrokenPipeError where its reader left."""
     stream: Any = sys.stdout
     if not isinstance(stream, Outlet):
         yield
@@ -193,6 +193,6 @@ def strict_output() -> Iterator[None]:
 
 
 def delivered() -> bool:
-    """Whether all that was written to standard output so far has left this process."""
+    """Says whether all that was written to standard output so far has left this process."""
     sys.stdout.flush()
     return getattr(sys.stdout, "error", None) is None

@@ -1,4 +1,4 @@
-"""Text from outside, such as names in a file, as it can be shown to a person: nothing in it acts on the terminal."""
+"""Makes text from outside, such as names in a file, safe to show: nothing in it acts on the terminal."""
 
 from __future__ import annotations
 

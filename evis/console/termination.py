@@ -1,4 +1,4 @@
-"""How a process obeys SIGTERM: at a place where nothing is half done, and after a moment wherever it is."""
+"""Obeys SIGTERM at a place where nothing is half done, and after a moment wherever the process is."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Termination:
         signal.signal(signal.SIGTERM, self._ask)
 
     def check(self) -> None:
-        """Raise SystemExit if the signal has come: nothing is half done here."""
+        """Raises SystemExit if the signal has come: nothing is half done here."""
         if self.asked and not self._over:
             self._over = True
             signal.setitimer(signal.ITIMER_REAL, 0)

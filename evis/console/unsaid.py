@@ -1,4 +1,4 @@
-"""What a run could not say to its user, in a file that outlives the run."""
+"""Keeps what a run could not say to its user, in a file that outlives the run."""
 
 from __future__ import annotations
 
@@ -15,12 +15,15 @@ KEPT = 20
 
 
 def folder() -> Path:
-    """Where the logs are: below XDG_STATE_HOME, or ~/.local/state."""
+    """Returns the folder of the logs: below XDG_STATE_HOME, or ~/.local/state."""
     return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "evis" / "unsaid"
 
 
 class Unsaid:
-    """A log that is made when the first line could not be said. It never raises: nobody is left to be told."""
+    """Logs to a file that is made when the first line could not be said.
+
+    It never raises: nobody is left to be told.
+    """
 
     def __init__(self, about: str) -> None:
         self._about = about
@@ -31,7 +34,7 @@ class Unsaid:
         self.path: Path | None = None
 
     def add(self, text: str, reason: str) -> None:
-        """Keep a text, and why it could not be said."""
+        """Keeps a text, and why it could not be said."""
         lines = [line for line in text.replace("\r", "\n").splitlines() if line.strip()]
         if self._broken or not lines:
             return
@@ -49,7 +52,7 @@ class Unsaid:
             self._broken = True
 
     def close(self) -> None:
-        """Write at the end how much could not be said, and why."""
+        """Writes at the end how much could not be said, and why."""
         if self._file is None or self._broken:
             return
         self._broken = True

@@ -1,4 +1,4 @@
-"""How a run talks to its user: it goes on when nobody can be told any more."""
+"""Lets a run talk to its user, and go on when nobody can be told any more."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ class Voice:
         self._unsaid = Unsaid("a run of evis")
 
     def say(self, line: str) -> None:
-        """One line for the user."""
+        """Says one line to the user."""
         try:
             self._say(line)
         except (OSError, ValueError) as error:  # ValueError: the stream has been closed
             self._unsaid.add(line, str(error))
 
     def tick(self, progress: dict[str, Any]) -> None:
-        """The progress so far."""
+        """Shows the progress so far."""
         if self._tick is not None:
             try:
                 self._tick(progress)
@@ -37,5 +37,5 @@ class Voice:
                 self._unsaid.add("the progress is shown no more", str(error))
 
     def close(self) -> None:
-        """The run is over."""
+        """Ends the log of what could not be said: the run is over."""
         self._unsaid.close()

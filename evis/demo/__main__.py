@@ -24,11 +24,11 @@ LAUNCH = [sys.executable, "-m", "evis.cli", "launch", SCENE]
 
 
 class LaunchFailed(Exception):
-    """The graph did not run; the launcher has said why."""
+    """Reports that the graph did not run; the launcher has said why."""
 
 
 def simulate(bag: Path, duration_s: float) -> dict[str, Any]:
-    """Run the scene into a bag; the run's summary. Raises LaunchFailed."""
+    """Runs the scene into a bag, and returns the run's summary. Raises LaunchFailed."""
     words = [
         "--duration",
         str(duration_s),
@@ -46,7 +46,7 @@ def simulate(bag: Path, duration_s: float) -> dict[str, Any]:
 
 
 def draw(bag: Path, animation: Path, still: Path) -> None:
-    """The animation and the picture of a bag."""
+    """Draws the animation and the picture of a bag."""
     from evis.demo.footage import from_bag
     from evis.media.pictures.animation import make_animation, make_still
 
@@ -60,7 +60,7 @@ def draw(bag: Path, animation: Path, still: Path) -> None:
 
 
 def summary(report: dict[str, Any], files: Sequence[Path]) -> str:
-    """What the demo prints."""
+    """Writes what the demo prints."""
     rate = report["events"] / report["sim_s"] if report["sim_s"] else 0.0
     lines = [
         f"{report['sim_s']:g} s simulated in {report['wall_s']:.2f} s: {report['rtf']:.2f} times real time "
@@ -78,7 +78,7 @@ def summary(report: dict[str, Any], files: Sequence[Path]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Make everything. Exit status 0, or 1 with one line on stderr."""
+    """Makes everything. Exit status 0, or 1 with one line on stderr."""
     parser = argparse.ArgumentParser(prog="python -m evis.demo", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for the files (demo)")
     parser.add_argument("--duration", type=float, default=DURATION_S, metavar="S", help="simulated time (1)")

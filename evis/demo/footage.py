@@ -1,4 +1,4 @@
-"""Frames and events out of a bag."""
+"""Reads frames and events out of a bag."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MAX_FRAMES = 2000
 
 
 def from_bag(path: Path, camera: str = "cam0") -> Footage:
-    """What one camera of a bag saw: keyframes where the bag has them, or else the preview.
+    """Reads what one camera of a bag saw: keyframes where the bag has them, or else the preview.
 
     First environment, first episode.
 

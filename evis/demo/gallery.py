@@ -10,6 +10,7 @@ import argparse
 import subprocess
 import sys
 import tempfile
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +23,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 @dataclass
 class Entry:
-    """What is told of a scene. range_db: 20 log10 of the brightest over the darkest pixel that is not black."""
+    """Holds what is told of a scene. range_db: 20 log10 of the brightest over the darkest pixel that is not black."""
 
     name: str
     bodies: int
@@ -34,7 +35,7 @@ class Entry:
     seconds_to_load: float
 
     def row(self) -> str:
-        """A line of the Markdown table."""
+        """Writes the entry as a line of the Markdown table."""
         return (
             f"| {self.name} | {self.bodies} | {self.triangles:,} | {self.lights} | {self.range_db:.0f} dB "
             f"| {self.event_rate / 1e6:.1f} M/s | {self.seconds_to_load:.1f} s |"
@@ -42,14 +43,14 @@ class Entry:
 
 
 def light_range(radiance: np.ndarray) -> float:
-    """20 log10 of the brightest over the darkest luminance above 0 [dB], of an image [..., 3]; 0 for a black one."""
+    """Returns 20 log10 of the brightest over the darkest luminance above 0 [dB], of an image [..., 3]; 0 if black."""
     luminance = np.asarray(radiance, np.float64) @ LUMINANCE
     lit = luminance[np.isfinite(luminance) & (luminance > 0)]
     return float(20 * np.log10(lit.max() / lit.min())) if len(lit) else 0.0
 
 
 def record(scene: str, camera: str, seconds: float, bag: Path) -> None:
-    """Run a scene and record a camera's keyframes and events. Raises RuntimeError with what the run said."""
+    """Runs a scene and records a camera's keyframes and events. Raises RuntimeError with what the run said."""
     command = [sys.executable, "-m", "evis.cli", "launch", scene, "--duration", str(seconds), "--no-view"]
     command += ["--record", str(bag), "--record-topics", f"/{camera}/keyframe,/{camera}/events"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -58,9 +59,7 @@ def record(scene: str, camera: str, seconds: float, bag: Path) -> None:
 
 
 def make_picture(scene: str, folder: Path, seconds: float = 0.4) -> Entry:
-    """Write folder/SCENE.png from a run of `seconds`, at seven eighths of it."""
-    import time
-
+    """Writes folder/SCENE.png from a run of `seconds`, at seven eighths of it."""
     from PIL import Image
 
     from evis.bag.reader import BagReader
@@ -96,7 +95,7 @@ def make_picture(scene: str, folder: Path, seconds: float = 0.4) -> Entry:
 
 
 def main() -> None:
-    """The command."""
+    """Runs the command."""
     from evis.config.paths import names
 
     parser = argparse.ArgumentParser(prog="python -m evis.demo.gallery", description="Pictures of the scenes.")

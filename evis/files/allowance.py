@@ -1,4 +1,4 @@
-"""How much a reader may unpack for what it was given: a small file must not cost gigabytes.
+"""Limits how much a reader may unpack for what it was given: a small file must not cost gigabytes.
 
 Every reader of packed data (compressed recordings and chunks, pictures, meshes, arrays whose header states their size)
 asks here before it unpacks and while it does, and raises its own error with the text of the refusal.
@@ -20,7 +20,7 @@ VARIABLE = "EVIS_UNPACK_LIMIT"
 
 
 class AllowanceError(ValueError):
-    """More would be unpacked than allowed. The text says how much, how much is allowed, and how to allow more."""
+    """Reports that more would be unpacked than allowed: how much, how much is allowed, and how to allow more."""
 
 
 def limit_from_environment() -> int | None:

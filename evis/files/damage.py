@@ -1,4 +1,4 @@
-"""What damaged files make their readers raise: the one place that tells it from a mistake of the program."""
+"""Tells what damaged files make their readers raise from a mistake of the program, in this one place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writing to a named pipe, which waits for its reader: it says so after a moment, and Ctrl-C ends it."""
+"""Writes to a named pipe, which waits for its reader: it says so after a moment, and Ctrl-C ends it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _TURN_S = 0.05
 
 @contextlib.contextmanager
 def with_reader(path: str | os.PathLike[str], say: Callable[[str], None] | None = None) -> Iterator[None]:
-    """Wait until a named pipe has a reader, and hold it open for this block; nothing for what is no pipe.
+    """Waits until a named pipe has a reader, and holds it open for this block; does nothing for what is no pipe.
 
     An open for writing within the block returns at once. say: takes the line about the wait (stderr).
     """

@@ -1,4 +1,4 @@
-"""Files that appear under their name only when they are complete."""
+"""Writes files that appear under their name only when they are complete."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from evis.files.named_pipe import with_reader
 
 
 def written_at(path: Path) -> Path:
-    """Where a file of this name is written: of a symbolic link, what it leads to, so that the link stays."""
+    """Returns where a file of this name is written: of a symbolic link, what it leads to, so that the link stays."""
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
 @contextlib.contextmanager
 def whole_file(out: str | os.PathLike[str]) -> Iterator[Path]:
-    """A path to write to, beside `out` and with its ending, that becomes `out` when the block ends without an error.
+    """Gives a path to write to, beside `out` and with its ending, that becomes `out` when the block ends well.
 
     After an error nothing is left of it, and an older `out` is as it was. What is no regular file (a pipe, /dev/null)
     is written in place, a pipe as soon as it has a reader. Raises OSError that names `out` where the system refuses,

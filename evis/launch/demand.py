@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from evis.config.document import LaunchError, nearest
-from evis.launch.wiring import SYSTEM_TOPICS, Wired
+from evis.launch.wiring import Wired
 from evis.runtime.plan import LeftOut, Plan
-from msgs.topics import find_topic
+from msgs.topics import SYSTEM_TOPICS, find_topic
 
 ABSENT = " <- "
 """Between a node and a topic that it would take and nobody publishes, among what is left out."""

@@ -21,11 +21,11 @@ from evis.launch.files import LaunchFile, load
 from evis.launch.order import data_flow_order
 from evis.launch.pace import check_pace
 from evis.launch.unused_arguments import check_effect
-from evis.launch.wiring import SYSTEM_TOPICS, Wired, publishers, secret_values, wire
+from evis.launch.wiring import Wired, publishers, secret_values, wire
 from evis.runtime.node import Node
 from evis.runtime.plan import Edge, LeftOut, NodePlan, Plan, TopicPlan
 from msgs.camera import Keyframe
-from msgs.topics import find_topic
+from msgs.topics import SYSTEM_TOPICS, find_topic
 
 COMPOSED = "graph"
 """Name of the one process of a composed graph."""

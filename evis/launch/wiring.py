@@ -15,10 +15,8 @@ from evis.launch import catalog
 from evis.launch.arguments import ArgumentError
 from evis.launch.expand import NodeSpec
 from evis.runtime.node import Node
-from msgs.topics import Topic, UnknownTopic, find_topic
+from msgs.topics import SYSTEM_TOPICS, Topic, UnknownTopic, find_topic
 
-SYSTEM_TOPICS = ("/clock", "/diagnostics")
-"""Every process publishes its share of these; they are only ever tapped."""
 ANY = "*"
 """The topic of a port that takes whatever it is told."""
 _PARAMETER = re.compile(r"\{(\w+)\}")

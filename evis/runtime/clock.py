@@ -12,17 +12,17 @@ NS = 1_000_000_000
 
 
 def rate(value: float) -> Fraction:
-    """A rate [Hz] as an exact fraction: 30, 29.97, 1000/3 as a user means them, not as binary floats."""
+    """Returns a rate [Hz] as an exact fraction: 30, 29.97, 1000/3 as a user means them, not as binary floats."""
     return Fraction(value).limit_denominator(1_000_000)
 
 
 def keyframe_stamp(k: int, keyframe_rate: float) -> int:
-    """Stamp [ns] of keyframe k: round(k * 1e9 / keyframe_rate), ties to even, without float error at any k."""
+    """Returns the stamp [ns] of keyframe k: round(k * 1e9 / keyframe_rate), ties to even, exact at any k."""
     return round(Fraction(k * NS) / rate(keyframe_rate))
 
 
 def keyframe_count(duration_ns: int, keyframe_rate: float) -> int:
-    """How many keyframes have a stamp <= duration_ns; the one at 0 counts."""
+    """Counts the keyframes that have a stamp <= duration_ns; the one at 0 counts."""
     k = int(Fraction(duration_ns) * rate(keyframe_rate) / NS) + 2
     while keyframe_stamp(k - 1, keyframe_rate) > duration_ns:
         k -= 1
@@ -30,7 +30,7 @@ def keyframe_count(duration_ns: int, keyframe_rate: float) -> int:
 
 
 def times_slower(keyframe_rate: float, slower_rate: float) -> int:
-    """How many keyframes at keyframe_rate [Hz] there are for each at slower_rate [Hz].
+    """Returns how many keyframes at keyframe_rate [Hz] there are for each at slower_rate [Hz].
 
     Raises ValueError naming both and the nearest that fit, unless it is a whole number of at least 1.
     """
@@ -47,7 +47,7 @@ def times_slower(keyframe_rate: float, slower_rate: float) -> int:
 
 
 def subframe_stamps(t_a: int, t_b: int, upsampling: int) -> np.ndarray:
-    """int64 [K] stamps t_A + (i/K)(t_B - t_A), i = 1..K, rounded half up; the last is t_B itself."""
+    """Returns the int64 [K] stamps t_A + (i/K)(t_B - t_A), i = 1..K, rounded half up; the last is t_B itself."""
     i = np.arange(1, upsampling + 1, dtype=np.int64)
     return t_a + (2 * i * (t_b - t_a) + upsampling) // (2 * upsampling)
 
@@ -60,7 +60,7 @@ class Pacer:
         self._start: tuple[int, int] | None = None
 
     def wait_s(self, stamp_ns: int) -> float:
-        """Seconds until `stamp_ns` is due; negative = late. The first call defines the origin."""
+        """Returns the seconds until `stamp_ns` is due; negative = late. The first call defines the origin."""
         now = time.monotonic_ns()
         if self._start is None:
             self._start = (now, stamp_ns)

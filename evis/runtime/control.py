@@ -24,12 +24,12 @@ BYE_S = 2.0
 
 
 def control_address(directory: str) -> str:
-    """Endpoint of the control socket of the run in `directory`."""
+    """Names the endpoint of the control socket of the run in `directory`."""
     return f"ipc://{directory}/control"
 
 
 class ControlServer:
-    """The supervisor's end."""
+    """Receives what the processes report and sends them commands: the supervisor's end."""
 
     def __init__(self, address: str) -> None:
         self._context = zmq.Context()
@@ -39,7 +39,7 @@ class ControlServer:
         self._socket.bind(address)
 
     def poll(self, timeout_s: float) -> list[tuple[str, dict[str, Any]]]:
-        """Messages that have come within `timeout_s` at most, as (process, message); all that are there, in order."""
+        """Waits for messages, `timeout_s` at most, and returns all that have come, in order, as (process, message)."""
         messages: list[tuple[str, dict[str, Any]]] = []
         if not self._socket.poll(int(timeout_s * 1000)):
             return messages
@@ -55,18 +55,21 @@ class ControlServer:
                 messages.append((process.decode(errors="replace"), body))
 
     def send(self, process: str, message: dict[str, Any]) -> None:
-        """Send to a process; one that has gone is skipped."""
+        """Sends a message to a process; one that has gone is skipped."""
         with contextlib.suppress(zmq.ZMQError):
             self._socket.send_multipart([process.encode(), msgpack.packb(message)], zmq.NOBLOCK)
 
     def close(self) -> None:
-        """Close the socket."""
+        """Closes the socket."""
         self._socket.close()
         self._context.term()
 
 
 class ControlClient:
-    """A process's end. A thread of its own sends the heartbeats, so that a long update is not taken for a death."""
+    """Reports to the supervisor and takes its commands: a process's end.
+
+    A thread of its own sends the heartbeats, so that a long update is not taken for a death.
+    """
 
     def __init__(self, address: str, process: str) -> None:
         self.process = process
@@ -95,11 +98,11 @@ class ControlClient:
             self._send({"heartbeat": number, "stats": self._stats, "busy_s": busy})
 
     def ready(self) -> None:
-        """Every node of this process is set up and connected."""
+        """Reports that every node of this process is set up and connected."""
         self._send({"ready": self.process})
 
     def wait_go(self, timeout: float | None = None, meanwhile: Callable[[], None] | None = None) -> bool:
-        """Wait until all processes are ready. False when the graph is stopped instead, or after `timeout` [s].
+        """Waits until all processes are ready. False when the graph is stopped instead, or after `timeout` [s].
 
         meanwhile: called again and again.
         """
@@ -116,7 +119,7 @@ class ControlClient:
         return False
 
     def poll(self, timeout: float = 0.0) -> list[dict[str, Any]]:
-        """Commands that have come: {"go": 1}, {"stop": 1}."""
+        """Returns the commands that have come: {"go": 1}, {"stop": 1}."""
         commands = []
         with self._lock:
             wait = int(timeout * 1000)
@@ -126,31 +129,31 @@ class ControlClient:
         return commands
 
     def heartbeat(self, stats: dict[str, Any] | None = None) -> None:
-        """The main loop is alive; `stats` (plain numbers and maps of them) travel with the next heartbeat."""
+        """Reports that the main loop is alive; `stats` (plain numbers and maps of them) go with the next heartbeat."""
         self._alive_at = time.monotonic()
         if stats is not None:
             self._stats = stats
 
     def want(self, topic: str) -> None:
-        """A viewer asks for a topic whose node is dormant: the supervisor starts it."""
+        """Asks the supervisor to start the dormant node of a topic, for a viewer."""
         self._send({"want": topic})
 
     def tell(self, node: str, text: str) -> None:
-        """One line for the user that no log and no topic may hold."""
+        """Sends one line for the user that no log and no topic may hold."""
         self._send({"tell": text, "node": node})
 
     def done(self, summary: dict[str, Any]) -> None:
-        """All nodes of this process have ended; `summary` goes into the run's own."""
+        """Reports that all nodes of this process have ended; `summary` goes into the run's own."""
         self._send({"done": self.process, "summary": summary})
         self._final = True
 
     def failed(self, node: str, text: str) -> None:
-        """A node raised; `text` is the one line that the user sees."""
+        """Reports that a node raised; `text` is the one line that the user sees."""
         self._send({"failed": self.process, "node": node, "text": text})
         self._final = True
 
     def close(self) -> None:
-        """Close, after the supervisor has said that it has the last message (or is gone: BYE_S)."""
+        """Closes, after the supervisor has said that it has the last message (or is gone: BYE_S)."""
         if self._closing.is_set():
             return
         self._closing.set()
@@ -164,7 +167,7 @@ class ControlClient:
 
 
 def ask_for(directory: str, topic: str) -> None:
-    """From outside the graph: ask the supervisor to start the dormant node that publishes `topic`."""
+    """Asks the supervisor, from outside the graph, to start the dormant node that publishes `topic`."""
     context = zmq.Context()
     socket = context.socket(zmq.DEALER)
     socket.setsockopt(zmq.LINGER, 1000)

@@ -14,21 +14,24 @@ from msgs.header import Message
 
 @dataclass
 class Delivery:
-    """given: what each consumer gets, in their order. slots: what the arrays lie in, pinned until `over`."""
+    """Holds what the consumers in this process get of one published message.
+
+    given: what each consumer gets, in their order. slots: what the arrays lie in, pinned until `over`.
+    """
 
     given: list[Message]
     slots: list[Any]
 
     @staticmethod
     def of(message: Message, publisher: Publisher, consumers: Sequence[tuple[Host, str]]) -> Delivery:
-        """Send a message to other processes and viewers, in numpy arrays, and say what the consumers here get."""
+        """Sends a message to other processes and viewers, in numpy arrays, and says what the consumers here get."""
         device = device_of(message)
         if device is None:
             return Delivery([message] * len(consumers), [publisher.send(message)])
         there = [_takes(consumer, port, device) for consumer, port in consumers]
         slots, host = [], message
         if publisher.reads_bytes() or not all(there):
-            host = on_host(message, publisher)
+            host = on_host(message, publisher.loan)
             slots.append(publisher.send(host))
         else:
             publisher.passed(message)
@@ -37,7 +40,7 @@ class Delivery:
         return Delivery([message if takes else host for takes in there], [*slots, slot])
 
     def over(self) -> None:
-        """Every consumer was called; what it keeps it has pinned itself."""
+        """Releases the slots: every consumer was called, and what it keeps it has pinned itself."""
         for slot in self.slots:
             if slot is not None:
                 slot.unpin()

@@ -1,8 +1,7 @@
 """Runs the nodes of one process: joins their inputs, calls them, and carries away what they publish.
 
-Nodes of one process call each other directly, depth first; everything else goes over the bus. A node is called only
-while every topic that it, or a node it calls, publishes to another process has credit: so nothing is lost, memory is
-bounded, and no wait inside a node can close a circle of waits between processes.
+Nodes of one process call each other directly (calls.py); everything else goes over the bus. A message is taken from the
+bus only where its node can take it: so nothing is lost, and memory is bounded.
 """
 
 from __future__ import annotations
@@ -17,16 +16,17 @@ import zmq
 
 from evis.bus import END, Publisher
 from evis.config.secret import Redactor
-from evis.runtime.clock import Pacer
+from evis.runtime.calls import Calls
 from evis.runtime.delivery import Delivery
-from evis.runtime.host import SYSTEM_TOPICS, Host, Inside, NodeFailed, Subscription, Wiring
+from evis.runtime.host import Inside, NodeFailed, Subscription, Wiring
 from evis.runtime.node import Node
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
-from evis.runtime.tap import Tap
+from evis.runtime.tap import TapSubscription
 from evis.runtime.telemetry import Telemetry
 from evis.runtime.wakeup import Wakeup
 from msgs.header import Message
+from msgs.topics import SYSTEM_TOPICS
 
 IDLE_MS = 50
 """Longest time between two looks at commands, taps and idle hooks."""
@@ -34,7 +34,7 @@ Commands = Callable[[], None]
 
 
 class Executor:
-    """All nodes of one process of a plan."""
+    """Runs all nodes of one process of a plan."""
 
     def __init__(
         self,
@@ -52,17 +52,17 @@ class Executor:
         """
         self.plan = plan
         self.profile = Profile()
-        self.stopping = False
         self._redactor = redactor or Redactor(plan.secrets)
         self._request = request
         self._tell = tell or (lambda name, text: print(f"{name}: {text}", file=sys.stderr, flush=True))
         self._context = zmq.Context()
         self._wakeup = Wakeup()
-        self._taps: list[Tap] = []
+        self._taps: list[TapSubscription] = []
         self._last_idle = 0.0
         self._wiring = Wiring(plan, process, self._context)
         self._telemetry = Telemetry(plan, process, self._context, self.profile, self._redactor)
         self._hosts = self._wiring.hosts
+        self._calls = Calls(self._hosts, self.profile, self._telemetry, plan.mode == "realtime")
         self._subscriptions: list[Subscription] = [s for h in self._hosts.values() for s in h.subscriptions]
         self._publishers: list[Publisher] = [p for h in self._hosts.values() for p in h.publishers.values()]
         self._publishers += self._telemetry.publishers.values()
@@ -70,7 +70,7 @@ class Executor:
     # -- life --------------------------------------------------------------------------------------------------------
 
     def setup(self) -> None:
-        """Open the sockets and prepare every node."""
+        """Opens the sockets and prepares every node."""
         for publisher in self._publishers:
             publisher.start()
             self._wakeup.hear(publisher, publisher.sockets())
@@ -84,7 +84,7 @@ class Executor:
                 host.node.setup()
 
     def wait_connected(self, timeout_s: float, commands: Commands | None = None) -> None:
-        """Until every declared edge of this process stands. Raises TimeoutError naming who is missing."""
+        """Waits until every declared edge of this process stands. Raises TimeoutError naming who is missing."""
         deadline = time.monotonic() + timeout_s
         while (missing := self._missing()) and not self.stopping:
             if time.monotonic() > deadline:
@@ -104,7 +104,7 @@ class Executor:
         ]
 
     def run(self, commands: Commands | None = None) -> None:
-        """Until every node has ended. `commands` is called at least every IDLE_MS (heartbeat, stop requests)."""
+        """Runs until every node has ended. `commands` is called at least every IDLE_MS (heartbeat, stop requests)."""
         self._telemetry.start_clock()
         try:
             while not self._finished():
@@ -113,7 +113,7 @@ class Executor:
                         publisher.pump()
                 progress = self._receive()
                 for host in self._hosts.values():
-                    progress |= self._call(host)
+                    progress |= self._calls.call(host)
                 self._housekeeping(commands)
                 if not progress:
                     self._wait()
@@ -121,12 +121,17 @@ class Executor:
         finally:
             self._close_nodes()
 
+    @property
+    def stopping(self) -> bool:
+        """Whether `stop` was called."""
+        return self._calls.stopping
+
     def _finished(self) -> bool:
         return all(h.ended for h in self._hosts.values()) and all(s.ended for s in self._subscriptions if s.declared)
 
     def stop(self) -> None:
-        """End the sources and services of this process; what they sent still flows through."""
-        self.stopping = True
+        """Ends the sources and services of this process; what they sent still flows through."""
+        self._calls.stopping = True
 
     def _close_nodes(self) -> None:
         """Errors of one do not keep the others open."""
@@ -142,7 +147,7 @@ class Executor:
             raise failure
 
     def close(self) -> None:
-        """Close the sockets."""
+        """Closes the sockets."""
         for tap in list(self._taps):
             tap.close()
         for subscription in self._subscriptions:
@@ -152,7 +157,7 @@ class Executor:
         self._context.destroy(linger=0)
 
     def progress(self) -> dict[str, Any]:
-        """Plain numbers for the heartbeat: newest stamp, events, keyframes, frames so far."""
+        """Returns plain numbers for the heartbeat: newest stamp, events, keyframes, frames so far."""
         nodes = self.profile.nodes.values()
         return {
             "stamp_ns": max((n.stamp_ns for n in nodes), default=0),
@@ -162,11 +167,11 @@ class Executor:
         }
 
     def heard(self) -> set[str]:
-        """Topics of this process's nodes that somebody reads now."""
+        """Names the topics of this process's nodes that somebody reads now."""
         return {topic for h in self._hosts.values() for topic, p in h.publishers.items() if p.wanted()}
 
     def summary(self) -> dict[str, Any]:
-        """Profiles of the nodes, and of `bus` and `idle`."""
+        """Returns the profiles of the nodes, and of `bus` and `idle`."""
         return {name: profile.summary() for name, profile in self.profile.nodes.items()}
 
     # -- one turn ----------------------------------------------------------------------------------------------------
@@ -174,7 +179,7 @@ class Executor:
     def _receive(self) -> bool:
         progress = False
         for s in self._subscriptions:
-            if s.ended or not self._takes(s.host, s.port):
+            if s.ended or not self._calls.takes(s.host, s.port):
                 continue
             with self.profile.inside("bus"):
                 message = s.subscriber.receive(0)
@@ -185,7 +190,7 @@ class Executor:
             progress = True
             s.ended = s.declared and message is END
             if message is not END or s.declared:
-                self._accept(s.host, s.port, s.topic, message)
+                self._calls.accept(s.host, s.port, s.topic, message)
         for tap in list(self._taps):
             for subscriber in tap.subscribers:
                 message = subscriber.receive(0)
@@ -194,113 +199,6 @@ class Executor:
                     tap.callback(message)
                     message.release()
         return progress
-
-    @staticmethod
-    def _takes(host: Host, port: str) -> bool:
-        """Queues take whatever comes, the window bounds it; a call needs credit downstream."""
-        return host.ended or port in host.join.queues or port in host.delayed or host.open()
-
-    def _accept(self, host: Host, port: str, topic: str, message: Any) -> None:
-        """Take over one message (with one pin) or the end of a topic."""
-        if host.ended and message is not END:
-            message.release()
-        elif port in host.join.queues:
-            if message is END:
-                host.join.end(port)
-            else:
-                host.join.put(port, message)
-        elif port in host.delayed:
-            if message is not END:
-                host.delayed[port][message.header.stamp_ns] = message
-        elif message is END:
-            host.single_open.discard(topic)
-            host.waiting.discard(topic)
-        else:
-            try:
-                with Inside(self.profile, host.name) as profile:
-                    host.node.receive(topic if host.node.INPUTS[port].topic == "*" else port, message)
-                    profile.updates += 1
-                host.waiting.discard(topic)
-            finally:
-                message.release()
-
-    def _call(self, host: Host) -> bool:
-        """Give a node what is ready for it; True when it was called. Never from within itself."""
-        if host.ended or host.active:
-            return False
-        host.active = True
-        try:
-            return self._step(host) if host.node.SOURCE else self._update(host)
-        finally:
-            host.active = False
-
-    def _update(self, host: Host) -> bool:
-        progress = False
-        while not host.waiting and host.join.ready() and host.open():
-            inputs = host.join.take()
-            try:
-                with Inside(self.profile, host.name) as profile:
-                    host.node.update(inputs)
-                    profile.updates += 1
-            finally:
-                for message in inputs.values():
-                    message.release()
-            progress = True
-        if self._over(host) and host.open():
-            self._end(host)
-            progress = True
-        return progress
-
-    def _over(self, host: Host) -> bool:
-        if host.service:
-            return self.stopping and all(h.ended for h in self._hosts.values() if not h.service)
-        return host.inputs_over()
-
-    def _step(self, host: Host) -> bool:
-        if not host.open():
-            return False
-        if self.stopping:
-            self._end(host)
-            return True
-        inputs = host.delayed_inputs()
-        if inputs is None or (host.pacer and host.pacer.wait_s(self._stamp(host)) > 0):
-            return False
-        try:
-            with Inside(self.profile, host.name) as profile:
-                alive = host.node.step(inputs)
-                profile.updates += 1
-        finally:
-            for port, message in inputs.items():
-                host.delayed[port].pop(message.header.stamp_ns)
-                message.release()
-        if self.plan.mode == "realtime":
-            self._pace(host)
-        self._telemetry.tick(host)
-        if not alive:
-            self._end(host)
-        return True
-
-    def _stamp(self, host: Host) -> int:
-        return self.profile.node(host.name).stamp_ns
-
-    def _pace(self, host: Host) -> None:
-        if host.pacer is None:
-            host.pacer = Pacer()
-        late = -host.pacer.wait_s(self._stamp(host))
-        counters = self.profile.node(host.name).counters
-        counters["late_ms_max"] = max(counters["late_ms_max"], round(1e3 * late))
-
-    def _end(self, host: Host) -> None:
-        with Inside(self.profile, host.name):
-            host.node.finish()
-        counters = self.profile.node(host.name).counters
-        if unmatched := host.join.skipped + host.join.drop_rest():
-            counters["unmatched_inputs"] += unmatched
-        host.ended = True
-        for publisher in host.publishers.values():
-            publisher.finish(0)
-        for consumer, port, topic in host.downstream:
-            self._accept(consumer, port, topic, END)
 
     def _drain(self, commands: Commands | None) -> None:
         """After the last node: until every consumer has given its credits back (ipc drops what is sent last)."""
@@ -314,8 +212,7 @@ class Executor:
     def _wait(self) -> None:
         timeout = float(IDLE_MS)
         for host in self._hosts.values():
-            if host.pacer and not host.ended:
-                timeout = min(timeout, max(1e3 * host.pacer.wait_s(self._stamp(host)), 0.0))
+            timeout = min(timeout, max(1e3 * self._calls.due_s(host), 0.0))
         for s in self._subscriptions:
             self._wakeup.hear(s.subscriber, self._sockets(s))
         with self.profile.inside("idle"):
@@ -325,7 +222,7 @@ class Executor:
         """Those that `_receive` would read now; one left readable would turn the wait into a busy loop."""
         if s.ended:
             return ()
-        if self._takes(s.host, s.port):
+        if self._calls.takes(s.host, s.port):
             return s.subscriber.sockets()
         if s.declared:
             s.subscriber.raise_if_publisher_lost()
@@ -347,22 +244,22 @@ class Executor:
     # -- what nodes call ---------------------------------------------------------------------------------------------
 
     def wants(self, node: Node, port: str, array: str = "") -> bool:
-        """See Node.wants."""
+        """Implements Node.wants."""
         host = self._hosts[node.name]
         return host.wants_array(port, array) if array else host.wants(port)
 
     def loan(self, node: Node, port: str, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> dict[str, np.ndarray]:
-        """See Node.loan."""
+        """Implements Node.loan."""
         host = self._hosts[node.name]
         return host.publishers[host.plan.outputs[port]].loan(**arrays)
 
     def loan_on(self, node: Node, port: str, device: Any, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> Any:
-        """See Node.loan_on."""
+        """Implements Node.loan_on."""
         host = self._hosts[node.name]
         return host.publishers[host.plan.outputs[port]].loan_on(device, arrays)
 
     def publish(self, node: Node, port: str, message: Message) -> None:
-        """See Node.publish."""
+        """Implements Node.publish."""
         host = self._hosts[node.name]
         topic = host.plan.outputs.get(port)
         if topic is None:
@@ -374,42 +271,42 @@ class Executor:
         try:
             for (consumer, consumer_port), given in zip(consumers, delivery.given):
                 given.keep()
-                self._accept(consumer, consumer_port, topic, given)
+                self._calls.accept(consumer, consumer_port, topic, given)
                 if not consumer.node.SOURCE:
-                    self._call(consumer)
+                    self._calls.call(consumer)
         finally:
             delivery.over()
 
     def count(self, node: Node, name: str, amount: float) -> None:
-        """See Node.count."""
+        """Implements Node.count."""
         self.profile.node(node.name).counters[name] += amount  # type: ignore[assignment]
 
     def diagnose(self, node: Node, level: str, text: str) -> None:
-        """One line to the process's log, and one Diagnostics message."""
+        """Writes one line to the process's log, and sends one Diagnostics message."""
         self._telemetry.say(self._hosts.get(node.name), node.name, level, text)
 
     def tell(self, node: Node, text: str) -> None:
-        """See Node.tell."""
+        """Implements Node.tell."""
         self._tell(node.name, text)
 
     def hide(self, secret: str) -> None:
-        """See Node.hide."""
+        """Implements Node.hide."""
         self._redactor.add(secret)
 
-    def open_tap(self, node: Node, topic: str, callback: Callable[[Message], None]) -> Tap:
-        """Subscribe a running topic, lossily. `callback` runs on this thread; arrays are valid while it runs."""
+    def open_tap(self, node: Node, topic: str, callback: Callable[[Message], None]) -> TapSubscription:
+        """Subscribes a running topic, lossily. `callback` runs on this thread; arrays are valid while it runs."""
         if topic not in SYSTEM_TOPICS and topic not in self.plan.topics:
             raise ValueError(f"{node.name}: nobody publishes {topic}")
         subscribers = self._wiring.subscribe(topic, node.name, "tap", tap=True)
         for subscriber in subscribers:
             subscriber.start()
             self._wakeup.hear(subscriber, subscriber.sockets())
-        tap = Tap(topic, callback, subscribers, self.close_tap)
+        tap = TapSubscription(topic, callback, subscribers, self.close_tap)
         self._taps.append(tap)
         return tap
 
-    def close_tap(self, tap: Tap) -> None:
-        """See Tap.close."""
+    def close_tap(self, tap: TapSubscription) -> None:
+        """Implements TapSubscription.close."""
         if tap in self._taps:
             self._taps.remove(tap)
             for subscriber in tap.subscribers:
@@ -417,6 +314,6 @@ class Executor:
                 subscriber.close()
 
     def request(self, topic: str) -> None:
-        """Ask the supervisor to start the dormant node that publishes `topic`."""
+        """Asks the supervisor to start the dormant node that publishes `topic`."""
         if self._request is not None:
             self._request(topic)

@@ -16,18 +16,16 @@ from evis.runtime.plan import NodePlan, Plan
 from evis.runtime.profile import Profile
 from msgs.camera import EventPacket
 from msgs.header import Message
-from msgs.topics import find_topic
+from msgs.topics import SYSTEM_TOPICS, find_topic
 
 TAP_HZ = 30.0
 EVENT_TAP_HZ = 250.0
 """Taps see images at the rate of a screen; of events, which add up, every packet of a camera that sends some hundred
 a second."""
-SYSTEM_TOPICS = ("/clock", "/diagnostics")
-"""Published by the executor of every process for its nodes; read as taps only."""
 
 
 class NodeFailed(Exception):
-    """A node raised; carries its name, and the cause as __cause__."""
+    """Says that a node raised; carries its name, and the cause as __cause__."""
 
     def __init__(self, node: str, error: BaseException) -> None:
         super().__init__(f"{node}: {describe(error)}")
@@ -35,7 +33,7 @@ class NodeFailed(Exception):
 
 
 def describe(error: BaseException) -> str:
-    """One line for a person."""
+    """Describes an error in one line for a person."""
     text = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
     if isinstance(error, (ValueError, OSError, KeyError, PeerLost)) and text:
         return text
@@ -43,7 +41,7 @@ def describe(error: BaseException) -> str:
 
 
 class Inside:
-    """Time and errors of the block belong to one node."""
+    """Charges the time of a block to one node, and names the node in what the block raises."""
 
     def __init__(self, profile: Profile | None, name: str) -> None:
         self._name = name
@@ -60,14 +58,14 @@ class Inside:
 
 
 def load_class(target: str) -> type[Node]:
-    """The class of a dotted target `package.module:Class`."""
+    """Imports the class of a dotted target `package.module:Class`."""
     module, _, name = target.partition(":")
     return getattr(importlib.import_module(module), name)
 
 
 @dataclass
 class Host:
-    """One node with its wiring in this process."""
+    """Holds one node and its wiring in this process."""
 
     node: Node
     plan: NodePlan
@@ -97,11 +95,11 @@ class Host:
         return self.plan.name
 
     def open(self) -> bool:
-        """May this node be called now, without a wait inside it?"""
+        """Says whether this node may be called now, without a wait inside it."""
         return all(p.credit() > 0 for p in self.gates)
 
     def wants(self, port: str) -> bool:
-        """Does anybody read this output now?"""
+        """Says whether anybody reads this output now."""
         topic = self.plan.outputs.get(port)
         if topic is None:
             return False
@@ -109,7 +107,7 @@ class Host:
         return kept or any(t == topic for _, _, t in self.downstream) or self.publishers[topic].wanted()
 
     def wants_array(self, port: str, array: str) -> bool:
-        """Does anybody read this array of an output's messages now? Taps read all."""
+        """Says whether anybody reads this array of an output's messages now. Taps read all."""
         topic = self.plan.outputs.get(port)
         if topic is None:
             return False
@@ -118,11 +116,14 @@ class Host:
         return self.publishers[topic].tapped()
 
     def inputs_over(self) -> bool:
-        """Nothing more will come that could be given to the node."""
+        """Says whether nothing more will come that could be given to the node."""
         return (not self.join.queues or self.join.over()) and not self.single_open
 
     def delayed_inputs(self) -> dict[str, Message] | None:
-        """What closes a loop back to this source, for the stamps that its next step needs; None = not there yet."""
+        """Returns the messages that close a loop back to this source, at the stamps that its next step needs.
+
+        None: they are not there yet.
+        """
         inputs: dict[str, Message] = {}
         for port, stamp in self.node.due().items():
             waiting = self.delayed.get(port)
@@ -136,7 +137,7 @@ class Host:
         return inputs
 
     def reachable(self) -> list[Publisher]:
-        """Publishers of this node and of every node of this process that its messages lead to."""
+        """Lists the publishers of this node and of every node of this process that its messages lead to."""
         seen: dict[str, Host] = {}
         todo = [self]
         while todo:
@@ -149,7 +150,7 @@ class Host:
 
 @dataclass
 class Subscription:
-    """A topic that comes to a host from another process."""
+    """Connects a topic from another process with a port of a host."""
 
     subscriber: Subscriber
     host: Host
@@ -234,7 +235,7 @@ class Wiring:
         raise ValueError(f"{node}: input {port} reads {topic}, but the plan has no such edge")
 
     def subscribe(self, topic: str, node: str, port: str, *, tap: bool) -> list[Subscriber]:
-        """Subscribers of a topic, not started: one, or one per process for a system topic."""
+        """Makes the subscribers of a topic, not started: one, or one per process for a system topic."""
         row = find_topic(topic)
         return [
             Subscriber(
@@ -257,5 +258,5 @@ class Wiring:
 
 
 def system_topic(topic: str, process: str) -> str:
-    """Endpoint name of one process's share of a system topic."""
+    """Names the endpoint of one process's share of a system topic."""
     return f"{topic}@{process}"

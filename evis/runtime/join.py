@@ -1,4 +1,4 @@
-"""Joining a node's inputs by stamp."""
+"""Joins a node's inputs by stamp."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from msgs.header import Message
 
 
 class Join:
-    """Queues of a node's joined inputs; hands out one message per port once all of one stamp are there.
+    """Queues a node's joined inputs, and hands out one message per port once all of one stamp are there.
 
     Messages of one topic come in order. A stamp that some port skipped can never be completed: its messages are
     released and counted in `skipped`.
@@ -21,11 +21,11 @@ class Join:
         self.skipped = 0
 
     def put(self, port: str, message: Message) -> None:
-        """Add a message, whose pin now belongs to the join."""
+        """Adds a message, whose pin now belongs to the join."""
         self.queues[port].append(message)
 
     def end(self, port: str) -> None:
-        """No more messages will come on this port."""
+        """Notes that no more messages will come on this port."""
         self.ended.add(port)
 
     @staticmethod
@@ -33,7 +33,7 @@ class Join:
         return message.header.episode, message.header.stamp_ns
 
     def ready(self) -> bool:
-        """True when `take` has something to give."""
+        """Says whether `take` has something to give; releases what can never be completed."""
         if not self.queues:
             return False
         while all(self.queues.values()):
@@ -48,15 +48,15 @@ class Join:
         return False
 
     def take(self) -> dict[str, Message]:
-        """One message per port, all of the same episode and stamp."""
+        """Returns one message per port, all of the same episode and stamp."""
         return {port: queue.popleft() for port, queue in self.queues.items()}
 
     def over(self) -> bool:
-        """True when nothing more can be completed: some port has ended and its queue is empty."""
+        """Says whether nothing more can be completed: some port has ended and its queue is empty."""
         return any(port in self.ended and not queue for port, queue in self.queues.items())
 
     def drop_rest(self) -> int:
-        """Release what can no longer be joined; returns how many messages that were."""
+        """Releases what can no longer be joined, and returns how many messages that were."""
         rest = [m for queue in self.queues.values() for m in queue]
         for message in rest:
             message.release()

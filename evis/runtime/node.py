@@ -1,4 +1,4 @@
-"""What a node is: declared parameters, inputs and outputs around a pure part.
+"""Defines a node: declared parameters, inputs and outputs around a pure part.
 
 A node never sees a socket. The executor (executor.py) gives it the messages of its inputs, joined by stamp, and
 carries away what it publishes, whether the other end is in this process, another one, or another machine.
@@ -6,9 +6,9 @@ carries away what it publishes, whether the other end is in this process, anothe
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -16,12 +16,17 @@ from evis.config.params import Param, resolve
 from msgs.header import Message
 
 if TYPE_CHECKING:
-    from evis.runtime.executor import Executor
+    from evis.runtime.plan import Plan
+    from evis.runtime.tap import TapSubscription
+
+
+Arrays = Mapping[str, tuple[tuple[int, ...], Any]]
+"""What is asked of a loan: name -> (shape, dtype)."""
 
 
 @dataclass(frozen=True)
 class Input:
-    """A port that messages come in by.
+    """Declares a port that messages come in by.
 
     topic: name with parameters in braces, `/{camera}/keyframe`; `*` only for nodes that take whatever they are told
     (the recorder). join: delivered by `update`, together with the other joined inputs of the same stamp; otherwise,
@@ -38,13 +43,51 @@ class Input:
 
 @dataclass(frozen=True)
 class Output:
-    """A port that messages leave by. topic as in Input."""
+    """Declares a port that messages leave by. topic as in Input."""
 
     topic: str
 
 
+class Runtime(Protocol):
+    """Does for the nodes of a process what they cannot do themselves; a node reaches most of it by its own methods."""
+
+    plan: Plan
+
+    def wants(self, node: Node, port: str, array: str = "") -> bool:
+        """Says whether somebody reads an output now, or an array of its messages."""
+
+    def loan(self, node: Node, port: str, arrays: Arrays) -> dict[str, np.ndarray]:
+        """Gives arrays to write an output's next message into."""
+
+    def loan_on(self, node: Node, port: str, device: Any, arrays: Arrays) -> dict[str, Any]:
+        """Gives arrays on a device to write an output's next message into."""
+
+    def publish(self, node: Node, port: str, message: Message) -> None:
+        """Sends a message on an output."""
+
+    def count(self, node: Node, name: str, amount: float) -> None:
+        """Adds to a counter of the node."""
+
+    def diagnose(self, node: Node, level: str, text: str) -> None:
+        """Writes one line to the process's log, and sends it as one Diagnostics message."""
+
+    def tell(self, node: Node, text: str) -> None:
+        """Says one line to the user alone."""
+
+    def hide(self, secret: str) -> None:
+        """Keeps a secret out of logs and diagnostics from now on."""
+
+    def open_tap(self, node: Node, topic: str, callback: Callable[[Message], None]) -> TapSubscription:
+        """Subscribes a topic of the running graph, lossily."""
+
+    def request(self, topic: str) -> None:
+        """Asks the supervisor to start the dormant node that publishes a topic."""
+
+
 class Node:
-    """Base of all nodes. Life: `__init__`, `setup`, then `update`/`receive`/`step` by the executor, `finish`, `close`.
+    """Stands between a pure part and the graph: the base of all nodes.
+
+    Life: `__init__`, `setup`, then `update`/`receive`/`step` by the executor, `finish`, `close`.
 
     `setup` does the slow things (imports, kernel compilation, opening files); the graph starts when every node's setup
     is over. An exception ends the graph with the node's name and the text; raise ValueError or OSError with one clear
@@ -60,18 +103,19 @@ class Node:
     def __init__(self, name: str, params: Mapping[str, Any]) -> None:
         self.name = name
         self.params = resolve(name, self.PARAMS, params)
-        self.runtime: Executor  # set by the executor before setup
+        self.runtime: Runtime  # set by the executor before setup
+        self._totals: dict[str, float] = {}
 
     # -- what the planner asks, before anything is constructed -------------------------------------------------------
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """Input ports needed to make the wanted output ports; all of them unless a subclass knows better."""
+        """Names the input ports needed to make the wanted output ports; all of them unless a subclass knows better."""
         return frozenset(cls.INPUTS)
 
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
-        """Arrays of an input's messages that may be left out elsewhere, of which this node needs just these.
+        """Names the arrays that this node needs of an input's messages, where others may be left out.
 
         None, unless a subclass knows better: all that there are. See `wants`.
         """
@@ -79,27 +123,27 @@ class Node:
 
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Heavy packages that these parameters leave out, with the reason: {"mujoco": "scene has no dynamics"}."""
+        """Names heavy packages that these parameters spare, with the reason: {"mujoco": "scene has no dynamics"}."""
         return {}
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Parameters that change nothing beside these others, with the reason; who gives one is told so."""
+        """Names parameters that change nothing beside these others, with the reason; who gives one is told so."""
         return {}
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """What the parameter `seed` decides beside these others, in words; nothing: every seed gives the same."""
+        """Says in words what the parameter `seed` decides beside these others; nothing: every seed gives the same."""
         return ()
 
     @classmethod
     def sensor(cls, params: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Parameters for the readers of its camera's CameraInfo, of a node that is that camera's sensor."""
+        """Returns parameters for the readers of a camera's CameraInfo, of a node that is that camera's sensor."""
         return {}
 
     @classmethod
     def divides(cls, params: Mapping[str, Any]) -> int:
-        """How many updates there are to each message published; of a source, how many steps to a delayed input.
+        """Returns how many updates there are to each message published; of a source, how many steps to a delayed input.
 
         Raises ValueError for parameters that do not go together.
         """
@@ -108,48 +152,48 @@ class Node:
     # -- what the executor calls -------------------------------------------------------------------------------------
 
     def setup(self) -> None:
-        """Prepare; latched outputs (CameraInfo) are published here."""
+        """Prepares the node; latched outputs (CameraInfo) are published here."""
 
     def due(self) -> Mapping[str, int]:
-        """Sources: the delayed inputs that the next step needs, and the stamps [ns] they must have."""
+        """Names the delayed inputs that a source's next step needs, and the stamps [ns] they must have."""
         return {}
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
-        """Sources: publish what comes next; False when there is nothing more."""
+        """Publishes what a source has next; False when there is nothing more."""
         raise TypeError(f"{type(self).__name__} is not a source")
 
     def update(self, inputs: Mapping[str, Message]) -> None:
-        """One message per connected joined input, all of one stamp. Arrays are valid until return unless kept."""
+        """Takes one message per connected joined input, all of one stamp. Arrays are valid until return unless kept."""
         raise TypeError(f"{type(self).__name__} takes no joined inputs")
 
     def receive(self, port: str, message: Message) -> None:
-        """A message of an input that is not joined, or of a latched topic."""
+        """Takes a message of an input that is not joined, or of a latched topic."""
         raise TypeError(f"{type(self).__name__} takes no single inputs")
 
     def finish(self) -> None:
-        """All inputs have ended; publish what is left."""
+        """Publishes what is left, after all inputs have ended."""
 
     def idle(self) -> None:
-        """Called on the executor's thread at least every 50 ms, for nodes with something to do besides messages."""
+        """Does what a node has to do besides messages; called on the executor's thread at least every 50 ms."""
 
     def close(self) -> None:
-        """Release devices and files; called once, also after an error."""
+        """Releases devices and files; called once, also after an error."""
 
     # -- what a node uses --------------------------------------------------------------------------------------------
 
     def wants(self, port: str, array: str = "") -> bool:
-        """True while somebody reads this output; False for a port that the planner left out.
+        """Says whether somebody reads this output; False for a port that the planner left out.
 
         array: whether somebody reads that one of its messages' arrays, as `reads` tells; viewers read all.
         """
         return self.runtime.wants(self, port, array) if array else self.runtime.wants(self, port)
 
     def loan(self, port: str, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, np.ndarray]:
-        """Arrays to write this port's next message into, name -> (shape, dtype); no copy is made when it is sent."""
+        """Returns arrays to write this port's next message into, name -> (shape, dtype); sending makes no copy."""
         return self.runtime.loan(self, port, arrays)
 
     def loan_on(self, port: str, device: Any, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, Any]:
-        """As `loan`, on a device: Warp arrays, name -> (shape, Warp dtype), where [E, H, W] of vec3 is [E, H, W, 3].
+        """Returns Warp arrays as `loan` does, name -> (shape, Warp dtype), where [E, H, W] of vec3 is [E, H, W, 3].
 
         They are copied to the host only for readers that need them there. What writes them is launched on Warp's stream
         of the device; nobody need wait for it before `publish`.
@@ -157,21 +201,39 @@ class Node:
         return self.runtime.loan_on(self, port, device, arrays)
 
     def tell(self, text: str) -> None:
-        """Say one line to the user alone: it goes to no log, no topic and no bag."""
+        """Says one line to the user alone: it goes to no log, no topic and no bag."""
         self.runtime.tell(self, text)
 
     def hide(self, secret: str) -> None:
-        """Keep a secret that this node has made for itself out of logs and diagnostics."""
+        """Keeps a secret that this node has made for itself out of logs and diagnostics."""
         self.runtime.hide(secret)
 
     def publish(self, port: str, message: Message) -> None:
-        """Send a message on an output; blocks while a declared consumer is behind. Fills header.seq."""
+        """Sends a message on an output; blocks while a declared consumer is behind. Fills header.seq."""
         self.runtime.publish(self, port, message)
 
     def count(self, name: str, amount: float = 1) -> None:
-        """Add to a counter shown in /diagnostics and in the run's summary (drops, clips, non-finite values, ...)."""
+        """Adds to a counter shown in /diagnostics and in the run's summary (drops, clips, non-finite values, ...)."""
         self.runtime.count(self, name, amount)
 
+    def count_total(self, name: str, total: float) -> bool:
+        """Adds to a counter what a running total has gained since it was last given.
+
+        True when that is the first time that the total is not 0, for a warning that is said once. A total that falls
+        takes away what it lost, so that a gauge (a temperature) can be shown too.
+        """
+        last = self._totals.get(name, 0)
+        if total == last:
+            return False
+        self.count(name, total - last)
+        first = name not in self._totals
+        self._totals[name] = total
+        return first
+
+    def restart_totals(self) -> None:
+        """Says that all totals begin at 0 again; what they were stays counted."""
+        self._totals = {}
+
     def warn(self, text: str) -> None:
-        """One warning line in the log and on /diagnostics."""
+        """Says one warning line in the log and on /diagnostics."""
         self.runtime.diagnose(self, "warning", text)

@@ -1,4 +1,4 @@
-"""No orphans: a child dies with its launcher, whatever kind of death that is."""
+"""Ends a child with its launcher, whatever kind of death that is, so that no orphan is left."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 def die_with_parent() -> None:
-    """Ask the kernel to kill this process when its launcher dies; exit at once if the launcher is dead already.
+    """Asks the kernel to kill this process when its launcher dies; exits at once if the launcher is dead already.
 
     The launcher is the process in EVIS_PARENT_PID; nothing happens when that is not set (a node run by hand has none).
     Only Linux has this; elsewhere the supervisor's own clean-up is all there is.

@@ -1,4 +1,4 @@
-"""The resolved graph: what the planner makes of a launch file and the executor and supervisor carry out."""
+"""Holds the resolved graph: what the planner makes of a launch file and the executor and supervisor carry out."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from evis.config.secret import Redactor
 
 @dataclass
 class Edge:
-    """One consumer of a topic. kind: `lockstep` (declared, never loses), `delayed` (closes a loop) or `tap` (lossy)."""
+    """Names one consumer of a topic.
+
+    kind: `lockstep` (declared, never loses), `delayed` (closes a loop) or `tap` (lossy).
+    """
 
     node: str
     port: str
@@ -22,7 +25,7 @@ class Edge:
 
 @dataclass
 class TopicPlan:
-    """One topic of the graph with its publisher and consumers."""
+    """Describes one topic of the graph with its publisher and consumers."""
 
     name: str
     type: str
@@ -36,7 +39,7 @@ class TopicPlan:
 
 @dataclass
 class NodePlan:
-    """One node: its class by dotted name (`nodes.physics.node:PhysicsNode`), resolved parameters, and wiring.
+    """Describes one node: its class by dotted name (`nodes.physics.node:PhysicsNode`), parameters, and wiring.
 
     inputs: port -> topics (one, but for nodes that take whatever they are told); outputs: port -> topic, without the
     ports that nobody reads. dormant: not started until a viewer asks for one of its topics; its inputs are taps.
@@ -56,7 +59,7 @@ class NodePlan:
 
 @dataclass
 class LeftOut:
-    """One thing the graph does not need, and why."""
+    """Names one thing that the graph does not need, and why."""
 
     what: str
     why: str
@@ -64,7 +67,7 @@ class LeftOut:
 
 @dataclass
 class Plan:
-    """A whole graph. `mode`: lockstep, realtime or live. `duration_s` None = until the sources end."""
+    """Describes a whole graph. `mode`: lockstep, realtime or live. `duration_s` None = until the sources end."""
 
     name: str
     run_id: str
@@ -100,12 +103,12 @@ class Plan:
     """Values of secret parameters and arguments; what others may read is made of `redacted`."""
 
     def redacted(self) -> Plan:
-        """The plan without its secrets."""
+        """Returns the plan without its secrets."""
         plan: Plan = Redactor(self.secrets).value(self)
         return dataclasses.replace(plan, directory=self.directory, secrets=[])
 
     def processes(self) -> dict[str, list[NodePlan]]:
-        """Process name -> its nodes in data-flow order, dormant ones left out."""
+        """Maps each process to its nodes in data-flow order, dormant ones left out."""
         result: dict[str, list[NodePlan]] = {}
         for node in self.nodes.values():
             if not node.dormant:
@@ -113,17 +116,17 @@ class Plan:
         return result
 
     def sensor_beside(self, node: str, port: str) -> dict[str, Any]:
-        """What the sensor is that publishes beside an output of a node; {} where there is none."""
+        """Describes the sensor that publishes beside an output of a node; {} where there is none."""
         topic = self.nodes[node].outputs.get(port, "") if node in self.nodes else ""
         return self.sensors.get(topic.rpartition("/")[0], {})
 
     def save(self, path: Path) -> None:
-        """Write as JSON."""
+        """Writes the plan as JSON."""
         path.write_text(json.dumps(dataclasses.asdict(self), indent=1))
 
     @staticmethod
     def load(path: Path) -> Plan:
-        """Read what `save` wrote."""
+        """Reads what `save` wrote."""
         raw = json.loads(path.read_text())
         nodes = {k: NodePlan(**v) for k, v in raw.pop("nodes").items()}
         topics = {k: TopicPlan(**{**v, "edges": [Edge(**e) for e in v["edges"]]}) for k, v in raw.pop("topics").items()}

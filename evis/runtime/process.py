@@ -26,7 +26,7 @@ machine. One that dies meanwhile is the supervisor's to notice."""
 
 
 def main(argv: list[str]) -> int:
-    """Run the nodes of one process. Exit status 0, 1 after a failure that was reported, 143 when told to end."""
+    """Runs the nodes of one process. Exit status 0, 1 after a failure that was reported, 143 when told to end."""
     with standard_streams():  # a log that has no room must not end a node
         return _main(argv)
 

@@ -1,4 +1,4 @@
-"""Where a process's time goes, node by node: own time without what it calls downstream, and plain counters."""
+"""Measures where a process's time goes, node by node: own time without what it calls downstream, and counters."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from msgs.header import Message
 
 @dataclass
 class NodeProfile:
-    """Times [s] and counts of one node."""
+    """Counts the times [s], messages and events of one node."""
 
     updates: int = 0
     busy_s: float = 0.0
@@ -35,7 +35,7 @@ class NodeProfile:
     """time.monotonic() when the first packet with an event left; 0 = not yet."""
 
     def saw(self, topic: str, message: Message) -> None:
-        """Count a published message."""
+        """Counts a published message."""
         self.published[topic] += 1
         self._pass(message)
         if isinstance(message, EventPacket):
@@ -65,7 +65,7 @@ class NodeProfile:
         self.stamp_ns = max(self.stamp_ns, stamp)
 
     def summary(self) -> dict[str, Any]:
-        """Plain numbers for the run's summary and /diagnostics."""
+        """Returns plain numbers for the run's summary and /diagnostics."""
         return {
             "updates": self.updates,
             "busy_s": round(self.busy_s, 6),
@@ -87,7 +87,7 @@ def _plain(value: Any) -> float | int:
 
 
 class Profile:
-    """Exclusive time per owner on one thread: entering an inner owner stops the clock of the outer one."""
+    """Measures exclusive time per owner on one thread: entering an inner owner stops the clock of the outer one."""
 
     def __init__(self) -> None:
         self.nodes: dict[str, NodeProfile] = {}
@@ -95,7 +95,7 @@ class Profile:
         self._since = (0.0, 0.0)
 
     def node(self, name: str) -> NodeProfile:
-        """The profile of a node (or of `bus` and `idle`), made on first use."""
+        """Returns the profile of a node (or of `bus` and `idle`), made on first use."""
         return self.nodes.setdefault(name, NodeProfile())
 
     def _charge(self) -> None:
@@ -107,7 +107,7 @@ class Profile:
 
     @contextmanager
     def inside(self, name: str) -> Iterator[NodeProfile]:
-        """Charge the time within the block to `name`."""
+        """Charges the time within the block to `name`."""
         profile = self.node(name)
         self._charge()
         self._stack.append(profile)

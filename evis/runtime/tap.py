@@ -1,4 +1,4 @@
-"""A lossy subscription that a node opened at run time."""
+"""Lets a node subscribe to a topic at run time, lossily."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from msgs.header import Message
 
 
 @dataclass
-class Tap:
-    """One topic; the executor calls `callback` with each message."""
+class TapSubscription:
+    """Reads one topic by taps, one per process for a system topic; the executor calls `callback` with each message."""
 
     topic: str
     callback: Callable[[Message], None]
     subscribers: list[Subscriber]
-    on_close: Callable[[Tap], None]
+    on_close: Callable[[TapSubscription], None]
 
     def close(self) -> None:
-        """Unsubscribe; the publisher stops feeding the topic when nobody else reads it."""
+        """Ends the subscription; the publisher stops feeding the topic when nobody else reads it."""
         self.on_close(self)
 
     @property
     def lost(self) -> int:
-        """Messages that this tap missed."""
+        """How many messages this tap missed."""
         return sum(s.lost for s in self.subscribers)

@@ -1,4 +1,4 @@
-"""What a process says about itself: /clock of its sources and /diagnostics of its nodes, both as taps."""
+"""Publishes what a process says about itself: /clock of its sources and /diagnostics of its nodes, both as taps."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import zmq
 from evis.bus import Publisher, endpoints_for
 from evis.config.secret import Redactor
 from evis.console.printable import printable
-from evis.runtime.host import SYSTEM_TOPICS, Host, system_topic
+from evis.runtime.host import Host, system_topic
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
 from msgs.diagnostics import Diagnostics
 from msgs.header import Header
-from msgs.topics import find_topic
+from msgs.topics import SYSTEM_TOPICS, find_topic
 from msgs.world import Clock
 
 PERIOD_S = 1.0
@@ -25,7 +25,11 @@ TAP_HZ = 1000.0
 
 
 class Telemetry:
-    """Publishers of the system topics of one process."""
+    """Owns the publishers of the system topics of one process.
+
+    plan, process: what is run, and the process's name. context: of ZeroMQ, the process's. profile: times and counts of
+    its nodes, to be told. redactor: takes the secrets out of what is told.
+    """
 
     def __init__(self, plan: Plan, process: str, context: zmq.Context, profile: Profile, redactor: Redactor) -> None:
         self._profile = profile
@@ -46,11 +50,11 @@ class Telemetry:
         }
 
     def start_clock(self) -> None:
-        """The graph starts now: the origin of the real-time factor."""
+        """Notes that the graph starts now: the origin of the real-time factor."""
         self._started = time.monotonic_ns()
 
     def tick(self, host: Host) -> None:
-        """Say the time of a source's newest message."""
+        """Publishes the time of a source's newest message."""
         if self.publishers["/clock"].wanted():
             profile = self._profile.node(host.name)
             since = profile.stamp_ns - (profile.first_stamp_ns or 0)
@@ -58,14 +62,14 @@ class Telemetry:
             self.publishers["/clock"].send(Clock(Header(profile.stamp_ns), real_time_factor=since / wall))
 
     def say(self, host: Host | None, name: str, level: str, text: str) -> None:
-        """One line in the process's log and one Diagnostics message, both without secrets."""
+        """Writes one line to the process's log and sends one Diagnostics message, both without secrets."""
         text = self._redactor.text(text)
         line = f"{name}: {text}" if level == "info" else f"{name}: {level}: {text}"
         print(printable(line), file=sys.stderr, flush=True)
         self.publishers["/diagnostics"].send(self._diagnostics(host, name, level, text))
 
     def periodic(self, hosts: dict[str, Host], *, force: bool = False) -> None:
-        """Diagnostics of every node once per PERIOD_S."""
+        """Sends the diagnostics of every node, once per PERIOD_S."""
         now = time.monotonic()
         if now - self._sent_at < PERIOD_S and not force:
             return

@@ -1,4 +1,4 @@
-"""What ends the executor's wait: something to read, from somebody who will be listened to."""
+"""Ends the executor's wait when there is something to read, from somebody who will be listened to."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import zmq
 
 
 class Wakeup:
-    """A poller whose sockets are given by owner, and change: what nobody would read must not end the wait."""
+    """Polls sockets that are given by owner, and change: what nobody would read must not end the wait."""
 
     def __init__(self) -> None:
         self._poller = zmq.Poller()
         self._heard: dict[object, Sequence[zmq.Socket | int]] = {}
 
     def hear(self, owner: object, sockets: Sequence[zmq.Socket | int]) -> None:
-        """From now on these sockets of `owner`, and no others of it, end the wait."""
+        """Lets these sockets of `owner`, and no others of it, end the wait from now on."""
         before = self._heard.get(owner, ())
         if sockets == before:
             return
@@ -27,10 +27,10 @@ class Wakeup:
         self._heard[owner] = sockets
 
     def forget(self, owner: object) -> None:
-        """`owner` is about to close its sockets."""
+        """Stops polling the sockets of `owner`, which is about to close them."""
         self.hear(owner, [])
         self._heard.pop(owner, None)
 
     def wait(self, timeout_ms: int) -> None:
-        """Until one is readable, at most this long."""
+        """Waits until a socket is readable, at most this long."""
         self._poller.poll(timeout_ms)

@@ -1,4 +1,4 @@
-"""One process of a running graph as its supervisor sees it."""
+"""Starts and signals one process of a running graph, and holds what its supervisor knows of it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,10 @@ _REMEDIES = {
 
 @dataclass
 class Child:
-    """state: starting, ready, running, then done or failed."""
+    """Represents one process of a running graph.
+
+    state: starting, ready, running, then done or failed.
+    """
 
     name: str
     nodes: list[NodePlan]
@@ -75,7 +78,7 @@ class Child:
         return self.state in ("done", "failed")
 
     def alive(self) -> bool:
-        """Is there a process?"""
+        """Says whether there is a process."""
         return self.process is not None and self.process.poll() is None
 
     @property
@@ -84,7 +87,7 @@ class Child:
         return self.process.poll() if self.process is not None else None
 
     def start(self) -> None:
-        """Start the process in a session of its own: a terminal's Ctrl-C reaches the supervisor alone."""
+        """Starts the process in a session of its own: a terminal's Ctrl-C reaches the supervisor alone."""
         environment = dict(os.environ)
         environment[PARENT_VARIABLE] = str(os.getpid())
         environment["PYTHONPATH"] = os.pathsep.join(os.path.abspath(p) for p in sys.path if p)
@@ -105,14 +108,14 @@ class Child:
         self.heard_at = time.monotonic()
 
     def signal(self, number: signal.Signals) -> None:
-        """Send a signal if it is there."""
+        """Sends a signal to the process if it is there."""
         if self.process is not None and self.alive():
             self.process.send_signal(number)
             if number in (signal.SIGTERM, signal.SIGINT):
                 self.process.send_signal(signal.SIGCONT)
 
-    def death(self) -> str:
-        """One line about an exit that the process did not announce."""
+    def unannounced_exit(self) -> str:
+        """Describes in one line an exit that the process did not announce."""
         code = self.process.returncode if self.process is not None else None
         if code == STATUS:
             code = -signal.SIGTERM  # it has closed its files first, see evis/console/termination.py
@@ -126,7 +129,7 @@ class Child:
         return f"{self.title} ended with exit status {code} and no message"
 
     def last_lines(self, count: int) -> list[str]:
-        """The end of its log."""
+        """Returns the end of its log."""
         try:
             with open(self.log_path, "rb") as log:
                 log.seek(0, os.SEEK_END)

@@ -12,7 +12,7 @@ import time
 
 
 def main(directory: str) -> None:
-    """Wait for the end of stdin, then remove the directory of a run."""
+    """Waits for the end of stdin, then removes the directory of a run."""
     for name in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(name, signal.SIG_IGN)
     while os.read(0, 64):

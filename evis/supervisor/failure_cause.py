@@ -1,4 +1,4 @@
-"""Which of several failures was the cause, and how to say it."""
+"""Decides which of several failures was the cause, and how to say it."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ _PEER_LOST = "(topic /"
 _LINES = 12
 
 
-def why(child: Child) -> str:
-    """One line about a failure: what the node said, or how the process died."""
+def describe_failure(child: Child) -> str:
+    """Describes a failure in one line: what the node said, or how the process died."""
     if child.failure is None:
-        return child.death()
+        return child.unannounced_exit()
     node, text = child.failure
     return text if text.startswith(f"{node}: ") else f"{node}: {text}"
 
 
 def first_cause(children: Iterable[Child]) -> Child:
-    """Of those that failed: a death without a word before a report, a report before "my neighbour is gone".
+    """Picks the cause among failures: a death without a word, then a report, then "my neighbour is gone".
 
     One that was told to end by SIGTERM comes after who reports something, and before its neighbours.
     """
@@ -32,8 +32,11 @@ def first_cause(children: Iterable[Child]) -> Child:
     return (deaths or reports or silent or failed)[0]
 
 
-def by_force(children: Iterable[Child], patience_s: float, asked: bool) -> str:
-    """One line about processes that had to be killed at the end. asked: by a second Ctrl-C, and not for waiting."""
+def ended_by_force(children: Iterable[Child], patience_s: float, asked: bool) -> str:
+    """Describes in one line processes that had to be killed at the end.
+
+    asked: by a second Ctrl-C, and not for waiting.
+    """
     found = list(children)
     names = ", ".join(c.title for c in found)
     was, its = ("was", "its") if len(found) == 1 else ("were", "their")
@@ -43,6 +46,6 @@ def by_force(children: Iterable[Child], patience_s: float, asked: bool) -> str:
 
 
 def last_words(child: Child) -> list[str]:
-    """The end of its log without tracebacks."""
+    """Returns the end of its log without tracebacks."""
     lines = [line for line in child.last_lines(_LINES) if not line.startswith(("Traceback (", "  "))]
     return [f"  {child.name} | {line}" for line in lines]

@@ -1,4 +1,4 @@
-"""What the processes write, on its way to the user."""
+"""Passes what the processes write on to the user."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ _MOST = 1 << 16
 
 
 class Logs:
-    """Follows the log files. Lines that nodes say to the user (`name: text`) are passed on; with debug, every line."""
+    """Follows the log files.
+
+    Lines that nodes say to the user (`name: text`) are passed on; with debug, every line.
+    """
 
     def __init__(self, say: Callable[[str], None], debug: bool) -> None:
         self._say = say
@@ -18,7 +21,7 @@ class Logs:
         self._offsets: dict[str, int] = {}
 
     def forward(self, children: Iterable[Child]) -> None:
-        """Pass on the whole lines that are new."""
+        """Passes on the whole lines that are new."""
         for child in children:
             offset = self._offsets.get(child.name, 0)
             try:

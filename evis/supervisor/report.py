@@ -1,4 +1,4 @@
-"""How a run went: the numbers of its summary, as JSON and as a short table."""
+"""Sums up how a run went: the numbers of its summary, as JSON and as a short table."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _BUS_KEYS = ("bus", "idle")
 
 @dataclass
 class Report:
-    """summary: what --json prints. failure: the one line of what went wrong."""
+    """Holds how a run went. summary: what --json prints. failure: the one line of what went wrong."""
 
     summary: dict[str, Any]
     failure: str | None = None
@@ -30,7 +30,11 @@ def summarise(
     failure: str | None,
     interrupted: bool,
 ) -> Report:
-    """Put the summaries of all processes together. Times in seconds; rtf = sim_s / wall_s."""
+    """Puts the summaries of all processes together.
+
+    plan: what was run. parts: the summaries of its processes. startup_s: until all were ready [s]. wall_s: from
+    there to the end [s]; rtf = sim_s / wall_s. failure: what went wrong, in one line. interrupted: it was asked to end.
+    """
     plan = plan.redacted()
     nodes: dict[str, Any] = {}
     overhead: dict[str, float] = dict.fromkeys(_BUS_KEYS, 0.0)
@@ -73,7 +77,7 @@ def _total(nodes: dict[str, Any], key: str) -> int:
 
 
 def as_table(report: Report) -> str:
-    """The summary for a person."""
+    """Writes the summary as text for a person."""
     s = report.summary
     unused = s["args"].get("seed") and s["random"] and not any(s["random"].values())
     lines = [

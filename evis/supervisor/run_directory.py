@@ -1,4 +1,4 @@
-"""The private directory of a run: sockets, logs, the plan. Gone with the run, whatever kind of death that is."""
+"""Makes the private directory of a run, for sockets, logs and the plan; it is gone with the run, however that ends."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ _SETTLE_S = 60.0
 
 
 def root() -> Path:
-    """The folder of all runs of this user: below XDG_RUNTIME_DIR, or /tmp/evis-<uid>. Raises OSError if not private."""
+    """Returns the folder of all runs of this user: below XDG_RUNTIME_DIR, or /tmp/evis-<uid>.
+
+    Raises OSError if not private.
+    """
     runtime = os.environ.get("XDG_RUNTIME_DIR", "")
     if runtime and len(runtime) < _LONGEST_ROOT and os.access(runtime, os.W_OK):
         folder = Path(runtime) / "evis"
@@ -42,7 +45,7 @@ def root() -> Path:
 
 @contextlib.contextmanager
 def writing(folder: Path) -> Iterator[None]:
-    """Within it, an error of the system names the folder, which a write that finds no room does not, and the remedy."""
+    """Names the folder and the remedy in an error of the system, which a write that finds no room does not."""
     try:
         yield
     except OSError as error:
@@ -51,7 +54,7 @@ def writing(folder: Path) -> Iterator[None]:
 
 
 def is_live(directory: Path) -> bool:
-    """True while the launcher of this run lives."""
+    """Says whether the launcher of this run lives."""
     try:
         with open(directory / LOCK) as lock:
             try:
@@ -64,7 +67,7 @@ def is_live(directory: Path) -> bool:
 
 
 def live_runs() -> list[Path]:
-    """Directories of running graphs, the newest first."""
+    """Lists the directories of running graphs, the newest first."""
     try:
         folders = [p for p in root().iterdir() if p.is_dir() and (p / "plan.json").exists() and is_live(p)]
     except OSError:
@@ -73,7 +76,7 @@ def live_runs() -> list[Path]:
 
 
 def sweep() -> list[Path]:
-    """Remove what dead runs have left, and name it."""
+    """Removes what dead runs have left, and names it."""
     removed = []
     for folder in root().iterdir():
         try:
@@ -88,7 +91,7 @@ def sweep() -> list[Path]:
 
 
 class RunDirectory:
-    """A run's directory, locked by this process and watched by a clean-up process that outlives it for a moment."""
+    """Owns a run's directory, locked by this process; a clean-up process watches it and outlives it for a moment."""
 
     def __init__(self) -> None:
         sweep()
@@ -111,7 +114,7 @@ class RunDirectory:
         )
 
     def close(self) -> None:
-        """Remove the directory and let the clean-up process go."""
+        """Removes the directory and lets the clean-up process go."""
         shutil.rmtree(self.path, ignore_errors=True)
         self._lock.close()
         if self._cleanup.stdin is not None:

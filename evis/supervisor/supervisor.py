@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 from evis.config.secret import Redactor
@@ -18,7 +16,8 @@ from evis.runtime.control import ControlServer, control_address
 from evis.runtime.host import load_class
 from evis.runtime.plan import NodePlan, Plan
 from evis.supervisor.child import Child
-from evis.supervisor.failure_cause import by_force, first_cause, last_words, why
+from evis.supervisor.failure_cause import describe_failure, ended_by_force, first_cause, last_words
+from evis.supervisor.interrupts import Interrupts
 from evis.supervisor.logs import Logs
 from evis.supervisor.report import Report, summarise
 from evis.supervisor.run_directory import RunDirectory, writing
@@ -46,7 +45,10 @@ _TICK_S = 0.05
 
 
 class Supervisor:
-    """Runs one plan to its end. `say`: takes one line for the user; `tick`: called with the progress so far."""
+    """Runs one plan to its end.
+
+    say: takes one line for the user. tick: called with the progress so far.
+    """
 
     def __init__(
         self,
@@ -62,7 +64,7 @@ class Supervisor:
         self._redactor = Redactor(plan.secrets)
         self._debug = debug
         self._children: dict[str, Child] = {}
-        self._interrupts = 0
+        self._interrupts = Interrupts()
         self._stopped_at = 0.0
         self._stage = 0
         self._failed_at = 0.0
@@ -74,7 +76,7 @@ class Supervisor:
         self._logs = Logs(self._say, debug)
 
     def run(self) -> Report:
-        """Until everything has ended. The report says how it went; nothing is left behind."""
+        """Runs until everything has ended, and reports how it went; nothing is left behind."""
         self._started = time.monotonic()
         directory = RunDirectory()
         self.plan.run_id = directory.run_id
@@ -82,7 +84,7 @@ class Supervisor:
         try:
             with writing(directory.path):
                 self.plan.save(directory.path / "plan.json")
-            with self._control(), self._signals():
+            with self._control(), self._interrupts.counted():
                 for name, nodes in self.plan.processes().items():
                     self._add(name, nodes)
                 for child in self._children.values():
@@ -94,7 +96,7 @@ class Supervisor:
                 startup_s=(self._went_at or time.monotonic()) - self._started,
                 wall_s=self._ended_at - self._went_at if self._went_at else 0.0,
                 failure=None if self._cause is None else self._redactor.text(self._cause),
-                interrupted=self._interrupts > 0,
+                interrupted=self._interrupts.count > 0,
             )
         finally:
             self._kill_all()
@@ -123,26 +125,6 @@ class Supervisor:
             yield
         finally:
             self._server.close()
-
-    @contextlib.contextmanager
-    def _signals(self) -> Iterator[None]:
-        """Ctrl-C, polite requests to end and a lost terminal (but under nohup) are counted, not raised."""
-
-        def interrupt(number: int, frame: FrameType | None) -> None:
-            self._interrupts += 1
-
-        if threading.current_thread() is not threading.main_thread():
-            yield
-            return
-        numbers = [signal.SIGINT, signal.SIGTERM]
-        if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
-            numbers.append(signal.SIGHUP)
-        before = {number: signal.signal(number, interrupt) for number in numbers}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
 
     # -- the loop ----------------------------------------------------------------------------------------------------
 
@@ -259,7 +241,7 @@ class Supervisor:
             return  # our own signal
         if all(node.respawn for node in child.nodes) and child.respawns < MAX_RESPAWNS and not self._stopped_at:
             child.respawns += 1
-            self._say(f"{why(child)}; started again ({child.respawns} of {MAX_RESPAWNS})")
+            self._say(f"{describe_failure(child)}; started again ({child.respawns} of {MAX_RESPAWNS})")
             if child.process is not None:
                 child.process.wait(10)
             child.failure = None
@@ -267,7 +249,7 @@ class Supervisor:
             return
         if child.service and self._went_at:
             child.spared = True
-            self._say(f"{why(child)}; the graph goes on without it")
+            self._say(f"{describe_failure(child)}; the graph goes on without it")
         elif not self._failed_at:
             self._failed_at = time.monotonic()
 
@@ -278,7 +260,7 @@ class Supervisor:
         if self._failed_at and not self._stopped_at and now - self._failed_at > SETTLE_S:
             self._name_cause()
             self._stop(now)
-        elif self._interrupts and not self._stopped_at:
+        elif self._interrupts.count and not self._stopped_at:
             self._stop(now)
         elif not self._stopped_at and self._workers_ended():
             self._stop(now)
@@ -287,10 +269,10 @@ class Supervisor:
         if not self._stopped_at:
             return
         waited, patience = now - self._stopped_at, DRAIN_S if self._went_at else START_DRAIN_S
-        if self._stage == 0 and (waited > patience or self._interrupts > 1):
+        if self._stage == 0 and (waited > patience or self._interrupts.count > 1):
             self._stage, self._stopped_at = 1, now
             self._signal_all(signal.SIGTERM)
-        elif self._stage == 1 and (waited > patience or self._interrupts > 2):
+        elif self._stage == 1 and (waited > patience or self._interrupts.count > 2):
             self._stage = 2
             self._signal_all(signal.SIGKILL)
 
@@ -330,10 +312,10 @@ class Supervisor:
             return
         if not self._failed_at:
             # One that is stopped before it has begun has nothing to lose.
-            self._cause = by_force(failed, DRAIN_S, self._interrupts > 1) if self._went_at else None
+            self._cause = ended_by_force(failed, DRAIN_S, self._interrupts.count > 1) if self._went_at else None
             return
         child = first_cause(failed)
-        self._cause = why(child)
+        self._cause = describe_failure(child)
         if child.failure is None and not self._debug:
             for line in last_words(child):
                 self._say(line)

@@ -83,7 +83,6 @@ class CameraNode(Node):
         return {"usb": "the camera is a recording"} if played else {}
 
     def setup(self) -> None:
-        self._counted: dict[str, float] = {}
         self._interval_ns = round(self.params["packet_ms"] * 1e6)
         self._rounds = self._episode = self._ends_at = 0
         self._count_at = self._rest_until = 0.0
@@ -143,7 +142,7 @@ class CameraNode(Node):
             return False
         self._count_new(self.driver.counters())
         self.close()
-        self._counted = {}
+        self.restart_totals()
         self._rounds += 1
         self._rest_until = time.monotonic() + REST_S
         self._open()
@@ -178,11 +177,8 @@ class CameraNode(Node):
     def _count_new(self, counters: Mapping[str, float]) -> None:
         """The driver's totals as increments of the node's counters."""
         for name, total in counters.items():
-            if total != self._counted.get(name, 0):
-                self.count(name, total - self._counted.get(name, 0))
-                if name in FIRST_TIME and name not in self._counted:
-                    self.warn(FIRST_TIME[name])
-                self._counted[name] = total
+            if self.count_total(name, total) and name in FIRST_TIME:
+                self.warn(FIRST_TIME[name])
 
     def close(self) -> None:
         driver = getattr(self, "driver", None)

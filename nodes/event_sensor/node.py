@@ -88,7 +88,6 @@ class EventSensorNode(Node):
         given = {name: self.params[name] for name in SENSOR}
         self._resolved = resolve_sensor(self.name, self.params["preset"], given)
         self._sensor: Any = None
-        self._counted: dict[str, int] = {}
         self._header = Header(0)
         self._size = (0, 0)
         self._device = device_named(self.params["device"])
@@ -177,15 +176,12 @@ class EventSensorNode(Node):
 
     def _send(self, columns: Mapping[str, Any], offsets: np.ndarray) -> None:
         counts = self._sensor.counts()
-        for name, now in counts.items():
-            if now > self._counted.get(name, 0):
-                self.count(COUNTER_NAMES.get(name, name), now - self._counted.get(name, 0))
-        if counts["nonfinite"] and not self._counted.get("nonfinite"):
+        first = {name for name, total in counts.items() if self.count_total(COUNTER_NAMES.get(name, name), total)}
+        if "nonfinite" in first:
             dark = self._resolved["dark_level"] > 0
             kinds = "or negative" if dark else "negative or black (ln 0; a light or a dark_level helps against those)"
             when = self._header.stamp_ns
             self.warn(f"{counts['nonfinite']} samples at {when} ns are NaN, infinite, {kinds}; they are skipped")
-        self._counted = counts
         h = self._header
         header = Header(h.stamp_ns, clock=h.clock, episode=h.episode)
         height, width = self._size

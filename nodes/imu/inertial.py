@@ -1,4 +1,4 @@
-"""What an accelerometer and a gyroscope at a moving body read.
+"""Computes what an accelerometer and a gyroscope at a moving body read.
 
 Ideal readings: f = R^T (a - g), the specific force, and R^T omega, both in the body's frame; a is the acceleration of
 the frame's origin. Each reading has white noise of density sigma, that is sigma sqrt(rate) per sample, and a bias that
@@ -31,7 +31,7 @@ a sub-step."""
 
 @dataclass(frozen=True)
 class ImuModel:
-    """rate [Hz]; gravity [m/s^2], downwards along the world's -z.
+    """Describes an inertial unit. rate [Hz]; gravity [m/s^2], downwards along the world's -z.
 
     accel_noise [m/s^2/sqrt(Hz)], gyro_noise [rad/s/sqrt(Hz)]: densities of the white noise. accel_bias
     [m/s^3/sqrt(Hz)], gyro_bias [rad/s^2/sqrt(Hz)]: those of the biases' random walk, which starts from 0 in every
@@ -51,7 +51,10 @@ class ImuModel:
 
 @dataclass
 class Readings:
-    """t int64 [n] ns; acceleration float64 [n, 3] m/s^2 and angular_velocity float64 [n, 3] rad/s, in body axes."""
+    """Holds samples of both.
+
+    t int64 [n] ns; acceleration float64 [n, 3] m/s^2 and angular_velocity float64 [n, 3] rad/s, in body axes.
+    """
 
     t: np.ndarray
     acceleration: np.ndarray
@@ -59,7 +62,9 @@ class Readings:
 
 
 class InertialUnit:
-    """The unit on one body. `clipped` counts components that went past a range, `nonfinite` samples with a NaN or inf.
+    """Reads the inertial unit on one body.
+
+    `clipped` counts components that went past a range, `nonfinite` samples with a NaN or inf.
 
     Raises ValueError for a rate that is not above 0, and for negative densities or ranges.
     """
@@ -86,7 +91,7 @@ class InertialUnit:
         self._end = -1
 
     def advance(self, t: np.ndarray, pose: np.ndarray, twist: np.ndarray, episode: int = 0) -> Readings:
-        """Readings in (t[0], t[-1]], at round(k 1e9 / rate) ns; none for a single instant.
+        """Computes the readings in (t[0], t[-1]], at round(k 1e9 / rate) ns; none for a single instant.
 
         t: int64 [S] ns, ascending, starting where the last call's ended. pose float64 [S, 7], twist float64 [S, 6] of
         the body at these times, world frame (position and quaternion x y z w; velocity of the origin and angular
@@ -149,7 +154,7 @@ class InertialUnit:
 
 
 def spaced(times: np.ndarray) -> np.ndarray:
-    """Mask of ascending int64 times that leaves at least LEAST_GAP_NS between those that stay, the first among them."""
+    """Marks ascending int64 times so that at least LEAST_GAP_NS lies between those that stay, the first among them."""
     kept = np.ones(len(times), bool)
     if len(times) > 1 and np.diff(times).min() < LEAST_GAP_NS:
         last = times[0]
@@ -160,7 +165,7 @@ def spaced(times: np.ndarray) -> np.ndarray:
 
 
 def polynomial(at: np.ndarray, times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Value and time derivative [1/s], [n, D] each, at int64 [n] ns of what is known at int64 [N] ns as [N, D].
+    """Interpolates [N, D] known at int64 [N] ns: value and time derivative [1/s], [n, D] each, at int64 [n] ns.
 
     Lagrange's polynomial through the KNOTS known times around each wanted one (all of them where there are fewer), on
     both sides where possible.

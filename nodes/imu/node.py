@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -25,7 +26,7 @@ RANDOM = {
 
 
 class ImuNode(Node):
-    """An accelerometer and a gyroscope at a camera, in the camera's axes (x right, y down, z forward)."""
+    """Publishes what an accelerometer and a gyroscope at a camera read, in its axes (x right, y down, z forward)."""
 
     PARAMS: ClassVar[Mapping[str, Param]] = {
         "camera": Param(str, "cam0", "camera that carries the unit"),
@@ -48,28 +49,24 @@ class ImuNode(Node):
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Noise and bias, those that it has."""
+        """Names noise and bias, those that it has."""
         return tuple(what for name, what in RANDOM.items() if params[name])
 
     def setup(self) -> None:
-        """Make the unit."""
+        """Makes the unit."""
         from nodes.imu.inertial import ImuModel, InertialUnit
 
         self._unit: InertialUnit = InertialUnit(ImuModel(**{k: v for k, v in self.params.items() if k != "camera"}))
-        self._counted = {"clipped_samples": 0, "nonfinite_samples": 0}
 
     def update(self, inputs: Mapping[str, Message]) -> None:
-        """Publish the samples of one interval; none at an episode's first stamp."""
+        """Publishes the samples of one interval; none at an episode's first stamp."""
         state = inputs["state"]
         assert isinstance(state, WorldState)
         body = self._body(state)
         pose, twist = state.rows([body])
         read = self._unit.advance(state.t, pose[0, :, 0], twist[0, :, 0], int(state.episodes[0]))
-        now = {"clipped_samples": self._unit.clipped, "nonfinite_samples": self._unit.nonfinite}
-        for name, total in now.items():
-            if total > self._counted[name]:
-                self.count(name, total - self._counted[name])
-        self._counted = now
+        self.count_total("clipped_samples", self._unit.clipped)
+        self.count_total("nonfinite_samples", self._unit.nonfinite)
         header = Header(state.header.stamp_ns, clock=state.header.clock, episode=state.header.episode)
         self.publish("imu", Imu(header, read.t, read.acceleration, read.angular_velocity))
 
@@ -83,8 +80,6 @@ class ImuNode(Node):
             )
         camera = self.params["camera"]
         if camera not in state.names:
-            import difflib
-
             near = difflib.get_close_matches(camera, state.names, n=1)
             hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(state.names)}"
             raise ValueError(f"{self.name}: /state has no body '{camera}'; {hint}")

@@ -41,7 +41,6 @@ class RecorderNode(Node):
         from nodes.recorder.recorder import Recorder
 
         p = self.params
-        self.counted: dict[str, int] = {}
         with with_reader(p["path"], lambda line: self.runtime.diagnose(self, "info", line)):
             self.recorder: Recorder = Recorder(
                 p["path"], self.runtime.plan, p["topics"], p["preview_hz"], p["event_encoding"], p["sync"]
@@ -56,11 +55,8 @@ class RecorderNode(Node):
 
     def _count(self) -> None:
         for name, value in self.recorder.counters.items():
-            if value != self.counted.get(name, 0):
-                self.count(name, value - self.counted.get(name, 0))
-                if name == "late_syncs" and name not in self.counted:
-                    self.warn("the disk took more than 1 s for a sync; if the machine dies now, more than 1 s is lost")
-                self.counted[name] = value
+            if self.count_total(name, value) and name == "late_syncs":
+                self.warn("the disk took more than 1 s for a sync; if the machine dies now, more than 1 s is lost")
 
     def finish(self) -> None:
         """All topics have ended."""

@@ -11,10 +11,8 @@ from evis.bag.writer import BagWriter, describe_run
 from evis.runtime.plan import Plan
 from msgs.camera import Keyframe
 from msgs.header import Message
+from msgs.topics import SYSTEM_TOPICS
 from nodes.recorder.preview import PreviewMaker
-
-NOT_NUMBERED = ("/diagnostics", "/clock")
-"""Topics with several publishers, whose sequence numbers tell nothing about losses."""
 
 
 class Recorder:
@@ -73,7 +71,7 @@ class Recorder:
 
     def _notice_loss(self, topic: str, seq: int) -> None:
         missed = seq - self._seen.get(topic, seq) - 1
-        if missed > 0 and topic not in NOT_NUMBERED:
+        if missed > 0 and topic not in SYSTEM_TOPICS:
             self._lost[topic] += missed
             self.counters["lost"] += missed
         self._seen[topic] = seq

@@ -6,12 +6,10 @@ from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 
 from evis.bag import BagError
-from msgs.topics import UnknownTopic, find_topic
+from msgs.topics import SYSTEM_TOPICS, UnknownTopic, find_topic
 
 REGENERATED = ("frames", "events", "labels")
 """What interpolator, event sensor and labeler make again from keyframes."""
-SYSTEM = ("/clock", "/diagnostics")
-"""The running graph has its own."""
 
 
 def replayed(
@@ -32,7 +30,7 @@ def replayed(
     chosen = []
     for name, kind in sorted(topics.items()):
         camera, _, last = name.rpartition("/")
-        if name in SYSTEM or not _of_the_table(name, kind):
+        if name in SYSTEM_TOPICS or not _of_the_table(name, kind):  # the running graph has its own of the former
             continue
         if include and not any(fnmatchcase(name, g) for g in include):
             continue

@@ -1,4 +1,4 @@
-"""Where the page is served: a socket on this machine only, names, and a token without which nothing is shown."""
+"""Serves the page on this machine only: a socket, names, and a token without which nothing is shown."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _TOKEN = re.compile(r"[A-Za-z0-9_-]{8,128}\Z")
 
 
 def is_loopback(host: str) -> bool:
-    """True for 127.0.0.0/8, ::1 and localhost."""
+    """Says whether a host is 127.0.0.0/8, ::1 or localhost."""
     if host == "localhost":
         return True
     try:
@@ -34,7 +34,7 @@ def is_loopback(host: str) -> bool:
 
 
 def choose_token(host: str, token: str | None) -> str:
-    """The token given, or a random one of 128 bits for a loopback host. Raises ValueError with the remedy."""
+    """Returns the token given, or a random one of 128 bits for a loopback host. Raises ValueError with the remedy."""
     if token is None:
         if not is_loopback(host):
             raise ValueError(
@@ -48,7 +48,7 @@ def choose_token(host: str, token: str | None) -> str:
 
 
 def plain_name(name: str) -> str:
-    """A name or address in the one form in which they are compared: small letters, addresses as ipaddress has them."""
+    """Writes a name or address as it is compared: small letters, addresses as ipaddress has them."""
     try:
         address = ipaddress.ip_address(name.partition("%")[0])
     except ValueError:
@@ -58,7 +58,7 @@ def plain_name(name: str) -> str:
 
 
 def names_of(listener: socket.socket, given: Iterable[str]) -> frozenset[str]:
-    """The names under which the page is served: this machine's own, the address listened on, and the `given` ones.
+    """Returns the names of the page: this machine's own, the address listened on, and the `given` ones.
 
     Any other name is a foreign site's that leads here (DNS rebinding).
     """
@@ -66,13 +66,13 @@ def names_of(listener: socket.socket, given: Iterable[str]) -> frozenset[str]:
 
 
 def is_served(hosts: list[str], names: frozenset[str], reached: str) -> bool:
-    """Whether a request's Host headers name the page: there is one, of `names` or the address that was `reached`."""
+    """Says whether a request's Host headers name the page: one, of `names` or the address that was `reached`."""
     match = _HOST.match(hosts[0]) if len(hosts) == 1 else None
     return match is not None and plain_name(match[1] or match[2]) in names | {plain_name(reached)}
 
 
 def bind(host: str, port: int | None) -> tuple[socket.socket, str]:
-    """A listening socket, and a note where the port is not the one that was to be expected.
+    """Binds a listening socket, with a note where the port is not the one that was to be expected.
 
     port: a number (0 = any free one), or None for DEFAULT_PORT or the next free one. Raises OSError or ValueError with
     one clear line.
@@ -125,7 +125,7 @@ class Lender:
                 socket.send_fds(peer, [b"page"], [self._listener.fileno()])
 
     def close(self) -> None:
-        """Take the socket back."""
+        """Takes the socket back."""
         with contextlib.suppress(OSError):
             self._door.shutdown(socket.SHUT_RDWR)
         self._door.close()
@@ -134,7 +134,7 @@ class Lender:
 
 
 def borrow(path: str) -> socket.socket:
-    """The listening socket of a Lender. Raises OSError."""
+    """Returns the listening socket of a Lender. Raises OSError."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as door:
         door.settimeout(5)
         try:
@@ -148,7 +148,7 @@ def borrow(path: str) -> socket.socket:
 
 
 def url(listener: socket.socket, token: str) -> str:
-    """The address to open in a browser."""
+    """Returns the address to open in a browser."""
     host, port = listener.getsockname()[:2]
     shown = f"[{host}]" if ":" in host else host
     return f"http://{shown}:{port}/?token={token}"

@@ -1,4 +1,4 @@
-"""Which views a topic offers, and the description of the graph that the page gets first."""
+"""Tells which views a topic offers, and describes the graph to the page."""
 
 from __future__ import annotations
 
@@ -6,16 +6,13 @@ from collections.abc import Callable
 from typing import Any
 
 from evis.runtime.plan import NodePlan, Plan
-from msgs.topics import UnknownTopic, find_topic
+from msgs.topics import SYSTEM_TOPICS, UnknownTopic, find_topic
 from nodes.visualizer.playback import recording
 from nodes.visualizer.statistics import plain
 from nodes.visualizer.views.events import EventView
 from nodes.visualizer.views.images import ImageView
-from nodes.visualizer.views.part import View
+from nodes.visualizer.views.part import TopicView
 from nodes.visualizer.views.tables import BoxView, MovingView, SeriesView, TableView, TriggerView
-
-SYSTEM = ("/clock", "/diagnostics")
-"""Topics behind the status line and the Rates panel; not offered as panels."""
 
 VIEWS: dict[str, dict[str, str]] = {
     "Keyframe": {"radiance": "image"},
@@ -45,14 +42,14 @@ MADE_OF = {"objects": {"boxes", "poses", "velocities", "contacts"}}
 """Views of labels that are made of others than the one of their own name."""
 
 
-def make_view(message_type: str, view: str, env: int, quality: int) -> View:
-    """A view of a message type. Raises ValueError naming the views that there are."""
+def make_view(message_type: str, view: str, env: int, quality: int) -> TopicView:
+    """Makes a view of a message type. Raises ValueError naming the views that there are."""
     kinds = VIEWS.get(message_type, {})
     if view not in kinds:
         raise ValueError(f"{message_type} has no view '{view}'; it has {', '.join(kinds) or 'none'}")
     if kinds[view] == "image":
         return ImageView(view, env, quality)
-    others: dict[str, Callable[[str, int], View]] = {
+    others: dict[str, Callable[[str, int], TopicView]] = {
         "events": EventView, "boxes": BoxView, "moving": MovingView, "series": SeriesView, "triggers": TriggerView,
         "table": TableView,
     }  # fmt: skip
@@ -60,17 +57,17 @@ def make_view(message_type: str, view: str, env: int, quality: int) -> View:
 
 
 def camera_of(topic: str) -> str:
-    """`cam0` of `/cam0/events`; empty for a topic of no camera."""
+    """Returns the camera of a topic: `cam0` of `/cam0/events`; empty for a topic of no camera."""
     head, _, _ = topic.strip("/").rpartition("/")
     return head
 
 
 def topics(plan: Plan) -> list[dict[str, Any]]:
-    """The topics that panels can show, grouped by camera, events and images first."""
+    """Lists the topics that panels can show, grouped by camera, events and images first."""
     order = ["events", "image", "keyframe", "frames", "labels", "depth", "motion", "ids", "normal"]
     result = []
     for topic in plan.topics.values():
-        if topic.name in SYSTEM or topic.type not in VIEWS:
+        if topic.name in SYSTEM_TOPICS or topic.type not in VIEWS:
             continue
         tail = topic.name.rpartition("/")[2]
         publisher = plan.nodes.get(topic.node)
@@ -118,7 +115,7 @@ def _help(name: str) -> str:
 
 
 def describe(plan: Plan, max_fps: float) -> dict[str, Any]:
-    """The graph as the page draws it: run, topics, nodes and edges, what was left out; no secret of the run."""
+    """Describes the graph as the page draws it: run, topics, nodes, edges, what was left out; no secret of the run."""
     plan = plan.redacted()
     nodes = [
         {
@@ -154,6 +151,6 @@ def describe(plan: Plan, max_fps: float) -> dict[str, Any]:
 
 
 def environments(plan: Plan) -> int:
-    """Number of parallel environments that the graph was started with."""
+    """Returns the number of parallel environments that the graph was started with."""
     value = plan.args.get("envs", 1)
     return value if isinstance(value, int) and value > 0 else 1

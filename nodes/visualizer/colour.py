@@ -1,4 +1,4 @@
-"""From measurements to 8-bit colours: tone mapping, depth, flow, instance and normal maps. Pure numpy."""
+"""Turns measurements into 8-bit colours: tone mapping, depth, flow, instance and normal maps. Pure numpy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ EMPTY = np.array([18, 20, 26], np.uint8)
 
 
 def srgb(linear: np.ndarray) -> np.ndarray:
-    """sRGB transfer function (IEC 61966-2-1) of linear values in [0, 1], any shape; float in, float in [0, 1] out."""
+    """Applies the sRGB transfer function (IEC 61966-2-1) to linear values in [0, 1], any shape; float in, float out."""
     low = linear * 12.92
     high = 1.055 * np.power(np.maximum(linear, 1e-9), 1 / 2.4) - 0.055
     return np.where(linear <= 0.0031308, low, high)
@@ -25,7 +25,7 @@ def _srgb_table() -> np.ndarray:
 
 
 def oklch(lightness: np.ndarray, chroma: np.ndarray, hue: np.ndarray) -> np.ndarray:
-    """sRGB uint8 [..., 3] of OKLCh colours (Ottosson 2020); hue in radians; out-of-gamut colours are clipped."""
+    """Converts OKLCh colours (Ottosson 2020) to sRGB uint8 [..., 3]; hue in radians; clips what is out of gamut."""
     a, b = chroma * np.cos(hue), chroma * np.sin(hue)
     long = (lightness + 0.3963377774 * a + 0.2158037573 * b) ** 3
     middle = (lightness - 0.1055613458 * a - 0.0638541728 * b) ** 3
@@ -43,7 +43,7 @@ def oklch(lightness: np.ndarray, chroma: np.ndarray, hue: np.ndarray) -> np.ndar
 
 @functools.cache
 def ramp() -> np.ndarray:
-    """256 colours uint8 [256, 3] of monotone lightness: dark violet (0) over teal to light yellow (255)."""
+    """Makes 256 colours uint8 [256, 3] of monotone lightness: dark violet (0) over teal to light yellow (255)."""
     s = np.linspace(0, 1, 256)
     return oklch(0.24 + 0.71 * s, 0.10 + 0.10 * np.sin(np.pi * s), np.radians(295 - 190 * s))
 
@@ -66,20 +66,20 @@ def _palette() -> np.ndarray:
 
 
 class Smoothed:
-    """Display limits that follow the data slowly, so that the picture does not flicker; the first are taken at once."""
+    """Smooths display limits over time, so that the picture does not flicker; the first are taken at once."""
 
     def __init__(self, rate: float = 0.15) -> None:
         self._rate = rate
         self._value: np.ndarray | None = None
 
     def update(self, *limits: float) -> np.ndarray:
-        """Take the limits of a new frame; the smoothed ones, same length."""
+        """Takes the limits of a new frame and returns the smoothed ones, same length."""
         new = np.array(limits, np.float64)
         self._value = new if self._value is None else self._value + self._rate * (new - self._value)
         return self._value
 
     def value(self, *otherwise: float) -> np.ndarray:
-        """The limits as they are, or `otherwise` where there are none yet."""
+        """Returns the limits as they are, or `otherwise` where there are none yet."""
         return np.array(otherwise) if self._value is None else self._value
 
 
@@ -98,7 +98,7 @@ def _codes() -> np.ndarray:
 
 
 def tone_map(radiance: np.ndarray, exposure: Smoothed) -> tuple[np.ndarray, int]:
-    """Display image of linear radiance [H, W] or [H, W, 3]: uint8 of the same shape, and the count of bad pixels.
+    """Maps linear radiance [H, W] or [H, W, 3] to a display image: uint8 of the same shape; counts bad pixels.
 
     Extended Reinhard curve L (1 + L / w^2) / (1 + L) (Reinhard et al. 2002, eq. 4): the median of the lit pixels goes
     to middle grey and the 99.5th percentile to white. Both limits move slowly. A pixel that is not finite becomes
@@ -136,7 +136,7 @@ def _limits(image: np.ndarray) -> tuple[float, float] | None:
 
 
 def depth_colours(depth: np.ndarray, limits: Smoothed) -> tuple[np.ndarray, float, float, int]:
-    """Depth [H, W] in metres as uint8 [H, W, 3], near bright; with the limits [m] used and the count of NaN pixels.
+    """Colours depth [H, W] in metres as uint8 [H, W, 3], near bright; returns the limits [m] and the NaN pixels too.
 
     The scale is 1 / z between the 1st and 99th percentile. +inf (sky) is EMPTY; NaN and what lies behind the camera
     are UNKNOWN and counted.
@@ -157,7 +157,9 @@ def depth_colours(depth: np.ndarray, limits: Smoothed) -> tuple[np.ndarray, floa
 
 
 def flow_colours(flow: np.ndarray, limit: Smoothed) -> tuple[np.ndarray, float, int]:
-    """Flow [H, W, 2] as uint8 [H, W, 3]: hue is the direction, brightness the speed; with the full-scale speed.
+    """Colours flow [H, W, 2] as uint8 [H, W, 3]: hue is the direction, brightness the speed.
+
+    Returns the full scale too.
 
     Full scale is the 99th percentile of the moving pixels. Not finite is EMPTY (sky has no flow) and counted.
     """
@@ -176,7 +178,7 @@ def flow_colours(flow: np.ndarray, limit: Smoothed) -> tuple[np.ndarray, float, 
 
 
 def id_colours(ids: np.ndarray) -> np.ndarray:
-    """Instance ids [H, W] as uint8 [H, W, 3]; 0 (background) is EMPTY, negative ids are UNKNOWN."""
+    """Colours instance ids [H, W] as uint8 [H, W, 3]; 0 (background) is EMPTY, negative ids are UNKNOWN."""
     index = np.where(ids > 0, (np.asarray(ids, np.int64) - 1) % 255 + 1, 0)
     result = _palette()[index]
     result[ids < 0] = UNKNOWN
@@ -184,13 +186,16 @@ def id_colours(ids: np.ndarray) -> np.ndarray:
 
 
 def id_colour(instance: int) -> str:
-    """The CSS colour of one instance id, as in `id_colours`."""
+    """Returns the CSS colour of one instance id, as in `id_colours`."""
     r, g, b = id_colours(np.array([[instance]]))[0, 0]
     return f"#{r:02x}{g:02x}{b:02x}"
 
 
 def normal_colours(normal: np.ndarray) -> tuple[np.ndarray, int]:
-    """Unit normals [H, W, 3] as uint8 (n + 1) / 2; the zero vector (sky) is EMPTY, not finite UNKNOWN and counted."""
+    """Colours unit normals [H, W, 3] as uint8 (n + 1) / 2.
+
+    The zero vector (sky) is EMPTY, not finite UNKNOWN and counted.
+    """
     n = np.asarray(normal, np.float32)
     bad = np.asarray(~np.isfinite(n).all(axis=-1))
     result = (np.clip(np.where(bad[..., None], 0, n), -1, 1) * 127.5 + 127.5).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Who gets in: connections that have not shown the token are few and short, and those that have are not too many.
+"""Limits who gets in: connections without the token are few and short, and those with it are not too many.
 
 A connection is a stranger until one of its requests has shown the token. A stranger has HEAD_S for that and may send
 HEAD_BYTES; where there are too many strangers the oldest goes. No more are taken than STRANGERS per GRACE_S, the others
@@ -35,7 +35,7 @@ REFUSED, DROPPED = "requests_refused", "connections_dropped"
 
 
 class Gate:
-    """The connections of a server. `inner` makes what answers each; `count` takes the name of a counter."""
+    """Keeps the connections of a server. `inner` makes what answers each; `count` takes the name of a counter."""
 
     def __init__(self, inner: Callable[[], asyncio.Protocol], count: Callable[[str], None]) -> None:
         files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
@@ -48,7 +48,7 @@ class Gate:
         self._inner = inner
 
     async def serve(self, listener: socket.socket) -> None:
-        """Take connections until cancelled."""
+        """Takes connections until cancelled."""
         loop = asyncio.get_running_loop()
         listener.setblocking(False)
         listener.listen(WAITING)
@@ -66,19 +66,19 @@ class Gate:
             await asyncio.sleep(due - loop.time())
 
     def enter(self, connection: Connection) -> None:
-        """A connection has been opened; the oldest stranger goes where there are too many."""
+        """Notes that a connection was opened; the oldest stranger goes where there are too many."""
         self.strangers[connection] = None
         if len(self.strangers) > self.most_strangers:
             next(iter(self.strangers)).drop()
 
     def leave(self, connection: Connection) -> None:
-        """A connection is closed, or will be in this turn."""
+        """Notes that a connection is closed, or will be in this turn."""
         self.strangers.pop(connection, None)
         self.friends.discard(connection)
 
 
 class Connection(asyncio.Protocol):
-    """One connection: hands on what comes to the protocol behind it, as long as it may stay."""
+    """Hands on what comes over one connection to the protocol behind it, as long as it may stay."""
 
     def __init__(self, gate: Gate, inner: asyncio.Protocol) -> None:
         self._gate = gate
@@ -88,7 +88,7 @@ class Connection(asyncio.Protocol):
         self._received = 0
 
     def admit(self) -> bool:
-        """It has shown the token. False where there are too many such connections."""
+        """Admits a connection that has shown the token. False where there are too many such connections."""
         if self in self._gate.friends:
             return True
         if len(self._gate.friends) >= self._gate.most_friends:
@@ -100,7 +100,7 @@ class Connection(asyncio.Protocol):
         return True
 
     def drop(self) -> None:
-        """Close it at once, whatever was on its way."""
+        """Closes it at once, whatever was on its way."""
         self._gate.leave(self)
         self._gate.count(DROPPED)
         if self._transport is not None:
@@ -138,7 +138,10 @@ class Connection(asyncio.Protocol):
 
 
 def admit(request: web.Request) -> None:
-    """The request has shown the token: its connection may stay. Raises HTTPServiceUnavailable where too many do."""
+    """Lets the connection of a request that has shown the token stay.
+
+    Raises HTTPServiceUnavailable where too many do.
+    """
     connection = request.transport.get_protocol() if request.transport is not None else None
     if isinstance(connection, Connection) and not connection.admit():
         raise web.HTTPServiceUnavailable(text="503: too many pages are open; close some\n")

@@ -1,4 +1,4 @@
-"""Where the executor's thread and the server's thread meet: who has which panel open, and the newest of each.
+"""Connects the executor's thread with the server's: who has which panel open, and the newest of each.
 
 The server's side says what its clients want; the node's `idle` opens and closes taps until they match. Messages come
 in on the executor's thread, are copied into views, and wake the clients. Nothing here ever waits for a client.
@@ -16,9 +16,10 @@ import numpy as np
 
 from evis.runtime.plan import Plan
 from msgs.header import Message
+from msgs.topics import SYSTEM_TOPICS
 from nodes.visualizer import catalog
 from nodes.visualizer.statistics import Statistics
-from nodes.visualizer.views.part import View
+from nodes.visualizer.views.part import TopicView
 
 MAX_PANELS = 64
 """Panels per client."""
@@ -29,7 +30,7 @@ REPORTS, REPORTS_S = 10, 60.0
 
 
 class PanelKey(NamedTuple):
-    """What a panel shows. Clients with the same key share one view and its encoded parts."""
+    """Names what a panel shows. Clients with the same key share one view and its encoded parts."""
 
     topic: str
     view: str
@@ -37,15 +38,15 @@ class PanelKey(NamedTuple):
 
 
 class Hub:
-    """Shared state; every method is safe from any thread."""
+    """Holds the shared state; every method is safe from any thread."""
 
     def __init__(self, plan: Plan, quality: int) -> None:
         self.plan = plan
         self.statistics = Statistics()
         self._quality = quality
         self._lock = threading.Lock()
-        self._views: dict[PanelKey, View] = {}
-        self._by_topic: dict[str, list[View]] = {}
+        self._views: dict[PanelKey, TopicView] = {}
+        self._by_topic: dict[str, list[TopicView]] = {}
         self._clients: dict[object, frozenset[PanelKey]] = {}
         self._wakers: dict[object, Callable[[], None]] = {}
         self._refused: dict[str, str] = {}
@@ -58,13 +59,13 @@ class Hub:
     # -- the server's side -------------------------------------------------------------------------------------------
 
     def join(self, client: object, wake: Callable[[], None]) -> None:
-        """A client has come; `wake` is called, from any thread, whenever there is news."""
+        """Adds a client; `wake` is called, from any thread, whenever there is news."""
         with self._lock:
             self._clients[client] = frozenset()
             self._wakers[client] = wake
 
     def show(self, client: object, keys: frozenset[PanelKey]) -> None:
-        """The panels that a client has open from now on. Raises ValueError for one that cannot be."""
+        """Sets the panels that a client has open. Raises ValueError for one that cannot be."""
         if len(keys) > MAX_PANELS:
             raise ValueError(f"{len(keys)} panels, the most is {MAX_PANELS}")
         for key in keys:
@@ -80,7 +81,7 @@ class Hub:
                 self._reconcile()
 
     def leave(self, client: object) -> None:
-        """A client has gone; its panels close unless another one has them open."""
+        """Removes a client; its panels close unless another one has them open."""
         with self._lock:
             self._clients.pop(client, None)
             self._wakers.pop(client, None)
@@ -101,19 +102,19 @@ class Hub:
         for topic in [t for t in self._refused if t not in self._by_topic]:
             del self._refused[topic]
 
-    def view(self, key: PanelKey) -> View | None:
-        """The view of an open panel."""
+    def view(self, key: PanelKey) -> TopicView | None:
+        """Returns the view of an open panel."""
         with self._lock:
             return self._views.get(key)
 
     def status(self) -> dict[str, Any]:
-        """Rates, node states and refused topics."""
+        """Returns rates, node states and refused topics."""
         with self._lock:
             extra = {"state": self._state, "clients": len(self._clients), "refused": dict(self._refused)}
         return {**self.statistics.snapshot(), **extra}
 
     def report(self, text: str) -> None:
-        """Something that the node is to warn about, unless it has just done so, or has said much already."""
+        """Takes something that the node is to warn about, unless it has just done so, or has said much already."""
         now = time.monotonic()
         with self._lock:
             self._reported = {line: at for line, at in self._reported.items() if now - at < REPORTS_S}
@@ -126,21 +127,21 @@ class Hub:
             self._reports.append(text)
 
     def count(self, name: str) -> None:
-        """One more of a counter of the node."""
+        """Adds one to a counter of the node."""
         with self._lock:
             self._counts[name] += 1
 
     # -- the executor's side -----------------------------------------------------------------------------------------
 
     def wanted(self) -> set[str]:
-        """Topics that must be tapped now: those of open panels, and the system's while anybody looks."""
+        """Names the topics to be tapped now: those of open panels, and the system's while anybody looks."""
         with self._lock:
             if not self._clients:
                 return set()
-            return set(self._by_topic) | set(catalog.SYSTEM)
+            return set(self._by_topic) | set(SYSTEM_TOPICS)
 
     def put(self, topic: str, message: Message) -> None:
-        """A message of a tap. Copies what the open panels need; costs nothing for topics that nobody has open."""
+        """Takes a message of a tap. Copies what the open panels need; costs nothing for topics nobody has open."""
         self.statistics.saw(topic, message)
         latched = topic in self.plan.topics and self.plan.topics[topic].latched
         with self._lock:
@@ -156,7 +157,7 @@ class Hub:
             self._wake()
 
     def refuse(self, topic: str, reason: str) -> None:
-        """A topic cannot be shown; the page says so, and the node warns once."""
+        """Notes that a topic cannot be shown; the page says so, and the node warns once."""
         with self._lock:
             known = self._refused.get(topic)
             self._refused[topic] = reason
@@ -164,24 +165,24 @@ class Hub:
             self.report(f"{topic} cannot be shown: {reason}")
 
     def refused(self, topic: str) -> bool:
-        """True after `refuse`, until every panel of the topic has been closed."""
+        """Says whether a topic was refused since its last panel was closed."""
         with self._lock:
             return topic in self._refused
 
     def finish(self) -> None:
-        """The graph has ended; clients are told before the server goes."""
+        """Tells the clients that the graph has ended, before the server goes."""
         with self._lock:
             self._state = "finished"
         self._wake()
 
     def counts(self) -> Counter[str]:
-        """What was counted since the last call."""
+        """Returns what was counted since the last call."""
         with self._lock:
             new, self._counts = self._counts, Counter()
         return new
 
     def reports(self) -> list[str]:
-        """Reports since the last call that are new."""
+        """Returns the reports since the last call that are new."""
         with self._lock:
             new, self._reports = self._reports, []
         return new

@@ -1,4 +1,4 @@
-"""The visualizer node: opens the taps that the page's panels ask for, and hands their messages to the page's server."""
+"""Runs the visualizer: opens the taps that the page's panels ask for, and hands their messages to its server."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from evis.config.params import Param
 from evis.runtime.node import Node
 
 if TYPE_CHECKING:
-    from evis.runtime.executor import Tap
+    from evis.runtime.tap import TapSubscription
     from nodes.visualizer.hub import Hub
     from nodes.visualizer.server import Server
 
@@ -45,6 +45,7 @@ class VisualizerNode(Node):
     _address_file: Path | None = None
 
     def setup(self) -> None:
+        """Starts the page's server, and writes its address where `evis view` finds it."""
         from nodes.visualizer import address
         from nodes.visualizer.hub import Hub
         from nodes.visualizer.server import Server
@@ -53,7 +54,7 @@ class VisualizerNode(Node):
         token = address.choose_token(p["host"], p["token"])
         self.hide(token)
         listener, note = (address.borrow(p["listener"]), "") if p["listener"] else address.bind(p["host"], p["port"])
-        self._taps: dict[str, Tap] = {}
+        self._taps: dict[str, TapSubscription] = {}
         self._hub = Hub(plan, p["jpeg_quality"])
         names = address.names_of(listener, [p["host"], *map(str, p["names"])])
         self._server = Server(self._hub, listener, token, names, p["max_fps"])
@@ -67,6 +68,7 @@ class VisualizerNode(Node):
             self.tell(f"open {shown}" + (f" ({note})" if note else ""))
 
     def idle(self) -> None:
+        """Opens and closes taps as panels open and close, and counts and warns for the server."""
         if self._hub is None:
             return
         wanted = self._hub.wanted()
@@ -92,10 +94,12 @@ class VisualizerNode(Node):
             hub.refuse(topic, str(error))
 
     def finish(self) -> None:
+        """Tells the page that the graph has ended."""
         if self._hub is not None:
             self._hub.finish()
 
     def close(self) -> None:
+        """Closes the taps and ends the server."""
         for tap in getattr(self, "_taps", {}).values():
             tap.close()
         self._taps = {}
@@ -107,7 +111,7 @@ class VisualizerNode(Node):
 
 
 def write_private(path: Path, content: dict[str, Any]) -> None:
-    """Write JSON that only this user can read, in one step."""
+    """Writes JSON that only this user can read, in one step."""
     temporary = path.with_suffix(".tmp")
     with os.fdopen(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:
         json.dump(content, file)

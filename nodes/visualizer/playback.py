@@ -1,4 +1,4 @@
-"""Whether a graph plays a recording, and which part of it: the page says where it is instead of "live"."""
+"""Finds whether a graph plays a recording, and which part: the page says where it is instead of "live"."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from evis.runtime.plan import NodePlan, Plan
 
 
 def recording(plan: Plan) -> dict[str, Any] | None:
-    """{"file", "again", "start", "end"} of the recording that the graph's source plays; None where it is none.
+    """Describes the recording that the graph's source plays: {"file", "again", "start", "end"}; None for none.
 
     start, end: in the recording's own time [s], None where only reading it to the end would tell. again: it is played
     over and over, so that its episodes are the rounds.

@@ -40,7 +40,7 @@ CLOSE_S = 0.6
 
 
 def make_app(hub: Hub, token: str, names: frozenset[str], max_fps: float) -> web.Application:
-    """The application: `/?token=...` is the page, everything else lies under `/<token>/`. names: see names_of."""
+    """Makes the application: `/?token=...` is the page, all else lies under `/<token>/`. names: see names_of."""
     pages = {e.name: e.read_bytes() for e in files("nodes.visualizer").joinpath("page").iterdir() if e.is_file()}
     encoder = ThreadPoolExecutor(1, thread_name_prefix="viewer-encode")
     sockets: set[web.WebSocketResponse] = set()
@@ -125,7 +125,11 @@ async def _goodbye(ws: web.WebSocketResponse) -> None:
 
 
 class Server:
-    """Runs the application on its own thread and event loop."""
+    """Runs the application on its own thread and event loop.
+
+    hub: what the page shows. listener: bound socket. token, names: who gets in, see address.py. max_fps: most bundles
+    per second to each browser [Hz].
+    """
 
     def __init__(self, hub: Hub, listener: socket.socket, token: str, names: frozenset[str], max_fps: float) -> None:
         self._app = make_app(hub, token, names, max_fps)
@@ -139,12 +143,12 @@ class Server:
         self._thread = threading.Thread(target=self._main, name="viewer", daemon=True)
 
     def start(self) -> None:
-        """Serve; returns when connections are accepted."""
+        """Starts to serve; returns when connections are accepted."""
         self._thread.start()
         self._ready.wait(10)
 
     def stop(self) -> None:
-        """Close every connection and end the thread: at once, or within CLOSE_S when a browser does not answer."""
+        """Closes every connection and ends the thread: at once, or within CLOSE_S when a browser does not answer."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stop.set)
             self._thread.join(CLOSE_S + 0.3)

@@ -1,4 +1,4 @@
-"""One open page: which panels it has, its one credit, and the bundles it gets.
+"""Serves one open page: which panels it has, its one credit, and the bundles it gets.
 
 From the page (JSON): {"op": "panels", "panels": [{"id", "topic", "view", "env"}]} says all that is open, {"op": "ack"}
 gives the credit back. To the page: {"op": "hello", ...} once, {"op": "error", "text"}, {"op": "end"}, and bundles: a
@@ -21,7 +21,7 @@ from nodes.visualizer import catalog
 from nodes.visualizer.gate import REFUSED
 from nodes.visualizer.hub import Hub, PanelKey
 from nodes.visualizer.statistics import plain
-from nodes.visualizer.views.part import Part
+from nodes.visualizer.views.part import PanelPart
 
 MOST_BYTES = 1 << 16
 """Longest message of a page."""
@@ -33,8 +33,8 @@ STATUS_S = 0.5
 """Interval of the rates on the page [s]."""
 
 
-def bundle(parts: list[tuple[str, Part]]) -> bytes:
-    """The wire form of (panel id, part) pairs."""
+def bundle(parts: list[tuple[str, PanelPart]]) -> bytes:
+    """Packs (panel id, part) pairs into their wire form."""
     head = [{"panel": i, "kind": p.kind, "bytes": len(p.payload), **p.meta} for i, p in parts]
     try:
         text = json.dumps(head, allow_nan=False, separators=(",", ":")).encode()
@@ -46,7 +46,7 @@ def bundle(parts: list[tuple[str, Part]]) -> bytes:
 
 
 class Session:
-    """Lives as long as its WebSocket."""
+    """Serves one page, as long as its WebSocket lives."""
 
     def __init__(self, hub: Hub, ws: web.WebSocketResponse, encoder: Executor, max_fps: float) -> None:
         self._hub = hub
@@ -61,7 +61,7 @@ class Session:
         self._status_due = 0.0
 
     async def run(self) -> None:
-        """Until the page goes away."""
+        """Serves until the page goes away."""
         loop = asyncio.get_running_loop()
 
         def wake() -> None:
@@ -129,7 +129,7 @@ class Session:
             parts = [(i, part) for i, part in parts if self._panels.get(i) == asked[i]]  # not closed meanwhile
             if time.monotonic() >= self._status_due:
                 self._status_due = time.monotonic() + STATUS_S
-                parts.append(("", Part("status", 0, self._hub.status())))
+                parts.append(("", PanelPart("status", 0, self._hub.status())))
             if not parts:
                 continue
             self._sent |= {panel: part.version for panel, part in parts}
@@ -140,7 +140,7 @@ class Session:
             except (ConnectionError, RuntimeError):
                 return
 
-    def _collect(self, panels: dict[str, PanelKey], sent: dict[str, int]) -> list[tuple[str, Part]]:
+    def _collect(self, panels: dict[str, PanelKey], sent: dict[str, int]) -> list[tuple[str, PanelPart]]:
         """On the encoding thread: the newest part of every panel that has one."""
         parts = []
         for panel, key in panels.items():

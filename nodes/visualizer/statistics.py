@@ -1,4 +1,4 @@
-"""Rates of the graph: what every node says on /diagnostics, differenced over time, and what the taps themselves saw."""
+"""Measures rates of the graph from what nodes say on /diagnostics and from what the taps themselves saw."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MAX_WARNINGS = 50
 
 
 def plain(value: Any) -> Any:
-    """`value` as strict JSON: numbers that are not finite become text, and numpy scalars plain numbers."""
+    """Returns `value` as strict JSON: numbers that are not finite become text, numpy scalars plain numbers."""
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
@@ -35,12 +35,12 @@ def plain(value: Any) -> Any:
 
 @dataclass
 class Meter:
-    """Rate of a growing count over WINDOW_S."""
+    """Measures the rate of a growing count over WINDOW_S."""
 
     samples: deque[tuple[float, float]] = field(default_factory=deque)
 
     def add(self, now: float, total: float) -> None:
-        """The count was `total` at `now` [s]. A count that fell (a node came back) starts afresh."""
+        """Takes the count, `total` at `now` [s]. A count that fell (a node came back) starts afresh."""
         if self.samples and total < self.samples[-1][1]:
             self.samples.clear()
         self.samples.append((now, total))
@@ -48,7 +48,7 @@ class Meter:
             self.samples.popleft()
 
     def rate(self) -> float:
-        """Counts per second; 0 until two samples are there, and again when nothing has come for STALE_S."""
+        """Returns counts per second; 0 until two samples are there, and when nothing has come for STALE_S."""
         if len(self.samples) < 2 or time.monotonic() - self.samples[-1][0] > STALE_S:
             return 0.0
         (t0, n0), (t1, n1) = self.samples[0], self.samples[-1]
@@ -92,7 +92,7 @@ class Statistics:
         self._warnings: deque[dict[str, str]] = deque(maxlen=MAX_WARNINGS)
 
     def saw(self, topic: str, message: Message) -> None:
-        """Count one message of a tap."""
+        """Counts one message of a tap."""
         now = time.monotonic()
         with self._lock:
             if isinstance(message, Clock):
@@ -138,7 +138,7 @@ class Statistics:
                 self._published.setdefault(topic, Meter()).add(now, total)
 
     def forget(self, topic: str) -> None:
-        """A tap was closed: the messages until it is opened again were not missed."""
+        """Notes that a tap was closed: the messages until it is opened again were not missed."""
         with self._lock:
             if topic in self._tapped:
                 self._tapped[topic].seq = -1
@@ -146,7 +146,7 @@ class Statistics:
                 self._tapped[topic].events = Meter()
 
     def snapshot(self) -> dict[str, Any]:
-        """What the page's status line and Rates panel show."""
+        """Returns what the page's status line and Rates panel show."""
         now = time.monotonic()
         with self._lock:
             topics = {name: {"hz": round(m.rate(), 2)} for name, m in self._published.items()}

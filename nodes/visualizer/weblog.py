@@ -1,4 +1,4 @@
-"""What the web server's libraries log: one short line each to the node, never a traceback; junk is only counted."""
+"""Takes what the web server's libraries log: one short line each to the node, never a traceback; junk is counted."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ _LOGGERS = ("aiohttp", "asyncio")
 
 
 class WebLog(logging.Handler):
-    """report: takes one line, and says it as often as is good. refused: called for each request that is no HTTP."""
+    """Handles the libraries' log records.
+
+    report: takes one line, and says it as often as is good. refused: called for each request that is no HTTP.
+    """
 
     def __init__(self, report: Callable[[str], None], refused: Callable[[], None]) -> None:
         super().__init__()
@@ -26,7 +29,7 @@ class WebLog(logging.Handler):
         self.logger.addHandler(self)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Take one record of a logger."""
+        """Takes one record of a logger."""
         error = record.exc_info[1] if record.exc_info else None
         if isinstance(error, http_exceptions.HttpProcessingError):
             self._refused()
@@ -38,7 +41,7 @@ class WebLog(logging.Handler):
             self._say(record.getMessage(), error)
 
     def fault(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Take what an event loop has to say."""
+        """Takes what an event loop has to say."""
         self._say(str(context.get("message", "")), context.get("exception"))
 
     def _say(self, text: str, error: BaseException | None) -> None:
@@ -48,7 +51,7 @@ class WebLog(logging.Handler):
 
     @contextlib.contextmanager
     def listening(self) -> Iterator[None]:
-        """While inside, what the libraries log comes here and goes nowhere else."""
+        """Takes what the libraries log within the block; it goes nowhere else."""
         found = [logging.getLogger(name) for name in _LOGGERS]
         before = [logger.propagate for logger in found]
         for logger in found:

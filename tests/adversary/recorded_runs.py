@@ -25,7 +25,7 @@ from mcap.reader import make_reader
 
 from evis.bag.mcap.recover import recover
 from evis.bag.reader import BagReader
-from evis.cli.attach import find_run, listen
+from evis.cli.graph.attach import find_run, listen
 from evis.runtime.plan import Plan
 
 TOPIC = "/cam0/events"

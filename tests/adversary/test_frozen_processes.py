@@ -12,7 +12,7 @@ import tally
 from launcher import Launcher
 from recorded_runs import HOW, Stage, opened, process_of
 
-from evis.cli.attach import find_run
+from evis.cli.graph.attach import find_run
 
 CAMPAIGN = "freeze (SIGSTOP)"
 PAUSE_S = 3.0

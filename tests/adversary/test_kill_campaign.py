@@ -27,7 +27,7 @@ from recorded_runs import (
     running_processes,
 )
 
-from evis.cli.attach import find_run
+from evis.cli.graph.attach import find_run
 
 CAMPAIGN = "kill -9"
 PARTS = 0.4, 0.3, 0.3

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from camera_rig import write
 
-from evis.cli import camera, main
+from evis.cli import main
+from evis.cli.machine import camera
 
 
 def call(capsys, *arguments: str) -> str:

@@ -13,7 +13,7 @@ from camera_rig import Runtime, play
 from camera_rig import joined as all_events
 from usb_rig import DATA, random_recording, same
 
-from evis.cli import camera
+from evis.cli.machine import camera
 from evis.events import Events, open_recording
 from msgs.camera import EventPacket
 from msgs.header import Header

@@ -6,7 +6,7 @@ import json
 import pytest
 
 from evis.bag.reader import BagReader
-from evis.cli.auto import fingerprint, setting_of
+from evis.cli.graph.auto import fingerprint, setting_of
 from evis.launch.expand import NodeSpec
 
 SMALL = ("width:=48", "height:=36", "--duration", "0.05", "--no-view", "--json", "--compose")

@@ -34,7 +34,7 @@ def graph(tmp_path: Path) -> Path:
 def test_the_overview_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
-    for name, text in COMMANDS.items():
+    for name, (_, text) in COMMANDS.items():
         assert name in out and text in out
     assert main([]) == 2
     assert main(["--version"]) == 0
@@ -83,6 +83,8 @@ def test_actions_have_help_with_an_example(command: str, action: str, capsys: py
         (["run", "graph_nodes:Ticker", "cuont:=3"], "did you mean 'count'?"),
         (["run", "camera", "file:=a.raw", "faults:=stall_every=5"], "faults:=stall_every=5 has no effect"),
         (["launch", "nowhere.yaml"], "no launch file or scene 'nowhere.yaml'"),
+        (["launch", "nowhere.mcap"], "nowhere.mcap: no such file"),
+        (["launch", "spinning_disc.xml"], "no such file; did you mean 'spinning_disk'?"),
         (["launch", "spining_disk"], "did you mean 'spinning_disk'?"),
         (["launch", "spinning_disk", "centre:=5,5"], "centre[0] is 5.0, the most is 0.25"),
         (["launch", "spinning_disk", "centre:=0"], "it must be 2 numbers"),
@@ -125,6 +127,13 @@ def test_wrong_usage_is_one_line_and_exit_2(words: list[str], part: str, evis_he
     result = evis_here(*words)
     assert result.code == 2 and result.out == ""
     assert part in result.line
+
+
+def test_a_file_of_no_known_format_is_told_before_an_address_is(evis_here: Evis, tmp_path: Path) -> None:
+    (tmp_path / "junk.raw").write_bytes(bytes(range(256)) * 20)
+    result = evis_here("view", str(tmp_path / "junk.raw"), "--port", "0", "--once")
+    assert result.code == 1 and result.out == ""
+    assert "junk.raw: not a recording of a known format" in result.line
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from evis.cli import doctor
+from evis.cli.machine import doctor
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

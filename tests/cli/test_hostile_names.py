@@ -9,7 +9,7 @@ from mcap.writer import Writer
 
 from evis.cli import main
 from evis.cli.failure import guarded
-from evis.cli.show import as_text
+from evis.cli.graph.show import as_text
 from evis.console.printable import all_printable, printable, printable_lines
 from evis.launch.explain import as_text as explained
 from evis.runtime.plan import NodePlan, Plan, TopicPlan
@@ -112,7 +112,7 @@ def test_what_nodes_and_the_launcher_say(tmp_path):
 
 @pytest.mark.parametrize("action", ["list", "info", "echo"])
 def test_topics_of_a_hostile_graph(action, tmp_path, monkeypatch, capsys):
-    from evis.cli import topic as command
+    from evis.cli.graph import topic as command
 
     name = "/cam0/events"
     plan = Plan("x", EVIL, str(tmp_path))
@@ -128,7 +128,7 @@ def test_topics_of_a_hostile_graph(action, tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize("words", [["node", "list"], ["node", "info", EVIL], ["graph"]])
 def test_nodes_of_a_hostile_graph(words, tmp_path, monkeypatch, capsys):
-    from evis.cli import graph, node
+    from evis.cli.graph import graph, node
 
     plan = Plan("x", "run", str(tmp_path))
     plan.nodes[EVIL] = NodePlan(EVIL, EVIL, {EVIL: EVIL}, EVIL)
@@ -161,4 +161,4 @@ def test_no_command_prints_around_it():
 
     root = Path(evis.__file__).parent
     own = [p.relative_to(root).as_posix() for p in root.rglob("*.py") if re.search(r"\\033\[|\\x1b\[", p.read_text())]
-    assert own == ["cli/auto.py"]
+    assert own == ["cli/graph/auto.py"]

@@ -163,7 +163,7 @@ def test_who_publishes_into_the_void_is_told_so(running: Path, evis: Evis) -> No
 
 
 def test_the_topic_that_the_graph_would_take_is_named() -> None:
-    from evis.cli.run import _unread
+    from evis.cli.graph.run import _unread
     from evis.runtime.plan import LeftOut, Plan
 
     plan = Plan("g", "", "", left_out=[LeftOut("physics <- /action", "nobody publishes it")])

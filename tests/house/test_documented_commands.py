@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import importlib.util
 import re
 import shlex
@@ -11,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from evis.cli import COMMANDS
+from evis.cli import COMMANDS, module_of
 from evis.cli.parser import Parser
 from evis.config import paths
 from evis.launch.arguments import parse_pairs
@@ -58,7 +57,7 @@ def test_a_command_is_understood(page: str, line: str) -> None:
     """By its parser; the arguments of a launch file are its own or its scene's."""
     _, command, *words = shlex.split(line)
     assert command in COMMANDS
-    module = importlib.import_module(f"evis.cli.{command}")
+    module = module_of(command)
     parser = Parser(f"evis {command}", module.HELP, "", words)
     module.add_arguments(parser)
     args = parser.parse_intermixed_args(words) if getattr(module, "INTERMIXED", False) else parser.parse_args(words)
@@ -95,7 +94,7 @@ def test_a_command_in_the_text_exists(page: str, span: str) -> None:
     if command.startswith("-"):
         return
     assert command in COMMANDS
-    module = importlib.import_module(f"evis.cli.{command}")
+    module = module_of(command)
     parser = Parser(f"evis {command}", module.HELP, "", words)
     module.add_arguments(parser)
     assert {word.partition("=")[0] for word in words if word.startswith("--")} <= _options(parser)

@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from evis.supervisor.failure_cause import by_force, first_cause, why
+from evis.supervisor.failure_cause import describe_failure, ended_by_force, first_cause
 
 
 def child(name, failure=None, status=None):
-    return SimpleNamespace(title=name, failure=failure, exit_status=status, death=lambda: f"{name} died")
+    return SimpleNamespace(title=name, failure=failure, exit_status=status, unannounced_exit=lambda: f"{name} died")
 
 
 DEAD = child("dead", status=-9)
@@ -34,13 +34,16 @@ def test_who_died_without_a_word_then_who_said_something_then_who_was_told_to_en
 
 
 def test_a_node_is_named_once():
-    assert why(SAID) == "camera: no camera model 'evk9'"
-    assert why(child("x", failure=("imu", "imu: /state has no body"))) == "imu: /state has no body"
-    assert why(DEAD) == "dead died"
+    assert describe_failure(SAID) == "camera: no camera model 'evk9'"
+    assert describe_failure(child("x", failure=("imu", "imu: /state has no body"))) == "imu: /state has no body"
+    assert describe_failure(DEAD) == "dead died"
 
 
 def test_one_and_several_that_were_ended_by_force():
-    assert by_force([DEAD], 5.0, False) == "dead did not end in 5 s and was ended by force; its files may be incomplete"
-    assert by_force([DEAD, SAID], 5.0, True).startswith(
+    assert (
+        ended_by_force([DEAD], 5.0, False)
+        == "dead did not end in 5 s and was ended by force; its files may be incomplete"
+    )
+    assert ended_by_force([DEAD, SAID], 5.0, True).startswith(
         "dead, said were ended by force, as a second Ctrl-C asks; their"
     )

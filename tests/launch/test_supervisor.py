@@ -299,7 +299,7 @@ def test_a_source_is_started_again_when_it_may(write: Write, launch: Launch, tmp
 
 
 def test_a_dormant_node_starts_when_a_tool_asks(write: Write, launch: Launch, tmp_path: Path) -> None:
-    from evis.cli.attach import find_run, listen
+    from evis.cli.graph.attach import find_run, listen
 
     path = write(
         "nodes:\n"

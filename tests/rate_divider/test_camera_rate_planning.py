@@ -151,7 +151,7 @@ def test_a_wrong_rate_in_a_scene_is_an_error_of_the_scene(rate: str, tmp_path: P
 
 
 def test_auto_keeps_the_keyframe_rate_that_the_others_divide(monkeypatch: pytest.MonkeyPatch) -> None:
-    from evis.cli import auto
+    from evis.cli.graph import auto
     from nodes.interpolator.auto.choice import Candidate
     from nodes.interpolator.auto.trial import Measured
 

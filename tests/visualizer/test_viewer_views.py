@@ -23,7 +23,7 @@ from nodes.visualizer.session import bundle
 from nodes.visualizer.statistics import Meter, Statistics, plain
 from nodes.visualizer.views.events import MAX_EVENTS, MAX_PACKETS, EventView, newest_of_pixels
 from nodes.visualizer.views.images import MAX_SIDE, ImageView
-from nodes.visualizer.views.part import Part
+from nodes.visualizer.views.part import PanelPart
 
 WORD = 6
 """Bytes of one event of a part: a word and an age."""
@@ -342,7 +342,7 @@ def test_every_view_of_the_catalog_can_be_made() -> None:
 
 def test_a_bundle_of_numbers_that_are_none_is_strict_json() -> None:
     """A recording's inf must not end what the page gets."""
-    data = bundle([("d", Part("image", 1, {"legend": {"to": math.inf, "from": [math.nan, 1.5]}}))])
+    data = bundle([("d", PanelPart("image", 1, {"legend": {"to": math.inf, "from": [math.nan, 1.5]}}))])
     length = int.from_bytes(data[:4], "little")
     (part,) = json.loads(data[4 : 4 + length], parse_constant=lambda word: pytest.fail(word))
     assert part["legend"] == {"to": "inf", "from": ["nan", 1.5]}
@@ -350,7 +350,7 @@ def test_a_bundle_of_numbers_that_are_none_is_strict_json() -> None:
 
 def test_payloads_start_aligned() -> None:
     """The page reads events as 32-bit words straight out of the bundle."""
-    data = bundle([("a", Part("image", 1, {}, b"12345")), ("b", Part("events", 1, {}, b"abcdefgh"))])
+    data = bundle([("a", PanelPart("image", 1, {}, b"12345")), ("b", PanelPart("events", 1, {}, b"abcdefgh"))])
     assert data.index(b"12345") % 4 == 0 and data.index(b"abcdefgh") % 4 == 0
 
 

@@ -29,7 +29,7 @@ class ActionParser(Parser):
     """Takes _ for - in names of options, as launch has it, and names the nearest to one that does not exist."""
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As argparse's; an unknown option is an error here already."""
+        """Parses as argparse does; an unknown option is an error here already."""
         spelled = None if args is None else [self._spelled(word) for word in args]
         result, rest = super().parse_known_args(spelled, namespace)
         for word in rest:
@@ -46,7 +46,7 @@ class ActionParser(Parser):
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
+    """Declares the command's arguments."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = "examples:\n" + "\n".join(f"  {e}" for e in EXAMPLES.values())
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION", parser_class=ActionParser)
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do it. Raises ValueError or OSError with one line for a person."""
+    """Runs one action. Raises ValueError or OSError with one line for a person."""
     module = _module(args.action)
     with _ended_as_interrupted():
         result: dict[str, Any] = module.run(args)

@@ -25,7 +25,7 @@ HELP = "write a recording in another format"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the action's arguments."""
+    """Declares the action's arguments."""
     add_input(parser, "source", "IN")
     add_output(parser)
     add_part(parser)
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Copy block by block."""
+    """Copies a recording block by block."""
     from evis.events import open_writer
 
     check_output(args.out, args.encoding)

@@ -1,4 +1,4 @@
-"""What the actions on files share: the arguments for input and output, and progress on a terminal."""
+"""Gives the actions on files what they share: the arguments for input and output, and progress on a terminal."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ _ENCODINGS = {
 
 
 def add_input(parser: argparse.ArgumentParser, name: str = "recording", metavar: str = "REC") -> None:
-    """The recording, and what the user may say about it."""
+    """Adds the arguments for a recording, and for what the user may say about it."""
     parser.add_argument(name, metavar=metavar, help="a recording in any format; its content decides which")
     parser.add_argument("--topic", default="", metavar="NAME", help="of a file with several event streams (the first)")
     parser.add_argument("--size", type=size, metavar="WxH", help="of the sensor, in place of what the file says")
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:
-    """--from and --to."""
+    """Adds --from and --to."""
     parser.add_argument(
         "--from", type=_seconds, default=0.0, dest="start", metavar="S", help="seconds after the first event"
     )
@@ -58,7 +58,10 @@ def _seconds(text: str) -> float:
 
 
 def blocks_of(recording: Recording, args: argparse.Namespace) -> Iterator[Events]:
-    """The recording, or the part of it that `add_part` describes. Raises UsageError; once ENDING, KeyboardInterrupt."""
+    """Yields the events of a recording, or of the part that `add_part` describes.
+
+    Raises UsageError; once ENDING, KeyboardInterrupt.
+    """
     for events in _part_of(recording, args):
         if ENDING.is_set():
             raise KeyboardInterrupt
@@ -83,7 +86,7 @@ def _part_of(recording: Recording, args: argparse.Namespace) -> Iterator[Events]
 
 
 def size(text: str) -> tuple[int, int]:
-    """`640x480` -> (640, 480)."""
+    """Parses a size: `640x480` -> (640, 480)."""
     found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
     if not found or not (0 < int(found[1]) < 65536 and 0 < int(found[2]) < 65536):
         raise argparse.ArgumentTypeError(f"'{text}' is no size; write it as 640x480")
@@ -91,14 +94,14 @@ def size(text: str) -> tuple[int, int]:
 
 
 def open_input(args: argparse.Namespace, path: str) -> Recording:
-    """The recording that `add_input` describes."""
+    """Opens the recording that `add_input` describes."""
     from evis.events import open_recording
 
     return open_recording(path, size=args.size, topic=args.topic)
 
 
 def add_output(parser: argparse.ArgumentParser) -> None:
-    """OUT and --encoding."""
+    """Adds OUT and --encoding."""
     parser.add_argument("out", metavar="OUT", help=f"a file to write: {OUTPUTS}")
     parser.add_argument(
         "--encoding",
@@ -110,7 +113,7 @@ def add_output(parser: argparse.ArgumentParser) -> None:
 
 
 def check_output(path: str, encoding: str) -> None:
-    """Raise UsageError unless OUT is written in a known format that has the encoding."""
+    """Raises UsageError unless OUT is written in a known format that has the encoding."""
     suffix = os.path.splitext(path)[1].lower()
     if suffix not in OUTPUTS.replace(" or", ",").split(", "):
         raise UsageError(f"{path}: cannot write '{suffix}'; the extensions are {OUTPUTS}")
@@ -121,20 +124,20 @@ def check_output(path: str, encoding: str) -> None:
 
 
 def holds_whole_us(path: str) -> bool:
-    """Whether a file by this name is written in a format that rounds times to whole us."""
+    """Says whether a file by this name is written in a format that rounds times to whole us."""
     from evis.events.recording import WHOLE_US
 
     return path.lower().endswith(WHOLE_US)
 
 
 def rounded(events: Events) -> int:
-    """Events whose time such a format rounds."""
+    """Counts the events whose time such a format rounds."""
     return int((events.t % 1000 != 0).sum())
 
 
 @contextmanager
 def percent(recording: Recording, text: str) -> Iterator[Callable[[], None]]:
-    """A progress bar over a file, on a terminal only; call what it gives after each block."""
+    """Shows a progress bar over a file, on a terminal only; call what it gives after each block."""
     if not sys.stderr.isatty():
         yield lambda: None
         return
@@ -146,7 +149,7 @@ def percent(recording: Recording, text: str) -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def counted(total: int | None, text: str) -> Iterator[Callable[[int], None]]:
-    """A progress bar over frames, on a terminal only; call what it gives with the number of new ones."""
+    """Shows a progress bar over frames, on a terminal only; call what it gives with the number of new ones."""
     if not sys.stderr.isatty():
         yield lambda n: None
         return

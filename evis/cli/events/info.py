@@ -15,12 +15,12 @@ _PLAIN_BARS = "_.-:=+*#"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the action's arguments."""
+    """Declares the action's arguments."""
     add_input(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Read it once and report."""
+    """Reads a recording once and reports what it holds."""
     n = on = triggers = imu = frames = 0
     first: int | None = None
     last: int | None = None
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def for_people(result: dict[str, Any]) -> dict[str, Any]:
-    """The histogram as a line of bars."""
+    """Draws the histogram as a line of bars."""
     result = dict(result)
     histogram = result.pop("rate_histogram")
     shown = {}

@@ -6,16 +6,16 @@ import argparse
 from contextlib import suppress
 from typing import Any
 
-from evis.cli.attach import add_run_option
 from evis.cli.events.files import add_input, add_part, blocks_of, open_input
-from evis.cli.events.measure_progress import Progress
+from evis.cli.events.measure_progress import PassProgress
+from evis.cli.graph.attach import add_run_option
 from evis.cli.parser import UsageError
 
 HELP = "event rate, rotation speed, noise and sharpness of a recording or of a topic of a running graph"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the action's arguments."""
+    """Declares the action's arguments."""
     add_input(parser)
     action = next(a for a in parser._actions if a.dest == "recording")
     action.nargs = "?"
@@ -53,7 +53,7 @@ def _seconds(text: str) -> float:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Measure in one pass."""
+    """Measures in one pass."""
     if args.recording is None and not args.topic:
         raise UsageError("nothing to measure; name a recording, or --topic of a running graph, as /cam0/events")
     if args.png:
@@ -74,7 +74,7 @@ def _file(args: argparse.Namespace) -> dict[str, Any]:
     from evis.events.measure import Measurement
     from evis.files.damage import faults_as
 
-    with open_input(args, args.recording) as recording, Progress("measuring") as progress:
+    with open_input(args, args.recording) as recording, PassProgress("measuring") as progress:
         about = recording.info
         # a file may hold no event and say nothing of a sensor
         size = max(about.width, 1), max(about.height, 1)
@@ -92,7 +92,7 @@ def _file(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _topic(args: argparse.Namespace) -> dict[str, Any]:
-    from evis.cli.attach import check_topic, find_run, listen
+    from evis.cli.graph.attach import check_topic, find_run, listen
     from evis.events.codecs.decoder import decoder_for
     from evis.events.measure import Measurement
     from msgs.events import EventPacket
@@ -101,7 +101,7 @@ def _topic(args: argparse.Namespace) -> dict[str, Any]:
     check_topic(plan, args.topic)
     measurement, decoder, seen, lost, last = None, None, 0, 0, None
     width = height = 0
-    with Progress(f"listening for {args.listen:g} s") as progress:
+    with PassProgress(f"listening for {args.listen:g} s") as progress:
         with suppress(KeyboardInterrupt):
             for _, message in listen(plan, args.topic, args.listen):
                 progress.say(f"{seen} packets")
@@ -128,7 +128,7 @@ def _topic(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def for_people(result: dict[str, Any]) -> dict[str, Any]:
-    """Series and candidates in a few words."""
+    """Writes series and candidates in a few words."""
     result = dict(result)
     rate, rotation, noise = result.pop("rate"), result.pop("rotation"), result.pop("noise")
     if rate:

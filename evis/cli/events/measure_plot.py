@@ -7,7 +7,7 @@ from typing import Any
 
 
 def check(path: str) -> None:
-    """Raise ValueError before the work where it could not be drawn after it."""
+    """Raises ValueError before the work where it could not be drawn after it."""
     if not path.lower().endswith(".png"):
         raise ValueError(f"{path}: --png writes a .png file")
     if not Path(path).absolute().parent.is_dir():
@@ -19,7 +19,7 @@ def check(path: str) -> None:
 
 
 def draw(result: dict[str, Any], path: str) -> None:
-    """Write the picture; times count from the first event."""
+    """Writes the picture; times count from the first event."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -9,8 +9,8 @@ from typing import Any
 _REDRAW_S = 0.1
 
 
-class Progress:
-    """A bar that also moves while no events are read; nothing in a pipe."""
+class PassProgress:
+    """Shows a bar that also moves while no events are read; nothing in a pipe."""
 
     def __init__(self, text: str) -> None:
         self._bar: Any = None
@@ -22,18 +22,18 @@ class Progress:
             self._bar = tqdm(total=100, desc=text, bar_format=form, leave=False, file=sys.stderr)
 
     def at(self, share: float) -> None:
-        """So much of the recording was read, 0 to 1."""
+        """Shows that so much of the recording was read, 0 to 1."""
         if self._bar is not None:
             self._bar.n = int(100 * share)
             self.say("")
 
     def say(self, what: str) -> None:
-        """What goes on; drawn ten times a second at most."""
+        """Shows what goes on; drawn ten times a second at most."""
         if self._bar is not None and time.monotonic() - self._drawn > _REDRAW_S:
             self._drawn = time.monotonic()
             self._bar.set_postfix_str(what, refresh=True)
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> PassProgress:
         return self
 
     def __exit__(self, *error: object) -> None:

@@ -1,4 +1,4 @@
-"""How the events of a recording spread over its time, in one pass and bounded memory."""
+"""Counts how the events of a recording spread over its time, in one pass and bounded memory."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ FIRST_BIN_NS = 1000
 
 
 class RateHistogram:
-    """Counts of events in at most 64 bins of equal length from the first event on; bins double as time goes on.
+    """Counts events in at most 64 bins of equal length from the first event on; bins double as time goes on.
 
     Events before the first one, as slightly disordered recordings have them, count in the first bin.
     """
@@ -20,7 +20,7 @@ class RateHistogram:
         self._first: np.int64 | None = None
 
     def add(self, t: np.ndarray) -> None:
-        """Count events at t, int64 [n] ns."""
+        """Counts events at t, int64 [n] ns."""
         if not len(t):
             return
         if self._first is None:
@@ -34,6 +34,6 @@ class RateHistogram:
         self._counts += np.bincount((since // np.uint64(self.bin_ns)).astype(np.int64), minlength=BINS)
 
     def counts(self) -> list[int]:
-        """Events of each bin, up to the last one that has any."""
+        """Returns the events of each bin, up to the last one that has any."""
         filled = np.flatnonzero(self._counts)
         return self._counts[: filled[-1] + 1].tolist() if len(filled) else []

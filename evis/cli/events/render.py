@@ -14,7 +14,7 @@ MAX_PICTURES = 3000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the action's arguments."""
+    """Declares the action's arguments."""
     add_input(parser)
     parser.add_argument("out", metavar="OUT", help="a file to write: .gif, .mp4 or .png")
     parser.add_argument(
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Draw window by window."""
+    """Draws a recording window by window."""
     from evis.events import RecordingError
     from evis.events.dense import check_pixels
     from evis.files.damage import faults_as

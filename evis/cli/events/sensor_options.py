@@ -1,4 +1,4 @@
-"""Options for the sensor's parameters, made from the one table of them."""
+"""Makes options for the sensor's parameters from the one table of them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ ALIASES = {"defocus_px": ("--defocus",)}
 
 
 def add_sensor_options(parser: argparse.ArgumentParser) -> None:
-    """--preset, --seed, --device and every parameter of SENSOR. Values stay texts: the table converts and checks."""
+    """Adds --preset, --seed, --device and every parameter of SENSOR.
+
+    Values stay texts: the table converts and checks.
+    """
     group = parser.add_argument_group(
         "event sensor", "what is not given comes from the preset; docs/event_sensor.md explains every parameter"
     )
@@ -31,12 +34,12 @@ def add_sensor_options(parser: argparse.ArgumentParser) -> None:
 
 
 def sensor_values(args: argparse.Namespace) -> dict[str, Any]:
-    """What was given, by the names of SENSOR; None is not given."""
+    """Returns what was given, by the names of SENSOR; None is not given."""
     return {name: getattr(args, name) for name in SENSOR}
 
 
 def check_sensor_options(args: argparse.Namespace, resolved: Mapping[str, Any]) -> None:
-    """Raise ValueError for an option that was given and that changes nothing. resolved: all parameters of SENSOR."""
+    """Raises ValueError for an option that was given and that changes nothing. resolved: all parameters of SENSOR."""
     from nodes.event_sensor.effects import without_effect
 
     idle = without_effect(resolved)
@@ -46,5 +49,5 @@ def check_sensor_options(args: argparse.Namespace, resolved: Mapping[str, Any]) 
 
 
 def option(name: str) -> str:
-    """threshold_mismatch -> --threshold-mismatch."""
+    """Names the option of a parameter: threshold_mismatch -> --threshold-mismatch."""
     return "--" + name.replace("_", "-")

@@ -22,7 +22,7 @@ HELP = "events from frames: an .npz, a folder of EXR or PNG, or a video"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the action's arguments."""
+    """Declares the action's arguments."""
     parser.add_argument(
         "source",
         metavar="FRAMES",
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Read, simulate and write block by block."""
+    """Reads, simulates and writes block by block."""
     from evis.events import open_writer
     from evis.media.frames.source import FrameOptions, open_frames
     from nodes.event_sensor.simulate import Simulation
@@ -158,7 +158,7 @@ class _Tally:
         self._events = self._rounded = self._colourless = 0
 
     def add(self, events: Any) -> None:
-        """Count a block."""
+        """Counts a block."""
         self._events += len(events)
         self._rounded += rounded(events) if self._raw else 0
         self._colourless += len(events) if events.c is not None and not self._npz else 0

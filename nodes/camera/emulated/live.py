@@ -50,7 +50,6 @@ class EmulatedCameraNode(Node):
         kind = self.driver.settings_type()
         self.driver.configure(kind.of({"raw": p["raw"], "decoder": p["decoder"]}))
         self._episode: int | None = None
-        self._counted: dict[str, int] = {}
         self.publish("info", camera_info(p["camera"], self.driver.info(), 0))
 
     def update(self, inputs: Mapping[str, Message]) -> None:
@@ -60,7 +59,8 @@ class EmulatedCameraNode(Node):
         data = self.encoder.encode(self._events(packet))
         self.feed.put(data)
         reading = self.driver.read_bytes(len(data), packet.t0_ns, packet.header.stamp_ns, WAIT_S)
-        self._count_new({**self.driver.counters(), **self.encoder.counts})
+        for name, total in {**self.driver.counters(), **self.encoder.counts}.items():
+            self.count_total(name, total)
         for port, message in packets(reading, self.driver.info(), packet.header.episode, self.wants):
             self.publish(port, message)
 
@@ -85,12 +85,6 @@ class EmulatedCameraNode(Node):
         if packet.t is None or packet.x is None or packet.y is None or packet.p is None:
             raise ValueError(f"{self.name}: /{self.params['source']}/events holds no decoded events")
         return Events(np.asarray(packet.t), np.asarray(packet.x), np.asarray(packet.y), np.asarray(packet.p))
-
-    def _count_new(self, counters: Mapping[str, int]) -> None:
-        for name, total in counters.items():
-            if total != self._counted.get(name, 0):
-                self.count(name, total - self._counted.get(name, 0))
-                self._counted[name] = total
 
     def close(self) -> None:
         driver = getattr(self, "driver", None)

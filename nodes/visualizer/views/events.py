@@ -9,7 +9,7 @@ import numpy as np
 
 from msgs.camera import EventPacket
 from msgs.header import Message
-from nodes.visualizer.views.part import Part, View, header_meta
+from nodes.visualizer.views.part import PanelPart, TopicView, header_meta
 
 MAX_EVENTS = 100_000
 """Most events drawn of one packet and sent in one bundle; the page states how many it does not draw."""
@@ -48,7 +48,7 @@ class _Totals(NamedTuple):
 
 
 def pack(x: np.ndarray, y: np.ndarray, p: np.ndarray, c: np.ndarray | None = None) -> np.ndarray:
-    """uint32 [n] words: x in bits 0-13, y in bits 14-27, colour + 1 in bits 28-29 (0 = none), polarity in bit 31."""
+    """Packs events into uint32 [n]: x in bits 0-13, y in 14-27, colour + 1 in 28-29 (0 = none), polarity in 31."""
     words = x.astype(np.uint32) | (y.astype(np.uint32) << np.uint32(14)) | (p.astype(np.uint32) << np.uint32(31))
     if c is not None:
         words |= (np.minimum(c, 2).astype(np.uint32) + np.uint32(1)) << np.uint32(28)
@@ -56,7 +56,7 @@ def pack(x: np.ndarray, y: np.ndarray, p: np.ndarray, c: np.ndarray | None = Non
 
 
 def newest_of_pixels(x: np.ndarray, y: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Indices of the last event of each pixel; all coordinates lie within width and height."""
+    """Returns indices of the last event of each pixel; all coordinates lie within width and height."""
     if width * height > MOST_PIXELS:
         index = y.astype(np.int64) * width + x
         _, first = np.unique(index[::-1], return_index=True)
@@ -67,7 +67,7 @@ def newest_of_pixels(x: np.ndarray, y: np.ndarray, width: int, height: int) -> n
 
 
 def thin(n: int, most: int) -> slice:
-    """Every k-th of n, so that at most `most` are left and all parts of the interval stay visible."""
+    """Picks every k-th of n, so that at most `most` are left and all parts of the interval stay visible."""
     return slice(None, None, max(1, -(-n // most)))
 
 
@@ -75,8 +75,10 @@ def _select(which: Any, *columns: np.ndarray | None) -> list[Any]:
     return [None if column is None else column[which] for column in columns]
 
 
-class EventView(View):
-    """Events of one environment. Accumulates what a slow client has not seen yet, up to MAX_PACKETS packets.
+class EventView(TopicView):
+    """Shows the events of one environment.
+
+    Accumulates what a slow client has not seen yet, up to MAX_PACKETS packets.
 
     A part's payload is the words uint32 [n], then their ages uint16 [n] in AGES-ths of `oldest` [s] before its time.
     """
@@ -143,7 +145,7 @@ class EventView(View):
         ages = (np.maximum(message.header.stamp_ns - t, 0) / 1e9).astype(np.float32)
         return pack(x, y, p != 0, c), ages, events, on, covered, outside
 
-    def render(self, since: int) -> Part | None:
+    def render(self, since: int) -> PanelPart | None:
         with self._lock:
             version, meta = self.version, dict(self._last)
             if version <= since:
@@ -162,4 +164,4 @@ class EventView(View):
         meta |= {"events": events, "on": on, "span": span_ns / 1e9, "undrawn": undrawn, "lost": lost, "oldest": oldest}
         steps = np.round(ages * (AGES / oldest)) if oldest else ages
         payload = words.astype("<u4").tobytes() + np.clip(steps, 0, AGES).astype("<u2").tobytes()
-        return Part(self.KIND, version, meta, payload)
+        return PanelPart(self.KIND, version, meta, payload)

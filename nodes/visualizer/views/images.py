@@ -10,7 +10,7 @@ import numpy as np
 from msgs.camera import Depth, Frames, Ids, Image, Keyframe, Labels, Motion, Normal
 from msgs.header import Message
 from nodes.visualizer import colour
-from nodes.visualizer.views.part import View
+from nodes.visualizer.views.part import TopicView
 
 MAX_SIDE = 1280
 """A longer side is thinned out by a whole number before encoding [px]."""
@@ -19,7 +19,7 @@ MAX_NAMED = 64
 
 
 def jpeg(image: np.ndarray, quality: int, false_colour: bool) -> bytes:
-    """JPEG of uint8 [H, W] or [H, W, 3]. False colours keep full chroma resolution, or edges would bleed."""
+    """Compresses uint8 [H, W] or [H, W, 3] as JPEG. False colours keep full chroma, or edges would bleed."""
     from PIL import Image as Pillow
 
     buffer = io.BytesIO()
@@ -29,7 +29,7 @@ def jpeg(image: np.ndarray, quality: int, false_colour: bool) -> bytes:
 
 
 def crop(array: np.ndarray, margin: int) -> np.ndarray:
-    """[H, W, ...] without the over-render margin, thinned out to MAX_SIDE; a copy."""
+    """Copies [H, W, ...] without the over-render margin, thinned out to MAX_SIDE."""
     if margin > 0:
         array = array[margin : array.shape[0] - margin, margin : array.shape[1] - margin]
     step = -(-max(array.shape[:2]) // MAX_SIDE) if array.size else 1
@@ -37,7 +37,7 @@ def crop(array: np.ndarray, margin: int) -> np.ndarray:
 
 
 def legend(ids: np.ndarray) -> dict[str, Any]:
-    """{"shown": [[id, colour]] of the largest by id, "more": count of ids that are not among them}, without 0."""
+    """Returns {"shown": [[id, colour]] of the largest by id, "more": count of the other ids}, without 0."""
     found, pixels = np.unique(ids, return_counts=True)
     found, pixels = found[found != 0], pixels[found != 0]
     largest = found[np.argsort(-pixels, kind="stable")]
@@ -45,8 +45,8 @@ def legend(ids: np.ndarray) -> dict[str, Any]:
     return {"shown": shown, "more": len(largest) - len(shown)}
 
 
-class ImageView(View):
-    """A dense map as a picture. `quality` is JPEG's, 1-95."""
+class ImageView(TopicView):
+    """Shows a dense map as a picture. `quality` is JPEG's, 1-95."""
 
     KIND = "image"
 

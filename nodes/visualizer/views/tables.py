@@ -12,7 +12,7 @@ from msgs.camera import CameraInfo, Imu, Labels, Trigger
 from msgs.header import Message
 from msgs.world import Action, WorldState
 from nodes.visualizer.colour import id_colour
-from nodes.visualizer.views.part import View
+from nodes.visualizer.views.part import TopicView
 
 MAX_ROWS = 200
 MAX_SAMPLES = 300
@@ -22,18 +22,18 @@ MAX_BOXES = 5000
 
 
 def number(value: Any, digits: int = 5) -> float | str:
-    """A JSON number of `digits` significant digits; text for what JSON cannot hold (nan, inf)."""
+    """Returns a JSON number of `digits` significant digits; text for what JSON cannot hold (nan, inf)."""
     value = float(value)
     return float(f"{value:.{digits}g}") if math.isfinite(value) else str(value)
 
 
 def row(values: Any) -> list[float | str]:
-    """`number` of each value."""
+    """Returns `number` of each value."""
     return [number(v) for v in np.asarray(values).reshape(-1)]
 
 
 def boxes(message: Labels, env: int) -> list[list[Any]]:
-    """[id, colour, x0, y0, x1, y1] of each bounding box of one environment."""
+    """Returns [id, colour, x0, y0, x1, y1] of each bounding box of one environment."""
     if message.box is None or message.box_id is None:
         return []
     mine = np.ones(len(message.box), bool) if message.box_env is None else np.asarray(message.box_env) == env
@@ -51,8 +51,8 @@ def _name(names: list[str], index: int) -> str:
     return names[index] if 0 <= index < len(names) else ("world" if index == -1 else f"#{index}")
 
 
-class BoxView(View):
-    """Bounding boxes alone, to lay over an image or event panel."""
+class BoxView(TopicView):
+    """Shows bounding boxes alone, to lay over an image or event panel."""
 
     def pick(self, message: Message) -> list[list[Any]]:
         assert isinstance(message, Labels)
@@ -62,8 +62,8 @@ class BoxView(View):
         return {"boxes": picked}, b""
 
 
-class MovingView(View):
-    """Names of the bodies that have moved in this episode, so that a page can leave the others out."""
+class MovingView(TopicView):
+    """Names the bodies that have moved in this episode, so that a page can leave the others out."""
 
     def __init__(self, name: str, env: int) -> None:
         super().__init__(name, env)
@@ -71,7 +71,7 @@ class MovingView(View):
         self._moved: set[str] = set()
 
     def capture(self, message: Message) -> None:
-        """Take a message; only one with a body that is new here makes a part."""
+        """Takes a message; only one with a body that is new here makes a part."""
         assert isinstance(message, WorldState)
         moved = {_name(message.names, int(n)) for n in np.asarray(message.moving)}
         if message.header.episode != self._episode:
@@ -88,8 +88,8 @@ class MovingView(View):
         return {"moving": picked}, b""
 
 
-class TableView(View):
-    """Tables: [{"title", "columns", "rows"}]; made at once, being small. A camera's also tell its instances."""
+class TableView(TopicView):
+    """Shows tables: [{"title", "columns", "rows"}]; made at once, being small. A camera's also tell its instances."""
 
     def pick(self, message: Message) -> dict[str, Any]:
         named = _instances(message) if isinstance(message, CameraInfo) else {}
@@ -180,8 +180,8 @@ def _camera(info: CameraInfo) -> dict[str, Any]:
     return _table(info.name, ["property", "value"], rows)
 
 
-class SeriesView(View):
-    """Inertial samples over the last MAX_SAMPLES sample times, thinned evenly; the page plots them."""
+class SeriesView(TopicView):
+    """Shows inertial samples over the last MAX_SAMPLES sample times, thinned evenly; the page plots them."""
 
     def __init__(self, name: str, env: int) -> None:
         super().__init__(name, env)
@@ -204,8 +204,8 @@ class SeriesView(View):
         return {"samples": picked, "groups": groups}, b""
 
 
-class TriggerView(View):
-    """The last 20 trigger edges, newest first."""
+class TriggerView(TopicView):
+    """Shows the last 20 trigger edges, newest first."""
 
     def __init__(self, name: str, env: int) -> None:
         super().__init__(name, env)

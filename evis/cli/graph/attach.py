@@ -1,4 +1,4 @@
-"""Looking at a running graph from outside: finding it, and reading its topics by taps."""
+"""Looks at a running graph from outside: finds it, and reads its topics by taps."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 
 def add_run_option(parser: argparse.ArgumentParser) -> None:
-    """Every command that looks at a running graph takes --run."""
+    """Adds --run, which every command has that looks at a running graph."""
     parser.add_argument(
         "--run", metavar="ID", help="which running graph, by the start of its id; the newest if not given"
     )
 
 
 def find_run(run_id: str | None) -> Plan:
-    """The plan of a running graph, without its secrets; which of several it is, is said on stderr.
+    """Returns the plan of a running graph, without its secrets; says on stderr which of several it is.
 
     Raises ValueError when there is none.
     """
@@ -53,9 +53,9 @@ def _loaded(runs: Iterable[Path]) -> Iterator[Plan]:
 
 
 def check_topic(plan: Plan, topic: str) -> str:
-    """`topic` if the graph has it. Raises ValueError naming the nearest one."""
+    """Returns `topic` if the graph has it. Raises ValueError naming the nearest one."""
     from evis.config.document import nearest
-    from evis.runtime.host import SYSTEM_TOPICS
+    from msgs.topics import SYSTEM_TOPICS
 
     known = [*plan.topics, *SYSTEM_TOPICS]
     if topic not in known:
@@ -64,7 +64,7 @@ def check_topic(plan: Plan, topic: str) -> str:
 
 
 def listen(plan: Plan, topic: str, timeout_s: float | None = None) -> Iterator[tuple[float, Message]]:
-    """(time.monotonic() of arrival, message) as they come, until the graph ends or after `timeout_s`.
+    """Yields (time.monotonic() of arrival, message) as they come, until the graph ends or after `timeout_s`.
 
     Arrays of a message are valid until the next one is asked for. A tap is rate-limited: count messages by header.seq.
     """
@@ -72,9 +72,9 @@ def listen(plan: Plan, topic: str, timeout_s: float | None = None) -> Iterator[t
 
     from evis.bus import Subscriber, endpoints_for
     from evis.runtime.control import ask_for
-    from evis.runtime.host import SYSTEM_TOPICS, system_topic
+    from evis.runtime.host import system_topic
     from msgs.header import Message
-    from msgs.topics import find_topic
+    from msgs.topics import SYSTEM_TOPICS, find_topic
 
     names = [topic]
     if topic in SYSTEM_TOPICS:

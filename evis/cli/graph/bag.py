@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import sys
 import textwrap
@@ -10,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from evis.cli.attach import add_run_option, find_run
+from evis.cli.graph.attach import add_run_option, find_run
 from evis.cli.parser import Parser, UsageError
 from evis.console.printable import all_printable, printable
 
@@ -26,7 +27,7 @@ EXAMPLE = "examples:\n" + "\n".join(f"  {text}" for text in EXAMPLES.values())
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
+    """Declares the command's arguments."""
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION", parser_class=Parser)
 
     def action(name: str, text: str) -> argparse.ArgumentParser:
@@ -72,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do it. Raises ValueError or OSError with one line for a person."""
+    """Runs one action. Raises ValueError or OSError with one line for a person."""
     if args.action == "play":
         from evis.cli import main
 
@@ -101,8 +102,6 @@ def _info(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _recover(args: argparse.Namespace) -> dict[str, Any]:
-    import dataclasses
-
     from evis.bag.mcap.recover import recover
 
     result = dataclasses.asdict(recover(args.bag, args.out))

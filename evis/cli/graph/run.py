@@ -8,8 +8,8 @@ import os
 import sys
 from typing import Any
 
-from evis.cli.attach import add_run_option, find_run
-from evis.cli.node import types
+from evis.cli.graph.attach import add_run_option, find_run
+from evis.cli.graph.node import types
 from evis.cli.parser import Parser, UsageError
 from evis.console.printable import printable, printable_lines
 

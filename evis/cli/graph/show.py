@@ -1,4 +1,4 @@
-"""A message as text or plain values."""
+"""Writes a message as text or plain values."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from msgs.header import Message
 
 
 def as_plain(message: Message, full: bool) -> dict[str, Any]:
-    """A message as plain values; arrays as dtype, shape and range, or whole."""
+    """Turns a message into plain values; arrays as dtype, shape and range, or whole."""
     body: dict[str, Any] = {"type": type(message).__name__, "header": dataclasses.asdict(message.header)}
     body |= message.scalars()
     for name, array in message.arrays().items():
@@ -21,7 +21,7 @@ def as_plain(message: Message, full: bool) -> dict[str, Any]:
 
 
 def as_text(message: Message, full: bool) -> str:
-    """A message on a few lines."""
+    """Writes a message on a few lines."""
     h = message.header
     clock = printable(h.clock)
     lines = [f"{type(message).__name__} at {h.stamp_ns} ns, seq {h.seq}, clock {clock}, episode {h.episode}"]

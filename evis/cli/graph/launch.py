@@ -172,7 +172,7 @@ def make_plan(args: argparse.Namespace) -> Any:
         raise UsageError("--record-topics needs --record BAG")
     if options.record_sync and not options.record:
         raise UsageError("--record-sync needs --record BAG")
-    from evis.cli.auto import WARP, resolve_auto
+    from evis.cli.graph.auto import WARP, resolve_auto
 
     given, chosen = resolve_auto(launch, given, options)
     # Where the method is chosen by measuring, what is only for some methods was given for the case.

@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import ctypes
 import json
+import os
+import platform
+import re
+import shutil
+import socket
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from importlib import metadata
 
 from evis.console.printable import printable
 
@@ -20,13 +28,15 @@ EXTRAS = {
     "peers": "MuJoCo Warp in evis bench renderer_peers",
 }
 """Optional parts of the installation and what they are for; `usb` has a check of its own."""
-VIEWER_PORT = 8421
 MB = 1 << 20
 
 
 @dataclass
 class Finding:
-    """level: ok, note (something optional is not there) or fail (with the remedy in text)."""
+    """Says what one check found.
+
+    level: ok, note (something optional is not there) or fail (with the remedy in text).
+    """
 
     name: str
     level: str
@@ -34,12 +44,12 @@ class Finding:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
+    """Declares the command's arguments."""
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run every check; exit status 1 when one fails."""
+    """Runs every check; exit status 1 when one fails."""
     findings = list(check())
     if args.json:
         print(
@@ -56,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def check() -> Iterator[Finding]:
-    """All findings, one per check; a check that breaks is a failure with its reason."""
+    """Yields all findings, one per check; a check that breaks is a failure with its reason."""
     checks: dict[str, Callable[[], Finding]] = {
         "python": _python, "packages": _packages, "extras": _extras, "machine": _machine,
         "shared memory": _shared_memory, "run directory": _run_directory, "processes": _processes, "kernels": _kernels,
@@ -71,16 +81,11 @@ def check() -> Iterator[Finding]:
 
 
 def _python() -> Finding:
-    import platform
-
     return Finding("python", "ok", f"{platform.python_version()} on {platform.system()} {platform.machine()}")
 
 
 def _required(extra: str = "") -> list[str]:
     """Packages that this installation of evis says it needs, or an extra of it."""
-    import re
-    from importlib import metadata
-
     wanted = []
     for line in metadata.requires("evis") or ():
         package, _, marker = line.partition(";")
@@ -91,8 +96,6 @@ def _required(extra: str = "") -> list[str]:
 
 
 def _version(package: str) -> str | None:
-    from importlib import metadata
-
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -115,16 +118,12 @@ def _extras() -> Finding:
 
 
 def _machine() -> Finding:
-    import os
-
     pages = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     cores = len(os.sched_getaffinity(0))
     return Finding("machine", "ok" if cores > 1 else "note", f"{cores} cores, {pages / 2**30:.0f} GiB of memory")
 
 
 def _shared_memory() -> Finding:
-    import os
-
     descriptor = os.memfd_create("evis-doctor")
     try:
         os.posix_fallocate(descriptor, 0, 64 * MB)
@@ -149,17 +148,12 @@ def _run_directory() -> Finding:
 
 
 def _processes() -> Finding:
-    import ctypes
-    import sys
-
     if not sys.platform.startswith("linux") or not hasattr(ctypes.CDLL(None), "prctl"):
         return Finding("processes", "note", "no PDEATHSIG here: a killed launcher may leave its processes behind")
     return Finding("processes", "ok", "children die with their launcher (PDEATHSIG)")
 
 
 def _kernels() -> Finding:
-    import os
-
     import warp as wp
 
     from evis.warp_start import start_warp
@@ -191,19 +185,17 @@ def _libusb() -> Finding:
 
 
 def _port() -> Finding:
-    import socket
+    from nodes.visualizer.address import DEFAULT_PORT
 
     with socket.socket() as probe:
         try:
-            probe.bind(("127.0.0.1", VIEWER_PORT))
+            probe.bind(("127.0.0.1", DEFAULT_PORT))
         except OSError:
-            return Finding("viewer port", "note", f"{VIEWER_PORT} is taken: the visualizer takes the next free one")
-    return Finding("viewer port", "ok", f"{VIEWER_PORT} is free")
+            return Finding("viewer port", "note", f"{DEFAULT_PORT} is taken: the visualizer takes the next free one")
+    return Finding("viewer port", "ok", f"{DEFAULT_PORT} is free")
 
 
 def _browser() -> Finding:
-    import shutil
-
     for name in ("chromium", "chromium-browser", "google-chrome", "firefox"):
         if path := shutil.which(name):
             return Finding("browser", "ok", path)

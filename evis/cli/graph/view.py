@@ -27,8 +27,8 @@ EXAMPLE = (
 
 
 def add_arguments(parser: Parser) -> None:
-    """Declare the command's arguments."""
-    from evis.cli.attach import add_run_option
+    """Declares the command's arguments."""
+    from evis.cli.graph.attach import add_run_option
 
     parser.add_argument("file", nargs="?", metavar="BAG|FILE", help="bag (.mcap) or event recording (.raw, .npz, ...)")
     parser.add_argument("--port", type=int, metavar="N", help="port of the page (8421, or the next free one; 0 = any)")
@@ -38,7 +38,7 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the page's address; with a file, or a graph that has no page, serve until Ctrl-C."""
+    """Prints the page's address; with a file, or a graph that has no page, serves until Ctrl-C."""
     if args.port is not None and not 0 <= args.port <= 65535:
         raise UsageError(f"--port is {args.port}, it must be 0 to 65535")
     if args.file is not None:
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
         return _play(args)
     if args.once:
         raise UsageError("--once is for files, it does not go with a running graph")
-    from evis.cli.attach import find_run
+    from evis.cli.graph.attach import find_run
 
     plan = find_run(args.run)
     url = page_of(Path(plan.directory))
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def page_of(directory: Path) -> str | None:
-    """The address of the page that a run's visualizer serves; None when it has none, or no longer."""
+    """Returns the address of the page that a run's visualizer serves; None when it has none, or no longer."""
     try:
         content = json.loads((directory / "viewer.json").read_text())
         os.kill(int(content["pid"]), 0)
@@ -77,7 +77,7 @@ def _announced(args: argparse.Namespace, url: str) -> bool:
 
 def _attach(args: argparse.Namespace, plan: Plan) -> int:
     """A visualizer beside a graph that runs without one; it reads by taps and cannot slow the graph."""
-    from evis.cli.run import run as run_node
+    from evis.cli.graph.run import run as run_node
     from nodes.visualizer import address
 
     listener, _ = address.bind("127.0.0.1", args.port)
@@ -141,14 +141,16 @@ def _is_ours(path: Path) -> bool:
 
 
 def _plan_of(path: Path) -> Plan:
-    """Plays a file at real pace, with a visualizer."""
+    """Plans a graph that plays a file at real pace, with a visualizer. Raises RecordingError for an unknown format."""
     from evis.config import paths
+    from evis.events import open_recording
     from evis.launch.files import load
     from evis.launch.planner import Options, plan_launch
 
     if path.suffix == ".mcap" and _is_ours(path):
         name, given = "replay", {"bag": str(path), "pace": "realtime"}
     else:
+        open_recording(path).close()  # of a format that is known
         name, given = "camera", {"file": str(path), "pace": "realtime"}
     launch = load(paths.find_launch(name)[0])
     return plan_launch(launch, given, Options(view=True))

@@ -6,6 +6,7 @@ import argparse
 import difflib
 import json
 import sys
+from pathlib import Path
 
 from evis.cli.parser import UsageError
 from evis.console.printable import printable
@@ -15,7 +16,7 @@ EXAMPLE = "example: evis bench graph --quick --out report"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
+    """Declares the command's arguments."""
     from bench.report import SUBJECTS
 
     parser.epilog = EXAMPLE + "\n\nsubjects:\n" + "\n".join(f"  {k:22}{v}" for k, (_, v) in SUBJECTS.items())
@@ -28,9 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure and write; exit status 1 when a subject failed."""
-    from pathlib import Path
-
+    """Measures and writes the report; exit status 1 when a subject failed."""
     from bench.report import SUBJECTS
     from bench.report import run as measure
 

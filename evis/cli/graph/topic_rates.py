@@ -1,4 +1,4 @@
-"""Rate, bandwidth and delay of a topic from what a tap sees of it."""
+"""Measures rate, bandwidth and delay of a topic from what a tap sees of it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 from msgs.header import Message
 
 
-class Measure:
+class TopicRates:
     """Collects arrivals. A tap skips messages when they come faster than its limit; sequence numbers tell how many."""
 
     def __init__(self) -> None:
@@ -19,7 +19,7 @@ class Measure:
         self._wall = False
 
     def add(self, arrived: float, message: Message) -> None:
-        """One message that came at `arrived` (time.monotonic())."""
+        """Takes one message that came at `arrived` (time.monotonic())."""
         header = message.header
         now = (arrived, header.seq, header.stamp_ns)
         if not self.messages or header.seq < self._last[1]:  # the first, or a publisher that started again
@@ -39,7 +39,7 @@ class Measure:
         return max(self._last[0] - self._first[0], 1e-9)
 
     def hz(self) -> dict[str, float | int]:
-        """Messages per second at the publisher, and how many of them this tap saw."""
+        """Returns messages per second at the publisher, and how many of them this tap saw."""
         published = self._last[1] - self._first[1] + 1
         return {
             "hz": (published - 1) / self._span,
@@ -49,12 +49,12 @@ class Measure:
         }
 
     def bw(self) -> dict[str, float | int]:
-        """Array bytes per second at the publisher, from the mean size of the messages seen."""
+        """Returns array bytes per second at the publisher, from the mean size of the messages seen."""
         mean = self._bytes / self.messages
         return {"bytes_per_s": float(self.hz()["hz"]) * mean, "mean_bytes": mean, "seen": self.messages}
 
     def delay(self) -> dict[str, float | int]:
-        """Lag behind the stamps [s]: absolute for the wall clock, otherwise over the least lag seen."""
+        """Returns the lag behind the stamps [s]: absolute for the wall clock, otherwise over the least lag seen."""
         stamps = (self._last[2] - self._first[2]) / 1e9
         least = 0.0 if self._wall else min(self._lags)
         lags = [lag - least for lag in self._lags]

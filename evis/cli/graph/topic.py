@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from evis.cli.attach import add_run_option, check_topic, find_run, listen
+from evis.cli.graph.attach import add_run_option, check_topic, find_run, listen
 from evis.cli.parser import Parser
 from evis.console.printable import all_printable
 
@@ -25,7 +25,7 @@ ACTIONS = {
 
 
 def add_arguments(parser: Parser) -> None:
-    """Declare the command's arguments."""
+    """Declares the command's arguments."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     for name, text in ACTIONS.items():
         sub = actions.add_parser(name, help=text, description=text, epilog=f"example: evis topic {name} " + (
@@ -55,7 +55,7 @@ def _positive(text: str) -> float:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Dispatch."""
+    """Runs one action on a running graph."""
     plan = find_run(args.run)
     if args.action == "list":
         return _list(args, plan)
@@ -67,8 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _list(args: argparse.Namespace, plan: Any) -> int:
-    from evis.runtime.host import SYSTEM_TOPICS
-    from msgs.topics import find_topic
+    from msgs.topics import SYSTEM_TOPICS, find_topic
 
     rows = {name: topic.type for name, topic in plan.topics.items()}
     rows |= {name: find_topic(name).type.__name__ for name in SYSTEM_TOPICS}
@@ -106,7 +105,7 @@ def _info(args: argparse.Namespace, plan: Any) -> int:
 
 
 def _echo(args: argparse.Namespace, plan: Any) -> int:
-    from evis.cli.show import as_plain, as_text
+    from evis.cli.graph.show import as_plain, as_text
     from evis.console.outlet import strict_output
 
     shown = 0
@@ -125,9 +124,9 @@ def _echo(args: argparse.Namespace, plan: Any) -> int:
 
 
 def _measure(args: argparse.Namespace, plan: Any) -> int:
-    from evis.cli.measure import Measure
+    from evis.cli.graph.topic_rates import TopicRates
 
-    measure = Measure()
+    measure = TopicRates()
     try:
         for arrived, message in listen(plan, args.topic, args.window):
             measure.add(arrived, message)

@@ -1,4 +1,4 @@
-"""A graph as a PNG: processes as columns of boxes in data-flow order, topics as lines with their names."""
+"""Draws a graph as a PNG: processes as columns of boxes in data-flow order, topics as lines with their names."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _INK, _PAPER, _FILL, _FRAME, _TAP = "#1a1a2e", "#ffffff", "#e8eef7", "#9db2d1", 
 
 
 def columns(plan: Plan) -> dict[str, int]:
-    """Column of each node: one behind the last of those that it reads in lock-step."""
+    """Returns the column of each node: one behind the last of those that it reads in lock-step."""
     column = dict.fromkeys(plan.nodes, 0)
     for name in plan.nodes:  # in data-flow order
         for topic in plan.topics.values():
@@ -29,7 +29,7 @@ def columns(plan: Plan) -> dict[str, int]:
 
 
 def draw(plan: Plan, path: Path) -> None:
-    """Write the PNG. Raises OSError when it cannot be written."""
+    """Draws a graph into a PNG file. Raises OSError when it cannot be written."""
     column = columns(plan)
     links = _links(plan)
     # Lines that pass over other columns run in lanes of their own above the boxes.

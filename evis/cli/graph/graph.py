@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 from typing import Any
 
-from evis.cli.attach import add_run_option, find_run
+from evis.cli.graph.attach import add_run_option, find_run
 from evis.cli.parser import Parser, UsageError
 from evis.console.printable import printable_lines
 
@@ -15,7 +16,7 @@ EXAMPLE = "example: evis graph spinning_disk --png disk.png"
 
 
 def add_arguments(parser: Parser) -> None:
-    """Declare the command's arguments."""
+    """Declares the command's arguments."""
     parser.add_argument(
         "target", nargs="?", metavar="FILE|NAME", help="launch file or scene; the running graph if not given"
     )
@@ -26,9 +27,7 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print or draw."""
-    import json
-
+    """Prints or draws a graph."""
     from evis.launch.explain import as_dict
 
     if args.png:
@@ -39,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
             raise ValueError(f"{out}: the folder {out.absolute().parent} does not exist; make it first")
     plan = find_run(args.run) if args.target is None else _planned(args)
     if args.png:
-        from evis.cli.drawing import draw
+        from evis.cli.graph.drawing import draw
 
         draw(plan, out)
     if args.json:
@@ -50,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _planned(args: argparse.Namespace) -> Any:
-    from evis.cli.launch import read_target
+    from evis.cli.graph.launch import read_target
     from evis.launch.arguments import ArgumentError
     from evis.launch.planner import Options, plan_launch
 
@@ -62,7 +61,7 @@ def _planned(args: argparse.Namespace) -> Any:
 
 
 def mermaid(plan: Any) -> str:
-    """The graph in Mermaid's flowchart language: processes as boxes, dashed arrows for taps."""
+    """Writes the graph in Mermaid's flowchart language: processes as boxes, dashed arrows for taps."""
     names = {name: f"n{index}" for index, name in enumerate(plan.nodes)}
     groups: dict[str, list[Any]] = {}
     for node in plan.nodes.values():

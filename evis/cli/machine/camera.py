@@ -24,7 +24,7 @@ EXAMPLES = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
+    """Declares the command's arguments."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = "examples:\n" + "\n".join(f"  {e}" for e in EXAMPLES.values())
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do it. Raises ValueError or OSError with one line for a person."""
+    """Runs one action. Raises ValueError or OSError with one line for a person."""
     if args.action == "list":
         return _list(args)
     if args.action == "udev":

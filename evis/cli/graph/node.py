@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import Any
 
-from evis.cli.attach import add_run_option, find_run, listen
+from evis.cli.graph.attach import add_run_option, find_run, listen
 from evis.cli.parser import Parser, UsageError
 from evis.config.params import describe
 from evis.console.printable import all_printable, printable

@@ -1,0 +1,1 @@
+"""Commands on graphs: to start one, to look at it while it runs, to record it and to play it again."""

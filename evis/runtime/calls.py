@@ -1,0 +1,143 @@
+"""Calls the nodes of one process: gives them their messages and their turn, and ends them.
+
+Nodes of one process call each other directly, depth first: what one publishes is accepted for the next, which is called
+at once where it is ready. A node is called only while every topic that it, or a node it calls, publishes to another
+process has credit, so no wait inside a node can close a circle of waits between processes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from evis.bus import END
+from evis.runtime.clock import Pacer
+from evis.runtime.host import Host, Inside
+from evis.runtime.profile import Profile
+from evis.runtime.telemetry import Telemetry
+
+
+class Calls:
+    """Calls the nodes of one process. `stopping`: sources and services are to end."""
+
+    def __init__(self, hosts: Mapping[str, Host], profile: Profile, telemetry: Telemetry, realtime: bool) -> None:
+        """realtime: sources are held back so that stamps follow the wall clock."""
+        self.stopping = False
+        self._hosts = hosts
+        self._profile = profile
+        self._telemetry = telemetry
+        self._realtime = realtime
+
+    @staticmethod
+    def takes(host: Host, port: str) -> bool:
+        """Says whether a port takes a message now: a queue always, as the window bounds it; a call if it has credit."""
+        return host.ended or port in host.join.queues or port in host.delayed or host.open()
+
+    def accept(self, host: Host, port: str, topic: str, message: Any) -> None:
+        """Takes over one message (with one pin) or the end of a topic."""
+        if host.ended and message is not END:
+            message.release()
+        elif port in host.join.queues:
+            if message is END:
+                host.join.end(port)
+            else:
+                host.join.put(port, message)
+        elif port in host.delayed:
+            if message is not END:
+                host.delayed[port][message.header.stamp_ns] = message
+        elif message is END:
+            host.single_open.discard(topic)
+            host.waiting.discard(topic)
+        else:
+            try:
+                with Inside(self._profile, host.name) as profile:
+                    host.node.receive(topic if host.node.INPUTS[port].topic == "*" else port, message)
+                    profile.updates += 1
+                host.waiting.discard(topic)
+            finally:
+                message.release()
+
+    def call(self, host: Host) -> bool:
+        """Gives a node what is ready for it; True when it was called. Never from within itself."""
+        if host.ended or host.active:
+            return False
+        host.active = True
+        try:
+            return self._step(host) if host.node.SOURCE else self._update(host)
+        finally:
+            host.active = False
+
+    def _update(self, host: Host) -> bool:
+        progress = False
+        while not host.waiting and host.join.ready() and host.open():
+            inputs = host.join.take()
+            try:
+                with Inside(self._profile, host.name) as profile:
+                    host.node.update(inputs)
+                    profile.updates += 1
+            finally:
+                for message in inputs.values():
+                    message.release()
+            progress = True
+        if self._over(host) and host.open():
+            self._end(host)
+            progress = True
+        return progress
+
+    def _over(self, host: Host) -> bool:
+        if host.service:
+            return self.stopping and all(h.ended for h in self._hosts.values() if not h.service)
+        return host.inputs_over()
+
+    def _step(self, host: Host) -> bool:
+        if not host.open():
+            return False
+        if self.stopping:
+            self._end(host)
+            return True
+        inputs = host.delayed_inputs()
+        if inputs is None or (host.pacer and host.pacer.wait_s(self._stamp(host)) > 0):
+            return False
+        try:
+            with Inside(self._profile, host.name) as profile:
+                alive = host.node.step(inputs)
+                profile.updates += 1
+        finally:
+            for port, message in inputs.items():
+                host.delayed[port].pop(message.header.stamp_ns)
+                message.release()
+        if self._realtime:
+            self._pace(host)
+        self._telemetry.tick(host)
+        if not alive:
+            self._end(host)
+        return True
+
+    def due_s(self, host: Host) -> float:
+        """Returns the seconds until a paced source is to be called [s]; infinite for a node that has no pace."""
+        if host.pacer is None or host.ended:
+            return math.inf
+        return host.pacer.wait_s(self._stamp(host))
+
+    def _stamp(self, host: Host) -> int:
+        return self._profile.node(host.name).stamp_ns
+
+    def _pace(self, host: Host) -> None:
+        if host.pacer is None:
+            host.pacer = Pacer()
+        late = -host.pacer.wait_s(self._stamp(host))
+        counters = self._profile.node(host.name).counters
+        counters["late_ms_max"] = max(counters["late_ms_max"], round(1e3 * late))
+
+    def _end(self, host: Host) -> None:
+        with Inside(self._profile, host.name):
+            host.node.finish()
+        counters = self._profile.node(host.name).counters
+        if unmatched := host.join.skipped + host.join.drop_rest():
+            counters["unmatched_inputs"] += unmatched
+        host.ended = True
+        for publisher in host.publishers.values():
+            publisher.finish(0)
+        for consumer, port, topic in host.downstream:
+            self.accept(consumer, port, topic, END)

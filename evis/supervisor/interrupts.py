@@ -1,0 +1,35 @@
+"""Counts what asks a run to end, so that its supervisor can end it in order."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator
+from types import FrameType
+
+
+class Interrupts:
+    """Counts Ctrl-C, polite requests to end and a lost terminal (but under nohup), which raise nothing meanwhile."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    @contextlib.contextmanager
+    def counted(self) -> Iterator[None]:
+        """Counts the signals within the block; outside the main thread, which alone gets them, it does nothing."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        numbers = [signal.SIGINT, signal.SIGTERM]
+        if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+            numbers.append(signal.SIGHUP)
+        before = {number: signal.signal(number, self._one_more) for number in numbers}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _one_more(self, number: int, frame: FrameType | None) -> None:
+        self.count += 1
