@@ -121,7 +121,7 @@ def resolve(owner: str, declared: Mapping[str, Param], given: Mapping[str, Any])
 def describe(param: Param) -> str:
     """Help, unit, range and default of a parameter, in one line."""
     parts = ["one of " + ", ".join(map(str, param.choices)) if param.choices else limits(param)]
-    parts.append("" if param.default is None else f"default {_shown(param.default)}")
+    parts.append("" if param.default is None else f"default {describe_value(param.default)}")
     return f"{param.help} ({', '.join(p for p in parts if p)})" if any(parts) else param.help
 
 
@@ -133,9 +133,10 @@ def limits(param: Param) -> str:
     return f"{param.minimum:g} {upwards} {param.unit}".strip()
 
 
-def _shown(value: Any) -> str:
+def describe_value(value: Any) -> str:
+    """A value as a user would write it: 0.2, true, a,b."""
     if isinstance(value, (list, tuple)):
-        return ",".join(map(_shown, value)) or "none"
+        return ",".join(map(describe_value, value)) or "none"
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:g}" if isinstance(value, float) else str(value) or "none"

@@ -35,10 +35,10 @@ def check_files(node: Wired) -> None:
 
 
 def _check_scene(node: Wired, where: str) -> None:
-    from evis.scene.load import check_args, parse_args
+    from evis.scene.load import parse_args, scene_values
 
     try:
-        check_args(node.params["scene"], parse_args(node.params.get("scene_args")))
+        scene_values(node.params["scene"], parse_args(node.params.get("scene_args")))
     except (ParamError, FileNotFoundError) as error:
         raise ArgumentError(str(error)) from None
     except (ValueError, OSError) as error:

@@ -39,10 +39,11 @@ def load_scene(
     return build(table, path, _values(path, table, overrides or {}), textures and visuals, visuals)
 
 
-def check_args(name_or_path: str, overrides: Mapping[str, Any]) -> None:
-    """Raise ParamError for arguments that `load_scene` would not take. SceneError, FileNotFoundError as there."""
+def scene_values(name_or_path: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Every argument of a scene with its value, given ones over defaults. Raises ParamError, SceneError,
+    FileNotFoundError as `load_scene`."""
     path = find_scene(name_or_path)
-    _values(path, _document(path), overrides)
+    return _values(path, _document(path), overrides)
 
 
 def _values(path: Path, table: Table, overrides: Mapping[str, Any]) -> dict[str, Any]:

@@ -41,7 +41,7 @@ class ImuNode(Node):
         "gyro_bias": Param(float, 0.0, "random walk of the gyroscope's bias", "rad/s^2/sqrt(Hz)", 0, LARGEST),
         "accel_range": Param(float, 0.0, "largest acceleration it can read, 0 = any", "m/s^2", 0, LARGEST),
         "gyro_range": Param(float, 0.0, "largest angular velocity it can read, 0 = any", "rad/s", 0, LARGEST),
-        "seed": Param(int, 0, "seed of noise and bias", minimum=0),
+        "seed": Param(int, 0, "seed of noise and bias", "", 0, 2**63 - 1),
     }
     INPUTS: ClassVar[Mapping[str, Input]] = {"state": Input("/state")}
     OUTPUTS: ClassVar[Mapping[str, Output]] = {"imu": Output("/{camera}/imu")}

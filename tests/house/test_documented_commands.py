@@ -107,7 +107,8 @@ def test_a_command_in_the_text_exists(page: str, span: str) -> None:
 
         assert all(word in SUBJECTS for word in words[:1] if not word.startswith("-"))
     if command == "launch" and (pairs := [word for word in words if ":=" in word]):
-        path, preset = paths.find_launch("spinning_disk" if words[0] == "SCENE" else words[0])
+        named = {"SCENE": "spinning_disk", "arm.xml": str(paths.data_folder("scenes") / "robot_arm.xml")}
+        path, preset = paths.find_launch(named.get(words[0], words[0]))
         known = {**load(path).arguments, **(scene_args(preset["scene"]) if preset else {})}
         assert parse_pairs(pairs).keys() <= known.keys()
 

@@ -13,7 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from evis.config.document import nearest
+from evis.config.suggestions import nearest
 from evis.files.allowance import Allowance, AllowanceError
 from evis.geometry import se3
 from evis.scene.errors import SceneError
