@@ -6,6 +6,7 @@ import argparse
 import json
 import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -169,12 +170,28 @@ def make_plan(args: argparse.Namespace) -> Any:
         raise UsageError("--record-topics needs --record BAG")
     if options.record_sync and not options.record:
         raise UsageError("--record-sync needs --record BAG")
-    from evis.cli.auto import WARP, resolve_auto
-
-    given, chosen = resolve_auto(launch, given, options)
-    # Where the method is chosen by measuring, what is only for some methods was given for the case.
-    held = None if not chosen else [key for key in given if key not in (*WARP, "adaptive_px")]
+    given, chosen, held = _without_auto(launch, given, options)
     plan = plan_launch(launch, given, options, held)
     plan.chosen = chosen
     plan.name = target.name
     return plan
+
+
+def _without_auto(launch: Any, given: Mapping[str, Any], options: Any) -> tuple[Any, dict[str, Any], Any]:
+    """The arguments with interpolator:=auto replaced, what was chosen, and those that must have an effect (None: all).
+
+    Raises ArgumentError for a wish of auto's where it is not asked for.
+    """
+    from evis.launch.arguments import ArgumentError, resolve
+
+    if "interpolator" not in launch.arguments or "wanted_error" not in launch.arguments:
+        return given, {}, None
+    values = resolve(launch.path.name, launch.arguments, given)
+    if values["interpolator"] == "auto":
+        from evis.cli.auto import replace_auto
+
+        return replace_auto(launch, given, options)
+    for name in ("wanted_error", "wanted_rtf"):
+        if values[name] is not None:
+            raise ArgumentError(f"{name} is for interpolator:=auto, which chooses by it")
+    return given, {}, None

@@ -6,8 +6,8 @@
 
 `of: [NODE, ...]` makes an argument of every parameter that the node's own `params:` do not set; `of: NODE.PARAMETER` in
 an argument's entry takes type, default, range, unit and help of that one. `from: args` gives the node every argument
-and variable of `foreach` that is called as one of its parameters. Both are for nodes that come with evis, for a launch file
-with others may be looked at without loading them.
+and variable of `foreach` that is called as one of its parameters. Both are for nodes that come with evis: a launch
+file with others may be looked at without loading them.
 """
 
 from __future__ import annotations

@@ -151,13 +151,13 @@ def test_a_wrong_rate_in_a_scene_is_an_error_of_the_scene(rate: str, tmp_path: P
 
 
 def test_auto_keeps_the_keyframe_rate_that_the_others_divide(monkeypatch: pytest.MonkeyPatch) -> None:
-    from evis.cli import auto
+    from nodes.interpolator.auto import launch as auto
     from nodes.interpolator.auto.choice import Candidate
     from nodes.interpolator.auto.trial import Measured
 
     asked = []
 
-    def measured(setting: Any) -> tuple[Measured, bool]:
+    def measured(setting: Any, say: Any) -> tuple[Measured, bool]:
         asked.append((setting.keyframe_rate, setting.camera.name))
         return Measured([Candidate("rigid", setting.keyframe_rate, 4, 0.1, 0.01)]), True
 
@@ -165,6 +165,6 @@ def test_auto_keeps_the_keyframe_rate_that_the_others_divide(monkeypatch: pytest
     launch = load(paths.find_launch("simulator")[0])
     for rates in ("right=15", "left=15"):
         wish = {"scene": "stereo_room", "interpolator": "auto", "camera_rate": rates}
-        given, _ = auto.resolve_auto(launch, wish, Options(duration_s=0.1))
+        given, _ = auto.replace_auto(launch, wish, Options(duration_s=0.1), asked.append, asked.append)
         assert (given["keyframe_rate"], given["upsampling"], given["camera_rate"]) == (30, 4, rates)
     assert asked == [(30, "left"), (15, "left")]
