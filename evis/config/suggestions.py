@@ -21,8 +21,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f"; did you mean '{near}'?" if near else ""
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
-    """`did you mean 'x'?`, or the list of what there is."""
-    names = list(map(str, known))
+def nearest(name: str, known: Iterable[str], otherwise: str = "there are") -> str:
+    """`did you mean 'x'?`, or `otherwise` and the list of what there is."""
+    names = list(known)
     near = closest(name, names)
-    return f"did you mean '{near}'?" if near else f"there are {', '.join(names) or 'none'}"
+    return f"did you mean '{near}'?" if near else f"{otherwise} {', '.join(names) or 'none'}"

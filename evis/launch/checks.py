@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 from pathlib import Path
 
 from evis.config.document import LaunchError
 from evis.config.params import ParamError
+from evis.config.suggestions import closest
 from evis.files.whole_file import written_at
 from evis.launch.arguments import ArgumentError
 from evis.launch.wiring import Wired
@@ -68,5 +68,5 @@ def _beside(path: Path) -> str:
     """A hint from the same folder."""
     if not path.parent.is_dir():
         return f"; there is no folder '{path.parent}'"
-    near = difflib.get_close_matches(path.name, [p.name for p in path.parent.iterdir()], n=1, cutoff=0.5)
-    return f"; did you mean '{path.with_name(near[0])}'?" if near else ""
+    near = closest(path.name, (p.name for p in path.parent.iterdir()))
+    return f"; did you mean '{path.with_name(near)}'?" if near else ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from evis.config.document import LaunchError, Row, Table, read
 from evis.config.params import Param, ParamError, resolve
 from evis.config.paths import find, names
+from evis.config.suggestions import nearest
 from evis.scene.errors import SceneError
 from evis.scene.model import MODELS, Scene
 from evis.scene.yaml.reader import Fields
@@ -106,9 +106,7 @@ def find_scene(name_or_path: str) -> Path:
     path = find("scenes", name_or_path)
     if path is None:
         known = names("scenes")
-        near = difflib.get_close_matches(direct.stem, known, n=1, cutoff=0.5)
-        hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(known) or 'none'}"
-        raise FileNotFoundError(f"no scene '{name_or_path}'; {hint}")
+        raise FileNotFoundError(f"no scene '{name_or_path}'; {nearest(direct.stem, known)}")
     return path
 
 

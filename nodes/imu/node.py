@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from evis.config.params import Param
+from evis.config.suggestions import nearest
 from evis.runtime.node import Input, Node, Output
 from msgs.camera import Imu
 from msgs.header import Header, Message
@@ -83,9 +84,5 @@ class ImuNode(Node):
             )
         camera = self.params["camera"]
         if camera not in state.names:
-            import difflib
-
-            near = difflib.get_close_matches(camera, state.names, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(state.names)}"
-            raise ValueError(f"{self.name}: /state has no body '{camera}'; {hint}")
+            raise ValueError(f"{self.name}: /state has no body '{camera}'; {nearest(camera, state.names)}")
         return state.names.index(camera)
