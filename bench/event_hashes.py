@@ -48,18 +48,16 @@ def events_of(case: Case, device: str) -> dict[str, dict[str, np.ndarray]]:
     """Runs one case in this process: camera -> column -> values. Raises what the graph's nodes raise."""
     from evis.bag.decoded import decoded_events
     from evis.bag.reader import BagReader
-    from evis.cli.graph.launch import read_target
-    from evis.launch.planner import COMPOSED, Options, plan_launch
+    from evis.launch.planner import COMPOSED, Options, plan_target
     from evis.runtime.executor import Executor
     from evis.supervisor.run_directory import RunDirectory
 
     scene, preset, interpolator = case
     given = {"preset": preset, "interpolator": interpolator, "device": device, "seed": SEED}
     given |= {"width": WIDTH, "height": HEIGHT}
-    launch, arguments, _ = read_target(scene, [f"{key}:={value}" for key, value in given.items()])
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder) / "case.mcap"
-        plan = plan_launch(launch, arguments, Options(DURATION_S, str(bag), view=False, grouping="compose"))
+        plan = plan_target(scene, given, Options(DURATION_S, str(bag), view=False, grouping="compose"))
         directory = RunDirectory()
         plan.run_id, plan.directory = directory.run_id, str(directory.path)
         executor = Executor(plan, COMPOSED)

@@ -17,8 +17,9 @@ from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Body, Camera, Instance, Light, Material, Mesh, Scene, Waveform
 from evis.scene.motion import Linear, Motion, Prescribed, Spin
 from nodes.interpolator.auto.setting import LIGHT
-from nodes.interpolator.interpolator import NEEDS, Interpolator
+from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import States
+from nodes.interpolator.methods import reads
 from nodes.renderer.renderer import Renderer
 
 GAP = 10_000_000
@@ -205,7 +206,7 @@ def frames_of(scene: Scene, method: str, upsampling: int = UPSAMPLING) -> Frames
     camera = scene.cameras[0]
     renderer = Renderer(scene, camera)
     interpolator = Interpolator(method, upsampling, scene=scene, camera=camera)
-    outputs = {LIGHT} | (NEEDS[method] & {"depth", "motion"})
+    outputs = {LIGHT} | (reads(method) & {"depth", "motion"})
     before = None
     for k in range(3):
         stamp = START + (k - 1) * GAP
@@ -215,7 +216,7 @@ def frames_of(scene: Scene, method: str, upsampling: int = UPSAMPLING) -> Frames
         images = {n: v.copy() for n, v in renderer.render(poses, before, outputs, {}, stamp).items()}
         _, frames = interpolator.push(
             stamp, np.zeros(1, np.int32), images[LIGHT], images.get("depth"), images.get("motion"),
-            states=states if "states" in NEEDS[method] else None,
+            states=states if "state" in reads(method) else None,
         )  # fmt: skip
         before = poses
     dense = []

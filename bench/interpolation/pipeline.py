@@ -15,8 +15,9 @@ from evis.scene.model import Camera, Scene
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.auto.setting import LIGHT
 from nodes.interpolator.auto.world import World
-from nodes.interpolator.interpolator import NEEDS, Interpolator
+from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import States
+from nodes.interpolator.methods import reads
 from nodes.interpolator.warm_up import LONGEST
 from nodes.interpolator.warm_up import images as made_up
 from nodes.renderer.geometry.triangles import is_static
@@ -138,7 +139,7 @@ def _once(
     how: dict[str, Any] = {"scene": scene, "camera": camera, **light, **warp}
     interpolator = Interpolator(method, upsampling, **how)
     sensors = Sensors(camera.height, camera.width, crossings)
-    needs = NEEDS[method]
+    needs = reads(method)
     outputs = {LIGHT} | (needs & {"depth", "motion"})
     renderer.prepare(outputs)
     _rehearse(interpolator, world, camera, needs)
@@ -154,7 +155,7 @@ def _once(
     for k in range(last + 1):
         stamp = keyframe_stamp(k, keyframe_rate)
         poses = world.poses(stamp)
-        states = States(*world.states(before, stamp)) if "states" in needs else None
+        states = States(*world.states(before, stamp)) if "state" in needs else None
         clock = [time.process_time()]
         images = renderer.render(poses, previous, outputs, {}, stamp)
         clock.append(time.process_time())
@@ -216,7 +217,7 @@ def _rehearse(interpolator: Interpolator, world: World, camera: Camera, needs: f
     for stamp in (0, NS // 1000):
         t = np.array([stamp]) if not stamp else np.array([0, stamp])
         twist = np.zeros((1, len(t), poses.shape[1], 6))
-        states = States(t, np.repeat(poses[:, None], len(t), 1), twist) if "states" in needs else None
+        states = States(t, np.repeat(poses[:, None], len(t), 1), twist) if "state" in needs else None
         interpolator.push(stamp, np.full(1, -1, np.int32), *made_up(1, camera.height, camera.width), states=states)
 
 

@@ -65,11 +65,9 @@ def _command(words: list[str], debug: bool) -> int:
     command, rest = words[0], words[1:]
     if command in COMMANDS:
         return _run(command, rest, debug)
-    import difflib
+    from evis.config.suggestions import nearest
 
-    near = difflib.get_close_matches(command, COMMANDS, n=1, cutoff=0.6)
-    hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(COMMANDS)}"
-    print(f"evis: no command '{command}'; {hint}", file=sys.stderr)
+    print(f"evis: no command '{command}'; {nearest(command, COMMANDS)}", file=sys.stderr)
     return 2
 
 

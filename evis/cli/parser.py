@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import re
 import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
+from evis.config.suggestions import did_you_mean
 from evis.console.printable import printable
 
 KINDS = {"float": "a number", "int": "a whole number"}
@@ -48,7 +48,6 @@ def _in_words(message: str) -> str:
         return f"{wrong[1]} is {wrong[3]}, must be {KINDS[wrong[2]]}"
     if wrong := re.fullmatch(r"argument ([^:]+): invalid choice: '(.*)' \(choose from (.*)\)", message):
         known = re.findall(r"[\w-]+", wrong[3])
-        near = difflib.get_close_matches(wrong[2], known, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else ""
+        hint = did_you_mean(wrong[2], known)
         return f"{wrong[1]} is '{wrong[2]}', must be one of {', '.join(known)}{hint}"
     return message

@@ -6,12 +6,13 @@ line where it goes beyond a limit, before anything of it is built.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import yaml
+
+from evis.config.suggestions import nearest
 
 MAX_BYTES = 1 << 20
 """Longest launch or scene file accepted [bytes]."""
@@ -64,13 +65,6 @@ class Row(list[Any]):
         self.file = file
         self.line = line
         self.lines: list[int] = []
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """`did you mean 'x'?`, or the list of what there is."""
-    names = list(known)
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    return f"did you mean '{near[0]}'?" if near else f"there are {', '.join(names) or 'none'}"
 
 
 def read(path: Path, what: str = "launch file") -> Table:

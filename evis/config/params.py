@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from evis.config.secret import SecretError, fetch
+from evis.config.suggestions import did_you_mean, nearest
 
 
 class ParamError(ValueError):
@@ -44,8 +44,7 @@ class Param:
         if isinstance(value, float) and not math.isfinite(value):
             raise ParamError(f"{owner}: {key} is {value}; it must be finite")
         if self.choices and value not in self.choices:
-            near = difflib.get_close_matches(str(value), [str(c) for c in self.choices], n=1)
-            hint = f"; did you mean '{near[0]}'?" if near else ""
+            hint = did_you_mean(str(value), map(str, self.choices))
             raise ParamError(f"{owner}: {key} is '{value}', must be one of {', '.join(map(str, self.choices))}{hint}")
         unit = f" {self.unit}" if self.unit else ""
         if self.minimum is not None and value < self.minimum:
@@ -110,9 +109,7 @@ def resolve(owner: str, declared: Mapping[str, Param], given: Mapping[str, Any])
     """
     for key in given:
         if key not in declared:
-            near = difflib.get_close_matches(key, declared, n=1, cutoff=0.4)
-            hint = f"did you mean '{near[0]}'?" if near else f"it has {', '.join(sorted(declared)) or 'none'}"
-            raise ParamError(f"{owner} has no parameter '{key}'; {hint}")
+            raise ParamError(f"{owner} has no parameter '{key}'; {nearest(key, sorted(declared), 'it has')}")
     return {
         key: param.convert(owner, key, given[key]) if key in given else param.default for key, param in declared.items()
     }
@@ -121,7 +118,7 @@ def resolve(owner: str, declared: Mapping[str, Param], given: Mapping[str, Any])
 def describe(param: Param) -> str:
     """Help, unit, range and default of a parameter, in one line."""
     parts = ["one of " + ", ".join(map(str, param.choices)) if param.choices else limits(param)]
-    parts.append("" if param.default is None else f"default {_shown(param.default)}")
+    parts.append("" if param.default is None else f"default {describe_value(param.default)}")
     return f"{param.help} ({', '.join(p for p in parts if p)})" if any(parts) else param.help
 
 
@@ -133,9 +130,10 @@ def limits(param: Param) -> str:
     return f"{param.minimum:g} {upwards} {param.unit}".strip()
 
 
-def _shown(value: Any) -> str:
+def describe_value(value: Any) -> str:
+    """A value as a user would write it: 0.2, true, a,b."""
     if isinstance(value, (list, tuple)):
-        return ",".join(map(_shown, value)) or "none"
+        return ",".join(map(describe_value, value)) or "none"
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:g}" if isinstance(value, float) else str(value) or "none"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 from pathlib import Path
+
+from evis.config.suggestions import did_you_mean, nearest
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 MOST_LOOKED_AT = 1 << 20
@@ -70,9 +71,7 @@ def find_launch(name: str) -> tuple[Path, dict[str, str]]:
         play = f"replay bag:={name}" if name.endswith(".mcap") else f"camera file:={name}"
         raise UnknownLaunch(f"{name} is no launch file and no scene; `evis launch {play}` plays a recording")
     known = sorted({*names("launch"), *names("scenes")})
-    near = difflib.get_close_matches(Path(name).stem, known, n=1, cutoff=0.5)
     if "/" in name or Path(name).suffix not in ("", ".yaml", ".yml"):
-        hint = f"; did you mean '{near[0]}'?" if near else ""
-        raise UnknownLaunch(f"{name}: {'is a folder' if Path(name).is_dir() else 'no such file'}{hint}")
-    hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(known) or 'none'}"
-    raise UnknownLaunch(f"no launch file or scene '{name}'; {hint}")
+        what = "is a folder" if Path(name).is_dir() else "no such file"
+        raise UnknownLaunch(f"{name}: {what}{did_you_mean(Path(name).stem, known)}")
+    raise UnknownLaunch(f"no launch file or scene '{name}'; {nearest(Path(name).stem, known)}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import abc
-import difflib
 import importlib
 import os
 import shutil
@@ -15,6 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from evis.config.suggestions import did_you_mean
 from evis.events.container import Events
 from evis.files.damage import faults_as
 from evis.files.named_pipe import with_reader
@@ -247,8 +247,7 @@ def open_as(path: Path, options: OpenOptions) -> Recording:
     size, topic = options.size, options.topic
     if not path.exists():
         names = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        near = difflib.get_close_matches(path.name, names, n=1)
-        raise RecordingError(f"{path}: no such file" + (f"; did you mean {near[0]}?" if near else ""))
+        raise RecordingError(f"{path}: no such file{did_you_mean(path.name, names)}")
     bags = _bags_in(path) if path.is_dir() else []
     if bags:
         path, options = bags[0], replace(options, name=bags[0].name)

@@ -7,12 +7,14 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from evis.config.document import LaunchError, Table, nearest
+from evis.config.document import LaunchError, Row, Table, submap
 from evis.config.expression import ExpressionError, substitute
 from evis.config.params import Param, ParamError
+from evis.config.suggestions import nearest
+from evis.launch import node_arguments
 
 TYPES: dict[str, type] = {"int": int, "float": float, "str": str, "bool": bool, "list": list}
-KEYS = ("type", "default", "choices", "min", "max", "help", "unit", "secret", "by")
+KEYS = ("type", "default", "choices", "min", "max", "help", "unit", "secret", "by", "of", "also", "required")
 OPTIONS = ("duration", "record", "record_topics", "record_sync", "view")
 """Names that stand for command line options in every launch file: --duration, --record, --record-topics, --record-sync,
 --no-view."""
@@ -34,10 +36,17 @@ class Argument:
     by: tuple[str, Mapping[Any, Any]] = field(default=("", MappingProxyType({})))
 
 
-def declare(table: Table, inherited: Mapping[str, Argument]) -> dict[str, Argument]:
-    """The `args:` of a file. A name that an included file declares too only changes what it says anew."""
-    declared = {}
+def declare(table: Table, nodes: Table, inherited: Mapping[str, Argument]) -> dict[str, Argument]:
+    """The `args:` of a file, those of its `nodes:` that it names and the inherited ones. Raises LaunchError.
+
+    A name that a node or an included file declares too only changes what it says anew.
+    """
+    params = node_arguments.offered(table, nodes, OPTIONS)
+    base = {name: Argument(name, param, False, table.where("of")) for name, param in params.items()} | dict(inherited)
+    declared: dict[str, Argument] = {}
     for name in table:
+        if name == "of" and isinstance(table[name], Row):
+            continue
         where = table.where(name)
         entry = table[name]
         if not isinstance(entry, Table):
@@ -45,11 +54,13 @@ def declare(table: Table, inherited: Mapping[str, Argument]) -> dict[str, Argume
         entry.check_keys(KEYS, f"argument '{name}'")
         if not name.isidentifier() or name in OPTIONS:
             raise LaunchError(f"{where}: '{name}' cannot be the name of an argument")
-        declared[name] = _argument(name, entry, where, inherited.get(name))
-    return declared
+        param = node_arguments.source_of(entry, nodes)
+        source = Argument(name, param, False, where) if param else base.get(name)
+        declared[name] = _argument(name, entry, nodes, where, source)
+    return {**declared, **{name: argument for name, argument in base.items() if name not in declared}}
 
 
-def _argument(name: str, entry: Table, where: str, base: Argument | None) -> Argument:
+def _argument(name: str, entry: Table, nodes: Table, where: str, base: Argument | None) -> Argument:
     default = entry.get("default", base.param.default if base else None)
     if "type" in entry:
         if entry["type"] not in TYPES:
@@ -65,11 +76,13 @@ def _argument(name: str, entry: Table, where: str, base: Argument | None) -> Arg
     choices = entry.get("choices", list(base.param.choices) if base else [])
     if not isinstance(choices, list):
         raise LaunchError(f"{entry.where('choices')}: choices must be a list")
-    required = "default" not in entry and (base is None or base.required)
+    also = submap(entry, "also")
+    choices = [*choices, *also]
+    required = entry.get("required", "default" not in entry and (base is None or base.required)) is True
     param = Param(
         type=kind,
         default=default,
-        help=str(entry.get("help", base.param.help if base else "")),
+        help=", ".join([str(entry.get("help", base.param.help if base else "")), *_named(also)]),
         unit=str(entry.get("unit", base.param.unit if base else "")),
         minimum=_limit(entry, "min", base.param.minimum if base else None),
         maximum=_limit(entry, "max", base.param.maximum if base else None),
@@ -77,16 +90,25 @@ def _argument(name: str, entry: Table, where: str, base: Argument | None) -> Arg
         optional=not required and default is None,
         secret=secret,
     )
-    return Argument(name, param, required, where, _by(entry, base))
+    return Argument(name, param, required, where, _by(name, entry, nodes, base))
 
 
-def _by(entry: Table, base: Argument | None) -> tuple[str, Mapping[Any, Any]]:
+def _named(also: Table) -> list[str]:
+    """Further choices with what each means, as a help text has them."""
+    return [f"{choice} = {meaning}" for choice, meaning in also.items()]
+
+
+def _by(name: str, entry: Table, nodes: Table, base: Argument | None) -> tuple[str, Mapping[Any, Any]]:
     """What `by:` says; an inherited one holds unless the default is declared anew."""
     if "by" not in entry:
         return base.by if base and "default" not in entry else ("", {})
     value = entry["by"]
+    if isinstance(value, str):
+        return node_arguments.brought_by(value, name, nodes, entry.where("by"))
     if not (isinstance(value, Table) and len(value) == 1 and isinstance(table := value[next(iter(value))], Table)):
-        raise LaunchError(f"{entry.where('by')}: by must be a map such as {{preset: {{dvs128: 128}}}}")
+        raise LaunchError(
+            f"{entry.where('by')}: by must be NODE.PARAMETER, or a map such as {{preset: {{dvs128: 128}}}}"
+        )
     return str(next(iter(value))), dict(table)
 
 

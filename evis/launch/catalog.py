@@ -8,7 +8,8 @@ import sysconfig
 from pathlib import Path
 from typing import Any
 
-from evis.config.document import LaunchError, nearest
+from evis.config.document import LaunchError
+from evis.config.suggestions import nearest
 from evis.neighbours import PACKAGES, ROOT
 from evis.runtime.node import Node
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 from pathlib import Path
 
 from evis.config.document import LaunchError
 from evis.config.params import ParamError
+from evis.config.suggestions import closest
 from evis.files.whole_file import written_at
 from evis.launch.arguments import ArgumentError
 from evis.launch.wiring import Wired
@@ -35,10 +35,10 @@ def check_files(node: Wired) -> None:
 
 
 def _check_scene(node: Wired, where: str) -> None:
-    from evis.scene.load import check_args, parse_args
+    from evis.scene.load import parse_args, scene_values
 
     try:
-        check_args(node.params["scene"], parse_args(node.params.get("scene_args")))
+        scene_values(node.params["scene"], parse_args(node.params.get("scene_args")))
     except (ParamError, FileNotFoundError) as error:
         raise ArgumentError(str(error)) from None
     except (ValueError, OSError) as error:
@@ -68,5 +68,5 @@ def _beside(path: Path) -> str:
     """A hint from the same folder."""
     if not path.parent.is_dir():
         return f"; there is no folder '{path.parent}'"
-    near = difflib.get_close_matches(path.name, [p.name for p in path.parent.iterdir()], n=1, cutoff=0.5)
-    return f"; did you mean '{path.with_name(near[0])}'?" if near else ""
+    near = closest(path.name, (p.name for p in path.parent.iterdir()))
+    return f"; did you mean '{path.with_name(near)}'?" if near else ""

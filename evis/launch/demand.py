@@ -6,7 +6,8 @@ import fnmatch
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from evis.config.document import LaunchError, nearest
+from evis.config.document import LaunchError
+from evis.config.suggestions import nearest
 from evis.launch.wiring import Wired
 from evis.runtime.plan import LeftOut, Plan
 from msgs.topics import SYSTEM_TOPICS, find_topic

@@ -7,9 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from evis.config.document import LaunchError, Table, nearest, submap
+from evis.config.document import LaunchError, Table, submap
 from evis.config.expression import ExpressionError, UnknownName, substitute, text_of
-from evis.launch.arguments import brought, resolve
+from evis.config.suggestions import nearest
+from evis.launch import node_arguments
+from evis.launch.arguments import OPTIONS, brought, resolve
 from evis.launch.files import LaunchFile
 from evis.launch.rates import pairs, with_camera_rates, with_cameras
 from evis.launch.recorded import recorded
@@ -127,9 +129,8 @@ def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, 
         full = _named(nodes, name, name, inner, suffix)
         if not _holds(entry, inner):
             with contextlib.suppress(LaunchError):  # what it would have got may make sense only where it is there
-                params = submap(entry, "params")
                 kind = str(_fill(entry, "type", inner))
-                result.idle.append((kind, {k: _fill(params, k, inner) for k in params}))
+                result.idle.append((kind, _params(entry, inner, nodes.where(name))))
             result.absent[full] = str(_fill(entry, "otherwise", inner, _condition(entry)))
             continue
         if "type" not in entry:
@@ -143,7 +144,7 @@ def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, 
                 name=prefix + full,
                 type=str(_fill(entry, "type", inner)),
                 where=nodes.where(name),
-                params={k: _fill(params, k, inner) for k in params},
+                params=_params(entry, inner, nodes.where(name)),
                 param_lines={k: params.where(k) for k in params},
                 process=prefix + _process(entry, full, inner, suffix),
                 remap={str(k): str(target) for k in remap if (target := _fill(remap, k, inner))},
@@ -155,6 +156,17 @@ def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, 
                 spares={k: str(why) for k in spares if (why := _fill(spares, k, inner))},
             )
         )
+
+
+def _params(entry: Table, scope: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """A node's parameters: those that it sets, filled in, and those that are arguments as they are."""
+    params = submap(entry, "params")
+    # What `lookup` finds may be called as a parameter that means something else.
+    others = {*OPTIONS, *submap(entry, "lookup")}
+    arguments = {name: value for name, value in scope.items() if name not in others}
+    passed = node_arguments.passed_on(entry, arguments, where)
+    own = [k for k in params if k != node_arguments.FROM or not node_arguments.takes_arguments(params)]
+    return passed | {k: _fill(params, k, scope) for k in own}
 
 
 def _turns(entry: Table, scope: Mapping[str, Any]) -> list[tuple[dict[str, Any], bool]]:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from evis.config.document import LaunchError, Row, Table, nearest, read, submap
+from evis.config.document import LaunchError, Row, Table, read, submap
 from evis.config.expression import ExpressionError, substitute
 from evis.config.paths import find, names
+from evis.config.suggestions import nearest
 from evis.launch.arguments import Argument, declare
 
 TOP_KEYS = ("description", "mode", "args", "recorded", "include", "nodes")
@@ -62,8 +63,7 @@ def _load(path: Path, above: tuple[Path, ...], more: Iterator[int]) -> LaunchFil
                 )
         inherited |= {k: v for k, v in child.arguments.items() if k not in set_here}
         includes.append((entry, child))
-    declared = declare(own, inherited)
-    return LaunchFile(path, table, includes, declared | {k: v for k, v in inherited.items() if k not in declared})
+    return LaunchFile(path, table, includes, declare(own, submap(table, "nodes"), inherited))
 
 
 def _entries(table: Table) -> list[Table]:

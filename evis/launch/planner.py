@@ -20,6 +20,7 @@ from evis.launch.expand import Expanded, NodeSpec, expand
 from evis.launch.files import LaunchFile, load
 from evis.launch.order import data_flow_order
 from evis.launch.pace import check_pace
+from evis.launch.target import read_target, values_of_scene, with_scene_arguments
 from evis.launch.unused_arguments import check_effect
 from evis.launch.wiring import Wired, publishers, secret_values, wire
 from evis.runtime.node import Node
@@ -62,12 +63,21 @@ def plan_file(path: Path, given: Mapping[str, Any], options: Options) -> Plan:
     return plan_launch(load(path), given, options)
 
 
+def plan_target(name: str, given: Mapping[str, Any], options: Options) -> Plan:
+    """Plan what may stand after `evis launch`, a launch file or a scene. Raises LaunchError, UnknownLaunch."""
+    target = read_target(name, given)
+    plan = plan_launch(target.launch, target.given, options)
+    plan.name = target.name
+    return plan
+
+
 def plan_launch(
     launch: LaunchFile, given: Mapping[str, Any], options: Options, held: Collection[str] | None = None
 ) -> Plan:
     """As `plan_file`, of a file that has been read. held: the given arguments that must have an effect, all if None."""
     if options.duration_s is not None and options.duration_s <= 0:
         raise LaunchError(f"--duration is {options.duration_s:g}, it must be longer than 0 s")
+    given = with_scene_arguments(launch, given)
     hide = Redactor(str(given[name]) for name, a in launch.arguments.items() if a.param.secret and name in given)
     try:
         expanded = expand(launch, given, options.names())
@@ -78,6 +88,7 @@ def plan_launch(
             check_effect(launch, list(given) if held is None else held, expanded, plan)
     except LaunchError as error:
         raise type(error)(hide.text(str(error))) from None
+    plan.args |= values_of_scene(launch, plan.args)
     plan.name = launch.path.stem
     return plan
 

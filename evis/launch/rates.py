@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from evis.config.document import LaunchError, nearest
+from evis.config.document import LaunchError
+from evis.config.suggestions import nearest
 from evis.launch.arguments import ArgumentError
 from evis.runtime.clock import times_slower
 

@@ -8,14 +8,15 @@ from typing import Any
 from evis.config.document import LaunchError, Table, parse_value
 from evis.config.expression import ExpressionError, substitute
 from evis.config.secret import HIDDEN
+from evis.config.suggestions import nearest
 
-KEYS = ("bag", "arguments")
+KEYS = ("bag", "except")
 TABLE, PREFIX = "evis", "arg."
 """Where the recorder keeps the arguments of a run in the bag's metadata."""
 
 
 def recorded(entry: Table, values: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """`given`, and what the bag tells about the other names in `arguments:`.
+    """`given`, and what the bag tells about the other arguments but those under `except:`.
 
     Raises LaunchError for a bag that cannot be read.
     """
@@ -25,8 +26,11 @@ def recorded(entry: Table, values: Mapping[str, Any], given: Mapping[str, Any]) 
     except ExpressionError as error:
         raise LaunchError(f"{entry.where('bag')}: {error}") from None
     stored = _stored(str(bag), entry.where("bag"))
-    names = [str(name) for name in entry.get("arguments") or []]
-    told = {name: stored[PREFIX + name] for name in names if PREFIX + name in stored and name in values}
+    own = [str(name) for name in entry.get("except") or []]
+    for name in own:
+        if name not in values:
+            raise LaunchError(f"{entry.where('except')}: there is no argument '{name}'; {nearest(name, values)}")
+    told = {name: stored[PREFIX + name] for name in values if PREFIX + name in stored and name not in own}
     found = {name: _value(text, f"{bag}, argument {name}") for name, text in told.items()}
     return {**{name: value for name, value in found.items() if value is not None}, **given}
 

@@ -8,6 +8,7 @@ from typing import Any
 from evis.config.document import submap
 from evis.config.expression import names_in
 from evis.config.params import resolve
+from evis.launch import node_arguments
 from evis.launch.arguments import ArgumentError
 from evis.launch.catalog import load
 from evis.launch.expand import Expanded, NodeSpec
@@ -55,6 +56,7 @@ def _uses(
             yield ""
         params = submap(entry, "params")
         read = [param for param in params if name in names_in(params[param])]
+        read += node_arguments.passed_on(entry, {name: None}, nodes.where(key))
         if not read:
             continue
         specs = there.get(nodes.where(key), [])

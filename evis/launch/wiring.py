@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from evis.config.document import LaunchError, nearest
+from evis.config.document import LaunchError
 from evis.config.expression import text_of
 from evis.config.params import ParamError, resolve
+from evis.config.suggestions import nearest
 from evis.launch import catalog
 from evis.launch.arguments import ArgumentError
 from evis.launch.expand import NodeSpec

@@ -97,6 +97,8 @@ class Node:
     PARAMS: ClassVar[Mapping[str, Param]] = {}
     INPUTS: ClassVar[Mapping[str, Input]] = {}
     OUTPUTS: ClassVar[Mapping[str, Output]] = {}
+    BRINGS: ClassVar[Mapping[str, Mapping[Any, Mapping[str, Any]]]] = {}
+    """Parameter -> one of its values -> arguments of a launch file whose default it brings, with that default."""
     SOURCE: ClassVar[bool] = False
     """A source is driven by `step` and not by its inputs."""
 

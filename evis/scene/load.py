@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from evis.config.document import LaunchError, Row, Table, read
 from evis.config.params import Param, ParamError, resolve
 from evis.config.paths import find, names
+from evis.config.suggestions import nearest
 from evis.scene.errors import SceneError
 from evis.scene.model import MODELS, Scene
 from evis.scene.yaml.reader import Fields
@@ -39,10 +39,11 @@ def load_scene(
     return build(table, path, _values(path, table, overrides or {}), textures and visuals, visuals)
 
 
-def check_args(name_or_path: str, overrides: Mapping[str, Any]) -> None:
-    """Raise ParamError for arguments that `load_scene` would not take. SceneError, FileNotFoundError as there."""
+def scene_values(name_or_path: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Every argument of a scene with its value, given ones over defaults. Raises ParamError, SceneError,
+    FileNotFoundError as `load_scene`."""
     path = find_scene(name_or_path)
-    _values(path, _document(path), overrides)
+    return _values(path, _document(path), overrides)
 
 
 def _values(path: Path, table: Table, overrides: Mapping[str, Any]) -> dict[str, Any]:
@@ -105,9 +106,7 @@ def find_scene(name_or_path: str) -> Path:
     path = find("scenes", name_or_path)
     if path is None:
         known = names("scenes")
-        near = difflib.get_close_matches(direct.stem, known, n=1, cutoff=0.5)
-        hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(known) or 'none'}"
-        raise FileNotFoundError(f"no scene '{name_or_path}'; {hint}")
+        raise FileNotFoundError(f"no scene '{name_or_path}'; {nearest(direct.stem, known)}")
     return path
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,6 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from evis.config.suggestions import nearest
 from evis.events.container import Events
 
 
@@ -62,9 +62,7 @@ class Configuration:
         names = [f.name for f in dataclasses.fields(cls)]
         for name in values:
             if name not in names:
-                near = difflib.get_close_matches(name, names, n=1)
-                hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(names)}"
-                raise ValueError(f"no setting '{name}'; {hint}")
+                raise ValueError(f"no setting '{name}'; {nearest(name, names)}")
         result = cls(**values)
         result.check()
         return result

@@ -43,20 +43,24 @@ class CameraNode(Node):
     own; the clock in the header names it."""
 
     PARAMS = {
-        "camera": Param(str, "cam0", "name of the camera"),
-        "file": Param(str, None, "recording to play", optional=True),
+        "camera": Param(str, "cam0", "name of the camera in the topics"),
+        "file": Param(str, None, "recording to play in place of a camera", optional=True),
         "emulate": Param(
-            str, None, "camera model that sends `file`, or a recording in a device's place", optional=True
+            str,
+            None,
+            "model of an emulated USB camera that sends `file` to the real driver: evk4, silkyevcam, davis346, "
+            "dvxplorer, ...; or a recording in a device's place",
+            optional=True,
         ),
-        "serial": Param(str, None, "serial number of the USB camera; any when not given", optional=True),
-        "pace": Param(str, "realtime", "realtime, fast, or a speed such as 2.0"),
+        "serial": Param(str, None, "serial number of the camera; the first one found when not given", optional=True),
+        "pace": Param(str, "realtime", "how fast a file is played: realtime, fast, or a speed such as 2.0"),
         "packet_ms": Param(float, 10.0, "interval of one packet", "ms", 0.01, 10_000),
         "duration": Param(float, 0.0, "stop after this device time; 0 = all", "s", 0, 1e9),
         "raw": Param(bool, False, "packets carry the wire bytes too, where there are any"),
         "settings": Param(list, [], "the camera's own settings, as bias_fo=10,event_rate_limit=2e7"),
         "reconnect": Param(bool, False, "wait for a USB camera that was unplugged to come back"),
         "again": Param(bool, False, "play `file` again and again, as further episodes, until stopped"),
-        "faults": Param(str, "", "how an emulated device misbehaves, as stall_every=50,short=512"),
+        "faults": Param(str, "", "how an emulated camera misbehaves, as stall_every=50 or unplug_after=100000"),
     }
     OUTPUTS = {
         "events": Output("/{camera}/events"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from msgs.camera import EventPacket, Frames, Keyframe
 from msgs.header import Header, Message
-from nodes.event_sensor.parameters import SENSOR, resolve_sensor
+from nodes.event_sensor.parameters import NODE, SENSOR, resolve_sensor
 from nodes.event_sensor.presets import PRESETS
 
 if TYPE_CHECKING:
@@ -37,12 +36,12 @@ class EventSensorNode(Node):
             str, "frames", "frames (interpolator) or keyframe (renderer, K = 1)", choices=("frames", "keyframe")
         ),
         "preset": Param(str, "ideal", "sensor whose faults to have; ideal has none", choices=tuple(PRESETS)),
-        "seed": Param(int, 0, "seed of the sensor's random streams; environment k has seed + k", minimum=0),
-        "device": Param(str, "cpu", "cpu, cuda or cuda:N"),
-        "colour": Param(bool, False, "three sensors, for R, G and B, instead of one for luminance"),
-        # Not given means the preset's value.
-        **{name: dataclasses.replace(param, default=None, optional=True) for name, param in SENSOR.items()},
+        "seed": Param(int, 0, "seed of the sensor's random streams; environment k has seed + k", "", 0, 2**63 - 1),
+        "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
+        "colour": Param(bool, False, "colour events: three sensors, for R, G and B, instead of one for luminance"),
+        **NODE,
     }
+    BRINGS = {"preset": {name: {"width": p.width, "height": p.height} for name, p in PRESETS.items() if p.width}}
     INPUTS = {
         "frames": Input("/{camera}/frames", on_device=True),
         "keyframe": Input("/{camera}/keyframe", on_device=True),
@@ -95,14 +94,8 @@ class EventSensorNode(Node):
         sensor = self._make(2, 2, 1)
         one = np.ones((1, 2, 2, 3), np.float32)
         warm = self._of_keyframe(Keyframe(Header(0), np.zeros(1, np.int32), radiance=one))
-        tail = (3,) if self.params["colour"] else ()
-        slopes = {"dlog_dt": np.zeros((1, 1, 2, 2, *tail), np.float32)} if self._hermite else {}
         for k in range(2):
-            sensor.process(warm, np.array([k]), np.zeros(1, np.int32), **slopes)
-
-    @property
-    def _hermite(self) -> bool:
-        return bool(self._resolved["model"] == "evis" and self._resolved["crossing"] == "hermite")
+            sensor.process(warm, np.array([k]), np.zeros(1, np.int32))
 
     def _make(self, height: int, width: int, envs: int) -> Any:
         """The sensor, or another event model behind the same interface."""
@@ -122,16 +115,11 @@ class EventSensorNode(Node):
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         message = inputs[self.params["source"]]
-        slopes = None
         if isinstance(message, Keyframe):
             image, t = self._of_keyframe(message), np.array([message.header.stamp_ns])
         else:
             assert isinstance(message, Frames)
-            image, t, slopes = self._of_frames(message), message.t, message.dlog_dt
-        if self._hermite and slopes is None:
-            raise ValueError(
-                f"{self.name}: the frames carry no dlog_dt, which crossing=hermite needs; crossing=cubic does without"
-            )
+            image, t = self._of_frames(message), message.t
         envs, _, height, width = image.shape[:4]
         if self._sensor is None:
             self._sensor = self._make(height, width, envs)
@@ -140,8 +128,7 @@ class EventSensorNode(Node):
             self._publish_held()  # time has gone back to begin an episode
         self._header = message.header
         if self._resolved["model"].startswith("evis"):
-            more = {"dlog_dt": slopes} if self._hermite else {}
-            self._publish(self._sensor, self._sensor.advance(image, t, message.episodes, **more))
+            self._publish(self._sensor, self._sensor.advance(image, t, message.episodes))
         else:
             self._publish_events(self._sensor.process(image, t, message.episodes))
 

@@ -6,13 +6,16 @@ A value that is not given comes from the preset, and from the ideal sensor where
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
-from evis.config.params import Param, resolve
+from evis.config.params import Param, describe_value, resolve
 from nodes.event_sensor.presets import PRESETS
 
 MODELS = ("evis", "evis-paper", "esim", "v2e", "dvs_voltmeter")
 CROSSINGS = ("frame", "linear", "monotone", "cubic", "hermite")
+NEED_SLOPES = ("hermite",)
+"""Crossings for frames with dL/dt, which no node makes: `evis events simulate` takes them from a file."""
 
 SENSOR: dict[str, Param] = {
     "model": Param(str, "evis", "event model; the others are for comparison", choices=MODELS),
@@ -41,6 +44,13 @@ SENSOR: dict[str, Param] = {
 }
 
 
+def _of_preset(name: str, param: Param) -> Param:
+    """The parameter as a node has it: not given means the preset's value."""
+    ideal = "" if param.default in (None, 0, 0.0) else f"; ideal: {describe_value(param.default)}"
+    choices = tuple(c for c in param.choices if c not in NEED_SLOPES) if name == "crossing" else param.choices
+    return replace(param, default=None, optional=True, help=param.help + ideal, choices=choices)
+
+
 def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """All of SENSOR: given values over the preset's over the defaults; None counts as not given.
 
@@ -50,3 +60,7 @@ def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[st
         Param(str, "ideal", "", choices=tuple(PRESETS)).convert(owner, "preset", preset)
     explicit = {key: value for key, value in given.items() if value is not None}
     return resolve(owner, SENSOR, {**PRESETS[preset].values, **explicit})
+
+
+NODE: dict[str, Param] = {name: _of_preset(name, param) for name, param in SENSOR.items()}
+"""SENSOR for a node of the graph, where a value that is not given is the preset's."""

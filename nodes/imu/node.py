@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from evis.config.params import Param
+from evis.config.suggestions import nearest
 from evis.runtime.node import Input, Node, Output
 from msgs.camera import Imu
 from msgs.header import Header, Message
@@ -42,7 +42,7 @@ class ImuNode(Node):
         "gyro_bias": Param(float, 0.0, "random walk of the gyroscope's bias", "rad/s^2/sqrt(Hz)", 0, LARGEST),
         "accel_range": Param(float, 0.0, "largest acceleration it can read, 0 = any", "m/s^2", 0, LARGEST),
         "gyro_range": Param(float, 0.0, "largest angular velocity it can read, 0 = any", "rad/s", 0, LARGEST),
-        "seed": Param(int, 0, "seed of noise and bias", minimum=0),
+        "seed": Param(int, 0, "seed of noise and bias", "", 0, 2**63 - 1),
     }
     INPUTS: ClassVar[Mapping[str, Input]] = {"state": Input("/state")}
     OUTPUTS: ClassVar[Mapping[str, Output]] = {"imu": Output("/{camera}/imu")}
@@ -80,7 +80,5 @@ class ImuNode(Node):
             )
         camera = self.params["camera"]
         if camera not in state.names:
-            near = difflib.get_close_matches(camera, state.names, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(state.names)}"
-            raise ValueError(f"{self.name}: /state has no body '{camera}'; {hint}")
+            raise ValueError(f"{self.name}: /state has no body '{camera}'; {nearest(camera, state.names)}")
         return state.names.index(camera)

@@ -15,22 +15,13 @@ from nodes.interpolator import warm_up as rehearsal
 from nodes.interpolator.adaptive import AdaptiveCount
 from nodes.interpolator.keyframe import Method, Report, States, View, device_named
 from nodes.interpolator.luminance import luminance_of, rgb_of, scalars
-from nodes.interpolator.passthrough import Passthrough, crop
-from nodes.interpolator.splat import splat, warp_kernels
+from nodes.interpolator.methods import METHODS, Gap
+from nodes.interpolator.passthrough import crop
+from nodes.interpolator.splat import warp_kernels
 from nodes.renderer.raster.cameras import finer
 
 if TYPE_CHECKING:
-    from nodes.interpolator.splat.quadratic import Bends
     from nodes.renderer.paths.paths import PathOptions
-
-NEEDS: dict[str, frozenset[str]] = {
-    "rigid": frozenset({"states"}),
-    "splat": splat.NEEDS,
-    "splat-quadratic": splat.NEEDS,
-    "splat-forward": splat.NEEDS | {"states"},
-    "none": frozenset(),
-}
-"""What a method uses of a keyframe besides the radiance."""
 
 Image = np.ndarray | wp.array
 """Of numpy, or on a device, where its vectors may be elements: [E, H, W] of vec3 in place of [E, H, W, 3]."""
@@ -63,7 +54,7 @@ class Interpolator:
         sample_px: float | None = None,
         adaptive_px: float = 0.0,
     ) -> None:
-        """method: a key of NEEDS. upsampling: K. colour: frames are linear RGB instead of luminance.
+        """method: a key of METHODS. upsampling: K. colour: frames are linear RGB instead of luminance.
 
         scene, camera, light_samples, paths: those of the renderer, for methods that use the bodies' states. Raises
         ValueError where these have none. tolerance: error of log radiance that `rigid` looks for, to shade anew.
@@ -73,23 +64,23 @@ class Interpolator:
         adaptive_px: displacement per frame that is allowed: a gap has as many frames as that takes, `upsampling` at
         most; 0 = always `upsampling`.
         """
-        if method not in NEEDS or upsampling < 1:
-            names = ", ".join(NEEDS)
+        if method not in METHODS or upsampling < 1:
+            names = ", ".join(METHODS)
             raise ValueError(f"interpolator method '{method}' with upsampling {upsampling}: {names}; 1 or more")
-        if "states" in NEEDS[method] and (scene is None or camera is None):
+        if "state" in METHODS[method].reads and (scene is None or camera is None):
             raise ValueError(f"the {method} interpolator needs the scene and its camera; without them use splat")
         self._name = method
         self._scene, self._camera = scene, camera
         self._light: dict[str, Any] = {"light_samples": light_samples, "paths": paths}
         self._light |= {"tolerance": tolerance, "sample_px": sample_px}
         self.upsampling = 1 if method == "none" else upsampling
-        self._needs = NEEDS[method]
+        self._reads = METHODS[method].reads
         self._colour = colour
         self._device = device_named(device)
         self._threads = threads
-        self._bends: Bends | None = None
         # By K.
         self._methods: dict[int, Method] = {}
+        self._shared: dict[str, Any] = {}
         self._count: AdaptiveCount | None = None
         if adaptive_px > 0 and self.upsampling > 1:
             self._count = AdaptiveCount(self.upsampling, adaptive_px, device, scene, camera)
@@ -130,7 +121,7 @@ class Interpolator:
             raise ValueError(f"keyframe of {width}x{height} px is no larger than its margin of {margin} px per side")
         size = (envs, height, width), margin
         if self._rehearsed and self._size != size:
-            self._size, self._methods, self._bends = None, {}, None
+            self._size, self._methods, self._shared = None, {}, {}
         self._rehearsed = False
         if self._size not in (None, size):
             raise ValueError(f"keyframe is {size[0]} with margin {margin}, before it was {self._size}")
@@ -202,7 +193,7 @@ class Interpolator:
 
     def warm_up(self) -> None:
         """Compile the kernels now rather than at the first keyframe."""
-        if "states" in self._needs:
+        if "state" in self._reads:
             self._warm_up_in_scene()
             return
         tiny = Interpolator(self._name, 2, colour=self._colour, device=str(self._device))
@@ -262,32 +253,16 @@ class Interpolator:
         return wp.empty(shape[:4], dtype=pixel, device=self._device)
 
     def _build(self, upsampling: int, envs: int, height: int, width: int, margin: int) -> Method:
-        channels, device = 3 if self._colour else 1, str(self._device)
-        if self._name == "none":
-            return Passthrough(margin)
-        if self._name == "splat":
-            return splat.make_splat(height, width, envs, upsampling, margin, channels, device, self._threads)
-        if self._name == "splat-quadratic":
-            from nodes.interpolator.splat.quadratic import Bends, SplatQuadratic
-
-            how_flat = (height, width, envs, upsampling, margin, channels, device, self._threads)
-            if self._bends is None:
-                self._bends = Bends((envs, height, width), device)
-            return SplatQuadratic(*how_flat, bends=self._bends)
-        assert self._scene is not None and self._camera is not None
-        camera = finer(self._camera, self._samples)
-        how = (self._scene, camera, envs, upsampling, margin, channels, device, self._threads)
-        if self._name == "splat-forward":
-            from nodes.interpolator.splat.forward import SplatForward
-
-            return SplatForward(*how)
-        from nodes.interpolator.rigid import Rigid
-
-        return Rigid(*how, **self._light)
+        camera = finer(self._camera, self._samples) if self._camera is not None else None
+        gap = Gap(
+            height, width, envs, upsampling, margin, 3 if self._colour else 1, str(self._device), self._threads,
+            self._scene, camera, self._light, self._shared,
+        )  # fmt: skip
+        return METHODS[self._name].make(gap)
 
     def _check(self, states: States | None) -> States | None:
         """The states that the method uses, or None. Raises ValueError where they do not fit the scene or the gap."""
-        if "states" not in self._needs or self._scene is None:
+        if "state" not in self._reads or self._scene is None:
             return None
         if states is None:
             raise ValueError(f"the {self._name} interpolator needs the bodies' states with every keyframe")
@@ -297,7 +272,7 @@ class Interpolator:
         return states
 
     def _use(self, name: str, image: Image | None) -> wp.array | None:
-        if name not in self._needs:
+        if name not in self._reads:
             return None
         if image is None:
             raise ValueError(f"the {self._name} interpolator needs {name} with every keyframe")

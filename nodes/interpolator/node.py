@@ -3,78 +3,59 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
+from evis.scene.parameters import SCENE, camera_of, scene_of
 from msgs.camera import Depth, Frames, Keyframe, Motion
 from msgs.header import Header, Message
 from msgs.world import WorldState
+from nodes.interpolator.methods import HELP, METHODS, reads
+from nodes.renderer import parameters
+from nodes.renderer.parameters import LIGHT
 
 if TYPE_CHECKING:
-    from evis.scene.model import Scene
     from nodes.interpolator.interpolator import Interpolator
     from nodes.interpolator.keyframe import States
 
 
-READS: dict[str, frozenset[str]] = {
-    "rigid": frozenset({"state"}),
-    "splat": frozenset({"depth", "motion"}),
-    "splat-quadratic": frozenset({"depth", "motion"}),
-    "splat-forward": frozenset({"depth", "motion", "state"}),
-    "none": frozenset(),
-}
-"""Inputs that a method reads besides the keyframe."""
-
-
 def usable(params: Mapping[str, Any]) -> str:
     """The method asked for, or splat where there is no scene to know the bodies from."""
-    return "splat" if "state" in READS[params["method"]] and not params.get("scene") else params["method"]
+    return "splat" if "state" in reads(params["method"]) and not params.get("scene") else params["method"]
 
 
 class InterpolatorNode(Node):
     """Makes K frames of every gap between two keyframes, the last being the keyframe itself."""
 
     PARAMS = {
-        "camera": Param(str, "cam0", "which camera of the scene"),
-        "method": Param(
-            str, "rigid",
-            "rigid: exact geometry from body poses; splat: warp by motion and depth; splat-forward: the same with the "
-            "true motion of the first keyframe; splat-quadratic: along a parabola through three keyframes; "
-            "none: pass on",
-            choices=tuple(READS),
-        ),
-        "scene": Param(str, None, "scene by name, or its file, for rigid", optional=True),
-        "scene_args": Param(str, "", "the scene's own arguments, key=value,key=value"),
-        "width": Param(int, 0, "image width, 0 = the scene's", "px", 0, 8192),
-        "height": Param(int, 0, "image height, 0 = the scene's", "px", 0, 8192),
-        "envs": Param(int, 1, "parallel environments that are expected", minimum=1, maximum=65536),
-        "margin": Param(int, 0, "the renderer's margin that is expected", "px", 0, 1024),
-        "tolerance": Param(
-            float, 0.1, "error of ln I that rigid looks for, to shade anew; less costs more", minimum=0.001, maximum=10
+        "method": Param(str, "rigid", HELP, choices=tuple(METHODS)),
+        "upsampling": Param(int, 8, "frames per keyframe interval (K)", "", 1, 4096),
+        "adaptive_px": Param(
+            float, 0.0,
+            "frames of a gap as many as its largest image motion takes at this much per frame, at most K; 0 = always K",
+            "px", 0, 1000,
         ),
         "sample_px": Param(
             float, None,
-            "path of a pixel over the surface that it shows up to which rigid draws a line between two samples of it; "
-            "0 = it looks up every pixel of every frame; not given = 1 on a CPU, 0 on a GPU",
+            "for rigid: path of a pixel over the surface that it shows up to which its frames are a line between two "
+            "samples of it; 0 = it is looked up in every frame; not given = 1 on a CPU, 0 on a GPU",
             "px", 0, 100, optional=True,
         ),
-        "light_samples": Param(int, 16, "the renderer's shadow rays for an area light", minimum=1, maximum=4096),
-        "bounces": Param(int, 0, "the renderer's bounces of light", "", 0, 63),
-        "sky_occlusion": Param(bool, False, "whether the renderer has light of the sky that things hide"),
-        "path_samples": Param(int, 16, "the renderer's paths per pixel", minimum=1, maximum=65536),
-        "roulette": Param(bool, False, "whether the renderer ends paths at random"),
-        "supersampling": Param(int, 0, "the renderer's samples per pixel and axis, 0 = the camera's", "", 0, 16),
-        "upsampling": Param(int, 8, "frames per gap (K)", minimum=1, maximum=4096),
-        "adaptive_px": Param(
-            float, 0.0,
-            "frames of a gap as its largest displacement takes, this much per frame, at most K; 0 = always K",
-            "px", 0, 1000,
+        "tolerance": Param(
+            float, 0.1, "error of ln I that rigid looks for, to shade anew; less costs more", "ln I", 0.001, 10
         ),
-        "device": Param(str, "cpu", "cpu, cuda or cuda:N"),
         "colour": Param(bool, False, "frames are linear RGB, for colour events, instead of luminance"),
+        **SCENE,
+        "scene": replace(SCENE["scene"], help="world that was rendered, for rigid; without it splat is used"),
+        "camera": Param(str, "cam0", "which camera of the scene"),
+        "envs": Param(int, 1, "parallel environments that are expected", minimum=1, maximum=65536),
+        "margin": Param(int, 0, "the renderer's margin that is expected", "px", 0, 1024),
+        **LIGHT,
+        "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "threads": Param(int, 1, "CPU threads, which share the frames of a gap", minimum=1, maximum=256),
     }  # fmt: skip
     INPUTS = {
@@ -90,20 +71,18 @@ class InterpolatorNode(Node):
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """What only `rigid` looks at, for other methods."""
         method = usable(params)
-        paths = params["bounces"] or params["sky_occlusion"]
         if method == "rigid":
-            why = "no light comes by paths without bounces or sky_occlusion"
-            return {} if paths else dict.fromkeys(("path_samples", "roulette"), why)
-        light = ("tolerance", "sample_px", "light_samples", "bounces", "sky_occlusion", "path_samples", "roulette")
+            return parameters.without_effect(params)
+        light = ("tolerance", "sample_px", *(name for name in LIGHT if name != "supersampling"))
         found = dict.fromkeys(light, f"method {method} shades nothing anew")
-        if "state" not in READS[method]:
+        if "state" not in reads(method):
             found |= dict.fromkeys(("scene", "scene_args"), f"method {method} needs no scene")
         return found | ({"adaptive_px": "method none makes no frames"} if method == "none" else {})
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
         """Depth and motion only for the method that warps by them, states for the one that knows the bodies."""
-        return frozenset({"keyframe"}) | READS[usable(params)]
+        return frozenset({"keyframe"}) | reads(usable(params))
 
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
@@ -118,17 +97,10 @@ class InterpolatorNode(Node):
         self._method = method = usable(p)
         if method != p["method"]:
             self.warn(f"method {p['method']} needs the scene that was rendered (scene:=NAME); {method} is used instead")
-        scene = self._scene() if "state" in READS[method] else None
-        try:
-            camera = scene.camera(p["camera"]) if scene else None
-        except KeyError as error:
-            raise ValueError(error.args[0]) from None
+        scene = scene_of(self.name, p) if "state" in reads(method) else None
+        camera = camera_of(scene, p["camera"]) if scene else None
         self._names = [body.name for body in scene.bodies] if scene else []
-        light = {"light_samples": p["light_samples"]}
-        if scene and (p["bounces"] or p["sky_occlusion"]):
-            from nodes.renderer.paths.paths import PathOptions
-
-            light["paths"] = PathOptions(p["bounces"], p["path_samples"], p["roulette"])
+        light = parameters.light_options(p if scene else {})
         how = {key: p[key] for key in ("colour", "device", "threads", "tolerance", "sample_px", "adaptive_px")}
         self.interpolator = Interpolator(method, p["upsampling"], scene=scene, camera=camera, **how, **light)
         size = (camera.height, camera.width) if camera else (p["height"], p["width"])
@@ -142,13 +114,6 @@ class InterpolatorNode(Node):
         self._device = device_named(p["device"])
         self._field = "rgb" if p["colour"] else "luminance"
         self._kept: list[Message] = []
-
-    def _scene(self) -> Scene:
-        from evis.scene.load import load_scene, parse_args
-
-        p = self.params
-        size = {key: p[key] for key in ("width", "height") if p[key]}
-        return load_scene(p["scene"], {**parse_args(p["scene_args"]), **size})
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         key = inputs["keyframe"]

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from evis.config.params import Param
+from evis.config.suggestions import nearest
 from evis.runtime.node import Input, Node, Output
 from msgs.camera import CameraInfo, Depth, Ids, Labels
 from msgs.header import Header, Message
@@ -144,12 +145,8 @@ class LabelerNode(Node):
 
 def kinds(asked: Any) -> list[str]:
     """The labels asked for, checked; those of DEFAULT for None. Raises ValueError naming the nearest one."""
-    import difflib
-
     names = [n.strip() for n in asked.split(",")] if isinstance(asked, str) else [str(n) for n in asked or DEFAULT]
     for name in names:
         if name not in NEEDS:
-            near = difflib.get_close_matches(name, NEEDS, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(NEEDS)}"
-            raise ValueError(f"no label '{name}'; {hint}")
+            raise ValueError(f"no label '{name}'; {nearest(name, NEEDS)}")
     return names

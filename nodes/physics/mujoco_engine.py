@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from evis.geometry import interpolate, se3
-from evis.scene.mjcf.compile import compile_model
+from evis.scene.mjcf.dynamics import compile_model
 from evis.scene.model import Scene
 from nodes.physics.contacts import contacts_of, gather
 from nodes.physics.followers import Followers

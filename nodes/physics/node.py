@@ -11,6 +11,7 @@ import numpy as np
 from evis.config.params import Param
 from evis.runtime.clock import NS, keyframe_count, keyframe_stamp, times_slower
 from evis.runtime.node import Input, Node, Output
+from evis.scene.parameters import SCENE, scene_of
 from msgs.header import Header, Message
 from msgs.world import Action, WorldState
 from nodes.physics.interval import Engine, Interval
@@ -21,15 +22,14 @@ class PhysicsNode(Node):
 
     SOURCE: ClassVar[bool] = True
     PARAMS: ClassVar[Mapping[str, Param]] = {
-        "scene": Param(str, None, "world to simulate: a name in scenes/, a YAML file, or an MJCF file", optional=True),
-        "scene_args": Param(str, None, "arguments of the scene, as omega=50,tilt=30", optional=True),
-        "width": Param(int, None, "image width, for scenes that place things in the view", "px", 1, optional=True),
-        "height": Param(int, None, "image height", "px", 1, optional=True),
-        "seed": Param(int, 0, "seed of where free bodies start; environment k has seed + k", minimum=0),
-        "envs": Param(int, 1, "parallel environments", minimum=1),
-        "keyframe_rate": Param(float, 30.0, "stamps per second", "Hz", 1e-3, 1e6),
+        **SCENE,
+        "seed": Param(int, 0, "seed of where free bodies start; environment k has seed + k", "", 0, 2**63 - 1),
+        "envs": Param(int, 1, "parallel environments", "", 1, 65536),
+        "keyframe_rate": Param(float, 30.0, "rendered keyframes per second", "Hz", 1e-3, 1e6),
         "action_rate": Param(
-            float, None, "actions per second, each held until the next: keyframe_rate if not given, or a fraction",
+            float, None,
+            "actions per second of a controller that closes the loop, a whole fraction of keyframe_rate; each is held "
+            "until the next; not given = keyframe_rate",
             "Hz", 1e-6, 1e6, optional=True,
         ),
         "duration": Param(float, 0.0, "simulated time, 0 = until stopped", "s", 0.0, optional=True),
@@ -88,13 +88,8 @@ class PhysicsNode(Node):
 
     def setup(self) -> None:
         """Load the scene and the engine that it needs."""
-        from evis.scene.load import load_scene, parse_args
-
         p = self.params
-        if not p["scene"]:
-            raise ValueError(f"{self.name} needs scene:=NAME, a world to simulate")
-        overrides = parse_args(p["scene_args"]) | {k: p[k] for k in ("width", "height") if p[k] is not None}
-        scene = load_scene(p["scene"], overrides, visuals=False)
+        scene = scene_of(self.name, p, visuals=False)
         for note in scene.notes:
             self.warn(f"scene {scene.name}: {note}")
         self.engine: Engine

@@ -9,9 +9,12 @@ import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
+from evis.scene.parameters import SCENE, camera_of, scene_of
 from msgs.camera import CameraInfo, Depth, Ids, Keyframe, Motion, Normal
 from msgs.header import Header, Message
 from msgs.world import WorldState
+from nodes.renderer import parameters
+from nodes.renderer.parameters import LIGHT
 
 if TYPE_CHECKING:
     from nodes.renderer.renderer import Renderer
@@ -25,29 +28,21 @@ class RendererNode(Node):
     """Renders a keyframe for every world state, with the images that somebody reads."""
 
     PARAMS = {
-        "scene": Param(str, "spinning_disk", "scene by name, or its file"),
-        "scene_args": Param(str, "", "the scene's own arguments, key=value,key=value"),
+        **SCENE,
         "camera": Param(str, "cam0", "which camera of the scene"),
-        "device": Param(str, "cpu", "cpu, cuda or cuda:N"),
+        "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "envs": Param(int, 1, "parallel environments", minimum=1, maximum=65536),
-        "width": Param(int, 0, "image width, 0 = the scene's", "px", 0, 8192),
-        "height": Param(int, 0, "image height, 0 = the scene's", "px", 0, 8192),
         "margin": Param(int, 0, "pixels rendered beyond every side of the image", "px", 0, 1024),
-        "threads": Param(int, 1, "CPU threads", minimum=1, maximum=256),
+        "threads": Param(int, 1, "CPU threads of renderer and interpolator", minimum=1, maximum=256),
         "half": Param(bool, False, "keyframes as float16, clipped at 65504"),
         "keyframes": Param(
             str,
             "auto",
-            "rgb, luminance, or auto: luminance while nobody reads colour",
+            "what keyframes hold; auto = luminance while nobody reads colour; the events are the same",
             choices=("auto", "rgb", "luminance"),
         ),
-        "supersampling": Param(int, 0, "samples per pixel and axis, averaged; 0 = the camera's", minimum=0, maximum=16),
         "samples_apart": Param(bool, False, "keyframes hold the samples, for an interpolator to average what it moved"),
-        "light_samples": Param(int, 16, "shadow rays for an area light and pixel, a square", minimum=1, maximum=4096),
-        "bounces": Param(int, 0, "surfaces beyond the seen one over which light may come, by paths", "", 0, 63),
-        "sky_occlusion": Param(bool, False, "by paths too: light of the sky that things hide, and of glowing surfaces"),
-        "path_samples": Param(int, 16, "paths per pixel, where there are any", minimum=1, maximum=65536),
-        "roulette": Param(bool, False, "from the second bounce on, end paths at random that carry little"),
+        **LIGHT,
         "keyframe_rate": Param(float, 30.0, "rate of the states, told to readers in /info", "Hz", 0),
         "frame_rate": Param(float, 0.0, "rate at which things are seen, to warn of what is too fast; 0 = any", "Hz", 0),
     }
@@ -65,14 +60,12 @@ class RendererNode(Node):
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """What is about paths, where there are none."""
-        if params["bounces"] or params["sky_occlusion"]:
-            return {}
-        return dict.fromkeys(("path_samples", "roulette"), "no light comes by paths without bounces or sky_occlusion")
+        return parameters.without_effect(params)
 
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """What a still camera sees of still things is not drawn again."""
-        from evis.scene.load import is_dynamic, load_scene, parse_args
+        from evis.scene.load import is_dynamic
 
         scene, camera = params.get("scene"), params.get("camera")
         if not scene or not camera:
@@ -80,7 +73,7 @@ class RendererNode(Node):
         try:
             if is_dynamic(scene):
                 return {}
-            bodies = load_scene(scene, parse_args(params.get("scene_args") or ""), visuals=False).bodies
+            bodies = scene_of("renderer", params, visuals=False).bodies
         except (ValueError, OSError):
             # Whoever loads the scene says what is wrong with it.
             return {}
@@ -91,23 +84,15 @@ class RendererNode(Node):
         return {"static background": f"{camera} never moves: the world{kept} drawn once and kept"}
 
     def setup(self) -> None:
-        from evis.scene.load import load_scene, parse_args
         from evis.scene.stereo import baseline
         from nodes.renderer.renderer import Renderer
         from nodes.renderer.supersampling import SupersampledRenderer
 
         p = self.params
-        size = {key: p[key] for key in ("width", "height") if p[key]}
-        self.scene = load_scene(p["scene"], {**parse_args(p["scene_args"]), **size})
-        try:
-            camera = self.scene.camera(p["camera"])
-        except KeyError as error:
-            raise ValueError(error.args[0]) from None
-        how = {key: p[key] for key in ("envs", "margin", "device", "threads", "half", "light_samples")}
-        if p["bounces"] or p["sky_occlusion"]:
-            from nodes.renderer.paths.paths import PathOptions
-
-            how["paths"] = PathOptions(p["bounces"], p["path_samples"], p["roulette"])
+        self.scene = scene_of(self.name, p)
+        camera = camera_of(self.scene, p["camera"])
+        how = {key: p[key] for key in ("envs", "margin", "device", "threads", "half")}
+        how |= parameters.light_options(p)
         samples = p["supersampling"] or camera.supersampling
         self._fineness = samples if p["samples_apart"] else 1
         if samples > 1:

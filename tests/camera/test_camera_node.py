@@ -164,7 +164,7 @@ def test_a_file_without_events_ends_at_once(tmp_path):
         ({}, OSError, "no event camera found.*file:="),
         ({"serial": "123"}, OSError, "no camera 123 found"),
         ({"file": "a", "emulate": "b.raw"}, ValueError, "file and emulate are given"),
-        ({"file": "a", "emulate": "evk44"}, ValueError, "no camera model 'evk44'; did you mean evk4"),
+        ({"file": "a", "emulate": "evk44"}, ValueError, "no camera model 'evk44'; did you mean 'evk4'"),
         ({"file": "/nonexistent/a.raw"}, ValueError, "no such file"),
         ({"file": "a.raw", "pace": "slow"}, ParamError, "pace is 'slow', must be realtime, fast"),
         ({"file": "a.raw", "pace": "-1"}, ParamError, "pace is '-1'"),

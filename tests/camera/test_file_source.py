@@ -105,7 +105,7 @@ def test_settings_have_ranges_and_units():
     class Other(Configuration):
         pass
 
-    with pytest.raises(ValueError, match="did you mean packet_ms"):
+    with pytest.raises(ValueError, match="did you mean 'packet_ms'"):
         FileSettings.of({"packet_mss": 1})
     with pytest.raises(ValueError, match=r"packet_ms is 0 ms; it must be 0.01 to 10000 ms"):
         FileSettings.of({"packet_ms": 0.0})

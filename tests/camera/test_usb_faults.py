@@ -189,7 +189,7 @@ def test_faults_of_a_text():
     """Names and counts; a wrong one is named."""
     assert Faults.of("busy, short=100") == Faults(busy=True, short=100)
     assert Faults.of("") == Faults()
-    for text, message in (("bussy", "did you mean busy"), ("short", "needs a count"), ("busy=3", "true or false")):
+    for text, message in (("bussy", "did you mean 'busy'"), ("short", "needs a count"), ("busy=3", "true or false")):
         with pytest.raises(ValueError, match=message):
             Faults.of(text)
 

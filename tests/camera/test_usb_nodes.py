@@ -165,11 +165,11 @@ def test_wrong_use_of_the_command():
     parser = argparse.ArgumentParser()
     camera.add_arguments(parser)
     for arguments, text in (
-        (["info", "--emulate", "evk5"], "no camera model 'evk5'; did you mean evk"),
+        (["info", "--emulate", "evk5"], "no camera model 'evk5'; did you mean 'evk"),
         (["stream", "--emulate", "evk4"], "an emulated evk4 sends a recording: give it with"),
         (["info", "--emulate", "evk4", "--serial", "1"], "emulate and serial are given"),
         (["stream", "--emulate", "evk4", "--file", "/none/a.raw"], "no such file"),
-        (["info", "--emulate", "evk4", "--faults", "bussy"], "did you mean busy"),
+        (["info", "--emulate", "evk4", "--faults", "bussy"], "did you mean 'busy'"),
     ):
         with pytest.raises(ValueError, match=text):
             camera.run(parser.parse_args(arguments))
@@ -196,5 +196,7 @@ def test_launch_streams_a_recording_through_the_driver(tmp_path):
         [*command[:5], "emulate:=silkyevkam", "--no-view"], capture_output=True, text=True, timeout=600
     )
     assert (
-        missing.returncode == 1 and "did you mean silkyevcam?" in missing.stderr and "\n" not in missing.stderr.strip()
+        missing.returncode == 1
+        and "did you mean 'silkyevcam'?" in missing.stderr
+        and "\n" not in missing.stderr.strip()
     )

@@ -206,7 +206,7 @@ def test_settings_from_texts():
     for text, message in (("bias_fo", "name=value"), ("bias_fo=x", "a whole number"), ("raw=perhaps", "true or false")):
         with pytest.raises(ValueError, match=message):
             parse_settings(kind, [text])
-    with pytest.raises(ValueError, match="no setting 'bias_foo'; did you mean bias_fo"):
+    with pytest.raises(ValueError, match="no setting 'bias_foo'; did you mean 'bias_fo'"):
         kind.of(parse_settings(kind, ["bias_foo=1"]))
 
 

@@ -6,8 +6,9 @@ import json
 import pytest
 
 from evis.bag.reader import BagReader
-from evis.cli.graph.auto import fingerprint, setting_of
 from evis.launch.expand import NodeSpec
+from nodes.interpolator.auto.cache import fingerprint
+from nodes.interpolator.auto.launch import setting_of
 
 SMALL = ("width:=48", "height:=36", "--duration", "0.05", "--no-view", "--json", "--compose")
 AUTO = ("interpolator:=auto", "keyframe_rate:=100", "upsampling:=4")

@@ -100,7 +100,7 @@ def test_actions_have_help_with_an_example(command: str, action: str, capsys: py
         (["graph", "spining_disk"], "did you mean 'spinning_disk'?"),
         (["node", "info", "event_sensr"], "no node or node type 'event_sensr'"),
         (["bench", "buss"], "no subject 'buss'; did you mean 'bus'?"),
-        (["camera", "stream", "--emulate", "evk9", "--file", "x.raw"], "did you mean evk4?"),
+        (["camera", "stream", "--emulate", "evk9", "--file", "x.raw"], "did you mean 'evk4'?"),
         (["camera", "stream", "--file", "x.raw", "--pace", "quick"], "--pace is 'quick'"),
         (["camera", "stream", "--file", "x.raw", "--set", "bias_fo=3"], "--set has no effect: a recording is played"),
         (["camera", "info", "--file", "x.raw", "--faults", "busy"], "--faults has no effect: it is for an emulated"),

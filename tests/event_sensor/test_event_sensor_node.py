@@ -158,17 +158,15 @@ def test_look_ahead_holds_one_step_back_and_finish_brings_it(video, crossing):
     assert len(packets[3].t) > 0
 
 
-def test_known_slopes_come_with_the_frames():
+def test_known_slopes_are_for_frames_from_a_file_alone():
     """ln I = sin(2 pi 60 Hz t + phase): a curve, with which slopes that belong to it move the times."""
     t = np.arange(17, dtype=np.int64) * MS
     angle = 2 * np.pi * 60 * 1e-9 * t[:, None, None] + np.linspace(0, 6, 48).reshape(6, 8)
     video, slopes = (a.astype(np.float32) for a in (np.exp(np.sin(angle)), 2 * np.pi * 60 * np.cos(angle)))
-    node = start(crossing="hermite")
-    node.update({"frames": frames(t, video, dlog_dt=slopes[None])})
     whole = simulate_frames(video, t, slopes, crossing="hermite")
-    assert node.runtime.sent[0].t.tolist() == whole["t"].tolist() != simulate_frames(video, t)["t"].tolist()
-    with pytest.raises(ValueError, match="carry no dlog_dt"):
-        start(crossing="hermite").update({"frames": frames(t, video)})
+    assert whole["t"].tolist() != simulate_frames(video, t)["t"].tolist()
+    with pytest.raises(ValueError, match="must be one of frame, linear, monotone, cubic"):
+        start(crossing="hermite")
 
 
 @pytest.mark.parametrize("name", ["esim", "v2e", "evis-paper"])

@@ -161,7 +161,7 @@ def test_headers_that_lie(tmp_path):
 def test_paths(tmp_path):
     """What is not there, and what is no folder of frames."""
     np.savez(tmp_path / "frames.npz", **GOOD)
-    with pytest.raises(FramesError, match=r"did you mean frames\.npz"):
+    with pytest.raises(FramesError, match=r"did you mean 'frames\.npz"):
         open_frames(tmp_path / "frame.npz")
     (tmp_path / "empty").mkdir()
     with pytest.raises(FramesError, match=r"no \.exr or \.png files in the folder; it has nothing"):

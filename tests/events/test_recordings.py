@@ -193,7 +193,7 @@ def test_a_topic_of_a_file_without_topics(tmp_path):
 def test_missing_file_names_the_nearest(tmp_path):
     """A typing error in the name."""
     (tmp_path / "recording.raw").write_bytes(HEADER)
-    with pytest.raises(RecordingError, match="did you mean recording"):
+    with pytest.raises(RecordingError, match="did you mean 'recording"):
         open_recording(tmp_path / "recordin.raw")
     with pytest.raises(RecordingError, match="not a file"):
         open_recording(tmp_path)

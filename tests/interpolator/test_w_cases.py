@@ -8,9 +8,10 @@ import pytest
 from bench.interpolation import cases
 from bench.interpolation.cases import GAP, START, frames_of, moving, plain, scene_of, square, wall
 from nodes.event_sensor.sensor import EventSensor
-from nodes.interpolator.interpolator import NEEDS, Interpolator
+from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.luminance import luminance_of
+from nodes.interpolator.methods import METHODS, reads
 from nodes.renderer.renderer import Renderer
 from nodes.renderer.supersampling import SupersampledRenderer
 
@@ -78,14 +79,14 @@ def stream(method, places, episodes, upsampling=4, **light):
         poses[1, 0] = x
         again = k > 0 and episode == episodes[k - 1]
         last = before if again else poses
-        outputs = {"radiance"} | (NEEDS[method] & {"depth", "motion"})
+        outputs = {"radiance"} | (reads(method) & {"depth", "motion"})
         images = {n: v.copy() for n, v in renderer.render(poses[None], last[None], outputs, {}, stamp).items()}
         t = np.array([stamp - GAP, stamp - GAP // 2 - 500, stamp - GAP // 2 + 500, stamp])
         path = np.stack([last, last, poses, poses])[None]
         states = States(t, path, np.zeros((*path.shape[:3], 6)))
         t, frames = interpolator.push(
             stamp, NONE + episode, images["radiance"], images.get("depth"), images.get("motion"),
-            states=states if "states" in NEEDS[method] else None,
+            states=states if "state" in reads(method) else None,
         )  # fmt: skip
         made.append(frames[0].copy())
         events.append(len(sensor.process(frames, t, NONE + episode).t))
@@ -93,14 +94,14 @@ def stream(method, places, episodes, upsampling=4, **light):
     return made, events
 
 
-@pytest.mark.parametrize("method", NEEDS)
+@pytest.mark.parametrize("method", METHODS)
 def test_a_static_scene_makes_no_event_at_all(method):
     made, events = stream(method, [0.1] * 4, [0] * 4, 8, lights=[cases.lamp()])
     assert events == [0, 0, 0, 0]
     assert all((frames == made[0][0]).all() for frames in made)
 
 
-@pytest.mark.parametrize("method", NEEDS)
+@pytest.mark.parametrize("method", METHODS)
 def test_a_reset_is_not_warped_and_makes_no_event(method):
     """What is elsewhere after a reset was not on its way there: one frame, the keyframe, and a new reference."""
     made, events = stream(method, [-0.8, -0.8, 0.8, 0.8], [0, 0, 1, 1])

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from evis.scene.load import load_scene
-from nodes.interpolator.interpolator import NEEDS, Interpolator
+from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import States
+from nodes.interpolator.methods import METHODS, reads
 from nodes.renderer.renderer import Renderer
 
 GAP = 8_000_000
-METHODS = [name for name in NEEDS if name != "none"]
+MOVING = [name for name in METHODS if name != "none"]
 
 
 @pytest.fixture(scope="module")
@@ -36,11 +37,11 @@ def frames_of(interpolator, keys):
 
 
 def make(name, scene, camera):
-    known = {"scene": scene, "camera": camera} if "states" in NEEDS[name] else {}
+    known = {"scene": scene, "camera": camera} if "state" in reads(name) else {}
     return Interpolator(name, 4, **known)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", MOVING)
 def test_the_first_gap_after_a_rehearsal_builds_nothing_and_gives_the_same_frames(disk, name, monkeypatch):
     scene, camera, keys = disk
     expected = frames_of(make(name, scene, camera), keys)

@@ -95,13 +95,13 @@ def test_a_long_file_is_refused_before_it_is_read(tmp_path: Path) -> None:
 
 def test_arguments_in_a_bag_are_read_by_the_same_reader(monkeypatch: pytest.MonkeyPatch) -> None:
     """They come from a file that anybody may have made."""
-    stored = {"arg.a": "['cam0', 2]", "arg.b": "None", "arg.c": "0.2"}
+    stored = {"arg.a": "['cam0', 2]", "arg.b": "None", "arg.c": "0.2", "arg.d": "3"}
     monkeypatch.setattr("evis.launch.recorded._stored", lambda bag, where: stored)
-    entry = parse("bag: b.mcap\narguments: [a, b, c]", "x")
-    assert recorded(entry, dict.fromkeys("abc"), {}) == {"a": ["cam0", 2], "c": 0.2}
+    entry = parse("bag: b.mcap\nexcept: [d]", "x")
+    assert recorded(entry, dict.fromkeys("abcd"), {}) == {"a": ["cam0", 2], "c": 0.2}
     stored["arg.a"] = nested_aliases()
     with pytest.raises(LaunchError, match=r"b\.mcap, argument a:6: more than 524288 values"):
-        recorded(entry, dict.fromkeys("abc"), {})
+        recorded(entry, dict.fromkeys("abcd"), {})
     with pytest.raises(LaunchError, match="longer than"):
         parse_value(" " * (2 << 20), "x")
 

@@ -12,8 +12,10 @@ import pytest
 
 from evis.config import paths
 from evis.config.document import LaunchError
-from evis.launch.files import load
-from evis.launch.planner import Options, plan_file
+from evis.launch.files import LaunchFile, load
+from evis.launch.node_arguments import passed_on
+from evis.launch.planner import Options, plan_file, plan_target
+from evis.launch.target import read_target, scene_arguments
 from evis.runtime.plan import Plan
 
 STANDARD = {
@@ -23,14 +25,14 @@ STANDARD = {
 
 
 def plan(name: str, options: Options | None = None, **given: Any) -> Plan:
-    return plan_file(paths.find_launch(name)[0], given, options or Options())
+    return plan_target(name, given, options or Options())
 
 
 def left_out(made: Plan) -> dict[str, str]:
     return {item.what: item.why for item in made.left_out}
 
 
-@pytest.mark.parametrize("name", ["simulator", "spinning_disk", "falling_objects"])
+@pytest.mark.parametrize("name", ["simulator", "emulated_camera"])
 def test_simulator_launch_files_take_the_standard_arguments(name: str) -> None:
     arguments = load(paths.find_launch(name)[0]).arguments
     for key, default in STANDARD.items():
@@ -41,11 +43,14 @@ def test_simulator_launch_files_take_the_standard_arguments(name: str) -> None:
 
 
 def test_spinning_disk_takes_the_papers_ranges() -> None:
-    arguments = load(paths.find_launch("spinning_disk")[0]).arguments
+    target = read_target("spinning_disk")
+    arguments = scene_arguments(target.launch, target.given) | target.launch.arguments
     assert {"omega", "tilt", "centre", "standoff", "texture", "defocus"} <= arguments.keys()
+    assert plan("spinning_disk").args["omega"] == 50, "what is not given is told too"
     made = plan("spinning_disk", omega="60", centre="0.1,-0.2", texture="3")
     texts = {n.params["scene_args"] for n in made.nodes.values() if "scene_args" in n.params}
     assert len(texts) == 1, "every node that loads the scene gets the same"
+    assert made.args["omega"] == 60 and made.args["tilt"] == 35
     from evis.config.params import resolve
     from evis.scene.load import parse_args, scene_args
 
@@ -145,7 +150,7 @@ def test_a_scene_of_ones_own_is_seen_by_its_cameras(tmp_path: Path, cameras: str
 @pytest.mark.parametrize(
     ("given", "part"),
     [
-        ({"scene": "spining_disk"}, "did you mean 'spinning_disk'?"),
+        ({"scene": "spining_disk"}, "the scene is given twice, as spinning_disk and scene:=spining_disk"),
         ({"omega": "1000"}, "the most is 70 rad/s"),
         ({"labels": "flw"}, "did you mean 'flow'?"),
         ({"interpolator": "splt"}, "did you mean 'splat'?"),
@@ -168,15 +173,18 @@ def test_missing_recordings_and_bags_are_found_before_anything_starts(tmp_path: 
 
 def test_a_scene_is_launched_by_its_name() -> None:
     path, given = paths.find_launch("spinning_disk")
-    assert (path.name, given) == ("spinning_disk.yaml", {})
+    assert (path.name, given) == ("simulator.yaml", {"scene": "spinning_disk"})
+    assert plan("spinning_disk").name == "spinning_disk"
+    with pytest.raises(LaunchError, match="no scene 'spining_disk'; did you mean 'spinning_disk'"):
+        plan("simulator", scene="spining_disk")
     with pytest.raises(FileNotFoundError, match="did you mean 'spinning_disk'"):
         paths.find_launch("spinning_disc")
 
 
 def test_planning_imports_no_engine() -> None:
     code = (
-        "import sys, json; from evis.launch.planner import *; from evis.config import paths;"
-        "plan_file(paths.find_launch('falling_objects')[0], {}, Options()); print(json.dumps(sorted(sys.modules)))"
+        "import sys, json; from evis.launch.planner import *;"
+        "plan_target('falling_objects', {}, Options()); print(json.dumps(sorted(sys.modules)))"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert not {"warp", "mujoco", "aiohttp", "PIL", "OpenEXR", "usb", "mcap"} & set(json.loads(out))
@@ -225,19 +233,24 @@ def test_two_worlds_run_side_by_side_in_namespaces(tmp_path: Path) -> None:
     assert {n.process for n in made.nodes.values()} >= {"one.physics", "two.physics", "one.sensor", "two.sensor"}
 
 
+def passed(launch: LaunchFile, node: str) -> set[str]:
+    """Parameters that a launch file gives to a node."""
+    entry = launch.table["nodes"][node]
+    scope = dict.fromkeys([*launch.arguments, *entry["foreach"]])
+    return {*passed_on(entry, scope, node), *entry["params"]}
+
+
 def test_replay_makes_frames_and_events_as_they_were_made() -> None:
     """It takes every argument of the simulator that changes them, and asks the bag for it."""
     simulator, replay = (load(paths.find_launch(name)[0]) for name in ("simulator", "replay"))
     for node in ("interpolator", "event_sensor"):
-        ours, theirs = (launch.table["nodes"][node]["params"].keys() for launch in (replay, simulator))
-        # How much is made ready in advance, and by how many threads, changes no frame.
-        assert theirs - ours <= {"envs", "margin", "threads"} and not ours - theirs, node
+        ours, theirs = (passed(launch, node) for launch in (replay, simulator))
+        assert ours == theirs, node
     methods = simulator.arguments["interpolator"].param.choices
     assert set(replay.arguments["interpolator"].param.choices) == {*methods} - {"auto"}
-    asked = set(replay.table["recorded"]["arguments"])
-    here = {"bag", "regenerate", "pace", "start", "topics", "device"}
-    assert asked == replay.arguments.keys() - here
-    for name in asked:
+    here = {"bag", "regenerate", "pace", "start", "topics", "exclude", "again", "device", "threads"}
+    assert set(replay.table["recorded"]["except"]) == here
+    for name in replay.arguments.keys() - here:
         ours, theirs = replay.arguments[name].param, simulator.arguments[name].param
         assert (ours.type, ours.unit) == (theirs.type, theirs.unit), name
 
@@ -270,14 +283,12 @@ def test_a_preset_has_its_sensors_size(name: str) -> None:
 def test_a_preset_that_a_launch_file_sets(tmp_path: Path) -> None:
     """An include with the preset in its `args:` has the sensor's size too; a size of the file's own wins."""
     launch = tmp_path / "mine.yaml"
-    inner = paths.find_launch("spinning_disk")[0].resolve()
-    (tmp_path / "spinning_disk.yaml").write_text(inner.read_text())
-    (tmp_path / "simulator.yaml").write_text((inner.parent / "simulator.yaml").read_text())
-    launch.write_text("include: {file: spinning_disk.yaml, args: {preset: dvs128}}\n")
+    (tmp_path / "disk.yaml").write_text("args: {scene: {default: spinning_disk}}\ninclude: simulator\n")
+    launch.write_text("include: {file: disk.yaml, args: {preset: dvs128}}\n")
     made = plan_file(launch, {}, Options())
     assert made.nodes["renderer"].params["width"] == made.args["width"] == 128
     assert plan_file(launch, {"width": 90}, Options()).nodes["renderer"].params["width"] == 90
-    launch.write_text("args: {width: {default: 64}}\ninclude: {file: spinning_disk.yaml}\n")
+    launch.write_text("args: {width: {default: 64}}\ninclude: disk.yaml\n")
     made = plan_file(launch, {"preset": "dvs128"}, Options())
     params = made.nodes["renderer"].params
     assert (params["width"], params["height"]) == (64, 128)

@@ -9,7 +9,7 @@ from evis.config import paths
 from evis.config.document import LaunchError
 from evis.launch.arguments import ArgumentError
 from evis.launch.files import load
-from evis.launch.planner import Options, plan_file
+from evis.launch.planner import Options, plan_file, plan_target
 from evis.runtime.plan import Plan
 from evis.scene.load import camera_rates
 
@@ -30,7 +30,7 @@ def scene(tmp_path: Path) -> str:
 
 
 def plan(name: str, **given: Any) -> Plan:
-    return plan_file(paths.find_launch(name)[0], given, Options(view=False))
+    return plan_target(name, given, Options(view=False))
 
 
 def readers(made: Plan, topic: str) -> list[str]:
@@ -88,10 +88,10 @@ def test_a_file_that_sets_the_scenes_arguments_has_the_rates_that_follow(scene: 
 
 def test_in_a_namespace_the_states_are_below_it(tmp_path: Path) -> None:
     path = tmp_path / "two.yaml"
-    inner = paths.find_launch("stereo_room")[0]
+    inner = paths.find_launch("simulator")[0]
     path.write_text(
-        "include:\n" + "".join(f"  - {{file: '{inner}', namespace: {n}, args: {{{a}}}}}\n" for n, a in (
-            ("one", "camera_rate: [left=15]"), ("two", "camera_rate: []")))
+        "include:\n" + "".join(f"  - {{file: '{inner}', namespace: {n}, args: {{scene: stereo_room, {a}}}}}\n"
+            for n, a in (("one", "camera_rate: [left=15]"), ("two", "camera_rate: []")))
     )  # fmt: skip
     made = plan_file(path, {}, Options(view=False))
     assert readers(made, "/one/left/state")[:2] == ["one/imu_left", "one/interpolator_left"]
@@ -151,19 +151,20 @@ def test_a_wrong_rate_in_a_scene_is_an_error_of_the_scene(rate: str, tmp_path: P
 
 
 def test_auto_keeps_the_keyframe_rate_that_the_others_divide(monkeypatch: pytest.MonkeyPatch) -> None:
-    from evis.cli.graph import auto
+    from nodes.interpolator.auto import launch as auto
     from nodes.interpolator.auto.choice import Candidate
     from nodes.interpolator.auto.trial import Measured
 
     asked = []
 
-    def measured(setting: Any) -> tuple[Measured, bool]:
+    def measured(setting: Any, say: Any) -> tuple[Measured, bool]:
         asked.append((setting.keyframe_rate, setting.camera.name))
         return Measured([Candidate("rigid", setting.keyframe_rate, 4, 0.1, 0.01)]), True
 
     monkeypatch.setattr(auto, "measured", measured)
-    launch = load(paths.find_launch("stereo_room")[0])
+    launch = load(paths.find_launch("simulator")[0])
     for rates in ("right=15", "left=15"):
-        given, _ = auto.resolve_auto(launch, {"interpolator": "auto", "camera_rate": rates}, Options(duration_s=0.1))
+        wish = {"scene": "stereo_room", "interpolator": "auto", "camera_rate": rates}
+        given, _ = auto.replace_auto(launch, wish, Options(duration_s=0.1), asked.append, asked.append)
         assert (given["keyframe_rate"], given["upsampling"], given["camera_rate"]) == (30, 4, rates)
     assert asked == [(30, "left"), (15, "left")]

@@ -17,9 +17,8 @@ from evis.bag.export.topics import export
 from evis.bag.reader import BagReader
 from evis.bag.writer import BagWriter
 from evis.bus import Publisher, Subscriber, endpoints_for
-from evis.config import paths
 from evis.launch.explain import as_text
-from evis.launch.planner import Options, plan_file
+from evis.launch.planner import Options, plan_target
 from evis.runtime.host import Host
 from evis.runtime.join import Join
 from evis.runtime.plan import NodePlan
@@ -36,8 +35,7 @@ LEFT_OUT = "keyframes: luminance only; nobody reads colour"
 
 
 def plan(name="spinning_disk", record=None, topics=(), view=True, **given):
-    path, _ = paths.find_launch(name)
-    return plan_file(path, given, Options(record=record, record_topics=topics, view=view))
+    return plan_target(name, given, Options(record=record, record_topics=topics, view=view))
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ class Bus:
 
 
 def start(*wanted, **params):
-    node = RendererNode("renderer", {**SIZE, **params})
+    node = RendererNode("renderer", {"scene": "spinning_disk", **SIZE, **params})
     node.runtime = Bus(*wanted)
     node.setup()
     return node, node.runtime

@@ -5,8 +5,7 @@ import pytest
 
 from evis.bag.ros import messages
 from evis.bag.ros.cdr import CdrReader
-from evis.config.paths import find_launch
-from evis.launch.planner import Options, plan_file
+from evis.launch.planner import Options, plan_target
 from evis.scene.load import load_scene
 from evis.scene.stereo import baseline
 from nodes.event_sensor.parameters import SENSOR, resolve_sensor
@@ -81,7 +80,7 @@ class Bus:
 
 def info(name, camera="cam0", **given):
     """The CameraInfo of a camera of a launch file's plan."""
-    plan = plan_file(find_launch(name)[0], {"width": 40, "height": 30, **given}, Options(view=False))
+    plan = plan_target(name, {"width": 40, "height": 30, **given}, Options(view=False))
     node = next(n for n in plan.nodes.values() if n.target.endswith("RendererNode") and n.params["camera"] == camera)
     renderer = RendererNode(node.name, node.params)
     renderer.runtime = Bus(plan)

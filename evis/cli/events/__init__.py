@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import importlib
 import json
 import signal
@@ -13,6 +12,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from evis.cli.parser import Parser
+from evis.config.suggestions import did_you_mean
 from evis.console.printable import all_printable
 
 HELP = "describe, convert, simulate, measure and draw event recordings"
@@ -35,8 +35,7 @@ class ActionParser(Parser):
         for word in rest:
             if word.startswith("--"):
                 name = word.partition("=")[0]
-                near = difflib.get_close_matches(name, self._option_string_actions, n=1)
-                self.error(f"no option '{name}'" + (f"; did you mean '{near[0]}'?" if near else ""))
+                self.error(f"no option '{name}'{did_you_mean(name, self._option_string_actions)}")
         return result, rest
 
     def _spelled(self, word: str) -> str:

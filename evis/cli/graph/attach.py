@@ -54,7 +54,7 @@ def _loaded(runs: Iterable[Path]) -> Iterator[Plan]:
 
 def check_topic(plan: Plan, topic: str) -> str:
     """Returns `topic` if the graph has it. Raises ValueError naming the nearest one."""
-    from evis.config.document import nearest
+    from evis.config.suggestions import nearest
     from msgs.topics import SYSTEM_TOPICS
 
     known = [*plan.topics, *SYSTEM_TOPICS]

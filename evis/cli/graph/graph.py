@@ -49,13 +49,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _planned(args: argparse.Namespace) -> Any:
-    from evis.cli.graph.launch import read_target
-    from evis.launch.arguments import ArgumentError
-    from evis.launch.planner import Options, plan_launch
+    from evis.launch.arguments import ArgumentError, parse_pairs
+    from evis.launch.planner import Options, plan_target
 
     try:
-        launch, given, _ = read_target(args.target, args.pairs)
-        return plan_launch(launch, given, Options())
+        return plan_target(args.target, parse_pairs(args.pairs), Options())
     except ArgumentError as error:
         raise UsageError(str(error)) from None
 

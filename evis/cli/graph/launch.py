@@ -6,12 +6,13 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from textwrap import fill
 from typing import Any
 
 from evis.cli.parser import Parser, UsageError
+from evis.config.params import describe_value, limits
 from evis.console.printable import printable, printable_lines
 
 HELP = "start a graph of nodes from a launch file, or a scene by its name"
@@ -70,17 +71,15 @@ def _installed() -> str:
 
 def _arguments_text(name: str) -> str:
     """What the help says about one launch file."""
-    from evis.config import paths
-    from evis.launch.files import load
-    from evis.scene.load import scene_args
+    from evis.launch.target import read_target, scene_arguments
 
-    path, preset = paths.find_launch(name)
-    launch = load(path)
-    scene = preset.get("scene", "")
-    own = {key: param for key, param in scene_args(scene).items() if key not in launch.arguments} if scene else {}
+    target = read_target(name)
+    launch, preset = target.launch, target.preset
+    own = scene_arguments(launch, preset)
+    scene = preset.get("scene") or (launch.arguments["scene"].param.default if own else "")
     width = max(map(len, [*launch.arguments, *own]), default=0) + 1
     lines = [f"arguments of scene {scene}:", *(_line(key, param, width) for key, param in own.items())] if own else []
-    lines += [f"{path.name}: {launch.description}", "arguments:"]
+    lines += [f"{launch.path.name}: {launch.description}", "arguments:"]
     for key, argument in launch.arguments.items():
         required = argument.required and key not in preset
         lines.append(_line(key, argument.param, width, None if argument.param.secret else preset.get(key), required))
@@ -92,19 +91,15 @@ def _line(key: str, param: Any, width: int, default: Any = None, required: bool 
     notes = ["secret: as env:NAME or file:PATH it does not show in ps"] if param.secret else []
     notes += ["required"] if required else []
     if default is not None and not notes:
-        notes.append(f"default {_shown(default)}" + (f" {param.unit}" if param.unit else ""))
-    if param.minimum is not None and param.maximum is not None:
+        notes.append(f"default {describe_value(default)}" + (f" {param.unit}" if param.unit else ""))
+    elif param.optional and limits(param):
+        notes.append(limits(param))
+    if notes and param.minimum is not None and param.maximum is not None and not param.optional:
         # Where whole numbers end is no limit that anybody wants to know.
         notes += [f"{param.minimum:g} to {param.maximum:g}"] if param.maximum < 2**62 else []
     if param.choices:
         notes.append(f"one of {', '.join(map(str, param.choices))}")
     return f"  {key:<{width}} {param.help}" + (f" ({', '.join(notes)})" if notes else "")
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, list):
-        return ",".join(map(str, value)) or "none"
-    return "none" if value in (None, "") else str(value)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -140,8 +135,10 @@ def run(args: argparse.Namespace) -> int:
 def make_plan(args: argparse.Namespace) -> Any:
     """The plan that the command line asks for."""
     from evis.config import paths
+    from evis.launch.arguments import parse_pairs
     from evis.launch.checks import check_writable
     from evis.launch.planner import Options, plan_launch
+    from evis.launch.target import read_target
 
     if args.target is None:
         known = sorted({*paths.names("launch"), *paths.names("scenes")})
@@ -152,7 +149,8 @@ def make_plan(args: argparse.Namespace) -> Any:
         raise UsageError("--compose and --split exclude each other")
     if args.duration is not None and not 0 < args.duration < 1e9:
         raise UsageError(f"--duration is {args.duration:g}; it must be a time longer than 0 and less than 1e9 s")
-    launch, given, preset = read_target(args.target, args.pairs)
+    target = read_target(args.target, parse_pairs(args.pairs))
+    launch, given = target.launch, target.given
     if args.seed is not None:
         if "seed" in given:
             raise UsageError(f"the seed is given twice, as --seed {args.seed} and seed:={given['seed']}")
@@ -172,55 +170,28 @@ def make_plan(args: argparse.Namespace) -> Any:
         raise UsageError("--record-topics needs --record BAG")
     if options.record_sync and not options.record:
         raise UsageError("--record-sync needs --record BAG")
-    from evis.cli.graph.auto import WARP, resolve_auto
-
-    given, chosen = resolve_auto(launch, given, options)
-    # Where the method is chosen by measuring, what is only for some methods was given for the case.
-    held = None if not chosen else [key for key in given if key not in (*WARP, "adaptive_px")]
+    given, chosen, held = _without_auto(launch, given, options)
     plan = plan_launch(launch, given, options, held)
     plan.chosen = chosen
-    if preset:
-        plan.name = preset["scene"]
+    plan.name = target.name
     return plan
 
 
-def read_target(target: str, words: Sequence[str]) -> tuple[Any, dict[str, Any], dict[str, str]]:
-    """(launch file of a FILE|NAME, the arguments given to it, those among them that the name stands for).
+def _without_auto(launch: Any, given: Mapping[str, Any], options: Any) -> tuple[Any, dict[str, Any], Any]:
+    """The arguments with interpolator:=auto replaced, what was chosen, and those that must have an effect (None: all).
 
-    words: key:=value. What is for the scene is among its scene_args. Raises UsageError, ArgumentError and LaunchError.
+    Raises ArgumentError for a wish of auto's where it is not asked for.
     """
-    from evis.config import paths
-    from evis.launch.arguments import parse_pairs
-    from evis.launch.files import load
+    from evis.launch.arguments import ArgumentError, resolve
 
-    path, preset = paths.find_launch(target)
-    launch = load(path)
-    pairs = parse_pairs(words)
-    for key, value in preset.items():
-        if key in pairs:
-            raise UsageError(f"the {key} is given twice, as {value} and {key}:={pairs[key]}")
-    given: dict[str, Any] = {**preset, **pairs}
-    if "scene" in given and "scene_args" in launch.arguments:
-        given = _scene_arguments(given, list(launch.arguments), launch.path.name)
-    return launch, given, preset
+    if "interpolator" not in launch.arguments or "wanted_error" not in launch.arguments:
+        return given, {}, None
+    values = resolve(launch.path.name, launch.arguments, given)
+    if values["interpolator"] == "auto":
+        from evis.cli.graph.auto import replace_auto
 
-
-def _scene_arguments(given: dict[str, Any], known: Sequence[str], file: str) -> dict[str, Any]:
-    """What the launch file `file` does not know goes to the scene. Raises ArgumentError."""
-    from evis.config.document import nearest
-    from evis.launch.arguments import ArgumentError
-    from evis.scene.load import scene_args
-
-    try:
-        scene = scene_args(given["scene"])
-    except FileNotFoundError as error:
-        raise ArgumentError(f"{file}: {error}") from None
-    for key in given:
-        if key not in known and key not in scene:
-            hint = nearest(key, [*(k for k in scene if k not in known), *known])
-            raise ArgumentError(f"neither scene {Path(given['scene']).stem} nor {file} has '{key}'; {hint}")
-    own = {k: v for k, v in given.items() if k in scene and k not in known}
-    if not own:
-        return given
-    text = ",".join([given.get("scene_args", ""), *(f"{k}={v}" for k, v in own.items())]).strip(",")
-    return {k: v for k, v in given.items() if k not in own} | {"scene_args": text}
+        return replace_auto(launch, given, options)
+    for name in ("wanted_error", "wanted_rtf"):
+        if values[name] is not None:
+            raise ArgumentError(f"{name} is for interpolator:=auto, which chooses by it")
+    return given, {}, None

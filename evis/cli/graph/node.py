@@ -88,7 +88,8 @@ def _shown(value: Any) -> str:
 
 
 def _type(args: argparse.Namespace, plan: Any) -> int:
-    from evis.config.document import LaunchError, nearest
+    from evis.config.document import LaunchError
+    from evis.config.suggestions import nearest
     from evis.launch import catalog
 
     known = list(dict.fromkeys([*(plan.nodes if plan else ()), *catalog.types()]))

@@ -130,7 +130,7 @@ def _attached(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
 
 def _unread(plan: Any, node: str, topic: str) -> str:
     """Why what an attached node publishes reaches nobody in the graph, and what to do."""
-    from evis.config.document import nearest
+    from evis.config.suggestions import nearest
     from evis.launch.demand import untaken
 
     taken = untaken(plan)

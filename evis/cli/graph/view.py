@@ -142,15 +142,12 @@ def _is_ours(path: Path) -> bool:
 
 def _plan_of(path: Path) -> Plan:
     """Plans a graph that plays a file at real pace, with a visualizer. Raises RecordingError for an unknown format."""
-    from evis.config import paths
     from evis.events import open_recording
-    from evis.launch.files import load
-    from evis.launch.planner import Options, plan_launch
+    from evis.launch.planner import Options, plan_target
 
     if path.suffix == ".mcap" and _is_ours(path):
         name, given = "replay", {"bag": str(path), "pace": "realtime"}
     else:
         open_recording(path).close()  # of a format that is known
         name, given = "camera", {"file": str(path), "pace": "realtime"}
-    launch = load(paths.find_launch(name)[0])
-    return plan_launch(launch, given, Options(view=True))
+    return plan_target(name, given, Options(view=True))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import json
 import sys
 from pathlib import Path
 
 from evis.cli.parser import UsageError
+from evis.config.suggestions import nearest
 from evis.console.printable import printable
 
 HELP = "measure, and write the report that docs/performance.md takes its figures from"
@@ -39,9 +39,7 @@ def run(args: argparse.Namespace) -> int:
 
     for subject in args.what:
         if subject not in SUBJECTS:
-            near = difflib.get_close_matches(subject, SUBJECTS, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"there are {', '.join(SUBJECTS)}"
-            raise UsageError(f"no subject '{subject}'; {hint}")
+            raise UsageError(f"no subject '{subject}'; {nearest(subject, SUBJECTS)}")
     if args.docs and not Path(args.docs).is_file():
         raise UsageError(f"--docs {args.docs}: no such page")
     report = measure(args.what or list(SUBJECTS), Path(args.out), args.quick, say)

@@ -6,7 +6,6 @@ One file per kind (`frames_npz`, `frames_exr`, `frames_png`, `frames_video`); `o
 from __future__ import annotations
 
 import abc
-import difflib
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from evis.config.suggestions import did_you_mean
 from evis.files.damage import faults_as
 from evis.media.frames.tone import Tone
 
@@ -168,8 +168,7 @@ def open_frames(path: str | os.PathLike[str], options: FrameOptions | None = Non
 def _open(path: Path, options: FrameOptions) -> FrameSource:
     if not path.exists():
         names = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        near = difflib.get_close_matches(path.name, names, n=1)
-        raise FramesError(f"{path}: no such file" + (f"; did you mean {near[0]}?" if near else ""))
+        raise FramesError(f"{path}: no such file{did_you_mean(path.name, names)}")
     if path.is_dir():
         return _open_folder(path, options)
     try:

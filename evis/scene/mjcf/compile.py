@@ -1,4 +1,4 @@
-"""From an MJCF or URDF file to MuJoCo's model: the one place that lets MuJoCo read a file."""
+"""From an MJCF file to MuJoCo's model, and what MuJoCo says against a file in one line."""
 
 from __future__ import annotations
 
@@ -11,13 +11,6 @@ import mujoco
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.mjcf.check import check_model
-from evis.scene.model import Scene
-
-
-def folders_of(scene: Scene) -> Folders:
-    """Where the files of the scene's model may lie: its own folder unless the scene says more."""
-    assert scene.mjcf is not None
-    return scene.folders or Folders(scene.mjcf.parent)
 
 
 def compile_mjcf(path: Path, folders: Folders) -> Any:
@@ -37,13 +30,3 @@ def compiled(path: Path, compile_it: Callable[[], Any]) -> Any:
         if "unknown exception" in str(error) or not lines:
             lines = ["MuJoCo cannot read it; most likely it needs more memory than there is"]
         raise SceneError(f"{path.name}: {'; '.join(lines)}") from None
-
-
-def compile_model(scene: Scene) -> Any:
-    """The MjModel that moves a scene's bodies: the visual geometry of a URDF is left out. Raises SceneError."""
-    assert scene.mjcf is not None
-    if scene.mjcf.suffix.lower() == ".urdf":
-        from evis.scene.mjcf.urdf import mujoco_model
-
-        return mujoco_model(scene.mjcf, folders_of(scene))
-    return compile_mjcf(scene.mjcf, folders_of(scene))

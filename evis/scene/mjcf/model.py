@@ -13,16 +13,18 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from evis.config.document import nearest
+from evis.config.suggestions import nearest
 from evis.files.allowance import Allowance, AllowanceError
 from evis.geometry import se3
 from evis.scene.errors import SceneError
 from evis.scene.mjcf.cameras import add_cameras, add_default
-from evis.scene.mjcf.compile import compile_mjcf, folders_of
+from evis.scene.mjcf.compile import compile_mjcf
+from evis.scene.mjcf.dynamics import folders_of
 from evis.scene.mjcf.frames import at_rest, name_of
 from evis.scene.mjcf.geoms import GROUPS, add_geom
 from evis.scene.mjcf.lights import add_lights
 from evis.scene.mjcf.sky import skybox
+from evis.scene.mjcf.urdf import compile_urdf, drawn
 from evis.scene.model import Body, Scene
 from evis.scene.motion import Prescribed
 
@@ -98,8 +100,6 @@ def keyframe_of(model: Any, wanted: str) -> int:
 def _compile(scene: Scene, path: Path, visuals: bool) -> tuple[Any, np.ndarray]:
     """The MjModel of an MJCF or URDF file, and which of its geoms are drawn, bool [ngeom]."""
     if path.suffix.lower() == ".urdf":
-        from evis.scene.mjcf.urdf import compile_urdf, drawn
-
         bare, full, note = compile_urdf(path, folders_of(scene))
         if note:
             scene.notes.append(note)

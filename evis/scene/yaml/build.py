@@ -49,7 +49,8 @@ from typing import Any
 
 import numpy as np
 
-from evis.config.document import Table, nearest
+from evis.config.document import Table
+from evis.config.suggestions import nearest
 from evis.files.allowance import Allowance, AllowanceError
 from evis.geometry import pinhole, se3
 from evis.scene import motion

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from evis.config.document import Row, Table, nearest
+from evis.config.document import Row, Table
 from evis.config.expression import ExpressionError, UnknownName, substitute
+from evis.config.suggestions import nearest
 from evis.geometry import se3
 from evis.scene.errors import SceneError
 

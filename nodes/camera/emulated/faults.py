@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass, fields
 from typing import Any
+
+from evis.config.suggestions import nearest
 
 
 def fault(default: Any, help: str) -> Any:
@@ -40,9 +41,7 @@ class Faults:
         for part in filter(None, (p.strip() for p in text.split(","))):
             name, given, value = part.partition("=")
             if name not in known:
-                near = difflib.get_close_matches(name, known, n=1)
-                hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
-                raise ValueError(f"an emulated camera has no fault '{name}'; {hint}")
+                raise ValueError(f"an emulated camera has no fault '{name}'; {nearest(name, known)}")
             if known[name] == "bool":
                 if given and value not in ("true", "false"):
                     raise ValueError(f"the fault {name} is true or false, not '{value}'")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
+
+from evis.config.suggestions import did_you_mean
 
 CYPRESS, CENTURYARKS, INIVATION = 0x04B4, 0x31F7, 0x152A
 
@@ -114,7 +115,6 @@ def model_named(name: str) -> Model:
     key = name.strip().lower().replace("-", "_")
     key = ALIASES.get(key, key)
     if key not in MODELS:
-        near = difflib.get_close_matches(key, [*MODELS, *ALIASES], n=1)
-        hint = f"; did you mean {near[0]}?" if near else ""
+        hint = did_you_mean(key, [*MODELS, *ALIASES])
         raise ValueError(f"no camera model '{name}'{hint} (models: {', '.join(MODELS)})")
     return MODELS[key]

@@ -20,8 +20,9 @@ from nodes.interpolator.auto.setting import (
     make_renderer,
 )
 from nodes.interpolator.auto.world import World
-from nodes.interpolator.interpolator import NEEDS, Interpolator
+from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import States
+from nodes.interpolator.methods import reads
 from nodes.renderer.renderer import LAST
 
 LONG_S = 0.1
@@ -84,7 +85,7 @@ class Chain:
         first = keyframe_count(int(self._world.t[-1]), rate) - 2 - gaps
         stamps = [keyframe_stamp(first + n, rate) for n in range(gaps + 2)]
         self._episode += 1
-        took = self._round(renderer, interpolator, NEEDS[method], s.margin * samples, stamps, self._episode)
+        took = self._round(renderer, interpolator, reads(method), s.margin * samples, stamps, self._episode)
         return float(np.mean(took[min(gaps, 1) + 1 :])) / self._envs
 
     def _interpolator(self, method: str, k: int, samples: int) -> Interpolator:
@@ -115,7 +116,7 @@ class Chain:
         for stamp in stamps:
             poses = np.repeat(world.poses(stamp), envs, 0)
             states = None
-            if "states" in needs:
+            if "state" in needs:
                 t, *both = world.states(last, stamp)
                 states = States(t, *(np.repeat(values, envs, 0) for values in both))
             began = s.clock()

@@ -22,8 +22,9 @@ from nodes.interpolator.auto.setting import (
     make_renderer,
 )
 from nodes.interpolator.auto.world import World
-from nodes.interpolator.interpolator import NEEDS, Interpolator
+from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import States
+from nodes.interpolator.methods import reads
 from nodes.interpolator.warm_up import LONGEST
 from nodes.renderer.renderer import LAST
 
@@ -225,7 +226,7 @@ class FullSize:
         return found
 
     def _outputs(self, method: str) -> set[str]:
-        return {LIGHT} | (NEEDS[method] & {"depth", "motion"})
+        return {LIGHT} | (reads(method) & {"depth", "motion"})
 
     def _renderer(self, method: str) -> Any:
         s = self._setting
@@ -266,7 +267,7 @@ class FullSize:
         for n, now in enumerate(times):
             before = times[max(n - 1, 0)]
             images = kept(s, draw(s, renderer, self._poses(now), self._poses(before), outputs, now))
-            states = self._states(before, now, n * gap, gap) if "states" in NEEDS[method] else None
+            states = self._states(before, now, n * gap, gap) if "state" in reads(method) else None
             began = s.clock()
             interpolator.push(
                 n * gap, np.full(self._envs, episode, np.int32), images[LIGHT], images.get("depth"),

@@ -13,8 +13,8 @@ from evis.runtime.clock import NS
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.auto.setting import LIGHT, Grid, Setting, Way, make_interpolator, make_renderer
 from nodes.interpolator.auto.world import World
-from nodes.interpolator.interpolator import NEEDS
 from nodes.interpolator.keyframe import States
+from nodes.interpolator.methods import reads
 
 MARGIN = 12
 """Pixels about the cut-out that keyframes have, so that what enters is known as it is inside the whole image."""
@@ -50,14 +50,14 @@ class Window:
         """Frames [1, h, w] of a method by step of the reference."""
         s, apart = self._setting, round(grid.base / rate)
         interpolator = make_interpolator(s, s.scene, self._camera, method, k)
-        outputs = {LIGHT} | (NEEDS[method] & {"depth", "motion"})
+        outputs = {LIGHT} | (reads(method) & {"depth", "motion"})
         margin = MARGIN * (s.camera.supersampling if method == "rigid" else 1)
         frames: dict[int, np.ndarray] = {}
         for step in range(0, grid.gap + 1, apart):
             stamp, before = grid.stamp(ORIGIN, step), step - apart
             now, last = (self._poses(grid.stamp(self._start, n)) for n in (step, before))
             images = {n: v.copy() for n, v in self._render(method, now, last, outputs, stamp).items()}
-            states = self._states(grid, before, step) if "states" in NEEDS[method] else None
+            states = self._states(grid, before, step) if "state" in reads(method) else None
             t, out = interpolator.push(
                 stamp, np.zeros(1, np.int32), images[LIGHT], images.get("depth"), images.get("motion"), margin,
                 states=states,

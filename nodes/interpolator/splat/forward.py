@@ -19,9 +19,6 @@ from nodes.interpolator.splat import warp_kernels
 from nodes.interpolator.splat.splat import make_splat
 from nodes.renderer.renderer import Renderer
 
-NEEDS = frozenset({"depth", "motion", "states"})
-"""What the warp uses of a keyframe besides the radiance."""
-
 
 class SplatForward:
     """The method for E keyframes of one camera of a scene, of the same size."""

@@ -23,7 +23,6 @@ import warp as wp
 
 from nodes.interpolator.keyframe import Report, View
 from nodes.interpolator.splat import bend_kernels
-from nodes.interpolator.splat.splat import NEEDS as NEEDS
 from nodes.interpolator.splat.splat import make_splat
 
 

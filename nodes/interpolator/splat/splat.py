@@ -17,9 +17,6 @@ import warp as wp
 from nodes.interpolator.keyframe import Method
 from nodes.interpolator.splat.cpu import SplatCpu
 
-NEEDS = frozenset({"depth", "motion"})
-"""Images of a keyframe that the warp uses besides the radiance."""
-
 
 def make_splat(
     height: int,

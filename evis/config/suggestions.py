@@ -1,0 +1,28 @@
+"""What a user may have meant by a name that does not exist."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+CUTOFF = 0.5
+"""Likeness from which on a name is suggested, 0 ... 1."""
+
+
+def closest(name: str, known: Iterable[str]) -> str | None:
+    """The known name that is most like `name`, None where none is alike."""
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=CUTOFF)
+    return near[0] if near else None
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """`; did you mean 'x'?`, to stand behind an error, or nothing where no known name is alike."""
+    near = closest(name, known)
+    return f"; did you mean '{near}'?" if near else ""
+
+
+def nearest(name: str, known: Iterable[str], otherwise: str = "there are") -> str:
+    """`did you mean 'x'?`, or `otherwise` and the list of what there is."""
+    names = list(known)
+    near = closest(name, names)
+    return f"did you mean '{near}'?" if near else f"{otherwise} {', '.join(names) or 'none'}"

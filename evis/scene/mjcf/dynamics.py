@@ -1,0 +1,24 @@
+"""MuJoCo's model of a scene, of the MJCF or URDF that the scene names."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from evis.scene.folders import Folders
+from evis.scene.mjcf.compile import compile_mjcf
+from evis.scene.mjcf.urdf import mujoco_model
+from evis.scene.model import Scene
+
+
+def folders_of(scene: Scene) -> Folders:
+    """Where the files of the scene's model may lie: its own folder unless the scene says more."""
+    assert scene.mjcf is not None
+    return scene.folders or Folders(scene.mjcf.parent)
+
+
+def compile_model(scene: Scene) -> Any:
+    """The MjModel that moves a scene's bodies: the visual geometry of a URDF is left out. Raises SceneError."""
+    assert scene.mjcf is not None
+    if scene.mjcf.suffix.lower() == ".urdf":
+        return mujoco_model(scene.mjcf, folders_of(scene))
+    return compile_mjcf(scene.mjcf, folders_of(scene))

@@ -1,0 +1,106 @@
+"""What was measured of a setting, kept on disk by all that it depends on.
+
+These are the scene's content, how it is run, the machine, and the code itself.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import os
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nodes.interpolator.auto.setting import Setting
+from nodes.interpolator.auto.trial import Measured
+
+CODE = {
+    "nodes": ("renderer/**/*.py", "interpolator/**/*.py", "event_sensor/**/*.py", "physics/**/*.py"),
+    "evis": ("geometry/**/*.py", "scene/**/*.py", "events/measure/distance*.py"),
+}
+"""Files whose content decides cost and error, by package."""
+
+
+def read(setting: Setting) -> Measured | None:
+    """What is known of a setting, None where nothing is."""
+    try:
+        return Measured.of_json(json.loads(path_of(setting).read_text()))
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def write(setting: Setting, found: Measured) -> None:
+    """Keep what was measured for the next time. Raises OSError where that cannot be written."""
+    path = path_of(setting)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(f".{os.getpid()}")
+    part.write_text(json.dumps(found.as_json(), indent=1))
+    part.replace(path)
+
+
+def path_of(setting: Setting) -> Path:
+    """File of what was measured of a setting."""
+    return cache_folder() / f"{fingerprint(setting)}.json"
+
+
+def cache_folder() -> Path:
+    """Where what was measured is kept."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "evis" / "auto"
+
+
+def fingerprint(setting: Setting) -> str:
+    """Of all that cost and error depend on."""
+    import evis
+
+    found = hashlib.sha256(code_digest())
+    _digest(found, setting)
+    import warp
+
+    machine = [platform.node(), platform.machine(), os.cpu_count(), platform.python_version(), warp.config.version]
+    if setting.device.startswith("cuda"):
+        warp.init()
+        machine.append(warp.get_device(setting.device).name)
+    found.update(repr([machine, getattr(evis, "__version__", ""), np.__version__]).encode())
+    return found.hexdigest()[:32]
+
+
+@functools.cache
+def code_digest() -> bytes:
+    """Of the code that is measured and of what measures it, as it was when first asked for."""
+    from evis.neighbours import ROOT
+
+    found = hashlib.sha256()
+    for package, patterns in CODE.items():
+        root = ROOT / package
+        for path in sorted(path for pattern in patterns for path in root.glob(pattern)):
+            found.update(path.relative_to(root).as_posix().encode())
+            found.update(path.read_bytes())
+    return found.digest()
+
+
+def _digest(found: Any, value: Any) -> None:
+    """Add a value to a hash: what it holds, whatever it is made of."""
+    found.update(type(value).__name__.encode())
+    if isinstance(value, np.ndarray):
+        found.update(repr((value.shape, value.dtype.str)).encode())
+        found.update(np.ascontiguousarray(value).tobytes())
+    elif isinstance(value, Path):
+        found.update(value.read_bytes() if value.is_file() else str(value).encode())
+    elif isinstance(value, Mapping):
+        for key in value:
+            _digest(found, key)
+            _digest(found, value[key])
+    elif isinstance(value, (list, tuple)):
+        for item in value:
+            _digest(found, item)
+    elif callable(value):
+        found.update(value.__qualname__.encode() if hasattr(value, "__qualname__") else b"")
+    elif hasattr(value, "__dict__"):
+        _digest(found, vars(value))
+    else:
+        found.update(repr(value).encode())

@@ -1,0 +1,121 @@
+"""`interpolator:=auto` of a launch file: method, keyframe rate and K in its place, by measuring the scene beforehand.
+
+The choice is made of arguments, so that the plan, the bag and the result hold it like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from evis.launch.arguments import resolve
+from evis.launch.expand import NodeSpec, expand
+from evis.launch.files import LaunchFile
+from evis.launch.planner import Options
+from evis.scene.parameters import camera_of, scene_of
+from nodes.event_sensor.parameters import resolve_sensor
+from nodes.interpolator.auto import cache
+from nodes.interpolator.auto.probe import probe
+from nodes.interpolator.auto.setting import Setting
+from nodes.interpolator.auto.trial import Measured, settle
+from nodes.interpolator.keyframe import device_named
+from nodes.renderer.parameters import light_options
+
+SENSOR = ("threshold", "threshold_on", "threshold_off", "crossing", "dark_level")
+"""The sensor's parameters that count; noise is no matter of how frames are made."""
+WARP = ("tolerance", "sample_px")
+"""The interpolator's parameters that count."""
+LONGEST_S = 2.0
+"""How much of a run's beginning is looked at [s]; of one without an end, 1 s."""
+
+
+Say = Callable[[str], None]
+"""Told what is being measured, for a terminal."""
+
+
+def replace_auto(
+    launch: LaunchFile, given: Mapping[str, Any], options: Options, say: Say, warn: Say
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The arguments with auto replaced, and what was chosen and why, for people and for the bag.
+
+    Args:
+        launch: a launch file whose interpolator is auto.
+        given: its arguments.
+        options: as for planning it.
+        say: told what is being measured, line by line.
+        warn: told what went wrong beside the choice.
+
+    Raises ValueError where the scene cannot be measured or a wish makes no sense.
+    """
+    values = resolve(launch.path.name, launch.arguments, given)
+    # Any method with frames in between stands for the choice, so that all nodes are there with their parameters.
+    stand_in = {**given, "interpolator": "rigid", "upsampling": 2}
+    graph = expand(launch, stand_in, options.names())
+    wishes = {key: values[key] if key in given else None for key in ("keyframe_rate", "upsampling")}
+    own_rates = bool(graph.values.get("camera_rate"))
+    if own_rates:
+        # The rates of the others are fractions of it; what is measured is the first camera at its own.
+        wishes["keyframe_rate"] = next(n.params["keyframe_rate"] for n in graph.nodes if n.type == "renderer")
+    setting = setting_of(graph.nodes, options.duration_s, wishes)
+    found, cached = measured(setting, say)
+    tried = len(found.trials)
+    choice = settle(setting, found, values["wanted_error"], values["wanted_rtf"], say)
+    if not cached or len(found.trials) > tried:
+        try:
+            cache.write(setting, found)
+        except OSError as error:
+            warn(f"what was measured is not kept: {error}")
+    best = choice.candidate
+    taken = {
+        "interpolator": best.method,
+        "keyframe_rate": values["keyframe_rate"] if own_rates else best.keyframe_rate,
+        "upsampling": best.upsampling,
+    }
+    expectation = {
+        "expected_error": best.error,
+        "expected_s_per_simulated_s": best.seconds,
+        "candidates": len(found.candidates),
+        "trials": len(found.trials),
+    }
+    expected = f"error {best.error:.3g} of 1, {best.seconds:.3g} s per simulated second"
+    chosen: dict[str, Any] = taken | {"why": choice.why}
+    if values["wanted_error"] is not None or values["wanted_rtf"] is not None:
+        chosen["wish_kept"] = choice.met
+    chosen |= expectation | {"from_cache": cached, "summary": f"{best}: {choice.why}; expected: {expected}"}
+    return {**given, **taken}, chosen
+
+
+def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapping[str, Any]) -> Setting:
+    """What is measured: the first renderer of the graph and what follows it. wishes: the user's keyframe_rate and
+    upsampling, or None."""
+    by_type = {node.type: node.params for node in reversed(nodes)}
+    if not {"renderer", "event_sensor"} <= by_type.keys():
+        raise ValueError("interpolator auto needs a graph with a renderer and an event sensor to measure")
+    p = by_type["renderer"]
+    scene = scene_of("renderer", p)
+    camera = camera_of(scene, p.get("camera") or "cam0")
+    given = {k: v for k, v in by_type["event_sensor"].items() if k in SENSOR and v is not None}
+    full = resolve_sensor("event sensor", by_type["event_sensor"].get("preset") or "ideal", given)
+    sensor = {key: full[key] for key in SENSOR if full[key] is not None}
+    frames = by_type.get("interpolator", {})
+    if p.get("supersampling"):
+        camera = replace(camera, supersampling=int(p["supersampling"]))
+    return Setting(
+        scene,
+        camera,
+        round(min(duration_s or 1.0, LONGEST_S) * 1e9),
+        seed=by_type.get("physics", {}).get("seed") or 0,
+        sensor=sensor,
+        light=light_options(p),
+        warp={key: frames[key] for key in WARP if frames.get(key) is not None},
+        **{key: p[key] for key in ("device", "envs", "threads", "margin")},
+        **wishes,
+    )
+
+
+def measured(setting: Setting, say: Say) -> tuple[Measured, bool]:
+    """What every candidate costs and how far off it is, and whether that was known."""
+    device_named(setting.device)
+    known = cache.read(setting)
+    return (known, True) if known is not None else (probe(setting, say), False)

@@ -1,0 +1,118 @@
+"""The interpolation methods by name: what each reads, and how it is made.
+
+A new method is a row here and a file of its own. Nothing heavy is imported until a method is made, so that the planner
+can ask what a method reads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from evis.scene.model import Camera, Scene
+    from nodes.interpolator.keyframe import Method
+
+
+@dataclass
+class Gap:
+    """What a method is made for: the gaps between keyframes of one size.
+
+    Args:
+        height, width: of the keyframes, margin included [px].
+        envs: parallel environments E.
+        upsampling: frames per gap K.
+        margin: pixels beyond the image on every side.
+        channels: 1 (luminance) or 3 (linear RGB).
+        device: Warp device of keyframes and frames.
+        threads: CPU threads.
+        scene, camera: those of the renderer; the camera is as fine as the keyframes.
+        light: options of a method that shades: light_samples, paths, tolerance, sample_px.
+        shared: memory of one stream of keyframes, which its methods of several K use together.
+    """
+
+    height: int
+    width: int
+    envs: int
+    upsampling: int
+    margin: int
+    channels: int
+    device: str
+    threads: int
+    scene: Scene | None = None
+    camera: Camera | None = None
+    light: Mapping[str, Any] = field(default_factory=dict)
+    shared: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def images(self) -> tuple[int, int, int, int, int, int, str, int]:
+        """Arguments of a method that works on images: height, width, envs, K, margin, channels, device, threads."""
+        return self.height, self.width, *self.bodies
+
+    @property
+    def bodies(self) -> tuple[int, int, int, int, str, int]:
+        """Arguments of a method that knows the scene's bodies, after scene and camera."""
+        return self.envs, self.upsampling, self.margin, self.channels, self.device, self.threads
+
+
+@dataclass(frozen=True)
+class Registered:
+    """One method. reads: inputs besides the keyframe, by the names of the node's ports."""
+
+    help: str
+    make: Callable[[Gap], Method]
+    reads: frozenset[str] = frozenset()
+
+
+def _rigid(gap: Gap) -> Method:
+    from nodes.interpolator.rigid import Rigid
+
+    assert gap.scene is not None and gap.camera is not None
+    return Rigid(gap.scene, gap.camera, *gap.bodies, **gap.light)
+
+
+def _splat(gap: Gap) -> Method:
+    from nodes.interpolator.splat.splat import make_splat
+
+    return make_splat(*gap.images)
+
+
+def _splat_forward(gap: Gap) -> Method:
+    from nodes.interpolator.splat.forward import SplatForward
+
+    assert gap.scene is not None and gap.camera is not None
+    return SplatForward(gap.scene, gap.camera, *gap.bodies)
+
+
+def _splat_quadratic(gap: Gap) -> Method:
+    from nodes.interpolator.splat.quadratic import Bends, SplatQuadratic
+
+    if "bends" not in gap.shared:
+        gap.shared["bends"] = Bends((gap.envs, gap.height, gap.width), gap.device)
+    return SplatQuadratic(*gap.images, bends=gap.shared["bends"])
+
+
+def _none(gap: Gap) -> Method:
+    from nodes.interpolator.passthrough import Passthrough
+
+    return Passthrough(gap.margin)
+
+
+METHODS: Mapping[str, Registered] = {
+    "rigid": Registered("by body poses", _rigid, frozenset({"state"})),
+    "splat": Registered("by motion vectors", _splat, frozenset({"depth", "motion"})),
+    "splat-forward": Registered(
+        "the same with the true motion of the first keyframe", _splat_forward, frozenset({"depth", "motion", "state"})
+    ),
+    "splat-quadratic": Registered(
+        "along a parabola through three keyframes", _splat_quadratic, frozenset({"depth", "motion"})
+    ),
+    "none": Registered("render each", _none),
+}
+HELP = "how the frames between keyframes are made: " + ", ".join(f"{name} = {m.help}" for name, m in METHODS.items())
+
+
+def reads(method: str) -> frozenset[str]:
+    """Inputs that a method reads besides the keyframe: of depth, motion (images) and state (of the bodies)."""
+    return METHODS[method].reads
