@@ -11,12 +11,13 @@ import warp as wp
 from evis.geometry import se3
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
+from nodes.interpolator import image_kernels
 from nodes.interpolator import warm_up as rehearsal
 from nodes.interpolator.adaptive import AdaptiveCount
 from nodes.interpolator.keyframe import Method, Report, States, View, device_named
 from nodes.interpolator.luminance import luminance_of, rgb_of, scalars
 from nodes.interpolator.passthrough import Passthrough, crop
-from nodes.interpolator.splat import splat, warp_kernels
+from nodes.interpolator.splat import splat
 from nodes.renderer.raster.cameras import finer
 
 if TYPE_CHECKING:
@@ -198,7 +199,7 @@ class Interpolator:
             else:
                 arrays.append(wp.array(image, dtype=wp.float32, shape=shape, copy=False, device="cpu"))
         dim, device = arrays[1].shape[:2], arrays[1].device
-        wp.launch(warp_kernels.mean, dim, [self._samples, channels, arrays[0]], [arrays[1]], device=device)
+        wp.launch(image_kernels.mean, dim, [self._samples, channels, arrays[0]], [arrays[1]], device=device)
 
     def warm_up(self) -> None:
         """Compile the kernels now rather than at the first keyframe."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.interpolator.splat import warp_kernels
+from nodes.interpolator import image_kernels
 
 
 def luminance_of(radiance: np.ndarray | wp.array, device: Any = "cpu") -> wp.array:
@@ -19,7 +19,7 @@ def luminance_of(radiance: np.ndarray | wp.array, device: Any = "cpu") -> wp.arr
     if pixels.ndim == 3:
         return _single(pixels)
     image = wp.empty(pixels.shape[:-1], dtype=wp.float32, device=device)
-    wp.launch(warp_kernels.luminance, image.size, [pixels.reshape((-1, 3))], [image.flatten()], device=device)
+    wp.launch(image_kernels.luminance, image.size, [pixels.reshape((-1, 3))], [image.flatten()], device=device)
     return image
 
 

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from nodes.interpolator.splat.warp_kernels import SAME_SURFACE, known_depth
+from nodes.interpolator.splat.warp_kernels import known_depth, same_surface
 
 wp.set_module_options({"enable_backward": False})
 
@@ -53,7 +53,7 @@ def find_bends(
             farthest = wp.max(farthest, there)
             weight = wp.abs(u - float(2 * i + 1 - column)) * wp.abs(v - float(2 * j + 1 - row))
             total += weight * wp.vec2(earlier[env, row, column, 0], earlier[env, row, column, 1])
-        same = farthest * SAME_SURFACE <= nearest and nearest * NEARER <= z and z * NEARER <= farthest
+        same = same_surface(farthest, nearest) and nearest * NEARER <= z and z * NEARER <= farthest
         before_that = total / ratio
         change = before_that - m
         if same and wp.length(change) < STEADY * (wp.length(before_that) + wp.length(m)):

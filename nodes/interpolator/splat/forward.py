@@ -14,8 +14,8 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Camera, Scene
+from nodes.interpolator import image_kernels
 from nodes.interpolator.keyframe import Report, View
-from nodes.interpolator.splat import warp_kernels
 from nodes.interpolator.splat.splat import make_splat
 from nodes.renderer.renderer import Renderer
 
@@ -52,5 +52,5 @@ class SplatForward:
         # Motion is where a point was before minus where it is; with B as `before` it is the way that lies ahead.
         self._geometry.render(now, then, ("motion",), {"motion": self._motion})
         ahead = self._motion.view(wp.float32).reshape((*self._geometry.shape, 2))
-        wp.launch(warp_kernels.negated, ahead.size, [ahead.flatten()], [self._back.flatten()], device=ahead.device)
+        wp.launch(image_kernels.negated, ahead.size, [ahead.flatten()], [self._back.flatten()], device=ahead.device)
         return self._splat.between(replace(a, motion=self._back), b, held, out)
