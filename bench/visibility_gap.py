@@ -11,12 +11,12 @@ import numpy as np
 import warp as wp
 
 from bench.visibility_forward import FOOTPRINTS, Forward
+from evis.gpu.cuda_graph import Recording
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Scene
 from nodes.interpolator.auto.world import World
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.rigid.sparse_raster import LATELY, LONGEST, SparseRaster
-from nodes.renderer.cuda_graph import Recording
 from nodes.renderer.raster.visibility import Visibility
 
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import warp as wp
 
-from nodes.renderer.features import Features
 from nodes.renderer.geometry.poses import Frames
 from nodes.renderer.geometry.triangles import is_static
+from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.lights import LightSet, check_colour
 from nodes.renderer.lights.sky import make_sky
 from nodes.renderer.materials.ggx import alpha_of, is_plain

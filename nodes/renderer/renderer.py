@@ -10,8 +10,8 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import se3
+from evis.gpu.cuda_graph import Branch, Recording
 from evis.scene.model import Camera, Scene
-from nodes.renderer.cuda_graph import Branch, Recording
 from nodes.renderer.geometry.pose_upload import READ
 from nodes.renderer.geometry.poses import Frames, same_bytes
 from nodes.renderer.lighting import Shading

@@ -5,10 +5,11 @@ from typing import Any
 
 import warp as wp
 
+from evis.gpu.append_kernels import take_place
 from nodes.interpolator.rigid.log_kernels import apart, radiance_of
 from nodes.interpolator.rigid.look_up_kernels import HARD, SEEN, Sight, make_keyframes, make_look_up
-from nodes.interpolator.rigid.room_kernels import take_place
 from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, triangle_of
+from nodes.renderer.shading.radiance_kernels import luminance
 
 wp.set_module_options({"enable_backward": False})
 
@@ -213,7 +214,7 @@ def make_place(channels: int) -> wp.Kernel:
             frame = n % envs * upsampling + index[n // envs] - 1
             colour = radiance[n, y, x]
             if wp.static(channels == 1):
-                frames[frame, y - margin, x - margin] = 0.2126 * colour[0] + 0.7152 * colour[1] + 0.0722 * colour[2]
+                frames[frame, y - margin, x - margin] = luminance(colour)
             else:
                 frames[frame, y - margin, x - margin] = colour
             j += workers

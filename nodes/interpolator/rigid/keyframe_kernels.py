@@ -6,6 +6,7 @@ import warp as wp
 
 from nodes.interpolator.rigid.log_kernels import SIX
 from nodes.renderer.raster.triangle_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.shading.radiance_kernels import luminance
 
 wp.set_module_options({"enable_backward": False})
 
@@ -90,14 +91,8 @@ def take_in(
 
 
 @wp.func
-def grey(colour: wp.vec3):
-    """Equation (3)."""
-    return 0.2126 * colour[0] + 0.7152 * colour[1] + 0.0722 * colour[2]
-
-
-@wp.func
 def log_pair(mean: wp.vec3, steady: wp.vec3, like: wp.float32):
-    return wp.vec2(log_of(grey(mean)), log_of(grey(steady)))
+    return wp.vec2(log_of(luminance(mean)), log_of(luminance(steady)))
 
 
 @wp.func

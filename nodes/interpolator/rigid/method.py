@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.cuda_graph import Branch, Recording
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
 from nodes.interpolator.keyframe import Report, View
@@ -40,7 +41,6 @@ from nodes.interpolator.rigid.reprojection import Looking
 from nodes.interpolator.rigid.sampling import Part, Sampling
 from nodes.interpolator.rigid.slots import Slots
 from nodes.interpolator.rigid.sparse_raster import SparseRaster
-from nodes.renderer.cuda_graph import Branch, Recording
 from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.lighting import Shading
 from nodes.renderer.lights.lights import waveform_strength

@@ -11,8 +11,8 @@ from typing import Any
 
 import warp as wp
 
+from evis.gpu.append_kernels import take_place
 from nodes.interpolator.rigid.look_up_kernels import SAME_SHEET
-from nodes.interpolator.rigid.room_kernels import take_place
 from nodes.interpolator.rigid.walk_kernels import Walk
 from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, triangle_of
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.cuda_graph import Recording
 from nodes.interpolator.keyframe import Report, View
 from nodes.interpolator.splat import cuda_kernels, cuda_source_kernels
-from nodes.renderer.cuda_graph import Recording
 
 SCRATCH_BYTES = 1 << 30
 """Sub-frames are warped in portions whose scratch memory stays below this."""

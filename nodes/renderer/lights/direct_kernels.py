@@ -5,8 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.features import Features
 from nodes.renderer.lights.area_kernels import make_area
+from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import AREA, DirectLight, Lights, SurfacePoint, make_directions
 from nodes.renderer.materials.ggx_kernels import specular
 from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion

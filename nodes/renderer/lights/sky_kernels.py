@@ -4,14 +4,11 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.materials.ggx_kernels import masking, sample_density, sample_direction, view_masking
+from nodes.renderer.materials.ggx_kernels import masking, sample_density, sample_direction, specular_share, view_masking
 
 wp.set_module_options({"enable_backward": False})
 
 PI = wp.constant(wp.pi)
-
-DIELECTRIC = wp.constant(0.04)
-"""Reflectance at normal incidence of what is no metal (glTF 2.0)."""
 
 
 @wp.struct
@@ -81,7 +78,7 @@ def filtered(sky: Sky, direction: wp.vec3, lod: float):
 
 @wp.func
 def reflectances(sky: Sky, alpha: float, nv: float):
-    """(a, b) of `ggx.directional_albedo`."""
+    """Looks up (a, b) of `ggx.directional_albedo`."""
     rows = sky.albedo.shape[0]
     columns = sky.albedo.shape[1]
     y = wp.sqrt(alpha) * float(rows - 1)
@@ -114,16 +111,14 @@ def make_sky(mapped: bool) -> tuple[Any, Any, Any]:
 
     @wp.func
     def gloss(sky: Sky, env: int, n: wp.vec3, v: wp.vec3, alpha: float, f0: wp.vec3):
-        """Radiance from the specular lobe, and the part of the light that a dielectric's lobe leaves below it.
+        """Estimates the radiance from the specular lobe; gives also `reflectances` at this view.
 
         The mean of the map over samples of the lobe, each as wide as its share (Krivanek and Colbert, EGSR 2008), times
         the lobe's exact albedo: right under a uniform sky, an approximation where map and Fresnel term vary together.
         """
         nv = wp.dot(n, v)
         r = reflectances(sky, alpha, nv)
-        one = wp.vec3(1.0, 1.0, 1.0)
-        albedo = r[0] * f0 + r[1] * one
-        left = 1.0 - DIELECTRIC * r[0] - r[1]
+        albedo = specular_share(r, f0)
         mean = sky.uniform
         if wp.static(mapped):
             mean = wp.vec3(0.0, 0.0, 0.0)
@@ -143,6 +138,6 @@ def make_sky(mapped: bool) -> tuple[Any, Any, Any]:
                     total += weight
             if total > 0.0:
                 mean = mean / total
-        return wp.cw_mul(albedo, mean), left
+        return wp.cw_mul(albedo, mean), r
 
     return background, ambient, gloss

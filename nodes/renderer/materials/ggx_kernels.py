@@ -14,11 +14,33 @@ wp.set_module_options({"enable_backward": False})
 PI = wp.constant(wp.pi)
 INVERSE_PI = wp.constant(1.0 / wp.pi)
 
+DIELECTRIC = wp.constant(0.04)
+"""Reflectance at normal incidence of what is no metal (glTF 2.0)."""
+
 LEAST_BULK = wp.constant(1.0e-30)
 """Keeps v = -l, which has no h, from dividing by 0."""
 
 LEAST_COSINE = wp.constant(1.0e-4)
 """Cosine towards the viewer below which it is held: interpolated normals can turn away from him."""
+
+
+@wp.func
+def normal_reflectance(albedo: wp.vec3, metallic: float):
+    """Computes the reflectance at normal incidence, F0 of glTF 2.0."""
+    return DIELECTRIC * (1.0 - metallic) * wp.vec3(1.0, 1.0, 1.0) + metallic * albedo
+
+
+@wp.func
+def specular_share(r: wp.vec2, f0: wp.vec3):
+    """Computes the part of a uniform sky's light that the specular lobe reflects; r: (a, b) of
+    `ggx.directional_albedo` at this view."""
+    return r[0] * f0 + r[1] * wp.vec3(1.0, 1.0, 1.0)
+
+
+@wp.func
+def diffuse_share(r: wp.vec2, metallic: float):
+    """Computes the part of the light that the specular lobe leaves to the diffuse term, which metals do not have."""
+    return (1.0 - metallic) * (1.0 - DIELECTRIC * r[0] - r[1])
 
 
 @wp.func

@@ -5,8 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.features import Features
 from nodes.renderer.lights.area_kernels import SHORT
+from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import AREA, DIRECTIONAL, FAR, SPOT, Lights, spot_falloff
 from nodes.renderer.lights.sky_kernels import Sky, make_sky
 from nodes.renderer.paths.sampling_kernels import (

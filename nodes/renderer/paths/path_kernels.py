@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.features import Features
+from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import Lights
 from nodes.renderer.lights.sky_kernels import Sky
 from nodes.renderer.paths.sampling_kernels import Sources, frozen_shift

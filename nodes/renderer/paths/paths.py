@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Light, Scene
-from nodes.renderer.features import Features
+from nodes.renderer.lights.features import Features
 from nodes.renderer.paths import path_kernels
 from nodes.renderer.paths.sampling_kernels import GLOWING, PICTURE, Sources
 from nodes.renderer.paths.surface_kernels import Bodies

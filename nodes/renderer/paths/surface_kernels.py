@@ -6,11 +6,17 @@ from typing import Any
 import warp as wp
 
 from nodes.renderer.lights.light_kernels import SurfacePoint
-from nodes.renderer.lights.sky_kernels import DIELECTRIC, Sky, reflectances
-from nodes.renderer.materials.ggx_kernels import sample_density, sample_direction, specular
+from nodes.renderer.lights.sky_kernels import Sky, reflectances
+from nodes.renderer.materials.ggx_kernels import (
+    diffuse_share,
+    normal_reflectance,
+    sample_density,
+    sample_direction,
+    specular,
+    specular_share,
+)
 from nodes.renderer.paths.sampling_kernels import PI, cosine_direction
 from nodes.renderer.raster.surface_kernels import Surfaces, tint_of
-from nodes.renderer.shading.material_kernels import normal_reflectance
 from nodes.renderer.shading.radiance_kernels import luminance
 from nodes.renderer.shadows.ray_kernels import Casters, shadow_start
 from nodes.renderer.textures.texture_kernels import bilinear
@@ -74,11 +80,10 @@ def make_reflection(gloss: bool) -> tuple[Any, Any, Any]:
             if alpha >= 0.0:
                 metallic = gloss_of[1]
                 alpha = wp.max(alpha, least)
-                one = wp.vec3(1.0, 1.0, 1.0)
                 f0 = normal_reflectance(albedo, metallic)
                 r = reflectances(sky, alpha, wp.dot(s.facing, s.view))
-                diffuse = ((1.0 - metallic) * (1.0 - DIELECTRIC * r[0] - r[1])) * albedo
-                shine = luminance(r[0] * f0 + r[1] * one)
+                diffuse = diffuse_share(r, metallic) * albedo
+                shine = luminance(specular_share(r, f0))
                 matt = luminance(diffuse)
                 share = 1.0
                 if matt > 0.0:

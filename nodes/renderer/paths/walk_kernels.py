@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.features import Features
+from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import FAR, Lights, SurfacePoint
 from nodes.renderer.lights.sky_kernels import Sky, make_sky
 from nodes.renderer.paths.aim_kernels import make_aims

@@ -7,7 +7,7 @@ normals. Culling leaves out only what covers no pixel, so it changes no bit of t
 import warp as wp
 
 from nodes.renderer.raster.distortion_kernels import make_bounds, walk_rays
-from nodes.renderer.raster.triangle_kernels import View, bounds, facing, outside, set_up, turned_away, walk
+from nodes.renderer.raster.triangle_kernels import View, bounds, corners_of, facing, outside, set_up, turned_away, walk
 
 wp.set_module_options({"enable_backward": False})
 
@@ -95,14 +95,13 @@ def make_raster(lens: str) -> wp.Kernel:
         env, block = wp.tid()
         n = block0 + block
         i = blocks.instance[n]
-        if unseen(view, row0, row1, blocks, n, rotation[env, i], translation[env, i]):
+        turn = rotation[env, i]
+        place = translation[env, i]
+        if unseen(view, row0, row1, blocks, n, turn, place):
             return
         sides = two_sided[i]
         for t in range(blocks.first[n], blocks.last[n]):
-            k = triangles[t]
-            a = vertices[env, k[0]]
-            b = vertices[env, k[1]]
-            c = vertices[env, k[2]]
+            a, b, c = corners_of(view, vertices, triangles, turn, place, env, t)
             if facing(a, b, c, sides) and before_near(view, a, b, c):
                 s = set_up(view, a, b, c, bounds_of(view, a, b, c))
                 walk_over(view, s, s.x0, s.x1, wp.max(s.y0, row0), wp.min(s.y1, row1 - 1), env, t, packed)

@@ -7,7 +7,7 @@ import warp as wp
 
 from nodes.renderer.raster.triangle_kernels import (
     View,
-    corner,
+    corners_of,
     depth_of,
     edge_normal,
     pixel_ray,
@@ -135,12 +135,8 @@ def seen_face(view: View, seen: Seen, surfaces: Surfaces, pixel: Pixel):
 @wp.func
 def weights_of(view: View, seen: Seen, surfaces: Surfaces, env: int, face: Face):
     """The weights of a seen triangle's corners."""
-    k = surfaces.triangles[face.triangle]
-    turn = face.turn
     centre = seen.translation[env, face.instance]
-    a = corner(view, seen.vertices, turn, centre, env, k[0])
-    b = corner(view, seen.vertices, turn, centre, env, k[1])
-    c = corner(view, seen.vertices, turn, centre, env, k[2])
+    a, b, c = corners_of(view, seen.vertices, surfaces.triangles, face.turn, centre, env, face.triangle)
     e0 = edge_normal(b, c)
     e1 = edge_normal(c, a)
     e2 = edge_normal(a, b)

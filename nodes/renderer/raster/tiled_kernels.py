@@ -17,7 +17,7 @@ from nodes.renderer.raster.triangle_kernels import (
     View,
     bounds,
     columns_of,
-    corner,
+    corners_of,
     cover,
     facing,
     holds_pixel,
@@ -77,26 +77,6 @@ def list_blocks(
     i = blocks.instance[n]
     if not unseen(view, 0, view.height, blocks, n, rotation[env, i], translation[env, i]):
         listed[wp.atomic_add(counters, 0, 1)] = wp.vec4i(env, i, blocks.first[n], blocks.last[n])
-
-
-@wp.func
-def corners(
-    view: View,
-    rotation: wp.array2d(dtype=wp.mat33),
-    translation: wp.array2d(dtype=wp.vec3),
-    vertices: wp.array2d(dtype=wp.vec3),
-    triangles: wp.array(dtype=wp.vec3i),
-    env: int,
-    i: int,
-    t: int,
-):
-    """The three corners of triangle t, of instance i, in the camera frame."""
-    turn = rotation[env, i]
-    place = translation[env, i]
-    k = triangles[t]
-    a = corner(view, vertices, turn, place, env, k[0])
-    b = corner(view, vertices, turn, place, env, k[1])
-    return a, b, corner(view, vertices, turn, place, env, k[2])
 
 
 @wp.func
@@ -226,7 +206,7 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
             i = block[1]
             t = block[2] + tid % LANES
             if t < block[3]:
-                a, b, c = corners(view, rotation, translation, vertices, triangles, env, i, t)
+                a, b, c = corners_of(view, vertices, triangles, rotation[env, i], translation[env, i], env, t)
                 shown, _ = shows(view, a, b, c, two_sided[i])
                 if shown:
                     region = item % SMALL_REGIONS
@@ -259,7 +239,8 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
         while at < count:
             env = small[region, at][0]
             t = small[region, at][1]
-            a, b, c = corners(view, rotation, translation, vertices, triangles, env, instance[t], t)
+            i = instance[t]
+            a, b, c = corners_of(view, vertices, triangles, rotation[env, i], translation[env, i], env, t)
             draw(view, env, t, a, b, c, bounds_of(view, a, b, c), counters, large, setups, packed)
             at += workers // SMALL_REGIONS
 
@@ -297,7 +278,7 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
             if t < blocks.last[n] and not unseen(
                 view, 0, view.height, blocks, n, rotation[env, i], translation[env, i]
             ):
-                a, b, c = corners(view, rotation, translation, vertices, triangles, env, i, t)
+                a, b, c = corners_of(view, vertices, triangles, rotation[env, i], translation[env, i], env, t)
                 shown, box = shows(view, a, b, c, two_sided[i])
                 if shown:
                     draw(view, env, t, a, b, c, box, counters, large, setups, packed)

@@ -123,6 +123,23 @@ def corner(view: View, vertices: wp.array2d(dtype=wp.vec3), turn: wp.mat33, plac
 
 
 @wp.func
+def corners_of(
+    view: View,
+    vertices: wp.array2d(dtype=wp.vec3),
+    triangles: wp.array(dtype=wp.vec3i),
+    turn: wp.mat33,
+    place: wp.vec3,
+    env: int,
+    t: int,
+):
+    """Fetches the three corners of triangle t in the camera frame; turn, place: the pose of its instance."""
+    k = triangles[t]
+    a = corner(view, vertices, turn, place, env, k[0])
+    b = corner(view, vertices, turn, place, env, k[1])
+    return a, b, corner(view, vertices, turn, place, env, k[2])
+
+
+@wp.func
 def edge_normal(a: wp.vec3, b: wp.vec3):
     """a x b, as a x (b - a) to keep the digits of a short edge."""
     return wp.cross(a, b - a)

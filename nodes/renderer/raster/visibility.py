@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.cuda_graph import Branch, Recording
 from evis.scene.model import Camera, Scene
 from evis.warp_start import start_warp
-from nodes.renderer.cuda_graph import Branch, Recording
 from nodes.renderer.geometry import pose_kernels
 from nodes.renderer.geometry.pose_upload import Staging
 from nodes.renderer.geometry.poses import Frames, check_poses, check_shape, check_values, same_bytes

@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.features import Features
+from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import AREA, Lights, SurfacePoint, make_directions
 from nodes.renderer.raster.surface_kernels import Face, Pixel
 from nodes.renderer.raster.triangle_kernels import MISS

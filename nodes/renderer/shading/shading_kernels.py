@@ -9,9 +9,9 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.features import Features
 from nodes.renderer.lights.area_kernels import frozen_key
 from nodes.renderer.lights.direct_kernels import make_lighting
+from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import DirectLight, Lights, SurfacePoint
 from nodes.renderer.lights.sky_kernels import Sky, make_sky
 from nodes.renderer.raster.surface_kernels import (
