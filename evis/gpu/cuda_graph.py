@@ -34,7 +34,7 @@ class Branch:
             self._device.stream.wait_stream(self._stream)
 
 
-class Recording:
+class CudaGraphs:
     """Runs sequences of launches, each told by a key that says all that can differ between two runs of it.
 
     On a GPU the first run loads the kernels, the second one is recorded as a graph, and all others are one launch.

@@ -12,9 +12,9 @@ from evis.geometry import se3
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
 from nodes.interpolator import image_kernels
-from nodes.interpolator import warm_up as rehearsal
+from nodes.interpolator import warm_up as made_up
 from nodes.interpolator.adaptive import AdaptiveCount
-from nodes.interpolator.keyframe import Method, Report, States, View, device_named
+from nodes.interpolator.keyframe import KeyframeView, Method, Report, States, device_named
 from nodes.interpolator.luminance import luminance_of, rgb_of, scalars
 from nodes.interpolator.passthrough import Passthrough, crop
 from nodes.interpolator.splat import splat
@@ -95,8 +95,8 @@ class Interpolator:
         if adaptive_px > 0 and self.upsampling > 1:
             self._count = AdaptiveCount(self.upsampling, adaptive_px, device, scene, camera)
         self._size: tuple[tuple[int, ...], int] | None = None
-        self._rehearsed = False
-        self._last: View | None = None
+        self._warmed = False
+        self._last: KeyframeView | None = None
         self._stamp = 0
         self._episodes = np.zeros(0, np.int32)
         self._samples = 1
@@ -130,15 +130,17 @@ class Interpolator:
         if min(height, width) <= 2 * margin:
             raise ValueError(f"keyframe of {width}x{height} px is no larger than its margin of {margin} px per side")
         size = (envs, height, width), margin
-        if self._rehearsed and self._size != size:
+        if self._warmed and self._size != size:
             self._size, self._methods, self._bends = None, {}, None
-        self._rehearsed = False
+        self._warmed = False
         if self._size not in (None, size):
             raise ValueError(f"keyframe is {size[0]} with margin {margin}, before it was {self._size}")
         if self._size is None:
             self._samples = self._samples_of(height, width, margin)
         self._size = size
-        view = View(self._image(image), self._use("depth", depth), self._use("motion", motion), stamp_ns=stamp_ns)
+        view = KeyframeView(
+            self._image(image), self._use("depth", depth), self._use("motion", motion), stamp_ns=stamp_ns
+        )
         view.states = self._check(states)
         held = np.ones(envs, bool) if self._last is None else np.asarray(episodes) != self._episodes
         begins = bool(held.all())
@@ -232,29 +234,29 @@ class Interpolator:
             depth, motion = (np.ones((1, camera.height, camera.width, *tail), np.float32) for tail in ((), (2,)))
             tiny.push(stamp, np.zeros(1, np.int32), radiance, depth, motion, states=states)
 
-    def rehearse(self, envs: int, height: int, width: int, margin: int = 0) -> None:
-        """Build what gaps between such keyframes need, compile it and, on a GPU, record it, before the first real one.
+    def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0) -> None:
+        """Builds, compiles and, on a GPU, records what gaps between such keyframes need, before the first real one.
 
         height, width: of the keyframes, margin included [px]. The next keyframe begins an episode; should it be of
         another size, this was in vain.
         """
-        self._rehearsed = True
-        if self.upsampling > rehearsal.LONGEST:
+        self._warmed = True
+        if self.upsampling > made_up.LONGEST:
             self.warm_up()
             self._size, self._samples = ((envs, height, width), margin), self._samples_of(height, width, margin)
             self._methods[self.upsampling] = self._build(self.upsampling, envs, height, width, margin)
             return
         self._image(np.ones((1, 2, 2, 3), np.float16))
         count, self._count = self._count, None
-        for stamp in rehearsal.stamps(1 if self._device.is_cpu else rehearsal.RECORDED):
+        for stamp in made_up.stamps(1 if self._device.is_cpu else made_up.RECORDED):
             states = None
             if self._scene is not None and self._camera is not None:
-                states = rehearsal.states(self._scene, self._camera, envs, stamp)
+                states = made_up.states(self._scene, self._camera, envs, stamp)
             # Environments have had other episodes before their first.
             episodes = np.full(envs, -1, np.int32)
-            images = rehearsal.images(envs, height, width)
+            images = made_up.images(envs, height, width)
             self.push(stamp, episodes, *images, margin, self._scratch, states)
-        self._count, self._rehearsed = count, True
+        self._count, self._warmed = count, True
 
     def _scratch(self, shape: tuple[int, ...]) -> np.ndarray | wp.array:
         if self._device.is_cpu:

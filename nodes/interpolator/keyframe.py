@@ -40,7 +40,7 @@ class States:
 
 
 @dataclass
-class View:
+class KeyframeView:
     """One keyframe of E environments, margin included, as a method sees it.
 
     image: float32 [E, H, W] luminance or [E, H, W, 3] linear RGB. depth: float32 [E, H, W] m, +inf = sky. motion:
@@ -74,7 +74,9 @@ class Report:
 class Method(Protocol):
     """Makes the frames of the gap between two keyframes."""
 
-    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
+    def between(
+        self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
+    ) -> Report:
         """Write frames i = 1 .. K of the gap into out, float32 [E, K, h, w(, 3)] without margin; the last is b itself.
 
         out: numpy, or an array of the method's device.

@@ -136,7 +136,7 @@ class InterpolatorNode(Node):
             # Samples that are to be moved apart come as a larger image.
             n = p["supersampling"] or camera.supersampling if camera else 1
             height, width = (n * (length + 2 * p["margin"]) for length in size)
-            self.interpolator.rehearse(p["envs"], height, width, n * p["margin"])
+            self.interpolator.warm_up_for(p["envs"], height, width, n * p["margin"])
         else:
             self.interpolator.warm_up()
         self._device = device_named(p["device"])

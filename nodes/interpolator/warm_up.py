@@ -12,7 +12,7 @@ from nodes.interpolator.keyframe import States
 
 GAP_NS = 10_000_000
 LONGEST = 64
-"""Frames of a gap from which on rehearsing one takes longer than what it saves."""
+"""Frames of a gap from which on a warm-up with one takes longer than what it saves."""
 RECORDED = 4
 """Gaps until all is recorded on a GPU: two keyframes take turns in memory, and each time the first gap loads kernels
 and the second one is recorded."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import warp as wp
 
-from nodes.renderer.geometry.poses import Frames
+from nodes.renderer.geometry.poses import InstancePoses
 from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.lights import LightSet, check_colour
@@ -18,7 +18,7 @@ from nodes.renderer.materials.ggx import alpha_of, is_plain
 from nodes.renderer.raster.surface_kernels import Seen, Surfaces
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shading import shading_kernels
-from nodes.renderer.shading.cache_kernels import Kept
+from nodes.renderer.shading.cache_kernels import ShadingCache
 from nodes.renderer.shading.radiance_kernels import make_image
 from nodes.renderer.shading.shadow_pass import ShadowPass, shadowed
 from nodes.renderer.shadows.occlusion import Occluders
@@ -85,11 +85,11 @@ class Shading:
         self._listed = not remember
         self._still_place = -1
         shape = visibility.shape if cached else (0, 0, 0)
-        self._kept = Kept()
+        self._kept = ShadingCache()
         self._kept.triangle = wp.full(shape, -1, dtype=wp.int32, device=self.device)
         self._kept.lit = wp.zeros(shape, dtype=wp.uint32, device=self.device)
         self._kept.colour = wp.zeros(shape, dtype=wp.vec3, device=self.device)
-        bands = len(visibility.bands.rows)
+        bands = len(visibility.row_tiles.rows)
         # Pixels that were not finite, and that were clipped, of each band.
         self._counts = wp.zeros((2, bands), dtype=wp.int32, device=self.device)
         kinds = self.lights.kinds
@@ -133,7 +133,7 @@ class Shading:
             self._direct = self._image(False, self.paths.direct, None)
         self._half = half
 
-    def update(self, frames: Frames) -> None:
+    def update(self, frames: InstancePoses) -> None:
         """Lights to the camera frame; what was remembered is forgotten if the camera or a still body has moved."""
         self.occluders.update(frames)
         if self._cached and self._still_place != self.visibility.still_place:
@@ -172,7 +172,7 @@ class Shading:
             self.placed()
         v = self.visibility
         envs, _, width = v.shape
-        bands = {row0: k for k, (row0, _) in enumerate(v.bands.rows)}
+        bands = {row0: k for k, (row0, _) in enumerate(v.row_tiles.rows)}
 
         def launch(kernel: wp.Kernel, shared: list[Any]) -> None:
             def arguments(row0: int, row1: int) -> tuple[tuple[int, ...], list[Any]]:
@@ -181,7 +181,7 @@ class Shading:
                 dim = v.tiles if tiled else (envs, row1 - row0, width // v.span)
                 return dim, [v.view, row0, bands[row0], v.span, *shared]
 
-            v.bands.launch(kernel, arguments, self.device, SHADE_BLOCK)
+            v.row_tiles.launch(kernel, arguments, self.device, SHADE_BLOCK)
 
         if self.shadow_pass is not None:
             self.shadow_pass.launch()
@@ -206,14 +206,14 @@ class Shading:
             self.placed()
         v = self.visibility
         workers = 1 if self.device.is_cpu else LIST_WORKERS
-        bands = {row0: k for k, (row0, _) in enumerate(v.bands.rows)}
+        bands = {row0: k for k, (row0, _) in enumerate(v.row_tiles.rows)}
 
         def launch(kernel: wp.Kernel, shared: list[Any]) -> None:
             def arguments(row0: int, row1: int) -> tuple[int, list[Any]]:
                 k = bands[row0]
                 return workers, [v.view, workers, firsts[k], k, pixels, count, *shared]
 
-            v.bands.launch(kernel, arguments, self.device, SHADE_BLOCK)
+            v.row_tiles.launch(kernel, arguments, self.device, SHADE_BLOCK)
 
         if self.shadow_pass is not None:
             self.shadow_pass.launch_list(workers, pixels, count)

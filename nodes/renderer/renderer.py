@@ -10,10 +10,10 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import se3
-from evis.gpu.cuda_graph import Branch, Recording
+from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.scene.model import Camera, Scene
 from nodes.renderer.geometry.pose_upload import READ
-from nodes.renderer.geometry.poses import Frames, same_bytes
+from nodes.renderer.geometry.poses import InstancePoses, same_bytes
 from nodes.renderer.lighting import Shading
 from nodes.renderer.raster import output_kernels
 from nodes.renderer.raster.cameras import finer
@@ -46,7 +46,7 @@ class Renderer:
     not occluded. light_samples: shadow rays for each area light and pixel, a square number. Pixels that are not finite
     are counted, and set to 0, or to the largest float where infinite.
 
-    paths: light from the sky that things hide, from glowing surfaces and over other surfaces, see `path.PathOptions`;
+    paths: light from the sky that things hide, from glowing surfaces and over other surfaces, see `paths.PathOptions`;
     None leaves it out.
 
     supersampling: n renders n x n samples for each pixel, side by side: every image, the margin and the unit of motion
@@ -89,7 +89,7 @@ class Renderer:
         """Copies of the images of a scene in which nothing moves."""
         self._nothing = {n: wp.empty((0, 0, 0), dtype=t, device=self.device) for n, t in self.types.items()}
         self._drawn = self._at_rest = False
-        self._recording, self._ahead = Recording(self.device), Branch(self.device)
+        self._graphs, self._ahead = CudaGraphs(self.device), Branch(self.device)
 
     def counts(self) -> tuple[int, int]:
         """Pixels of the last drawn light that were not finite, and clipped to float16; waits for it."""
@@ -177,7 +177,7 @@ class Renderer:
         self._still = {}
         self._draw(frames, targets)
         if not v.as_placed(poses):
-            frames = v.frames(poses)
+            frames = v.instance_poses(poses)
             v.place_others(frames)
             self._draw(frames, targets)
         return True
@@ -185,7 +185,7 @@ class Renderer:
     def _draw_all(self, poses: np.ndarray, previous: np.ndarray | str | None, targets: Mapping[str, wp.array]) -> None:
         """The images, or what is kept of the last ones where nothing has moved."""
         v = self.visibility
-        frames = v.frames(poses)
+        frames = v.instance_poses(poses)
         before = None
         if isinstance(previous, str):
             before = v.last if "motion" in targets and self._drawn else None
@@ -199,7 +199,7 @@ class Renderer:
         v.place(frames, before)
         self._draw(frames, targets)
 
-    def _draw(self, frames: Frames, targets: Mapping[str, wp.array]) -> None:
+    def _draw(self, frames: InstancePoses, targets: Mapping[str, wp.array]) -> None:
         """The images of what the visibility has placed."""
         v = self.visibility
         if not targets.keys().isdisjoint(LIGHT):
@@ -211,7 +211,7 @@ class Renderer:
             self._at_rest = not v.still_displaced
         written = tuple((name, target.ptr) for name, target in targets.items())
         key = (v.coming, v.still_moved, v.moved, everything, self.shading.occluders.builds, written)
-        self._recording.run(key, lambda: self._launch(targets, everything))
+        self._graphs.run(key, lambda: self._launch(targets, everything))
         v.drawn()
 
     def _launch(self, targets: Mapping[str, wp.array], everything: bool) -> None:
@@ -237,7 +237,7 @@ class Renderer:
             shading.shade(targets.get("radiance"), True, targets.get("luminance"))
         ahead.join()
 
-    def _repeat(self, frames: Frames, targets: Mapping[str, wp.array]) -> None:
+    def _repeat(self, frames: InstancePoses, targets: Mapping[str, wp.array]) -> None:
         """Nothing moved since the last call: what has been drawn of this instant is copied."""
         missing = {name: target for name, target in targets.items() if name not in self._still}
         if missing:
@@ -269,7 +269,7 @@ class Renderer:
         def arguments(row0: int, row1: int) -> tuple[tuple[int, ...], list[Any]]:
             return (envs, row1 - row0, width // v.span), [v.view, row0, v.span, *shared, *arrays]
 
-        v.bands.launch(kernel, arguments, self.device)
+        v.row_tiles.launch(kernel, arguments, self.device)
 
     def buffers(self, outputs: Iterable[str]) -> dict[str, wp.array]:
         """The renderer's own arrays on its device, as `out` of `render` takes them: so nobody waits for a GPU."""

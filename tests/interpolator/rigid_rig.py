@@ -11,7 +11,7 @@ from evis.geometry import se3
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Body, Camera, Instance, Light, Material, Mesh, Scene
 from evis.scene.motion import Prescribed
-from nodes.interpolator.keyframe import Report, States, View
+from nodes.interpolator.keyframe import KeyframeView, Report, States
 from nodes.interpolator.luminance import luminance_of
 from nodes.interpolator.rigid import Rigid
 from nodes.interpolator.splat.splat import make_splat
@@ -112,7 +112,7 @@ def luminance(radiance):
 def keyframe(renderer, states, before, stamp, outputs=("radiance",)):
     images = renderer.render(states.pose[:, -1], before, outputs, {}, stamp)
     motion = images.get("motion")
-    return View(
+    return KeyframeView(
         luminance_of(images["radiance"].copy()),
         wp.array(images["depth"].copy(), device="cpu") if "depth" in images else None,
         wp.array(motion.copy(), dtype=wp.float32, device="cpu") if motion is not None else None,

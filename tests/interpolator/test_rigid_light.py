@@ -25,7 +25,7 @@ from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Waveform
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
 from nodes.interpolator.interpolator import Interpolator, new_frames
-from nodes.interpolator.keyframe import View
+from nodes.interpolator.keyframe import KeyframeView
 from nodes.interpolator.rigid import Rigid
 from nodes.interpolator.rigid.method import TOLERANCE
 from nodes.renderer.renderer import Renderer
@@ -110,7 +110,7 @@ def coloured(scene, upsampling):
     for t in (START, START + GAP):
         states = closed_form(scene, np.array([START, t]))
         image = renderer.render(states.pose[:, -1], before, ("radiance",), {}, t)["radiance"].copy()
-        views.append(View(wp.array(image, device="cpu"), states=states, stamp_ns=t))
+        views.append(KeyframeView(wp.array(image, device="cpu"), states=states, stamp_ns=t))
         before = states.pose[:, -1]
     out = np.empty((1, upsampling, view.height, view.width, 3), np.float32)
     report = Rigid(scene, view, 1, upsampling, 0, 3).between(*views, [False], out)

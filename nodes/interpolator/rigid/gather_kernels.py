@@ -8,7 +8,7 @@ import warp as wp
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.rigid.log_kernels import apart, radiance_of
 from nodes.interpolator.rigid.look_up_kernels import HARD, SEEN, Sight, make_keyframes, make_look_up
-from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
 from nodes.renderer.shading.radiance_kernels import luminance
 
 wp.set_module_options({"enable_backward": False})
@@ -38,7 +38,7 @@ class Portion:
 
 
 @wp.func
-def sight_of(view: View, hit: wp.uint64, y: int, x: int, pieces: wp.array(dtype=wp.vec2i), sky: int):
+def sight_of(view: CameraView, hit: wp.uint64, y: int, x: int, pieces: wp.array(dtype=wp.vec2i), sky: int):
     """What a pixel shows, and its body; sky: the index that stands for it."""
     s = Sight()
     s.y = y
@@ -75,7 +75,7 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool) -> wp.Ker
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
     def gather(
         # in
-        view: View,
+        view: CameraView,
         first: int,
         last: int,
         workers: int,

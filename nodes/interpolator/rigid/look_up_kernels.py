@@ -7,7 +7,7 @@ import warp as wp
 
 from nodes.interpolator.rigid.log_kernels import LOGS, apart, half_black, least, most, within
 from nodes.renderer.raster.distortion_kernels import angle_of, make_distorted
-from nodes.renderer.raster.triangle_kernels import View
+from nodes.renderer.raster.triangle_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
@@ -134,7 +134,7 @@ def make_displacement(lens: str) -> wp.Function:
     distorted = make_distorted(lens) if lens != "none" else None
 
     @wp.func
-    def displacement(view: View, d: wp.vec3, p: wp.vec3, m: wp.vec3, near: float):
+    def displacement(view: CameraView, d: wp.vec3, p: wp.vec3, m: wp.vec3, near: float):
         """Pixels from where the point p on ray d is to where p + m is; FAR_AWAY where the camera has no image of it."""
         v = wp.vec2(FAR_AWAY, FAR_AWAY)
         if wp.static(distorted is not None):
@@ -279,7 +279,7 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool) -> wp.F
         return HIDDEN, pixel(0.0)
 
     @wp.func
-    def about(view: View, keys: Keyframes, s: Sight, at: int, fx: float, fy: float, w: float, tolerance: float):
+    def about(view: CameraView, keys: Keyframes, s: Sight, at: int, fx: float, fy: float, w: float, tolerance: float):
         """At the fraction (fx, fy) of the pixel `at` and the next ones; w: the point's inverse distance."""
         width = view.width
         below = at + width
@@ -320,7 +320,7 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool) -> wp.F
         return seen, value
 
     @wp.func
-    def look_up(view: View, keys: Keyframes, base: int, s: Sight, m: wp.vec3, tolerance: float):
+    def look_up(view: CameraView, keys: Keyframes, base: int, s: Sight, m: wp.vec3, tolerance: float):
         """(state, log radiance) of the point in a keyframe, m away from where it is in its camera frame. base: index of
         the first pixel of the keyframe's environment. State: SEEN, HIDDEN, or HARD where only a careful look would
         tell."""

@@ -29,16 +29,16 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from evis.gpu.cuda_graph import Branch, Recording
+from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
-from nodes.interpolator.keyframe import Report, View
+from nodes.interpolator.keyframe import KeyframeView, Report
 from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.keyframes import Pair
 from nodes.interpolator.rigid.patches import patches_of
 from nodes.interpolator.rigid.placement import Placement
-from nodes.interpolator.rigid.reprojection import Looking
-from nodes.interpolator.rigid.sampling import Part, Sampling
+from nodes.interpolator.rigid.reprojection import Reprojection
+from nodes.interpolator.rigid.sampling import Sampling, SubframeRange
 from nodes.interpolator.rigid.slots import Slots
 from nodes.interpolator.rigid.sparse_raster import SparseRaster
 from nodes.renderer.geometry.triangles import is_static
@@ -105,13 +105,13 @@ class Rigid:
         shape = self.visibility.shape
         self._size = (shape[1] - 2 * margin, shape[2] - 2 * margin)
         # As many as the visibility has bands, for these shade the lists.
-        bands = len(self.visibility.bands.rows)
+        bands = len(self.visibility.row_tiles.rows)
         pool = ThreadPoolExecutor(bands) if bands > 1 else None
         bodies, exact = len(scene.bodies), self._waveform is not None
         self._pair = Pair((envs, *shape[1:]), self._slots, bodies, channels, self._device, exact)
-        self._at_b: View | None = None
+        self._at_b: KeyframeView | None = None
         self._even = True
-        self._recording, self._beside = Recording(self._device), Branch(self._device)
+        self._graphs, self._beside = CudaGraphs(self._device), Branch(self._device)
         # B's own slot comes first, so that its z-buffer is there for all the others.
         order = [upsampling, *range(1, upsampling)]
         self._portions = [order[k : k + self._slots] for k in range(0, upsampling, self._slots)]
@@ -139,16 +139,20 @@ class Rigid:
         )  # fmt: skip
         relight = self._flicker and not exact
         given = (self.shading, self._sampling, self._pieces, self._portions, envs, channels, tolerance)
-        self._looking = Looking(*given, relight, exact, self._staged)
+        self._reprojection = Reprojection(*given, relight, exact, self._staged)
         self._sparse: SparseRaster | None = None
         self._strides = [1] * envs
         if step > 0 and SparseRaster.pays(self.visibility):
             self._sparse = SparseRaster(self.visibility, envs, step)
         # What the report needs, where the host reads it.
-        self._told = [wp.zeros(n.size, dtype=wp.int32, device="cpu", pinned=not cpu) for n in self._looking.counted]
+        self._told = [
+            wp.zeros(n.size, dtype=wp.int32, device="cpu", pinned=not cpu) for n in self._reprojection.counted
+        ]
         self._buffer: wp.array | None = None
 
-    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
+    def between(
+        self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
+    ) -> Report:
         """See Method. Views need `states` and `stamp_ns`; out may be an array of the device."""
         assert a.states is not None and b.states is not None
         stamps = subframe_stamps(a.stamp_ns, b.stamp_ns, self._upsampling)
@@ -167,7 +171,7 @@ class Rigid:
             # Launches that were recorded before the occluders' trees were built know others.
             builds = self.shading.occluders.builds
             key = portion, self._even, builds, self.visibility.still_moved, self.visibility.coming
-            self._recording.run(("draw", *key), partial(self._draw, portion))
+            self._graphs.run(("draw", *key), partial(self._draw, portion))
             self.visibility.drawn()
             # While a GPU draws.
             if portion == 0:
@@ -176,8 +180,8 @@ class Rigid:
                 self.shading.set_times(np.repeat(stamps[slots], self._envs))
             if self._waveform is not None:
                 strength = [waveform_strength(self._waveform, int(t)) for t in stamps[slots]]
-                self._looking.strength.assign(np.array(strength, np.float32))
-            self._recording.run(("look", portion, self._even, builds), partial(self._look, portion, frames))
+                self._reprojection.strength.assign(np.array(strength, np.float32))
+            self._graphs.run(("look", portion, self._even, builds), partial(self._reproject, portion, frames))
         self._even = not self._even
         if frames is self._buffer:
             self._hand_over(frames, out)
@@ -194,7 +198,7 @@ class Rigid:
         moving[patch[~v.geometry.static[v.geometry.triangle_instance]]] = True
         return moving
 
-    def _take(self, b: View, held: np.ndarray) -> None:
+    def _take(self, b: KeyframeView, held: np.ndarray) -> None:
         """What does not depend on the sub-frames: the later keyframe, and what stands still before it."""
         self._pair.b.take(b.image)
         flags = self._places.still(self._flicker, held)
@@ -215,7 +219,7 @@ class Rigid:
             v.draw(partial(self._launch_beside, portion))
         self._beside.join()
 
-    def _look(self, portion: int, frames: wp.array) -> None:
+    def _reproject(self, portion: int, frames: wp.array) -> None:
         """The frames of a portion that is drawn. Launches only."""
         v, part = self.visibility, self._portions[portion]
         first, closed = int(portion == 0), portion == len(self._portions) - 1
@@ -229,28 +233,28 @@ class Rigid:
                 self._find_quiet()
         if first:
             if self._waveform is not None:
-                self._pair.b.take_lights(partial(self._looking.light, placed=True))
-            self._pair.b.fill(v, self._envs, self._pieces, self._moving, self._looking.nonfinite)
+                self._pair.b.take_lights(partial(self._reprojection.light, placed=True))
+            self._pair.b.fill(v, self._envs, self._pieces, self._moving, self._reprojection.nonfinite)
         self._beside.join()
         if count:
             before = (self._pair.a.poses, self._pair.a.packed) if first else self._before
-            given = Part(portion, first, count, part[first] - 1, closed, before)
-            self._looking.look(given, self._pair, self._quiet, frames)
+            given = SubframeRange(portion, first, count, part[first] - 1, closed, before)
+            self._reprojection.reproject(given, self._pair, self._quiet, frames)
             if not closed:
                 last = slice((len(part) - 1) * self._envs, len(part) * self._envs)
                 for source, target in zip((v.poses, v.packed), self._before):
                     wp.copy(target, source[last])
         if closed:
-            for told, counted in zip(self._told, self._looking.counted):
+            for told, counted in zip(self._told, self._reprojection.counted):
                 wp.copy(told, counted)
 
     def _launch_beside(self, portion: int) -> None:
         """What needs the placed instances but not who is seen: beside the raster on a GPU."""
         with self._beside.aside():
             if portion == 0:
-                self._looking.clear()
+                self._reprojection.clear()
                 self._pair.b.take_poses(self.visibility, self._envs)
-            self._looking.place(self._pair)
+            self._reprojection.place(self._pair)
 
     def _report(self) -> Report:
         if self._device.is_cuda:
@@ -267,7 +271,7 @@ class Rigid:
         dim = (self._envs, v.shape[1], v.shape[2] // v.span)
         wp.launch(keyframe_kernels.find_quiet, dim, given, [self._quiet], device=self._device)
 
-    def _prepare(self, view: View) -> None:
+    def _prepare(self, view: KeyframeView) -> None:
         """A keyframe whose z-buffer is not there from the gap before."""
         v = self.visibility
         placed = self._places.place_before()
@@ -280,8 +284,8 @@ class Rigid:
         self._pair.b.take_poses(v, self._envs)
         if self._waveform is not None:
             self.shading.update(placed)
-            self._pair.b.take_lights(partial(self._looking.light, placed=False))
-        self._pair.b.fill(self.visibility, self._envs, self._pieces, self._moving, self._looking.nonfinite)
+            self._pair.b.take_lights(partial(self._reprojection.light, placed=False))
+        self._pair.b.fill(self.visibility, self._envs, self._pieces, self._moving, self._reprojection.nonfinite)
 
     def _target(self, out: np.ndarray | wp.array) -> wp.array:
         """The output on a CPU, a buffer in its place on a GPU, as [E K, h, w] pixels."""

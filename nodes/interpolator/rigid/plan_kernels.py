@@ -14,7 +14,7 @@ import warp as wp
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.rigid.look_up_kernels import SAME_SHEET
 from nodes.interpolator.rigid.walk_kernels import Walk
-from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -78,7 +78,7 @@ def body_at(t: int, env: int, pieces: wp.array(dtype=wp.vec2i), walk: Walk):
 
 
 @wp.func
-def flow(view: View, gain: float, row: int, body: int, d: wp.vec3, away: float, walk: Walk):
+def flow(view: CameraView, gain: float, row: int, body: int, d: wp.vec3, away: float, walk: Walk):
     """Pixels that the point away d has come by since the position before."""
     m = wp.cross(walk.spin[row, body], away * d) + walk.shift[row, body]
     if view.distorted == 1:
@@ -104,7 +104,7 @@ def make_plan(channels: int) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False)
     def plan(
         # in
-        view: View,
+        view: CameraView,
         first: int,
         last: int,
         span: int,

@@ -10,7 +10,7 @@ import warp as wp
 
 from nodes.interpolator.rigid.gather_kernels import Portion, make_gather, make_place
 from nodes.interpolator.rigid.keyframes import Pair
-from nodes.interpolator.rigid.sampling import Part, Sampling, Todo
+from nodes.interpolator.rigid.sampling import Sampling, SubframeRange, Todo
 from nodes.renderer.lighting import LIST_WORKERS, Shading
 
 BLOCK = 128
@@ -20,7 +20,7 @@ CARE_WORKERS = 1 << 18
 """Threads that share the list of what needs care, on a GPU."""
 
 
-class Looking:
+class Reprojection:
     """Of the slots of a shading's visibility, each of `envs` environments; launches only, but for a CPU's lists.
 
     strength float32 [slots]: of lights that flicker. counted: int32 on the device, pixels that were shaded anew by list
@@ -102,7 +102,7 @@ class Looking:
         shading.lights.select("now")
         return self._radiance
 
-    def look(self, part: Part, pair: Pair, quiet: wp.array, frames: wp.array) -> None:
+    def reproject(self, part: SubframeRange, pair: Pair, quiet: wp.array, frames: wp.array) -> None:
         """Look up what may have changed, shade what no keyframe shows, and again where samples are too far apart."""
         todo: Todo | None
         how: list[Any] = [self._portion(part, quiet), pair.kernel()]
@@ -114,7 +114,7 @@ class Looking:
             self._shade(part, todo, self._look_up(todo, how, frames), frames)
             todo = self._sampling.refine(pair.a)
 
-    def _portion(self, part: Part, quiet: wp.array) -> Any:
+    def _portion(self, part: SubframeRange, quiet: wp.array) -> Any:
         """What the gather reads of a portion and of the scene."""
         portion: Any = Portion()
         portion.slot0, portion.count, portion.envs = part.slot0, part.count, self._envs
@@ -123,7 +123,7 @@ class Looking:
         portion.packed, portion.quiet, portion.pieces = self._v.packed, quiet, self._pieces
         return portion
 
-    def _first_pixels(self, part: Part, how: list[Any], frames: wp.array) -> Todo:
+    def _first_pixels(self, part: SubframeRange, how: list[Any], frames: wp.array) -> Todo:
         """Look up all pixels of a portion but those that need care, which are listed."""
         todo = self._sampling.everything(part)
         given: list[Any] = [self._v.view, 0, 0, 1, todo.at, *how, todo.pixels, self._sampling.counts]
@@ -146,10 +146,10 @@ class Looking:
         self._sampling.launch(launches)
         return todo.starts[:-1]
 
-    def _shade(self, part: Part, todo: Todo, firsts: list[int], frames: wp.array) -> None:
+    def _shade(self, part: SubframeRange, todo: Todo, firsts: list[int], frames: wp.array) -> None:
         """The listed pixels, anew."""
         count = self._count[todo.at : todo.at + self._sampling.bands]
-        # The first time also for nothing, so that what is rehearsed loads all kernels.
+        # The first time also for nothing, so that a warm-up loads all kernels.
         if self._loaded and todo.starts is not None and not count.numpy().any():
             return
         self._loaded = True

@@ -28,7 +28,7 @@ CHUNK = 256
 
 
 @dataclass
-class Part:
+class SubframeRange:
     """A portion of the sub-frames: number of it; slots slot0 .. slot0 + count - 1 have sub-frames start + 1 ..; before:
     poses [E, N] and z-buffer [E, H, W] of sub-frame `start`; closed: keyframe B comes right after it."""
 
@@ -73,7 +73,7 @@ class Sampling:
         v = self._v = visibility
         self._pieces, self._envs, self._upsampling, self._pool = pieces, envs, upsampling, pool
         self._step, self._ratio, self._on_device = sample_px, ratio, on_device
-        self.bands = len(v.bands.rows)
+        self.bands = len(v.row_tiles.rows)
         self._size = (v.shape[1] - 2 * v.margin, v.shape[2] - 2 * v.margin)
         inner = self._inner = envs * self._size[0] * self._size[1]
         self._gain = pixels_per_radian(v)
@@ -91,7 +91,7 @@ class Sampling:
             self._walk.as_world = wp.zeros((envs, bodies), dtype=wp.int32)
             self._codes = wp.empty((slots, inner if on_device else CHUNK * self.bands), dtype=wp.uint8)
             most = inner * (slots // 2 + 1) if sample_px > 0 else 1
-            # Bands write theirs beside each other, however short their spans are.
+            # RowTiles write theirs beside each other, however short their spans are.
             self._todo = wp.empty(max(inner * slots, (SHORT - 1) * most * (self.bands > 1)), dtype=wp.int32)
             self._spans = [wp.empty(most * min(2, self.bands), dtype=wp.vec2i) for _ in range(2)]
             self.counts = wp.zeros(portions * self.rounds * self.bands, dtype=wp.int32)
@@ -103,7 +103,7 @@ class Sampling:
         self.counts.zero_()
         self._span_counts.zero_()
 
-    def plan(self, part: Part, b: Prepared, quiet: wp.array, frames: wp.array) -> Todo:
+    def plan(self, part: SubframeRange, b: Prepared, quiet: wp.array, frames: wp.array) -> Todo:
         """The first samples, and where neither geometry nor light can have changed B's pixels in `frames`."""
         v, count = self._v, part.count
         self._part, self._frames, self._round = part, frames, 0
@@ -134,7 +134,7 @@ class Sampling:
         self._joined = self._join(self._spans[0], self._span_counts, at, [s * (count // 2 + 1) for s in starts])
         return self._listed(at, [s * count for s in starts])
 
-    def everything(self, part: Part) -> Todo:
+    def everything(self, part: SubframeRange) -> Todo:
         """A list that is empty yet, for what is found to be listed while all is looked up."""
         self._part, self._round = part, 0
         return Todo(self._todo, None, self._at())
@@ -195,7 +195,7 @@ class Sampling:
         todo = self._join(self._todo, self.counts, at, starts)
         return Todo(todo, self._split(todo.size), at)
 
-    def _changed(self, part: Part, b: Prepared, quiet: wp.array, frames: wp.array) -> wp.array:
+    def _changed(self, part: SubframeRange, b: Prepared, quiet: wp.array, frames: wp.array) -> wp.array:
         """On a CPU: B in all frames, and the pixels int32 [n] of [E, h, w] where that is not what is always seen."""
         v, m, (height, width) = self._v, self._v.margin, self._size
         inner = (..., slice(m, m + height), slice(m, m + width))

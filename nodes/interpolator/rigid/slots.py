@@ -8,7 +8,7 @@ from evis.scene.model import Scene
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.placement import Placement
-from nodes.renderer.geometry.poses import Frames, same_bytes
+from nodes.renderer.geometry.poses import InstancePoses, same_bytes
 from nodes.renderer.raster.visibility import Visibility
 
 HELD = int(keyframe_kernels.HELD)
@@ -28,7 +28,7 @@ class Slots:
         self._others = np.setdiff1d(np.arange(bodies), self._movers)
         # Of the other bodies [E, N - M, 7], where they were placed last.
         self._placed: np.ndarray | None = None
-        self._frames: Frames | None = None
+        self._frames: InstancePoses | None = None
         self._none = np.zeros((self._envs, bodies + 2), np.int32)
         place = np.flatnonzero(self._movers == visibility.camera_body)
         self._camera = int(place[0]) if len(place) else None
@@ -69,7 +69,7 @@ class Slots:
         flags[held] = HELD
         return flags
 
-    def place(self, which: list[int]) -> Frames:
+    def place(self, which: list[int]) -> InstancePoses:
         """The sub-frames `which`, counted from 0, one of each slot; on a GPU they are there after `arrive`."""
         fresh = self.moved[which].reshape(self._v.envs, len(self._movers), 7)
         others = self.rest.take(self._others, axis=1)
@@ -81,11 +81,11 @@ class Slots:
             self._frames = self._v.send(fresh)
         return self._frames
 
-    def place_before(self) -> Frames:
+    def place_before(self) -> InstancePoses:
         """Keyframe a in all slots."""
         return self._place_all(np.tile(self.before, (self._slots, 1, 1)), self.before.take(self._others, axis=1))
 
-    def _place_all(self, poses: np.ndarray, others: np.ndarray) -> Frames:
-        self._placed, self._frames = others, self._v.frames(poses)
+    def _place_all(self, poses: np.ndarray, others: np.ndarray) -> InstancePoses:
+        self._placed, self._frames = others, self._v.instance_poses(poses)
         self._v.place(self._frames)
         return self._frames

@@ -17,7 +17,7 @@ import warp as wp
 from evis.geometry import se3
 from nodes.interpolator.rigid.sampling import pixels_per_radian
 from nodes.renderer.raster import raster_kernels
-from nodes.renderer.raster.raster import BandRaster, make_raster
+from nodes.renderer.raster.raster import RowRaster, make_raster
 from nodes.renderer.raster.triangle_kernels import MISS
 from nodes.renderer.raster.visibility import Visibility
 
@@ -44,7 +44,7 @@ class SparseRaster:
     def __init__(self, visibility: Visibility, envs: int, step_px: float) -> None:
         """step_px: path [px] from one sub-frame that is drawn in full to the next."""
         v = self._v = visibility
-        assert isinstance(v.raster, BandRaster)
+        assert isinstance(v.raster, RowRaster)
         self._blocks, self._raster = v.raster.blocks, make_raster(v.lens)
         self._envs, self._step = envs, step_px
         self._triangles, self._points = ({n: getattr(b, n).numpy() for n in FIELDS} for b in self._blocks)
@@ -68,7 +68,7 @@ class SparseRaster:
     @staticmethod
     def pays(v: Visibility) -> bool:
         """Whether there is enough that stands still, and is not kept as a layer."""
-        if v.layered or not isinstance(v.raster, BandRaster):
+        if v.layered or not isinstance(v.raster, RowRaster):
             return False
         return int(v.geometry.static[v.raster.blocks[0].instance.numpy()].sum()) >= MANY
 
@@ -124,7 +124,7 @@ class SparseRaster:
         inputs = [v.view, 0, points, v.points, *place, vertices]
         wp.launch(raster_kernels.to_camera, dim=(envs, count_points), inputs=inputs, device=v.device)
         shared = [0, triangles, v.two_sided, *place, vertices, v.triangles, v.packed[part]]
-        v.bands.launch(self._raster, lambda row0, row1: ((envs, count), [v.view, row0, row1, *shared]), v.device)
+        v.row_tiles.launch(self._raster, lambda row0, row1: ((envs, count), [v.view, row0, row1, *shared]), v.device)
 
     def _lately(self, env: int) -> list[Any]:
         """Blocks of triangles that were seen lately or move, and those of their vertices."""

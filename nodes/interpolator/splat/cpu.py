@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import warp as wp
 
-from nodes.interpolator.keyframe import Report, View
+from nodes.interpolator.keyframe import KeyframeView, Report
 from nodes.interpolator.splat import cpu_kernels
 from nodes.interpolator.splat.warp_kernels import Source
 
@@ -54,8 +54,8 @@ class SplatCpu:
 
     def between(
         self,
-        a: View,
-        b: View,
+        a: KeyframeView,
+        b: KeyframeView,
         held: Sequence[bool] | np.ndarray,
         out: np.ndarray | wp.array,
         bends: tuple[wp.array, wp.array] | None = None,

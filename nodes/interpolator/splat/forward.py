@@ -15,7 +15,7 @@ import warp as wp
 
 from evis.scene.model import Camera, Scene
 from nodes.interpolator import image_kernels
-from nodes.interpolator.keyframe import Report, View
+from nodes.interpolator.keyframe import KeyframeView, Report
 from nodes.interpolator.splat.splat import make_splat
 from nodes.renderer.renderer import Renderer
 
@@ -45,7 +45,9 @@ class SplatForward:
         self._motion = wp.empty(shape, dtype=wp.vec2, device=device)
         self._back = wp.empty((*shape, 2), dtype=wp.float32, device=device)
 
-    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
+    def between(
+        self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
+    ) -> Report:
         """See Method."""
         assert a.states is not None and b.states is not None
         then, now = (np.asarray(view.states.pose[:, -1]) for view in (b, a) if view.states is not None)

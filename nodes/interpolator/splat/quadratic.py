@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.interpolator.keyframe import Report, View
+from nodes.interpolator.keyframe import KeyframeView, Report
 from nodes.interpolator.splat import bend_kernels
 from nodes.interpolator.splat.splat import NEEDS as NEEDS
 from nodes.interpolator.splat.splat import make_splat
@@ -37,11 +37,11 @@ class Bends:
         with wp.ScopedDevice(device):
             self._at_a, self._at_b = (wp.zeros((envs, height * width), dtype=wp.vec2) for _ in "AB")
             self._onward = wp.empty((*shape, 2), dtype=wp.float32)
-        self._last: View | None = None
+        self._last: KeyframeView | None = None
         self._gap = 0
         self._first = np.ones(envs, bool)
 
-    def of(self, a: View, b: View, held: np.ndarray) -> tuple[wp.array, tuple[wp.array, wp.array]]:
+    def of(self, a: KeyframeView, b: KeyframeView, held: np.ndarray) -> tuple[wp.array, tuple[wp.array, wp.array]]:
         """A's motion on to B, negated, and the bends of A's and of B's paths, wp.vec2 [E, H W] px."""
         known = a is self._last
         # A keyframe that did not end a gap began an episode.
@@ -77,7 +77,9 @@ class SplatQuadratic:
         self._splat: Any = make_splat(height, width, envs, upsampling, margin, channels, device, threads)
         self._bends = bends or Bends((envs, height, width), device)
 
-    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
+    def between(
+        self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
+    ) -> Report:
         """See Method. Views need `stamp_ns`."""
         onward, bends = self._bends.of(a, b, np.asarray(held, bool))
         return self._splat.between(replace(a, motion=onward), b, held, out, bends)

@@ -26,7 +26,7 @@ READ = 2
 """Buffers that a GPU reads in turn."""
 
 
-class Staging:
+class PoseUpload:
     """Poses of an instant as `now` and of the one before as `before`, transformd [E, N] on the device.
 
     Through pinned buffers on a GPU, so that nobody waits for the copy. movers int64 [M]: bodies that may move; where

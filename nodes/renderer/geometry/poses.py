@@ -51,7 +51,7 @@ def same_bytes(a: np.ndarray, b: np.ndarray) -> bool:
     return np.array_equal(a[0], b[0]) and np.array_equal(a[1:], b[1:])
 
 
-class Frames:
+class InstancePoses:
     """Where everything is, seen from the camera, at one instant, in float64 on the host; computed when it is asked for.
 
     bodies: poses float64 [E, N, 7]; index: of the camera's body; on: body of each instance int64 [I] (-1 = world);

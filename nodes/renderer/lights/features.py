@@ -39,9 +39,9 @@ class Features:
     cached: bool = False
     """Light on still surfaces is remembered."""
     masked: bool = False
-    """Rays to lights that are points have been traced before, by shadow_kernels."""
+    """Rays to lights that are points have been traced before, by shading/shadow_kernels."""
     tiled: bool = False
-    """Threads that run together have a tile of pixels (kernels.tile_pixel)."""
+    """Threads that run together have a tile of pixels (triangle_kernels.tile_pixel)."""
     half: bool = False
     """Light is written as float16."""
 

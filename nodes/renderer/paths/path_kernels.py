@@ -25,7 +25,7 @@ from nodes.renderer.raster.surface_kernels import (
     seen_face,
     seen_triangle,
 )
-from nodes.renderer.raster.triangle_kernels import MISS, View
+from nodes.renderer.raster.triangle_kernels import MISS, CameraView
 from nodes.renderer.shading.radiance_kernels import make_image, make_write
 from nodes.renderer.shadows.ray_kernels import Casters
 
@@ -45,7 +45,7 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
 
     @wp.func
     def paths(
-        view: View,
+        view: CameraView,
         pixel: Pixel,
         limits: PathLimits,
         seen: Seen,
@@ -70,7 +70,7 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
     @wp.kernel(module="unique", enable_backward=False)
     def add_paths(
         # in
-        view: View,
+        view: CameraView,
         row0: int,
         band: int,
         span: int,
@@ -96,7 +96,7 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
     @wp.kernel(module="unique", enable_backward=False)
     def add_paths_list(
         # in
-        view: View,
+        view: CameraView,
         workers: int,
         first: int,
         band: int,

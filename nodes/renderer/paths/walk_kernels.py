@@ -20,7 +20,7 @@ from nodes.renderer.raster.surface_kernels import (
     make_surface,
     smooth_normal,
 )
-from nodes.renderer.raster.triangle_kernels import View
+from nodes.renderer.raster.triangle_kernels import CameraView
 from nodes.renderer.shading.radiance_kernels import luminance
 from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion
 
@@ -36,7 +36,7 @@ ROULETTE_DRAWS = wp.constant(128)
 
 @wp.struct
 class PathLimits:
-    """bounces, samples and roulette (0 or 1) of `path.PathOptions`."""
+    """bounces, samples and roulette (0 or 1) of `paths.PathOptions`."""
 
     bounces: int
     samples: int
@@ -84,7 +84,9 @@ def make_vertices(f: Features) -> tuple[Any, Any]:
     albedo_at = make_albedo(f.textures, f.tinted)
 
     @wp.func
-    def first_vertex(view: View, pixel: Pixel, seen: Seen, surfaces: Surfaces, sky: Sky, casters: Casters, face: Face):
+    def first_vertex(
+        view: CameraView, pixel: Pixel, seen: Seen, surfaces: Surfaces, sky: Sky, casters: Casters, face: Face
+    ):
         """What a pixel sees, as the vertex that its paths begin at."""
         s = SurfacePoint()
         s.position = face.position

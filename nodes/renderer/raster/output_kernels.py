@@ -3,7 +3,7 @@
 import warp as wp
 
 from nodes.renderer.raster.distortion_kernels import angle_of, make_distorted
-from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -19,7 +19,7 @@ def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool, lens: str) 
     @wp.kernel(module="unique", enable_backward=False)
     def outputs(
         # in
-        view: View,
+        view: CameraView,
         row0: int,
         span: int,
         packed: wp.array3d(dtype=wp.uint64),
@@ -93,7 +93,7 @@ def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool, lens: str) 
 @wp.kernel
 def body_points(
     # in
-    view: View,
+    view: CameraView,
     packed: wp.array3d(dtype=wp.uint64),
     instance: wp.array(dtype=int),
     rotation: wp.array2d(dtype=wp.mat33),

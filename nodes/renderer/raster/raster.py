@@ -43,10 +43,10 @@ MOST_TILES = 1 << 22
 """Tiles that there is room for in all; more environments than have room take turns."""
 
 make_raster = cache(raster_kernels.make_raster)
-make_pooled = cache(tiled_kernels.make_pooled)
+make_tiled = cache(tiled_kernels.make_tiled)
 
 
-class BandRaster:
+class RowRaster:
     """Corners are turned to the camera once; then every thread draws all triangles into the rows that it owns."""
 
     local = False
@@ -60,7 +60,7 @@ class BandRaster:
         self._raster = make_raster(v.lens)
 
     def clear(self) -> None:
-        """As PooledRaster.clear: nothing."""
+        """As TiledRaster.clear: nothing."""
 
     def draw(self, packed: wp.array, still: bool, moving: bool, cleared: Callable[[], None] = lambda: None) -> None:
         """Add the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
@@ -74,11 +74,11 @@ class BandRaster:
         inputs = [v.view, start_points, points, v.points, *place, self.vertices]
         wp.launch(raster_kernels.to_camera, dim=(v.envs, count_points), inputs=inputs, device=v.device)
         shared = [start, blocks, v.two_sided, *place, self.vertices, v.triangles, packed]
-        v.bands.launch(self._raster, lambda row0, row1: ((v.envs, count), [v.view, row0, row1, *shared]), v.device)
+        v.row_tiles.launch(self._raster, lambda row0, row1: ((v.envs, count), [v.view, row0, row1, *shared]), v.device)
 
 
-class PooledRaster:
-    """What may be seen is listed step by step, and threads share the lists; see pooled_kernels."""
+class TiledRaster:
+    """What may be seen is listed step by step, and threads share the lists; see tiled_kernels."""
 
     local = True
 
@@ -88,17 +88,17 @@ class PooledRaster:
         self._blocks, self._still, self._count = put_blocks(pieces, v.put), pieces.still, len(pieces.instance)
         self.vertices = v.points.reshape((1, -1))
         self._counters = wp.zeros(tiled_kernels.COUNTERS * int(tiled_kernels.LINE), dtype=wp.int32, device=v.device)
-        lanes, regions = int(tiled_kernels.LANES), int(tiled_kernels.SMALL_REGIONS)
+        threads, regions = int(tiled_kernels.BLOCK_THREADS), int(tiled_kernels.SMALL_REGIONS)
         # A warehouse of 200,000 triangles takes a tile for every second pixel, of 8 rows; of 32, for every sixth.
         pixels = v.shape[1] * v.shape[2]
         room = min(2 * len(v.geometry.triangles), pixels // 2)
-        at_once = min(AT_ONCE // max(1, self._count * lanes), MOST_TILES // max(1, room))
+        at_once = min(AT_ONCE // max(1, self._count * threads), MOST_TILES // max(1, room))
         self._envs = min(v.envs, max(1, at_once))
         listed = self._envs * self._count
         self._few = listed <= FEW
         if not self._few:
             self._listed = v.empty(listed, wp.vec4i)
-            self._small = v.empty((regions, -(-listed // regions) * lanes), wp.vec2i)
+            self._small = v.empty((regions, -(-listed // regions) * threads), wp.vec2i)
         rows = ROWS[self._few or pixels > LARGE_IMAGE]
         # Room for a few triangles as large as the image in any case.
         regions = int(tiled_kernels.LARGE_REGIONS)
@@ -107,7 +107,7 @@ class PooledRaster:
         self._large, self._setups = v.empty((regions, places), wp.vec4i), v.empty((regions, places), Setup)
         together = v.device.is_cuda and v.lens == "none" and not self._few and pixels > LARGE_IMAGE
         area = SHARED_AREA if together else SPLIT_AREA[self._few]
-        self._list, self._raster, self._at_once, self._tiles = make_pooled(v.lens, area, rows, together)
+        self._list, self._raster, self._at_once, self._tiles = make_tiled(v.lens, area, rows, together)
         self._cleared = False
 
     def clear(self) -> None:
@@ -129,7 +129,7 @@ class PooledRaster:
         place = [v.rotation, v.translation]
         corners = [*place, self.vertices, v.triangles]
         large = [counters, self._large, self._setups, packed]
-        workers = min(WORKERS, envs * count * int(tiled_kernels.LANES))
+        workers = min(WORKERS, envs * count * int(tiled_kernels.BLOCK_THREADS))
         cleared()
         if not self._cleared:
             counters.zero_()

@@ -7,7 +7,16 @@ normals. Culling leaves out only what covers no pixel, so it changes no bit of t
 import warp as wp
 
 from nodes.renderer.raster.distortion_kernels import make_bounds, walk_rays
-from nodes.renderer.raster.triangle_kernels import View, bounds, corners_of, facing, outside, set_up, turned_away, walk
+from nodes.renderer.raster.triangle_kernels import (
+    CameraView,
+    bounds,
+    corners_of,
+    facing,
+    outside,
+    set_up,
+    turned_away,
+    walk,
+)
 
 wp.set_module_options({"enable_backward": False})
 
@@ -31,7 +40,7 @@ class Blocks:
 
 
 @wp.func
-def unseen(view: View, row0: int, row1: int, blocks: Blocks, n: int, turn: wp.mat33, place: wp.vec3):
+def unseen(view: CameraView, row0: int, row1: int, blocks: Blocks, n: int, turn: wp.mat33, place: wp.vec3):
     """Whether a block covers no pixel of rows row0..row1 - 1."""
     centre = turn * blocks.centre[n] + place
     if outside(view, row0, row1, centre, blocks.radius[n]):
@@ -43,7 +52,7 @@ def unseen(view: View, row0: int, row1: int, blocks: Blocks, n: int, turn: wp.ma
 
 
 @wp.func
-def before_near(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+def before_near(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3):
     """Whether any of a triangle can lie before the near plane; a lens measures that along its rays."""
     return view.distorted == 1 or wp.max(a[2], wp.max(b[2], c[2])) >= view.near
 
@@ -51,7 +60,7 @@ def before_near(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 @wp.kernel
 def to_camera(
     # in
-    view: View,
+    view: CameraView,
     block0: int,
     blocks: Blocks,
     points: wp.array(dtype=wp.vec3),
@@ -79,7 +88,7 @@ def make_raster(lens: str) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False)
     def raster(
         # in
-        view: View,
+        view: CameraView,
         row0: int,
         row1: int,
         block0: int,

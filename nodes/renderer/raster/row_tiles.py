@@ -9,7 +9,7 @@ from typing import Any
 import warp as wp
 
 
-class Bands:
+class RowTiles:
     """Rows split over threads, for kernels that write only the rows they are given."""
 
     def __init__(self, height: int, threads: int) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from nodes.renderer.raster.triangle_kernels import (
-    View,
+    CameraView,
     corners_of,
     depth_of,
     edge_normal,
@@ -100,7 +100,7 @@ def pixel_at(env: int, y: int, x: int):
 
 
 @wp.func
-def listed_pixel(view: View, at: int):
+def listed_pixel(view: CameraView, at: int):
     """The pixel of an index into [E, H, W]."""
     return pixel_at(at // (view.width * view.height), at // view.width % view.height, at % view.width)
 
@@ -112,7 +112,7 @@ def seen_triangle(seen: Seen, pixel: Pixel):
 
 
 @wp.func
-def seen_face(view: View, seen: Seen, surfaces: Surfaces, pixel: Pixel):
+def seen_face(view: CameraView, seen: Seen, surfaces: Surfaces, pixel: Pixel):
     """Where a pixel's ray meets the triangle that it sees; there must be one."""
     face = Face()
     hit = seen.packed[pixel.env, pixel.y, pixel.x]
@@ -133,7 +133,7 @@ def seen_face(view: View, seen: Seen, surfaces: Surfaces, pixel: Pixel):
 
 
 @wp.func
-def weights_of(view: View, seen: Seen, surfaces: Surfaces, env: int, face: Face):
+def weights_of(view: CameraView, seen: Seen, surfaces: Surfaces, env: int, face: Face):
     """The weights of a seen triangle's corners."""
     centre = seen.translation[env, face.instance]
     a, b, c = corners_of(view, seen.vertices, surfaces.triangles, face.turn, centre, env, face.triangle)
@@ -153,7 +153,7 @@ def weights_of(view: View, seen: Seen, surfaces: Surfaces, env: int, face: Face)
 
 
 @wp.func
-def seen_texture(view: View, pixel: Pixel, surfaces: Surfaces, t: int, place: wp.vec2i, r: Weights):
+def seen_texture(view: CameraView, pixel: Pixel, surfaces: Surfaces, t: int, place: wp.vec2i, r: Weights):
     """A texture under a pixel that sees triangle t."""
     j = 3 * t
     uv0 = surfaces.uv[j]
@@ -195,7 +195,7 @@ def make_surface(textures: bool, smooth: bool, tinted: bool) -> Any:
     """The function `surface`."""
 
     @wp.func
-    def surface(view: View, pixel: Pixel, seen: Seen, surfaces: Surfaces, face: Face):
+    def surface(view: CameraView, pixel: Pixel, seen: Seen, surfaces: Surfaces, face: Face):
         """Albedo, and shading normal towards the viewer, where a pixel sees a triangle."""
         albedo = surfaces.albedo[surfaces.material[face.instance]]
         facing = face.normal

@@ -11,10 +11,10 @@ import warp as wp
 
 from nodes.renderer.raster.distortion_kernels import make_bounds, walk_rays
 from nodes.renderer.raster.raster_kernels import Blocks, before_near, unseen
-from nodes.renderer.raster.shuffle_kernels import lane_of, of_lane, running_sum
+from nodes.renderer.raster.shuffle_kernels import first_above, running_sum, shuffle_from
 from nodes.renderer.raster.triangle_kernels import (
+    CameraView,
     Setup,
-    View,
     bounds,
     columns_of,
     corners_of,
@@ -30,7 +30,7 @@ from nodes.renderer.raster.triangle_kernels import (
 
 wp.set_module_options({"enable_backward": False})
 
-LANES = wp.constant(64)
+BLOCK_THREADS = wp.constant(64)
 """Threads that share a block: one for each of its triangles."""
 
 GROUP = wp.constant(32)
@@ -60,7 +60,7 @@ def take(counters: wp.array(dtype=int), counter: int, places: int):
 @wp.kernel
 def list_blocks(
     # in
-    view: View,
+    view: CameraView,
     env0: int,
     block0: int,
     blocks: Blocks,
@@ -88,7 +88,7 @@ def beside(e: wp.vec3, slack: float, left: float, right: float, top: float, bott
 
 
 @wp.func
-def missed(view: View, s: Setup, x0: int, x1: int, y0: int, y1: int):
+def missed(view: CameraView, s: Setup, x0: int, x1: int, y0: int, y1: int):
     """Whether a triangle of a pinhole's image leaves out all of a tile, which is so for most tiles of a thin one."""
     left = view.columns[x0]
     right = view.columns[x1]
@@ -101,7 +101,7 @@ def missed(view: View, s: Setup, x0: int, x1: int, y0: int, y1: int):
     )
 
 
-def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel, wp.Kernel]:
+def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel, wp.Kernel]:
     """The kernels `list_triangles`, `raster`, `raster_at_once` in place of both, and `raster_tiles`.
 
     area: bounding box [px] above which a triangle is cut into tiles. rows: of a tile, and threads that share it, 8, 16
@@ -111,7 +111,7 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
     walk_over, walk_row = (walk_rays, walk_rays) if lens != "none" else (walk_all, walk)
 
     @wp.func
-    def shows(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
+    def shows(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
         """Whether a triangle faces the camera and has a pixel centre in its bounds, and these bounds."""
         box = wp.vec4()
         if not (facing(a, b, c, two_sided) and before_near(view, a, b, c)):
@@ -121,7 +121,7 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
 
     @wp.func
     def draw(
-        view: View,
+        view: CameraView,
         env: int,
         t: int,
         a: wp.vec3,
@@ -152,7 +152,7 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
 
     @wp.func
     def walk_tile(
-        view: View,
+        view: CameraView,
         s: Setup,
         x0: int,
         x1: int,
@@ -172,18 +172,18 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
         end = running_sum(length, wp.static(rows))
         # Where a row's pixel 0 would be if it began with the first pixel of all.
         origin = columns[0] - (end - length)
-        total = of_lane(end, wp.static(rows) - 1, wp.static(rows))
+        total = shuffle_from(end, wp.static(rows) - 1, wp.static(rows))
         for start in range(0, total, wp.static(rows)):
             pixel = start + lane
-            row = lane_of(pixel, end, wp.static(rows))
-            x = pixel + of_lane(origin, row, wp.static(rows))
+            row = first_above(pixel, end, wp.static(rows))
+            x = pixel + shuffle_from(origin, row, wp.static(rows))
             if pixel < total:
                 cover(view, s, row_share(view, s, y0 + row), x, y0 + row, env, t, packed)
 
     @wp.kernel(module="unique", enable_backward=False)
     def list_triangles(
         # in
-        view: View,
+        view: CameraView,
         workers: int,
         two_sided: wp.array(dtype=int),
         rotation: wp.array2d(dtype=wp.mat33),
@@ -198,25 +198,25 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
     ):
         """(environment, triangle) of what faces the camera and has a pixel centre in its bounds."""
         tid = wp.tid()
-        item = tid // LANES
+        item = tid // BLOCK_THREADS
         count = counters[0]
         while item < count:
             block = listed[item]
             env = block[0]
             i = block[1]
-            t = block[2] + tid % LANES
+            t = block[2] + tid % BLOCK_THREADS
             if t < block[3]:
                 a, b, c = corners_of(view, vertices, triangles, rotation[env, i], translation[env, i], env, t)
                 shown, _ = shows(view, a, b, c, two_sided[i])
                 if shown:
                     region = item % SMALL_REGIONS
                     small[region, take(counters, SMALL + region, 1)] = wp.vec2i(env, t)
-            item += workers // LANES
+            item += workers // BLOCK_THREADS
 
     @wp.kernel(module="unique", enable_backward=False)
     def raster(
         # in
-        view: View,
+        view: CameraView,
         workers: int,
         instance: wp.array(dtype=int),
         rotation: wp.array2d(dtype=wp.mat33),
@@ -247,7 +247,7 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
     @wp.kernel(module="unique", enable_backward=False)
     def raster_at_once(
         # in
-        view: View,
+        view: CameraView,
         workers: int,
         env0: int,
         envs: int,
@@ -269,12 +269,12 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
         """All triangles of the blocks block0.. that may be seen: sooner done where there are not many, for nothing
         waits for a list."""
         tid = wp.tid()
-        item = tid // LANES
+        item = tid // BLOCK_THREADS
         while item < envs * count:
             env = env0 + item // count
             n = block0 + item % count
             i = blocks.instance[n]
-            t = blocks.first[n] + tid % LANES
+            t = blocks.first[n] + tid % BLOCK_THREADS
             if t < blocks.last[n] and not unseen(
                 view, 0, view.height, blocks, n, rotation[env, i], translation[env, i]
             ):
@@ -282,12 +282,12 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
                 shown, box = shows(view, a, b, c, two_sided[i])
                 if shown:
                     draw(view, env, t, a, b, c, box, counters, large, setups, packed)
-            item += workers // LANES
+            item += workers // BLOCK_THREADS
 
     @wp.kernel(module="unique", enable_backward=False)
     def raster_tiles(
         # in
-        view: View,
+        view: CameraView,
         workers: int,
         counters: wp.array(dtype=int),
         large: wp.array2d(dtype=wp.vec4i),

@@ -24,7 +24,7 @@ Lens = wp.types.vector(length=8, dtype=wp.float64)
 
 
 @wp.struct
-class View:
+class CameraView:
     """Camera and image size; width and height include the margin, cx and cy do not."""
 
     fx: float
@@ -77,7 +77,7 @@ class Setup:
 
 
 @wp.func
-def pixel_ray(view: View, x: int, y: int):
+def pixel_ray(view: CameraView, x: int, y: int):
     """The ray d of a pixel; the branch goes one way for a whole launch and costs nothing that could be measured."""
     if view.distorted == 1:
         return view.rays[y, x]
@@ -85,7 +85,7 @@ def pixel_ray(view: View, x: int, y: int):
 
 
 @wp.func
-def ray_steps(view: View, x: int, y: int):
+def ray_steps(view: CameraView, x: int, y: int):
     """How the ray d of a pixel changes from one column and one row to the next."""
     if view.distorted == 1:
         left = wp.max(x - 1, 0)
@@ -98,7 +98,7 @@ def ray_steps(view: View, x: int, y: int):
 
 
 @wp.func
-def tile_pixel(view: View, tile: int, lane: int):
+def tile_pixel(view: CameraView, tile: int, lane: int):
     """Row and column of a thread's pixel where 32 threads do 8 x 4 of them; some may lie outside the image."""
     across = (view.width + 7) // 8
     return tile // across * 4 + lane // 8, tile % across * 8 + lane % 8
@@ -115,7 +115,7 @@ def depth_of(packed: wp.uint64):
 
 
 @wp.func
-def corner(view: View, vertices: wp.array2d(dtype=wp.vec3), turn: wp.mat33, place: wp.vec3, env: int, k: int):
+def corner(view: CameraView, vertices: wp.array2d(dtype=wp.vec3), turn: wp.mat33, place: wp.vec3, env: int, k: int):
     """Vertex k in the camera frame; turn, place: the pose of the instance that it belongs to."""
     if view.local == 1:
         return turn * vertices[0, k] + place
@@ -124,7 +124,7 @@ def corner(view: View, vertices: wp.array2d(dtype=wp.vec3), turn: wp.mat33, plac
 
 @wp.func
 def corners_of(
-    view: View,
+    view: CameraView,
     vertices: wp.array2d(dtype=wp.vec3),
     triangles: wp.array(dtype=wp.vec3i),
     turn: wp.mat33,
@@ -146,13 +146,13 @@ def edge_normal(a: wp.vec3, b: wp.vec3):
 
 
 @wp.func
-def edge_slack(view: View, a: wp.vec3, b: wp.vec3):
+def edge_slack(view: CameraView, a: wp.vec3, b: wp.vec3):
     """Bound of the rounding of edge_normal(a, b) . d over the image; it widens a triangle by some 1e-4 px."""
     return 6.0e-7 * wp.sqrt(wp.dot(a, a) * wp.dot(b - a, b - a)) * view.reach
 
 
 @wp.func
-def grow(view: View, box: wp.vec4, p: wp.vec3, slack: float):
+def grow(view: CameraView, box: wp.vec4, p: wp.vec3, slack: float):
     """Image bounds (x min, x max, y min, y max) with the projection of p, kept inside what an int can hold."""
     m = float(view.margin)
     nearness = 1.0 / p[2]
@@ -169,7 +169,7 @@ def grow(view: View, box: wp.vec4, p: wp.vec3, slack: float):
 
 
 @wp.func
-def grow_crossing(view: View, box: wp.vec4, a: wp.vec3, b: wp.vec3):
+def grow_crossing(view: CameraView, box: wp.vec4, a: wp.vec3, b: wp.vec3):
     """Bounds with the point where the edge a b meets the near plane, if it does; the slack covers its rounding."""
     if (a[2] >= view.near) == (b[2] >= view.near):
         return box
@@ -185,7 +185,7 @@ def beyond(slope: float, across: float, z: float, radius: float):
 
 
 @wp.func
-def outside(view: View, row0: int, row1: int, c: wp.vec3, radius: float):
+def outside(view: CameraView, row0: int, row1: int, c: wp.vec3, radius: float):
     """Whether a sphere about c covers no pixel centre of rows row0..row1 - 1; the sphere is widened by its rounding."""
     r = radius + 1.0e-5 * (wp.length(c) + radius)
     if view.distorted == 1:
@@ -226,7 +226,7 @@ def facing(a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
 
 
 @wp.func
-def bounds(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+def bounds(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3):
     """What of the image a triangle before the near plane may cover: (x min, x max, y min, y max)."""
     big = 1.0e9
     box = wp.vec4(big, -big, big, -big)
@@ -244,14 +244,14 @@ def bounds(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 
 @wp.func
-def holds_pixel(view: View, box: wp.vec4):
+def holds_pixel(view: CameraView, box: wp.vec4):
     """Whether any pixel centre of the image lies in these bounds."""
     wide = wp.max(wp.ceil(box[0]), 0.0) <= wp.min(wp.floor(box[1]), float(view.width - 1))
     return wide and wp.max(wp.ceil(box[2]), 0.0) <= wp.min(wp.floor(box[3]), float(view.height - 1))
 
 
 @wp.func
-def set_up(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3, box: wp.vec4):
+def set_up(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3, box: wp.vec4):
     """A triangle within `box`; x1 < x0 where that holds no pixel centre of the image."""
     s = Setup()
     s.x0 = wp.max(int(wp.ceil(box[0])), 0)
@@ -280,7 +280,7 @@ def set_up(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3, box: wp.vec4):
 
 
 @wp.func
-def run_of(view: View, edge: wp.vec3):
+def run_of(view: CameraView, edge: wp.vec3):
     """Columns that an edge goes on for a unit of its function; 0 for one along the rows, which narrows none of them."""
     if wp.abs(edge[0]) <= 1.0e-5 * (wp.abs(edge[1]) + wp.abs(edge[2])):
         return 0.0
@@ -300,7 +300,7 @@ def narrow(run: float, row: float, centre: float, span: wp.vec2):
 
 @wp.func
 def cover(
-    view: View,
+    view: CameraView,
     s: Setup,
     r: wp.vec4,
     x: int,
@@ -321,7 +321,7 @@ def cover(
 
 
 @wp.func
-def row_share(view: View, s: Setup, y: int):
+def row_share(view: CameraView, s: Setup, y: int):
     """What of the edge functions and the plane's is the same for a row of pixels."""
     dy = view.rows[y]
     return wp.vec4(
@@ -333,7 +333,7 @@ def row_share(view: View, s: Setup, y: int):
 
 
 @wp.func
-def runs_of(view: View, s: Setup, x0: int, x1: int):
+def runs_of(view: CameraView, s: Setup, x0: int, x1: int):
     """`run_of` the edges, or 0 where there are few columns: these are tried sooner than the edges' ends are found."""
     if x1 - x0 >= NARROW:
         return wp.vec3(run_of(view, s.e0), run_of(view, s.e1), run_of(view, s.e2))
@@ -354,7 +354,7 @@ def columns_of(run: wp.vec3, r: wp.vec4, centre: float, x0: int, x1: int):
 
 @wp.func
 def walk(
-    view: View,
+    view: CameraView,
     s: Setup,
     x0: int,
     x1: int,
@@ -376,7 +376,7 @@ def walk(
 
 @wp.func
 def walk_all(
-    view: View,
+    view: CameraView,
     s: Setup,
     x0: int,
     x1: int,

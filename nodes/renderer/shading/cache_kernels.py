@@ -20,7 +20,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.struct
-class Kept:
+class ShadingCache:
     """What is remembered of still surfaces [E, H, W]: the triangle that it is of, MISS for none; a bit for each light
     that reaches it; its radiance without moving casters."""
 
@@ -30,7 +30,7 @@ class Kept:
 
 
 @cache
-def make_memory(f: Features) -> tuple[Any, Any]:
+def make_cache(f: Features) -> tuple[Any, Any]:
     """The functions `recall` and `remember`."""
     occluded, crossed = make_occlusion(f.trees, f.joined)
     towards, _ = make_directions(f.directional, f.point, f.spot)
@@ -58,7 +58,7 @@ def make_memory(f: Features) -> tuple[Any, Any]:
         return True
 
     @wp.func
-    def recall(lights: Lights, casters: Casters, kept: Kept, pixel: Pixel, t: int, s: SurfacePoint):
+    def recall(lights: Lights, casters: Casters, kept: ShadingCache, pixel: Pixel, t: int, s: SurfacePoint):
         """Whether something is known of triangle t in a pixel, the lights that still casters let through to it, and
         whether its remembered radiance is the one that it has."""
         known = wp.bool(False)
@@ -75,7 +75,7 @@ def make_memory(f: Features) -> tuple[Any, Any]:
         return known, bits, done
 
     @wp.func
-    def remember(casters: Casters, kept: Kept, pixel: Pixel, face: Face, bits: wp.uint32, colour: wp.vec3):
+    def remember(casters: Casters, kept: ShadingCache, pixel: Pixel, face: Face, bits: wp.uint32, colour: wp.vec3):
         """Keep what was found out; colour: without moving casters."""
         still = casters.is_still[face.instance] == 1
         kept.triangle[pixel.env, pixel.y, pixel.x] = wp.where(still, face.triangle, MISS)

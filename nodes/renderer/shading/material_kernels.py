@@ -10,7 +10,7 @@ from nodes.renderer.lights.light_kernels import SurfacePoint
 from nodes.renderer.lights.sky_kernels import Sky, make_sky, reflectances
 from nodes.renderer.materials.ggx_kernels import diffuse_share, normal_reflectance
 from nodes.renderer.raster.surface_kernels import Face, Pixel, Seen, Surfaces, make_surface
-from nodes.renderer.raster.triangle_kernels import View
+from nodes.renderer.raster.triangle_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
@@ -22,7 +22,7 @@ def make_look(f: Features) -> Any:
     _, ambient, sky_gloss = make_sky(f.mapped)
 
     @wp.func
-    def look(view: View, pixel: Pixel, seen: Seen, surfaces: Surfaces, sky: Sky, face: Face, point: SurfacePoint):
+    def look(view: CameraView, pixel: Pixel, seen: Seen, surfaces: Surfaces, sky: Sky, face: Face, point: SurfacePoint):
         """The point with what it reflects by its lobe, the albedo of its diffuse term, and the radiance that it has
         without lights: what it emits, and reflects of the sky."""
         s = point

@@ -1,8 +1,8 @@
 """Radiance of the pixels that a z-buffer has found: what surfaces emit, and reflect of the lights and the sky.
 
-The way of a pixel: the triangle that it sees (surface_kernels), what is remembered of it (memory_kernels), else its
-material and the sky's light on it (look_kernels), the light of lights (lights_direct_kernels, lights_area_kernels) as
-far as nothing is in the way (lights_shadow_kernels), and out (write_kernels).
+The way of a pixel: the triangle that it sees (surface_kernels), what is remembered of it (cache_kernels), else its
+material and the sky's light on it (material_kernels), the light of lights (lights/direct_kernels and area_kernels) as
+far as nothing is in the way (shadows/ray_kernels), and out (radiance_kernels).
 """
 
 from typing import Any
@@ -24,8 +24,8 @@ from nodes.renderer.raster.surface_kernels import (
     seen_face,
     seen_triangle,
 )
-from nodes.renderer.raster.triangle_kernels import MISS, View, pixel_ray, tile_pixel
-from nodes.renderer.shading.cache_kernels import Kept, make_memory
+from nodes.renderer.raster.triangle_kernels import MISS, CameraView, pixel_ray, tile_pixel
+from nodes.renderer.shading.cache_kernels import ShadingCache, make_cache
 from nodes.renderer.shading.material_kernels import make_look
 from nodes.renderer.shading.radiance_kernels import make_image, make_write
 from nodes.renderer.shadows.ray_kernels import Casters, shadow_start
@@ -40,7 +40,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
     Image: Any = make_image(f.half)
     write = make_write(f.half)
     look, gather = make_look(f), make_lighting(f)
-    recall, remember = make_memory(f)
+    recall, remember = make_cache(f)
     background, _, _ = make_sky(f.mapped)
 
     @wp.func
@@ -65,7 +65,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
 
     @wp.func
     def shade_pixel(
-        view: View,
+        view: CameraView,
         pixel: Pixel,
         band: int,
         seen: Seen,
@@ -73,7 +73,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         lights: Lights,
         sky: Sky,
         casters: Casters,
-        kept: Kept,
+        kept: ShadingCache,
         image: Image,
     ):
         colour = wp.vec3(0.0, 0.0, 0.0)
@@ -107,7 +107,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
     @wp.kernel(module="unique", enable_backward=False)
     def shade(
         # in
-        view: View,
+        view: CameraView,
         row0: int,
         band: int,
         span: int,
@@ -117,7 +117,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         sky: Sky,
         casters: Casters,
         # in and out
-        kept: Kept,
+        kept: ShadingCache,
         # out
         image: Image,
     ):
@@ -134,7 +134,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
     @wp.kernel(module="unique", enable_backward=False)
     def shade_list(
         # in
-        view: View,
+        view: CameraView,
         workers: int,
         first: int,
         band: int,
@@ -146,7 +146,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         sky: Sky,
         casters: Casters,
         # in and out
-        kept: Kept,
+        kept: ShadingCache,
         # out
         image: Image,
     ):

@@ -9,7 +9,7 @@ from functools import cache
 import warp as wp
 
 from nodes.renderer.lights.light_kernels import Lights, SurfacePoint, make_directions
-from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, tile_pixel, triangle_of
+from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, tile_pixel, triangle_of
 from nodes.renderer.shadows.grid_kernels import Grid, hidden_from
 from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion, shadow_start
 
@@ -27,7 +27,7 @@ def make_shadow_rays(
 
     @wp.func
     def trace(
-        view: View,
+        view: CameraView,
         env: int,
         y: int,
         x: int,
@@ -77,7 +77,7 @@ def make_shadow_rays(
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
     def shadow_rays(
         # in
-        view: View,
+        view: CameraView,
         packed: wp.array3d(dtype=wp.uint64),
         instance: wp.array(dtype=int),
         normals: wp.array(dtype=wp.vec3),
@@ -116,7 +116,7 @@ def make_shadow_rays(
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
     def listed_shadow_rays(
         # in
-        view: View,
+        view: CameraView,
         packed: wp.array3d(dtype=wp.uint64),
         instance: wp.array(dtype=int),
         normals: wp.array(dtype=wp.vec3),

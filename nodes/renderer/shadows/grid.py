@@ -1,4 +1,4 @@
-"""The grids of spot lights that stand still, see shadow_grid_kernels."""
+"""The grids of spot lights that stand still, see grid_kernels."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class ShadowGrid:
         """Boxes, cells and entries for where the still instances and the lights are."""
         v, grid, last = self._v, self.kernel, self._v.last
         assert last is not None
-        frames = v.frames(last)
+        frames = v.instance_poses(last)
         rotation, translation = frames.body(-1)
         to_world = np.swapaxes(rotation[0], -1, -2)
         turn = to_world @ frames.rotation[0, self._still]
