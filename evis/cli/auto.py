@@ -143,9 +143,9 @@ def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapp
 
 def measured(setting: Setting) -> tuple[Measured, bool]:
     """What every candidate costs and how far off it is, and whether that was known."""
+    from evis.gpu.devices import device_named
     from nodes.interpolator.auto.probe import probe
     from nodes.interpolator.auto.trial import Measured
-    from nodes.interpolator.keyframe import device_named
 
     device_named(setting.device)
     try:

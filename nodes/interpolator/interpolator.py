@@ -9,12 +9,13 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import se3
+from evis.gpu.devices import device_named
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
 from nodes.interpolator import image_kernels
 from nodes.interpolator import warm_up as made_up
 from nodes.interpolator.adaptive import AdaptiveCount
-from nodes.interpolator.keyframe import KeyframeView, Method, Report, States, device_named
+from nodes.interpolator.keyframe import KeyframeView, Method, Report, States
 from nodes.interpolator.luminance import luminance_of, rgb_of, scalars
 from nodes.interpolator.passthrough import Passthrough, crop
 from nodes.interpolator.splat import splat

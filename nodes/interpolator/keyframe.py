@@ -4,26 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import warp as wp
 
-from evis.warp_start import start_warp
-
 wp.config.log_level = wp.LOG_WARNING
-
-
-def device_named(name: str) -> Any:
-    """The Warp device of a name (`cpu`, `cuda`, `cuda:1`). Raises ValueError naming those there are."""
-    start_warp()
-    try:
-        if name.startswith("cuda") and not wp.is_cuda_available():
-            raise ValueError(name)
-        return wp.get_device(name)
-    except (ValueError, RuntimeError):
-        known = ", ".join(str(d) for d in wp.get_devices())
-        raise ValueError(f"there is no device '{name}' here; there is {known}") from None
 
 
 @dataclass

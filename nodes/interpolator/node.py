@@ -111,8 +111,8 @@ class InterpolatorNode(Node):
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
 
     def setup(self) -> None:
+        from evis.gpu.devices import device_named
         from nodes.interpolator.interpolator import Interpolator
-        from nodes.interpolator.keyframe import device_named
 
         p = self.params
         self._method = method = usable(p)

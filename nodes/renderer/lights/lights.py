@@ -10,7 +10,8 @@ import warp as wp
 
 from evis.scene.model import WORLD, Light, Scene, Waveform
 from nodes.renderer.lights import light_kernels, place_kernels
-from nodes.renderer.raster.visibility import Visibility, store
+from nodes.renderer.raster.scene_arrays import store
+from nodes.renderer.raster.visibility import Visibility
 
 KINDS = {
     "directional": int(light_kernels.DIRECTIONAL),

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from nodes.renderer.raster import clusters, raster_kernels, tiled_kernels
+from nodes.renderer.raster.scene_arrays import SceneArrays
 from nodes.renderer.raster.triangle_kernels import Setup
-
-if TYPE_CHECKING:
-    from nodes.renderer.raster.visibility import Visibility
 
 WORKERS = 1 << 20
 """Threads that share a list: more than run at once, so that who has done his is followed by another."""
@@ -51,9 +49,10 @@ class RowRaster:
 
     local = False
 
-    def __init__(self, visibility: Visibility, still: np.ndarray, two_sided: np.ndarray) -> None:
-        v = self._v = visibility
-        pieces = clusters.triangle_blocks(v.geometry, still, two_sided), clusters.vertex_blocks(v.geometry, still)
+    def __init__(self, arrays: SceneArrays, still: np.ndarray) -> None:
+        """still: bool [I], instances that stand still before a still camera; they are drawn apart."""
+        v = self._v = arrays
+        pieces = clusters.triangle_blocks(v.geometry, still, v.sides), clusters.vertex_blocks(v.geometry, still)
         self.blocks = [put_blocks(p, v.put) for p in pieces]
         self._sizes = [(p.still, len(p.instance)) for p in pieces]
         self.vertices = v.empty((v.envs, len(v.geometry.vertices)), wp.vec3)
@@ -82,9 +81,10 @@ class TiledRaster:
 
     local = True
 
-    def __init__(self, visibility: Visibility, still: np.ndarray, two_sided: np.ndarray) -> None:
-        v = self._v = visibility
-        pieces = clusters.triangle_blocks(v.geometry, still, two_sided)
+    def __init__(self, arrays: SceneArrays, still: np.ndarray) -> None:
+        """still: bool [I], instances that stand still before a still camera; they are drawn apart."""
+        v = self._v = arrays
+        pieces = clusters.triangle_blocks(v.geometry, still, v.sides)
         self._blocks, self._still, self._count = put_blocks(pieces, v.put), pieces.still, len(pieces.instance)
         self.vertices = v.points.reshape((1, -1))
         self._counters = wp.zeros(tiled_kernels.COUNTERS * int(tiled_kernels.LINE), dtype=wp.int32, device=v.device)
@@ -154,7 +154,7 @@ def part_of(first_moving: int, count: int, still: bool, moving: bool) -> tuple[i
 
 
 def put_blocks(blocks: clusters.Blocks, put: Any) -> Any:
-    """Blocks on the device. put: as Visibility.put."""
+    """Blocks on the device. put: as SceneArrays.put."""
     there = raster_kernels.Blocks()
     for name in ("instance", "first", "last"):
         setattr(there, name, put(getattr(blocks, name), wp.int32))

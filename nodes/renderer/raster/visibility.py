@@ -3,33 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import warp as wp
 
 from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.scene.model import Camera, Scene
-from evis.warp_start import start_warp
 from nodes.renderer.geometry import pose_kernels
 from nodes.renderer.geometry.pose_upload import PoseUpload
 from nodes.renderer.geometry.poses import InstancePoses, check_poses, check_shape, check_values, same_bytes
-from nodes.renderer.geometry.triangles import flatten, is_static
+from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.raster import output_kernels
-from nodes.renderer.raster.cameras import lens_of, make_view
 from nodes.renderer.raster.raster import RowRaster, TiledRaster
-from nodes.renderer.raster.row_tiles import RowTiles
+from nodes.renderer.raster.scene_arrays import SceneArrays
 
 wp.config.log_level = wp.LOG_WARNING
 
 
-class Visibility:
-    """Z-buffer of a scene for E environments: `update(poses)`, then `packed` or `hits()`.
+class Visibility(SceneArrays):
+    """Finds which triangle every pixel sees, for E environments: `update(poses)`, then `packed` or `hits()`.
 
     packed: Warp uint64 [E, H, W] on the device, float32 z-depth bits << 32 | triangle index, all ones where nothing is
     hit; for a distorted camera, the distance along the pixel's ray in place of the depth. H and W include `margin`
-    pixels on every side. threads: row bands run in parallel on the CPU; the result does not depend on it. tiled: None
-    has a GPU's threads share all triangles (TiledRaster) and a CPU's own their rows (RowRaster).
+    pixels on every side. threads: share the rows on a CPU; the result does not depend on it. tiled: None has a GPU's
+    threads share all triangles (TiledRaster) and a CPU's own their rows (RowRaster).
 
     While a still camera sees still instances where they were, these are kept as a layer and only the others are drawn
     over it; the z-buffer is the same, bit for bit. layered=False draws everything anew.
@@ -51,28 +48,8 @@ class Visibility:
         sparse: bool | None = None,
     ) -> None:
         """sparse: whether only bodies that may move are sent from one instant to the next; None = where it pays."""
-        self.scene, self.camera, self.envs, self.margin = scene, camera, envs, margin
-        self.device = _device(device)
-        self.shape = (envs, camera.height + 2 * margin, camera.width + 2 * margin)
-        self.view, self.lens = make_view(camera, margin, self.device), lens_of(camera)
-        # Pixels that one thread of a gather kernel does; on the CPU a row, for starting one costs more.
-        self.span = self.shape[2] if self.device.is_cpu else 1
-        # Tiles of pixels and threads of each, see triangle_kernels.tile_pixel.
-        self.tiles = (envs, -(-self.shape[1] // 4) * -(-self.shape[2] // 8), 32)
-        self.geometry = geometry = flatten(scene)
-        self.names = [b.name for b in scene.bodies]
-        self.camera_body = scene.body_index(camera.name)
-        self.row_tiles = RowTiles(self.shape[1], threads if self.device.is_cpu else 1)
-        two_sided = np.array([scene.materials[i.material].two_sided for i in scene.instances], bool)
-        count = len(two_sided)
-        self.points = self.put(geometry.vertices, wp.vec3)
-        self.triangles = self.put(geometry.triangles, wp.vec3i)
-        self.triangle_instance = self.put(geometry.triangle_instance, wp.int32)
-        self.two_sided = self.put(two_sided, wp.int32)
-        self.rotation = self.empty((envs, count), wp.mat33)
-        self.translation = self.empty((envs, count), wp.vec3)
-        self.eye = self.empty(envs, wp.mat33)
-        self.packed = self.empty(self.shape, wp.uint64)
+        super().__init__(scene, camera, envs, margin, device, threads)
+        geometry = self.geometry
         still = geometry.static & is_static(scene, self.camera_body)
         self._layered = layered and bool(still[geometry.triangle_instance].any())
         self.moved = self.still_displaced = False
@@ -87,7 +64,7 @@ class Visibility:
         place = int(np.searchsorted(self._upload.sent, self.camera_body))
         self._telling = slice(place, place + 1)
         self.poses = self._upload.now
-        order = np.concatenate([np.argsort(~still, kind="stable"), [count]])
+        order = np.concatenate([np.argsort(~still, kind="stable"), [len(still)]])
         self._still_count = int(still.sum())
         self._instances = [
             self.put(order, wp.int32),
@@ -96,7 +73,7 @@ class Visibility:
             self.put(geometry.translation, wp.vec3d),
         ]
         tiled = self.device.is_cuda if tiled is None else tiled
-        self.raster = (TiledRaster if tiled else RowRaster)(self, still, two_sided)
+        self.raster = (TiledRaster if tiled else RowRaster)(self, still)
         self.vertices, self.view.local = self.raster.vertices, int(self.raster.local)
         self._graphs, self._cleared = CudaGraphs(self.device), Branch(self.device)
 
@@ -294,30 +271,3 @@ class Visibility:
         inputs = [self.view, self.packed, self.triangle_instance, self.rotation, self.translation, *rest, *out]
         wp.launch(output_kernels.body_points, dim=self.shape, inputs=inputs, device=self.device)
         return dict(zip(("triangle", "instance", "point"), (a.numpy() for a in out)))
-
-    def put(self, array: np.ndarray, dtype: Any) -> wp.array:
-        """A device copy of a numpy array, rounded to float32 where the Warp type is."""
-        scalar = getattr(dtype, "_wp_scalar_type_", dtype)
-        array = np.ascontiguousarray(array, wp.dtype_to_numpy(scalar))
-        return wp.array(array, dtype=dtype, device=self.device)
-
-    def empty(self, shape: Any, dtype: Any) -> wp.array:
-        """A device array to be written."""
-        return wp.empty(shape, dtype=dtype, device=self.device)
-
-
-def store(target: wp.array, values: np.ndarray) -> None:
-    """Write host values into a device array of the same shape, rounding to its scalar type."""
-    if target.device is not None and target.device.is_cpu:
-        target.numpy()[...] = values
-    else:
-        target.assign(np.ascontiguousarray(values, np.float32))
-
-
-def _device(name: str) -> Any:
-    try:
-        start_warp()
-        return wp.get_device(name)
-    except (ValueError, RuntimeError):
-        known = ", ".join(str(d) for d in wp.get_devices())
-        raise ValueError(f"there is no device '{name}' here; there is {known}") from None
