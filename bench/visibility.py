@@ -28,7 +28,7 @@ from evis.scene import load_scene
 from nodes.interpolator.auto.world import World
 from nodes.interpolator.keyframe import KeyframeView
 from nodes.interpolator.luminance import luminance_of
-from nodes.interpolator.rigid import Rigid
+from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.interpolator.rigid.look_up_kernels import SAME_POINT
 from nodes.renderer.renderer import Renderer
 
@@ -103,7 +103,7 @@ def frame_errors(gap: Gap) -> dict[str, tuple[float, float]]:
     a, b = (KeyframeView(image(*end), states=states, stamp_ns=end[1]) for end, states in zip(ends, gap.states))
     found = {}
     for footprint in ("", *FOOTPRINTS):
-        rigid = Rigid(scene, camera, 1, k, device=gap.device, sample_px=0.0)
+        rigid = Rigid(scene, camera, 1, k, device=gap.device, options=RigidOptions(sample_px=0.0))
         if footprint:
             rigid.visibility.draw = Instead(rigid, gap, footprint)  # type: ignore[method-assign]
         out = np.empty((1, k, camera.height, camera.width), np.float32)

@@ -14,7 +14,7 @@ from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.scene.model import Camera, Scene
 from nodes.renderer.geometry.pose_upload import READ
 from nodes.renderer.geometry.poses import InstancePoses, same_bytes
-from nodes.renderer.lighting import Shading
+from nodes.renderer.lighting import Shading, ShadingOptions
 from nodes.renderer.raster import output_kernels
 from nodes.renderer.raster.cameras import finer
 from nodes.renderer.raster.visibility import Visibility
@@ -68,7 +68,7 @@ class Renderer:
     ) -> None:
         n = supersampling
         self.visibility = Visibility(scene, finer(camera, n), envs, margin * n, device, threads)
-        self.shading = Shading(self.visibility, half, light_samples, paths)
+        self.shading = Shading(self.visibility, ShadingOptions(light_samples, paths, half))
         self.normals = self.shading.normals
         self.device, self.shape = self.visibility.device, self.visibility.shape
         count = len(scene.instances)

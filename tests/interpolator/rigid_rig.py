@@ -13,7 +13,7 @@ from evis.scene.model import Body, Camera, Instance, Light, Material, Mesh, Scen
 from evis.scene.motion import Prescribed
 from nodes.interpolator.keyframe import KeyframeView, Report, States
 from nodes.interpolator.luminance import luminance_of
-from nodes.interpolator.rigid import Rigid
+from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.interpolator.splat.splat import make_splat
 from nodes.renderer.renderer import Renderer
 
@@ -133,7 +133,7 @@ def cross(scene, upsampling=4, margin=0, gap=GAP, states=closed_form, splat=Fals
     b = keyframe(renderer, second, first.pose[:, -1], START + gap, outputs)
     h, w = view.height, view.width
     out = np.full((1, upsampling, h, w), np.nan, np.float32)
-    report = Rigid(scene, view, 1, upsampling, margin, **options).between(a, b, [False], out)
+    report = Rigid(scene, view, 1, upsampling, margin, options=RigidOptions(**options)).between(a, b, [False], out)
     inner = Renderer(scene, view)
     dense = [
         luminance(inner.render(states(scene, np.array([t])).pose[:, 0], t_ns=int(t))["radiance"])[0] for t in stamps

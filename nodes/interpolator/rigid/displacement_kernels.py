@@ -7,11 +7,13 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def turn_of(pose: wp.transformd):
+    """Makes the rotation matrix of a pose."""
     return wp.quat_to_matrix(wp.normalize(wp.transform_get_rotation(pose)))
 
 
 @wp.func
 def same(a: wp.transformd, b: wp.transformd):
+    """Tells whether two poses are equal to the last bit."""
     for i in range(7):
         if a[i] != b[i]:
             return False

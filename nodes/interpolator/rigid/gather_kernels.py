@@ -70,6 +70,7 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool) -> wp.Ker
 
     @wp.func
     def moved(keys: Keyframes, row: int, body: int, point: wp.vec3):
+        """Computes how far a point of a body has moved since a keyframe, in its camera frame [m]."""
         return keys.turn[row, body] * point + keys.shift[row, body]
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)

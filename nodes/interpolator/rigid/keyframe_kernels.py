@@ -22,6 +22,7 @@ Over a plane the inverse distance is linear in the pixel; over a sphere of radiu
 
 @wp.func
 def log_of(value: wp.float32):
+    """Computes ln of radiance, held at that of DARKEST; in RGB of each channel."""
     return wp.log(wp.max(value, DARKEST))
 
 
@@ -34,6 +35,7 @@ def log_of(value: wp.vec3):  # noqa: F811 - overloaded by its type
 
 @wp.func
 def usable(value: wp.float32):
+    """Tells whether radiance is finite; in RGB whether all channels are."""
     return wp.isfinite(value)
 
 
@@ -44,6 +46,7 @@ def usable(value: wp.vec3):  # noqa: F811 - overloaded by its type
 
 @wp.func
 def texel_of(patch: int, nearness: float, log: wp.float32):
+    """Packs what is read of a pixel at once: the bits of its patch, inverse distance and, of luminance, its ln."""
     return wp.vec4(wp.cast(patch, wp.float32), nearness, log, 0.0)
 
 
@@ -92,6 +95,7 @@ def take_in(
 
 @wp.func
 def log_pair(mean: wp.vec3, steady: wp.vec3, like: wp.float32):
+    """Computes ln of radiance with the lights at their mean and of that without those that flicker."""
     return wp.vec2(log_of(luminance(mean)), log_of(luminance(steady)))
 
 
@@ -211,6 +215,7 @@ HELD = wp.constant(2)
 
 @wp.func
 def equal(a: wp.float32, b: wp.float32):
+    """Tells whether two pixels are equal."""
     return a == b
 
 

@@ -25,6 +25,7 @@ def light(value: float):
 
 @wp.func
 def radiance_of(value: wp.float32, strength: float):
+    """Computes the radiance of what was looked up; strength: of lights that flicker."""
     return light(value)
 
 
@@ -54,6 +55,7 @@ def radiance_of(value: SIX, strength: float):  # noqa: F811 - overloaded by its 
 
 @wp.func
 def apart(a: wp.float32, b: wp.float32):
+    """Computes the largest difference of two logarithms among their channels."""
     return wp.abs(a - b)
 
 
@@ -80,6 +82,7 @@ def half_black(low: wp.float32, high: wp.float32):
 
 @wp.func
 def half_black(low: Any, high: Any):  # noqa: F811 - overloaded by its type
+    """Tells the same of channels, any of which counts."""
     result = wp.bool(False)
     for i in range(len(low)):
         result = result or (low[i] <= BLACK and high[i] > BLACK)
@@ -88,14 +91,17 @@ def half_black(low: Any, high: Any):  # noqa: F811 - overloaded by its type
 
 @wp.func
 def least(a: Any, b: Any):
+    """Takes the smaller one, channel by channel."""
     return wp.min(a, b)
 
 
 @wp.func
 def most(a: Any, b: Any):
+    """Takes the larger one, channel by channel."""
     return wp.max(a, b)
 
 
 @wp.func
 def within(value: Any, low: Any, high: Any):
+    """Clamps a value, channel by channel."""
     return wp.min(wp.max(value, low), high)

@@ -110,6 +110,7 @@ def whole_number(values: wp.array(dtype=wp.int32), at: wp.int32) -> wp.int32:
 
 @wp.func
 def element(values: wp.array(dtype=Any), at: int):
+    """Reads an element of any type."""
     return values[at]
 
 
@@ -160,6 +161,7 @@ def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function
 
     @wp.func
     def cubic_row(keys: Keyframes, at: int, w: wp.vec4):
+        """Weights four pixels of a row, from at - 1 on."""
         return (
             w[0] * log_at(keys.logs, at - 1)
             + w[1] * log_at(keys.logs, at)

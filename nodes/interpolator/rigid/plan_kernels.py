@@ -92,6 +92,7 @@ def flow(view: CameraView, gain: float, row: int, body: int, d: wp.vec3, away: f
 def put_span(
     pixel: int, start: int, length: int, room: int, band: int, spans: wp.array(dtype=wp.vec2i), n: wp.array(dtype=int)
 ):
+    """Lists a span of sub-frames of a pixel, between two samples, if there is anything between them."""
     if length > 1:
         spans[room + take_place(n, band)] = wp.vec2i(pixel, start * LENGTHS + length)
 
@@ -222,6 +223,7 @@ def make_plan(channels: int) -> wp.Kernel:
 
 @wp.func
 def alike(a: wp.float32, b: wp.float32, ratio: float):
+    """Tells whether two radiances differ by no more than a ratio; in RGB in every channel."""
     # Never so where one of them is not a number or infinite.
     return a <= ratio * b and b <= ratio * a and wp.isfinite(a)
 

@@ -10,6 +10,7 @@ import warp as wp
 
 from nodes.interpolator.rigid.gather_kernels import Portion, make_gather, make_place
 from nodes.interpolator.rigid.keyframes import Pair
+from nodes.interpolator.rigid.layout import Layout
 from nodes.interpolator.rigid.sampling import Sampling, SubframeRange, Todo
 from nodes.renderer.lighting import LIST_WORKERS, Shading
 
@@ -27,29 +28,15 @@ class Reprojection:
     and, as the last number, what `nonfinite` has been added to; and pixels that were looked up by list.
     """
 
-    def __init__(
-        self,
-        shading: Shading,
-        sampling: Sampling,
-        pieces: wp.array,
-        portions: list[list[int]],
-        envs: int,
-        channels: int,
-        tolerance: float,
-        relight: bool,
-        exact: bool,
-        staged: bool,
-    ) -> None:
-        """pieces: body and patch of each triangle. portions: sub-frames of the slots of each. relight: all but the sky
-        is shaded anew. exact: lights flicker, and `strength` says how. staged: what is quick to look up is looked up
-        in the order of the pixels, and only the rest is listed."""
+    def __init__(self, shading: Shading, sampling: Sampling, pieces: wp.array, layout: Layout) -> None:
+        """pieces: body and patch of each triangle. Of exact flicker, `strength` tells how the lights are."""
         v = self._v = shading.visibility
         self._shading, self._sampling, self._pieces = shading, sampling, pieces
-        self._envs, self._upsampling = envs, max(max(part) for part in portions)
-        self._tolerance, self._relight, self._device = tolerance, int(relight), v.device
-        self._staged = staged
-        self._index = [v.put(np.array(part, np.int32), wp.int32) for part in portions]
-        slots = v.envs // envs
+        envs, channels, exact = layout.envs, layout.channels, layout.exact_flicker
+        self._envs, self._upsampling, self._two_pass = envs, layout.upsampling, layout.two_pass
+        self._tolerance, self._relight, self._device = layout.tolerance, int(layout.relight), v.device
+        self._index = [v.put(np.array(part, np.int32), wp.int32) for part in layout.portions]
+        slots = layout.slots
         self._inner = envs * (v.shape[1] - 2 * v.margin) * (v.shape[2] - 2 * v.margin)
         whole = envs * v.shape[1] * v.shape[2] if exact else 0
         # B's own slot is the first: the pixels of its environments are the first of all.
@@ -106,7 +93,7 @@ class Reprojection:
         """Look up what may have changed, shade what no keyframe shows, and again where samples are too far apart."""
         todo: Todo | None
         how: list[Any] = [self._portion(part, quiet), pair.kernel()]
-        if self._staged:
+        if self._two_pass:
             todo = self._first_pixels(part, how, frames)
         else:
             todo = self._sampling.plan(part, pair.b, quiet, frames)

@@ -16,6 +16,7 @@ import warp as wp
 
 from nodes.interpolator.rigid import plan_kernels
 from nodes.interpolator.rigid.keyframes import Prepared
+from nodes.interpolator.rigid.layout import Layout
 from nodes.interpolator.rigid.plan_kernels import make_plan, make_refine
 from nodes.interpolator.rigid.walk_kernels import Walk, walk_bodies
 from nodes.renderer.lighting import LIST_WORKERS
@@ -57,29 +58,23 @@ class Sampling:
         self,
         visibility: Visibility,
         pieces: wp.array,
-        envs: int,
-        slots: int,
-        portions: int,
-        upsampling: int,
-        channels: int,
-        sample_px: float,
-        ratio: float,
-        on_device: bool,
+        layout: Layout,
         pool: ThreadPoolExecutor | None,
     ) -> None:
-        """visibility: of envs x slots environments. sample_px: path up to which samples are spared; 0 = none. ratio: of
-        the radiance of two samples, up to which there is a line between them. on_device: in a GPU's way, for which all
-        rounds are launched; otherwise by lists that are read in between. pool: as many threads as there are bands."""
+        """visibility: of the layout's environments x slots. pieces: body and patch of each triangle. pool: as many
+        threads as share the visibility's rows."""
         v = self._v = visibility
-        self._pieces, self._envs, self._upsampling, self._pool = pieces, envs, upsampling, pool
-        self._step, self._ratio, self._on_device = sample_px, ratio, on_device
+        envs, slots, step = layout.envs, layout.slots, layout.step
+        self._pieces, self._envs, self._upsampling, self._pool = pieces, envs, layout.upsampling, pool
+        # On a device all rounds are launched; otherwise lists are read in between.
+        self._step, self._ratio, self._on_device = step, layout.ratio, layout.on_device
         self.bands = len(v.row_tiles.rows)
         self._size = (v.shape[1] - 2 * v.margin, v.shape[2] - 2 * v.margin)
         inner = self._inner = envs * self._size[0] * self._size[1]
         self._gain = pixels_per_radian(v)
-        self._plan, self._refine = make_plan(channels), make_refine(channels)
+        self._plan, self._refine = make_plan(layout.channels), make_refine(layout.channels)
         # Each round halves the spans, but for short ones, which it ends; the longest has all slots between its ends.
-        self.rounds, longest = 1, slots + 1 if sample_px > 0 else 0
+        self.rounds, longest = 1, slots + 1 if step > 0 else 0
         while longest > 1:
             self.rounds, longest = self.rounds + 1, -(-longest // 2) if longest > SHORT else 0
         bodies = len(v.names) + 2
@@ -89,14 +84,14 @@ class Sampling:
             self._walk.spin = wp.zeros((rows, bodies), dtype=wp.vec3)
             self._walk.shift = wp.zeros((rows, bodies), dtype=wp.vec3)
             self._walk.as_world = wp.zeros((envs, bodies), dtype=wp.int32)
-            self._codes = wp.empty((slots, inner if on_device else CHUNK * self.bands), dtype=wp.uint8)
-            most = inner * (slots // 2 + 1) if sample_px > 0 else 1
+            self._codes = wp.empty((slots, inner if self._on_device else CHUNK * self.bands), dtype=wp.uint8)
+            most = inner * (slots // 2 + 1) if step > 0 else 1
             # RowTiles write theirs beside each other, however short their spans are.
             self._todo = wp.empty(max(inner * slots, (SHORT - 1) * most * (self.bands > 1)), dtype=wp.int32)
             self._spans = [wp.empty(most * min(2, self.bands), dtype=wp.vec2i) for _ in range(2)]
-            self.counts = wp.zeros(portions * self.rounds * self.bands, dtype=wp.int32)
+            self.counts = wp.zeros(len(layout.portions) * self.rounds * self.bands, dtype=wp.int32)
             self._span_counts = wp.zeros_like(self.counts)
-            self._all: wp.array = wp.array(np.arange(inner if on_device else 0, dtype=np.int32))
+            self._all: wp.array = wp.array(np.arange(inner if self._on_device else 0, dtype=np.int32))
 
     def clear(self) -> None:
         """A gap begins."""

@@ -32,6 +32,7 @@ def pose_at(
     now: wp.array2d(dtype=wp.transformd),
     after: wp.array2d(dtype=wp.transformd),
 ):
+    """Reads the pose of a body at a position: see Walk."""
     if position == 0:
         return before[env, body]
     if position > count:

@@ -274,6 +274,7 @@ def make_area(shadows: bool, trees: bool, gloss: bool, cached: bool, joined: boo
 
     @wp.func
     def sample_of(r: Rectangle, s: SurfacePoint, by_light: bool, a: float, b: float):
+        """Takes a sample of the light, or of the specular lobe."""
         if wp.static(gloss):
             if not by_light:
                 return of_lobe(r, s, a, b)
@@ -324,6 +325,7 @@ def make_area(shadows: bool, trees: bool, gloss: bool, cached: bool, joined: boo
 
     @wp.func
     def area(lights: Lights, casters: Casters, env: int, l: int, s: SurfacePoint):
+        """Computes what light l of unit radiance gives a surface point."""
         got = AreaLight()
         r = rectangle_of(lights, env, l, s)
         if r.flux == 0.0:

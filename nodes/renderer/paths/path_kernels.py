@@ -86,6 +86,7 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
         # out
         image: Image,
     ):
+        """Adds to every pixel the light that comes by paths, and writes it."""
         env, row, part = wp.tid()
         y = row0 + row
         for x in range(part * span, wp.min(part * span + span, view.width)):
@@ -114,6 +115,7 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
         # out
         image: Image,
     ):
+        """Does the same with listed pixels."""
         j = wp.tid()
         while j < count[band]:
             pixel = listed_pixel(view, pixels[first + j])

@@ -19,6 +19,7 @@ def make_distorted(lens: str) -> wp.Function:
 
     @wp.func
     def plumb_bob(view: CameraView, p: wp.vec3d):
+        """Computes the pixel of a direction through a lens of OpenCV's plumb-bob model."""
         x = p[0] / p[2]
         y = p[1] / p[2]
         k = view.lens
@@ -35,6 +36,7 @@ def make_distorted(lens: str) -> wp.Function:
 
     @wp.func
     def equidistant(view: CameraView, p: wp.vec3d):
+        """Computes the pixel of a direction through a lens of the equidistant (fisheye) model."""
         x = p[0]
         y = p[1]
         r = wp.sqrt(x * x + y * y)
@@ -76,6 +78,7 @@ def make_bounds(lens: str) -> wp.Function:
 
     @wp.func
     def bounds_through_lens(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+        """Bounds what of the image a triangle may cover through a lens."""
         w = float(view.width)
         h = float(view.height)
         least = 1.0e-3 * wp.max(wp.length(a), wp.max(wp.length(b), wp.length(c)))

@@ -35,6 +35,7 @@ def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool, lens: str) 
         ids_out: wp.array3d(dtype=int),
         normal_out: wp.array3d(dtype=wp.vec3),
     ):
+        """Writes the geometric images of every pixel from the z-buffer."""
         env, row, part = wp.tid()
         y = row0 + row
         for x in range(part * span, wp.min(part * span + span, view.width)):

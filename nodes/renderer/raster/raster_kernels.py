@@ -101,6 +101,7 @@ def make_raster(lens: str) -> wp.Kernel:
         # out
         packed: wp.array3d(dtype=wp.uint64),
     ):
+        """Draws the triangles of a block that may be seen into the z-buffer, rows row0..row1 - 1."""
         env, block = wp.tid()
         n = block0 + block
         i = blocks.instance[n]

@@ -92,6 +92,7 @@ class Weights:
 
 @wp.func
 def pixel_at(env: int, y: int, x: int):
+    """Makes the index of a pixel."""
     p = Pixel()
     p.env = env
     p.y = y

@@ -106,11 +106,13 @@ def tile_pixel(view: CameraView, tile: int, lane: int):
 
 @wp.func
 def triangle_of(packed: wp.uint64):
+    """Unpacks the triangle of a z-buffer entry, or MISS."""
     return int(wp.uint32(packed & wp.uint64(0xFFFFFFFF)))
 
 
 @wp.func
 def depth_of(packed: wp.uint64):
+    """Unpacks the depth of a z-buffer entry [m]."""
     return wp.cast(wp.uint32(packed >> wp.uint64(32)), wp.float32)
 
 

@@ -65,6 +65,7 @@ def make_write(half: bool) -> Any:
 
     @wp.func
     def write(env: int, y: int, x: int, band: int, value: wp.vec3, image: Image):
+        """Writes a pixel as RGB, as luminance or as both; counts it if it is not finite or too large."""
         colour = value
         if not (wp.isfinite(colour[0]) and wp.isfinite(colour[1]) and wp.isfinite(colour[2])):
             wp.atomic_add(image.not_finite, band, 1)
@@ -102,6 +103,7 @@ def make_mean(half: bool) -> wp.Kernel:
         # out
         image: Image,
     ):
+        """Averages n x n samples of every pixel of fine [E, n H, n W]."""
         env, y, x = wp.tid()
         total = wp.vec3(0.0, 0.0, 0.0)
         for j in range(n):

@@ -76,6 +76,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         kept: ShadingCache,
         image: Image,
     ):
+        """Computes and writes the radiance of one pixel."""
         colour = wp.vec3(0.0, 0.0, 0.0)
         if seen_triangle(seen, pixel) == MISS:
             colour = background(sky, pixel.env, pixel_ray(view, pixel.x, pixel.y))
@@ -121,6 +122,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         # out
         image: Image,
     ):
+        """Shades all pixels of rows from row0 on, or of tiles."""
         env, row, part = wp.tid()
         if wp.static(f.tiled):
             y, x = tile_pixel(view, row, part)
@@ -150,6 +152,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         # out
         image: Image,
     ):
+        """Shades count[band] listed pixels, indices into [E, H, W], from pixels[first] on."""
         j = wp.tid()
         while j < count[band]:
             pixel = listed_pixel(view, pixels[first + j])

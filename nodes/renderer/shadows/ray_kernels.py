@@ -131,6 +131,7 @@ def make_search(test: Any, trees: bool) -> tuple[Any, Any]:
         length: float,
         extent: float,
     ):
+        """Tells whether a still caster but `skip` fulfils the test, by their tree."""
         turn = casters.turn[env]
         start = turn * origin + casters.shift[env]
         query = wp.bvh_query_capsule(casters.still_tree, start, turn * direction, casters.pad[env] + extent)
