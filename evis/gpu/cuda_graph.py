@@ -13,7 +13,8 @@ MOST = 64
 
 
 class Branch:
-    """Launches beside others, on a stream of its own; a recorded graph keeps that. On a CPU all are in their order."""
+    """Runs launches beside others, on a stream of its own; a recorded graph keeps that. On a CPU all are in their
+    order."""
 
     def __init__(self, device: Any) -> None:
         self._device = device

@@ -20,8 +20,8 @@ ROUNDING = 1 + 1e-5
 
 
 def counts_of(upsampling: int) -> list[int]:
-    """The K that gaps may have, ascending: upsampling and its halves, rounded up, down to 1; few, for each has its
-    own memory."""
+    """Gives the K that gaps may have, ascending: upsampling and its halves, rounded up, down to 1; few, for each has
+    its own memory."""
     counts = [upsampling]
     while counts[-1] > 1:
         counts.append(-(-counts[-1] // 2))
@@ -29,7 +29,7 @@ def counts_of(upsampling: int) -> list[int]:
 
 
 class AdaptiveCount:
-    """K of one gap after another."""
+    """Decides on the K of one gap after another."""
 
     def __init__(
         self, upsampling: int, most_px: float, device: str, scene: Scene | None, camera: Camera | None
@@ -49,7 +49,8 @@ class AdaptiveCount:
         self._speed = 0.0
 
     def of(self, view: KeyframeView, gap_ns: int, held: np.ndarray) -> int:
-        """K of the gap that ends with this keyframe; held: bool [E], environments that begin an episode there."""
+        """Gives the K of the gap that ends with this keyframe; held: bool [E], environments that begin an episode
+        there."""
         speed = self._by_states(view, held) if view.states is not None else self._by_motion(view, gap_ns, held)
         displacement = max(speed, self._speed) * gap_ns
         self._speed = speed

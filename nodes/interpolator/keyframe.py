@@ -14,7 +14,7 @@ wp.config.log_level = wp.LOG_WARNING
 
 @dataclass
 class States:
-    """Where the bodies are over the interval that ends with a keyframe.
+    """Holds where the bodies are over the interval that ends with a keyframe.
 
     t: int64 [S] ns, ascending, from the keyframe before to this one. pose: float64 [E, S, N, 7]. twist: float64
     [E, S, N, 6], world frame.
@@ -27,7 +27,7 @@ class States:
 
 @dataclass
 class KeyframeView:
-    """One keyframe of E environments, margin included, as a method sees it.
+    """Holds one keyframe of E environments, margin included, as a method sees it.
 
     image: float32 [E, H, W] luminance or [E, H, W, 3] linear RGB. depth: float32 [E, H, W] m, +inf = sky. motion:
     float32 [E, H, W, 2] px, backward. stamp_ns: its time. What a method does not use is None.
@@ -63,7 +63,7 @@ class Method(Protocol):
     def between(
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
     ) -> Report:
-        """Write frames i = 1 .. K of the gap into out, float32 [E, K, h, w(, 3)] without margin; the last is b itself.
+        """Writes frames i = 1 .. K of the gap into out, float32 [E, K, h, w(, 3)] without margin; the last is b itself.
 
         out: numpy, or an array of the method's device.
 

@@ -11,7 +11,7 @@ from nodes.interpolator import image_kernels
 
 
 def luminance_of(radiance: np.ndarray | wp.array, device: Any = "cpu") -> wp.array:
-    """float32 Rec. 709 luminance [E, H, W] of linear radiance [E, H, W, 3] in float32 or float16, on the device.
+    """Gives float32 Rec. 709 luminance [E, H, W] of linear radiance [E, H, W, 3] in float32 or float16, on the device.
 
     That of float16 is as exact as float16. What is luminance [E, H, W] already is as it is, copied only where needed.
     """
@@ -24,7 +24,8 @@ def luminance_of(radiance: np.ndarray | wp.array, device: Any = "cpu") -> wp.arr
 
 
 def rgb_of(radiance: np.ndarray | wp.array, device: Any = "cpu") -> wp.array:
-    """wp.vec3 [...] linear RGB of radiance [..., 3] in float32 or float16, on the device; a copy only where needed."""
+    """Gives the wp.vec3 [...] linear RGB of radiance [..., 3] in float32 or float16, on the device; a copy only where
+    needed."""
     pixels = _single(scalars(radiance, device))
     return pixels.view(wp.vec3).reshape(pixels.shape[:-1])
 
@@ -39,7 +40,7 @@ def _single(pixels: wp.array) -> wp.array:
 
 
 def scalars(image: np.ndarray | wp.array, device: Any) -> wp.array:
-    """An image on the device, without a copy where it is there, its vectors as one more axis."""
+    """Gives an image on the device, without a copy where it is there, its vectors as one more axis."""
     if not isinstance(image, wp.array):
         return wp.array(image, device=device, copy=False)
     length = getattr(image.dtype, "_length_", 1)

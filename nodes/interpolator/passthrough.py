@@ -11,7 +11,7 @@ from nodes.interpolator.keyframe import KeyframeView, Report
 
 
 class Passthrough:
-    """One frame per keyframe, margin cropped."""
+    """Passes every keyframe on as one frame, margin cropped."""
 
     def __init__(self, margin: int) -> None:
         self._margin = margin
@@ -25,7 +25,7 @@ class Passthrough:
 
 
 def crop(view: KeyframeView, margin: int, out: np.ndarray | wp.array) -> None:
-    """The keyframe without its margin as the one frame of out."""
+    """Copies the keyframe without its margin into the one frame of out."""
     height, width = view.image.shape[1:3]
     image = view.image[:, margin : height - margin, margin : width - margin]
     if isinstance(out, wp.array):

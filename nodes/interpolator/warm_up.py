@@ -23,7 +23,7 @@ Images = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def images(envs: int, height: int, width: int) -> Images:
-    """Radiance, depth and motion of a grey wall that stands still; sizes with margin [px]."""
+    """Gives the radiance, depth and motion of a grey wall that stands still; sizes with margin [px]."""
     radiance, depth, motion = (np.ones((envs, height, width, *tail), np.float32) for tail in ((3,), (), (2,)))
     return radiance, depth, 0.0 * motion
 

@@ -160,11 +160,11 @@ class Shading:
             self._kept.triangle.fill_(-1)
 
     def set_time(self, t_ns: int) -> bool:
-        """Flickering lights as they are at an instant; True where one is not as it was."""
+        """Sets flickering lights to what they are at an instant; True where one is not as it was."""
         return self.set_times(np.full(self.visibility.envs, t_ns, np.int64))
 
     def set_times(self, t_ns: np.ndarray) -> bool:
-        """The same with an instant for each environment, int64 [E] ns."""
+        """Gives the same with an instant for each environment, int64 [E] ns."""
         return self.lights.set_times(t_ns)
 
     def place(self) -> None:
@@ -182,7 +182,7 @@ class Shading:
             self.shadow_pass.place()
 
     def shade(self, radiance: wp.array | None, ready: bool = False, luminance: wp.array | None = None) -> None:
-        """Write [E, H, W] radiance of `pixel`, luminance of `scalar`, or both: launches only, that a graph may hold.
+        """Writes [E, H, W] radiance of `pixel`, luminance of `scalar`, or both: launches only, that a graph may hold.
 
         ready: after `place` and `placed`.
         """
@@ -215,7 +215,7 @@ class Shading:
         ready: bool = False,
         luminance: wp.array | None = None,
     ) -> None:
-        """Write only the pixels of a list, int32 indices into [E, H, W]; radiance and luminance as in `shade`.
+        """Writes only the pixels of a list, int32 indices into [E, H, W]; radiance and luminance as in `shade`.
 
         Band b has count[b] of them from pixels[firsts[b]] on; count is read where the kernel runs. ready: nothing has
         moved since a list before.
@@ -257,7 +257,8 @@ class Shading:
             launch(self.paths.kernel(listed), self.paths.arguments(light, image))
 
     def counts(self) -> tuple[int, int]:
-        """How many pixels of the last image were not finite, and how many were clipped to float16; waits for it."""
+        """Finds how many pixels of the last image were not finite, and how many were clipped to float16; waits for
+        it."""
         not_finite, clipped = self._counts.numpy().sum(1)
         return int(not_finite), int(clipped)
 

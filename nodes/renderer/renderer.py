@@ -92,28 +92,28 @@ class Renderer:
         self._graphs, self._ahead = CudaGraphs(self.device), Branch(self.device)
 
     def counts(self) -> tuple[int, int]:
-        """Pixels of the last drawn light that were not finite, and clipped to float16; waits for it."""
+        """Gives pixels of the last drawn light that were not finite, and clipped to float16; waits for it."""
         return self.shading.counts()
 
     @property
     def not_finite(self) -> int:
-        """The first of `counts`."""
+        """Gives the first of `counts`."""
         return self.counts()[0]
 
     @property
     def clipped(self) -> int:
-        """The second of `counts`."""
+        """Gives the second of `counts`."""
         return self.counts()[1]
 
     def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:
-        """Shape and dtype of an output."""
+        """Gives the shape and dtype of an output."""
         dtype = self.types[name]
         return (*self.shape, *getattr(dtype, "_shape_", ())), np.dtype(
             wp.dtype_to_numpy(getattr(dtype, "_wp_scalar_type_", dtype))
         )
 
     def prepare(self, outputs: Iterable[str]) -> None:
-        """Compile and load the kernels that `outputs` need, so that the first image takes no longer than the others.
+        """Compiles and loads the kernels that `outputs` need, so that the first image takes no longer than the others.
 
         On a GPU also record the launches, which takes two images for each buffer that poses come from.
         """
@@ -137,7 +137,7 @@ class Renderer:
         out: Mapping[str, Any] | None = None,
         t_ns: int = 0,
     ) -> dict[str, Any]:
-        """The wanted images for body poses float64 [E, N, 7].
+        """Renders the wanted images for body poses float64 [E, N, 7].
 
         radiance [E, H, W, 3] W/(sr m^2), luminance [E, H, W] of that very radiance; depth float32 [E, H, W] m along the
         optical axis, +inf = sky; ids int32 [E, H, W], 0 = background, else instance index + 1; normal float32
@@ -272,11 +272,11 @@ class Renderer:
         v.row_tiles.launch(kernel, arguments, self.device)
 
     def buffers(self, outputs: Iterable[str]) -> dict[str, wp.array]:
-        """The renderer's own arrays on its device, as `out` of `render` takes them: so nobody waits for a GPU."""
+        """Gives the renderer's own arrays on its device, as `out` of `render` takes them: so nobody waits for a GPU."""
         return {name: self.target(name, None) for name in outputs}
 
     def target(self, name: str, given: Any) -> wp.array:
-        """The Warp array that an output is written to. Raises ValueError where the given one does not fit."""
+        """Gives the Warp array that an output is written to. Raises ValueError where the given one does not fit."""
         if given is not None and given is self._given.get(name):
             return self._given[name]
         shape, dtype = self.array_shape(name)
@@ -297,7 +297,7 @@ class Renderer:
         return self._own[name]
 
     def on_host(self, target: wp.array, given: Any) -> Any:
-        """The image on the host: in the given array if there is one, which on the CPU holds it already."""
+        """Gives the image on the host: in the given array if there is one, which on the CPU holds it already."""
         if isinstance(given, wp.array):
             return given
         if given is None:

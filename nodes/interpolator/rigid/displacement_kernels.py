@@ -30,7 +30,8 @@ def displace(
     turn: wp.array2d(dtype=wp.mat33),
     shift: wp.array2d(dtype=wp.vec3),
 ):
-    """D - 1 of the map D from a point in the camera frame now to the same body's point in the camera frame then.
+    """Computes D - 1 of the map D from a point in the camera frame now to the same body's point in the camera frame
+    then.
 
     now [P E, N] and then [E, N]: poses of bodies in the world; environments repeat. turn and shift [P E, N + 2]: entry
     N is the world and N + 1 the sky, which only turns. Exactly zero for what is where it was.

@@ -16,8 +16,8 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Portion:
-    """Sub-frames that are looked up together: those in `count` slots from slot0 on of `packed` [P E, H, W]; slot s is
-    sub-frame index[s] of `upsampling`, when lights that flicker have that `strength`.
+    """Holds sub-frames that are looked up together: those in `count` slots from slot0 on of `packed` [P E, H, W]; slot
+    s is sub-frame index[s] of `upsampling`, when lights that flicker have that `strength`.
 
     quiet [E, H, W]: z-buffer entries with which nothing has changed. pieces: of each triangle, its body (the world's
     index being their number) and its patch. tolerance: difference of the keyframes' log radiance up to which it is
@@ -39,7 +39,7 @@ class Portion:
 
 @wp.func
 def sight_of(view: CameraView, hit: wp.uint64, y: int, x: int, pieces: wp.array(dtype=wp.vec2i), sky: int):
-    """What a pixel shows, and its body; sky: the index that stands for it."""
+    """Gives what a pixel shows, and its body; sky: the index that stands for it."""
     s = Sight()
     s.y = y
     s.x = x
@@ -91,7 +91,7 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool) -> wp.Ker
         pixels: wp.array(dtype=int),
         count: wp.array(dtype=int),
     ):
-        """Frames [E K, h, w] of a portion.
+        """Computes frames [E K, h, w] of a portion.
 
         Listed: `todo` has the pixels to do, as indices into [.., E, h, w] from slot0 on; on a CPU entries first..last -
         1, on a GPU (last < 0) todo_count[band] of them, shared by `workers` threads. Otherwise a thread does one
@@ -184,7 +184,7 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool) -> wp.Ker
 
 @cache
 def make_place(channels: int) -> wp.Kernel:
-    """The kernel that writes shaded pixels into the frames."""
+    """Makes the kernel that writes shaded pixels into the frames."""
     pixel = wp.float32 if channels == 1 else wp.vec3
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -203,7 +203,8 @@ def make_place(channels: int) -> wp.Kernel:
         # out
         frames: wp.array3d(dtype=pixel),
     ):
-        """Radiance [P E, H, W] of the listed pixels, as luminance (equation (3)) or RGB, into frames [E K, h, w]."""
+        """Computes radiance [P E, H, W] of the listed pixels, as luminance (equation (3)) or RGB, into frames [E K, h,
+        w]."""
         j = wp.tid()
         width = radiance.shape[2]
         height = radiance.shape[1]

@@ -60,12 +60,12 @@ class Layout:
 
     @property
     def slots(self) -> int:
-        """Sub-frames of a portion, at most."""
+        """Gives sub-frames of a portion, at most."""
         return len(self.portions[0])
 
     @property
     def shown(self) -> list[list[int]]:
-        """The sub-frame, counted from 0, of each slot of each portion; those left over repeat the last one."""
+        """Gives the sub-frame, counted from 0, of each slot of each portion; those left over repeat the last one."""
         return [[part[min(s, len(part) - 1)] - 1 for s in range(self.slots)] for part in self.portions]
 
     @property
@@ -75,17 +75,18 @@ class Layout:
 
     @property
     def exact_flicker(self) -> bool:
-        """Whether flicker is added up from radiance with the lights at their mean and radiance without them."""
+        """Tells whether flicker is added up from radiance with the lights at their mean and radiance without them."""
         return self.waveform is not None
 
     @property
     def relight(self) -> bool:
-        """Whether flicker has all but the sky shaded anew."""
+        """Tells whether flicker has all but the sky shaded anew."""
         return self.flicker and self.waveform is None
 
     @property
     def two_pass(self) -> bool:
-        """Whether what is quick to look up is looked up in the order of the pixels, and only the rest is listed."""
+        """Tells whether what is quick to look up is looked up in the order of the pixels, and only the rest is
+        listed."""
         return self.on_device and self.step == 0
 
 

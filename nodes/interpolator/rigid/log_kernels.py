@@ -19,7 +19,7 @@ or both of `lit`'s."""
 
 @wp.func
 def light(value: float):
-    """Radiance of a logarithm."""
+    """Gives the radiance of a logarithm."""
     return wp.where(value <= BLACK, 0.0, wp.exp(value))
 
 
@@ -36,7 +36,7 @@ def radiance_of(value: wp.vec3, strength: float):  # noqa: F811 - overloaded by 
 
 @wp.func
 def lit(mean: float, steady: float, strength: float):
-    """Radiance from its logarithms with the lights at their mean and without those that flicker."""
+    """Gives the radiance from its logarithms with the lights at their mean and without those that flicker."""
     rest = light(steady)
     return rest + strength * wp.max(light(mean) - rest, 0.0)
 
@@ -76,7 +76,7 @@ def apart(a: SIX, b: SIX):  # noqa: F811 - overloaded by its type
 
 @wp.func
 def half_black(low: wp.float32, high: wp.float32):
-    """Whether pixels from `low` to `high` are black in part: between ln 0 and ln I is nothing to be looked up."""
+    """Tells whether pixels from `low` to `high` are black in part: between ln 0 and ln I is nothing to be looked up."""
     return low <= BLACK and high > BLACK
 
 

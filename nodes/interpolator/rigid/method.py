@@ -49,7 +49,7 @@ from nodes.renderer.raster.visibility import Visibility
 
 
 class Rigid:
-    """The method for E keyframes of one camera of a scene, of the same size."""
+    """Makes the frames between keyframes from the bodies' poses, for E keyframes of one camera, of the same size."""
 
     def __init__(
         self,

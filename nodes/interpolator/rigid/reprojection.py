@@ -58,7 +58,7 @@ class Reprojection:
 
     @property
     def nonfinite(self) -> wp.array:
-        """Pixels of keyframes that are not used, int32 [1]."""
+        """Gives pixels of keyframes that are not used, int32 [1]."""
         return self._count[-1:]
 
     @property
@@ -81,7 +81,8 @@ class Reprojection:
             self._shading.placed()
 
     def light(self, which: str, placed: bool) -> wp.array:
-        """Radiance of all pixels of the first slot under LightSet.select, vec3 [>= E, H, W]. placed: after `place`."""
+        """Gives the radiance of all pixels of the first slot under LightSet.select, vec3 [>= E, H, W]. placed: after
+        `place`."""
         shading = self._shading
         shading.lights.select(which)
         ready = placed and self._device.is_cuda
@@ -90,7 +91,7 @@ class Reprojection:
         return self._radiance
 
     def reproject(self, part: SubframeRange, pair: Pair, quiet: wp.array, frames: wp.array) -> None:
-        """Look up what may have changed, shade what no keyframe shows, and again where samples are too far apart."""
+        """Looks up what may have changed, shades what no keyframe shows, and again where samples are too far apart."""
         todo: Todo | None
         how: list[Any] = [self._portion(part, quiet), pair.kernel()]
         if self._two_pass:

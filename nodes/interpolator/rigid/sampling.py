@@ -30,8 +30,8 @@ CHUNK = 256
 
 @dataclass
 class SubframeRange:
-    """A portion of the sub-frames: number of it; slots slot0 .. slot0 + count - 1 have sub-frames start + 1 ..; before:
-    poses [E, N] and z-buffer [E, H, W] of sub-frame `start`; closed: keyframe B comes right after it."""
+    """Holds a portion of the sub-frames: number of it; slots slot0 .. slot0 + count - 1 have sub-frames start + 1 ..;
+    before: poses [E, N] and z-buffer [E, H, W] of sub-frame `start`; closed: keyframe B comes right after it."""
 
     number: int
     slot0: int
@@ -43,8 +43,9 @@ class SubframeRange:
 
 @dataclass
 class Todo:
-    """What is to be looked up. pixels: int32 indices into [count, E, h, w]; of band k from starts[k] to starts[k + 1],
-    or, with starts None, as many as counts[at + k] says on the device. at: where in the counts the first band is."""
+    """Holds what is to be looked up. pixels: int32 indices into [count, E, h, w]; of band k from starts[k] to starts[k
+    + 1], or, with starts None, as many as counts[at + k] says on the device. at: where in the counts the first band
+    is."""
 
     pixels: wp.array
     starts: list[int] | None
@@ -52,7 +53,8 @@ class Todo:
 
 
 class Sampling:
-    """What is to be looked up of a portion of the sub-frames, in rounds: `plan`, then `refine` until it gives None."""
+    """Plans what is to be looked up of a portion of the sub-frames, in rounds: `plan`, then `refine` until it gives
+    None."""
 
     def __init__(
         self,
@@ -99,7 +101,7 @@ class Sampling:
         self._span_counts.zero_()
 
     def plan(self, part: SubframeRange, b: Prepared, quiet: wp.array, frames: wp.array) -> Todo:
-        """The first samples, and where neither geometry nor light can have changed B's pixels in `frames`."""
+        """Gives the first samples, and where neither geometry nor light can have changed B's pixels in `frames`."""
         v, count = self._v, part.count
         self._part, self._frames, self._round = part, frames, 0
         poses, packed = part.before
@@ -130,12 +132,12 @@ class Sampling:
         return self._listed(at, [s * count for s in starts])
 
     def everything(self, part: SubframeRange) -> Todo:
-        """A list that is empty yet, for what is found to be listed while all is looked up."""
+        """Gives a list that is empty yet, for what is found to be listed while all is looked up."""
         self._part, self._round = part, 0
         return Todo(self._todo, None, self._at())
 
     def refine(self, a: Prepared) -> Todo | None:
-        """Lines where the samples of the round before allow it, and what is to be looked up where they do not."""
+        """Draws lines where the samples of the round before allow it, and what is to be looked up where they do not."""
         here = self._at()
         self._round += 1
         if self._step == 0 or self._round == self.rounds:

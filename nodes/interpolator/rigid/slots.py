@@ -15,7 +15,8 @@ HELD = int(keyframe_kernels.HELD)
 
 
 class Slots:
-    """Poses of E environments at the sub-frames of one gap after another: `begin`, then `place` each portion.
+    """Brings to the device the poses of E environments at the sub-frames of one gap after another: `begin`, then
+    `place` each portion.
 
     moved: float64 [K, E, M, 7], of the bodies that may move. before, rest: of all at the keyframes, float64 [E, N, 7].
     """
@@ -43,17 +44,17 @@ class Slots:
             self.moved[:, held] = self.moved[-1, held]
 
     def camera(self) -> np.ndarray:
-        """Poses of the camera float64 [K, E, 7]."""
+        """Gives poses of the camera float64 [K, E, 7]."""
         if self._camera is not None:
             return self.moved[:, :, self._camera]
         return np.repeat(self.rest[None, :, self._v.camera_body], len(self.moved), 0)
 
     def camera_path(self) -> np.ndarray:
-        """The same and keyframe a's before, float64 [K + 1, E, 7]."""
+        """Gives the same and keyframe a's before, float64 [K + 1, E, 7]."""
         return np.concatenate([self.before[None, :, self._v.camera_body], self.camera()])
 
     def still(self, flicker: bool, held: np.ndarray) -> np.ndarray:
-        """Flags int32 [E, N + 2] of `keyframe_kernels.find_quiet`; flicker: whether light changes."""
+        """Gives flags int32 [E, N + 2] of `keyframe_kernels.find_quiet`; flicker: whether light changes."""
         rest, before = self.rest, self.before
         rests = (self.camera() == before[:, self._v.camera_body]).all(axis=(0, 2))
         if not rests.any() and not held.any():
@@ -70,7 +71,7 @@ class Slots:
         return flags
 
     def place(self, which: list[int]) -> InstancePoses:
-        """The sub-frames `which`, counted from 0, one of each slot; on a GPU they are there after `arrive`."""
+        """Places the sub-frames `which`, counted from 0, one of each slot; on a GPU they are there after `arrive`."""
         fresh = self.moved[which].reshape(self._v.envs, len(self._movers), 7)
         others = self.rest.take(self._others, axis=1)
         if self._frames is None or self._placed is None or not same_bytes(others, self._placed):
@@ -82,7 +83,7 @@ class Slots:
         return self._frames
 
     def place_before(self) -> InstancePoses:
-        """Keyframe a in all slots."""
+        """Places keyframe a in all slots."""
         return self._place_all(np.tile(self.before, (self._slots, 1, 1)), self.before.take(self._others, axis=1))
 
     def _place_all(self, poses: np.ndarray, others: np.ndarray) -> InstancePoses:

@@ -67,7 +67,7 @@ class SparseRaster:
 
     @staticmethod
     def pays(v: Visibility) -> bool:
-        """Whether there is enough that stands still, and is not kept as a layer."""
+        """Tells whether there is enough that stands still, and is not kept as a layer."""
         if v.layered or not isinstance(v.raster, RowRaster):
             return False
         return int(v.geometry.static[v.raster.blocks[0].instance.numpy()].sum()) >= MANY
@@ -81,9 +81,9 @@ class SparseRaster:
         self._full[env] += 1
 
     def strides(self, eyes: np.ndarray, packed: wp.array) -> list[int]:
-        """Sub-frames from one that is drawn in full to the next, for camera poses float64 [K + 1, E, 7] of a gap and
-        the z-buffer [E, H, W] at the first of them: in each environment so many that most of the image moves by step_px
-        at most."""
+        """Gives sub-frames from one that is drawn in full to the next, for camera poses float64 [K + 1, E, 7] of a gap
+        and the z-buffer [E, H, W] at the first of them: in each environment so many that most of the image moves by
+        step_px at most."""
         away = (packed.numpy()[:, self._grid[0], self._grid[1]] >> np.uint64(32)).astype(np.uint32).view(np.float32)
         strides = []
         for env in range(eyes.shape[1]):

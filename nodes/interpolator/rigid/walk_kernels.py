@@ -53,7 +53,7 @@ def walk_bodies(
     # out
     walk: Walk,
 ):
-    """Fill `walk` from poses before [E, N], now [P E, N] from slot0 on and after [E, N]; closed: 1 with B, else 0."""
+    """Fills `walk` from poses before [E, N], now [P E, N] from slot0 on and after [E, N]; closed: 1 with B, else 0."""
     env, body = wp.tid()
     envs = before.shape[0]
     bodies = before.shape[1]

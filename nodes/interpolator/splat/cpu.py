@@ -14,7 +14,7 @@ from nodes.interpolator.splat.warp_kernels import Source
 
 
 class SplatCpu:
-    """The warp for E keyframes of the same size.
+    """Warps E keyframes of the same size on a CPU.
 
     Work is left out where nothing can change: pixels without motion are copied, only the box that moving pixels sweep
     is worked on, and A is warped only where B left holes.

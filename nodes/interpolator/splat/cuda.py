@@ -25,7 +25,7 @@ _launch: Any = partial(wp.launch, block_dim=BLOCK)
 
 
 class Keyframe:
-    """One keyframe where the recorded launches read it, and what becomes of its pixels: see Sources."""
+    """Holds one keyframe where the recorded launches read it, and what becomes of its pixels: see Sources."""
 
     def __init__(self, shape: tuple[int, int, int], frames: wp.array) -> None:
         """frames: of all environments [E, K, H, W] of float32 or vec3; the last of each is this keyframe."""
@@ -50,7 +50,7 @@ class Keyframe:
         self._taking = _launch(cuda_source_kernels.take, math.prod(shape), given, [own, *made], record_cmd=True)
 
     def take(self, view: KeyframeView) -> None:
-        """Copy a keyframe, also to the last frame."""
+        """Copies a keyframe, also to the last frame."""
         assert view.depth is not None and view.motion is not None
         image: Any = view.image
         if self._pixel is not wp.float32:
@@ -68,7 +68,7 @@ class Keyframe:
 
 
 class SplatCuda:
-    """The warp for E keyframes of the same size. Frames equal those of the CPU but for float rounding."""
+    """Warps E keyframes of the same size on a GPU. Frames equal those of the CPU but for float rounding."""
 
     def __init__(
         self, height: int, width: int, envs: int, upsampling: int, margin: int, channels: int, device: str = "cuda"

@@ -28,7 +28,7 @@ COPIES = wp.constant(16)
 
 @wp.struct
 class Sources:
-    """A keyframe, and its pixels as sources.
+    """Holds a keyframe, and its pixels as sources.
 
     image [E, H W, C], depth [E, H, W], motion [E, H, W, 2]; bends: px [E, H W], or of no elements; brightest [E]: the
     largest exponent of the image. values: whole numbers for the image's, 2^LOW_BITS high + low. moves [E, H W]:

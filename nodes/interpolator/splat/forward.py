@@ -24,7 +24,7 @@ NEEDS = frozenset({"depth", "motion", "states"})
 
 
 class SplatForward:
-    """The method for E keyframes of one camera of a scene, of the same size."""
+    """Warps E keyframes of one camera of a scene, of the same size."""
 
     def __init__(
         self,

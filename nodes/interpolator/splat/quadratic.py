@@ -28,7 +28,7 @@ from nodes.interpolator.splat.splat import make_splat
 
 
 class Bends:
-    """What one gap leaves to the next: the paths that led to its end."""
+    """Keeps of one gap for the next the curvature of the paths that led to its end."""
 
     def __init__(self, shape: tuple[int, int, int], device: str) -> None:
         """shape: E, height and width of the keyframes [px]."""
@@ -42,7 +42,7 @@ class Bends:
         self._first = np.ones(envs, bool)
 
     def of(self, a: KeyframeView, b: KeyframeView, held: np.ndarray) -> tuple[wp.array, tuple[wp.array, wp.array]]:
-        """A's motion on to B, negated, and the bends of A's and of B's paths, wp.vec2 [E, H W] px."""
+        """Gives A's motion on to B, negated, and the bends of A's and of B's paths, wp.vec2 [E, H W] px."""
         known = a is self._last
         # A keyframe that did not end a gap began an episode.
         first = self._first if known else np.ones(len(held), bool)
@@ -59,7 +59,7 @@ class Bends:
 
 
 class SplatQuadratic:
-    """The method for E keyframes of the same size."""
+    """Warps E keyframes of the same size along parabolas."""
 
     def __init__(
         self,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Features:
-    """What a scene needs of the kernels of light: the rest is not compiled. Equal ones share their kernels."""
+    """Holds what a scene needs of the kernels of light: the rest is not compiled. Equal ones share their kernels."""
 
     textures: bool = False
     """Some instance shows one."""
@@ -47,15 +47,15 @@ class Features:
 
     @property
     def delta(self) -> bool:
-        """Whether there are lights that are no area lights."""
+        """Tells whether there are lights that are no area lights."""
         return self.directional or self.point or self.spot
 
     @property
     def lit(self) -> bool:
-        """Whether there are lights."""
+        """Tells whether there are lights."""
         return self.delta or self.area
 
     @property
     def shadows(self) -> bool:
-        """Whether any light has shadows."""
+        """Tells whether any light has shadows."""
         return self.hard or self.soft

@@ -13,7 +13,8 @@ PI = wp.constant(wp.pi)
 
 @wp.struct
 class Sky:
-    """camera [E] to world. levels (first texel, width, height) of the map and its halvings, the last one of `diffuse`.
+    """Holds camera [E] to world. levels (first texel, width, height) of the map and its halvings, the last one of
+    `diffuse`.
 
     texels: radiance of all levels. diffuse: irradiance / pi by normal. albedo: `ggx.directional_albedo`. points [N] in
     the unit square: the samples of the specular lobe, the same for every surface point.
@@ -30,7 +31,7 @@ class Sky:
 
 @wp.func
 def texel(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, i: int, j: int):
-    """Texel of column i and row j; beyond a pole lies the other side of the map."""
+    """Gives the texel of column i and row j; beyond a pole lies the other side of the map."""
     w = level[1]
     h = level[2]
     column = i
@@ -49,7 +50,7 @@ def texel(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, i: int, j: int):
 
 @wp.func
 def equirect(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, direction: wp.vec3):
-    """Linear interpolation between the centres of the texels around a world direction."""
+    """Gives linear interpolation between the centres of the texels around a world direction."""
     azimuth = wp.atan2(direction[1], direction[0]) / (2.0 * PI)
     polar = wp.atan2(wp.sqrt(direction[0] * direction[0] + direction[1] * direction[1]), direction[2]) / PI
     x = azimuth * float(level[1]) - 0.5
@@ -65,7 +66,7 @@ def equirect(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, direction: wp.vec
 
 @wp.func
 def filtered(sky: Sky, direction: wp.vec3, lod: float):
-    """The map, linear between its halvings too."""
+    """Gives the map, linear between its halvings too."""
     top = sky.levels.shape[0] - 2
     place = wp.clamp(lod, 0.0, float(top))
     low = int(place)
@@ -93,18 +94,18 @@ def reflectances(sky: Sky, alpha: float, nv: float):
 
 
 def make_sky(mapped: bool) -> tuple[Any, Any, Any]:
-    """The functions `background`, `ambient` and `gloss` for a uniform sky or a map."""
+    """Makes the functions `background`, `ambient` and `gloss` for a uniform sky or a map."""
 
     @wp.func
     def background(sky: Sky, env: int, ray: wp.vec3):
-        """Radiance from where a ray of the camera leads."""
+        """Gives the radiance from where a ray of the camera leads."""
         if wp.static(mapped):
             return equirect(sky.texels, sky.levels[0], sky.camera[env] * ray)
         return sky.uniform
 
     @wp.func
     def ambient(sky: Sky, env: int, n: wp.vec3):
-        """Irradiance / pi on a surface with normal n."""
+        """Gives the irradiance / pi on a surface with normal n."""
         if wp.static(mapped):
             return equirect(sky.diffuse, sky.levels[sky.levels.shape[0] - 1], sky.camera[env] * n)
         return sky.uniform

@@ -45,7 +45,7 @@ def diffuse_share(r: wp.vec2, metallic: float):
 
 @wp.func
 def fresnel(f0: wp.vec3, cosine: float):
-    """Schlick's reflectance at cosine = v . h."""
+    """Gives Schlick's reflectance at cosine = v . h."""
     m = wp.clamp(1.0 - cosine, 0.0, 1.0)
     weight = m * m * m * m * m
     return f0 + weight * (wp.vec3(1.0, 1.0, 1.0) - f0)
@@ -53,7 +53,7 @@ def fresnel(f0: wp.vec3, cosine: float):
 
 @wp.func
 def distribution(alpha: float, n: wp.vec3, h: wp.vec3):
-    """GGX density of microfacet normals along h, of any length but 0.
+    """Gives GGX density of microfacet normals along h, of any length but 0.
 
     sin^2 is taken from n x h, for 1 - cos^2 has no digits in a narrow lobe.
     """
@@ -66,21 +66,21 @@ def distribution(alpha: float, n: wp.vec3, h: wp.vec3):
 
 @wp.func
 def masking(alpha: float, nl: float, nv: float):
-    """Height-correlated Smith G2 / (4 n.l n.v) (Heitz, JCGT 3(2), 2014)."""
+    """Gives height-correlated Smith G2 / (4 n.l n.v) (Heitz, JCGT 3(2), 2014)."""
     a = alpha * alpha
     return 0.5 / (nl * wp.sqrt(nv * nv * (1.0 - a) + a) + nv * wp.sqrt(nl * nl * (1.0 - a) + a))
 
 
 @wp.func
 def view_masking(alpha: float, nv: float):
-    """Smith G1 of the viewer."""
+    """Gives Smith G1 of the viewer."""
     a = alpha * alpha
     return 2.0 * nv / (nv + wp.sqrt(a + (1.0 - a) * nv * nv))
 
 
 @wp.func
 def specular(alpha: float, f0: wp.vec3, n: wp.vec3, v: wp.vec3, l: wp.vec3):
-    """Specular BRDF [1/sr] for n.l > 0."""
+    """Gives the specular BRDF [1/sr] for n.l > 0."""
     h = v + l
     # v . h of the unit vector is half the length of this one.
     f = fresnel(f0, 0.5 * wp.length(h))
@@ -90,14 +90,14 @@ def specular(alpha: float, f0: wp.vec3, n: wp.vec3, v: wp.vec3, l: wp.vec3):
 
 @wp.func
 def sample_density(alpha: float, n: wp.vec3, v: wp.vec3, l: wp.vec3):
-    """Density [1/sr] with which `sample_direction` gives l."""
+    """Gives the density [1/sr] with which `sample_direction` gives l."""
     nv = wp.max(wp.dot(n, v), LEAST_COSINE)
     return distribution(alpha, n, v + l) * view_masking(alpha, nv) / (4.0 * nv)
 
 
 @wp.func
 def sample_direction(alpha: float, n: wp.vec3, v: wp.vec3, u: wp.vec2):
-    """A direction l for u in [0, 1)^2, from the visible normals (Dupuy and Benyoub, HPG 2023); n.l may be < 0."""
+    """Gives a direction l for u in [0, 1)^2, from the visible normals (Dupuy and Benyoub, HPG 2023); n.l may be < 0."""
     nv = wp.clamp(wp.dot(n, v), LEAST_COSINE, 1.0)
     across = v - wp.dot(n, v) * n
     if wp.dot(across, across) < 1.0e-10:

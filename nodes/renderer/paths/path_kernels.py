@@ -33,7 +33,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.Kernel, wp.Kernel]:
-    """The kernels that add the light of paths to all pixels of an image, and to those of a list.
+    """Makes the kernels that add the light of paths to all pixels of an image, and to those of a list.
 
     f: of the shading kernel that brings the light of lights. glowing: some surface glows. dark: none does, and the sky
     is black. half: light is written as float16.
@@ -56,7 +56,7 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
         bodies: Bodies,
         sources: Sources,
     ):
-        """Radiance of a pixel from paths."""
+        """Gives the radiance of a pixel from paths."""
         if seen_triangle(seen, pixel) == MISS:
             return wp.vec3(0.0, 0.0, 0.0)
         face = seen_face(view, seen, surfaces, pixel)

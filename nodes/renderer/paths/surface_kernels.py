@@ -29,7 +29,8 @@ LEAST_LOBE = wp.constant(0.1)
 
 @wp.struct
 class Bodies:
-    """What a ray that hits an instance has to know. first, two_sided, body frame; points: vertices of the instances."""
+    """Holds what a ray that hits an instance has to know. first, two_sided, body frame; points: vertices of the
+    instances."""
 
     first: wp.array(dtype=int)
     two_sided: wp.array(dtype=int)
@@ -38,7 +39,7 @@ class Bodies:
 
 @wp.struct
 class PathVertex:
-    """Where a path is, and how it goes on. diffuse: albedo of the diffuse term; share of the specular lobe in the
+    """Holds where a path is, and how it goes on. diffuse: albedo of the diffuse term; share of the specular lobe in the
     directions that are taken; turn: the instance's rotation to the camera frame."""
 
     point: SurfacePoint
@@ -49,13 +50,13 @@ class PathVertex:
 
 @wp.func
 def spread_of(pdf: float, samples: int):
-    """Width of a cone that holds one sample's share of directions, per metre."""
+    """Gives the width of a cone that holds one sample's share of directions, per metre."""
     return wp.min(wp.sqrt(4.0 / (PI * pdf * float(samples))), 1.0)
 
 
 @wp.func
 def lifted(casters: Casters, s: SurfacePoint, i: int, side: float):
-    """The point with what its rays leave out and where they start."""
+    """Gives the point with what its rays leave out and where they start."""
     r = s
     lift, alone = shadow_start(casters, i, s.position, s.normal, side > 0.0)
     r.lift = lift
@@ -65,11 +66,11 @@ def lifted(casters: Casters, s: SurfacePoint, i: int, side: float):
 
 @cache
 def make_reflection(gloss: bool) -> tuple[Any, Any, Any]:
-    """The functions `vertex_of`, `reflected` and `onward`."""
+    """Makes the functions `vertex_of`, `reflected` and `onward`."""
 
     @wp.func
     def vertex_of(point: SurfacePoint, turn: wp.mat33, sky: Sky, albedo: wp.vec3, gloss_of: wp.vec2, least: float):
-        """A path's vertex on a material of this albedo and gloss (alpha, metallic), alpha widened to `least`."""
+        """Makes a path's vertex on a material of this albedo and gloss (alpha, metallic), alpha widened to `least`."""
         v = PathVertex()
         s = point
         alpha = gloss_of[0]
@@ -98,7 +99,7 @@ def make_reflection(gloss: bool) -> tuple[Any, Any, Any]:
 
     @wp.func
     def reflected(v: PathVertex, l: wp.vec3):
-        """BRDF times cosine for direction l, and the density with which a path takes it; 0 below the surface."""
+        """Gives BRDF times cosine for direction l, and the density with which a path takes it; 0 below the surface."""
         cosine = wp.dot(v.point.facing, l)
         if cosine <= 0.0 or wp.dot(v.point.normal, l) <= 0.0:
             return wp.vec3(0.0, 0.0, 0.0), 0.0
@@ -114,7 +115,7 @@ def make_reflection(gloss: bool) -> tuple[Any, Any, Any]:
 
     @wp.func
     def onward(v: PathVertex, u: wp.vec2):
-        """The direction that a path takes from its vertex for u in [0, 1)^2."""
+        """Gives the direction that a path takes from its vertex for u in [0, 1)^2."""
         # One number chooses the lobe and, from what is left of it, the direction.
         if u[0] < v.share:
             return sample_direction(v.point.alpha, v.point.facing, v.point.view, wp.vec2(u[0] / v.share, u[1]))
@@ -125,7 +126,7 @@ def make_reflection(gloss: bool) -> tuple[Any, Any, Any]:
 
 @wp.func
 def wide_texture(surfaces: Surfaces, bodies: Bodies, i: int, t: int, w0: float, w1: float, width: float):
-    """The texture of instance i at a point of triangle t, averaged over `width` [m]."""
+    """Gives the texture of instance i at a point of triangle t, averaged over `width` [m]."""
     place = surfaces.textures.place[i]
     j = 3 * t
     uv0 = surfaces.uv[j]
@@ -150,11 +151,11 @@ def wide_texture(surfaces: Surfaces, bodies: Bodies, i: int, t: int, w0: float, 
 
 @cache
 def make_albedo(textures: bool, tinted: bool) -> Any:
-    """The function of the albedo where a path meets a surface."""
+    """Makes the function of the albedo where a path meets a surface."""
 
     @wp.func
     def albedo_at(surfaces: Surfaces, bodies: Bodies, i: int, t: int, w0: float, w1: float, width: float):
-        """Albedo where a path meets a triangle, its texture averaged over the path's `width` [m]."""
+        """Gives the albedo where a path meets a triangle, its texture averaged over the path's `width` [m]."""
         albedo = surfaces.albedo[surfaces.material[i]]
         if wp.static(textures):
             if surfaces.textures.place[i][1] > 0:

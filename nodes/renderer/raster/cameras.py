@@ -18,13 +18,14 @@ BEYOND = 0.05
 
 
 def lens_of(camera: Camera) -> str:
-    """Name of the camera's distortion; `none` also where all coefficients are 0 and the model is a pinhole's then."""
+    """Gives the name of the camera's distortion; `none` also where all coefficients are 0 and the model is a pinhole's
+    then."""
     plain = camera.distortion_model == "plumb_bob" and not np.any(camera.distortion)
     return "none" if plain else camera.distortion_model
 
 
 def finer(camera: Camera, n: int) -> Camera:
-    """The same camera with n x n pixels for each one; n^2 of them have a pixel's centre as their mean."""
+    """Gives the same camera with n x n pixels for each one; n^2 of them have a pixel's centre as their mean."""
     if n == 1:
         return camera
     k = np.array(camera.k, np.float64)

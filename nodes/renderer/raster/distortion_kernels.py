@@ -15,7 +15,7 @@ wp.set_module_options({"enable_backward": False})
 
 @cache
 def make_distorted(lens: str) -> wp.Function:
-    """The wp.func (view, point) -> pixel [px] without margin, float64, for `plumb_bob` or `equidistant`."""
+    """Makes the wp.func (view, point) -> pixel [px] without margin, float64, for `plumb_bob` or `equidistant`."""
 
     @wp.func
     def plumb_bob(view: CameraView, p: wp.vec3d):
@@ -57,19 +57,19 @@ def make_distorted(lens: str) -> wp.Function:
 
 @wp.func
 def angle_of(p: wp.vec3d):
-    """Angle to the optical axis [rad]."""
+    """Gives the angle to the optical axis [rad]."""
     return wp.atan2(wp.sqrt(p[0] * p[0] + p[1] * p[1]), p[2])
 
 
 @wp.func
 def in_bounds(view: CameraView, p: wp.vec3):
-    """Whether the bound `bulge` holds for this direction."""
+    """Tells whether the bound `bulge` holds for this direction."""
     return wp.atan2(wp.sqrt(p[0] * p[0] + p[1] * p[1]), p[2]) < view.bounded
 
 
 @cache
 def make_bounds(lens: str) -> wp.Function:
-    """The wp.func (view, a, b, c) -> (x min, x max, y min, y max): what of the image a triangle may cover.
+    """Makes the wp.func (view, a, b, c) -> (x min, x max, y min, y max): what of the image a triangle may cover.
 
     An edge of angle alpha strays from the chord between its ends by at most bulge alpha^2 / 8. A triangle that reaches
     far beyond the field of view may cover all of the image.

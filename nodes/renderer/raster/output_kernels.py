@@ -12,7 +12,8 @@ BEHIND = wp.constant(1.0e6)
 
 
 def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool, lens: str) -> wp.Kernel:
-    """The geometric images that are asked for; the arrays of the others may be empty. lens: `none` or a distortion."""
+    """Makes the kernel of the geometric images that are asked for; the arrays of the others may be empty. lens: `none`
+    or a distortion."""
     bent = lens != "none"
     distorted = make_distorted(lens) if bent else None
 
@@ -106,7 +107,7 @@ def body_points(
     instance_out: wp.array3d(dtype=int),
     point_out: wp.array3d(dtype=wp.vec3),
 ):
-    """Who is hit, and where in the frame of the body that carries it."""
+    """Finds who is hit, and where in the frame of the body that carries it."""
     env, y, x = wp.tid()
     hit = packed[env, y, x]
     t = triangle_of(hit)

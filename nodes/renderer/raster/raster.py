@@ -62,7 +62,7 @@ class RowRaster:
         """As TiledRaster.clear: nothing."""
 
     def draw(self, packed: wp.array, still: bool, moving: bool, cleared: Callable[[], None] = lambda: None) -> None:
-        """Add the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
+        """Adds the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
         cleared()
         v = self._v
         blocks, points = self.blocks
@@ -116,7 +116,7 @@ class TiledRaster:
         self._cleared = True
 
     def draw(self, packed: wp.array, still: bool, moving: bool, cleared: Callable[[], None] = lambda: None) -> None:
-        """Add the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
+        """Adds the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
         start, count = part_of(self._still, self._count, still, moving)
         if count:
             for first in range(0, self._v.envs, self._envs):
@@ -148,13 +148,13 @@ class TiledRaster:
 
 
 def part_of(first_moving: int, count: int, still: bool, moving: bool) -> tuple[int, int]:
-    """Start and number of the still items, which come first, of the others, or of both."""
+    """Gives the start and the number of the still items, which come first, of the others, or of both."""
     start = 0 if still else first_moving
     return start, (count if moving else first_moving) - start
 
 
 def put_blocks(blocks: clusters.Blocks, put: Any) -> Any:
-    """Blocks on the device. put: as SceneArrays.put."""
+    """Gives blocks on the device. put: as SceneArrays.put."""
     there = raster_kernels.Blocks()
     for name in ("instance", "first", "last"):
         setattr(there, name, put(getattr(blocks, name), wp.int32))

@@ -23,7 +23,8 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Blocks:
-    """Pieces [B] of the instances: items first..last - 1, bounding sphere and cone of normals in the instance's frame.
+    """Holds pieces [B] of the instances: items first..last - 1, bounding sphere and cone of normals in the instance's
+    frame.
 
     cosine: of the cone's half angle; at most 0 where its back side must not be left out.
     """
@@ -41,7 +42,7 @@ class Blocks:
 
 @wp.func
 def unseen(view: CameraView, row0: int, row1: int, blocks: Blocks, n: int, turn: wp.mat33, place: wp.vec3):
-    """Whether a block covers no pixel of rows row0..row1 - 1."""
+    """Tells whether a block covers no pixel of rows row0..row1 - 1."""
     centre = turn * blocks.centre[n] + place
     if outside(view, row0, row1, centre, blocks.radius[n]):
         return True
@@ -53,7 +54,7 @@ def unseen(view: CameraView, row0: int, row1: int, blocks: Blocks, n: int, turn:
 
 @wp.func
 def before_near(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Whether any of a triangle can lie before the near plane; a lens measures that along its rays."""
+    """Tells whether any of a triangle can lie before the near plane; a lens measures that along its rays."""
     return view.distorted == 1 or wp.max(a[2], wp.max(b[2], c[2])) >= view.near
 
 
@@ -69,7 +70,7 @@ def to_camera(
     # out
     vertices: wp.array2d(dtype=wp.vec3),
 ):
-    """Vertices of the instances that may be seen."""
+    """Computes vertices of the instances that may be seen."""
     env, block = wp.tid()
     b = block0 + block
     i = blocks.instance[b]
@@ -81,7 +82,7 @@ def to_camera(
 
 
 def make_raster(lens: str) -> wp.Kernel:
-    """One thread per block, for rows row0..row1 - 1. lens: `none` or a distortion model."""
+    """Makes the kernel `raster`, a thread per block, for rows row0..row1 - 1. lens: `none` or a distortion model."""
     bounds_of = make_bounds(lens) if lens != "none" else bounds
     walk_over = walk_rays if lens != "none" else walk
 

@@ -51,17 +51,17 @@ FIRST_ABOVE = """
 
 @wp.func_native(RUNNING_SUM)
 def running_sum(value: wp.int32, size: wp.int32) -> wp.int32:
-    """Sum of the values of a group's threads, up to and with this one's. size: threads of a group."""
+    """Sums the values of a group's threads, up to and with this one's. size: threads of a group."""
     ...
 
 
 @wp.func_native(SHUFFLE_FROM)
 def shuffle_from(value: wp.int32, which: wp.int32, size: wp.int32) -> wp.int32:
-    """The value of the group's thread `which`, counted from 0."""
+    """Gives the value of the group's thread `which`, counted from 0."""
     ...
 
 
 @wp.func_native(FIRST_ABOVE)
 def first_above(index: wp.int32, sum: wp.int32, size: wp.int32) -> wp.int32:
-    """The first thread of a group with sum > index, sums ascending; the last thread where there is none."""
+    """Gives the first thread of a group with sum > index, sums ascending; the last thread where there is none."""
     ...

@@ -53,7 +53,7 @@ COUNTERS = 321
 
 @wp.func
 def take(counters: wp.array(dtype=int), counter: int, places: int):
-    """The first of so many places of a list."""
+    """Gives the first of so many places of a list."""
     return wp.atomic_add(counters, counter * LINE, places)
 
 
@@ -70,7 +70,7 @@ def list_blocks(
     counters: wp.array(dtype=int),
     listed: wp.array(dtype=wp.vec4i),
 ):
-    """(environment, instance, first and last triangle) of the blocks that may be seen, in any order."""
+    """Computes (environment, instance, first and last triangle) of the blocks that may be seen, in any order."""
     index, block = wp.tid()
     env = env0 + index
     n = block0 + block
@@ -81,7 +81,8 @@ def list_blocks(
 
 @wp.func
 def beside(e: wp.vec3, slack: float, left: float, right: float, top: float, bottom: float):
-    """Whether an edge has all of a tile outside: the pixel that lies most inside, by the sums that walking takes."""
+    """Tells whether an edge has all of a tile outside: the pixel that lies most inside, by the sums that walking
+    takes."""
     x = wp.where(e[0] > 0.0, right, left)
     y = wp.where(e[1] > 0.0, bottom, top)
     return e[0] * x + (e[1] * y + e[2] + slack) < 0.0
@@ -89,7 +90,8 @@ def beside(e: wp.vec3, slack: float, left: float, right: float, top: float, bott
 
 @wp.func
 def missed(view: CameraView, s: Setup, x0: int, x1: int, y0: int, y1: int):
-    """Whether a triangle of a pinhole's image leaves out all of a tile, which is so for most tiles of a thin one."""
+    """Tells whether a triangle of a pinhole's image leaves out all of a tile, which is so for most tiles of a thin
+    one."""
     left = view.columns[x0]
     right = view.columns[x1]
     top = view.rows[y0]
@@ -102,7 +104,7 @@ def missed(view: CameraView, s: Setup, x0: int, x1: int, y0: int, y1: int):
 
 
 def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel, wp.Kernel]:
-    """The kernels `list_triangles`, `raster`, `raster_at_once` in place of both, and `raster_tiles`.
+    """Makes the kernels `list_triangles`, `raster`, `raster_at_once` in place of both, and `raster_tiles`.
 
     area: bounding box [px] above which a triangle is cut into tiles. rows: of a tile, and threads that share it, 8, 16
     or 32. together: these run together and share its pixels; for a pinhole on a GPU.
@@ -112,7 +114,7 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
 
     @wp.func
     def shows(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
-        """Whether a triangle faces the camera and has a pixel centre in its bounds, and these bounds."""
+        """Tells whether a triangle faces the camera and has a pixel centre in its bounds, and these bounds."""
         box = wp.vec4()
         if not (facing(a, b, c, two_sided) and before_near(view, a, b, c)):
             return False, box
@@ -133,7 +135,7 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
         setups: wp.array2d(dtype=Setup),
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """Draw a small triangle, list the tiles of a large one; box: its bounds, which hold a pixel's centre."""
+        """Draws a small triangle, lists the tiles of a large one; box: its bounds, which hold a pixel's centre."""
         s = set_up(view, a, b, c, box)
         mine = wp.bool(True)
         if (s.x1 - s.x0 + 1) * (s.y1 - s.y0 + 1) > wp.static(area):
@@ -163,7 +165,8 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
         t: int,
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """`walk` by a group of threads: each finds the columns of its row, then all share the pixels of all rows."""
+        """Walks a tile by a group of threads: each finds the columns of its row, then all share the pixels of all
+        rows."""
         columns = wp.vec2i(0, -1)
         if y0 + lane <= y1:
             r = row_share(view, s, y0 + lane)
@@ -196,7 +199,7 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
         # out
         small: wp.array2d(dtype=wp.vec2i),
     ):
-        """(environment, triangle) of what faces the camera and has a pixel centre in its bounds."""
+        """Computes (environment, triangle) of what faces the camera and has a pixel centre in its bounds."""
         tid = wp.tid()
         item = tid // BLOCK_THREADS
         count = counters[0]
@@ -231,7 +234,7 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
         setups: wp.array2d(dtype=Setup),
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """The listed triangles; large ones are listed in turn."""
+        """Draws the listed triangles; large ones are listed in turn."""
         tid = wp.tid()
         region = (tid // GROUP) % SMALL_REGIONS
         at = tid // (GROUP * SMALL_REGIONS) * GROUP + tid % GROUP
@@ -266,8 +269,8 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
         setups: wp.array2d(dtype=Setup),
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """All triangles of the blocks block0.. that may be seen: sooner done where there are not many, for nothing
-        waits for a list."""
+        """Draws all triangles of the blocks block0.. that may be seen: sooner done where there are not many, for
+        nothing waits for a list."""
         tid = wp.tid()
         item = tid // BLOCK_THREADS
         while item < envs * count:
@@ -295,7 +298,7 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
         # out
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """The tiles of large triangles, a thread for each row."""
+        """Draws the tiles of large triangles, a thread for each row."""
         tid = wp.tid()
         region = (tid // wp.static(rows)) % LARGE_REGIONS
         at = tid // (wp.static(rows) * LARGE_REGIONS)

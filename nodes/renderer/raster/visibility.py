@@ -78,7 +78,7 @@ class Visibility(SceneArrays):
         self._graphs, self._cleared = CudaGraphs(self.device), Branch(self.device)
 
     def instance_poses(self, poses: np.ndarray) -> InstancePoses:
-        """Poses float64 [E, N, 7], checked. Raises ValueError naming a body."""
+        """Gives poses float64 [E, N, 7], checked. Raises ValueError naming a body."""
         return self._instance_poses_of(check_poses(poses, self.envs, self.names))
 
     def advance(self, poses: np.ndarray, displaced: bool) -> InstancePoses | None:
@@ -106,8 +106,8 @@ class Visibility(SceneArrays):
         return self._instance_poses_of(last if upload.sparse else fresh)
 
     def send(self, fresh: np.ndarray) -> InstancePoses:
-        """The next instant, from the last one on: poses float64 [E, M, 7] of the bodies that may move, in their order;
-        all others stay. What is sent is there after `settle`, or `arrive` in a recording.
+        """Sends the next instant, from the last one on: poses float64 [E, M, 7] of the bodies that may move, in their
+        order; all others stay. What is sent is there after `settle`, or `arrive` in a recording.
 
         For a visibility that is `sparse`. Raises ValueError naming a body whose pose is not finite.
         """
@@ -131,7 +131,7 @@ class Visibility(SceneArrays):
         return self._upload.coming
 
     def as_placed(self, poses: np.ndarray) -> bool:
-        """Whether all bodies are where `advance` took them to be: to be asked while the device draws."""
+        """Tells whether all bodies are where `advance` took them to be: to be asked while the device draws."""
         last = self._upload.last
         return not self._upload.sparse or (
             last is not None and same_bytes(check_shape(poses, self.envs, self.names), last)
@@ -148,7 +148,7 @@ class Visibility(SceneArrays):
         return InstancePoses(poses, self.camera_body, geometry.body, (geometry.rotation, geometry.translation))
 
     def update(self, poses: np.ndarray | InstancePoses) -> InstancePoses:
-        """Fill `packed` for body poses float64 [E, N, 7]. On a GPU nothing is waited for."""
+        """Fills `packed` for body poses float64 [E, N, 7]. On a GPU nothing is waited for."""
         frames = None if isinstance(poses, InstancePoses) else self.advance(poses, False)
         guessed = frames is not None
         if frames is None:
@@ -170,7 +170,7 @@ class Visibility(SceneArrays):
         self.drawn()
 
     def place(self, frames: InstancePoses, previous: np.ndarray | None = None) -> None:
-        """Bring poses to the device for `draw`, and those of the previous keyframe for `displace`.
+        """Brings poses to the device for `draw`, and those of the previous keyframe for `displace`.
 
         Counts in `still_place` how often still bodies or the camera have been elsewhere. Sets `moved`: anything is not
         where it was at `previous`; `still_displaced`: the same of still bodies and the camera.
@@ -193,7 +193,7 @@ class Visibility(SceneArrays):
 
     @property
     def last(self) -> np.ndarray | None:
-        """Poses of the last update float64 [E, N, 7], valid until the next one."""
+        """Gives poses of the last update float64 [E, N, 7], valid until the next one."""
         return self._upload.last
 
     def same(self, frames: InstancePoses) -> bool:
@@ -202,12 +202,12 @@ class Visibility(SceneArrays):
 
     @property
     def layered(self) -> bool:
-        """Whether still instances are kept as a layer."""
+        """Tells whether still instances are kept as a layer."""
         return self._layered
 
     @property
     def still_moved(self) -> bool:
-        """Whether still bodies or the camera are not where they were when they were last drawn."""
+        """Tells whether still bodies or the camera are not where they were when they were last drawn."""
         return self._still_drawn != self.still_place
 
     def drawn(self) -> None:
@@ -216,7 +216,7 @@ class Visibility(SceneArrays):
         self._still_drawn = self.still_place
 
     def draw(self, placed: Callable[[], None] = lambda: None) -> None:
-        """Fill `packed` for what is in `poses`: launches only, all arguments of which depend on `still_moved` alone.
+        """Fills `packed` for what is in `poses`: launches only, all arguments of which depend on `still_moved` alone.
 
         placed: called where the instances are placed and nothing is drawn yet.
         """
@@ -261,7 +261,7 @@ class Visibility(SceneArrays):
         return self._layered and (same_bytes(a, b) or np.array_equal(a[:, still], b[:, still]))
 
     def hits(self) -> dict[str, np.ndarray]:
-        """What `packed` says, as numpy.
+        """Gives what `packed` says, as numpy.
 
         triangle int32 [E, H, W]: index over all instances, -1 = nothing (of instance i: `geometry.first[i]` on);
         instance int32 [E, H, W], -1 = nothing; point float32 [E, H, W, 3] m in the frame of the instance's body.

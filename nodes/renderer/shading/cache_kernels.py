@@ -21,8 +21,8 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class ShadingCache:
-    """What is remembered of still surfaces [E, H, W]: the triangle that it is of, MISS for none; a bit for each light
-    that reaches it; its radiance without moving casters."""
+    """Holds what is remembered of still surfaces [E, H, W]: the triangle that it is of, MISS for none; a bit for each
+    light that reaches it; its radiance without moving casters."""
 
     triangle: wp.array3d(dtype=int)
     lit: wp.array3d(dtype=wp.uint32)
@@ -31,13 +31,13 @@ class ShadingCache:
 
 @cache
 def make_cache(f: Features) -> tuple[Any, Any]:
-    """The functions `recall` and `remember`."""
+    """Makes the functions `recall` and `remember`."""
     occluded, crossed = make_occlusion(f.trees, f.joined)
     towards, _ = make_directions(f.directional, f.point, f.spot)
 
     @wp.func
     def unhidden(lights: Lights, casters: Casters, env: int, bits: wp.uint32, s: SurfacePoint):
-        """Whether no moving caster hides anything of the lights in `bits`."""
+        """Tells whether no moving caster hides anything of the lights in `bits`."""
         last = casters.order.shape[0]
         for l in range(lights.kind.shape[0]):
             if ((bits >> wp.uint32(l)) & wp.uint32(1)) != wp.uint32(0):
@@ -59,8 +59,8 @@ def make_cache(f: Features) -> tuple[Any, Any]:
 
     @wp.func
     def recall(lights: Lights, casters: Casters, kept: ShadingCache, pixel: Pixel, t: int, s: SurfacePoint):
-        """Whether something is known of triangle t in a pixel, the lights that still casters let through to it, and
-        whether its remembered radiance is the one that it has."""
+        """Tells whether something is known of triangle t in a pixel, the lights that still casters let through to it,
+        and whether its remembered radiance is the one that it has."""
         known = wp.bool(False)
         done = wp.bool(False)
         bits = wp.uint32(0)
@@ -76,7 +76,7 @@ def make_cache(f: Features) -> tuple[Any, Any]:
 
     @wp.func
     def remember(casters: Casters, kept: ShadingCache, pixel: Pixel, face: Face, bits: wp.uint32, colour: wp.vec3):
-        """Keep what was found out; colour: without moving casters."""
+        """Keeps what was found out; colour: without moving casters."""
         still = casters.is_still[face.instance] == 1
         kept.triangle[pixel.env, pixel.y, pixel.x] = wp.where(still, face.triangle, MISS)
         kept.lit[pixel.env, pixel.y, pixel.x] = bits

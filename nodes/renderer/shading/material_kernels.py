@@ -17,14 +17,14 @@ wp.set_module_options({"enable_backward": False})
 
 @cache
 def make_look(f: Features) -> Any:
-    """The function `look`."""
+    """Makes the function `look`."""
     surface = make_surface(f.textures, f.smooth, f.tinted)
     _, ambient, sky_gloss = make_sky(f.mapped)
 
     @wp.func
     def look(view: CameraView, pixel: Pixel, seen: Seen, surfaces: Surfaces, sky: Sky, face: Face, point: SurfacePoint):
-        """The point with what it reflects by its lobe, the albedo of its diffuse term, and the radiance that it has
-        without lights: what it emits, and reflects of the sky."""
+        """Gives the point with what it reflects by its lobe, the albedo of its diffuse term, and the radiance that it
+        has without lights: what it emits, and reflects of the sky."""
         s = point
         albedo, facing = surface(view, pixel, seen, surfaces, face)
         s.facing = facing

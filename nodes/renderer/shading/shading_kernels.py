@@ -36,7 +36,7 @@ INVERSE_PI = wp.constant(1.0 / wp.pi)
 
 
 def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
-    """The shading kernels, of all pixels and of a list of them."""
+    """Makes the shading kernels, of all pixels and of a list of them."""
     Image: Any = make_image(f.half)
     write = make_write(f.half)
     look, gather = make_look(f), make_lighting(f)
@@ -45,7 +45,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
 
     @wp.func
     def point_of(casters: Casters, face: Face):
-        """The seen point, with where its shadow rays start."""
+        """Gives the seen point, with where its shadow rays start."""
         s = SurfacePoint()
         s.position = face.position
         s.normal = face.normal
@@ -57,7 +57,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
 
     @wp.func
     def reflected(glow: wp.vec3, albedo: wp.vec3, irradiance: wp.vec3, shine: wp.vec3):
-        """Radiance of a surface under light."""
+        """Gives the radiance of a surface under light."""
         colour = glow + INVERSE_PI * wp.cw_mul(albedo, irradiance)
         if wp.static(f.gloss):
             colour += shine

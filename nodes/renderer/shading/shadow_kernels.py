@@ -20,8 +20,8 @@ wp.set_module_options({"enable_backward": False})
 def make_shadow_rays(
     directional: bool, point: bool, spot: bool, trees: bool, grids: bool
 ) -> tuple[wp.Kernel, wp.Kernel]:
-    """The kernels `shadow_rays`, of all pixels, and `listed_shadow_rays` with only what a scene has. grids: the lights
-    in `shadowed` are those of `grid`, in that order."""
+    """Makes the kernels `shadow_rays`, of all pixels, and `listed_shadow_rays` with only what a scene has. grids: the
+    lights in `shadowed` are those of `grid`, in that order."""
     towards, idle = make_directions(directional, point, spot)
     occluded, _ = make_occlusion(trees, False)
 
@@ -43,7 +43,7 @@ def make_shadow_rays(
         grid: Grid,
         hidden: wp.array3d(dtype=wp.uint32),
     ):
-        """Set bit l of a pixel from which light l = shadowed[n] is not seen though it might be."""
+        """Sets bit l of a pixel from which light l = shadowed[n] is not seen though it might be."""
         l = shadowed[n]
         hit = packed[env, y, x]
         t = triangle_of(hit)
@@ -90,7 +90,7 @@ def make_shadow_rays(
         # out
         hidden: wp.array3d(dtype=wp.uint32),
     ):
-        """The bits of those lights that are in `shadowed`, in every pixel."""
+        """Computes the bits of those lights that are in `shadowed`, in every pixel."""
         n, env, tile, lane = wp.tid()
         y, x = tile_pixel(view, tile, lane)
         if y >= view.height or x >= view.width:
@@ -132,7 +132,8 @@ def make_shadow_rays(
         # out
         hidden: wp.array3d(dtype=wp.uint32),
     ):
-        """The same of count[0] listed pixels, indices into [E, H, W], which `workers` threads share for each light."""
+        """Computes the same of count[0] listed pixels, indices into [E, H, W], which `workers` threads share for each
+        light."""
         n, j = wp.tid()
         while j < count[0]:
             env = pixels[j] // (view.width * view.height)

@@ -49,7 +49,7 @@ class ShadowPass:
                 self._parts.append((which, Grid() if grid is None else grid.kernel, *kernels))
 
     def clear(self) -> None:
-        """Forget the last image's."""
+        """Forgets the last image's bits."""
         self.hidden.zero_()
 
     def place(self) -> None:
@@ -59,7 +59,7 @@ class ShadowPass:
             self._grid.place()
 
     def launch(self) -> None:
-        """Trace the rays of what the visibility has drawn."""
+        """Traces the rays of what the visibility has drawn."""
         self._place_once()
         v = self._visibility
         for which, grid, kernel, _ in self._parts:
@@ -67,7 +67,7 @@ class ShadowPass:
             wp.launch(kernel, (len(which), *v.tiles), inputs, [self.hidden], device=v.device, block_dim=BLOCK)
 
     def launch_list(self, workers: int, pixels: wp.array, count: wp.array) -> None:
-        """Trace those of count[0] pixels of a list, int32 indices into [E, H, W]."""
+        """Traces those of count[0] pixels of a list, int32 indices into [E, H, W]."""
         self._place_once()
         device = self._visibility.device
         for which, grid, _, kernel in self._parts:
@@ -86,7 +86,7 @@ class ShadowPass:
 
 
 def shadowed(visibility: Visibility) -> list[int]:
-    """Lights that rays of a pass of their own go to; none where there are more lights than bits."""
+    """Gives lights that rays of a pass of their own go to; none where there are more lights than bits."""
     lights = visibility.scene.lights
     if len(lights) > MOST_LIGHTS or not len(visibility.geometry.triangles):
         return []

@@ -80,7 +80,8 @@ class Occluders:
         self._boxed = [put(self._moving, wp.int32), put(self._half, wp.vec3)]
 
     def update(self, frames: InstancePoses) -> None:
-        """Build the trees that are not there yet, and anew where instances have moved far; poses are placed already."""
+        """Builds the trees that are not there yet, and anew where instances have moved far; poses are placed
+        already."""
         if self._with_still and self._looked != self._visibility.still_place:
             self._looked = self._visibility.still_place
             at = frames.bodies[0, self._still_bodies]
@@ -95,7 +96,7 @@ class Occluders:
                 self._build_moving(frames)
 
     def launch(self) -> None:
-        """Place the still tree for what is in the visibility's `poses`: launches only."""
+        """Places the still tree for what is in the visibility's `poses`: launches only."""
         v = self._visibility
         if self.trees:
             inputs = [v.poses, v.camera_body, wp.vec3d(*self._middle), self._size]
@@ -168,7 +169,7 @@ class Occluders:
 
 
 def half_extents(visibility: Visibility) -> np.ndarray:
-    """Half the sides of every instance's box in its own frame, float64 [I, 3] m."""
+    """Gives half the sides of every instance's box in its own frame, float64 [I, 3] m."""
     geometry = visibility.geometry
     half = np.zeros((len(geometry.body), 3))
     np.maximum.at(half, geometry.vertex_instance, np.abs(geometry.vertices))
