@@ -7,6 +7,8 @@ region of it and in a cache line of its own, for one line alone would be waited 
 where they are needed: reading them for every environment would cost more.
 """
 
+from functools import cache
+
 import warp as wp
 
 from nodes.renderer.raster.distortion_kernels import make_bounds, walk_rays
@@ -103,14 +105,11 @@ def missed(view: CameraView, s: Setup, x0: int, x1: int, y0: int, y1: int):
     )
 
 
-def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel, wp.Kernel]:
-    """Makes the kernels `list_triangles`, `raster`, `raster_at_once` in place of both, and `raster_tiles`.
-
-    area: bounding box [px] above which a triangle is cut into tiles. rows: of a tile, and threads that share it, 8, 16
-    or 32. together: these run together and share its pixels; for a pinhole on a GPU.
-    """
+@cache
+def make_steps(lens: str, area: int, rows: int) -> tuple[wp.Function, wp.Function, wp.Function]:
+    """Makes the functions `shows`, `draw` and `walk_tile` of the kernels; arguments as of `make_tiled`."""
     bounds_of = make_bounds(lens) if lens != "none" else bounds
-    walk_over, walk_row = (walk_rays, walk_rays) if lens != "none" else (walk_all, walk)
+    walk_over = walk_rays if lens != "none" else walk_all
 
     @wp.func
     def shows(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
@@ -182,6 +181,19 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
             x = pixel + shuffle_from(origin, row, wp.static(rows))
             if pixel < total:
                 cover(view, s, row_share(view, s, y0 + row), x, y0 + row, env, t, packed)
+
+    return shows, draw, walk_tile
+
+
+def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel, wp.Kernel]:
+    """Makes the kernels `list_triangles`, `raster`, `raster_at_once` in place of both, and `raster_tiles`.
+
+    area: bounding box [px] above which a triangle is cut into tiles. rows: of a tile, and threads that share it, 8, 16
+    or 32. together: these run together and share its pixels; for a pinhole on a GPU.
+    """
+    bounds_of = make_bounds(lens) if lens != "none" else bounds
+    walk_row = walk_rays if lens != "none" else walk
+    shows, draw, walk_tile = make_steps(lens, area, rows)
 
     @wp.kernel(module="unique", enable_backward=False)
     def list_triangles(

@@ -16,6 +16,18 @@ from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion, shadow_s
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.struct
+class Receivers:
+    """Holds what shadow rays start from: z-buffer [E, H, W], instance and normal of each triangle, turn [E, I] of the
+    instances to the camera frame; and the lights `shadowed` that they go to."""
+
+    packed: wp.array3d(dtype=wp.uint64)
+    instance: wp.array(dtype=int)
+    normals: wp.array(dtype=wp.vec3)
+    rotation: wp.array2d(dtype=wp.mat33)
+    shadowed: wp.array(dtype=int)
+
+
 @cache
 def make_shadow_rays(
     directional: bool, point: bool, spot: bool, trees: bool, grids: bool
@@ -32,28 +44,23 @@ def make_shadow_rays(
         y: int,
         x: int,
         n: int,
-        packed: wp.array3d(dtype=wp.uint64),
-        instance: wp.array(dtype=int),
-        normals: wp.array(dtype=wp.vec3),
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
+        on: Receivers,
         lights: Lights,
-        shadowed: wp.array(dtype=int),
         casters: Casters,
         grid: Grid,
         hidden: wp.array3d(dtype=wp.uint32),
     ):
         """Sets bit l of a pixel from which light l = shadowed[n] is not seen though it might be."""
-        l = shadowed[n]
-        hit = packed[env, y, x]
+        l = on.shadowed[n]
+        hit = on.packed[env, y, x]
         t = triangle_of(hit)
         if t == MISS:
             return
-        i = instance[t]
+        i = on.instance[t]
         d = pixel_ray(view, x, y)
         s = SurfacePoint()
         s.position = depth_of(hit) * d
-        normal = rotation[env, i] * normals[t]
+        normal = on.rotation[env, i] * on.normals[t]
         side = wp.where(wp.dot(normal, d) > 0.0, -1.0, 1.0)
         s.normal = side * normal
         # The shading normal is not known here; it can only spare more rays.
@@ -78,13 +85,8 @@ def make_shadow_rays(
     def shadow_rays(
         # in
         view: CameraView,
-        packed: wp.array3d(dtype=wp.uint64),
-        instance: wp.array(dtype=int),
-        normals: wp.array(dtype=wp.vec3),
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
+        on: Receivers,
         lights: Lights,
-        shadowed: wp.array(dtype=int),
         casters: Casters,
         grid: Grid,
         # out
@@ -95,35 +97,14 @@ def make_shadow_rays(
         y, x = tile_pixel(view, tile, lane)
         if y >= view.height or x >= view.width:
             return
-        trace(
-            view,
-            env,
-            y,
-            x,
-            n,
-            packed,
-            instance,
-            normals,
-            rotation,
-            translation,
-            lights,
-            shadowed,
-            casters,
-            grid,
-            hidden,
-        )
+        trace(view, env, y, x, n, on, lights, casters, grid, hidden)
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
     def listed_shadow_rays(
         # in
         view: CameraView,
-        packed: wp.array3d(dtype=wp.uint64),
-        instance: wp.array(dtype=int),
-        normals: wp.array(dtype=wp.vec3),
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
+        on: Receivers,
         lights: Lights,
-        shadowed: wp.array(dtype=int),
         casters: Casters,
         grid: Grid,
         workers: int,
@@ -139,23 +120,7 @@ def make_shadow_rays(
             env = pixels[j] // (view.width * view.height)
             y = pixels[j] // view.width % view.height
             x = pixels[j] % view.width
-            trace(
-                view,
-                env,
-                y,
-                x,
-                n,
-                packed,
-                instance,
-                normals,
-                rotation,
-                translation,
-                lights,
-                shadowed,
-                casters,
-                grid,
-                hidden,
-            )
+            trace(view, env, y, x, n, on, lights, casters, grid, hidden)
             j += workers
 
     return shadow_rays, listed_shadow_rays
