@@ -20,7 +20,7 @@ import warp as wp
 
 from bench import command
 from evis.scene import load_scene
-from nodes.interpolator.keyframe import Method, States, View
+from nodes.interpolator.keyframe import KeyframeView, Method, States
 from nodes.interpolator.luminance import luminance_of
 from nodes.interpolator.rigid import Rigid
 from nodes.interpolator.splat.splat import make_splat
@@ -43,7 +43,7 @@ def states_at(scene: Any, last: int, envs: int) -> States:
     return States(t, np.repeat(pose, envs, 0), np.repeat(twist, envs, 0))
 
 
-def keyframes(scene: Any, envs: int, device: str, count: int) -> list[View]:
+def keyframes(scene: Any, envs: int, device: str, count: int) -> list[KeyframeView]:
     """Renders consecutive keyframes of a scene, on the device."""
     renderer, views = Renderer(scene, scene.cameras[0], envs, 0, device), []
     for k in range(count):
@@ -52,11 +52,11 @@ def keyframes(scene: Any, envs: int, device: str, count: int) -> list[View]:
         given = states.pose[:, -1], states.pose[:, 0], ("radiance", "depth", "motion")
         images = {n: np.array(a) for n, a in renderer.render(*given, t_ns=stamp).items()}
         arrays: list[wp.array] = [wp.array(images[n], dtype=wp.float32, device=device) for n in ("depth", "motion")]
-        views.append(View(luminance_of(images["radiance"], device), arrays[0], arrays[1], states, stamp))
+        views.append(KeyframeView(luminance_of(images["radiance"], device), arrays[0], arrays[1], states, stamp))
     return views
 
 
-def gap_ms(method: Method, views: list[View], out: wp.array, held: list[bool]) -> tuple[float, float]:
+def gap_ms(method: Method, views: list[KeyframeView], out: wp.array, held: list[bool]) -> tuple[float, float]:
     """Measures (whole, host) ms of the fastest gap in the second half, when kernels are loaded and recorded."""
     times = []
     for a, b in pairwise(views):

@@ -142,7 +142,7 @@ def _once(
     needs = reads(method)
     outputs = {LIGHT} | (needs & {"depth", "motion"})
     renderer.prepare(outputs)
-    _rehearse(interpolator, world, camera, needs)
+    _warm_up(interpolator, world, camera, needs)
     memory = Memory(scene, camera)
     run = Run({}, sensors.seconds)
     episodes = np.zeros(1, np.int32)
@@ -207,9 +207,9 @@ class Memory:
         return 0 if before is None else int((self._still[ids] & (ids == before)).sum())
 
 
-def _rehearse(interpolator: Interpolator, world: World, camera: Camera, needs: frozenset[str]) -> None:
+def _warm_up(interpolator: Interpolator, world: World, camera: Camera, needs: frozenset[str]) -> None:
     """What a method makes once, in its first gap, is no part of a run's cost: it is made here."""
-    interpolator.rehearse(1, camera.height, camera.width)
+    interpolator.warm_up_for(1, camera.height, camera.width)
     if interpolator.upsampling <= LONGEST:
         return
     # A gap as long as that is left out there. One in which nothing moves is soon made.

@@ -18,7 +18,7 @@ import warp as wp
 
 from bench import command
 from nodes.event_sensor.sensor import EventSensor
-from nodes.interpolator.keyframe import View
+from nodes.interpolator.keyframe import KeyframeView
 from nodes.interpolator.splat.splat import make_splat
 
 HEIGHT, WIDTH, RATE, UPSAMPLING = 260, 346, 30, 8
@@ -62,7 +62,7 @@ class Disk:
         pattern = np.exp(0.8 * np.tanh(3 * np.sin(0.2 * u) * np.sin(0.2 * v)))
         return np.where(self._inside, pattern, 0.3).astype(np.float32)
 
-    def view(self, k: float) -> View:
+    def view(self, k: float) -> KeyframeView:
         """Makes keyframe k."""
         c, s = np.cos(self._turn), np.sin(self._turn)
         back = np.stack([c * self._x + s * self._y - self._x, c * self._y - s * self._x - self._y], -1)
@@ -70,7 +70,7 @@ class Disk:
         image = self.image(k)
         if self._channels == 3:
             image = np.repeat(image[..., None], 3, -1)
-        return View(as_warp(image), as_warp(np.where(self._inside, 1.0, 2.0)), as_warp(motion))
+        return KeyframeView(as_warp(image), as_warp(np.where(self._inside, 1.0, 2.0)), as_warp(motion))
 
 
 def as_warp(image: np.ndarray) -> wp.array:
@@ -78,7 +78,7 @@ def as_warp(image: np.ndarray) -> wp.array:
     return wp.array(np.ascontiguousarray(image[None], dtype=np.float32), device="cpu")
 
 
-def time_splat(a: View, b: View, repeats: int, upsampling: int = UPSAMPLING) -> float:
+def time_splat(a: KeyframeView, b: KeyframeView, repeats: int, upsampling: int = UPSAMPLING) -> float:
     """Measures ns per pixel and sub-frame of one gap."""
     channels = 3 if a.image.ndim == 4 else 1
     method = make_splat(HEIGHT, WIDTH, 1, upsampling, 0, channels)
@@ -86,12 +86,12 @@ def time_splat(a: View, b: View, repeats: int, upsampling: int = UPSAMPLING) -> 
     return per_sample(cpu_s(lambda: method.between(a, b, [False], out), repeats), upsampling)
 
 
-def drop_one(view: View) -> View:
+def drop_one(view: KeyframeView) -> KeyframeView:
     """Takes one source away from a keyframe, which leaves one hole."""
     assert view.motion is not None
     motion = view.motion.numpy().copy()
     motion[0, HEIGHT // 2, WIDTH // 2] = np.nan
-    return View(view.image, view.depth, as_warp(motion[0]))
+    return KeyframeView(view.image, view.depth, as_warp(motion[0]))
 
 
 def splat_rows(repeats: int) -> list[dict[str, Any]]:
@@ -164,7 +164,7 @@ def scene_rows(repeats: int, gaps: int) -> list[dict[str, Any]]:
         pose = prescribed_states(scene, np.array([k * GAP]))[0][None, 0]
         images = renderer.render(pose, pose if before is None else before, ("radiance", "depth", "motion"))
         luminance = images["radiance"].astype(np.float32) @ np.array([0.2126, 0.7152, 0.0722], np.float32)
-        views.append(View(as_warp(luminance[0]), as_warp(images["depth"][0]), as_warp(images["motion"][0])))
+        views.append(KeyframeView(as_warp(luminance[0]), as_warp(images["depth"][0]), as_warp(images["motion"][0])))
         before = pose
     method = make_splat(HEIGHT, WIDTH, 1, UPSAMPLING)
     out = np.empty((gaps, 1, UPSAMPLING, HEIGHT, WIDTH), np.float32)
@@ -211,7 +211,7 @@ def flicker_rows(gaps: int) -> list[dict[str, Any]]:
         renderer = Renderer(pair[0], pair[0].cameras[0])
         methods = [Rigid(scene, scene.cameras[0], 1, UPSAMPLING) for scene in pair]
         out = np.empty((1, UPSAMPLING, HEIGHT, WIDTH), np.float32)
-        last: View | None = None
+        last: KeyframeView | None = None
         times: list[list[float]] = [[], []]
         shares = [0.0, 0.0]
         for k in range(1, gaps + 3):
@@ -219,7 +219,7 @@ def flicker_rows(gaps: int) -> list[dict[str, Any]]:
             pose, twist = (a[None] for a in prescribed_states(pair[0], t))
             image = renderer.render(pose[:, -1], None, ("radiance",), t_ns=k * GAP)["radiance"].astype(np.float32)
             luminance = image[0] @ np.array([0.2126, 0.7152, 0.0722], np.float32)
-            view = View(as_warp(luminance), states=States(t, pose, twist), stamp_ns=k * GAP)
+            view = KeyframeView(as_warp(luminance), states=States(t, pose, twist), stamp_ns=k * GAP)
             for n, method in enumerate(methods if last is not None else []):
                 assert last is not None
                 start = time.process_time()

@@ -17,7 +17,7 @@ from bench.renderer.scenes import balls, hall
 from evis.scene import load_scene
 from evis.scene.model import Scene
 from nodes.interpolator.luminance import luminance_of
-from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import LIGHT, Renderer
 
@@ -30,7 +30,7 @@ RATE = 30.0
 @wp.kernel(enable_backward=False)
 def cast_rays(
     # in
-    view: View,
+    view: CameraView,
     mesh: wp.uint64,
     # out
     triangle: wp.array3d(dtype=int),

@@ -11,12 +11,12 @@ import numpy as np
 import warp as wp
 
 from bench.visibility.forward import FOOTPRINTS, Forward
+from evis.gpu.cuda_graph import CudaGraphs
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Scene
 from nodes.interpolator.auto.world import World
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.rigid.sparse_raster import LATELY, LONGEST, SparseRaster
-from nodes.renderer.cuda_graph import Recording
 from nodes.renderer.raster.visibility import Visibility
 
 
@@ -61,8 +61,8 @@ class Ways:
     def __init__(self, gap: Gap) -> None:
         g, k = self._gap, self._k = gap, len(gap.stamps)
         self.visibility = v = Visibility(g.scene, g.scene.cameras[0], k, device=g.device)
-        self._frames = v.frames(g.poses)
-        self._recording = Recording(v.device)
+        self._frames = v.instance_poses(g.poses)
+        self._graphs = CudaGraphs(v.device)
         self._sparse: SparseRaster | None = None
         self.draw: dict[str, Callable[[], wp.array]] = {"raster": self._raster}
         if SparseRaster.pays(v):
@@ -72,7 +72,7 @@ class Ways:
             self.draw["raster, blocks seen lately"] = self._draw_sparse
             for first in range(0, len(g.past), k):
                 # Drawn in full, so that it has seen what a run would have.
-                v.place(v.frames(np.resize(g.past[first : first + k], g.poses.shape)))
+                v.place(v.instance_poses(np.resize(g.past[first : first + k], g.poses.shape)))
                 self._sparse.draw(k, 0, [1], True)
                 v.drawn()
         for footprint in FOOTPRINTS:
@@ -103,7 +103,7 @@ class Ways:
     def _raster(self) -> wp.array:
         v = self.visibility
         v.place(self._frames)
-        self._recording.run(("raster", v.still_moved), v.draw)
+        self._graphs.run(("raster", v.still_moved), v.draw)
         v.drawn()
         return v.packed
 
@@ -118,5 +118,5 @@ class Ways:
     def _move(self, name: str, forward: Forward) -> wp.array:
         v = self.visibility
         v.place(self._frames)
-        self._recording.run(name, lambda: forward.draw(v.poses, self._gap.keyframes))
+        self._graphs.run(name, lambda: forward.draw(v.poses, self._gap.keyframes))
         return forward.packed

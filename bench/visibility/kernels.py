@@ -4,7 +4,7 @@ from functools import cache
 
 import warp as wp
 
-from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -27,7 +27,7 @@ def make_project(reach: int, behind: bool) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False)
     def project(
         # in
-        view: View,
+        view: CameraView,
         span: int,
         seen: wp.array3d(dtype=wp.uint64),
         instance: wp.array(dtype=int),

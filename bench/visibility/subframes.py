@@ -26,9 +26,9 @@ from bench.visibility.kernels import HOLE
 from evis.events.measure.distance import log_error
 from evis.scene import load_scene
 from nodes.interpolator.auto.world import World
-from nodes.interpolator.keyframe import View
+from nodes.interpolator.keyframe import KeyframeView
 from nodes.interpolator.luminance import luminance_of
-from nodes.interpolator.rigid import Rigid
+from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.interpolator.rigid.look_up_kernels import SAME_POINT
 from nodes.renderer.renderer import Renderer
 
@@ -104,10 +104,10 @@ def frame_errors(gap: Gap) -> dict[str, tuple[float, float]]:
     start = int(2 * gap.stamps[0] - gap.stamps[1])
     dense = np.concatenate([image(p[None], int(t)).numpy() for p, t in zip(gap.poses[1:], gap.stamps)])
     ends = ((gap.before, start), (gap.poses[:1], int(gap.stamps[-1])))
-    a, b = (View(image(*end), states=states, stamp_ns=end[1]) for end, states in zip(ends, gap.states))
+    a, b = (KeyframeView(image(*end), states=states, stamp_ns=end[1]) for end, states in zip(ends, gap.states))
     found = {}
     for footprint in ("", *FOOTPRINTS):
-        rigid = Rigid(scene, camera, 1, k, device=gap.device, sample_px=0.0)
+        rigid = Rigid(scene, camera, 1, k, device=gap.device, options=RigidOptions(sample_px=0.0))
         if footprint:
             rigid.visibility.draw = Instead(rigid, gap, footprint)  # type: ignore[method-assign]
         out = np.empty((1, k, camera.height, camera.width), np.float32)

@@ -82,7 +82,7 @@ class EventSensorNode(Node):
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
 
     def setup(self) -> None:
-        from nodes.interpolator.keyframe import device_named
+        from evis.gpu.devices import device_named
 
         given = {name: self.params[name] for name in SENSOR}
         self._resolved = resolve_sensor(self.name, self.params["preset"], given)

@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.devices import device_named
 from nodes.event_sensor.arrays import on_device, shape_of
 from nodes.event_sensor.cpu.listing import Listing
 from nodes.event_sensor.device_events import DeviceEvents, Pending, Ready
@@ -39,7 +40,6 @@ from nodes.event_sensor.optics.optics import Optics
 from nodes.event_sensor.parameters import resolve_sensor
 from nodes.event_sensor.readout.packet import Events as Events
 from nodes.event_sensor.readout.packet import KeyLayout, merged, parted
-from nodes.interpolator.keyframe import device_named
 
 wp.config.log_level = wp.LOG_WARNING
 

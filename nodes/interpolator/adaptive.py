@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Camera, Scene
-from nodes.interpolator.keyframe import View
+from nodes.interpolator.keyframe import KeyframeView
 from nodes.renderer.renderer import Renderer
 
 ROUNDING = 1 + 1e-5
@@ -20,8 +20,8 @@ ROUNDING = 1 + 1e-5
 
 
 def counts_of(upsampling: int) -> list[int]:
-    """The K that gaps may have, ascending: upsampling and its halves, rounded up, down to 1; few, for each has its
-    own memory."""
+    """Gives the K that gaps may have, ascending: upsampling and its halves, rounded up, down to 1; few, for each has
+    its own memory."""
     counts = [upsampling]
     while counts[-1] > 1:
         counts.append(-(-counts[-1] // 2))
@@ -29,7 +29,7 @@ def counts_of(upsampling: int) -> list[int]:
 
 
 class AdaptiveCount:
-    """K of one gap after another."""
+    """Decides on the K of one gap after another."""
 
     def __init__(
         self, upsampling: int, most_px: float, device: str, scene: Scene | None, camera: Camera | None
@@ -48,8 +48,9 @@ class AdaptiveCount:
         """An episode begins in all environments: there was no gap before."""
         self._speed = 0.0
 
-    def of(self, view: View, gap_ns: int, held: np.ndarray) -> int:
-        """K of the gap that ends with this keyframe; held: bool [E], environments that begin an episode there."""
+    def of(self, view: KeyframeView, gap_ns: int, held: np.ndarray) -> int:
+        """Gives the K of the gap that ends with this keyframe; held: bool [E], environments that begin an episode
+        there."""
         speed = self._by_states(view, held) if view.states is not None else self._by_motion(view, gap_ns, held)
         displacement = max(speed, self._speed) * gap_ns
         self._speed = speed
@@ -57,12 +58,12 @@ class AdaptiveCount:
             return self._counts[-1]
         return next((k for k in self._counts if displacement <= k * self._most * ROUNDING), self._counts[-1])
 
-    def _by_motion(self, view: View, gap_ns: int, held: np.ndarray) -> float:
+    def _by_motion(self, view: KeyframeView, gap_ns: int, held: np.ndarray) -> float:
         """px/ns, of the keyframe's motion vectors."""
         assert view.motion is not None
         return _largest(view.motion.numpy()[~held]) / gap_ns
 
-    def _by_states(self, view: View, held: np.ndarray) -> float:
+    def _by_states(self, view: KeyframeView, held: np.ndarray) -> float:
         """px/ns over the last sub-step of the states."""
         assert view.states is not None and self._scene is not None and self._camera is not None
         pose, t = view.states.pose, view.states.t

@@ -9,15 +9,16 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import se3
+from evis.gpu.devices import device_named
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
-from nodes.interpolator import warm_up as rehearsal
+from nodes.interpolator import image_kernels
+from nodes.interpolator import warm_up as made_up
 from nodes.interpolator.adaptive import AdaptiveCount
-from nodes.interpolator.keyframe import Method, Report, States, View, device_named
+from nodes.interpolator.keyframe import KeyframeView, Method, Report, States
 from nodes.interpolator.luminance import luminance_of, rgb_of, scalars
 from nodes.interpolator.methods import METHODS, Gap
 from nodes.interpolator.passthrough import crop
-from nodes.interpolator.splat import warp_kernels
 from nodes.renderer.raster.cameras import finer
 
 if TYPE_CHECKING:
@@ -31,12 +32,15 @@ Allocate = Callable[[tuple[int, ...]], np.ndarray | wp.array]
 
 
 def new_frames(shape: tuple[int, ...]) -> np.ndarray:
-    """Frames in memory of their own."""
+    """Gives frames in memory of their own."""
     return np.empty(shape, np.float32)
 
 
 class Interpolator:
-    """The stream of one camera's keyframes. It remembers the last one; the caller keeps that one's arrays valid."""
+    """Turns the stream of one camera's keyframes into frames.
+
+    It remembers the last keyframe; the caller keeps that one's arrays valid.
+    """
 
     def __init__(
         self,
@@ -85,8 +89,8 @@ class Interpolator:
         if adaptive_px > 0 and self.upsampling > 1:
             self._count = AdaptiveCount(self.upsampling, adaptive_px, device, scene, camera)
         self._size: tuple[tuple[int, ...], int] | None = None
-        self._rehearsed = False
-        self._last: View | None = None
+        self._warmed = False
+        self._last: KeyframeView | None = None
         self._stamp = 0
         self._episodes = np.zeros(0, np.int32)
         self._samples = 1
@@ -104,7 +108,7 @@ class Interpolator:
         allocate: Allocate = new_frames,
         states: States | None = None,
     ) -> tuple[np.ndarray, Any]:
-        """Frames of the gap that ends with this keyframe.
+        """Makes the frames of the gap that ends with this keyframe.
 
         image: radiance [E, H, W, 3] or, unless frames are in colour, luminance [E, H, W]; float32 or float16. depth:
         float32 [E, H, W] m. motion: float32 [E, H, W, 2] px; all of numpy or on the device, where they must stay as
@@ -116,50 +120,72 @@ class Interpolator:
         frames. Where the camera is known and keyframes, margin included, are n times its size, they hold n x n samples
         of every pixel apart, which are averaged in the frames. `report` tells what was filled. Raises ValueError.
         """
-        envs, height, width = image.shape[:3]
-        if min(height, width) <= 2 * margin:
-            raise ValueError(f"keyframe of {width}x{height} px is no larger than its margin of {margin} px per side")
-        size = (envs, height, width), margin
-        if self._rehearsed and self._size != size:
-            self._size, self._methods, self._shared = None, {}, {}
-        self._rehearsed = False
-        if self._size not in (None, size):
-            raise ValueError(f"keyframe is {size[0]} with margin {margin}, before it was {self._size}")
-        if self._size is None:
-            self._samples = self._samples_of(height, width, margin)
-        self._size = size
-        view = View(self._image(image), self._use("depth", depth), self._use("motion", motion), stamp_ns=stamp_ns)
+        self._fit(tuple(image.shape[:3]), margin)
+        view = KeyframeView(
+            self._image(image), self._use("depth", depth), self._use("motion", motion), stamp_ns=stamp_ns
+        )
         view.states = self._check(states)
-        held = np.ones(envs, bool) if self._last is None else np.asarray(episodes) != self._episodes
-        begins = bool(held.all())
-        if not begins and stamp_ns <= self._stamp:
-            raise ValueError(f"keyframe at {stamp_ns} ns came after the one at {self._stamp} ns of the same episode")
-        k = self.upsampling
-        if self._count is not None:
-            if begins:
-                self._count.begin()
-            else:
-                k = self._count.of(view, stamp_ns - self._stamp, held)
-        stamps = np.array([stamp_ns]) if begins else subframe_stamps(self._stamp, stamp_ns, k)
-        tail = (3,) if self._colour else ()
-        n = self._samples
-        out = allocate((envs, len(stamps), height // n - 2 * margin // n, width // n - 2 * margin // n, *tail))
-        fine = envs, len(stamps), height - 2 * margin, width - 2 * margin, *tail
-        made = out if n == 1 else self._fine(fine, isinstance(out, wp.array))
-        if begins or self._last is None:
+        held = np.ones(image.shape[0], bool) if self._last is None else np.asarray(episodes) != self._episodes
+        stamps = self._stamps(view, held)
+        out = allocate(self._frames_shape(len(stamps), self._samples))
+        fine = self._frames_shape(len(stamps), 1)
+        made = out if self._samples == 1 else self._fine(fine, isinstance(out, wp.array))
+        if self._last is None or held.all():
             crop(view, margin, made)
             self.report = Report()
         else:
-            if k not in self._methods:
-                self._methods[k] = self._build(k, envs, height, width, margin)
-            self.report = self._methods[k].between(self._last, view, held, made)
-        if n > 1:
+            self.report = self._method_of(len(stamps)).between(self._last, view, held, made)
+        if self._samples > 1:
             self._average(made, out)
         self._last, self._stamp, self._episodes = view, stamp_ns, np.array(episodes)
         return stamps, out
 
+    def _fit(self, shape: tuple[int, ...], margin: int) -> None:
+        """Takes keyframes [E, H, W] of this size and margin from now on. Raises ValueError where others came before."""
+        _, height, width = shape
+        if min(height, width) <= 2 * margin:
+            raise ValueError(f"keyframe of {width}x{height} px is no larger than its margin of {margin} px per side")
+        if self._warmed and self._size != (shape, margin):
+            self._size, self._methods, self._shared = None, {}, {}
+        self._warmed = False
+        if self._size not in (None, (shape, margin)):
+            raise ValueError(f"keyframe is {shape} with margin {margin}, before it was {self._size}")
+        if self._size is None:
+            self._samples = self._samples_of(height, width, margin)
+        self._size = shape, margin
+
+    def _stamps(self, view: KeyframeView, held: np.ndarray) -> np.ndarray:
+        """Finds the times int64 [K] ns of the frames up to a keyframe. Raises ValueError where it comes too late."""
+        if held.all():
+            if self._count is not None:
+                self._count.begin()
+            return np.array([view.stamp_ns])
+        if view.stamp_ns <= self._stamp:
+            raise ValueError(
+                f"keyframe at {view.stamp_ns} ns came after the one at {self._stamp} ns of the same episode"
+            )
+        k = self.upsampling
+        if self._count is not None:
+            k = self._count.of(view, view.stamp_ns - self._stamp, held)
+        return subframe_stamps(self._stamp, view.stamp_ns, k)
+
+    def _frames_shape(self, k: int, samples: int) -> tuple[int, ...]:
+        """Gives the shape of K frames without margin, of pixels that are samples x samples of the keyframes' each."""
+        assert self._size is not None
+        (envs, height, width), margin = self._size
+        lengths = (length // samples - 2 * margin // samples for length in (height, width))
+        return (envs, k, *lengths, *((3,) if self._colour else ()))
+
+    def _method_of(self, k: int) -> Method:
+        """Gives what makes gaps of K frames, built when it is first needed."""
+        assert self._size is not None
+        if k not in self._methods:
+            (envs, height, width), margin = self._size
+            self._methods[k] = self._build(k, envs, height, width, margin)
+        return self._methods[k]
+
     def _samples_of(self, height: int, width: int, margin: int) -> int:
-        """Samples per pixel and axis that keyframes of a size hold apart. Raises ValueError for any other size."""
+        """Counts the samples per pixel and axis that keyframes hold apart. Raises ValueError for any other size."""
         camera = self._camera
         if camera is None:
             return 1
@@ -172,14 +198,14 @@ class Interpolator:
         return n
 
     def _fine(self, shape: tuple[int, ...], on_device: bool) -> Any:
-        """Memory for the frames before their samples are averaged."""
+        """Gives memory for the frames before their samples are averaged."""
         if tuple(self._made.shape[:4]) != shape[:4]:
             pixel: Any = wp.vec3 if self._colour else wp.float32
             self._made = wp.empty(shape[:4], dtype=pixel, device=self._device) if on_device else new_frames(shape)
         return self._made
 
     def _average(self, fine: Any, out: Any) -> None:
-        """Frames as the means of their samples."""
+        """Averages the samples of frames."""
         channels = 3 if self._colour else 1
         arrays: list[wp.array] = []
         for image in (fine, out):
@@ -189,10 +215,10 @@ class Interpolator:
             else:
                 arrays.append(wp.array(image, dtype=wp.float32, shape=shape, copy=False, device="cpu"))
         dim, device = arrays[1].shape[:2], arrays[1].device
-        wp.launch(warp_kernels.mean, dim, [self._samples, channels, arrays[0]], [arrays[1]], device=device)
+        wp.launch(image_kernels.mean, dim, [self._samples, channels, arrays[0]], [arrays[1]], device=device)
 
     def warm_up(self) -> None:
-        """Compile the kernels now rather than at the first keyframe."""
+        """Compiles the kernels now rather than at the first keyframe."""
         if "state" in self._reads:
             self._warm_up_in_scene()
             return
@@ -204,7 +230,7 @@ class Interpolator:
             tiny.push(stamp, np.zeros(1, np.int32), radiance, depth, motion)
 
     def _warm_up_in_scene(self) -> None:
-        """A gap of the scene itself, for its kernels depend on what there is in it."""
+        """Makes a gap of the scene itself, for its kernels depend on what there is in it."""
         assert self._scene is not None and self._camera is not None
         camera, bodies = self._camera, len(self._scene.bodies)
         tiny = Interpolator(
@@ -222,29 +248,29 @@ class Interpolator:
             depth, motion = (np.ones((1, camera.height, camera.width, *tail), np.float32) for tail in ((), (2,)))
             tiny.push(stamp, np.zeros(1, np.int32), radiance, depth, motion, states=states)
 
-    def rehearse(self, envs: int, height: int, width: int, margin: int = 0) -> None:
-        """Build what gaps between such keyframes need, compile it and, on a GPU, record it, before the first real one.
+    def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0) -> None:
+        """Builds, compiles and, on a GPU, records what gaps between such keyframes need, before the first real one.
 
         height, width: of the keyframes, margin included [px]. The next keyframe begins an episode; should it be of
         another size, this was in vain.
         """
-        self._rehearsed = True
-        if self.upsampling > rehearsal.LONGEST:
+        self._warmed = True
+        if self.upsampling > made_up.LONGEST:
             self.warm_up()
             self._size, self._samples = ((envs, height, width), margin), self._samples_of(height, width, margin)
             self._methods[self.upsampling] = self._build(self.upsampling, envs, height, width, margin)
             return
         self._image(np.ones((1, 2, 2, 3), np.float16))
         count, self._count = self._count, None
-        for stamp in rehearsal.stamps(1 if self._device.is_cpu else rehearsal.RECORDED):
+        for stamp in made_up.stamps(1 if self._device.is_cpu else made_up.RECORDED):
             states = None
             if self._scene is not None and self._camera is not None:
-                states = rehearsal.states(self._scene, self._camera, envs, stamp)
+                states = made_up.states(self._scene, self._camera, envs, stamp)
             # Environments have had other episodes before their first.
             episodes = np.full(envs, -1, np.int32)
-            images = rehearsal.images(envs, height, width)
+            images = made_up.images(envs, height, width)
             self.push(stamp, episodes, *images, margin, self._scratch, states)
-        self._count, self._rehearsed = count, True
+        self._count, self._warmed = count, True
 
     def _scratch(self, shape: tuple[int, ...]) -> np.ndarray | wp.array:
         if self._device.is_cpu:
@@ -261,7 +287,7 @@ class Interpolator:
         return METHODS[self._name].make(gap)
 
     def _check(self, states: States | None) -> States | None:
-        """The states that the method uses, or None. Raises ValueError where they do not fit the scene or the gap."""
+        """Gives the states that the method uses, or None. Raises ValueError where they fit neither scene nor gap."""
         if "state" not in self._reads or self._scene is None:
             return None
         if states is None:

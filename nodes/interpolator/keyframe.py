@@ -4,31 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import warp as wp
 
-from evis.warp_start import start_warp
-
 wp.config.log_level = wp.LOG_WARNING
-
-
-def device_named(name: str) -> Any:
-    """The Warp device of a name (`cpu`, `cuda`, `cuda:1`). Raises ValueError naming those there are."""
-    start_warp()
-    try:
-        if name.startswith("cuda") and not wp.is_cuda_available():
-            raise ValueError(name)
-        return wp.get_device(name)
-    except (ValueError, RuntimeError):
-        known = ", ".join(str(d) for d in wp.get_devices())
-        raise ValueError(f"there is no device '{name}' here; there is {known}") from None
 
 
 @dataclass
 class States:
-    """Where the bodies are over the interval that ends with a keyframe.
+    """Holds where the bodies are over the interval that ends with a keyframe.
 
     t: int64 [S] ns, ascending, from the keyframe before to this one. pose: float64 [E, S, N, 7]. twist: float64
     [E, S, N, 6], world frame.
@@ -40,8 +26,8 @@ class States:
 
 
 @dataclass
-class View:
-    """One keyframe of E environments, margin included, as a method sees it.
+class KeyframeView:
+    """Holds one keyframe of E environments, margin included, as a method sees it.
 
     image: float32 [E, H, W] luminance or [E, H, W, 3] linear RGB. depth: float32 [E, H, W] m, +inf = sky. motion:
     float32 [E, H, W, 2] px, backward. stamp_ns: its time. What a method does not use is None.
@@ -74,8 +60,10 @@ class Report:
 class Method(Protocol):
     """Makes the frames of the gap between two keyframes."""
 
-    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
-        """Write frames i = 1 .. K of the gap into out, float32 [E, K, h, w(, 3)] without margin; the last is b itself.
+    def between(
+        self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
+    ) -> Report:
+        """Writes frames i = 1 .. K of the gap into out, float32 [E, K, h, w(, 3)] without margin; the last is b itself.
 
         out: numpy, or an array of the method's device.
 

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.interpolator.splat import warp_kernels
+from nodes.interpolator import image_kernels
 
 
 def luminance_of(radiance: np.ndarray | wp.array, device: Any = "cpu") -> wp.array:
-    """float32 Rec. 709 luminance [E, H, W] of linear radiance [E, H, W, 3] in float32 or float16, on the device.
+    """Gives float32 Rec. 709 luminance [E, H, W] of linear radiance [E, H, W, 3] in float32 or float16, on the device.
 
     That of float16 is as exact as float16. What is luminance [E, H, W] already is as it is, copied only where needed.
     """
@@ -19,12 +19,13 @@ def luminance_of(radiance: np.ndarray | wp.array, device: Any = "cpu") -> wp.arr
     if pixels.ndim == 3:
         return _single(pixels)
     image = wp.empty(pixels.shape[:-1], dtype=wp.float32, device=device)
-    wp.launch(warp_kernels.luminance, image.size, [pixels.reshape((-1, 3))], [image.flatten()], device=device)
+    wp.launch(image_kernels.luminance, image.size, [pixels.reshape((-1, 3))], [image.flatten()], device=device)
     return image
 
 
 def rgb_of(radiance: np.ndarray | wp.array, device: Any = "cpu") -> wp.array:
-    """wp.vec3 [...] linear RGB of radiance [..., 3] in float32 or float16, on the device; a copy only where needed."""
+    """Gives the wp.vec3 [...] linear RGB of radiance [..., 3] in float32 or float16, on the device; a copy only where
+    needed."""
     pixels = _single(scalars(radiance, device))
     return pixels.view(wp.vec3).reshape(pixels.shape[:-1])
 
@@ -39,7 +40,7 @@ def _single(pixels: wp.array) -> wp.array:
 
 
 def scalars(image: np.ndarray | wp.array, device: Any) -> wp.array:
-    """An image on the device, without a copy where it is there, its vectors as one more axis."""
+    """Gives an image on the device, without a copy where it is there, its vectors as one more axis."""
     if not isinstance(image, wp.array):
         return wp.array(image, device=device, copy=False)
     length = getattr(image.dtype, "_length_", 1)

@@ -66,10 +66,10 @@ class Registered:
 
 
 def _rigid(gap: Gap) -> Method:
-    from nodes.interpolator.rigid import Rigid
+    from nodes.interpolator.rigid import Rigid, RigidOptions
 
     assert gap.scene is not None and gap.camera is not None
-    return Rigid(gap.scene, gap.camera, *gap.bodies, **gap.light)
+    return Rigid(gap.scene, gap.camera, *gap.bodies, RigidOptions(**gap.light))
 
 
 def _splat(gap: Gap) -> Method:

@@ -90,8 +90,8 @@ class InterpolatorNode(Node):
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
 
     def setup(self) -> None:
+        from evis.gpu.devices import device_named
         from nodes.interpolator.interpolator import Interpolator
-        from nodes.interpolator.keyframe import device_named
 
         p = self.params
         self._method = method = usable(p)
@@ -108,7 +108,7 @@ class InterpolatorNode(Node):
             # Samples that are to be moved apart come as a larger image.
             n = p["supersampling"] or camera.supersampling if camera else 1
             height, width = (n * (length + 2 * p["margin"]) for length in size)
-            self.interpolator.rehearse(p["envs"], height, width, n * p["margin"])
+            self.interpolator.warm_up_for(p["envs"], height, width, n * p["margin"])
         else:
             self.interpolator.warm_up()
         self._device = device_named(p["device"])

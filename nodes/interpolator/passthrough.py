@@ -7,23 +7,25 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from nodes.interpolator.keyframe import Report, View
+from nodes.interpolator.keyframe import KeyframeView, Report
 
 
 class Passthrough:
-    """One frame per keyframe, margin cropped."""
+    """Passes every keyframe on as one frame, margin cropped."""
 
     def __init__(self, margin: int) -> None:
         self._margin = margin
 
-    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
+    def between(
+        self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
+    ) -> Report:
         """See Method; out has K = 1."""
         crop(b, self._margin, out)
         return Report()
 
 
-def crop(view: View, margin: int, out: np.ndarray | wp.array) -> None:
-    """The keyframe without its margin as the one frame of out."""
+def crop(view: KeyframeView, margin: int, out: np.ndarray | wp.array) -> None:
+    """Copies the keyframe without its margin into the one frame of out."""
     height, width = view.image.shape[1:3]
     image = view.image[:, margin : height - margin, margin : width - margin]
     if isinstance(out, wp.array):

@@ -12,7 +12,7 @@ from nodes.interpolator.keyframe import States
 
 GAP_NS = 10_000_000
 LONGEST = 64
-"""Frames of a gap from which on rehearsing one takes longer than what it saves."""
+"""Frames of a gap from which on a warm-up with one takes longer than what it saves."""
 RECORDED = 4
 """Gaps until all is recorded on a GPU: two keyframes take turns in memory, and each time the first gap loads kernels
 and the second one is recorded."""
@@ -23,7 +23,7 @@ Images = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def images(envs: int, height: int, width: int) -> Images:
-    """Radiance, depth and motion of a grey wall that stands still; sizes with margin [px]."""
+    """Gives the radiance, depth and motion of a grey wall that stands still; sizes with margin [px]."""
     radiance, depth, motion = (np.ones((envs, height, width, *tail), np.float32) for tail in ((3,), (), (2,)))
     return radiance, depth, 0.0 * motion
 

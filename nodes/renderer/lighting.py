@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
 
-from nodes.renderer.features import Features
-from nodes.renderer.geometry.poses import Frames
+from nodes.renderer.geometry.poses import InstancePoses
 from nodes.renderer.geometry.triangles import is_static
+from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.lights import LightSet, check_colour
 from nodes.renderer.lights.sky import make_sky
 from nodes.renderer.materials.ggx import alpha_of, is_plain
 from nodes.renderer.raster.surface_kernels import Seen, Surfaces
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shading import shading_kernels
-from nodes.renderer.shading.cache_kernels import Kept
+from nodes.renderer.shading.cache_kernels import ShadingCache
 from nodes.renderer.shading.radiance_kernels import make_image
 from nodes.renderer.shading.shadow_pass import ShadowPass, shadowed
 from nodes.renderer.shadows.occlusion import Occluders
@@ -39,6 +40,25 @@ LIST_WORKERS = 1 << 17
 make_shade = cache(shading_kernels.make_shade)
 
 
+@dataclass(frozen=True)
+class ShadingOptions:
+    """Holds how light is worked out."""
+
+    light_samples: int = 16
+    """Rays for each area light and pixel, a square number."""
+    paths: PathOptions | None = None
+    """Light over other surfaces, and that of the sky which things hide; None leaves it out."""
+    half: bool = False
+    """Radiance and luminance are float16."""
+    remember: bool = True
+    """False for `shade_list`, which never sees all of an image."""
+    split: bool | None = None
+    """Whether shadow rays to lights that are points are traced in a pass of their own before anything is shaded, None:
+    on a GPU; the image is the same."""
+    merged: bool | None = None
+    """Whether what stands still in the world is one structure for rays, None: for paths on a GPU."""
+
+
 class Shading:
     """Fills an image of radiance, of luminance, or both, from a visibility's z-buffer.
 
@@ -51,59 +71,49 @@ class Shading:
     rays with random numbers that belong to the surface (none where nothing can be in the way), and need materials that
     glow in their place to be seen. Without `paths`, surfaces that emit light nothing else, and nothing hides the sky;
     with them, see `Paths`.
-
-    remember: False for `shade_list`, which never sees all of an image. split: whether shadow rays to lights that are
-    points are traced in a pass of their own before anything is shaded, None = on a GPU; the image is the same. merged:
-    whether what stands still in the world is one structure for rays, None = for paths on a GPU.
     """
 
-    def __init__(
-        self,
-        visibility: Visibility,
-        half: bool = False,
-        light_samples: int = 16,
-        paths: PathOptions | None = None,
-        remember: bool = True,
-        split: bool | None = None,
-        merged: bool | None = None,
-    ) -> None:
+    def __init__(self, visibility: Visibility, options: ShadingOptions = ShadingOptions()) -> None:
         scene, geometry = visibility.scene, visibility.geometry
         self.visibility, self.scene, self.device = visibility, scene, visibility.device
-        self.pixel: Any = wp.vec3h if half else wp.vec3f
-        self.scalar: Any = wp.float16 if half else wp.float32
+        self._half, paths, on_gpu = options.half, options.paths, self.device.is_cuda
+        self.pixel: Any = wp.vec3h if self._half else wp.vec3f
+        self.scalar: Any = wp.float16 if self._half else wp.float32
         self.normals = visibility.put(geometry.normals, wp.vec3)
         self._still = geometry.static & is_static(scene, visibility.camera_body)
         self.surfaces, textured = self._make_surfaces()
-        self.lights = LightSet(visibility, light_samples)
+        self.lights = LightSet(visibility, options.light_samples)
         gloss = any(not is_plain(scene.materials[i.material]) for i in scene.instances)
         self.sky = make_sky(visibility, gloss)
         shadows = any(light.shadows for light in scene.lights) and len(geometry.triangles) > 0
         rays = paths is not None and len(geometry.triangles) > 0
-        merged = rays and self.device.is_cuda if merged is None else merged
-        self.occluders = Occluders(visibility, geometry.static, shadows or rays, merged=merged)
-        self._cached = cached = remember and self._cacheable()
-        self._listed = not remember
+        self._merged = rays and on_gpu if options.merged is None else options.merged
+        self.occluders = Occluders(visibility, geometry.static, shadows or rays, merged=self._merged)
+        cached = options.remember and self._cacheable()
+        self._listed = not options.remember
         self._still_place = -1
-        shape = visibility.shape if cached else (0, 0, 0)
-        self._kept = Kept()
-        self._kept.triangle = wp.full(shape, -1, dtype=wp.int32, device=self.device)
-        self._kept.lit = wp.zeros(shape, dtype=wp.uint32, device=self.device)
-        self._kept.colour = wp.zeros(shape, dtype=wp.vec3, device=self.device)
-        bands = len(visibility.bands.rows)
-        # Pixels that were not finite, and that were clipped, of each band.
-        self._counts = wp.zeros((2, bands), dtype=wp.int32, device=self.device)
-        kinds = self.lights.kinds
+        self._kept = self._make_cache(visibility.shape if cached else (0, 0, 0))
+        # Pixels that were not finite, and that were clipped, of each thread that shares the rows.
+        self._counts = wp.zeros((2, len(visibility.row_tiles.rows)), dtype=wp.int32, device=self.device)
         # In a GPU's way: rays in a pass of their own, and neighbouring threads on a tile of pixels.
-        self._tiled = split = self.device.is_cuda if split is None else split
+        self._tiled = on_gpu if options.split is None else options.split
         self.shadow_pass: ShadowPass | None = None
-        if split and not cached and shadowed(visibility):
+        if self._tiled and not cached and shadowed(visibility):
             self.shadow_pass = ShadowPass(visibility, self.lights, self.occluders, self.normals)
-        self._seen = Seen()
-        self._seen.packed, self._seen.vertices = visibility.packed, visibility.vertices
-        self._seen.rotation, self._seen.translation = visibility.rotation, visibility.translation
-        if self.shadow_pass is not None:
-            self._seen.hidden = self.shadow_pass.hidden
-        self.features = Features(
+        self._seen = self._make_seen()
+        self.features = self._features_of(textured, gloss, shadows, rays, cached)
+        self._kernel, self._list_kernel = make_shade(self.features)
+        self.paths: Paths | None = None
+        if rays and paths is not None:
+            from nodes.renderer.paths.paths import Paths
+
+            self.paths = Paths(visibility, paths, self.features, self._half)
+            self._direct = self._image(False, self.paths.direct, None)
+
+    def _features_of(self, textured: bool, gloss: bool, shadows: bool, rays: bool, cached: bool) -> Features:
+        """Finds what the scene needs of the kernels of light. rays: whether light comes by paths."""
+        scene, geometry, kinds = self.scene, self.visibility.geometry, self.lights.kinds
+        return Features(
             textures=textured,
             smooth=geometry.smooth is not None,
             tinted=geometry.tint is not None,
@@ -118,34 +128,43 @@ class Shading:
             mapped=scene.environment_map is not None,
             ambience=not rays,
             trees=self.occluders.trees,
-            joined=merged,
+            joined=self._merged,
             cached=cached,
             masked=self.shadow_pass is not None,
             tiled=self._tiled,
-            half=half and not rays,
+            half=self._half and not rays,
         )
-        self._kernel, self._list_kernel = make_shade(self.features)
-        self.paths: Paths | None = None
-        if rays and paths is not None:
-            from nodes.renderer.paths.paths import Paths
 
-            self.paths = Paths(visibility, paths, self.features, half)
-            self._direct = self._image(False, self.paths.direct, None)
-        self._half = half
+    def _make_cache(self, shape: tuple[int, ...]) -> ShadingCache:
+        """Makes an empty memory of still surfaces for an image [E, H, W]."""
+        kept = ShadingCache()
+        kept.triangle = wp.full(shape, -1, dtype=wp.int32, device=self.device)
+        kept.lit = wp.zeros(shape, dtype=wp.uint32, device=self.device)
+        kept.colour = wp.zeros(shape, dtype=wp.vec3, device=self.device)
+        return kept
 
-    def update(self, frames: Frames) -> None:
+    def _make_seen(self) -> Seen:
+        """Gathers what the kernels read of the visibility and of the shadow pass."""
+        v, seen = self.visibility, Seen()
+        seen.packed, seen.vertices = v.packed, v.vertices
+        seen.rotation, seen.translation = v.rotation, v.translation
+        if self.shadow_pass is not None:
+            seen.hidden = self.shadow_pass.hidden
+        return seen
+
+    def update(self, frames: InstancePoses) -> None:
         """Lights to the camera frame; what was remembered is forgotten if the camera or a still body has moved."""
         self.occluders.update(frames)
-        if self._cached and self._still_place != self.visibility.still_place:
+        if self.features.cached and self._still_place != self.visibility.still_place:
             self._still_place = self.visibility.still_place
             self._kept.triangle.fill_(-1)
 
     def set_time(self, t_ns: int) -> bool:
-        """Flickering lights as they are at an instant; True where one is not as it was."""
+        """Sets flickering lights to what they are at an instant; True where one is not as it was."""
         return self.set_times(np.full(self.visibility.envs, t_ns, np.int64))
 
     def set_times(self, t_ns: np.ndarray) -> bool:
-        """The same with an instant for each environment, int64 [E] ns."""
+        """Gives the same with an instant for each environment, int64 [E] ns."""
         return self.lights.set_times(t_ns)
 
     def place(self) -> None:
@@ -163,7 +182,7 @@ class Shading:
             self.shadow_pass.place()
 
     def shade(self, radiance: wp.array | None, ready: bool = False, luminance: wp.array | None = None) -> None:
-        """Write [E, H, W] radiance of `pixel`, luminance of `scalar`, or both: launches only, that a graph may hold.
+        """Writes [E, H, W] radiance of `pixel`, luminance of `scalar`, or both: launches only, that a graph may hold.
 
         ready: after `place` and `placed`.
         """
@@ -172,7 +191,7 @@ class Shading:
             self.placed()
         v = self.visibility
         envs, _, width = v.shape
-        bands = {row0: k for k, (row0, _) in enumerate(v.bands.rows)}
+        bands = {row0: k for k, (row0, _) in enumerate(v.row_tiles.rows)}
 
         def launch(kernel: wp.Kernel, shared: list[Any]) -> None:
             def arguments(row0: int, row1: int) -> tuple[tuple[int, ...], list[Any]]:
@@ -181,7 +200,7 @@ class Shading:
                 dim = v.tiles if tiled else (envs, row1 - row0, width // v.span)
                 return dim, [v.view, row0, bands[row0], v.span, *shared]
 
-            v.bands.launch(kernel, arguments, self.device, SHADE_BLOCK)
+            v.row_tiles.launch(kernel, arguments, self.device, SHADE_BLOCK)
 
         if self.shadow_pass is not None:
             self.shadow_pass.launch()
@@ -196,7 +215,7 @@ class Shading:
         ready: bool = False,
         luminance: wp.array | None = None,
     ) -> None:
-        """Write only the pixels of a list, int32 indices into [E, H, W]; radiance and luminance as in `shade`.
+        """Writes only the pixels of a list, int32 indices into [E, H, W]; radiance and luminance as in `shade`.
 
         Band b has count[b] of them from pixels[firsts[b]] on; count is read where the kernel runs. ready: nothing has
         moved since a list before.
@@ -206,14 +225,14 @@ class Shading:
             self.placed()
         v = self.visibility
         workers = 1 if self.device.is_cpu else LIST_WORKERS
-        bands = {row0: k for k, (row0, _) in enumerate(v.bands.rows)}
+        bands = {row0: k for k, (row0, _) in enumerate(v.row_tiles.rows)}
 
         def launch(kernel: wp.Kernel, shared: list[Any]) -> None:
             def arguments(row0: int, row1: int) -> tuple[int, list[Any]]:
                 k = bands[row0]
                 return workers, [v.view, workers, firsts[k], k, pixels, count, *shared]
 
-            v.bands.launch(kernel, arguments, self.device, SHADE_BLOCK)
+            v.row_tiles.launch(kernel, arguments, self.device, SHADE_BLOCK)
 
         if self.shadow_pass is not None:
             self.shadow_pass.launch_list(workers, pixels, count)
@@ -238,7 +257,8 @@ class Shading:
             launch(self.paths.kernel(listed), self.paths.arguments(light, image))
 
     def counts(self) -> tuple[int, int]:
-        """How many pixels of the last image were not finite, and how many were clipped to float16; waits for it."""
+        """Finds how many pixels of the last image were not finite, and how many were clipped to float16; waits for
+        it."""
         not_finite, clipped = self._counts.numpy().sum(1)
         return int(not_finite), int(clipped)
 

@@ -10,11 +10,11 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import se3
+from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.scene.model import Camera, Scene
-from nodes.renderer.cuda_graph import Branch, Recording
 from nodes.renderer.geometry.pose_upload import READ
-from nodes.renderer.geometry.poses import Frames, same_bytes
-from nodes.renderer.lighting import Shading
+from nodes.renderer.geometry.poses import InstancePoses, same_bytes
+from nodes.renderer.lighting import Shading, ShadingOptions
 from nodes.renderer.raster import output_kernels
 from nodes.renderer.raster.cameras import finer
 from nodes.renderer.raster.visibility import Visibility
@@ -46,7 +46,7 @@ class Renderer:
     not occluded. light_samples: shadow rays for each area light and pixel, a square number. Pixels that are not finite
     are counted, and set to 0, or to the largest float where infinite.
 
-    paths: light from the sky that things hide, from glowing surfaces and over other surfaces, see `path.PathOptions`;
+    paths: light from the sky that things hide, from glowing surfaces and over other surfaces, see `paths.PathOptions`;
     None leaves it out.
 
     supersampling: n renders n x n samples for each pixel, side by side: every image, the margin and the unit of motion
@@ -68,7 +68,7 @@ class Renderer:
     ) -> None:
         n = supersampling
         self.visibility = Visibility(scene, finer(camera, n), envs, margin * n, device, threads)
-        self.shading = Shading(self.visibility, half, light_samples, paths)
+        self.shading = Shading(self.visibility, ShadingOptions(light_samples, paths, half))
         self.normals = self.shading.normals
         self.device, self.shape = self.visibility.device, self.visibility.shape
         count = len(scene.instances)
@@ -89,31 +89,31 @@ class Renderer:
         """Copies of the images of a scene in which nothing moves."""
         self._nothing = {n: wp.empty((0, 0, 0), dtype=t, device=self.device) for n, t in self.types.items()}
         self._drawn = self._at_rest = False
-        self._recording, self._ahead = Recording(self.device), Branch(self.device)
+        self._graphs, self._ahead = CudaGraphs(self.device), Branch(self.device)
 
     def counts(self) -> tuple[int, int]:
-        """Pixels of the last drawn light that were not finite, and clipped to float16; waits for it."""
+        """Gives pixels of the last drawn light that were not finite, and clipped to float16; waits for it."""
         return self.shading.counts()
 
     @property
     def not_finite(self) -> int:
-        """The first of `counts`."""
+        """Gives the first of `counts`."""
         return self.counts()[0]
 
     @property
     def clipped(self) -> int:
-        """The second of `counts`."""
+        """Gives the second of `counts`."""
         return self.counts()[1]
 
     def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:
-        """Shape and dtype of an output."""
+        """Gives the shape and dtype of an output."""
         dtype = self.types[name]
         return (*self.shape, *getattr(dtype, "_shape_", ())), np.dtype(
             wp.dtype_to_numpy(getattr(dtype, "_wp_scalar_type_", dtype))
         )
 
     def prepare(self, outputs: Iterable[str]) -> None:
-        """Compile and load the kernels that `outputs` need, so that the first image takes no longer than the others.
+        """Compiles and loads the kernels that `outputs` need, so that the first image takes no longer than the others.
 
         On a GPU also record the launches, which takes two images for each buffer that poses come from.
         """
@@ -137,7 +137,7 @@ class Renderer:
         out: Mapping[str, Any] | None = None,
         t_ns: int = 0,
     ) -> dict[str, Any]:
-        """The wanted images for body poses float64 [E, N, 7].
+        """Renders the wanted images for body poses float64 [E, N, 7].
 
         radiance [E, H, W, 3] W/(sr m^2), luminance [E, H, W] of that very radiance; depth float32 [E, H, W] m along the
         optical axis, +inf = sky; ids int32 [E, H, W], 0 = background, else instance index + 1; normal float32
@@ -177,7 +177,7 @@ class Renderer:
         self._still = {}
         self._draw(frames, targets)
         if not v.as_placed(poses):
-            frames = v.frames(poses)
+            frames = v.instance_poses(poses)
             v.place_others(frames)
             self._draw(frames, targets)
         return True
@@ -185,7 +185,7 @@ class Renderer:
     def _draw_all(self, poses: np.ndarray, previous: np.ndarray | str | None, targets: Mapping[str, wp.array]) -> None:
         """The images, or what is kept of the last ones where nothing has moved."""
         v = self.visibility
-        frames = v.frames(poses)
+        frames = v.instance_poses(poses)
         before = None
         if isinstance(previous, str):
             before = v.last if "motion" in targets and self._drawn else None
@@ -199,7 +199,7 @@ class Renderer:
         v.place(frames, before)
         self._draw(frames, targets)
 
-    def _draw(self, frames: Frames, targets: Mapping[str, wp.array]) -> None:
+    def _draw(self, frames: InstancePoses, targets: Mapping[str, wp.array]) -> None:
         """The images of what the visibility has placed."""
         v = self.visibility
         if not targets.keys().isdisjoint(LIGHT):
@@ -211,7 +211,7 @@ class Renderer:
             self._at_rest = not v.still_displaced
         written = tuple((name, target.ptr) for name, target in targets.items())
         key = (v.coming, v.still_moved, v.moved, everything, self.shading.occluders.builds, written)
-        self._recording.run(key, lambda: self._launch(targets, everything))
+        self._graphs.run(key, lambda: self._launch(targets, everything))
         v.drawn()
 
     def _launch(self, targets: Mapping[str, wp.array], everything: bool) -> None:
@@ -237,7 +237,7 @@ class Renderer:
             shading.shade(targets.get("radiance"), True, targets.get("luminance"))
         ahead.join()
 
-    def _repeat(self, frames: Frames, targets: Mapping[str, wp.array]) -> None:
+    def _repeat(self, frames: InstancePoses, targets: Mapping[str, wp.array]) -> None:
         """Nothing moved since the last call: what has been drawn of this instant is copied."""
         missing = {name: target for name, target in targets.items() if name not in self._still}
         if missing:
@@ -269,14 +269,14 @@ class Renderer:
         def arguments(row0: int, row1: int) -> tuple[tuple[int, ...], list[Any]]:
             return (envs, row1 - row0, width // v.span), [v.view, row0, v.span, *shared, *arrays]
 
-        v.bands.launch(kernel, arguments, self.device)
+        v.row_tiles.launch(kernel, arguments, self.device)
 
     def buffers(self, outputs: Iterable[str]) -> dict[str, wp.array]:
-        """The renderer's own arrays on its device, as `out` of `render` takes them: so nobody waits for a GPU."""
+        """Gives the renderer's own arrays on its device, as `out` of `render` takes them: so nobody waits for a GPU."""
         return {name: self.target(name, None) for name in outputs}
 
     def target(self, name: str, given: Any) -> wp.array:
-        """The Warp array that an output is written to. Raises ValueError where the given one does not fit."""
+        """Gives the Warp array that an output is written to. Raises ValueError where the given one does not fit."""
         if given is not None and given is self._given.get(name):
             return self._given[name]
         shape, dtype = self.array_shape(name)
@@ -297,7 +297,7 @@ class Renderer:
         return self._own[name]
 
     def on_host(self, target: wp.array, given: Any) -> Any:
-        """The image on the host: in the given array if there is one, which on the CPU holds it already."""
+        """Gives the image on the host: in the given array if there is one, which on the CPU holds it already."""
         if isinstance(given, wp.array):
             return given
         if given is None:

@@ -48,22 +48,22 @@ class SupersampledRenderer:
         self._counts = wp.zeros((2, 1), dtype=wp.int32, device=self.plain.device)
 
     def counts(self) -> tuple[int, int]:
-        """Samples of the last drawn light that were not finite, and pixels clipped to float16; waits for it."""
+        """Gives samples of the last drawn light that were not finite, and pixels clipped to float16; waits for it."""
         not_finite, clipped = self.fine.counts()
         return not_finite, clipped if self.apart else int(self._counts.numpy()[1, 0])
 
     @property
     def not_finite(self) -> int:
-        """The first of `counts`."""
+        """Gives the first of `counts`."""
         return self.counts()[0]
 
     @property
     def clipped(self) -> int:
-        """The second of `counts`."""
+        """Gives the second of `counts`."""
         return self.counts()[1]
 
     def array_shape(self, name: str) -> tuple[tuple[int, ...], np.dtype]:
-        """Shape and dtype of an output."""
+        """Gives the shape and dtype of an output."""
         return self._whose(name).array_shape(name)
 
     def buffers(self, outputs: Iterable[str]) -> dict[str, wp.array]:
@@ -75,7 +75,7 @@ class SupersampledRenderer:
         return self.fine if self.apart and name in LIGHT else self.plain
 
     def prepare(self, outputs: Iterable[str]) -> None:
-        """Compile and load the kernels that `outputs` need."""
+        """Compiles and loads the kernels that `outputs` need."""
         wanted = set(outputs)
         self.plain.prepare(wanted.difference(LIGHT))
         self.fine.prepare(wanted.intersection(LIGHT))

@@ -11,9 +11,9 @@ from evis.geometry import se3
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Body, Camera, Instance, Light, Material, Mesh, Scene
 from evis.scene.motion import Prescribed
-from nodes.interpolator.keyframe import Report, States, View
+from nodes.interpolator.keyframe import KeyframeView, Report, States
 from nodes.interpolator.luminance import luminance_of
-from nodes.interpolator.rigid import Rigid
+from nodes.interpolator.rigid import Rigid, RigidOptions
 from nodes.interpolator.splat.splat import make_splat
 from nodes.renderer.renderer import Renderer
 
@@ -112,7 +112,7 @@ def luminance(radiance):
 def keyframe(renderer, states, before, stamp, outputs=("radiance",)):
     images = renderer.render(states.pose[:, -1], before, outputs, {}, stamp)
     motion = images.get("motion")
-    return View(
+    return KeyframeView(
         luminance_of(images["radiance"].copy()),
         wp.array(images["depth"].copy(), device="cpu") if "depth" in images else None,
         wp.array(motion.copy(), dtype=wp.float32, device="cpu") if motion is not None else None,
@@ -133,7 +133,7 @@ def cross(scene, upsampling=4, margin=0, gap=GAP, states=closed_form, splat=Fals
     b = keyframe(renderer, second, first.pose[:, -1], START + gap, outputs)
     h, w = view.height, view.width
     out = np.full((1, upsampling, h, w), np.nan, np.float32)
-    report = Rigid(scene, view, 1, upsampling, margin, **options).between(a, b, [False], out)
+    report = Rigid(scene, view, 1, upsampling, margin, options=RigidOptions(**options)).between(a, b, [False], out)
     inner = Renderer(scene, view)
     dense = [
         luminance(inner.render(states(scene, np.array([t])).pose[:, 0], t_ns=int(t))["radiance"])[0] for t in stamps

@@ -25,9 +25,9 @@ from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Waveform
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
 from nodes.interpolator.interpolator import Interpolator, new_frames
-from nodes.interpolator.keyframe import View
-from nodes.interpolator.rigid import Rigid
-from nodes.interpolator.rigid.method import TOLERANCE
+from nodes.interpolator.keyframe import KeyframeView
+from nodes.interpolator.rigid import Rigid, RigidOptions
+from nodes.interpolator.rigid.layout import TOLERANCE
 from nodes.renderer.renderer import Renderer
 
 
@@ -110,7 +110,7 @@ def coloured(scene, upsampling):
     for t in (START, START + GAP):
         states = closed_form(scene, np.array([START, t]))
         image = renderer.render(states.pose[:, -1], before, ("radiance",), {}, t)["radiance"].copy()
-        views.append(View(wp.array(image, device="cpu"), states=states, stamp_ns=t))
+        views.append(KeyframeView(wp.array(image, device="cpu"), states=states, stamp_ns=t))
         before = states.pose[:, -1]
     out = np.empty((1, upsampling, view.height, view.width, 3), np.float32)
     report = Rigid(scene, view, 1, upsampling, 0, 3).between(*views, [False], out)
@@ -175,7 +175,7 @@ def test_an_environment_that_begins_an_episode_holds_its_keyframe():
 
 def test_environments_threads_and_portions_change_no_bit():
     """Each environment for itself, and together; in one piece and in several; by one thread and by three."""
-    from nodes.interpolator.rigid import method
+    from nodes.interpolator.rigid import layout
 
     scene = world([(disc(0.4), painted(), None), (quad(0.2), plain(0.9), None)], lights=[lamp()])
     view = scene.cameras[0]
@@ -195,9 +195,11 @@ def test_environments_threads_and_portions_change_no_bit():
             before = states.pose[:, -1]
         return result
 
-    def frames(envs, **options):
+    def frames(envs, threads=1, **options):
         out = np.empty((len(envs), 6, 72, 96), np.float32)
-        report = Rigid(scene, view, len(envs), 6, **options).between(*views(envs), [False] * len(envs), out)
+        report = Rigid(scene, view, len(envs), 6, threads=threads, options=RigidOptions(**options)).between(
+            *views(envs), [False] * len(envs), out
+        )
         return out, report.reshaded
 
     together, reshaded = frames([0, 1, 2])
@@ -209,12 +211,12 @@ def test_environments_threads_and_portions_change_no_bit():
     assert (frames([0, 1, 2], on_device=True)[0] == together).all()
     every = frames([0, 1, 2], sample_px=0.0)[0]
     assert (frames([0, 1, 2], sample_px=0.0, on_device=True)[0] == every).all()
-    before = method.PORTION
+    before = layout.PORTION
     try:
-        method.PORTION = {True: 3 * 72 * 96 * 2, False: 0}
+        layout.PORTION = {True: 3 * 72 * 96 * 2, False: 0}
         assert (frames([0, 1, 2], sample_px=0.0)[0] == every).all()
     finally:
-        method.PORTION = before
+        layout.PORTION = before
 
 
 def test_through_the_interpolator_over_several_gaps():

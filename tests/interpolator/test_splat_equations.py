@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.interpolator.keyframe import View
+from nodes.interpolator.keyframe import KeyframeView
 from nodes.interpolator.splat.cpu import SplatCpu
 from nodes.interpolator.splat.cuda import SplatCuda
 
@@ -94,7 +94,9 @@ def keyframe(rng, kind):
 
 
 def view(key, device):
-    return View(*(wp.array(key[n][None], dtype=wp.float32, device=device) for n in ("image", "depth", "motion")))
+    return KeyframeView(
+        *(wp.array(key[n][None], dtype=wp.float32, device=device) for n in ("image", "depth", "motion"))
+    )
 
 
 def make(where, upsampling):
@@ -163,7 +165,7 @@ def test_the_kernels_of_a_gpu_give_the_frames_of_a_cpu(device):
     for where in ("cpu", device):
         stacked = lambda k, name: np.stack([key[name] for key in keys[k]])
         arrays = [(images[k], stacked(k, "depth"), stacked(k, "motion")) for k in range(3)]
-        views[where] = [View(*(wp.array(a, dtype=wp.float32, device=where) for a in group)) for group in arrays]
+        views[where] = [KeyframeView(*(wp.array(a, dtype=wp.float32, device=where) for a in group)) for group in arrays]
     methods = [SplatCpu(H, W, 3, 5, 2, 3), SplatCuda(H, W, 3, 5, 2, 3, device)]
     for k, held in enumerate(([False] * 3, [False, True, False])):
         out = np.empty((2, 3, 5, H - 4, W - 4, 3), np.float32)

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from nodes.interpolator.keyframe import View
+from nodes.interpolator.keyframe import KeyframeView
 from nodes.interpolator.splat.splat import make_splat
 
 K = 8
@@ -18,7 +18,9 @@ def view(image, depth, motion, envs=1):
     image = np.broadcast_to(image, (envs, *np.shape(image)[-2:])).astype(np.float32)
     depth = np.broadcast_to(depth, image.shape).astype(np.float32)
     motion = np.broadcast_to(motion, (*image.shape, 2)).astype(np.float32)
-    return View(*(wp.array(np.ascontiguousarray(v), dtype=wp.float32, device="cpu") for v in (image, depth, motion)))
+    return KeyframeView(
+        *(wp.array(np.ascontiguousarray(v), dtype=wp.float32, device="cpu") for v in (image, depth, motion))
+    )
 
 
 def between(a, b, upsampling=K, margin=0, held=None, threads=1):
@@ -217,10 +219,10 @@ def test_colour_is_three_luminances(rng):
     rgb = [np.exp(rng.uniform(-5, 5, (*shape, 3))).astype(np.float32) for _ in "AB"]
     wrap = lambda v: wp.array(np.ascontiguousarray(v), dtype=wp.float32, device="cpu")
     out = np.empty((1, K, 12, 13, 3), np.float32)
-    views = [View(wrap(v), wrap(depth), wrap(motion)) for v in rgb]
+    views = [KeyframeView(wrap(v), wrap(depth), wrap(motion)) for v in rgb]
     make_splat(12, 13, 1, K, 0, 3).between(*views, [False], out)
     for c in range(3):
-        single, _ = between(*(View(wrap(v[..., c]), wrap(depth), wrap(motion)) for v in rgb))
+        single, _ = between(*(KeyframeView(wrap(v[..., c]), wrap(depth), wrap(motion)) for v in rgb))
         assert (out[..., c] == single).all()
 
 

@@ -1,4 +1,4 @@
-"""What is rehearsed before the first keyframe is not made in the first gap, and leaves no trace in the frames."""
+"""What is warmed before the first keyframe is not made in the first gap, and leaves no trace in the frames."""
 
 import numpy as np
 import pytest
@@ -42,35 +42,35 @@ def make(name, scene, camera):
 
 
 @pytest.mark.parametrize("name", MOVING)
-def test_the_first_gap_after_a_rehearsal_builds_nothing_and_gives_the_same_frames(disk, name, monkeypatch):
+def test_the_first_gap_after_a_warm_up_builds_nothing_and_gives_the_same_frames(disk, name, monkeypatch):
     scene, camera, keys = disk
     expected = frames_of(make(name, scene, camera), keys)
-    rehearsed = make(name, scene, camera)
-    rehearsed.rehearse(1, camera.height, camera.width)
+    warmed = make(name, scene, camera)
+    warmed.warm_up_for(1, camera.height, camera.width)
 
     def refuse(*size):
         raise AssertionError(f"a method for {size} was built in a gap")
 
-    monkeypatch.setattr(rehearsed, "_build", refuse)
-    for one, other in zip(frames_of(rehearsed, keys), expected, strict=True):
+    monkeypatch.setattr(warmed, "_build", refuse)
+    for one, other in zip(frames_of(warmed, keys), expected, strict=True):
         np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("name", ["splat", "splat-quadratic"])
-def test_a_rehearsal_of_another_size_was_in_vain_but_does_no_harm(disk, name):
+def test_a_warm_up_for_another_size_was_in_vain_but_does_no_harm(disk, name):
     scene, camera, keys = disk
     expected = frames_of(make(name, scene, camera), keys)
-    rehearsed = make(name, scene, camera)
-    rehearsed.rehearse(2, 12, 14, 1)
-    for one, other in zip(frames_of(rehearsed, keys), expected, strict=True):
+    warmed = make(name, scene, camera)
+    warmed.warm_up_for(2, 12, 14, 1)
+    for one, other in zip(frames_of(warmed, keys), expected, strict=True):
         np.testing.assert_array_equal(one, other)
 
 
 def test_after_the_first_keyframe_another_size_is_an_error_still(disk):
     scene, camera, keys = disk
-    rehearsed = make("splat", scene, camera)
-    rehearsed.rehearse(1, 12, 14)
-    frames_of(rehearsed, keys)
+    warmed = make("splat", scene, camera)
+    warmed.warm_up_for(1, 12, 14)
+    frames_of(warmed, keys)
     radiance, depth, motion = (image[:, :-2] for image in keys[0][1])
     with pytest.raises(ValueError, match=r"keyframe is .* before it was"):
-        rehearsed.push(9 * GAP, np.zeros(1, np.int32), radiance, depth, motion)
+        warmed.push(9 * GAP, np.zeros(1, np.int32), radiance, depth, motion)

@@ -112,16 +112,16 @@ def cast(rays, triangles, near):
     return np.where(distance >= near, distance, np.inf), least
 
 
-@pytest.mark.parametrize("pooled", [False, True])
+@pytest.mark.parametrize("tiled", [False, True])
 @pytest.mark.parametrize("name", LENSES)
-def test_visibility_against_every_ray_at_every_triangle(name, pooled):
+def test_visibility_against_every_ray_at_every_triangle(name, tiled):
     rng = np.random.default_rng(3)
     centre = np.stack([*rng.uniform(-2, 2, (2, 150)), rng.uniform(-1, 3, 150)], -1)
     triangles = (centre[:, None] + 0.7 * rng.standard_normal((150, 3, 3))).astype(np.float32)
     mesh = Mesh(triangles.reshape(-1, 3), np.arange(450, dtype=np.int32).reshape(-1, 3))
     k = np.diag([0.4, 0.4, 1.0]) @ K
     view = lens_camera(name, 64, 48, k, near=0.05)
-    visibility = Visibility(scene([(mesh, -1, 0)], view=view), view, pooled=pooled)
+    visibility = Visibility(scene([(mesh, -1, 0)], view=view), view, tiled=tiled)
     visibility.update(poses(at(0, 0, 0)))
     got = visibility.hits()["triangle"][0]
     rays = unproject(k, lens(name), pinhole.pixel_grid(64, 48))

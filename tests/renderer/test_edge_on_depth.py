@@ -22,15 +22,15 @@ def edge_on(view):
     return (depth * (share * one + (1 - share) * other)).astype(np.float32)
 
 
-@pytest.mark.parametrize("pooled", [False, True])
+@pytest.mark.parametrize("tiled", [False, True])
 @pytest.mark.parametrize("lens", LENSES)
-def test_a_triangle_seen_edge_on_stays_within_its_depth(lens, pooled):
+def test_a_triangle_seen_edge_on_stays_within_its_depth(lens, tiled):
     """Its depth lies between its corners'; along the rays of a lens, it is no farther than its farthest corner."""
     plain = camera(64, 48, 60.0)
     view = Camera("cam0", 64, 48, plain.k, plain.near, lens, LENSES[lens])
     triangles = edge_on(view)
     mesh = Mesh(triangles.reshape(-1, 3), np.arange(3 * TRIANGLES, dtype=np.int32).reshape(-1, 3))
-    visibility = Visibility(scene([(mesh, -1, 0)], view=view), view, pooled=pooled)
+    visibility = Visibility(scene([(mesh, -1, 0)], view=view), view, tiled=tiled)
     visibility.update(poses(at(0, 0, 0)))
     hits = visibility.hits()
     here = hits["triangle"][0] >= 0

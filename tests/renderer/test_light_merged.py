@@ -9,7 +9,7 @@ from test_light_reference import cube
 
 from evis.geometry import se3
 from evis.scene.model import WORLD, Light, Material
-from nodes.renderer.lighting import Shading
+from nodes.renderer.lighting import Shading, ShadingOptions
 from nodes.renderer.paths.paths import PathOptions
 from nodes.renderer.renderer import Renderer
 from nodes.renderer.shadows.occlusion import TREE_FROM
@@ -48,7 +48,7 @@ def test_joined_triangles_give_the_same_light(options, far):
     images = []
     for merged in (False, True):
         renderer = Renderer(made, made.cameras[0], paths=options)
-        renderer.shading = Shading(renderer.visibility, paths=options, merged=merged)
+        renderer.shading = Shading(renderer.visibility, ShadingOptions(paths=options, merged=merged))
         images.append(renderer.render(where)["radiance"][0].copy())
         assert (renderer.shading.occluders.casters.merged != wp.uint64(0)) == merged
     assert (images[0].max(-1) > 0).mean() > 0.3

@@ -7,7 +7,7 @@ from renderer_scenes import at, camera, poses, quad, scene, sphere
 
 from evis.geometry import se3
 from evis.scene.model import WORLD, Light, Material
-from nodes.renderer.lighting import Shading
+from nodes.renderer.lighting import Shading, ShadingOptions
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.grid import ShadowGrid
 
@@ -56,7 +56,7 @@ def test_grids_hide_what_trees_do(far):
     images = []
     for split in (False, True):
         visibility = Visibility(world, world.cameras[0], 2)
-        shading = Shading(visibility, split=split)
+        shading = Shading(visibility, ShadingOptions(split=split))
         for bodies in (now[::-1], now):
             shading.update(visibility.update(np.ascontiguousarray(bodies)))
             image = wp.zeros(visibility.shape, dtype=wp.vec3, device="cpu")
@@ -77,7 +77,7 @@ def test_shadow_of_a_ball_on_a_floor(moves):
     still = corners if moves else [*corners, ball(radius, centre, 48)]
     world = room(still, [sphere(radius, 48)] if moves else [], [spot("lamp", light, (0, 0, 1), 1.2)])
     visibility = Visibility(world, world.cameras[0])
-    shading = Shading(visibility, split=True, remember=False)
+    shading = Shading(visibility, ShadingOptions(split=True, remember=False))
     eye = at(0, 0, 0, (0.05, -0.04, 0.3))
     shading.update(visibility.update(poses(*([at(*centre)] if moves else []), eye)))
     assert ShadowGrid.suits(visibility, shading.occluders, 0)

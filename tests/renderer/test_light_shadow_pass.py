@@ -6,7 +6,7 @@ import warp as wp
 from renderer_scenes import at, camera, poses, quad, scene, sphere
 
 from evis.scene.model import WORLD, Light, Material
-from nodes.renderer.lighting import Shading
+from nodes.renderer.lighting import Shading, ShadingOptions
 from nodes.renderer.raster.visibility import Visibility
 
 
@@ -34,7 +34,7 @@ def test_rays_of_their_own_pass_hide_the_same(count):
     images = []
     for split in (False, True):
         visibility = Visibility(world, world.cameras[0], 2)
-        shading = Shading(visibility, split=split)
+        shading = Shading(visibility, ShadingOptions(split=split))
         shading.update(visibility.update(now))
         image = wp.zeros(visibility.shape, dtype=wp.vec3, device="cpu")
         shading.shade(image)
@@ -53,11 +53,11 @@ def test_lists_of_pixels_have_their_rays_traced_first_too():
     world = crowd([FILL, SUN, BULB], 20)
     visibility = Visibility(world, world.cameras[0])
     frames = visibility.update(now)
-    whole = Shading(visibility, split=False)
+    whole = Shading(visibility, ShadingOptions(split=False))
     whole.update(frames)
     image = wp.zeros(visibility.shape, dtype=wp.vec3, device="cpu")
     whole.shade(image)
-    shading = Shading(visibility, remember=False, split=True)
+    shading = Shading(visibility, ShadingOptions(remember=False, split=True))
     shading.update(frames)
     assert shading.shadow_pass is not None
     pixels = np.random.default_rng(3).permutation(image.size).astype(np.int32)

@@ -48,7 +48,7 @@ def sparse(monkeypatch, world, device="cpu", piece=pose_upload.PIECE):
     monkeypatch.setattr(pose_upload, "PIECE", piece)
     renderer = Renderer(world, world.cameras[0], 2, device=device)
     monkeypatch.undo()
-    assert renderer.visibility._staging.sparse
+    assert renderer.visibility._upload.sparse
     return renderer
 
 

@@ -44,14 +44,14 @@ def check_against_rays(view, triangles, two_sided, hits, depth):
 
 @pytest.mark.parametrize("two_sided", [True, False])
 @pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("pooled,few", [(False, 0), (True, raster.FEW), (True, 0)])
-def test_soup_around_the_camera(seed, two_sided, pooled, few, monkeypatch):
+@pytest.mark.parametrize("tiled,few", [(False, 0), (True, raster.FEW), (True, 0)])
+def test_soup_around_the_camera(seed, two_sided, tiled, few, monkeypatch):
     """Also as a GPU draws it: all blocks at once, and with their triangles listed first."""
     monkeypatch.setattr(raster, "FEW", few)
     mesh, triangles = soup(seed)
     view = camera(near=0.05)
     world = scene([(mesh, -1, 0)], materials=[Material("m", np.ones(3), two_sided=two_sided)], view=view)
-    visibility = Visibility(world, view, pooled=pooled)
+    visibility = Visibility(world, view, tiled=tiled)
     visibility.update(poses(at(0, 0, 0)))
     depth = Renderer(world, view).render(poses(at(0, 0, 0)), None, GEOMETRIC)["depth"]
     crossing = (triangles[..., 2].min(1) < view.near) & (triangles[..., 2].max(1) > view.near)
@@ -64,12 +64,12 @@ def test_pools_and_threads_change_no_bit(monkeypatch):
     view = camera(160, 120, 90.0)
     world = scene([(mesh, -1, 0)], view=view)
     images = []
-    for arguments in ({}, {"pooled": True}, {"threads": 3}):
+    for arguments in ({}, {"tiled": True}, {"threads": 3}):
         visibility = Visibility(world, view, **arguments)
         visibility.update(poses(at(0, 0, 0)))
         images.append(visibility.packed.numpy())
     monkeypatch.setattr(raster, "FEW", 0)
-    listed = Visibility(world, view, pooled=True)
+    listed = Visibility(world, view, tiled=True)
     listed.update(poses(at(0, 0, 0)))
     for image in (*images[1:], listed.packed.numpy()):
         np.testing.assert_array_equal(images[0], image)

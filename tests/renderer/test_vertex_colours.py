@@ -6,7 +6,7 @@ from renderer_scenes import at, camera, poses, quad, rays, scene
 
 from evis.geometry import se3
 from evis.scene.model import WORLD, Light, Material, Mesh
-from nodes.renderer.features import Features
+from nodes.renderer.lights.features import Features
 from nodes.renderer.paths.paths import PathOptions
 from nodes.renderer.renderer import Renderer
 

@@ -63,7 +63,7 @@ def test_displacement_takes_points_to_where_they_were(far):
     count = len(made.instances)
     turn = wp.zeros((2, count + 1), dtype=wp.mat33)
     shift = wp.zeros((2, count + 1), dtype=wp.vec3)
-    visibility.place(visibility.frames(now), before)
+    visibility.place(visibility.instance_poses(now), before)
     assert visibility.moved
     visibility.displace(True, turn, shift)
     (r0, t0), (r1, t1) = seen(made, before), seen(made, now)
@@ -88,7 +88,7 @@ def test_what_is_where_it_was_has_no_displacement_at_all():
     visibility = Visibility(made, made.cameras[0])
     turn = wp.full((1, len(made.instances) + 1), wp.mat33(7.0), dtype=wp.mat33)
     shift = wp.full((1, len(made.instances) + 1), wp.vec3(7.0), dtype=wp.vec3)
-    visibility.place(visibility.frames(now), before)
+    visibility.place(visibility.instance_poses(now), before)
     visibility.displace(True, turn, shift)
     assert shift.numpy()[0, 0].any()
     assert not turn.numpy()[0, 1:].any() and not shift.numpy()[0, 1:].any()
@@ -101,7 +101,7 @@ def test_poses_are_copied():
     frames = visibility.update(bodies)
     assert visibility.same(frames)
     bodies[0, 2, 0] += 1e-9
-    assert not visibility.same(visibility.frames(bodies))
+    assert not visibility.same(visibility.instance_poses(bodies))
 
 
 @pytest.mark.parametrize("quaternion,length", [((0, 0, 0, 0), "0"), ((1e200, 0, 0, 1e200), "inf")])

@@ -41,12 +41,12 @@ def crowd(movers=20, still=40, still_camera=True, seed=0, lights=LAMPS):
     return world, np.array(instants)
 
 
-@pytest.mark.parametrize("pooled", [False, True])
+@pytest.mark.parametrize("tiled", [False, True])
 @pytest.mark.parametrize("still_camera", [True, False])
-def test_culling_leaves_out_only_what_is_not_seen(still_camera, pooled):
+def test_culling_leaves_out_only_what_is_not_seen(still_camera, tiled):
     """Against blocks that are never culled: spheres of infinite size and no cone of normals."""
     world, instants = crowd(still_camera=still_camera)
-    culled = Visibility(world, world.cameras[0], layered=False, pooled=pooled)
+    culled = Visibility(world, world.cameras[0], layered=False, tiled=tiled)
     complete = Visibility(world, world.cameras[0], layered=False)
     for blocks in complete.raster.blocks:
         blocks.radius.fill_(1e9)

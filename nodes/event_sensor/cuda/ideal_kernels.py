@@ -13,9 +13,9 @@ from typing import Any
 
 import warp as wp
 
+from evis.gpu.append_kernels import take_place_of_many, take_room
 from nodes.event_sensor.cpu.ideal_kernels import quiet_band
 from nodes.event_sensor.cuda.call_kernels import ACTIVE, BLOCKED, FULL_FROM, IMAGES, STAMPS, T_BASE
-from nodes.event_sensor.cuda.room_kernels import take_place, take_room
 from nodes.event_sensor.model.pixel_kernels import (
     EVENTS,
     LARGEST,
@@ -120,7 +120,7 @@ def find_active(
             if good[j] != 0 and call[STAMPS + frames + i // size] == wp.int64(0):
                 state.last[i] = v[j]
             else:
-                active[take_place(counters, ACTIVE)] = wp.vec2i(i, 0)
+                active[take_place_of_many(counters, ACTIVE)] = wp.vec2i(i, 0)
 
 
 @lru_cache

@@ -9,6 +9,7 @@ show. Where one bucket runs over (many pixels that fire at one nanosecond) the h
 
 import warp as wp
 
+from evis.gpu.append_kernels import take_place_at
 from nodes.event_sensor.cuda.call_kernels import (
     BLOCKED,
     COUNTS,
@@ -23,7 +24,6 @@ from nodes.event_sensor.cuda.call_kernels import (
     STATUS,
     T_BASE,
 )
-from nodes.event_sensor.cuda.room_kernels import take_place_at
 from nodes.event_sensor.model.pixel_kernels import EVENTS, Sensor
 
 wp.set_module_options({"enable_backward": False})

@@ -94,7 +94,7 @@ class Chain:
             s, margin = self._setting, self._setting.margin * samples
             made = self._interpolators[method, k] = make_interpolator(s, s.scene, s.camera, method, k)
             size = (s.camera.height * samples + 2 * margin, s.camera.width * samples + 2 * margin)
-            made.rehearse(self._envs, *size, margin)
+            made.warm_up_for(self._envs, *size, margin)
         return self._interpolators[method, k]
 
     def _round(

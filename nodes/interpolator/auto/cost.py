@@ -240,7 +240,7 @@ class FullSize:
         """One that has everything: what is made in the first gap is no part of a run's cost."""
         interpolator = make_interpolator(self._setting, self._shifted, self._setting.camera, method, k)
         camera, n, m = self._setting.camera, self._samples(method), self._setting.margin
-        interpolator.rehearse(self._envs, (camera.height + 2 * m) * n, (camera.width + 2 * m) * n, m * n)
+        interpolator.warm_up_for(self._envs, (camera.height + 2 * m) * n, (camera.width + 2 * m) * n, m * n)
         return interpolator
 
     def _samples(self, method: str) -> int:

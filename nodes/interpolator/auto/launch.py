@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from evis.gpu.devices import device_named
 from evis.launch.arguments import resolve
 from evis.launch.expand import NodeSpec, expand
 from evis.launch.files import LaunchFile
@@ -19,7 +20,6 @@ from nodes.interpolator.auto import cache
 from nodes.interpolator.auto.probe import probe
 from nodes.interpolator.auto.setting import Setting
 from nodes.interpolator.auto.trial import Measured, settle
-from nodes.interpolator.keyframe import device_named
 from nodes.renderer.parameters import light_options
 
 SENSOR = ("threshold", "threshold_on", "threshold_off", "crossing", "dark_level")

@@ -7,11 +7,13 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def turn_of(pose: wp.transformd):
+    """Makes the rotation matrix of a pose."""
     return wp.quat_to_matrix(wp.normalize(wp.transform_get_rotation(pose)))
 
 
 @wp.func
 def same(a: wp.transformd, b: wp.transformd):
+    """Tells whether two poses are equal to the last bit."""
     for i in range(7):
         if a[i] != b[i]:
             return False
@@ -28,7 +30,8 @@ def displace(
     turn: wp.array2d(dtype=wp.mat33),
     shift: wp.array2d(dtype=wp.vec3),
 ):
-    """D - 1 of the map D from a point in the camera frame now to the same body's point in the camera frame then.
+    """Computes D - 1 of the map D from a point in the camera frame now to the same body's point in the camera frame
+    then.
 
     now [P E, N] and then [E, N]: poses of bodies in the world; environments repeat. turn and shift [P E, N + 2]: entry
     N is the world and N + 1 the sky, which only turns. Exactly zero for what is where it was.

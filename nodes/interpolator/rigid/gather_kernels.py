@@ -5,18 +5,19 @@ from typing import Any
 
 import warp as wp
 
+from evis.gpu.append_kernels import take_place
 from nodes.interpolator.rigid.log_kernels import apart, radiance_of
 from nodes.interpolator.rigid.look_up_kernels import HARD, SEEN, Sight, make_keyframes, make_look_up
-from nodes.interpolator.rigid.room_kernels import take_place
-from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
+from nodes.renderer.shading.radiance_kernels import luminance
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.struct
 class Portion:
-    """Sub-frames that are looked up together: those in `count` slots from slot0 on of `packed` [P E, H, W]; slot s is
-    sub-frame index[s] of `upsampling`, when lights that flicker have that `strength`.
+    """Holds sub-frames that are looked up together: those in `count` slots from slot0 on of `packed` [P E, H, W]; slot
+    s is sub-frame index[s] of `upsampling`, when lights that flicker have that `strength`.
 
     quiet [E, H, W]: z-buffer entries with which nothing has changed. pieces: of each triangle, its body (the world's
     index being their number) and its patch. tolerance: difference of the keyframes' log radiance up to which it is
@@ -37,8 +38,8 @@ class Portion:
 
 
 @wp.func
-def sight_of(view: View, hit: wp.uint64, y: int, x: int, pieces: wp.array(dtype=wp.vec2i), sky: int):
-    """What a pixel shows, and its body; sky: the index that stands for it."""
+def sight_of(view: CameraView, hit: wp.uint64, y: int, x: int, pieces: wp.array(dtype=wp.vec2i), sky: int):
+    """Gives what a pixel shows, and its body; sky: the index that stands for it."""
     s = Sight()
     s.y = y
     s.x = x
@@ -69,12 +70,13 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool) -> wp.Ker
 
     @wp.func
     def moved(keys: Keyframes, row: int, body: int, point: wp.vec3):
+        """Computes how far a point of a body has moved since a keyframe, in its camera frame [m]."""
         return keys.turn[row, body] * point + keys.shift[row, body]
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
     def gather(
         # in
-        view: View,
+        view: CameraView,
         first: int,
         last: int,
         workers: int,
@@ -89,7 +91,7 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool) -> wp.Ker
         pixels: wp.array(dtype=int),
         count: wp.array(dtype=int),
     ):
-        """Frames [E K, h, w] of a portion.
+        """Computes frames [E K, h, w] of a portion.
 
         Listed: `todo` has the pixels to do, as indices into [.., E, h, w] from slot0 on; on a CPU entries first..last -
         1, on a GPU (last < 0) todo_count[band] of them, shared by `workers` threads. Otherwise a thread does one
@@ -182,7 +184,7 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool) -> wp.Ker
 
 @cache
 def make_place(channels: int) -> wp.Kernel:
-    """The kernel that writes shaded pixels into the frames."""
+    """Makes the kernel that writes shaded pixels into the frames."""
     pixel = wp.float32 if channels == 1 else wp.vec3
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -201,7 +203,8 @@ def make_place(channels: int) -> wp.Kernel:
         # out
         frames: wp.array3d(dtype=pixel),
     ):
-        """Radiance [P E, H, W] of the listed pixels, as luminance (equation (3)) or RGB, into frames [E K, h, w]."""
+        """Computes radiance [P E, H, W] of the listed pixels, as luminance (equation (3)) or RGB, into frames [E K, h,
+        w]."""
         j = wp.tid()
         width = radiance.shape[2]
         height = radiance.shape[1]
@@ -213,7 +216,7 @@ def make_place(channels: int) -> wp.Kernel:
             frame = n % envs * upsampling + index[n // envs] - 1
             colour = radiance[n, y, x]
             if wp.static(channels == 1):
-                frames[frame, y - margin, x - margin] = 0.2126 * colour[0] + 0.7152 * colour[1] + 0.0722 * colour[2]
+                frames[frame, y - margin, x - margin] = luminance(colour)
             else:
                 frames[frame, y - margin, x - margin] = colour
             j += workers

@@ -6,6 +6,7 @@ import warp as wp
 
 from nodes.interpolator.rigid.log_kernels import SIX
 from nodes.renderer.raster.triangle_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.shading.radiance_kernels import luminance
 
 wp.set_module_options({"enable_backward": False})
 
@@ -21,6 +22,7 @@ Over a plane the inverse distance is linear in the pixel; over a sphere of radiu
 
 @wp.func
 def log_of(value: wp.float32):
+    """Computes ln of radiance, held at that of DARKEST; in RGB of each channel."""
     return wp.log(wp.max(value, DARKEST))
 
 
@@ -33,6 +35,7 @@ def log_of(value: wp.vec3):  # noqa: F811 - overloaded by its type
 
 @wp.func
 def usable(value: wp.float32):
+    """Tells whether radiance is finite; in RGB whether all channels are."""
     return wp.isfinite(value)
 
 
@@ -43,6 +46,7 @@ def usable(value: wp.vec3):  # noqa: F811 - overloaded by its type
 
 @wp.func
 def texel_of(patch: int, nearness: float, log: wp.float32):
+    """Packs what is read of a pixel at once: the bits of its patch, inverse distance and, of luminance, its ln."""
     return wp.vec4(wp.cast(patch, wp.float32), nearness, log, 0.0)
 
 
@@ -53,7 +57,7 @@ def texel_of(patch: int, nearness: float, log: Any):  # noqa: F811 - overloaded 
 
 @wp.func
 def patch_at(hit: wp.uint64, pieces: wp.array(dtype=wp.vec2i)):
-    """Patch (0 = sky) and inverse distance [1/m] (0 = sky) of what a pixel shows."""
+    """Gives the patch (0 = sky) and inverse distance [1/m] (0 = sky) of what a pixel shows."""
     t = triangle_of(hit)
     if t == MISS:
         return 0, 0.0
@@ -74,7 +78,8 @@ def take_in(
     texels: wp.array3d(dtype=wp.vec4),
     nonfinite: wp.array(dtype=int),
 ):
-    """Log radiance, patch (0 = sky) and inverse distance [1/m] (0 = sky) of every pixel; `span` pixels a thread."""
+    """Computes log radiance, patch (0 = sky) and inverse distance [1/m] (0 = sky) of every pixel; `span` pixels a
+    thread."""
     env, y, part = wp.tid()
     for x in range(part * span, wp.min(part * span + span, packed.shape[2])):
         p, w = patch_at(packed[env, y, x], pieces)
@@ -90,14 +95,9 @@ def take_in(
 
 
 @wp.func
-def grey(colour: wp.vec3):
-    """Equation (3)."""
-    return 0.2126 * colour[0] + 0.7152 * colour[1] + 0.0722 * colour[2]
-
-
-@wp.func
 def log_pair(mean: wp.vec3, steady: wp.vec3, like: wp.float32):
-    return wp.vec2(log_of(grey(mean)), log_of(grey(steady)))
+    """Computes ln of radiance with the lights at their mean and of that without those that flicker."""
+    return wp.vec2(log_of(luminance(mean)), log_of(luminance(steady)))
 
 
 @wp.func
@@ -140,13 +140,13 @@ def take_in_lights(
 
 @wp.func
 def bends(a: float, b: float, c: float):
-    """Whether three inverse distances in a row are too far from linear."""
+    """Tells whether three inverse distances in a row are too far from linear."""
     return wp.abs(a - 2.0 * b + c) > JUMP * b
 
 
 @wp.func
 def one_patch(patch: wp.array3d(dtype=int), env: int, y: int, x: int):
-    """Whether the 4 x 4 pixels from (x - 1, y - 1) on belong to one patch."""
+    """Tells whether the 4 x 4 pixels from (x - 1, y - 1) on belong to one patch."""
     p = patch[env, y, x]
     for r in range(-1, 3):
         if patch[env, y + r, x - 1] != p or patch[env, y + r, x] != p:
@@ -158,7 +158,7 @@ def one_patch(patch: wp.array3d(dtype=int), env: int, y: int, x: int):
 
 @wp.func
 def one_sheet(w: wp.array3d(dtype=float), env: int, y: int, x: int):
-    """Whether the inverse distance changes smoothly over the 4 x 4 pixels from (x - 1, y - 1) on."""
+    """Tells whether the inverse distance changes smoothly over the 4 x 4 pixels from (x - 1, y - 1) on."""
     for r in range(-1, 3):
         j = y + r
         if bends(w[env, j, x - 1], w[env, j, x], w[env, j, x + 1]) or bends(
@@ -183,7 +183,7 @@ def find_support(
     # out
     support: wp.array3d(dtype=int),
 ):
-    """What of a patch is seen about a place between the pixels x, x + 1 and y, y + 1.
+    """Computes what of a patch is seen about a place between the pixels x, x + 1 and y, y + 1.
 
     2 patch + 1 where all of the 4 x 4 pixels from (x - 1, y - 1) on belong to it and it hides no part of itself there,
     2 patch where these four do, else UNUSABLE. Of what never moves nothing is looked for between the pixels.
@@ -216,6 +216,7 @@ HELD = wp.constant(2)
 
 @wp.func
 def equal(a: wp.float32, b: wp.float32):
+    """Tells whether two pixels are equal."""
     return a == b
 
 
@@ -237,7 +238,8 @@ def find_quiet(
     # out
     quiet: wp.array3d(dtype=wp.uint64),
 ):
-    """The z-buffer entry with which a pixel shows what it does in both keyframes, or NEVER where that has changed.
+    """Computes the z-buffer entry with which a pixel shows what it does in both keyframes, or NEVER where that has
+    changed.
 
     still [E, N + 2]: 1 for bodies, the world and the sky that do not move against the camera at any sub-frame of the
     gap; HELD for all of an environment that is to be B throughout.

@@ -15,7 +15,7 @@ from nodes.renderer.raster.visibility import Visibility
 
 
 class Pair:
-    """Memory of two keyframes of E environments that take turns as A and B: arrays [2 E, H, W], one after the other.
+    """Holds two keyframes of E environments that take turns as A and B: arrays [2 E, H, W], one after the other.
 
     patch, support int32, inverse float32 and texels vec4 as in keyframe_kernels; logs: as of LOGS. turn mat33 and shift
     vec3 [2 P E, N + 2]: how the bodies of the sub-frames have moved since A, then since B.
@@ -51,7 +51,7 @@ class Pair:
             wp.launch(displace, out[0].shape, [camera, poses, then.poses], out, device=poses.device)
 
     def kernel(self) -> Any:
-        """The struct that the gather reads."""
+        """Makes the struct that the gather reads."""
         keys: Any = self._struct()
         size = self.a.patch.size
         keys.first = wp.vec2i(size * self.a.number, size * self.b.number)
@@ -62,7 +62,7 @@ class Pair:
 
 
 class Prepared:
-    """Device arrays of one keyframe of E environments, written by `take`, `take_poses` and `fill`.
+    """Holds the device arrays of one keyframe of E environments, written by `take`, `take_poses` and `fill`.
 
     image: its luminance or RGB; packed: its z-buffer; logs: its logarithm; the others [E, H, W]: its part of a pair's;
     poses: wp.transformd [E, N].

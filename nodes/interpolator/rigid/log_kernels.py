@@ -19,12 +19,13 @@ or both of `lit`'s."""
 
 @wp.func
 def light(value: float):
-    """Radiance of a logarithm."""
+    """Gives the radiance of a logarithm."""
     return wp.where(value <= BLACK, 0.0, wp.exp(value))
 
 
 @wp.func
 def radiance_of(value: wp.float32, strength: float):
+    """Computes the radiance of what was looked up; strength: of lights that flicker."""
     return light(value)
 
 
@@ -35,7 +36,7 @@ def radiance_of(value: wp.vec3, strength: float):  # noqa: F811 - overloaded by 
 
 @wp.func
 def lit(mean: float, steady: float, strength: float):
-    """Radiance from its logarithms with the lights at their mean and without those that flicker."""
+    """Gives the radiance from its logarithms with the lights at their mean and without those that flicker."""
     rest = light(steady)
     return rest + strength * wp.max(light(mean) - rest, 0.0)
 
@@ -54,6 +55,7 @@ def radiance_of(value: SIX, strength: float):  # noqa: F811 - overloaded by its 
 
 @wp.func
 def apart(a: wp.float32, b: wp.float32):
+    """Computes the largest difference of two logarithms among their channels."""
     return wp.abs(a - b)
 
 
@@ -74,12 +76,13 @@ def apart(a: SIX, b: SIX):  # noqa: F811 - overloaded by its type
 
 @wp.func
 def half_black(low: wp.float32, high: wp.float32):
-    """Whether pixels from `low` to `high` are black in part: between ln 0 and ln I is nothing to be looked up."""
+    """Tells whether pixels from `low` to `high` are black in part: between ln 0 and ln I is nothing to be looked up."""
     return low <= BLACK and high > BLACK
 
 
 @wp.func
 def half_black(low: Any, high: Any):  # noqa: F811 - overloaded by its type
+    """Tells the same of channels, any of which counts."""
     result = wp.bool(False)
     for i in range(len(low)):
         result = result or (low[i] <= BLACK and high[i] > BLACK)
@@ -88,14 +91,17 @@ def half_black(low: Any, high: Any):  # noqa: F811 - overloaded by its type
 
 @wp.func
 def least(a: Any, b: Any):
+    """Takes the smaller one, channel by channel."""
     return wp.min(a, b)
 
 
 @wp.func
 def most(a: Any, b: Any):
+    """Takes the larger one, channel by channel."""
     return wp.max(a, b)
 
 
 @wp.func
 def within(value: Any, low: Any, high: Any):
+    """Clamps a value, channel by channel."""
     return wp.min(wp.max(value, low), high)

@@ -7,7 +7,7 @@ import warp as wp
 
 from nodes.interpolator.rigid.log_kernels import LOGS, apart, half_black, least, most, within
 from nodes.renderer.raster.distortion_kernels import angle_of, make_distorted
-from nodes.renderer.raster.triangle_kernels import View
+from nodes.renderer.raster.triangle_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
@@ -29,9 +29,9 @@ FAR_AWAY = wp.constant(1.0e6)
 
 @cache
 def make_keyframes(channels: int, flicker: bool) -> Any:
-    """The struct of both keyframes of a gap, as `Prepared` has them, in arrays of both [2 E H W], and how the bodies
-    [2 P E, N + 2] of the sub-frames have moved since A, then since B: see displacement_kernels. first: where A and B
-    begin; image: of B. channels, flicker: as of LOGS."""
+    """Makes the struct of both keyframes of a gap, as `Prepared` has them, in arrays of both [2 E H W], and how the
+    bodies [2 P E, N + 2] of the sub-frames have moved since A, then since B: see displacement_kernels. first: where A
+    and B begin; image: of B. channels, flicker: as of LOGS."""
 
     class Keyframes:
         first: wp.vec2i
@@ -50,7 +50,8 @@ def make_keyframes(channels: int, flicker: bool) -> Any:
 
 @wp.struct
 class Sight:
-    """What a pixel shows: its ray d, the point on it, both in the camera frame, and of which patch; sky: 1 for that."""
+    """Holds what a pixel shows: its ray d, the point on it, both in the camera frame, and of which patch; sky: 1 for
+    that."""
 
     y: int
     x: int
@@ -62,7 +63,8 @@ class Sight:
 
 @wp.func
 def weights(f: float):
-    """Cubic convolution (Keys 1981, a = -1/2) at the fraction f between the middle two of four samples."""
+    """Gives the weights of cubic convolution (Keys 1981, a = -1/2) at the fraction f between the middle two of four
+    samples."""
     return wp.vec4(
         ((1.0 - 0.5 * f) * f - 0.5) * f,
         (1.5 * f - 2.5) * f * f + 1.0,
@@ -83,7 +85,7 @@ TEXEL = """
 
 @wp.func_native(TEXEL)
 def texel(texels: wp.array(dtype=wp.vec4), at: wp.int32) -> wp.vec4:
-    """A pixel's patch (its bits), inverse distance and, in luminance, log radiance, read at once."""
+    """Reads a pixel's patch (its bits), inverse distance and, in luminance, log radiance, read at once."""
     ...
 
 
@@ -98,30 +100,31 @@ ELEMENT = """
 
 @wp.func_native(ELEMENT)
 def number(values: wp.array(dtype=wp.float32), at: wp.int32) -> wp.float32:
-    """An element of an array that nobody writes to meanwhile: fewer instructions than by its index."""
+    """Reads an element of an array that nobody writes to meanwhile: fewer instructions than by its index."""
     ...
 
 
 @wp.func_native(ELEMENT)
 def whole_number(values: wp.array(dtype=wp.int32), at: wp.int32) -> wp.int32:
-    """The same."""
+    """Reads an element in the same way."""
     ...
 
 
 @wp.func
 def element(values: wp.array(dtype=Any), at: int):
+    """Reads an element of any type."""
     return values[at]
 
 
 @wp.func
 def shows(t: wp.vec4, p: int, w: float):
-    """Whether a pixel shows patch p at about the inverse distance w."""
+    """Tells whether a pixel shows patch p at about the inverse distance w."""
     return wp.cast(t[0], wp.int32) == p and wp.abs(t[1] - w) <= SAME_SHEET * w
 
 
 @wp.func
 def in_column(r0: Any, r1: Any, r2: Any, r3: Any, wy: wp.vec4):
-    """Four rows, weighted."""
+    """Weights four rows."""
     value = wy[0] * r0 + wy[1] * r1
     value += wy[2] * r2
     value += wy[3] * r3
@@ -134,8 +137,9 @@ def make_displacement(lens: str) -> wp.Function:
     distorted = make_distorted(lens) if lens != "none" else None
 
     @wp.func
-    def displacement(view: View, d: wp.vec3, p: wp.vec3, m: wp.vec3, near: float):
-        """Pixels from where the point p on ray d is to where p + m is; FAR_AWAY where the camera has no image of it."""
+    def displacement(view: CameraView, d: wp.vec3, p: wp.vec3, m: wp.vec3, near: float):
+        """Gives pixels from where the point p on ray d is to where p + m is; FAR_AWAY where the camera has no image of
+        it."""
         v = wp.vec2(FAR_AWAY, FAR_AWAY)
         if wp.static(distorted is not None):
             q = wp.vec3d(p) + wp.vec3d(m)
@@ -152,14 +156,15 @@ def make_displacement(lens: str) -> wp.Function:
 
 @cache
 def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function, wp.Function]:
-    """The functions `whole`, `masked` and `edge`, of places about which a patch is seen in full, in the middle, and in
-    part; channels, flicker: as of LOGS."""
+    """Makes the functions `whole`, `masked` and `edge`, of places about which a patch is seen in full, in the middle,
+    and in part; channels, flicker: as of LOGS."""
     Keyframes: Any = make_keyframes(channels, flicker)
     pixel = LOGS[channels, flicker]
     log_at = number if pixel is wp.float32 else element
 
     @wp.func
     def cubic_row(keys: Keyframes, at: int, w: wp.vec4):
+        """Weights four pixels of a row, from at - 1 on."""
         return (
             w[0] * log_at(keys.logs, at - 1)
             + w[1] * log_at(keys.logs, at)
@@ -169,7 +174,7 @@ def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function
 
     @wp.func
     def whole(keys: Keyframes, width: int, at: int, wx: wp.vec4, wy: wp.vec4):
-        """Cubic convolution about the pixel `at` and its neighbours to the right and below."""
+        """Computes cubic convolution about the pixel `at` and its neighbours to the right and below."""
         below = at + width
         return in_column(
             cubic_row(keys, at - width, wx),
@@ -181,7 +186,7 @@ def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function
 
     @wp.func
     def log_of(keys: Keyframes, t: wp.vec4, at: int):
-        """Log radiance of a pixel, from its texel where that holds it."""
+        """Gives the log radiance of a pixel, from its texel where that holds it."""
         if wp.static(pixel is wp.float32):
             return t[2]
         else:
@@ -189,7 +194,7 @@ def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function
 
     @wp.func
     def masked_row(keys: Keyframes, row: int, core: int, p: int, w: float, wx: wp.vec4):
-        """A row of `masked`; core: the nearest row of the middle."""
+        """Weights a row of `masked`; core: the nearest row of the middle."""
         # All are read before any is used, for a GPU waits once then.
         t0 = texel(keys.texels, row - 1)
         t1 = texel(keys.texels, row)
@@ -211,8 +216,8 @@ def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function
 
     @wp.func
     def masked(keys: Keyframes, width: int, at: int, p: int, w: float, wx: wp.vec4, wy: wp.vec4):
-        """Cubic convolution where only the middle four of the 4 x 4 pixels are sure to belong to the patch: each of the
-        others that does not is replaced by the next one of the middle."""
+        """Computes cubic convolution where only the middle four of the 4 x 4 pixels are sure to belong to the patch:
+        each of the others that does not is replaced by the next one of the middle."""
         below = at + width
         return in_column(
             masked_row(keys, at - width, at, p, w, wx),
@@ -224,8 +229,9 @@ def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function
 
     @wp.func
     def edge(keys: Keyframes, width: int, at: int, p: int, w: float, fx: float, fy: float, tolerance: float):
-        """(state, log radiance) where not even the middle four all belong to the patch: the bilinear mean of those that
-        do, if the patch is so even here, over ENOUGH of the 4 x 4 pixels or more, that it cannot be far off."""
+        """Gives (state, log radiance) where not even the middle four all belong to the patch: the bilinear mean of
+        those that do, if the patch is so even here, over ENOUGH of the 4 x 4 pixels or more, that it cannot be far
+        off."""
         total = pixel(0.0)
         weight = wp.float32(0.0)
         low = pixel(1.0e30)
@@ -264,7 +270,7 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool) -> wp.F
 
     @wp.func
     def nearness(s: Sight, q: wp.vec3):
-        """Inverse distance of a point [1/m], 0 of the sky."""
+        """Gives the inverse distance of a point [1/m], 0 of the sky."""
         if s.sky == 1:
             return 0.0
         return 1.0 / wp.where(wp.static(bent), wp.length(q), q[2])
@@ -279,7 +285,7 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool) -> wp.F
         return HIDDEN, pixel(0.0)
 
     @wp.func
-    def about(view: View, keys: Keyframes, s: Sight, at: int, fx: float, fy: float, w: float, tolerance: float):
+    def about(view: CameraView, keys: Keyframes, s: Sight, at: int, fx: float, fy: float, w: float, tolerance: float):
         """At the fraction (fx, fy) of the pixel `at` and the next ones; w: the point's inverse distance."""
         width = view.width
         below = at + width
@@ -320,10 +326,10 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool) -> wp.F
         return seen, value
 
     @wp.func
-    def look_up(view: View, keys: Keyframes, base: int, s: Sight, m: wp.vec3, tolerance: float):
-        """(state, log radiance) of the point in a keyframe, m away from where it is in its camera frame. base: index of
-        the first pixel of the keyframe's environment. State: SEEN, HIDDEN, or HARD where only a careful look would
-        tell."""
+    def look_up(view: CameraView, keys: Keyframes, base: int, s: Sight, m: wp.vec3, tolerance: float):
+        """Gives (state, log radiance) of the point in a keyframe, m away from where it is in its camera frame. base:
+        index of the first pixel of the keyframe's environment. State: SEEN, HIDDEN, or HARD where only a careful look
+        would tell."""
         seen = wp.int32(HIDDEN)
         value = pixel(0.0)
         if m[0] == 0.0 and m[1] == 0.0 and m[2] == 0.0:

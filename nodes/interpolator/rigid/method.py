@@ -29,38 +29,27 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
-from nodes.interpolator.keyframe import Report, View
+from nodes.interpolator.keyframe import KeyframeView, Report
 from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.keyframes import Pair
-from nodes.interpolator.rigid.patches import patches_of
+from nodes.interpolator.rigid.layout import RigidOptions, layout_of
+from nodes.interpolator.rigid.patches import pieces_of
 from nodes.interpolator.rigid.placement import Placement
-from nodes.interpolator.rigid.reprojection import Looking
-from nodes.interpolator.rigid.sampling import Part, Sampling
+from nodes.interpolator.rigid.reprojection import Reprojection
+from nodes.interpolator.rigid.sampling import Sampling, SubframeRange
 from nodes.interpolator.rigid.slots import Slots
 from nodes.interpolator.rigid.sparse_raster import SparseRaster
-from nodes.renderer.cuda_graph import Branch, Recording
 from nodes.renderer.geometry.triangles import is_static
-from nodes.renderer.lighting import Shading
+from nodes.renderer.lighting import Shading, ShadingOptions
 from nodes.renderer.lights.lights import waveform_strength
-from nodes.renderer.paths.paths import PathOptions
 from nodes.renderer.raster.visibility import Visibility
-
-TOLERANCE = 0.1
-"""Difference of log radiance between the keyframes up to which light is taken to change evenly: half the contrast
-threshold of common sensors."""
-
-SAMPLE_PX = {True: 1.0, False: 0.0}
-"""Path [px] between two samples of a pixel, on a CPU and on a GPU, where lists cost more than they save."""
-
-PORTION, LEAST = {True: 1 << 21, False: 1 << 25}, 8
-"""Pixels of the sub-frames that are worked on at once, on a CPU and on a GPU: what caches and memory hold; and least
-sub-frames where there are lines between samples, in which case it is as on a CPU with one environment."""
 
 
 class Rigid:
-    """The method for E keyframes of one camera of a scene, of the same size."""
+    """Makes the frames between keyframes from the bodies' poses, for E keyframes of one camera, of the same size."""
 
     def __init__(
         self,
@@ -72,86 +61,52 @@ class Rigid:
         channels: int = 1,
         device: str = "cpu",
         threads: int = 1,
-        light_samples: int = 16,
-        paths: PathOptions | None = None,
-        tolerance: float = TOLERANCE,
-        sample_px: float | None = None,
-        on_device: bool | None = None,
+        options: RigidOptions | None = None,
     ) -> None:
-        """scene, camera, light_samples, paths: those of the renderer. upsampling: K. channels: 1 or 3. tolerance: error
-        of log radiance that is looked for and shaded away. sample_px: path of a pixel over the surface that it shows up
-        to which a sub-frame may be a line between two others; 0 = none is, None = SAMPLE_PX. on_device: all is decided
-        on the device, for a GPU (None); otherwise by lists that the host divides. The frames are the same, bit for bit.
-        """
-        self._envs, self._upsampling, self._channels = envs, upsampling, channels
-        self._margin = margin
-        cpu = wp.get_device(device).is_cpu
-        pixels = (camera.height + 2 * margin) * (camera.width + 2 * margin)
-        waveforms = {light.waveform for light in scene.lights if light.waveform is not None}
-        self._flicker = bool(waveforms)
-        self._waveform = waveforms.pop() if len(waveforms) == 1 else None
-        # Light that flickers is on no line.
-        step = 0.0 if self._flicker else SAMPLE_PX[cpu] if sample_px is None else sample_px
-        # Lines end with a portion, which must not depend on the device or on other environments.
-        at_once = max(LEAST, PORTION[True] // pixels) if step > 0 else max(1, PORTION[cpu] // (envs * pixels))
-        portions = -(-upsampling // at_once)
-        self._slots = -(-upsampling // portions)
+        """scene, camera: those of the renderer. upsampling: K. margin: pixels beyond the image on every side. channels:
+        1 or 3. threads: of a CPU."""
+        asked, cpu = options or RigidOptions(), wp.get_device(device).is_cpu
+        self._layout = layout_of(scene, camera, envs, upsampling, margin, channels, cpu, asked)
+        slots, step = self._layout.slots, self._layout.step
         self._placement = Placement(scene)
         sparse = True if len(self._placement.movers) else None
-        self.visibility = Visibility(scene, camera, envs * self._slots, margin, device, threads, sparse=sparse)
-        self._places = Slots(scene, self.visibility, self._placement, self._slots)
-        self.shading = Shading(self.visibility, light_samples=light_samples, paths=paths, remember=False)
-        self._device = self.visibility.device
-        shape = self.visibility.shape
-        self._size = (shape[1] - 2 * margin, shape[2] - 2 * margin)
-        # As many as the visibility has bands, for these shade the lists.
-        bands = len(self.visibility.bands.rows)
-        pool = ThreadPoolExecutor(bands) if bands > 1 else None
-        bodies, exact = len(scene.bodies), self._waveform is not None
-        self._pair = Pair((envs, *shape[1:]), self._slots, bodies, channels, self._device, exact)
-        self._at_b: View | None = None
+        v = self.visibility = Visibility(scene, camera, envs * slots, margin, device, threads, sparse=sparse)
+        self._places = Slots(scene, v, self._placement, slots)
+        self.shading = Shading(v, ShadingOptions(asked.light_samples, asked.paths, remember=False))
+        self._device = v.device
+        self._size = (v.shape[1] - 2 * margin, v.shape[2] - 2 * margin)
+        keyframe, bodies = (envs, *v.shape[1:]), len(scene.bodies)
+        self._pair = Pair(keyframe, slots, bodies, channels, self._device, self._layout.exact_flicker)
+        self._at_b: KeyframeView | None = None
         self._even = True
-        self._recording, self._beside = Recording(self._device), Branch(self._device)
-        # B's own slot comes first, so that its z-buffer is there for all the others.
-        order = [upsampling, *range(1, upsampling)]
-        self._portions = [order[k : k + self._slots] for k in range(0, upsampling, self._slots)]
-        # The sub-frame, counted from 0, of each slot; those that are left over repeat the last one.
-        self._shown = [[part[min(s, len(part) - 1)] - 1 for s in range(self._slots)] for part in self._portions]
-        put = self.visibility.put
-        patch, count = patches_of(scene)
-        self._moving = put(self._may_move(patch, count), wp.int32)
-        on = np.array([i.body if i.body >= 0 else bodies for i in scene.instances], np.int32)
-        # Of each triangle its body, the world's index being their number, and its patch.
-        pieces = np.stack([on[self.visibility.geometry.triangle_instance], patch], axis=-1)
-        self._pieces = put(pieces.reshape(-1, 2), wp.vec2i)
+        self._graphs, self._beside = CudaGraphs(self._device), Branch(self._device)
+        pieces, patches = pieces_of(scene, v.geometry.triangle_instance)
+        self._pieces = v.put(pieces, wp.vec2i)
+        self._moving = v.put(self._may_move(pieces[:, 1], patches), wp.int32)
         with wp.ScopedDevice(self._device):
-            self._quiet = wp.empty((envs, *shape[1:]), dtype=wp.uint64)
+            self._quiet = wp.empty(keyframe, dtype=wp.uint64)
             self._still = wp.zeros((envs, bodies + 2), dtype=wp.int32)
             # Of the last sub-frame of the portion before.
             self._before = wp.empty((envs, bodies), dtype=wp.transformd), wp.empty_like(self._quiet)
         self._flags = np.zeros(self._still.shape, np.int32)
-        on_device = not cpu if on_device is None else on_device
-        # What is quick to look up in the order of the pixels; only the rest is listed.
-        self._staged = on_device and step == 0
-        self._sampling = Sampling(
-            self.visibility, self._pieces, envs, self._slots, portions, upsampling, channels, step,
-            float(np.exp(tolerance / 2)), on_device, pool,
-        )  # fmt: skip
-        relight = self._flicker and not exact
-        given = (self.shading, self._sampling, self._pieces, self._portions, envs, channels, tolerance)
-        self._looking = Looking(*given, relight, exact, self._staged)
-        self._sparse: SparseRaster | None = None
+        # As many threads as share the visibility's rows, for these shade the lists.
+        tiles = len(v.row_tiles.rows)
+        pool = ThreadPoolExecutor(tiles) if tiles > 1 else None
+        self._sampling = Sampling(v, self._pieces, self._layout, pool)
+        self._reprojection = Reprojection(self.shading, self._sampling, self._pieces, self._layout)
+        self._sparse = SparseRaster(v, envs, step) if step > 0 and SparseRaster.pays(v) else None
         self._strides = [1] * envs
-        if step > 0 and SparseRaster.pays(self.visibility):
-            self._sparse = SparseRaster(self.visibility, envs, step)
         # What the report needs, where the host reads it.
-        self._told = [wp.zeros(n.size, dtype=wp.int32, device="cpu", pinned=not cpu) for n in self._looking.counted]
+        counted = self._reprojection.counted
+        self._told = [wp.zeros(n.size, dtype=wp.int32, device="cpu", pinned=not cpu) for n in counted]
         self._buffer: wp.array | None = None
 
-    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
+    def between(
+        self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
+    ) -> Report:
         """See Method. Views need `states` and `stamp_ns`; out may be an array of the device."""
         assert a.states is not None and b.states is not None
-        stamps = subframe_stamps(a.stamp_ns, b.stamp_ns, self._upsampling)
+        stamps = subframe_stamps(a.stamp_ns, b.stamp_ns, self._layout.upsampling)
         held = np.asarray(held, bool)
         places = self._places
         places.begin(stamps, a.states, b.states, held)
@@ -162,22 +117,22 @@ class Rigid:
         if self._sparse is not None:
             self._strides = self._sparse.strides(places.camera_path(), self._pair.a.packed)
         frames = self._target(out)
-        for portion, slots in enumerate(self._shown):
+        for portion, slots in enumerate(self._layout.shown):
             self.shading.update(places.place(slots))
             # Launches that were recorded before the occluders' trees were built know others.
             builds = self.shading.occluders.builds
             key = portion, self._even, builds, self.visibility.still_moved, self.visibility.coming
-            self._recording.run(("draw", *key), partial(self._draw, portion))
+            self._graphs.run(("draw", *key), partial(self._draw, portion))
             self.visibility.drawn()
             # While a GPU draws.
             if portion == 0:
                 self._take(b, held)
-            if self._flicker:
-                self.shading.set_times(np.repeat(stamps[slots], self._envs))
-            if self._waveform is not None:
-                strength = [waveform_strength(self._waveform, int(t)) for t in stamps[slots]]
-                self._looking.strength.assign(np.array(strength, np.float32))
-            self._recording.run(("look", portion, self._even, builds), partial(self._look, portion, frames))
+            if self._layout.flicker:
+                self.shading.set_times(np.repeat(stamps[slots], self._layout.envs))
+            if self._layout.waveform is not None:
+                strength = [waveform_strength(self._layout.waveform, int(t)) for t in stamps[slots]]
+                self._reprojection.strength.assign(np.array(strength, np.float32))
+            self._graphs.run(("look", portion, self._even, builds), partial(self._reproject, portion, frames))
         self._even = not self._even
         if frames is self._buffer:
             self._hand_over(frames, out)
@@ -194,10 +149,10 @@ class Rigid:
         moving[patch[~v.geometry.static[v.geometry.triangle_instance]]] = True
         return moving
 
-    def _take(self, b: View, held: np.ndarray) -> None:
+    def _take(self, b: KeyframeView, held: np.ndarray) -> None:
         """What does not depend on the sub-frames: the later keyframe, and what stands still before it."""
         self._pair.b.take(b.image)
-        flags = self._places.still(self._flicker, held)
+        flags = self._places.still(self._layout.flicker, held)
         if flags is not self._flags and not np.array_equal(flags, self._flags):
             self._still.assign(flags)
         self._flags = flags
@@ -205,8 +160,8 @@ class Rigid:
     def _draw(self, portion: int) -> None:
         """Who is seen in a portion of the sub-frames, for what is placed; the first one begins with B itself, the last
         one ends with it. Launches only, which a GPU may have recorded."""
-        v, part = self.visibility, self._portions[portion]
-        first, closed = int(portion == 0), portion == len(self._portions) - 1
+        v, part = self.visibility, self._layout.portions[portion]
+        first, closed = int(portion == 0), portion == len(self._layout.portions) - 1
         v.arrive()
         if max(self._strides) > 1 and self._sparse is not None:
             self._launch_beside(portion)
@@ -215,78 +170,80 @@ class Rigid:
             v.draw(partial(self._launch_beside, portion))
         self._beside.join()
 
-    def _look(self, portion: int, frames: wp.array) -> None:
+    def _reproject(self, portion: int, frames: wp.array) -> None:
         """The frames of a portion that is drawn. Launches only."""
-        v, part = self.visibility, self._portions[portion]
-        first, closed = int(portion == 0), portion == len(self._portions) - 1
+        v, part = self.visibility, self._layout.portions[portion]
+        first, closed = int(portion == 0), portion == len(self._layout.portions) - 1
         count = len(part) - first
         with self._beside.aside():
             if closed:
-                m, image = self._margin, self._pair.b.image
-                by_env = frames.reshape((self._envs, self._upsampling, *self._size))
-                wp.copy(by_env[:, self._upsampling - 1], image[:, m : image.shape[1] - m, m : image.shape[2] - m])
+                m, image = v.margin, self._pair.b.image
+                by_env = frames.reshape((self._layout.envs, self._layout.upsampling, *self._size))
+                wp.copy(
+                    by_env[:, self._layout.upsampling - 1], image[:, m : image.shape[1] - m, m : image.shape[2] - m]
+                )
             if first:
                 self._find_quiet()
         if first:
-            if self._waveform is not None:
-                self._pair.b.take_lights(partial(self._looking.light, placed=True))
-            self._pair.b.fill(v, self._envs, self._pieces, self._moving, self._looking.nonfinite)
+            if self._layout.waveform is not None:
+                self._pair.b.take_lights(partial(self._reprojection.light, placed=True))
+            self._pair.b.fill(v, self._layout.envs, self._pieces, self._moving, self._reprojection.nonfinite)
         self._beside.join()
         if count:
             before = (self._pair.a.poses, self._pair.a.packed) if first else self._before
-            given = Part(portion, first, count, part[first] - 1, closed, before)
-            self._looking.look(given, self._pair, self._quiet, frames)
+            given = SubframeRange(portion, first, count, part[first] - 1, closed, before)
+            self._reprojection.reproject(given, self._pair, self._quiet, frames)
             if not closed:
-                last = slice((len(part) - 1) * self._envs, len(part) * self._envs)
+                last = slice((len(part) - 1) * self._layout.envs, len(part) * self._layout.envs)
                 for source, target in zip((v.poses, v.packed), self._before):
                     wp.copy(target, source[last])
         if closed:
-            for told, counted in zip(self._told, self._looking.counted):
+            for told, counted in zip(self._told, self._reprojection.counted):
                 wp.copy(told, counted)
 
     def _launch_beside(self, portion: int) -> None:
         """What needs the placed instances but not who is seen: beside the raster on a GPU."""
         with self._beside.aside():
             if portion == 0:
-                self._looking.clear()
-                self._pair.b.take_poses(self.visibility, self._envs)
-            self._looking.place(self._pair)
+                self._reprojection.clear()
+                self._pair.b.take_poses(self.visibility, self._layout.envs)
+            self._reprojection.place(self._pair)
 
     def _report(self) -> Report:
         if self._device.is_cuda:
             wp.synchronize_stream(self._device.stream)
         count, sampled = (told.numpy() for told in self._told)
-        samples = self._envs * (self._upsampling - 1) * self._size[0] * self._size[1]
-        looked_up = samples if self._staged else int(sampled.sum())
+        samples = self._layout.envs * (self._layout.upsampling - 1) * self._size[0] * self._size[1]
+        looked_up = samples if self._layout.two_pass else int(sampled.sum())
         return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=looked_up)
 
     def _find_quiet(self) -> None:
         """Pixels that do not change unless something comes before them."""
         v, a, b = self.visibility, self._pair.a, self._pair.b
-        given = [v.span, a.packed, v.packed[: self._envs], a.image, b.image, self._pieces, self._still]
-        dim = (self._envs, v.shape[1], v.shape[2] // v.span)
+        given = [v.span, a.packed, v.packed[: self._layout.envs], a.image, b.image, self._pieces, self._still]
+        dim = (self._layout.envs, v.shape[1], v.shape[2] // v.span)
         wp.launch(keyframe_kernels.find_quiet, dim, given, [self._quiet], device=self._device)
 
-    def _prepare(self, view: View) -> None:
+    def _prepare(self, view: KeyframeView) -> None:
         """A keyframe whose z-buffer is not there from the gap before."""
         v = self.visibility
         placed = self._places.place_before()
         if self._sparse is not None:
-            self._sparse.draw(1, 0, [1] * self._envs, True)
+            self._sparse.draw(1, 0, [1] * self._layout.envs, True)
         else:
             v.draw()
         v.drawn()
         self._pair.b.take(view.image)
-        self._pair.b.take_poses(v, self._envs)
-        if self._waveform is not None:
+        self._pair.b.take_poses(v, self._layout.envs)
+        if self._layout.waveform is not None:
             self.shading.update(placed)
-            self._pair.b.take_lights(partial(self._looking.light, placed=False))
-        self._pair.b.fill(self.visibility, self._envs, self._pieces, self._moving, self._looking.nonfinite)
+            self._pair.b.take_lights(partial(self._reprojection.light, placed=False))
+        self._pair.b.fill(self.visibility, self._layout.envs, self._pieces, self._moving, self._reprojection.nonfinite)
 
     def _target(self, out: np.ndarray | wp.array) -> wp.array:
         """The output on a CPU, a buffer in its place on a GPU, as [E K, h, w] pixels."""
-        pixel: Any = wp.float32 if self._channels == 1 else wp.vec3
-        shape = (self._envs * self._upsampling, *self._size)
+        pixel: Any = wp.float32 if self._layout.channels == 1 else wp.vec3
+        shape = (self._layout.envs * self._layout.upsampling, *self._size)
         if self._device.is_cpu:
             given = out.numpy() if isinstance(out, wp.array) else out
             return wp.array(given, dtype=pixel, shape=shape, copy=False, device="cpu")

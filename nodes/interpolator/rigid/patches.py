@@ -15,7 +15,7 @@ CREASE = np.cos(np.deg2rad(15.0))
 
 
 def patches_of(scene: Scene) -> tuple[np.ndarray, int]:
-    """Patch int32 [T] of every triangle of all instances, in their order, numbered from 1 (0 is the sky); their count.
+    """Finds the patch int32 [T] of every triangle of all instances, numbered from 1 (0: the sky), and their count.
 
     Patches of different instances are different.
     """
@@ -31,8 +31,17 @@ def patches_of(scene: Scene) -> tuple[np.ndarray, int]:
     return (np.concatenate(parts) if parts else np.zeros(0, np.int64)).astype(np.int32), count
 
 
+def pieces_of(scene: Scene, triangle_instance: np.ndarray) -> tuple[np.ndarray, int]:
+    """Finds of every triangle its body, the world's index being their number, and its patch, int32 [T, 2]; gives also
+    the count of patches. triangle_instance: int [T]."""
+    patch, count = patches_of(scene)
+    bodies = len(scene.bodies)
+    on = np.array([i.body if i.body >= 0 else bodies for i in scene.instances], np.int32)
+    return np.stack([on[triangle_instance], patch], axis=-1).reshape(-1, 2), count
+
+
 def mesh_patches(mesh: Mesh) -> np.ndarray:
-    """Patch int64 [F] of each face, numbered from 0: faces joined over edges that are no crease."""
+    """Finds the patch int64 [F] of each face, numbered from 0: faces joined over edges that are no crease."""
     faces = np.asarray(mesh.faces, np.int64).reshape(-1, 3)
     if not len(faces):
         return np.zeros(0, np.int64)
@@ -51,14 +60,15 @@ def mesh_patches(mesh: Mesh) -> np.ndarray:
 
 
 def _welded(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Faces by vertices that differ in place: a mesh may have several of the same, with other texture coordinates."""
+    """Numbers the corners of faces by vertices that differ in place: a mesh may have several of the same, with other
+    texture coordinates."""
     points = np.ascontiguousarray(vertices, np.float32) + np.float32(0.0)
     keys = points.view([("x", np.float32), ("y", np.float32), ("z", np.float32)]).reshape(-1)
     return np.unique(keys, return_inverse=True)[1].reshape(-1)[faces]
 
 
 def _smooth_edges(mesh: Mesh, faces: np.ndarray) -> np.ndarray:
-    """Pairs of faces [P, 2] that share an edge across which the shading normal does not jump."""
+    """Finds the pairs of faces [P, 2] that share an edge across which the shading normal does not jump."""
     count = len(faces)
     corners = np.asarray(mesh.vertices, np.float64)[np.asarray(mesh.faces, np.int64).reshape(-1, 3)]
     flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

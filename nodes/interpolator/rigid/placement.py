@@ -13,7 +13,8 @@ from nodes.interpolator.rigid.prescribed import PrescribedPoses
 
 
 class Placement:
-    """Poses of a scene's bodies at any time of a gap. Only those that may move, `movers` int64 [M], are worked out."""
+    """Works out the poses of a scene's bodies at any time of a gap. Only those that may move, `movers` int64 [M], cost
+    anything."""
 
     def __init__(self, scene: Scene) -> None:
         paths = [body.trajectory for body in scene.bodies]
@@ -31,7 +32,8 @@ class Placement:
         self._ahead: dict[bytes, np.ndarray] = {}
 
     def at(self, stamps: np.ndarray, states: States) -> np.ndarray:
-        """Poses float64 [K, E, N, 7] at stamps int64 [K] ns within the interval of `states`; the last stamp is its end.
+        """Gives poses float64 [K, E, N, 7] at stamps int64 [K] ns within the interval of `states`; the last stamp is
+        its end.
 
         Raises ValueError where the states do not reach back to the first stamp.
         """
@@ -40,7 +42,7 @@ class Placement:
         return poses
 
     def moved(self, stamps: np.ndarray, states: States) -> np.ndarray:
-        """The same of the `movers` alone, float64 [K, E, M, 7]."""
+        """Gives the same of the `movers` alone, float64 [K, E, M, 7]."""
         last = np.asarray(states.pose[:, -1], np.float64).take(self.movers, axis=1)
         poses = np.repeat(last[None], len(stamps), axis=0)
         if len(stamps) == 1:

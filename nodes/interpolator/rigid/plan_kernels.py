@@ -11,10 +11,10 @@ from typing import Any
 
 import warp as wp
 
+from evis.gpu.append_kernels import take_place
 from nodes.interpolator.rigid.look_up_kernels import SAME_SHEET
-from nodes.interpolator.rigid.room_kernels import take_place
 from nodes.interpolator.rigid.walk_kernels import Walk
-from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -34,7 +34,7 @@ LENGTHS = wp.constant(8192)
 
 @wp.struct
 class Stretch:
-    """A portion's sub-frames start0 + 1 .. start0 + count, in slots slot0.. of `packed` [P E, H, W].
+    """Holds a portion's sub-frames start0 + 1 .. start0 + count, in slots slot0.. of `packed` [P E, H, W].
 
     before [E, H, W]: z-buffer of sub-frame start0; after: that of B, with which the portion ends where closed = 1.
     quiet [E, H, W]: entries with which nothing has changed. step: path [px] up to which samples are spared; 0 = none.
@@ -59,7 +59,7 @@ class Stretch:
 
 @wp.func
 def joined(a: wp.uint64, b: wp.uint64, pieces: wp.array(dtype=wp.vec2i)):
-    """Whether two hits of a pixel are on one piece of surface."""
+    """Tells whether two hits of a pixel are on one piece of surface."""
     t = triangle_of(a)
     u = triangle_of(b)
     if t == u:
@@ -78,8 +78,8 @@ def body_at(t: int, env: int, pieces: wp.array(dtype=wp.vec2i), walk: Walk):
 
 
 @wp.func
-def flow(view: View, gain: float, row: int, body: int, d: wp.vec3, away: float, walk: Walk):
-    """Pixels that the point away d has come by since the position before."""
+def flow(view: CameraView, gain: float, row: int, body: int, d: wp.vec3, away: float, walk: Walk):
+    """Gives pixels that the point away d has come by since the position before."""
     m = wp.cross(walk.spin[row, body], away * d) + walk.shift[row, body]
     if view.distorted == 1:
         return gain * wp.length(m - wp.dot(m, d) * d) / away
@@ -92,6 +92,7 @@ def flow(view: View, gain: float, row: int, body: int, d: wp.vec3, away: float, 
 def put_span(
     pixel: int, start: int, length: int, room: int, band: int, spans: wp.array(dtype=wp.vec2i), n: wp.array(dtype=int)
 ):
+    """Lists a span of sub-frames of a pixel, between two samples, if there is anything between them."""
     if length > 1:
         spans[room + take_place(n, band)] = wp.vec2i(pixel, start * LENGTHS + length)
 
@@ -104,7 +105,7 @@ def make_plan(channels: int) -> wp.Kernel:
     @wp.kernel(module="unique", enable_backward=False)
     def plan(
         # in
-        view: View,
+        view: CameraView,
         first: int,
         last: int,
         span: int,
@@ -124,8 +125,9 @@ def make_plan(channels: int) -> wp.Kernel:
         span_count: wp.array(dtype=int),
         frames: wp.array3d(dtype=pixel),
     ):
-        """Pixels active[first .. last - 1], as indices into [E, h, w], `span` of them a thread. Samples go to `todo`
-        from todo0 on, as indices into [count, E, h, w], spans to `spans` from spans0 on, and their numbers to [band].
+        """Plans the samples of pixels active[first .. last - 1], as indices into [E, h, w], `span` of them a thread.
+        Samples go to `todo` from todo0 on, as indices into [count, E, h, w], spans to `spans` from spans0 on, and their
+        numbers to [band].
 
         codes: scratch, [count] of columns from column0 + columns thread on.
         """
@@ -222,6 +224,7 @@ def make_plan(channels: int) -> wp.Kernel:
 
 @wp.func
 def alike(a: wp.float32, b: wp.float32, ratio: float):
+    """Tells whether two radiances differ by no more than a ratio; in RGB in every channel."""
     # Never so where one of them is not a number or infinite.
     return a <= ratio * b and b <= ratio * a and wp.isfinite(a)
 
@@ -262,9 +265,9 @@ def make_refine(channels: int) -> wp.Kernel:
         todo_count: wp.array(dtype=int),
         halves: wp.array(dtype=wp.vec2i),
     ):
-        """Spans first .. last - 1, on a GPU (last < 0) all span_count[source] of them: a line where the ends differ by
-        no more than `ratio`, else a sample in the middle, listed in `todo` as by the plan, and two spans, in `halves`;
-        of short ones all.
+        """Refines spans first .. last - 1, on a GPU (last < 0) all span_count[source] of them: a line where the ends
+        differ by no more than `ratio`, else a sample in the middle, listed in `todo` as by the plan, and two spans, in
+        `halves`; of short ones all.
 
         size: (h, w). image: keyframe A with its margin, sub-frame 0.
         """

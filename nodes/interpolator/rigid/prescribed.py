@@ -57,7 +57,7 @@ class PrescribedPoses:
         ]
 
     def at(self, t_ns: np.ndarray) -> np.ndarray:
-        """Poses float64 [M, K, 7] in the world at times int64 [K] ns, in the order of the paths."""
+        """Gives poses float64 [M, K, 7] in the world at times int64 [K] ns, in the order of the paths."""
         t = np.asarray(t_ns, np.int64) * NS
         place, turn = (np.repeat(values[:, None], len(t), axis=1) for values in self._start)
         for n, velocity in self._linear:

@@ -10,7 +10,8 @@ import warp as wp
 
 from nodes.interpolator.rigid.gather_kernels import Portion, make_gather, make_place
 from nodes.interpolator.rigid.keyframes import Pair
-from nodes.interpolator.rigid.sampling import Part, Sampling, Todo
+from nodes.interpolator.rigid.layout import Layout
+from nodes.interpolator.rigid.sampling import Sampling, SubframeRange, Todo
 from nodes.renderer.lighting import LIST_WORKERS, Shading
 
 BLOCK = 128
@@ -20,36 +21,22 @@ CARE_WORKERS = 1 << 18
 """Threads that share the list of what needs care, on a GPU."""
 
 
-class Looking:
+class Reprojection:
     """Of the slots of a shading's visibility, each of `envs` environments; launches only, but for a CPU's lists.
 
     strength float32 [slots]: of lights that flicker. counted: int32 on the device, pixels that were shaded anew by list
     and, as the last number, what `nonfinite` has been added to; and pixels that were looked up by list.
     """
 
-    def __init__(
-        self,
-        shading: Shading,
-        sampling: Sampling,
-        pieces: wp.array,
-        portions: list[list[int]],
-        envs: int,
-        channels: int,
-        tolerance: float,
-        relight: bool,
-        exact: bool,
-        staged: bool,
-    ) -> None:
-        """pieces: body and patch of each triangle. portions: sub-frames of the slots of each. relight: all but the sky
-        is shaded anew. exact: lights flicker, and `strength` says how. staged: what is quick to look up is looked up
-        in the order of the pixels, and only the rest is listed."""
+    def __init__(self, shading: Shading, sampling: Sampling, pieces: wp.array, layout: Layout) -> None:
+        """pieces: body and patch of each triangle. Of exact flicker, `strength` tells how the lights are."""
         v = self._v = shading.visibility
         self._shading, self._sampling, self._pieces = shading, sampling, pieces
-        self._envs, self._upsampling = envs, max(max(part) for part in portions)
-        self._tolerance, self._relight, self._device = tolerance, int(relight), v.device
-        self._staged = staged
-        self._index = [v.put(np.array(part, np.int32), wp.int32) for part in portions]
-        slots = v.envs // envs
+        envs, channels, exact = layout.envs, layout.channels, layout.exact_flicker
+        self._envs, self._upsampling, self._two_pass = envs, layout.upsampling, layout.two_pass
+        self._tolerance, self._relight, self._device = layout.tolerance, int(layout.relight), v.device
+        self._index = [v.put(np.array(part, np.int32), wp.int32) for part in layout.portions]
+        slots = layout.slots
         self._inner = envs * (v.shape[1] - 2 * v.margin) * (v.shape[2] - 2 * v.margin)
         whole = envs * v.shape[1] * v.shape[2] if exact else 0
         # B's own slot is the first: the pixels of its environments are the first of all.
@@ -71,7 +58,7 @@ class Looking:
 
     @property
     def nonfinite(self) -> wp.array:
-        """Pixels of keyframes that are not used, int32 [1]."""
+        """Gives pixels of keyframes that are not used, int32 [1]."""
         return self._count[-1:]
 
     @property
@@ -94,7 +81,8 @@ class Looking:
             self._shading.placed()
 
     def light(self, which: str, placed: bool) -> wp.array:
-        """Radiance of all pixels of the first slot under LightSet.select, vec3 [>= E, H, W]. placed: after `place`."""
+        """Gives the radiance of all pixels of the first slot under LightSet.select, vec3 [>= E, H, W]. placed: after
+        `place`."""
         shading = self._shading
         shading.lights.select(which)
         ready = placed and self._device.is_cuda
@@ -102,11 +90,11 @@ class Looking:
         shading.lights.select("now")
         return self._radiance
 
-    def look(self, part: Part, pair: Pair, quiet: wp.array, frames: wp.array) -> None:
-        """Look up what may have changed, shade what no keyframe shows, and again where samples are too far apart."""
+    def reproject(self, part: SubframeRange, pair: Pair, quiet: wp.array, frames: wp.array) -> None:
+        """Looks up what may have changed, shades what no keyframe shows, and again where samples are too far apart."""
         todo: Todo | None
         how: list[Any] = [self._portion(part, quiet), pair.kernel()]
-        if self._staged:
+        if self._two_pass:
             todo = self._first_pixels(part, how, frames)
         else:
             todo = self._sampling.plan(part, pair.b, quiet, frames)
@@ -114,7 +102,7 @@ class Looking:
             self._shade(part, todo, self._look_up(todo, how, frames), frames)
             todo = self._sampling.refine(pair.a)
 
-    def _portion(self, part: Part, quiet: wp.array) -> Any:
+    def _portion(self, part: SubframeRange, quiet: wp.array) -> Any:
         """What the gather reads of a portion and of the scene."""
         portion: Any = Portion()
         portion.slot0, portion.count, portion.envs = part.slot0, part.count, self._envs
@@ -123,7 +111,7 @@ class Looking:
         portion.packed, portion.quiet, portion.pieces = self._v.packed, quiet, self._pieces
         return portion
 
-    def _first_pixels(self, part: Part, how: list[Any], frames: wp.array) -> Todo:
+    def _first_pixels(self, part: SubframeRange, how: list[Any], frames: wp.array) -> Todo:
         """Look up all pixels of a portion but those that need care, which are listed."""
         todo = self._sampling.everything(part)
         given: list[Any] = [self._v.view, 0, 0, 1, todo.at, *how, todo.pixels, self._sampling.counts]
@@ -146,10 +134,10 @@ class Looking:
         self._sampling.launch(launches)
         return todo.starts[:-1]
 
-    def _shade(self, part: Part, todo: Todo, firsts: list[int], frames: wp.array) -> None:
+    def _shade(self, part: SubframeRange, todo: Todo, firsts: list[int], frames: wp.array) -> None:
         """The listed pixels, anew."""
         count = self._count[todo.at : todo.at + self._sampling.bands]
-        # The first time also for nothing, so that what is rehearsed loads all kernels.
+        # The first time also for nothing, so that a warm-up loads all kernels.
         if self._loaded and todo.starts is not None and not count.numpy().any():
             return
         self._loaded = True

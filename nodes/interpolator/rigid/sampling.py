@@ -16,6 +16,7 @@ import warp as wp
 
 from nodes.interpolator.rigid import plan_kernels
 from nodes.interpolator.rigid.keyframes import Prepared
+from nodes.interpolator.rigid.layout import Layout
 from nodes.interpolator.rigid.plan_kernels import make_plan, make_refine
 from nodes.interpolator.rigid.walk_kernels import Walk, walk_bodies
 from nodes.renderer.lighting import LIST_WORKERS
@@ -28,9 +29,9 @@ CHUNK = 256
 
 
 @dataclass
-class Part:
-    """A portion of the sub-frames: number of it; slots slot0 .. slot0 + count - 1 have sub-frames start + 1 ..; before:
-    poses [E, N] and z-buffer [E, H, W] of sub-frame `start`; closed: keyframe B comes right after it."""
+class SubframeRange:
+    """Holds a portion of the sub-frames: number of it; slots slot0 .. slot0 + count - 1 have sub-frames start + 1 ..;
+    before: poses [E, N] and z-buffer [E, H, W] of sub-frame `start`; closed: keyframe B comes right after it."""
 
     number: int
     slot0: int
@@ -42,8 +43,9 @@ class Part:
 
 @dataclass
 class Todo:
-    """What is to be looked up. pixels: int32 indices into [count, E, h, w]; of band k from starts[k] to starts[k + 1],
-    or, with starts None, as many as counts[at + k] says on the device. at: where in the counts the first band is."""
+    """Holds what is to be looked up. pixels: int32 indices into [count, E, h, w]; of band k from starts[k] to starts[k
+    + 1], or, with starts None, as many as counts[at + k] says on the device. at: where in the counts the first band
+    is."""
 
     pixels: wp.array
     starts: list[int] | None
@@ -51,35 +53,30 @@ class Todo:
 
 
 class Sampling:
-    """What is to be looked up of a portion of the sub-frames, in rounds: `plan`, then `refine` until it gives None."""
+    """Plans what is to be looked up of a portion of the sub-frames, in rounds: `plan`, then `refine` until it gives
+    None."""
 
     def __init__(
         self,
         visibility: Visibility,
         pieces: wp.array,
-        envs: int,
-        slots: int,
-        portions: int,
-        upsampling: int,
-        channels: int,
-        sample_px: float,
-        ratio: float,
-        on_device: bool,
+        layout: Layout,
         pool: ThreadPoolExecutor | None,
     ) -> None:
-        """visibility: of envs x slots environments. sample_px: path up to which samples are spared; 0 = none. ratio: of
-        the radiance of two samples, up to which there is a line between them. on_device: in a GPU's way, for which all
-        rounds are launched; otherwise by lists that are read in between. pool: as many threads as there are bands."""
+        """visibility: of the layout's environments x slots. pieces: body and patch of each triangle. pool: as many
+        threads as share the visibility's rows."""
         v = self._v = visibility
-        self._pieces, self._envs, self._upsampling, self._pool = pieces, envs, upsampling, pool
-        self._step, self._ratio, self._on_device = sample_px, ratio, on_device
-        self.bands = len(v.bands.rows)
+        envs, slots, step = layout.envs, layout.slots, layout.step
+        self._pieces, self._envs, self._upsampling, self._pool = pieces, envs, layout.upsampling, pool
+        # On a device all rounds are launched; otherwise lists are read in between.
+        self._step, self._ratio, self._on_device = step, layout.ratio, layout.on_device
+        self.bands = len(v.row_tiles.rows)
         self._size = (v.shape[1] - 2 * v.margin, v.shape[2] - 2 * v.margin)
         inner = self._inner = envs * self._size[0] * self._size[1]
         self._gain = pixels_per_radian(v)
-        self._plan, self._refine = make_plan(channels), make_refine(channels)
+        self._plan, self._refine = make_plan(layout.channels), make_refine(layout.channels)
         # Each round halves the spans, but for short ones, which it ends; the longest has all slots between its ends.
-        self.rounds, longest = 1, slots + 1 if sample_px > 0 else 0
+        self.rounds, longest = 1, slots + 1 if step > 0 else 0
         while longest > 1:
             self.rounds, longest = self.rounds + 1, -(-longest // 2) if longest > SHORT else 0
         bodies = len(v.names) + 2
@@ -89,22 +86,22 @@ class Sampling:
             self._walk.spin = wp.zeros((rows, bodies), dtype=wp.vec3)
             self._walk.shift = wp.zeros((rows, bodies), dtype=wp.vec3)
             self._walk.as_world = wp.zeros((envs, bodies), dtype=wp.int32)
-            self._codes = wp.empty((slots, inner if on_device else CHUNK * self.bands), dtype=wp.uint8)
-            most = inner * (slots // 2 + 1) if sample_px > 0 else 1
-            # Bands write theirs beside each other, however short their spans are.
+            self._codes = wp.empty((slots, inner if self._on_device else CHUNK * self.bands), dtype=wp.uint8)
+            most = inner * (slots // 2 + 1) if step > 0 else 1
+            # RowTiles write theirs beside each other, however short their spans are.
             self._todo = wp.empty(max(inner * slots, (SHORT - 1) * most * (self.bands > 1)), dtype=wp.int32)
             self._spans = [wp.empty(most * min(2, self.bands), dtype=wp.vec2i) for _ in range(2)]
-            self.counts = wp.zeros(portions * self.rounds * self.bands, dtype=wp.int32)
+            self.counts = wp.zeros(len(layout.portions) * self.rounds * self.bands, dtype=wp.int32)
             self._span_counts = wp.zeros_like(self.counts)
-            self._all: wp.array = wp.array(np.arange(inner if on_device else 0, dtype=np.int32))
+            self._all: wp.array = wp.array(np.arange(inner if self._on_device else 0, dtype=np.int32))
 
     def clear(self) -> None:
         """A gap begins."""
         self.counts.zero_()
         self._span_counts.zero_()
 
-    def plan(self, part: Part, b: Prepared, quiet: wp.array, frames: wp.array) -> Todo:
-        """The first samples, and where neither geometry nor light can have changed B's pixels in `frames`."""
+    def plan(self, part: SubframeRange, b: Prepared, quiet: wp.array, frames: wp.array) -> Todo:
+        """Gives the first samples, and where neither geometry nor light can have changed B's pixels in `frames`."""
         v, count = self._v, part.count
         self._part, self._frames, self._round = part, frames, 0
         poses, packed = part.before
@@ -134,13 +131,13 @@ class Sampling:
         self._joined = self._join(self._spans[0], self._span_counts, at, [s * (count // 2 + 1) for s in starts])
         return self._listed(at, [s * count for s in starts])
 
-    def everything(self, part: Part) -> Todo:
-        """A list that is empty yet, for what is found to be listed while all is looked up."""
+    def everything(self, part: SubframeRange) -> Todo:
+        """Gives a list that is empty yet, for what is found to be listed while all is looked up."""
         self._part, self._round = part, 0
         return Todo(self._todo, None, self._at())
 
     def refine(self, a: Prepared) -> Todo | None:
-        """Lines where the samples of the round before allow it, and what is to be looked up where they do not."""
+        """Draws lines where the samples of the round before allow it, and what is to be looked up where they do not."""
         here = self._at()
         self._round += 1
         if self._step == 0 or self._round == self.rounds:
@@ -195,7 +192,7 @@ class Sampling:
         todo = self._join(self._todo, self.counts, at, starts)
         return Todo(todo, self._split(todo.size), at)
 
-    def _changed(self, part: Part, b: Prepared, quiet: wp.array, frames: wp.array) -> wp.array:
+    def _changed(self, part: SubframeRange, b: Prepared, quiet: wp.array, frames: wp.array) -> wp.array:
         """On a CPU: B in all frames, and the pixels int32 [n] of [E, h, w] where that is not what is always seen."""
         v, m, (height, width) = self._v, self._v.margin, self._size
         inner = (..., slice(m, m + height), slice(m, m + width))

@@ -8,14 +8,15 @@ from evis.scene.model import Scene
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.placement import Placement
-from nodes.renderer.geometry.poses import Frames, same_bytes
+from nodes.renderer.geometry.poses import InstancePoses, same_bytes
 from nodes.renderer.raster.visibility import Visibility
 
 HELD = int(keyframe_kernels.HELD)
 
 
 class Slots:
-    """Poses of E environments at the sub-frames of one gap after another: `begin`, then `place` each portion.
+    """Brings to the device the poses of E environments at the sub-frames of one gap after another: `begin`, then
+    `place` each portion.
 
     moved: float64 [K, E, M, 7], of the bodies that may move. before, rest: of all at the keyframes, float64 [E, N, 7].
     """
@@ -28,7 +29,7 @@ class Slots:
         self._others = np.setdiff1d(np.arange(bodies), self._movers)
         # Of the other bodies [E, N - M, 7], where they were placed last.
         self._placed: np.ndarray | None = None
-        self._frames: Frames | None = None
+        self._frames: InstancePoses | None = None
         self._none = np.zeros((self._envs, bodies + 2), np.int32)
         place = np.flatnonzero(self._movers == visibility.camera_body)
         self._camera = int(place[0]) if len(place) else None
@@ -43,17 +44,17 @@ class Slots:
             self.moved[:, held] = self.moved[-1, held]
 
     def camera(self) -> np.ndarray:
-        """Poses of the camera float64 [K, E, 7]."""
+        """Gives poses of the camera float64 [K, E, 7]."""
         if self._camera is not None:
             return self.moved[:, :, self._camera]
         return np.repeat(self.rest[None, :, self._v.camera_body], len(self.moved), 0)
 
     def camera_path(self) -> np.ndarray:
-        """The same and keyframe a's before, float64 [K + 1, E, 7]."""
+        """Gives the same and keyframe a's before, float64 [K + 1, E, 7]."""
         return np.concatenate([self.before[None, :, self._v.camera_body], self.camera()])
 
     def still(self, flicker: bool, held: np.ndarray) -> np.ndarray:
-        """Flags int32 [E, N + 2] of `keyframe_kernels.find_quiet`; flicker: whether light changes."""
+        """Gives flags int32 [E, N + 2] of `keyframe_kernels.find_quiet`; flicker: whether light changes."""
         rest, before = self.rest, self.before
         rests = (self.camera() == before[:, self._v.camera_body]).all(axis=(0, 2))
         if not rests.any() and not held.any():
@@ -69,8 +70,8 @@ class Slots:
         flags[held] = HELD
         return flags
 
-    def place(self, which: list[int]) -> Frames:
-        """The sub-frames `which`, counted from 0, one of each slot; on a GPU they are there after `arrive`."""
+    def place(self, which: list[int]) -> InstancePoses:
+        """Places the sub-frames `which`, counted from 0, one of each slot; on a GPU they are there after `arrive`."""
         fresh = self.moved[which].reshape(self._v.envs, len(self._movers), 7)
         others = self.rest.take(self._others, axis=1)
         if self._frames is None or self._placed is None or not same_bytes(others, self._placed):
@@ -81,11 +82,11 @@ class Slots:
             self._frames = self._v.send(fresh)
         return self._frames
 
-    def place_before(self) -> Frames:
-        """Keyframe a in all slots."""
+    def place_before(self) -> InstancePoses:
+        """Places keyframe a in all slots."""
         return self._place_all(np.tile(self.before, (self._slots, 1, 1)), self.before.take(self._others, axis=1))
 
-    def _place_all(self, poses: np.ndarray, others: np.ndarray) -> Frames:
-        self._placed, self._frames = others, self._v.frames(poses)
+    def _place_all(self, poses: np.ndarray, others: np.ndarray) -> InstancePoses:
+        self._placed, self._frames = others, self._v.instance_poses(poses)
         self._v.place(self._frames)
         return self._frames

@@ -17,7 +17,7 @@ import warp as wp
 from evis.geometry import se3
 from nodes.interpolator.rigid.sampling import pixels_per_radian
 from nodes.renderer.raster import raster_kernels
-from nodes.renderer.raster.raster import BandRaster, make_raster
+from nodes.renderer.raster.raster import RowRaster, make_raster
 from nodes.renderer.raster.triangle_kernels import MISS
 from nodes.renderer.raster.visibility import Visibility
 
@@ -44,7 +44,7 @@ class SparseRaster:
     def __init__(self, visibility: Visibility, envs: int, step_px: float) -> None:
         """step_px: path [px] from one sub-frame that is drawn in full to the next."""
         v = self._v = visibility
-        assert isinstance(v.raster, BandRaster)
+        assert isinstance(v.raster, RowRaster)
         self._blocks, self._raster = v.raster.blocks, make_raster(v.lens)
         self._envs, self._step = envs, step_px
         self._triangles, self._points = ({n: getattr(b, n).numpy() for n in FIELDS} for b in self._blocks)
@@ -67,8 +67,8 @@ class SparseRaster:
 
     @staticmethod
     def pays(v: Visibility) -> bool:
-        """Whether there is enough that stands still, and is not kept as a layer."""
-        if v.layered or not isinstance(v.raster, BandRaster):
+        """Tells whether there is enough that stands still, and is not kept as a layer."""
+        if v.layered or not isinstance(v.raster, RowRaster):
             return False
         return int(v.geometry.static[v.raster.blocks[0].instance.numpy()].sum()) >= MANY
 
@@ -81,9 +81,9 @@ class SparseRaster:
         self._full[env] += 1
 
     def strides(self, eyes: np.ndarray, packed: wp.array) -> list[int]:
-        """Sub-frames from one that is drawn in full to the next, for camera poses float64 [K + 1, E, 7] of a gap and
-        the z-buffer [E, H, W] at the first of them: in each environment so many that most of the image moves by step_px
-        at most."""
+        """Gives sub-frames from one that is drawn in full to the next, for camera poses float64 [K + 1, E, 7] of a gap
+        and the z-buffer [E, H, W] at the first of them: in each environment so many that most of the image moves by
+        step_px at most."""
         away = (packed.numpy()[:, self._grid[0], self._grid[1]] >> np.uint64(32)).astype(np.uint32).view(np.float32)
         strides = []
         for env in range(eyes.shape[1]):
@@ -124,7 +124,7 @@ class SparseRaster:
         inputs = [v.view, 0, points, v.points, *place, vertices]
         wp.launch(raster_kernels.to_camera, dim=(envs, count_points), inputs=inputs, device=v.device)
         shared = [0, triangles, v.two_sided, *place, vertices, v.triangles, v.packed[part]]
-        v.bands.launch(self._raster, lambda row0, row1: ((envs, count), [v.view, row0, row1, *shared]), v.device)
+        v.row_tiles.launch(self._raster, lambda row0, row1: ((envs, count), [v.view, row0, row1, *shared]), v.device)
 
     def _lately(self, env: int) -> list[Any]:
         """Blocks of triangles that were seen lately or move, and those of their vertices."""

@@ -32,6 +32,7 @@ def pose_at(
     now: wp.array2d(dtype=wp.transformd),
     after: wp.array2d(dtype=wp.transformd),
 ):
+    """Reads the pose of a body at a position: see Walk."""
     if position == 0:
         return before[env, body]
     if position > count:
@@ -52,7 +53,7 @@ def walk_bodies(
     # out
     walk: Walk,
 ):
-    """Fill `walk` from poses before [E, N], now [P E, N] from slot0 on and after [E, N]; closed: 1 with B, else 0."""
+    """Fills `walk` from poses before [E, N], now [P E, N] from slot0 on and after [E, N]; closed: 1 with B, else 0."""
     env, body = wp.tid()
     envs = before.shape[0]
     bodies = before.shape[1]

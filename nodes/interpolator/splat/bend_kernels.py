@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from nodes.interpolator.splat.warp_kernels import SAME_SURFACE, known_depth
+from nodes.interpolator.splat.warp_kernels import known_depth, same_surface
 
 wp.set_module_options({"enable_backward": False})
 
@@ -26,7 +26,8 @@ def find_bends(
     # out
     bends: wp.array2d(dtype=wp.vec2),
 ):
-    """Bends of a keyframe's pixels [E, H W], px per gap^2: a path is p + u d + u (1 - u) bend, u back from here.
+    """Computes bends of a keyframe's pixels [E, H W], px per gap^2: a path is p + u d + u (1 - u) bend, u back from
+    here.
 
     depth, motion: of this keyframe; before, earlier: of the one before, at whose `motion` end the earlier motion is
     read, between four pixels of one surface. ratio: of the gap before to this one. straight: environments without.
@@ -53,7 +54,7 @@ def find_bends(
             farthest = wp.max(farthest, there)
             weight = wp.abs(u - float(2 * i + 1 - column)) * wp.abs(v - float(2 * j + 1 - row))
             total += weight * wp.vec2(earlier[env, row, column, 0], earlier[env, row, column, 1])
-        same = farthest * SAME_SURFACE <= nearest and nearest * NEARER <= z and z * NEARER <= farthest
+        same = same_surface(farthest, nearest) and nearest * NEARER <= z and z * NEARER <= farthest
         before_that = total / ratio
         change = before_that - m
         if same and wp.length(change) < STEADY * (wp.length(before_that) + wp.length(m)):
@@ -72,7 +73,8 @@ def carry_on(
     # out
     onward: wp.array4d(dtype=wp.float32),
 ):
-    """The bends of a keyframe in units of the gap after it, and minus the way that its pixels go in that gap."""
+    """Computes the bends of a keyframe in units of the gap after it, and minus the way that its pixels go in that
+    gap."""
     env, y, x = wp.tid()
     pixel = y * motion.shape[2] + x
     bend = bends[env, pixel] / (ratio * ratio)

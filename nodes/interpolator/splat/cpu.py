@@ -8,13 +8,13 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import warp as wp
 
-from nodes.interpolator.keyframe import Report, View
+from nodes.interpolator.keyframe import KeyframeView, Report
 from nodes.interpolator.splat import cpu_kernels
 from nodes.interpolator.splat.warp_kernels import Source
 
 
 class SplatCpu:
-    """The warp for E keyframes of the same size.
+    """Warps E keyframes of the same size on a CPU.
 
     Work is left out where nothing can change: pixels without motion are copied, only the box that moving pixels sweep
     is worked on, and A is warped only where B left holes.
@@ -54,8 +54,8 @@ class SplatCpu:
 
     def between(
         self,
-        a: View,
-        b: View,
+        a: KeyframeView,
+        b: KeyframeView,
         held: Sequence[bool] | np.ndarray,
         out: np.ndarray | wp.array,
         bends: tuple[wp.array, wp.array] | None = None,

@@ -1,5 +1,5 @@
 # ruff: noqa: RUF046, F811 - int(0) declares a variable that changes; functions are overloaded by their types
-"""Kernels of the warp on a CPU: one serial scatter per environment.
+"""Kernels that schedule the warp on a CPU: one serial scatter per environment. Its equations are in warp_kernels.
 
 A CPU launch runs its threads one after the other, so plain sums in the order of the sources are deterministic. Inner
 loops are `while`: Warp's `range` costs 1.5 ns per turn on a CPU, a `while` 0.1 ns.
@@ -11,15 +11,21 @@ import warp as wp
 
 from nodes.interpolator.splat.warp_kernels import (
     EMPTY,
-    SAME_SURFACE,
     SUBPIXEL,
     Source,
     Target,
     background,
     bent,
-    displaced_depth,
+    bilinear,
+    can_land,
+    counts_as_filled,
+    depth_at,
+    fraction,
     known_depth,
     padded,
+    same_surface,
+    source_of,
+    stays_put,
     target_of,
 )
 
@@ -41,7 +47,7 @@ def collect(
     sources: wp.array2d(dtype=Source),
     counts: wp.array2d(dtype=wp.int32),
 ):
-    """Split a keyframe's pixels into those that stay (their depth, on the padded grid) and those that move.
+    """Splits a keyframe's pixels into those that stay (their depth, on the padded grid) and those that move.
 
     sign: +1 for B (it goes back along its motion), -1 for A. counts per environment: moving sources, then the box of
     their paths (x0, y0, x1, y1, inclusive), then sources without finite motion. A is left out where B's box is empty.
@@ -51,7 +57,7 @@ def collect(
     counts[env, 5] = 0
     if sign < 0.0 and counts_b[env, 3] < 0:
         return
-    hold = held[env] != 0
+    hold = held[env]
     height = depth.shape[1]
     width = depth.shape[2]
     n = int(0)
@@ -73,18 +79,17 @@ def collect(
             if bends.shape[1] > 0:
                 bend = bends[env, y * width + x]
             straight = bend[0] == 0.0 and bend[1] == 0.0
-            if hold or (straight and dx == 0.0 and dy == 0.0 and z == other_depth[env, y, x]):
+            if stays_put(hold, straight, dx, dy, z, other_depth[env, y, x]):
                 still[env, at] = own
             else:
                 still[env, at] = EMPTY
                 fx = float(x) + dx
                 fy = float(y) + dy
-                there = displaced_depth(other_depth, env, fx, fy, own)
                 x0 = wp.min(x0, x)
                 y0 = wp.min(y0, y)
                 x1 = wp.max(x1, x)
                 y1 = wp.max(y1, y)
-                if wp.abs(dx) < 1.0e6 and wp.abs(dy) < 1.0e6:
+                if can_land(dx, dy):
                     # A parabola is at most a quarter of its bend off the straight line.
                     bx = 0.25 * wp.abs(bend[0])
                     by = 0.25 * wp.abs(bend[1])
@@ -92,16 +97,7 @@ def collect(
                     y0 = wp.min(y0, wp.int32(wp.max(wp.min(fy, float(y)) - by, 0.0)))
                     x1 = wp.max(x1, wp.int32(wp.min(wp.max(fx, float(x)) + bx + 1.0, float(width - 1))))
                     y1 = wp.max(y1, wp.int32(wp.min(wp.max(fy, float(y)) + by + 1.0, float(height - 1))))
-                    source = Source()
-                    grid = float(SUBPIXEL)
-                    source.x = grid * float(x)
-                    source.y = grid * float(y)
-                    source.dx = grid * dx
-                    source.dy = grid * dy
-                    source.z = own
-                    source.dz = there - own
-                    source.pixel = y * width + x
-                    sources[env, n] = source
+                    sources[env, n] = source_of(other_depth, env, x, y, y * width + x, dx, dy, own)
                     n += 1
                 elif not (wp.isfinite(dx) and wp.isfinite(dy)):
                     lost += 1
@@ -117,6 +113,7 @@ def collect(
 
 @wp.func
 def weighted(value: wp.float32, weight: wp.float32):
+    """Puts a weighted value and its weight together, as sums are kept; in colour three values and the weight."""
     return wp.vec2(weight * value, weight)
 
 
@@ -127,6 +124,7 @@ def weighted(value: wp.vec3, weight: wp.float32):
 
 @wp.func
 def weight_of(total: wp.vec2):
+    """Reads the weight of a sum."""
     return total[1]
 
 
@@ -137,6 +135,7 @@ def weight_of(total: wp.vec4):
 
 @wp.func
 def mean(total: wp.vec2):
+    """Divides a sum by its weight, equation (7)."""
     return total[0] / total[1]
 
 
@@ -147,11 +146,13 @@ def mean(total: wp.vec4):
 
 @wp.func
 def lower(nearest: wp.array(dtype=wp.float32), at: int, z: wp.float32):
+    """Keeps the smaller depth of a target."""
     nearest[at] = wp.min(nearest[at], z)
 
 
 @wp.func
 def lower_all(nearest: wp.array(dtype=wp.float32), target: Target, z: wp.float32):
+    """Keeps the smaller depth of the four pixels of a target."""
     lower(nearest, target.at, z)
     lower(nearest, target.at + target.right, z)
     lower(nearest, target.at + target.down, z)
@@ -160,21 +161,21 @@ def lower_all(nearest: wp.array(dtype=wp.float32), target: Target, z: wp.float32
 
 @wp.func
 def add(nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any), at: int, z: wp.float32, term: Any):
-    """Average in a source whose depth is within 1 % of the nearest at this target."""
-    if z * SAME_SURFACE <= nearest[at]:
+    """Adds a source to a target's sum if it belongs to the surface that is nearest there."""
+    if same_surface(z, nearest[at]):
         sums[at] = sums[at] + term
 
 
 @wp.func
 def add_all(nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any), target: Target, z: wp.float32, value: Any):
-    """Bilinear weights, in units of 2^-24."""
-    gx = SUBPIXEL - target.fx
-    gy = SUBPIXEL - target.fy
+    """Adds a source to the sums of the four pixels of its target, with their bilinear weights."""
     at = target.at
-    add(nearest, sums, at, z, weighted(value, float(gx * gy)))
-    add(nearest, sums, at + target.right, z, weighted(value, float(target.fx * gy)))
-    add(nearest, sums, at + target.down, z, weighted(value, float(gx * target.fy)))
-    add(nearest, sums, at + target.right + target.down, z, weighted(value, float(target.fx * target.fy)))
+    x = target.fx
+    y = target.fy
+    add(nearest, sums, at, z, weighted(value, float(bilinear(x, y, 0, 0))))
+    add(nearest, sums, at + target.right, z, weighted(value, float(bilinear(x, y, 1, 0))))
+    add(nearest, sums, at + target.down, z, weighted(value, float(bilinear(x, y, 0, 1))))
+    add(nearest, sums, at + target.right + target.down, z, weighted(value, float(bilinear(x, y, 1, 1))))
 
 
 @wp.func
@@ -182,7 +183,7 @@ def reset(
     env: int, box: wp.vec4i, width: int, still: wp.array2d(dtype=wp.float32),
     nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any),
 ):  # fmt: skip
-    """Start a sub-frame from the pixels that stay."""
+    """Starts a sub-frame from the pixels that stay."""
     y = box[1]
     while y <= box[3]:
         at = (y + 1) * (width + 2) + box[0] + 1
@@ -200,20 +201,20 @@ def splat_b(
     sources: wp.array2d(dtype=Source), bends: wp.array2d(dtype=wp.vec2), image: wp.array2d(dtype=Any),
     nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any),
 ):  # fmt: skip
-    """All moving sources: the nearest depth of every target, then the sums of those that are as near."""
+    """Splats all moving sources of B: the nearest depth of every target first, then the sums of those as near."""
     j = int(0)
     while j < count:
         source = sources[env, j]
         target = target_of(bent(source, a, env, bends), a, width, height)
         if target.at >= 0:
-            lower_all(nearest, target, source.z + a * source.dz)
+            lower_all(nearest, target, depth_at(source, a))
         j += 1
     j = int(0)
     while j < count:
         source = sources[env, j]
         target = target_of(bent(source, a, env, bends), a, width, height)
         if target.at >= 0:
-            add_all(nearest, sums, target, source.z + a * source.dz, image[env, source.pixel])
+            add_all(nearest, sums, target, depth_at(source, a), image[env, source.pixel])
         j += 1
 
 
@@ -223,7 +224,10 @@ def splat_a(
     sources: wp.array2d(dtype=Source), bends: wp.array2d(dtype=wp.vec2), image: wp.array2d(dtype=Any),
     nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any), hits: wp.array(dtype=wp.int32),
 ):  # fmt: skip
-    """As splat_b, for targets that are holes; the others hold depth 0, which nothing is nearer than."""
+    """Splats A's sources as splat_b does B's, into holes only; other targets hold depth 0, which nothing beats.
+
+    hits: room for the numbers of the sources that reach a hole.
+    """
     n = int(0)
     j = int(0)
     while j < count:
@@ -234,7 +238,7 @@ def splat_a(
             here = wp.max(nearest[at], nearest[at + target.right])
             below = wp.max(nearest[at + target.down], nearest[at + target.down + target.right])
             if here > 0.0 or below > 0.0:
-                lower_all(nearest, target, source.z + a * source.dz)
+                lower_all(nearest, target, depth_at(source, a))
                 hits[n] = j
                 n += 1
         j += 1
@@ -242,7 +246,7 @@ def splat_a(
     while h < n:
         source = sources[env, hits[h]]
         target = target_of(bent(source, a, env, bends), a, width, height)
-        add_all(nearest, sums, target, source.z + a * source.dz, image[env, source.pixel])
+        add_all(nearest, sums, target, depth_at(source, a), image[env, source.pixel])
         h += 1
 
 
@@ -251,10 +255,10 @@ def total_of(
     env: int, pixel: int, at: int, still: wp.array2d(dtype=wp.float32), image: wp.array2d(dtype=Any),
     nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any),
 ):  # fmt: skip
-    """The sum at a target with the source that stays there, whose weight is one pixel."""
+    """Adds to the sum at a target the source that stays there, whose weight is one pixel."""
     total = sums[at]
     z = still[env, at]
-    if z < EMPTY and z * SAME_SURFACE <= nearest[at]:
+    if z < EMPTY and same_surface(z, nearest[at]):
         total = total + weighted(image[env, pixel], float(SUBPIXEL * SUBPIXEL))
     return total
 
@@ -265,7 +269,7 @@ def resolve_b(
     nearest: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any),
     holes: wp.array(dtype=wp.int32), frames: wp.array2d(dtype=Any),
 ):  # fmt: skip
-    """Write the box of one frame; the pixels without any source go to `holes`. Returns how many."""
+    """Writes the box of one frame and lists the pixels without any source in `holes`. Returns how many there are."""
     n = int(0)
     y = box[1]
     while y <= box[3]:
@@ -289,7 +293,7 @@ def resolve_a(
     nearest_a: wp.array(dtype=wp.float32), sums: wp.array(dtype=Any),
     nearest: wp.array(dtype=wp.float32), holes: wp.array(dtype=wp.int32), frames: wp.array2d(dtype=Any),
 ):  # fmt: skip
-    """Write the holes that A saw and keep the others in `holes`. Returns how many, their depth in `nearest` is -1."""
+    """Writes the holes that A saw and keeps the others in `holes`. Returns how many; their depth in `nearest` is -1."""
     n = int(0)
     j = int(0)
     while j < count:
@@ -337,7 +341,7 @@ def warp_gap(
     frames: wp.array2d(dtype=Any),
     filled: wp.array(dtype=wp.int32),
 ):
-    """Sub-frames first .. last - 1 of one environment's gap, equations (5) to (7), B first and A into its holes.
+    """Makes sub-frames first .. last - 1 of one environment's gap, equations (5) to (7), B first and A into its holes.
 
     frames comes filled with B's own image, and only the box that B's moving pixels sweep is written. filled counts the
     pixels of each frame, margin apart, that neither keyframe saw.
@@ -351,7 +355,7 @@ def warp_gap(
         at += 1
     for i in range(first, last):
         row = env * upsampling + i - 1
-        back = float(upsampling - i) / float(upsampling)
+        back = fraction(i, upsampling, 1)
         reset(env, box, width, still_b, nearest, sums)
         splat_b(env, counts_b[env, 0], back, width, height, sources_b, bends_b, image_b, nearest, sums)
         filled[row] = 0
@@ -362,14 +366,12 @@ def warp_gap(
                 at = padded(holes[j], width)
                 nearest_a[at] = still_a[env, at]
                 j += 1
-            forth = float(i) / float(upsampling)
+            forth = fraction(i, upsampling, 0)
             splat_a(env, counts_a[env, 0], forth, width, height, sources_a, bends_a, image_a, nearest_a, sums, hits)
             n = resolve_a(env, row, n, width, still_a, image_a, nearest_a, sums, nearest, holes, frames)
             j = int(0)
             while j < n:
-                x = holes[j] % width
-                y = holes[j] // width
-                if wp.min(wp.min(x, width - 1 - x), wp.min(y, height - 1 - y)) >= margin:
+                if counts_as_filled(holes[j], width, height, margin):
                     filled[row] = filled[row] + 1
                 known = background(nearest, holes[j], width, height)
                 if known >= 0:

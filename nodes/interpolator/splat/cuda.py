@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.interpolator.keyframe import Report, View
+from evis.gpu.cuda_graph import CudaGraphs
+from nodes.interpolator.keyframe import KeyframeView, Report
 from nodes.interpolator.splat import cuda_kernels, cuda_source_kernels
-from nodes.renderer.cuda_graph import Recording
 
 SCRATCH_BYTES = 1 << 30
 """Sub-frames are warped in portions whose scratch memory stays below this."""
@@ -25,7 +25,7 @@ _launch: Any = partial(wp.launch, block_dim=BLOCK)
 
 
 class Keyframe:
-    """One keyframe where the recorded launches read it, and what becomes of its pixels: see Sources."""
+    """Holds one keyframe where the recorded launches read it, and what becomes of its pixels: see Sources."""
 
     def __init__(self, shape: tuple[int, int, int], frames: wp.array) -> None:
         """frames: of all environments [E, K, H, W] of float32 or vec3; the last of each is this keyframe."""
@@ -49,8 +49,8 @@ class Keyframe:
         given = [own, s.depth, s.motion]
         self._taking = _launch(cuda_source_kernels.take, math.prod(shape), given, [own, *made], record_cmd=True)
 
-    def take(self, view: View) -> None:
-        """Copy a keyframe, also to the last frame."""
+    def take(self, view: KeyframeView) -> None:
+        """Copies a keyframe, also to the last frame."""
         assert view.depth is not None and view.motion is not None
         image: Any = view.image
         if self._pixel is not wp.float32:
@@ -68,7 +68,7 @@ class Keyframe:
 
 
 class SplatCuda:
-    """The warp for E keyframes of the same size. Frames equal those of the CPU but for float rounding."""
+    """Warps E keyframes of the same size on a GPU. Frames equal those of the CPU but for float rounding."""
 
     def __init__(
         self, height: int, width: int, envs: int, upsampling: int, margin: int, channels: int, device: str = "cuda"
@@ -77,7 +77,7 @@ class SplatCuda:
         self._shape = (envs, height, width)
         self._upsampling, self._margin = upsampling, margin
         self._device = wp.get_device(device)
-        self._recording = Recording(self._device)
+        self._graphs = CudaGraphs(self._device)
         pixels, padded = height * width, (height + 2) * (width + 2)
         subs = envs * (upsampling - 1)
         rows = max(1, min(subs, SCRATCH_BYTES // (padded * PER_PIXEL)))
@@ -98,13 +98,13 @@ class SplatCuda:
             self._counts = wp.zeros(2 + len(self._portions), dtype=wp.int32)
         self._told: wp.array = wp.zeros(2, dtype=wp.int32, device="cpu", pinned=self._device.is_cuda)
         self._holds = np.zeros(envs, np.int32)
-        self._at_b: View | None = None
+        self._at_b: KeyframeView | None = None
         self._even = True
 
     def between(
         self,
-        a: View,
-        b: View,
+        a: KeyframeView,
+        b: KeyframeView,
         held: Sequence[bool] | np.ndarray,
         out: np.ndarray | wp.array,
         bends: tuple[wp.array, wp.array] | None = None,
@@ -123,7 +123,7 @@ class SplatCuda:
         self._at_b = b
         curved = bends or (self._straight, self._straight)
         key = (self._even, curved[0].ptr, curved[1].ptr)
-        self._recording.run(key, partial(self._warp, self._a, self._b, curved))
+        self._graphs.run(key, partial(self._warp, self._a, self._b, curved))
         self._hand_over(out)
         if self._device.is_cuda:
             wp.synchronize_stream(self._device.stream)

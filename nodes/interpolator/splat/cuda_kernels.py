@@ -1,4 +1,5 @@
-"""Kernels of the warp on a GPU: sources are listed by where they land, and every pixel sums what landed about it.
+"""Kernels that schedule the warp on a GPU: sources are listed by where they land, and every pixel sums what landed
+about it. The equations are in warp_kernels.
 
 A source lands between four pixels, of which the first is its cell: each cell has a chain of its sources, made by one
 atomic exchange per source and sub-frame. The order of a chain is anybody's, but least depths and sums in whole numbers
@@ -13,12 +14,16 @@ import warp as wp
 from nodes.interpolator.splat.cuda_source_kernels import BROKEN, LOW, LOW_BITS, STAYS, Sources, scale_of
 from nodes.interpolator.splat.warp_kernels import (
     EMPTY,
-    SAME_SURFACE,
     SUBPIXEL,
     Source,
     background,
     bent,
+    bilinear,
+    counts_as_filled,
+    depth_at,
+    fraction,
     padded,
+    same_surface,
     target_of,
 )
 
@@ -36,7 +41,7 @@ LIST_WORKERS = wp.constant(1 << 16)
 
 @wp.struct
 class Chains:
-    """What landed where, by sub-frame. first: 1 + a source in each cell [rows, padded], 0 = none.
+    """Holds what landed where, by sub-frame. first: 1 + a source in each cell [rows, padded], 0 = none.
 
     Of each source [rows, H W], where it is in a chain: landed: its fractions in x (12 bits) and y, and MORE, as the
     upper half, and the bits of its depth; next: 1 + the one after it, where there is MORE.
@@ -49,7 +54,7 @@ class Chains:
 
 @wp.struct
 class Tap:
-    """A source on a target; weight 0 where there is none. next: 1 + the source after it in its chain."""
+    """Holds a source on a target; weight 0 where there is none. next: 1 + the source after it in its chain."""
 
     weight: wp.int32
     z: wp.float32
@@ -59,7 +64,7 @@ class Tap:
 
 @wp.struct
 class Sum:
-    """What landed on a target no farther than a limit: the weighted sum of a channel's values."""
+    """Holds the weighted sum of a channel's values on a target, of sources no farther than a limit."""
 
     weight: wp.int64
     high: wp.int64
@@ -68,17 +73,8 @@ class Sum:
 
 
 @wp.func
-def fraction(sub: int, upsampling: int, backward: int):
-    """How far a source of this sub-frame has moved: 1 - f for B, f for A, f = i / K."""
-    i = sub % (upsampling - 1) + 1
-    if backward != 0:
-        i = upsampling - i
-    return float(i) / float(upsampling)
-
-
-@wp.func
 def has_hole(nearest: wp.array2d(dtype=wp.float32), row: int, at: int, width: int):
-    """Whether one of the four pixels from the padded index `at` on shows nothing."""
+    """Tells whether one of the four pixels from the padded index `at` on shows nothing."""
     above = nearest[row, at] < 0.0 or nearest[row, at + 1] < 0.0
     return above or nearest[row, at + width + 2] < 0.0 or nearest[row, at + width + 3] < 0.0
 
@@ -96,7 +92,7 @@ def link_all(
     # out
     chains: Chains,
 ):
-    """Sources into the chains of the cells they land in, in every sub-frame from `start` on; A's only beside holes."""
+    """Links sources into the chains of the cells they land in, in every sub-frame from `start` on; A's beside holes."""
     row = wp.tid() // (width * height)
     pixel = wp.tid() - row * width * height
     sub = start + row
@@ -104,12 +100,14 @@ def link_all(
     move = s.moves[env, pixel]
     if move[3] == STAYS:
         return
-    a = fraction(sub, upsampling, backward)
+    a = fraction(sub % (upsampling - 1) + 1, upsampling, backward)
     source = Source()
     source.x = float(SUBPIXEL) * float(pixel % width)
     source.y = float(SUBPIXEL) * float(pixel // width)
     source.dx = move[0]
     source.dy = move[1]
+    source.z = move[2]
+    source.dz = move[3]
     source.pixel = pixel
     target = target_of(bent(source, a, env, s.bends), a, width, height)
     if target.at >= 0:
@@ -120,13 +118,13 @@ def link_all(
         if following != 0:
             chains.next[row, pixel] = following
             place += MORE
-        depth = wp.int64(wp.cast(move[2] + a * move[3], wp.uint32))
+        depth = wp.int64(wp.cast(depth_at(source, a), wp.uint32))
         chains.landed[row, pixel] = (wp.int64(place) << wp.int64(32)) + depth
 
 
 @wp.func
 def tap_of(s: Sources, chains: Chains, row: int, env: int, c: int, index: int, right: int, down: int):
-    """The source index - 1 of the cell that lies `right` and `down` before the target; none for index 0."""
+    """Reads the source index - 1 of the cell that lies `right` and `down` before the target; none for index 0."""
     tap = Tap()
     tap.z = EMPTY
     if index != 0:
@@ -136,13 +134,7 @@ def tap_of(s: Sources, chains: Chains, row: int, env: int, c: int, index: int, r
         tap.z = wp.cast(wp.uint32(landed), wp.float32)
         if place >= MORE:
             tap.next = chains.next[row, index - 1]
-        x = place & (SUBPIXEL - 1)
-        y = (place >> 12) & (SUBPIXEL - 1)
-        if right == 0:
-            x = SUBPIXEL - x
-        if down == 0:
-            y = SUBPIXEL - y
-        tap.weight = x * y
+        tap.weight = bilinear(place & (SUBPIXEL - 1), (place >> 12) & (SUBPIXEL - 1), right, down)
         if tap.weight == 0:
             tap.z = EMPTY
     return tap
@@ -150,9 +142,9 @@ def tap_of(s: Sources, chains: Chains, row: int, env: int, c: int, index: int, r
 
 @wp.func
 def with_tap(total: Sum, tap: Tap, limit: wp.float32):
-    """The sum and a tap."""
+    """Adds a tap to a sum if it is no farther than `limit` allows."""
     result = total
-    if tap.z * SAME_SURFACE <= limit and tap.weight != 0:
+    if same_surface(tap.z, limit) and tap.weight != 0:
         result.weight += wp.int64(tap.weight)
         if tap.value == BROKEN:
             result.broken = 1
@@ -174,7 +166,7 @@ def show(
     width: int,
     frames: wp.array3d(dtype=wp.float32),
 ):
-    """The average of the sources on a pixel within 1 % of the nearest, and of what stays there, into `frames`.
+    """Averages the sources on a pixel within 1 % of the nearest, and what stays there, into `frames`, equation (7).
 
     Gives the least depth, or HOLE where there is no source. A target with more sources than there is room for keeps the
     keyframe's own pixel. The four cells are read side by side, for a GPU waits less then; chains of more than one
@@ -211,7 +203,7 @@ def show(
             t2 = tap_of(s, chains, row, env, c, t2.next, 0, 1)
             t3 = tap_of(s, chains, row, env, c, t3.next, 1, 1)
             total = with_tap(with_tap(with_tap(with_tap(total, t0, reached), t1, reached), t2, reached), t3, reached)
-        stays = z < EMPTY and z * SAME_SURFACE <= reached
+        stays = z < EMPTY and same_surface(z, reached)
         if stays or total.weight > wp.int64(0):
             nearest = reached
             shown = s.image[env, pixel, c]
@@ -232,7 +224,7 @@ def show(
 
 @wp.func
 def frame_of(sub: int, upsampling: int):
-    """Where a sub-frame is among the frames, of which every K-th is a keyframe."""
+    """Computes the index of a sub-frame among the frames, of which every K-th is a keyframe."""
     return sub // (upsampling - 1) * upsampling + sub % (upsampling - 1)
 
 
@@ -250,7 +242,7 @@ def show_all(
     holes: wp.array(dtype=wp.int32),
     count: wp.array(dtype=wp.int32),
 ):
-    """Every pixel of every sub-frame from B; those where B has nothing are listed, in any order."""
+    """Shows every pixel of every sub-frame from B, and lists those where B has nothing, in any order."""
     pixels = from_b.moves.shape[1]
     row = wp.tid() // pixels
     pixel = wp.tid() - row * pixels
@@ -275,7 +267,7 @@ def show_holes(
     nearest: wp.array2d(dtype=wp.float32),
     frames: wp.array3d(dtype=wp.float32),
 ):
-    """The listed pixels from A."""
+    """Shows the listed pixels from A."""
     k = wp.tid()
     pixels = from_a.moves.shape[1]
     while k < count[0]:
@@ -304,7 +296,7 @@ def fill(
     filled: wp.array(dtype=wp.int32),
     first: wp.array2d(dtype=wp.int32),
 ):
-    """Pixels seen in neither keyframe take their nearest background; where there is none, B's value.
+    """Fills pixels seen in neither keyframe with their nearest background; where there is none, with B's value.
 
     first: of A's chains, all of which are beside holes: emptied for the next gap.
     """
@@ -319,9 +311,7 @@ def fill(
         first[row, at - width - 3] = 0
         if nearest[row, at] < 0.0:
             frame = frame_of(start + row, upsampling)
-            x = pixel % width
-            y = pixel // width
-            if wp.min(wp.min(x, width - 1 - x), wp.min(y, height - 1 - y)) >= margin:
+            if counts_as_filled(pixel, width, height, margin):
                 wp.atomic_add(filled, 0, 1)
             known = background(nearest[row], pixel, width, height)
             for c in range(frames.shape[2]):

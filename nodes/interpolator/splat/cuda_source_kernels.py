@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.splat.warp_kernels import EMPTY, SUBPIXEL, displaced_depth, known_depth, padded
+from nodes.interpolator.splat.warp_kernels import EMPTY, can_land, known_depth, padded, source_of, stays_put
 
 wp.set_module_options({"enable_backward": False})
 
@@ -28,7 +28,7 @@ COPIES = wp.constant(16)
 
 @wp.struct
 class Sources:
-    """A keyframe, and its pixels as sources.
+    """Holds a keyframe, and its pixels as sources.
 
     image [E, H W, C], depth [E, H, W], motion [E, H, W, 2]; bends: px [E, H W], or of no elements; brightest [E]: the
     largest exponent of the image. values: whole numbers for the image's, 2^LOW_BITS high + low. moves [E, H W]:
@@ -48,12 +48,13 @@ class Sources:
 
 @wp.func
 def exponent_of(value: wp.float32):
-    """2^(this - 126) is the least power of two above a finite |value|."""
+    """Reads the exponent e of a finite value; 2^(e - 126) is the least power of two above |value|."""
     return wp.int32((wp.cast(value, wp.uint32) >> wp.uint32(23)) & wp.uint32(255))
 
 
 @wp.func
 def note(value: wp.float32, env: int, copy: int, seen: wp.array2d(dtype=wp.int32)):
+    """Marks the exponent of a finite value as seen."""
     e = exponent_of(value) + copy * EXPONENTS
     if wp.isfinite(value) and seen[env, e] == 0:
         seen[env, e] = 1
@@ -78,7 +79,7 @@ def take(
     last: wp.array4d(dtype=Any),
     seen: wp.array2d(dtype=wp.int32),
 ):
-    """A keyframe to where recorded launches read it, and to the last frame; and the exponents among its values.
+    """Copies a keyframe to where recorded launches read it and to the last frame, and marks its values' exponents.
 
     seen [E, COPIES EXPONENTS]: 1 for each there is, in several copies, for all threads write to the same few.
     """
@@ -102,7 +103,7 @@ def find_brightest(
     # out
     brightest: wp.array(dtype=wp.int32),
 ):
-    """The largest exponent of each environment."""
+    """Finds the largest exponent of each environment."""
     env, e = wp.tid()
     if seen[env, e] != 0:
         wp.atomic_max(brightest, env, e % EXPONENTS)
@@ -110,7 +111,7 @@ def find_brightest(
 
 @wp.func
 def scale_of(brightest: int):
-    """2^HIGH_BITS over the power of two above the keyframe's values."""
+    """Computes 2^HIGH_BITS over the power of two above the keyframe's values."""
     return wp.cast((wp.int64(1149 - brightest) + HIGH_BITS) << wp.int64(52), wp.float64)
 
 
@@ -125,7 +126,10 @@ def place_source(
     x: int,
     lost: wp.array(dtype=wp.int32),
 ):
-    """A pixel as a source."""
+    """Makes a source of a pixel of `s`, which moves towards the keyframe `other`, and whole numbers of its values.
+
+    sign: +1 for B, -1 for A; holds: 1 where all of the environment is B; lost: counts sources without finite motion.
+    """
     pixel = y * s.depth.shape[2] + x
     dx = sign * s.motion[env, y, x, 0]
     dy = sign * s.motion[env, y, x, 1]
@@ -135,12 +139,12 @@ def place_source(
     straight = wp.bool(True)
     if s.bends.shape[1] > 0:
         straight = s.bends[env, pixel][0] == 0.0 and s.bends[env, pixel][1] == 0.0
-    stays = holds != 0 or (straight and dx == 0.0 and dy == 0.0 and z == other.depth[env, y, x])
+    stays = stays_put(holds, straight, dx, dy, z, other.depth[env, y, x])
     s.still[env, padded(pixel, s.depth.shape[2])] = wp.where(stays, own, EMPTY)
     if not stays:
-        if wp.abs(dx) < 1.0e6 and wp.abs(dy) < 1.0e6:
-            there = displaced_depth(other.depth, env, float(x) + dx, float(y) + dy, own)
-            move = wp.vec4(float(SUBPIXEL) * dx, float(SUBPIXEL) * dy, own, there - own)
+        if can_land(dx, dy):
+            source = source_of(other.depth, env, x, y, pixel, dx, dy, own)
+            move = wp.vec4(source.dx, source.dy, source.z, source.dz)
         elif not (wp.isfinite(dx) and wp.isfinite(dy)):
             wp.atomic_add(lost, 0, 1)
     s.moves[env, pixel] = move
@@ -164,7 +168,7 @@ def locate(
     # out
     lost: wp.array(dtype=wp.int32),
 ):
-    """Every pixel of both keyframes as a source: B's go back along their motion, A's go on along theirs."""
+    """Makes sources of the pixels of both keyframes: B's go back along their motion, A's go on along theirs."""
     i = wp.tid()
     height = from_a.depth.shape[1]
     width = from_a.depth.shape[2]

@@ -14,14 +14,14 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Camera, Scene
-from nodes.interpolator.keyframe import Report, View
-from nodes.interpolator.splat import warp_kernels
+from nodes.interpolator import image_kernels
+from nodes.interpolator.keyframe import KeyframeView, Report
 from nodes.interpolator.splat.splat import make_splat
 from nodes.renderer.renderer import Renderer
 
 
 class SplatForward:
-    """The method for E keyframes of one camera of a scene, of the same size."""
+    """Warps E keyframes of one camera of a scene, of the same size."""
 
     def __init__(
         self,
@@ -42,12 +42,14 @@ class SplatForward:
         self._motion = wp.empty(shape, dtype=wp.vec2, device=device)
         self._back = wp.empty((*shape, 2), dtype=wp.float32, device=device)
 
-    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
+    def between(
+        self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
+    ) -> Report:
         """See Method."""
         assert a.states is not None and b.states is not None
         then, now = (np.asarray(view.states.pose[:, -1]) for view in (b, a) if view.states is not None)
         # Motion is where a point was before minus where it is; with B as `before` it is the way that lies ahead.
         self._geometry.render(now, then, ("motion",), {"motion": self._motion})
         ahead = self._motion.view(wp.float32).reshape((*self._geometry.shape, 2))
-        wp.launch(warp_kernels.negated, ahead.size, [ahead.flatten()], [self._back.flatten()], device=ahead.device)
+        wp.launch(image_kernels.negated, ahead.size, [ahead.flatten()], [self._back.flatten()], device=ahead.device)
         return self._splat.between(replace(a, motion=self._back), b, held, out)

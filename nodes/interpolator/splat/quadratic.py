@@ -10,6 +10,9 @@ Its error is of third order in the gap, that of the straight line of second. A's
 along the parabola that they came on: q(f) = p + f v_0 + f (f + r) c. Where a is hidden in A, is not between four pixels
 of one surface, or outside, or the velocity there is quite another one (as at a start, an impact, or on what hides it),
 the path is straight; so is all of an episode's first gap, for nothing came before it.
+
+It is kept for keyframes without poses of what turns or speeds up: the mean error of ln I of spinning_disk, 173x130 px,
+at 62 keyframes per second x 16 is 0.017, that of `splat` 0.031. On the drone and in the warehouse they are alike.
 """
 
 from __future__ import annotations
@@ -21,13 +24,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.interpolator.keyframe import Report, View
+from nodes.interpolator.keyframe import KeyframeView, Report
 from nodes.interpolator.splat import bend_kernels
 from nodes.interpolator.splat.splat import make_splat
 
 
 class Bends:
-    """What one gap leaves to the next: the paths that led to its end."""
+    """Keeps of one gap for the next the curvature of the paths that led to its end."""
 
     def __init__(self, shape: tuple[int, int, int], device: str) -> None:
         """shape: E, height and width of the keyframes [px]."""
@@ -36,12 +39,12 @@ class Bends:
         with wp.ScopedDevice(device):
             self._at_a, self._at_b = (wp.zeros((envs, height * width), dtype=wp.vec2) for _ in "AB")
             self._onward = wp.empty((*shape, 2), dtype=wp.float32)
-        self._last: View | None = None
+        self._last: KeyframeView | None = None
         self._gap = 0
         self._first = np.ones(envs, bool)
 
-    def of(self, a: View, b: View, held: np.ndarray) -> tuple[wp.array, tuple[wp.array, wp.array]]:
-        """A's motion on to B, negated, and the bends of A's and of B's paths, wp.vec2 [E, H W] px."""
+    def of(self, a: KeyframeView, b: KeyframeView, held: np.ndarray) -> tuple[wp.array, tuple[wp.array, wp.array]]:
+        """Gives A's motion on to B, negated, and the bends of A's and of B's paths, wp.vec2 [E, H W] px."""
         known = a is self._last
         # A keyframe that did not end a gap began an episode.
         first = self._first if known else np.ones(len(held), bool)
@@ -58,7 +61,7 @@ class Bends:
 
 
 class SplatQuadratic:
-    """The method for E keyframes of the same size."""
+    """Warps E keyframes of the same size along parabolas."""
 
     def __init__(
         self,
@@ -76,7 +79,9 @@ class SplatQuadratic:
         self._splat: Any = make_splat(height, width, envs, upsampling, margin, channels, device, threads)
         self._bends = bends or Bends((envs, height, width), device)
 
-    def between(self, a: View, b: View, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array) -> Report:
+    def between(
+        self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
+    ) -> Report:
         """See Method. Views need `stamp_ns`."""
         onward, bends = self._bends.of(a, b, np.asarray(held, bool))
         return self._splat.between(replace(a, motion=onward), b, held, out, bends)

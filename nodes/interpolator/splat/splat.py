@@ -28,7 +28,8 @@ def make_splat(
     device: str = "cpu",
     threads: int = 1,
 ) -> Method:
-    """The warp for keyframes of height x width px, margin included, on a device. upsampling: K. channels: 1 or 3."""
+    """Makes the warp for keyframes of height x width px, margin included, on a device. upsampling: K. channels: 1 or
+    3."""
     if wp.get_device(device).is_cuda:
         from nodes.interpolator.splat.cuda import SplatCuda
 

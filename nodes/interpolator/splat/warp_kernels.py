@@ -1,11 +1,11 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""What the warp is made of on any device: sources, their targets, the background behind an unknown pixel; luminance."""
+"""The equations of the warp, (5) to (7), once for every device: where a source is at a fraction of the gap, which
+pixels it lands on with which weights, which sources are in front, and what fills a pixel that no source reaches.
 
-from typing import Any
+The kernels of a device decide only in which order sources are gone through and how sums are kept.
+"""
 
 import warp as wp
-
-from nodes.renderer.shading.radiance_kernels import luminance as luminance_of_colour
 
 wp.set_module_options({"enable_backward": False})
 
@@ -22,8 +22,8 @@ SAME_SURFACE = wp.constant(1.0 / 1.01)
 
 @wp.struct
 class Source:
-    """A keyframe pixel that moves. At fraction a of the way to the other keyframe it is at (x, y) + a (dx, dy), in
-    1/4096 px, at depth z + a dz."""
+    """Holds a keyframe pixel that moves: at fraction a of the way to the other keyframe it is at (x, y) + a (dx, dy),
+    in 1/4096 px, at depth z + a dz [m]."""
 
     x: wp.float32
     y: wp.float32
@@ -36,66 +36,19 @@ class Source:
 
 @wp.func
 def known_depth(depth: wp.float32):
-    """Depth with sky, NaN and nonsense mapped to SKY."""
+    """Maps the depth of the sky, NaN and what is no depth to SKY."""
     return wp.where(depth > 0.0 and depth < SKY, depth, SKY)
 
 
 @wp.func
-def corner(position: wp.float32):
-    """Nearest grid position as a whole number of 1/4096 px; position > -4096 so that truncation is floor."""
+def grid_position(position: wp.float32):
+    """Rounds a position to a whole number of 1/4096 px; position > -4096, so that truncation is floor."""
     return wp.int32(position + float(SUBPIXEL) + 0.5) - SUBPIXEL
-
-
-@wp.kernel
-def luminance(
-    # in
-    radiance: wp.array2d(dtype=Any),
-    # out
-    image: wp.array(dtype=wp.float32),
-):
-    """Equation (3) of pixels [N, 3]; of float16 it is rounded to that, as it is where the renderer gives it."""
-    i = wp.tid()
-    red = radiance[i, 0]
-    value = luminance_of_colour(wp.vec3(wp.float32(red), wp.float32(radiance[i, 1]), wp.float32(radiance[i, 2])))
-    image[i] = wp.float32(type(red)(value))
-
-
-@wp.kernel
-def negated(
-    # in
-    values: wp.array(dtype=wp.float32),
-    # out
-    result: wp.array(dtype=wp.float32),
-):
-    i = wp.tid()
-    result[i] = -values[i]
-
-
-@wp.kernel
-def mean(
-    # in
-    samples: int,
-    channels: int,
-    fine: wp.array3d(dtype=wp.float32),
-    # out
-    frames: wp.array3d(dtype=wp.float32),
-):
-    """Frames [R, h, w C] of C channels: means of samples x samples pixels of fine [R, samples h, samples w C]."""
-    row, y = wp.tid()
-    x = wp.int32(0)
-    while x < frames.shape[2]:
-        first = x // channels * channels * samples + x % channels
-        total = wp.float32(0.0)
-        for j in range(samples):
-            for i in range(samples):
-                total += fine[row, y * samples + j, first + i * channels]
-        frames[row, y, x] = total / float(samples * samples)
-        x += 1
 
 
 @wp.func
 def displaced_depth(depth: wp.array3d(dtype=wp.float32), env: int, x: wp.float32, y: wp.float32, own: wp.float32):
-    """Depth of the nearest pixel to (x, y) in the other keyframe; `own` where that is outside or sky."""
+    """Reads the other keyframe's depth at the pixel nearest to (x, y); gives `own` where that is outside or sky."""
     column = wp.floor(x + 0.5)
     row = wp.floor(y + 0.5)
     if own < SKY and column >= 0.0 and row >= 0.0:
@@ -105,10 +58,85 @@ def displaced_depth(depth: wp.array3d(dtype=wp.float32), env: int, x: wp.float32
     return own
 
 
+@wp.func
+def stays_put(hold: int, straight: bool, dx: wp.float32, dy: wp.float32, z: wp.float32, other_z: wp.float32):
+    """Tells whether a pixel shows the same all through the gap: no motion, no change of depth, or held on purpose.
+
+    dx, dy: motion [px]; z, other_z: depths [m] of this pixel in both keyframes.
+    """
+    return hold != 0 or (straight and dx == 0.0 and dy == 0.0 and z == other_z)
+
+
+@wp.func
+def source_of(
+    other_depth: wp.array3d(dtype=wp.float32), env: int, x: int, y: int, pixel: int,
+    dx: wp.float32, dy: wp.float32, own: wp.float32,
+):  # fmt: skip
+    """Makes a source of the pixel (x, y), which moves by (dx, dy) px to the other keyframe; own: its known depth."""
+    there = displaced_depth(other_depth, env, float(x) + dx, float(y) + dy, own)
+    grid = float(SUBPIXEL)
+    source = Source()
+    source.x = grid * float(x)
+    source.y = grid * float(y)
+    source.dx = grid * dx
+    source.dy = grid * dy
+    source.z = own
+    source.dz = there - own
+    source.pixel = pixel
+    return source
+
+
+@wp.func
+def can_land(dx: wp.float32, dy: wp.float32):
+    """Tells whether a displacement [px] is one that a source can have: finite, and within what the grid can hold."""
+    return wp.abs(dx) < 1.0e6 and wp.abs(dy) < 1.0e6
+
+
+@wp.func
+def depth_at(source: Source, a: wp.float32):
+    """Computes the depth of a source at fraction a of its way, between its own and that of where it goes to."""
+    return source.z + a * source.dz
+
+
+@wp.func
+def fraction(i: int, upsampling: int, backward: int):
+    """Computes how far sources have moved at sub-frame i of K: f = i / K for A's, 1 - f for B's, which go backward."""
+    if backward != 0:
+        return float(upsampling - i) / float(upsampling)
+    return float(i) / float(upsampling)
+
+
+@wp.func
+def same_surface(z: wp.float32, nearest: wp.float32):
+    """Tells whether a depth belongs to the surface that is nearest: it is at most 1 % behind."""
+    return z * SAME_SURFACE <= nearest
+
+
+@wp.func
+def bilinear(fx: int, fy: int, right: int, down: int):
+    """Computes the bilinear weight, in units of 2^-24, of one of the four pixels about a source at the fractions
+    (fx, fy) / 4096 px; right, down: 1 for the pixels on that side, else 0."""
+    x = fx
+    y = fy
+    if right == 0:
+        x = SUBPIXEL - x
+    if down == 0:
+        y = SUBPIXEL - y
+    return x * y
+
+
+@wp.func
+def counts_as_filled(pixel: int, width: int, height: int, margin: int):
+    """Tells whether a pixel lies inside the margin, where a guess is counted."""
+    x = pixel % width
+    y = pixel // width
+    return wp.min(wp.min(x, width - 1 - x), wp.min(y, height - 1 - y)) >= margin
+
+
 @wp.struct
 class Target:
-    """Where a source lands: the first of its pixels on the padded grid (-1: outside), the steps to the others, and the
-    fractions in 1/4096 px. A step is 0 where the fraction is 0, so that only pixels with weight are touched."""
+    """Holds where a source lands: the first of its pixels on the padded grid (-1: outside), the steps to the others,
+    and the fractions in 1/4096 px. A step is 0 where the fraction is 0, so that only pixels with weight are touched."""
 
     at: wp.int32
     right: wp.int32
@@ -119,7 +147,7 @@ class Target:
 
 @wp.func
 def bent(source: Source, a: wp.float32, env: int, bends: wp.array2d(dtype=wp.vec2)):
-    """The source whose straight path is at a where this one's is, p + a d + a (1 - a) bend.
+    """Shifts a source so that its straight path is at a where the bent one is: p + a d + a (1 - a) bend.
 
     bends: px [E, H W], or of no elements where all paths are straight.
     """
@@ -133,14 +161,15 @@ def bent(source: Source, a: wp.float32, env: int, bends: wp.array2d(dtype=wp.vec
 
 @wp.func
 def target_of(source: Source, a: wp.float32, width: int, height: int):
+    """Finds the pixels that a source lands on at fraction a of its way, equations (5) and (6)."""
     target = Target()
     target.at = -1
     x = source.x + a * source.dx
     y = source.y + a * source.dy
     grid = float(SUBPIXEL)
     if x > -grid and y > -grid and x < grid * float(width) and y < grid * float(height):
-        ix = corner(x)
-        iy = corner(y)
+        ix = grid_position(x)
+        iy = grid_position(y)
         target.at = ((iy >> 12) + 1) * (width + 2) + (ix >> 12) + 1
         target.fx = ix & 4095
         target.fy = iy & 4095
@@ -151,13 +180,13 @@ def target_of(source: Source, a: wp.float32, width: int, height: int):
 
 @wp.func
 def padded(pixel: int, width: int):
-    """Index on the padded grid, which has one more pixel on every side."""
+    """Computes a pixel's index on the padded grid, which has one more pixel on every side."""
     return (pixel // width + 1) * (width + 2) + pixel % width + 1
 
 
 @wp.func
 def steps_to_known(nearest: wp.array(dtype=wp.float32), at: int, stride: int, limit: int):
-    """How many strides away the next known pixel is; 0 if there is none within the limit."""
+    """Counts the strides to the next pixel that is known; 0 if there is none within the limit."""
     step = int(1)
     while step <= limit:
         if nearest[at + step * stride] >= 0.0:
@@ -168,7 +197,7 @@ def steps_to_known(nearest: wp.array(dtype=wp.float32), at: int, stride: int, li
 
 @wp.func
 def background(nearest: wp.array(dtype=wp.float32), pixel: int, width: int, height: int):
-    """The pixel that a pixel seen in neither keyframe takes its value from, or -1.
+    """Finds the pixel from which one that neither keyframe saw takes its value; -1 if there is none.
 
     Of the next known pixels left and right, or above and below where the row has none, the farther surface, for it is
     the background that gets uncovered; of two on the same surface the closer one.
@@ -192,6 +221,6 @@ def background(nearest: wp.array(dtype=wp.float32), pixel: int, width: int, heig
         z_before = nearest[at - before * stride]
         z_after = nearest[at + after * stride]
         take_before = z_before > z_after
-        if z_before * SAME_SURFACE <= z_after and z_after * SAME_SURFACE <= z_before:
+        if same_surface(z_before, z_after) and same_surface(z_after, z_before):
             take_before = before <= after
     return pixel + step * wp.where(take_before, -before, after)

@@ -11,7 +11,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def matrix_of(q: wp.quatd):
-    """Rotation matrix of a quaternion of any length but 0."""
+    """Gives the rotation matrix of a quaternion of any length but 0."""
     one = wp.float64(1.0)
     two = wp.float64(2.0)
     norm = wp.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
@@ -28,7 +28,7 @@ def matrix_of(q: wp.quatd):
 
 @wp.func
 def seen_from(poses: wp.array2d(dtype=wp.transformd), env: int, body: int, camera: int):
-    """Rotation and translation of a body (-1 = the world) to the frame of the body `camera`."""
+    """Gives the rotation and translation of a body (-1 = the world) to the frame of the body `camera`."""
     eye = poses[env, camera]
     to_camera = wp.transpose(matrix_of(wp.transform_get_rotation(eye)))
     turn = to_camera
@@ -49,7 +49,7 @@ def instance_seen(
     rotation: wp.mat33d,
     translation: wp.vec3d,
 ):
-    """The same of an instance, which has a place in its body's frame."""
+    """Gives the same of an instance, which has a place in its body's frame."""
     turn, place = seen_from(poses, env, body, camera)
     return turn * rotation, place + turn * translation
 
@@ -69,7 +69,8 @@ def place_instances(
     translation: wp.array2d(dtype=wp.vec3),
     eye: wp.array(dtype=wp.mat33),
 ):
-    """Instances order[start ...] to the camera; the entry after the last instance stands for the camera itself."""
+    """Places instances order[start ...] in the camera frame; the entry after the last instance stands for the camera
+    itself."""
     env, k = wp.tid()
     i = order[start + k]
     if i == body.shape[0]:
@@ -95,7 +96,7 @@ def displace_instances(
     turn_out: wp.array2d(dtype=wp.mat33),
     shift_out: wp.array2d(dtype=wp.vec3),
 ):
-    """D - 1 of the map D from a thing's point in this camera frame to the same point in that of `before`.
+    """Computes D - 1 of the map D from a thing's point in this camera frame to the same point in that of `before`.
 
     The entry after the last instance is the sky, which only turns. Exactly zero for what is where it was.
     """
@@ -130,7 +131,7 @@ def move_bodies(
     # out
     before: wp.array3d(dtype=wp.float64),
 ):
-    """Poses [E, N, 7] of the bodies `movers`, one step on."""
+    """Moves the poses [E, N, 7] of the bodies `movers` one step on."""
     env, m, c = wp.tid()
     body = movers[m]
     before[env, body, c] = now[env, body, c]

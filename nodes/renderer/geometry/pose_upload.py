@@ -26,8 +26,9 @@ READ = 2
 """Buffers that a GPU reads in turn."""
 
 
-class Staging:
-    """Poses of an instant as `now` and of the one before as `before`, transformd [E, N] on the device.
+class PoseUpload:
+    """Sends poses to a device: those of an instant as `now` and of the one before as `before`, transformd [E, N] on the
+    device.
 
     Through pinned buffers on a GPU, so that nobody waits for the copy. movers int64 [M]: bodies that may move; where
     these are few of many, `sparse` is set, and `advance` sends them alone.
@@ -63,7 +64,7 @@ class Staging:
         self._host = np.zeros((*shape, 7) if self.sparse and device.is_cuda else (0, 0, 7))
 
     def put(self, poses: np.ndarray) -> None:
-        """Checked poses into `now`."""
+        """Puts checked poses into `now`."""
         self._together, self.coming, self._latest = False, 0, None
         self.last = self._write(self.now, poses, self._slots)
         if self._host.size:
@@ -72,12 +73,13 @@ class Staging:
             self.last = self._host
 
     def put_before(self, poses: np.ndarray) -> None:
-        """Checked poses into `before`."""
+        """Puts checked poses into `before`."""
         self._together = False
         self._write(self.before, poses, self._slots)
 
     def advance(self, fresh: np.ndarray) -> None:
-        """Checked poses float64 [E, M, 7] of the bodies `sent`: `arrive` then makes `now` `before`, and them `now`."""
+        """Takes checked poses float64 [E, M, 7] of the bodies `sent`: `arrive` then makes `now` `before`, and them
+        `now`."""
         assert self.last is not None
         if self.sparse and not self._together:
             wp.copy(self.before, self.now)
@@ -118,7 +120,7 @@ class Staging:
         self.coming = 0
 
     def settle(self) -> None:
-        """Have what is `coming` arrive now."""
+        """Makes what is `coming` arrive now."""
         self.arrive()
         self.arrived()
 
@@ -150,6 +152,6 @@ class Staging:
 
 
 def numbers(poses: wp.array, device: Any) -> wp.array:
-    """The memory of poses [E, N] as float64 [E, N, 7] for kernels of a device, which reads pinned memory too."""
+    """Gives the memory of poses [E, N] as float64 [E, N, 7] for kernels of a device, which reads pinned memory too."""
     there: wp.array = wp.array(ptr=poses.ptr, dtype=wp.float64, shape=(*poses.shape, 7), device=device)
     return there

@@ -11,14 +11,14 @@ from evis.geometry import se3
 
 
 def check_poses(poses: np.ndarray, envs: int, names: list[str]) -> np.ndarray:
-    """`poses` as float64 [E, N, 7]. Raises ValueError naming the body and environment of the first bad one."""
+    """Gives `poses` as float64 [E, N, 7]. Raises ValueError naming the body and environment of the first bad one."""
     poses = check_shape(poses, envs, names)
     check_values(poses, names)
     return poses
 
 
 def check_shape(poses: np.ndarray, envs: int, names: list[str]) -> np.ndarray:
-    """`poses` as contiguous float64 [E, N, 7]. Raises ValueError where they have another shape."""
+    """Gives `poses` as contiguous float64 [E, N, 7]. Raises ValueError where they have another shape."""
     poses = np.ascontiguousarray(poses, np.float64)
     if poses.shape != (envs, len(names), 7):
         raise ValueError(
@@ -44,15 +44,15 @@ def check_values(poses: np.ndarray, names: list[str]) -> None:
 
 
 def same_bytes(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether two contiguous float64 arrays are the same to the last bit; most often the first item tells."""
+    """Tells whether two contiguous float64 arrays are the same to the last bit; most often the first item tells."""
     if a.shape != b.shape:
         return False
     a, b = a.view(np.int64), b.view(np.int64)
     return np.array_equal(a[0], b[0]) and np.array_equal(a[1:], b[1:])
 
 
-class Frames:
-    """Where everything is, seen from the camera, at one instant, in float64 on the host; computed when it is asked for.
+class InstancePoses:
+    """Computes where everything is, seen from the camera, at one instant, in float64 on the host, when it is asked for.
 
     bodies: poses float64 [E, N, 7]; index: of the camera's body; on: body of each instance int64 [I] (-1 = world);
     rest: rotations float64 [I, 3, 3] and translations float64 [I, 3] of the instances in their bodies' frames.
@@ -63,22 +63,22 @@ class Frames:
 
     @cached_property
     def camera(self) -> np.ndarray:
-        """[E, 3, 3] camera to world."""
+        """Gives [E, 3, 3] camera to world."""
         return se3.to_matrix(se3.normalize(self.bodies[:, self._index, 3:]))
 
     @cached_property
     def rotation(self) -> np.ndarray:
-        """[E, I, 3, 3] instance to camera."""
+        """Gives [E, I, 3, 3] instance to camera."""
         return self._all[0][:, self._on] @ self._rest[0]
 
     @cached_property
     def translation(self) -> np.ndarray:
-        """[E, I, 3] instance to camera [m]."""
+        """Gives [E, I, 3] instance to camera [m]."""
         turn, place = self._all
         return place[:, self._on] + (turn[:, self._on] @ self._rest[1][..., None])[..., 0]
 
     def body(self, index: int) -> tuple[np.ndarray, np.ndarray]:
-        """Rotation [E, 3, 3] and translation [E, 3] of a body (-1 = world) to the camera."""
+        """Gives the rotation [E, 3, 3] and translation [E, 3] of a body (-1 = world) to the camera."""
         to_camera = np.swapaxes(self.camera, -1, -2)
         eye = self.bodies[:, self._index, :3]
         if index < 0:

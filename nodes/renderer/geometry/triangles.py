@@ -19,7 +19,7 @@ MAX_CONVEXITY_TESTS = 20_000_000
 
 @dataclass
 class Geometry:
-    """Every instance's mesh, recentred on the middle of its bounding box so that float32 resolves it best.
+    """Holds every instance's mesh, recentred on the middle of its bounding box so that float32 resolves it best.
 
     vertices float32 [V, 3] in the recentred instance frame; vertex_instance int32 [V]; triangles int32 [T, 3] into
     vertices; triangle_instance int32 [T]; first int64 [I + 1]: triangles of instance i are [first[i], first[i + 1]);
@@ -61,7 +61,7 @@ class _Shape(NamedTuple):
 
 
 def flatten(scene: Scene) -> Geometry:
-    """The arrays of a scene. Raises ValueError naming the instance whose mesh, material or body is not usable."""
+    """Gives the arrays of a scene. Raises ValueError naming the instance whose mesh, material or body is not usable."""
     vertices, triangles, owners, normals, uv, smooth, tint = [], [], [], [], [], [], []
     count = len(scene.instances)
     first = np.zeros(count + 1, np.int64)
@@ -126,7 +126,7 @@ def is_static(scene: Scene, body: int) -> bool:
 
 
 def face_normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unit normals float64 [F, 3] of counter-clockwise triangles; 0 where the area is 0."""
+    """Gives unit normals float64 [F, 3] of counter-clockwise triangles; 0 where the area is 0."""
     a, b, c = (points[faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
@@ -134,7 +134,7 @@ def face_normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def shell_of(points: np.ndarray, faces: np.ndarray, normals: np.ndarray) -> int:
-    """Whether no vertex lies in front of any face: such a surface cannot shade its own outside.
+    """Tells whether no vertex lies in front of any face: such a surface cannot shade its own outside.
 
     The tolerance is the float32 rounding of the vertices, 1e-6 of the size.
     """

@@ -25,8 +25,8 @@ LATTICE = wp.constant(
 
 @wp.struct
 class Rectangle:
-    """An area light as a surface point sees it: its middle from there, half-edges, and the normal of the side that
-    emits; flux: irradiance for radiance 1 with nothing in the way, 0 where it lies behind or below."""
+    """Holds an area light as a surface point sees it: its middle from there, half-edges, and the normal of the side
+    that emits; flux: irradiance for radiance 1 with nothing in the way, 0 where it lies behind or below."""
 
     centre: wp.vec3
     u: wp.vec3
@@ -38,7 +38,7 @@ class Rectangle:
 
 @wp.struct
 class AreaSample:
-    """A direction from a surface point in which an area light may lie.
+    """Holds a direction from a surface point in which an area light may lie.
 
     towards: from the point to the light's plane, with unit vector `ray`; cosine at the point. density [1/sr] of samples
     of the light that way. weight: of the diffuse term, 0 for a sample of the lobe. met: the light is there, above the
@@ -55,8 +55,8 @@ class AreaSample:
 
 @wp.struct
 class AreaLight:
-    """What an area light of radiance 1 gives: whether still casters let any of it through; irradiance of the diffuse
-    term with all casters, and with still ones; radiance of the specular term likewise."""
+    """Holds what an area light of radiance 1 gives: whether still casters let any of it through; irradiance of the
+    diffuse term with all casters, and with still ones; radiance of the specular term likewise."""
 
     passes: bool
     full: float
@@ -67,7 +67,7 @@ class AreaLight:
 
 @wp.func
 def cell_key(i: wp.uint32, j: wp.uint32, k: wp.uint32, instance: int):
-    """Key of the random numbers of a cell of an instance's frame.
+    """Gives the key of the random numbers of a cell of an instance's frame.
 
     The spatial hash of Teschner et al. (VMV 2003); the generator's own hash mixes it further.
     """
@@ -77,7 +77,8 @@ def cell_key(i: wp.uint32, j: wp.uint32, k: wp.uint32, instance: int):
 
 @wp.func
 def frozen_key(q: wp.vec3, footprint: float, instance: int):
-    """Key of the random numbers at q in the instance's frame: one per cell of about a pixel, `footprint` [m] wide.
+    """Gives the key of the random numbers at q in the instance's frame: one per cell of about a pixel, `footprint` [m]
+    wide.
 
     Cells belong to the surface: a still one keeps its numbers for ever, a moving one takes them along. Their size is a
     power of 2, so that it changes only where the distance doubles.
@@ -92,7 +93,7 @@ def frozen_key(q: wp.vec3, footprint: float, instance: int):
 
 @wp.func
 def edge_irradiance(a: wp.vec3, b: wp.vec3, n: wp.vec3):
-    """Angle between a and b times the cosine between n and their plane's normal."""
+    """Gives the angle between a and b times the cosine between n and their plane's normal."""
     c = wp.cross(a, b - a)
     s = wp.length(c)
     if s == 0.0:
@@ -102,7 +103,7 @@ def edge_irradiance(a: wp.vec3, b: wp.vec3, n: wp.vec3):
 
 @wp.func
 def rectangle_irradiance(centre: wp.vec3, u: wp.vec3, v: wp.vec3, n: wp.vec3):
-    """Irradiance [W/m^2] at the origin with normal n from a rectangle of radiance 1, from either side.
+    """Gives the irradiance [W/m^2] at the origin with normal n from a rectangle of radiance 1, from either side.
 
     Lambert's sum over the edges of the polygon, cut at the horizon (Arvo, Applications of Irradiance Tensors, 1995).
     """
@@ -139,7 +140,7 @@ def rectangle_irradiance(centre: wp.vec3, u: wp.vec3, v: wp.vec3, n: wp.vec3):
 
 @wp.func
 def rectangle_of(lights: Lights, env: int, l: int, s: SurfacePoint):
-    """Area light l as a surface point sees it."""
+    """Gives area light l as a surface point sees it."""
     r = Rectangle()
     centre = lights.vector[env, l] - s.position
     u = lights.half_u[env, l]
@@ -158,13 +159,13 @@ def rectangle_of(lights: Lights, env: int, l: int, s: SurfacePoint):
 
 @wp.func
 def wholly_above(r: Rectangle, normal: wp.vec3):
-    """Whether no part of a rectangle lies below the surface."""
+    """Tells whether no part of a rectangle lies below the surface."""
     return wp.dot(r.centre, normal) >= wp.abs(wp.dot(r.u, normal)) + wp.abs(wp.dot(r.v, normal))
 
 
 @wp.func
 def of_light(r: Rectangle, s: SurfacePoint, a: float, b: float):
-    """The sample towards the point (a, b) in [0, 1)^2 of a rectangle."""
+    """Gives the sample towards the point (a, b) in [0, 1)^2 of a rectangle."""
     sample = AreaSample()
     towards = r.centre + (2.0 * a - 1.0) * r.u + (2.0 * b - 1.0) * r.v
     length = wp.length(towards)
@@ -183,7 +184,7 @@ def of_light(r: Rectangle, s: SurfacePoint, a: float, b: float):
 
 @wp.func
 def of_lobe(r: Rectangle, s: SurfacePoint, a: float, b: float):
-    """The sample of the specular lobe for (a, b) in [0, 1)^2."""
+    """Gives the sample of the specular lobe for (a, b) in [0, 1)^2."""
     sample = AreaSample()
     ray = sample_direction(s.alpha, s.facing, s.view, wp.vec2(a, b))
     cosine = wp.dot(s.facing, ray)
@@ -207,7 +208,8 @@ def of_lobe(r: Rectangle, s: SurfacePoint, a: float, b: float):
 
 @wp.func
 def glint_of(s: SurfacePoint, sample: AreaSample, count: float):
-    """Specular radiance by one of `count` samples of a light of radiance 1, taken of the light or of the lobe.
+    """Gives the specular radiance by one of `count` samples of a light of radiance 1, taken of the light or of the
+    lobe.
 
     The sum of both densities is the balance heuristic's.
     """
@@ -218,7 +220,7 @@ def glint_of(s: SurfacePoint, sample: AreaSample, count: float):
 
 @cache
 def make_area(shadows: bool, trees: bool, gloss: bool, cached: bool, joined: bool) -> Any:
-    """The function `area`: what one area light of unit radiance gives a surface point.
+    """Makes the function `area`: what one area light of unit radiance gives a surface point.
 
     The diffuse term is the closed form times the seen part of the samples' weight (a ratio estimator: exact, without
     noise, where nothing is in the way). The specular term joins samples of the light and of the lobe by the balance
@@ -231,7 +233,7 @@ def make_area(shadows: bool, trees: bool, gloss: bool, cached: bool, joined: boo
 
     @wp.func
     def casters_near(lights: Lights, casters: Casters, env: int, l: int, s: SurfacePoint, r: Rectangle):
-        """Whether still casters, and whether moving ones, may be in the way of any of a light."""
+        """Tells whether still casters, and whether moving ones, may be in the way of any of a light."""
         still_test = wp.bool(False)
         move_test = wp.bool(False)
         if wp.static(shadows):
@@ -250,7 +252,8 @@ def make_area(shadows: bool, trees: bool, gloss: bool, cached: bool, joined: boo
 
     @wp.func
     def seen(casters: Casters, env: int, s: SurfacePoint, towards: wp.vec3, still_test: bool, move_test: bool):
-        """Whether no still caster is on the way to a point of the light, and none at all; what needs no test is not."""
+        """Tells whether no still caster is on the way to a point of the light, and none at all; what needs no test is
+        not."""
         open = wp.bool(True)
         free = wp.bool(True)
         if wp.static(shadows):
@@ -274,6 +277,7 @@ def make_area(shadows: bool, trees: bool, gloss: bool, cached: bool, joined: boo
 
     @wp.func
     def sample_of(r: Rectangle, s: SurfacePoint, by_light: bool, a: float, b: float):
+        """Takes a sample of the light, or of the specular lobe."""
         if wp.static(gloss):
             if not by_light:
                 return of_lobe(r, s, a, b)
@@ -291,7 +295,7 @@ def make_area(shadows: bool, trees: bool, gloss: bool, cached: bool, joined: boo
         still_test: bool,
         move_test: bool,
     ):
-        """The light by side^2 samples of it and, if `shiny`, as many of the lobe."""
+        """Gives the light by side^2 samples of it and, if `shiny`, as many of the lobe."""
         got = AreaLight()
         count = float(side * side)
         random = wp.rand_init(int(s.key), light)
@@ -324,6 +328,7 @@ def make_area(shadows: bool, trees: bool, gloss: bool, cached: bool, joined: boo
 
     @wp.func
     def area(lights: Lights, casters: Casters, env: int, l: int, s: SurfacePoint):
+        """Computes what light l of unit radiance gives a surface point."""
         got = AreaLight()
         r = rectangle_of(lights, env, l, s)
         if r.flux == 0.0:

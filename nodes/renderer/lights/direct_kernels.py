@@ -5,8 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.features import Features
 from nodes.renderer.lights.area_kernels import make_area
+from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import AREA, DirectLight, Lights, SurfacePoint, make_directions
 from nodes.renderer.materials.ggx_kernels import specular
 from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion
@@ -16,14 +16,14 @@ wp.set_module_options({"enable_backward": False})
 
 @cache
 def make_lighting(f: Features) -> Any:
-    """The function `gather` with only what a scene has."""
+    """Makes the function `gather` with only what a scene has."""
     area = make_area(f.soft, f.trees, f.gloss, f.cached, f.joined) if f.area else None
     occluded, _ = make_occlusion(f.trees, f.joined)
     towards, idle = make_directions(f.directional, f.point, f.spot)
 
     @wp.func
     def of_area(lights: Lights, casters: Casters, env: int, l: int, s: SurfacePoint, known: bool, sum: DirectLight):
-        """The sum with an area light's, unless it is known that still casters hide it."""
+        """Gives the sum with an area light's, unless it is known that still casters hide it."""
         r = sum
         bit = wp.uint32(1) << wp.uint32(l)
         if not known or (r.bits & bit) != wp.uint32(0) or lights.shadow[l] == 0:
@@ -50,7 +50,7 @@ def make_lighting(f: Features) -> Any:
         known: bool,
         bits: wp.uint32,
     ):
-        """Whether still casters let a light without size through, and whether all do."""
+        """Tells whether still casters let a light without size through, and whether all do."""
         moved = wp.int32(0)
         last = casters.order.shape[0]
         open = wp.bool(True)
@@ -78,7 +78,7 @@ def make_lighting(f: Features) -> Any:
         hidden: wp.uint32,
         sum: DirectLight,
     ):
-        """The sum with what a light without size gives."""
+        """Gives the sum with what a light without size gives."""
         r = sum
         ray, length, strength = towards(lights, env, l, s.position)
         cosine = wp.dot(s.facing, ray)
@@ -119,7 +119,7 @@ def make_lighting(f: Features) -> Any:
         hidden: wp.uint32,
         sum: DirectLight,
     ):
-        """The sum with what light l gives."""
+        """Gives the sum with what light l gives."""
         if wp.static(f.area):
             if lights.kind[l] == AREA:
                 return of_area(lights, casters, env, l, s, known, sum)
@@ -138,7 +138,7 @@ def make_lighting(f: Features) -> Any:
         bits: wp.uint32,
         hidden: wp.uint32,
     ):
-        """What all lights give a surface point.
+        """Gives what all lights give a surface point.
 
         known: `bits` tells which lights still casters let through. hidden: if masked, a bit for each light that is not
         seen from here.

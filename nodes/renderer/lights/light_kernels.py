@@ -18,7 +18,7 @@ FAR = wp.constant(1.0e30)
 
 @wp.struct
 class Lights:
-    """kind, shadow, cone [L]; colour [E, L] as it is now; the others [E, L] in the camera frame.
+    """Holds kind, shadow, cone [L]; colour [E, L] as it is now; the others [E, L] in the camera frame.
 
     vector: towards a directional light, or the position. axis: of a spot light. cone: (1 - cos outer angle,
     1 / (cos inner - cos outer)). half_u, half_v: of an area light, which has `side`^2 shadow rays.
@@ -37,7 +37,7 @@ class Lights:
 
 @wp.struct
 class SurfacePoint:
-    """Where light arrives. normal is geometric, facing the one to shade with; both towards the viewer.
+    """Holds where light arrives. normal is geometric, facing the one to shade with; both towards the viewer.
 
     lift: start of shadow rays, which leave out instance `alone`. view: towards the viewer. key: of the surface's frozen
     random numbers. alpha < 0: plain diffuse, otherwise GGX with reflectance f0 at normal incidence.
@@ -56,7 +56,7 @@ class SurfacePoint:
 
 @wp.struct
 class DirectLight:
-    """What lights give a surface point: irradiance for the diffuse term and radiance of the specular one.
+    """Holds what lights give a surface point: irradiance for the diffuse term and radiance of the specular one.
 
     still_irradiance, still_shine: without moving casters. bits: one for each light that still casters let through.
     """
@@ -70,7 +70,7 @@ class DirectLight:
 
 @wp.func
 def spot_falloff(lights: Lights, env: int, l: int, ray: wp.vec3):
-    """1 inside the inner cone, 0 outside the outer one, between them a smooth step in the cosine.
+    """Gives 1 inside the inner cone, 0 outside the outer one, between them a smooth step in the cosine.
 
     1 - cos is half the squared distance of the unit vectors, which keeps its digits in a narrow cone.
     """
@@ -81,7 +81,7 @@ def spot_falloff(lights: Lights, env: int, l: int, ray: wp.vec3):
 
 @wp.func
 def out_of_cone(lights: Lights, env: int, l: int, vector: wp.vec3):
-    """Whether a point lies outside a spot's cone for certain; vector: from it to the light. Needs no root."""
+    """Tells whether a point lies outside a spot's cone for certain; vector: from it to the light. Needs no root."""
     edge = 1.0 - lights.cone[l][0] - 1.0e-5
     along = -wp.dot(lights.axis[env, l], vector)
     return edge > 0.0 and (along <= 0.0 or along * along < edge * edge * wp.dot(vector, vector))
@@ -89,13 +89,14 @@ def out_of_cone(lights: Lights, env: int, l: int, vector: wp.vec3):
 
 @cache
 def make_directions(directional: bool, point: bool, spot: bool) -> tuple[Any, Any]:
-    """The functions `towards` and `idle` of point-like lights."""
+    """Makes the functions `towards` and `idle` of point-like lights."""
     positional = point or spot
     both = directional and positional
 
     @wp.func
     def towards(lights: Lights, env: int, l: int, p: wp.vec3):
-        """Unit vector to a light, its distance, and its strength: falloff / distance^2, 1 for a directional light."""
+        """Gives the unit vector to a light, its distance, and its strength: falloff / distance^2, 1 for a directional
+        light."""
         vector = lights.vector[env, l]
         if wp.static(not positional):
             return vector, FAR, 1.0
@@ -115,7 +116,8 @@ def make_directions(directional: bool, point: bool, spot: bool) -> tuple[Any, An
 
     @wp.func
     def idle(lights: Lights, env: int, l: int, s: SurfacePoint):
-        """Whether a light is below the surface, or the surface out of its cone: most are, and this is soon known."""
+        """Tells whether a light is below the surface, or the surface out of its cone: most are, and this is soon
+        known."""
         vector = lights.vector[env, l]
         if wp.static(both):
             if lights.kind[l] != DIRECTIONAL:

@@ -10,7 +10,8 @@ import warp as wp
 
 from evis.scene.model import WORLD, Light, Scene, Waveform
 from nodes.renderer.lights import light_kernels, place_kernels
-from nodes.renderer.raster.visibility import Visibility, store
+from nodes.renderer.raster.scene_arrays import store
+from nodes.renderer.raster.visibility import Visibility
 
 KINDS = {
     "directional": int(light_kernels.DIRECTIONAL),
@@ -59,7 +60,8 @@ class LightSet:
         self._chosen: dict[str, wp.array] = {}
 
     def set_times(self, t_ns: np.ndarray) -> bool:
-        """Flickering lights as they are at int64 [E] ns, one instant for each environment; True where one differs."""
+        """Sets flickering lights to what they are at int64 [E] ns, one instant for each environment; True where one
+        differs."""
         if not self.flickers:
             return False
         instants, which = np.unique(np.asarray(t_ns, np.int64), return_inverse=True)
@@ -84,7 +86,7 @@ class LightSet:
         self.kernel.colour = self._chosen[which]
 
     def launch(self) -> None:
-        """Write where the lights are, for the poses that the visibility has on the device: a launch only."""
+        """Writes where the lights are, for the poses that the visibility has on the device: a launch only."""
         if not self.lights:
             return
         v, k = self._visibility, self.kernel
@@ -95,7 +97,7 @@ class LightSet:
 
 
 def waveform_strength(waveform: Waveform | None, t_ns: int) -> float:
-    """Factor of a light's strength at an instant [ns]; 1 without a waveform.
+    """Gives the factor of a light's strength at an instant [ns]; 1 without a waveform.
 
     The period is counted exactly, so that the phase is as good after days as at the start. It is the strength at that
     instant, not a mean over an exposure.
@@ -112,7 +114,8 @@ def waveform_strength(waveform: Waveform | None, t_ns: int) -> float:
 
 
 def fixed_vectors(lights: list[Light]) -> np.ndarray:
-    """float64 [4, L, 3] in the frames of the lights' bodies: place, axis, half_u, half_v; 0 where a light has none.
+    """Gives float64 [4, L, 3] in the frames of the lights' bodies: place, axis, half_u, half_v; 0 where a light has
+    none.
 
     Place: unit vector towards a directional light, position of any other. Axis: unit vector along which a spot shines.
     """

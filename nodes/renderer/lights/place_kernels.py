@@ -21,7 +21,7 @@ def place_lights(
     half_u: wp.array2d(dtype=wp.vec3),
     half_v: wp.array2d(dtype=wp.vec3),
 ):
-    """fixed [4, L]: the four of lights.fixed_vectors."""
+    """Computes fixed [4, L]: the four of lights.fixed_vectors."""
     env, l = wp.tid()
     turn, place = seen_from(poses, env, body[l], camera)
     at = turn * fixed[0, l]

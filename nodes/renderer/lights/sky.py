@@ -23,7 +23,7 @@ SPECULAR_SAMPLES = 32
 
 
 def make_sky(visibility: Visibility, gloss: bool) -> Any:
-    """The kernels' sky. Raises ValueError for an environment or a map that is not usable."""
+    """Makes the kernels' sky. Raises ValueError for an environment or a map that is not usable."""
     scene, put = visibility.scene, visibility.put
     check_colour(scene, "environment", scene.environment)
     sky = sky_kernels.Sky()
@@ -46,7 +46,7 @@ def make_sky(visibility: Visibility, gloss: bool) -> Any:
 
 
 def halvings(radiance: np.ndarray) -> list[np.ndarray]:
-    """The map float [h, w, 3] and its reductions to half, a quarter ..., means over solid angle."""
+    """Gives the map float [h, w, 3] and its reductions to half, a quarter ..., means over solid angle."""
     levels = [np.asarray(radiance, np.float64)]
     while min(levels[-1].shape[:2]) > 2:
         h, w = levels[-1].shape[:2]
@@ -55,7 +55,7 @@ def halvings(radiance: np.ndarray) -> list[np.ndarray]:
 
 
 def irradiance_map(radiance: np.ndarray) -> np.ndarray:
-    """Irradiance / pi float64 [*NORMALS, 3] of surfaces with these normals, of a map that surrounds them.
+    """Gives the irradiance / pi float64 [*NORMALS, 3] of surfaces with these normals, of a map that surrounds them.
 
     Sum over cells of max(0, n . (integral of radiance times direction over the cell)): exact for every cell that lies
     on one side of the horizon, and in any case for a uniform map, by which it is divided.

@@ -4,19 +4,17 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.materials.ggx_kernels import masking, sample_density, sample_direction, view_masking
+from nodes.renderer.materials.ggx_kernels import masking, sample_density, sample_direction, specular_share, view_masking
 
 wp.set_module_options({"enable_backward": False})
 
 PI = wp.constant(wp.pi)
 
-DIELECTRIC = wp.constant(0.04)
-"""Reflectance at normal incidence of what is no metal (glTF 2.0)."""
-
 
 @wp.struct
 class Sky:
-    """camera [E] to world. levels (first texel, width, height) of the map and its halvings, the last one of `diffuse`.
+    """Holds camera [E] to world. levels (first texel, width, height) of the map and its halvings, the last one of
+    `diffuse`.
 
     texels: radiance of all levels. diffuse: irradiance / pi by normal. albedo: `ggx.directional_albedo`. points [N] in
     the unit square: the samples of the specular lobe, the same for every surface point.
@@ -33,7 +31,7 @@ class Sky:
 
 @wp.func
 def texel(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, i: int, j: int):
-    """Texel of column i and row j; beyond a pole lies the other side of the map."""
+    """Gives the texel of column i and row j; beyond a pole lies the other side of the map."""
     w = level[1]
     h = level[2]
     column = i
@@ -52,7 +50,7 @@ def texel(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, i: int, j: int):
 
 @wp.func
 def equirect(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, direction: wp.vec3):
-    """Linear interpolation between the centres of the texels around a world direction."""
+    """Gives linear interpolation between the centres of the texels around a world direction."""
     azimuth = wp.atan2(direction[1], direction[0]) / (2.0 * PI)
     polar = wp.atan2(wp.sqrt(direction[0] * direction[0] + direction[1] * direction[1]), direction[2]) / PI
     x = azimuth * float(level[1]) - 0.5
@@ -68,7 +66,7 @@ def equirect(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, direction: wp.vec
 
 @wp.func
 def filtered(sky: Sky, direction: wp.vec3, lod: float):
-    """The map, linear between its halvings too."""
+    """Gives the map, linear between its halvings too."""
     top = sky.levels.shape[0] - 2
     place = wp.clamp(lod, 0.0, float(top))
     low = int(place)
@@ -81,7 +79,7 @@ def filtered(sky: Sky, direction: wp.vec3, lod: float):
 
 @wp.func
 def reflectances(sky: Sky, alpha: float, nv: float):
-    """(a, b) of `ggx.directional_albedo`."""
+    """Looks up (a, b) of `ggx.directional_albedo`."""
     rows = sky.albedo.shape[0]
     columns = sky.albedo.shape[1]
     y = wp.sqrt(alpha) * float(rows - 1)
@@ -96,34 +94,32 @@ def reflectances(sky: Sky, alpha: float, nv: float):
 
 
 def make_sky(mapped: bool) -> tuple[Any, Any, Any]:
-    """The functions `background`, `ambient` and `gloss` for a uniform sky or a map."""
+    """Makes the functions `background`, `ambient` and `gloss` for a uniform sky or a map."""
 
     @wp.func
     def background(sky: Sky, env: int, ray: wp.vec3):
-        """Radiance from where a ray of the camera leads."""
+        """Gives the radiance from where a ray of the camera leads."""
         if wp.static(mapped):
             return equirect(sky.texels, sky.levels[0], sky.camera[env] * ray)
         return sky.uniform
 
     @wp.func
     def ambient(sky: Sky, env: int, n: wp.vec3):
-        """Irradiance / pi on a surface with normal n."""
+        """Gives the irradiance / pi on a surface with normal n."""
         if wp.static(mapped):
             return equirect(sky.diffuse, sky.levels[sky.levels.shape[0] - 1], sky.camera[env] * n)
         return sky.uniform
 
     @wp.func
     def gloss(sky: Sky, env: int, n: wp.vec3, v: wp.vec3, alpha: float, f0: wp.vec3):
-        """Radiance from the specular lobe, and the part of the light that a dielectric's lobe leaves below it.
+        """Estimates the radiance from the specular lobe; gives also `reflectances` at this view.
 
         The mean of the map over samples of the lobe, each as wide as its share (Krivanek and Colbert, EGSR 2008), times
         the lobe's exact albedo: right under a uniform sky, an approximation where map and Fresnel term vary together.
         """
         nv = wp.dot(n, v)
         r = reflectances(sky, alpha, nv)
-        one = wp.vec3(1.0, 1.0, 1.0)
-        albedo = r[0] * f0 + r[1] * one
-        left = 1.0 - DIELECTRIC * r[0] - r[1]
+        albedo = specular_share(r, f0)
         mean = sky.uniform
         if wp.static(mapped):
             mean = wp.vec3(0.0, 0.0, 0.0)
@@ -143,6 +139,6 @@ def make_sky(mapped: bool) -> tuple[Any, Any, Any]:
                     total += weight
             if total > 0.0:
                 mean = mean / total
-        return wp.cw_mul(albedo, mean), left
+        return wp.cw_mul(albedo, mean), r
 
     return background, ambient, gloss

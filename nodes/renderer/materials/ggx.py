@@ -20,13 +20,14 @@ def is_plain(material: Material) -> bool:
 
 
 def alpha_of(material: Material) -> float:
-    """alpha = roughness^2 of a GGX material, -1 for a plain one."""
+    """Gives alpha = roughness^2 of a GGX material, -1 for a plain one."""
     return -1.0 if is_plain(material) else max(float(material.roughness) ** 2, LEAST_ALPHA)
 
 
 @cache
 def directional_albedo() -> np.ndarray:
-    """float64 [ROUGHNESSES, COSINES, 2]: rows of equal roughness 0 ... 1, columns of cosine (j / (COSINES - 1))^2.
+    """Gives float64 [ROUGHNESSES, COSINES, 2]: rows of equal roughness 0 ... 1, columns of cosine (j / (COSINES -
+    1))^2.
 
     (a, b): a surface reflects f0 a + b of a uniform sky from its specular lobe (Karis, Real Shading in Unreal Engine 4,
     2013, here with height-correlated masking). The rest reaches what lies below the lobe.

@@ -14,6 +14,9 @@ wp.set_module_options({"enable_backward": False})
 PI = wp.constant(wp.pi)
 INVERSE_PI = wp.constant(1.0 / wp.pi)
 
+DIELECTRIC = wp.constant(0.04)
+"""Reflectance at normal incidence of what is no metal (glTF 2.0)."""
+
 LEAST_BULK = wp.constant(1.0e-30)
 """Keeps v = -l, which has no h, from dividing by 0."""
 
@@ -22,8 +25,27 @@ LEAST_COSINE = wp.constant(1.0e-4)
 
 
 @wp.func
+def normal_reflectance(albedo: wp.vec3, metallic: float):
+    """Computes the reflectance at normal incidence, F0 of glTF 2.0."""
+    return DIELECTRIC * (1.0 - metallic) * wp.vec3(1.0, 1.0, 1.0) + metallic * albedo
+
+
+@wp.func
+def specular_share(r: wp.vec2, f0: wp.vec3):
+    """Computes the part of a uniform sky's light that the specular lobe reflects; r: (a, b) of
+    `ggx.directional_albedo` at this view."""
+    return r[0] * f0 + r[1] * wp.vec3(1.0, 1.0, 1.0)
+
+
+@wp.func
+def diffuse_share(r: wp.vec2, metallic: float):
+    """Computes the part of the light that the specular lobe leaves to the diffuse term, which metals do not have."""
+    return (1.0 - metallic) * (1.0 - DIELECTRIC * r[0] - r[1])
+
+
+@wp.func
 def fresnel(f0: wp.vec3, cosine: float):
-    """Schlick's reflectance at cosine = v . h."""
+    """Gives Schlick's reflectance at cosine = v . h."""
     m = wp.clamp(1.0 - cosine, 0.0, 1.0)
     weight = m * m * m * m * m
     return f0 + weight * (wp.vec3(1.0, 1.0, 1.0) - f0)
@@ -31,7 +53,7 @@ def fresnel(f0: wp.vec3, cosine: float):
 
 @wp.func
 def distribution(alpha: float, n: wp.vec3, h: wp.vec3):
-    """GGX density of microfacet normals along h, of any length but 0.
+    """Gives GGX density of microfacet normals along h, of any length but 0.
 
     sin^2 is taken from n x h, for 1 - cos^2 has no digits in a narrow lobe.
     """
@@ -44,21 +66,21 @@ def distribution(alpha: float, n: wp.vec3, h: wp.vec3):
 
 @wp.func
 def masking(alpha: float, nl: float, nv: float):
-    """Height-correlated Smith G2 / (4 n.l n.v) (Heitz, JCGT 3(2), 2014)."""
+    """Gives height-correlated Smith G2 / (4 n.l n.v) (Heitz, JCGT 3(2), 2014)."""
     a = alpha * alpha
     return 0.5 / (nl * wp.sqrt(nv * nv * (1.0 - a) + a) + nv * wp.sqrt(nl * nl * (1.0 - a) + a))
 
 
 @wp.func
 def view_masking(alpha: float, nv: float):
-    """Smith G1 of the viewer."""
+    """Gives Smith G1 of the viewer."""
     a = alpha * alpha
     return 2.0 * nv / (nv + wp.sqrt(a + (1.0 - a) * nv * nv))
 
 
 @wp.func
 def specular(alpha: float, f0: wp.vec3, n: wp.vec3, v: wp.vec3, l: wp.vec3):
-    """Specular BRDF [1/sr] for n.l > 0."""
+    """Gives the specular BRDF [1/sr] for n.l > 0."""
     h = v + l
     # v . h of the unit vector is half the length of this one.
     f = fresnel(f0, 0.5 * wp.length(h))
@@ -68,14 +90,14 @@ def specular(alpha: float, f0: wp.vec3, n: wp.vec3, v: wp.vec3, l: wp.vec3):
 
 @wp.func
 def sample_density(alpha: float, n: wp.vec3, v: wp.vec3, l: wp.vec3):
-    """Density [1/sr] with which `sample_direction` gives l."""
+    """Gives the density [1/sr] with which `sample_direction` gives l."""
     nv = wp.max(wp.dot(n, v), LEAST_COSINE)
     return distribution(alpha, n, v + l) * view_masking(alpha, nv) / (4.0 * nv)
 
 
 @wp.func
 def sample_direction(alpha: float, n: wp.vec3, v: wp.vec3, u: wp.vec2):
-    """A direction l for u in [0, 1)^2, from the visible normals (Dupuy and Benyoub, HPG 2023); n.l may be < 0."""
+    """Gives a direction l for u in [0, 1)^2, from the visible normals (Dupuy and Benyoub, HPG 2023); n.l may be < 0."""
     nv = wp.clamp(wp.dot(n, v), LEAST_COSINE, 1.0)
     across = v - wp.dot(n, v) * n
     if wp.dot(across, across) < 1.0e-10:

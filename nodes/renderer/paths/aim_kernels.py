@@ -5,8 +5,8 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.features import Features
 from nodes.renderer.lights.area_kernels import SHORT
+from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import AREA, DIRECTIONAL, FAR, SPOT, Lights, spot_falloff
 from nodes.renderer.lights.sky_kernels import Sky, make_sky
 from nodes.renderer.paths.sampling_kernels import (
@@ -26,8 +26,8 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.func
 def towards(lights: Lights, env: int, l: int, p: wp.vec3, normal: wp.vec3, u: wp.vec2, width: float):
-    """Unit vector from p to a light, or to its point u, the length of the shadow ray, and the irradiance over the
-    cosine.
+    """Gives the unit vector from p to a light, or to its point u, the length of the shadow ray, and the irradiance over
+    the cosine.
 
     The light of a near lamp is spread over the `width` of the path, as a texture is: as if it came from
     sqrt(h^2 + width^2) above the surface instead of h. That keeps its power, and shrinks with the number of paths.
@@ -57,7 +57,7 @@ def towards(lights: Lights, env: int, l: int, p: wp.vec3, normal: wp.vec3, u: wp
 
 @cache
 def make_aims(f: Features) -> tuple[Any, Any, Any]:
-    """The functions `of_lights`, `of_glow` and `of_sky`."""
+    """Makes the functions `of_lights`, `of_glow` and `of_sky`."""
     background, _, _ = make_sky(f.mapped)
     occluded, _ = make_occlusion(f.trees, f.joined)
     _, reflected, _ = make_reflection(f.gloss)
@@ -72,7 +72,7 @@ def make_aims(f: Features) -> tuple[Any, Any, Any]:
         u: wp.vec2,
         choice: float,
     ):
-        """What a vertex reflects of one light, over the chance that it is that one."""
+        """Gives what a vertex reflects of one light, over the chance that it is that one."""
         total = wp.float32(0.0)
         chosen = wp.int32(-1)
         weight = wp.float32(0.0)
@@ -114,7 +114,7 @@ def make_aims(f: Features) -> tuple[Any, Any, Any]:
         v: PathVertex,
         u: wp.vec2,
     ):
-        """What a vertex reflects of a point on a glowing triangle, weighted against finding it by chance."""
+        """Gives what a vertex reflects of a point on a glowing triangle, weighted against finding it by chance."""
         zero = wp.vec3(0.0, 0.0, 0.0)
         g = searched(sources.glow_sum, u[0])
         root = wp.sqrt(rescaled(sources.glow_sum, g, u[0]))
@@ -153,7 +153,7 @@ def make_aims(f: Features) -> tuple[Any, Any, Any]:
         v: PathVertex,
         u: wp.vec2,
     ):
-        """What a vertex reflects of a direction of the map, weighted against finding it by chance."""
+        """Gives what a vertex reflects of a direction of the map, weighted against finding it by chance."""
         zero = wp.vec3(0.0, 0.0, 0.0)
         world = sky_direction(sources, u)
         ray = wp.transpose(sky.camera[env]) * world

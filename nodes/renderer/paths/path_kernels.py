@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.features import Features
+from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import Lights
 from nodes.renderer.lights.sky_kernels import Sky
 from nodes.renderer.paths.sampling_kernels import Sources, frozen_shift
@@ -25,7 +25,7 @@ from nodes.renderer.raster.surface_kernels import (
     seen_face,
     seen_triangle,
 )
-from nodes.renderer.raster.triangle_kernels import MISS, View
+from nodes.renderer.raster.triangle_kernels import MISS, CameraView
 from nodes.renderer.shading.radiance_kernels import make_image, make_write
 from nodes.renderer.shadows.ray_kernels import Casters
 
@@ -33,7 +33,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.Kernel, wp.Kernel]:
-    """The kernels that add the light of paths to all pixels of an image, and to those of a list.
+    """Makes the kernels that add the light of paths to all pixels of an image, and to those of a list.
 
     f: of the shading kernel that brings the light of lights. glowing: some surface glows. dark: none does, and the sky
     is black. half: light is written as float16.
@@ -45,7 +45,7 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
 
     @wp.func
     def paths(
-        view: View,
+        view: CameraView,
         pixel: Pixel,
         limits: PathLimits,
         seen: Seen,
@@ -56,7 +56,7 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
         bodies: Bodies,
         sources: Sources,
     ):
-        """Radiance of a pixel from paths."""
+        """Gives the radiance of a pixel from paths."""
         if seen_triangle(seen, pixel) == MISS:
             return wp.vec3(0.0, 0.0, 0.0)
         face = seen_face(view, seen, surfaces, pixel)
@@ -70,7 +70,7 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
     @wp.kernel(module="unique", enable_backward=False)
     def add_paths(
         # in
-        view: View,
+        view: CameraView,
         row0: int,
         band: int,
         span: int,
@@ -86,6 +86,7 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
         # out
         image: Image,
     ):
+        """Adds to every pixel the light that comes by paths, and writes it."""
         env, row, part = wp.tid()
         y = row0 + row
         for x in range(part * span, wp.min(part * span + span, view.width)):
@@ -96,7 +97,7 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
     @wp.kernel(module="unique", enable_backward=False)
     def add_paths_list(
         # in
-        view: View,
+        view: CameraView,
         workers: int,
         first: int,
         band: int,
@@ -114,6 +115,7 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
         # out
         image: Image,
     ):
+        """Does the same with listed pixels."""
         j = wp.tid()
         while j < count[band]:
             pixel = listed_pixel(view, pixels[first + j])

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Light, Scene
-from nodes.renderer.features import Features
+from nodes.renderer.lights.features import Features
 from nodes.renderer.paths import path_kernels
 from nodes.renderer.paths.sampling_kernels import GLOWING, PICTURE, Sources
 from nodes.renderer.paths.surface_kernels import Bodies
@@ -69,16 +69,17 @@ class Paths:
         self._kernels = make_paths(features, bool(glows.any()), dark, half)
 
     def kernel(self, listed: bool) -> wp.Kernel:
-        """The kernel for all pixels of the rows it gets, or for those of a list; arguments as of `make_shade`'s."""
+        """Makes the kernel for all pixels of the rows it gets, or for those of a list; arguments as of
+        `make_shade`'s."""
         return self._kernels[listed]
 
     def arguments(self, light: list[Any], image: Any) -> list[Any]:
-        """The kernels' arguments from `limits` on. light: what is seen, surfaces, lights, sky and casters."""
+        """Makes the kernels' arguments from `limits` on. light: what is seen, surfaces, lights, sky and casters."""
         return [self._limits, *light, self._bodies, self._sources, self.direct, image]
 
 
 def glowing(scene: Scene, visibility: Visibility) -> np.ndarray:
-    """int32 [I]: GLOWING for an instance that emits light, PICTURE for one that shows a light, 0 for the others.
+    """Gives int32 [I]: GLOWING for an instance that emits light, PICTURE for one that shows a light, 0 for the others.
 
     The light of a lamp would be counted twice if its shade lit others too, and what the shade throws back of the light
     within it is part of that light: paths end at a picture.
@@ -101,7 +102,7 @@ def _shows(light: Light, body: int, centre: np.ndarray, reach: float) -> bool:
 
 
 def make_sources(visibility: Visibility, glows: np.ndarray) -> Any:
-    """The kernels' sources of light that are no lights; glows: bool [I], those that emit light of their own."""
+    """Makes the kernels' sources of light that are no lights; glows: bool [I], those that emit light of their own."""
     scene, geometry, put = visibility.scene, visibility.geometry, visibility.put
     instance = geometry.triangle_instance
     chosen = np.flatnonzero(glows[instance]) if len(instance) else np.zeros(0, np.int64)
@@ -124,7 +125,7 @@ def make_sources(visibility: Visibility, glows: np.ndarray) -> Any:
 
 
 def sky_shares(radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Running shares of the rows [h] and of the columns [h, w], and each texel's share times their number.
+    """Gives running shares of the rows [h] and of the columns [h, w], and each texel's share times their number.
 
     A texel's luminance counts with its neighbours', for between their centres the map is interpolated, and with a part
     of the mean, so that no direction is left out.

@@ -21,7 +21,7 @@ PICTURE = wp.constant(2)
 
 @wp.struct
 class Sources:
-    """What light comes from apart from lights, with the sums by which it is chosen.
+    """Holds what light comes from apart from lights, with the sums by which it is chosen.
 
     Glowing triangles, G of them: glow_sum [G] running share of luminous power; glow_instance [G]; glow_corners
     [G, 3] in the instance's frame; glow_density: density per area of a unit of luminance [1/W]. glows [I]: GLOWING,
@@ -43,8 +43,8 @@ class Sources:
 
 @wp.struct
 class Numbers:
-    """What the random numbers of a path depend on: that it is sample k of `count`, and where it begins, a point of an
-    instance with `shift` (`frozen_shift`)."""
+    """Holds what the random numbers of a path depend on: that it is sample k of `count`, and where it begins, a point
+    of an instance with `shift` (`frozen_shift`)."""
 
     k: int
     count: int
@@ -54,20 +54,20 @@ class Numbers:
 
 @wp.func
 def around(x: float):
-    """The fraction of x, below 1 also after rounding."""
+    """Gives the fraction of x, below 1 also after rounding."""
     return wp.min(x - wp.floor(x), 0.99999994)
 
 
 @wp.func
 def corner(i: int, j: int, k: int, instance: int):
-    """Four random numbers of a lattice point of an instance."""
+    """Gives four random numbers of a lattice point of an instance."""
     state = wp.rand_init(int(cell_key(wp.uint32(i), wp.uint32(j), wp.uint32(k), instance)), 17)
     return wp.vec4(wp.randf(state), wp.randf(state), wp.randf(state), wp.randf(state))
 
 
 @wp.func
 def frozen_shift(q: wp.vec3, radius: float, instance: int):
-    """Four numbers in [0, 1) that belong to the point q of an instance's frame, whatever looks at it.
+    """Gives four numbers in [0, 1) that belong to the point q of an instance's frame, whatever looks at it.
 
     They vary smoothly over the surface, round the end of the range, between random ones at the corners of its cells.
     """
@@ -94,7 +94,7 @@ def frozen_shift(q: wp.vec3, radius: float, instance: int):
 
 @wp.func
 def reversed_bits(k: int):
-    """The radical inverse of k in base 2."""
+    """Gives the radical inverse of k in base 2."""
     b = wp.uint32(k)
     b = (b << wp.uint32(16)) | (b >> wp.uint32(16))
     b = ((b >> wp.uint32(1)) & wp.uint32(0x55555555)) | ((b & wp.uint32(0x55555555)) << wp.uint32(1))
@@ -106,7 +106,7 @@ def reversed_bits(k: int):
 
 @wp.func
 def point_of(numbers: Numbers, bounce: int, shift: wp.vec2):
-    """A path's point in the unit square, moved round by `shift` (Cranley and Patterson, 1976).
+    """Gives a path's point in the unit square, moved round by `shift` (Cranley and Patterson, 1976).
 
     Where a path begins these are Hammersley's points; further on, fixed random ones.
     """
@@ -123,7 +123,7 @@ def point_of(numbers: Numbers, bounce: int, shift: wp.vec2):
 
 @wp.func
 def cosine_direction(n: wp.vec3, turn: wp.mat33, u: wp.vec2):
-    """A direction about the normal n with density cosine / pi.
+    """Gives a direction about the normal n with density cosine / pi.
 
     The frame about n is made in the instance's frame and so turns with it (Duff et al., JCGT 6(1), 2017).
     """
@@ -140,7 +140,7 @@ def cosine_direction(n: wp.vec3, turn: wp.mat33, u: wp.vec2):
 
 @wp.func
 def searched(sums: wp.array(dtype=float), u: float):
-    """The first entry of a running sum that is above u."""
+    """Gives the first entry of a running sum that is above u."""
     low = wp.int32(0)
     high = sums.shape[0] - 1
     while low < high:
@@ -154,7 +154,7 @@ def searched(sums: wp.array(dtype=float), u: float):
 
 @wp.func
 def rescaled(sums: wp.array(dtype=float), index: int, u: float):
-    """Where u lies within its entry of a running sum, in [0, 1)."""
+    """Finds where u lies within its entry of a running sum, in [0, 1)."""
     before = wp.float32(0.0)
     if index > 0:
         before = sums[index - 1]
@@ -163,7 +163,7 @@ def rescaled(sums: wp.array(dtype=float), index: int, u: float):
 
 @wp.func
 def sky_direction(sources: Sources, u: wp.vec2):
-    """A world direction towards a bright part of the map."""
+    """Gives a world direction towards a bright part of the map."""
     h = sources.sky_rows.shape[0]
     row = searched(sources.sky_rows, u[0])
     y = float(row) + rescaled(sources.sky_rows, row, u[0])
@@ -177,7 +177,7 @@ def sky_direction(sources: Sources, u: wp.vec2):
 
 @wp.func
 def sky_density(sources: Sources, d: wp.vec3):
-    """Density [1/sr] with which `sky_direction` gives d."""
+    """Gives the density [1/sr] with which `sky_direction` gives d."""
     h = sources.sky_share.shape[0]
     w = sources.sky_share.shape[1]
     sine = wp.sqrt(d[0] * d[0] + d[1] * d[1])

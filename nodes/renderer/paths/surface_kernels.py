@@ -6,11 +6,17 @@ from typing import Any
 import warp as wp
 
 from nodes.renderer.lights.light_kernels import SurfacePoint
-from nodes.renderer.lights.sky_kernels import DIELECTRIC, Sky, reflectances
-from nodes.renderer.materials.ggx_kernels import sample_density, sample_direction, specular
+from nodes.renderer.lights.sky_kernels import Sky, reflectances
+from nodes.renderer.materials.ggx_kernels import (
+    diffuse_share,
+    normal_reflectance,
+    sample_density,
+    sample_direction,
+    specular,
+    specular_share,
+)
 from nodes.renderer.paths.sampling_kernels import PI, cosine_direction
 from nodes.renderer.raster.surface_kernels import Surfaces, tint_of
-from nodes.renderer.shading.material_kernels import normal_reflectance
 from nodes.renderer.shading.radiance_kernels import luminance
 from nodes.renderer.shadows.ray_kernels import Casters, shadow_start
 from nodes.renderer.textures.texture_kernels import bilinear
@@ -23,7 +29,8 @@ LEAST_LOBE = wp.constant(0.1)
 
 @wp.struct
 class Bodies:
-    """What a ray that hits an instance has to know. first, two_sided, body frame; points: vertices of the instances."""
+    """Holds what a ray that hits an instance has to know. first, two_sided, body frame; points: vertices of the
+    instances."""
 
     first: wp.array(dtype=int)
     two_sided: wp.array(dtype=int)
@@ -32,7 +39,7 @@ class Bodies:
 
 @wp.struct
 class PathVertex:
-    """Where a path is, and how it goes on. diffuse: albedo of the diffuse term; share of the specular lobe in the
+    """Holds where a path is, and how it goes on. diffuse: albedo of the diffuse term; share of the specular lobe in the
     directions that are taken; turn: the instance's rotation to the camera frame."""
 
     point: SurfacePoint
@@ -43,13 +50,13 @@ class PathVertex:
 
 @wp.func
 def spread_of(pdf: float, samples: int):
-    """Width of a cone that holds one sample's share of directions, per metre."""
+    """Gives the width of a cone that holds one sample's share of directions, per metre."""
     return wp.min(wp.sqrt(4.0 / (PI * pdf * float(samples))), 1.0)
 
 
 @wp.func
 def lifted(casters: Casters, s: SurfacePoint, i: int, side: float):
-    """The point with what its rays leave out and where they start."""
+    """Gives the point with what its rays leave out and where they start."""
     r = s
     lift, alone = shadow_start(casters, i, s.position, s.normal, side > 0.0)
     r.lift = lift
@@ -59,11 +66,11 @@ def lifted(casters: Casters, s: SurfacePoint, i: int, side: float):
 
 @cache
 def make_reflection(gloss: bool) -> tuple[Any, Any, Any]:
-    """The functions `vertex_of`, `reflected` and `onward`."""
+    """Makes the functions `vertex_of`, `reflected` and `onward`."""
 
     @wp.func
     def vertex_of(point: SurfacePoint, turn: wp.mat33, sky: Sky, albedo: wp.vec3, gloss_of: wp.vec2, least: float):
-        """A path's vertex on a material of this albedo and gloss (alpha, metallic), alpha widened to `least`."""
+        """Makes a path's vertex on a material of this albedo and gloss (alpha, metallic), alpha widened to `least`."""
         v = PathVertex()
         s = point
         alpha = gloss_of[0]
@@ -74,11 +81,10 @@ def make_reflection(gloss: bool) -> tuple[Any, Any, Any]:
             if alpha >= 0.0:
                 metallic = gloss_of[1]
                 alpha = wp.max(alpha, least)
-                one = wp.vec3(1.0, 1.0, 1.0)
                 f0 = normal_reflectance(albedo, metallic)
                 r = reflectances(sky, alpha, wp.dot(s.facing, s.view))
-                diffuse = ((1.0 - metallic) * (1.0 - DIELECTRIC * r[0] - r[1])) * albedo
-                shine = luminance(r[0] * f0 + r[1] * one)
+                diffuse = diffuse_share(r, metallic) * albedo
+                shine = luminance(specular_share(r, f0))
                 matt = luminance(diffuse)
                 share = 1.0
                 if matt > 0.0:
@@ -93,7 +99,7 @@ def make_reflection(gloss: bool) -> tuple[Any, Any, Any]:
 
     @wp.func
     def reflected(v: PathVertex, l: wp.vec3):
-        """BRDF times cosine for direction l, and the density with which a path takes it; 0 below the surface."""
+        """Gives BRDF times cosine for direction l, and the density with which a path takes it; 0 below the surface."""
         cosine = wp.dot(v.point.facing, l)
         if cosine <= 0.0 or wp.dot(v.point.normal, l) <= 0.0:
             return wp.vec3(0.0, 0.0, 0.0), 0.0
@@ -109,7 +115,7 @@ def make_reflection(gloss: bool) -> tuple[Any, Any, Any]:
 
     @wp.func
     def onward(v: PathVertex, u: wp.vec2):
-        """The direction that a path takes from its vertex for u in [0, 1)^2."""
+        """Gives the direction that a path takes from its vertex for u in [0, 1)^2."""
         # One number chooses the lobe and, from what is left of it, the direction.
         if u[0] < v.share:
             return sample_direction(v.point.alpha, v.point.facing, v.point.view, wp.vec2(u[0] / v.share, u[1]))
@@ -120,7 +126,7 @@ def make_reflection(gloss: bool) -> tuple[Any, Any, Any]:
 
 @wp.func
 def wide_texture(surfaces: Surfaces, bodies: Bodies, i: int, t: int, w0: float, w1: float, width: float):
-    """The texture of instance i at a point of triangle t, averaged over `width` [m]."""
+    """Gives the texture of instance i at a point of triangle t, averaged over `width` [m]."""
     place = surfaces.textures.place[i]
     j = 3 * t
     uv0 = surfaces.uv[j]
@@ -145,11 +151,11 @@ def wide_texture(surfaces: Surfaces, bodies: Bodies, i: int, t: int, w0: float, 
 
 @cache
 def make_albedo(textures: bool, tinted: bool) -> Any:
-    """The function of the albedo where a path meets a surface."""
+    """Makes the function of the albedo where a path meets a surface."""
 
     @wp.func
     def albedo_at(surfaces: Surfaces, bodies: Bodies, i: int, t: int, w0: float, w1: float, width: float):
-        """Albedo where a path meets a triangle, its texture averaged over the path's `width` [m]."""
+        """Gives the albedo where a path meets a triangle, its texture averaged over the path's `width` [m]."""
         albedo = surfaces.albedo[surfaces.material[i]]
         if wp.static(textures):
             if surfaces.textures.place[i][1] > 0:

@@ -12,7 +12,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Hit:
-    """instance, -1 for none; triangle of its mesh; distance [m]; weights of the triangle's first two corners."""
+    """Holds instance, -1 for none; triangle of its mesh; distance [m]; weights of the triangle's first two corners."""
 
     instance: int
     face: int
@@ -30,7 +30,7 @@ def nearer(
     direction: wp.vec3,
     hit: Hit,
 ):
-    """The hit on instance i if it is nearer than `hit`, else that."""
+    """Gives the hit on instance i if it is nearer than `hit`, else that."""
     centre = casters.translation[env, i] - origin
     if sphere_met(centre, casters.radius[i], direction, hit.distance):
         inverse = wp.transpose(casters.rotation[env, i])
@@ -48,7 +48,7 @@ def nearer(
 
 @cache
 def make_first_hit(trees: bool, joined: bool) -> Any:
-    """The function `first_hit`; without trees where there are none; joined: as of `make_occlusion`."""
+    """Makes the function `first_hit`; without trees where there are none; joined: as of `make_occlusion`."""
 
     @wp.func
     def first_hit(
@@ -59,7 +59,7 @@ def make_first_hit(trees: bool, joined: bool) -> Any:
         direction: wp.vec3,
         length: float,
     ):
-        """The nearest hit within `length`, on any instance but `skip`."""
+        """Gives the nearest hit within `length`, on any instance but `skip`."""
         hit = Hit()
         hit.instance = -1
         hit.distance = length

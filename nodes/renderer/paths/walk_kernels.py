@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.features import Features
+from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import FAR, Lights, SurfacePoint
 from nodes.renderer.lights.sky_kernels import Sky, make_sky
 from nodes.renderer.paths.aim_kernels import make_aims
@@ -20,7 +20,7 @@ from nodes.renderer.raster.surface_kernels import (
     make_surface,
     smooth_normal,
 )
-from nodes.renderer.raster.triangle_kernels import View
+from nodes.renderer.raster.triangle_kernels import CameraView
 from nodes.renderer.shading.radiance_kernels import luminance
 from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion
 
@@ -36,7 +36,7 @@ ROULETTE_DRAWS = wp.constant(128)
 
 @wp.struct
 class PathLimits:
-    """bounces, samples and roulette (0 or 1) of `path.PathOptions`."""
+    """Holds bounces, samples and roulette (0 or 1) of `paths.PathOptions`."""
 
     bounces: int
     samples: int
@@ -45,7 +45,7 @@ class PathLimits:
 
 @wp.func
 def met_face(surfaces: Surfaces, bodies: Bodies, casters: Casters, env: int, start: wp.vec3, ray: wp.vec3, hit: Hit):
-    """Where a ray meets the triangle that it hits; `normal` is towards its start."""
+    """Finds where a ray meets the triangle that it hits; `normal` is towards its start."""
     face = Face()
     i = hit.instance
     t = bodies.first[i] + hit.face
@@ -64,28 +64,30 @@ def met_face(surfaces: Surfaces, bodies: Bodies, casters: Casters, env: int, sta
 
 @wp.func
 def aim_density(surfaces: Surfaces, sources: Sources, face: Face, distance: float):
-    """Density [1/sr] with which aiming at glowing triangles gives the way to a point of one."""
+    """Gives the density [1/sr] with which aiming at glowing triangles gives the way to a point of one."""
     chance = luminance(surfaces.emission[surfaces.material[face.instance]]) * sources.glow_density
     return chance * (distance / wp.max(wp.abs(wp.dot(face.normal, face.ray)), 1.0e-6) * distance)
 
 
 @wp.func
 def ends_by_chance(numbers: Numbers, bounce: int, stay: float):
-    """Whether a path that goes on with the chance `stay` does not."""
+    """Tells whether a path that goes on with the chance `stay` does not."""
     state = wp.rand_init(numbers.instance * 7919 + bounce + ROULETTE_DRAWS, numbers.k)
     return around(wp.randf(state) + numbers.shift[1]) >= stay
 
 
 @cache
 def make_vertices(f: Features) -> tuple[Any, Any]:
-    """The functions `first_vertex` and `next_vertex`."""
+    """Makes the functions `first_vertex` and `next_vertex`."""
     surface = make_surface(f.textures, f.smooth, f.tinted)
     vertex_of, _, _ = make_reflection(f.gloss)
     albedo_at = make_albedo(f.textures, f.tinted)
 
     @wp.func
-    def first_vertex(view: View, pixel: Pixel, seen: Seen, surfaces: Surfaces, sky: Sky, casters: Casters, face: Face):
-        """What a pixel sees, as the vertex that its paths begin at."""
+    def first_vertex(
+        view: CameraView, pixel: Pixel, seen: Seen, surfaces: Surfaces, sky: Sky, casters: Casters, face: Face
+    ):
+        """Gives what a pixel sees, as the vertex that its paths begin at."""
         s = SurfacePoint()
         s.position = face.position
         s.normal = face.normal
@@ -99,7 +101,7 @@ def make_vertices(f: Features) -> tuple[Any, Any]:
     def next_vertex(
         surfaces: Surfaces, sky: Sky, casters: Casters, bodies: Bodies, face: Face, w0: float, w1: float, width: float
     ):
-        """What a path of this width [m] meets, with the weights of its first two corners."""
+        """Gives what a path of this width [m] meets, with the weights of its first two corners."""
         s = SurfacePoint()
         facing = face.normal
         s.position = face.position
@@ -119,7 +121,7 @@ def make_vertices(f: Features) -> tuple[Any, Any]:
 
 @cache
 def make_walk(f: Features, glowing: bool, dark: bool) -> Any:
-    """The function `walk`. glowing, dark: as of `path_kernels.make_paths`."""
+    """Makes the function `walk`. glowing, dark: as of `path_kernels.make_paths`."""
     of_lights, of_glow, of_sky = make_aims(f)
     background, _, _ = make_sky(f.mapped)
     occluded, _ = make_occlusion(f.trees, f.joined)
@@ -129,7 +131,7 @@ def make_walk(f: Features, glowing: bool, dark: bool) -> Any:
 
     @wp.func
     def sky_found(sources: Sources, sky: Sky, env: int, ray: wp.vec3, density: float):
-        """The sky's radiance on a path that took this ray with this density, weighted against aiming at it."""
+        """Gives the sky's radiance on a path that took this ray with this density, weighted against aiming at it."""
         shine = background(sky, env, ray)
         if wp.static(f.mapped):
             shine = (density / (density + sky_density(sources, sky.camera[env] * ray))) * shine
@@ -150,7 +152,8 @@ def make_walk(f: Features, glowing: bool, dark: bool) -> Any:
         bodies: Bodies,
         sources: Sources,
     ):
-        """The mean radiance that `samples` paths bring to their first vertex, on an instance, with its frozen shift."""
+        """Gives the mean radiance that `samples` paths bring to their first vertex, on an instance, with its frozen
+        shift."""
         total = wp.vec3(0.0, 0.0, 0.0)
         numbers = Numbers()
         numbers.count = limits.samples

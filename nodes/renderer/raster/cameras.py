@@ -11,20 +11,21 @@ import warp as wp
 from evis.geometry import pinhole
 from evis.geometry.distortion import Lens, curvature_bound, unproject
 from evis.scene.model import Camera
-from nodes.renderer.raster.triangle_kernels import View
+from nodes.renderer.raster.triangle_kernels import CameraView
 
 BEYOND = 0.05
 """How far outside the field of view [rad] the bounds of triangles are still taken from their corners."""
 
 
 def lens_of(camera: Camera) -> str:
-    """Name of the camera's distortion; `none` also where all coefficients are 0 and the model is a pinhole's then."""
+    """Gives the name of the camera's distortion; `none` also where all coefficients are 0 and the model is a pinhole's
+    then."""
     plain = camera.distortion_model == "plumb_bob" and not np.any(camera.distortion)
     return "none" if plain else camera.distortion_model
 
 
 def finer(camera: Camera, n: int) -> Camera:
-    """The same camera with n x n pixels for each one; n^2 of them have a pixel's centre as their mean."""
+    """Gives the same camera with n x n pixels for each one; n^2 of them have a pixel's centre as their mean."""
     if n == 1:
         return camera
     k = np.array(camera.k, np.float64)
@@ -33,7 +34,7 @@ def finer(camera: Camera, n: int) -> Camera:
     return replace(camera, width=camera.width * n, height=camera.height * n, k=k)
 
 
-def make_view(camera: Camera, margin: int, device: Any) -> View:
+def make_view(camera: Camera, margin: int, device: Any) -> CameraView:
     """Raises ValueError naming the camera and what cannot be its intrinsics, size or distortion."""
     k = np.asarray(camera.k, np.float64)
     if k.shape != (3, 3) or not np.isfinite(k).all() or not (k[0, 0] > 0 and k[1, 1] > 0) or k[0, 1] or k[1, 0]:
@@ -47,7 +48,7 @@ def make_view(camera: Camera, margin: int, device: Any) -> View:
         lens = Lens.of(camera.distortion_model, camera.distortion)
     except ValueError as error:
         raise ValueError(f"camera '{camera.name}': {error}") from None
-    view = View()
+    view = CameraView()
     view.fx, view.fy, view.cx, view.cy = (float(v) for v in (k[0, 0], k[1, 1], k[0, 2], k[1, 2]))
     view.near, view.margin = float(camera.near), margin
     view.width, view.height = camera.width + 2 * margin, camera.height + 2 * margin

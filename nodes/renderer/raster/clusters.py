@@ -14,7 +14,7 @@ SIZE = 64
 
 @dataclass
 class Blocks:
-    """Arrays [B] of raster_kernels.Blocks; the first `still` ones belong to still instances."""
+    """Holds arrays [B] of raster_kernels.Blocks; the first `still` ones belong to still instances."""
 
     instance: np.ndarray
     first: np.ndarray
@@ -28,7 +28,7 @@ class Blocks:
 
 
 def triangle_blocks(geometry: Geometry, still: np.ndarray, two_sided: np.ndarray) -> Blocks:
-    """Blocks of triangles; still, two_sided: bool [I]."""
+    """Gives blocks of triangles; still, two_sided: bool [I]."""
     instance, first, last, count = _cut(geometry.first, still)
     corners = geometry.vertices[geometry.triangles].astype(np.float64)
     low, high = corners.min(1), corners.max(1)
@@ -55,7 +55,8 @@ def triangle_blocks(geometry: Geometry, still: np.ndarray, two_sided: np.ndarray
 
 
 def vertex_blocks(geometry: Geometry, still: np.ndarray) -> Blocks:
-    """Blocks of vertices, with nothing but `extent` to cull them by: an instance's vertices are there or are not."""
+    """Gives blocks of vertices, with nothing but `extent` to cull them by: an instance's vertices are there or are
+    not."""
     edges = np.searchsorted(geometry.vertex_instance, np.arange(len(still) + 1))
     instance, first, last, count = _cut(edges, still)
     zero, none = np.zeros(len(instance)), np.zeros((len(instance), 3))

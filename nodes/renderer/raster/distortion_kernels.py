@@ -8,17 +8,18 @@ from functools import cache
 
 import warp as wp
 
-from nodes.renderer.raster.triangle_kernels import Setup, View, outside
+from nodes.renderer.raster.triangle_kernels import CameraView, Setup, outside
 
 wp.set_module_options({"enable_backward": False})
 
 
 @cache
 def make_distorted(lens: str) -> wp.Function:
-    """The wp.func (view, point) -> pixel [px] without margin, float64, for `plumb_bob` or `equidistant`."""
+    """Makes the wp.func (view, point) -> pixel [px] without margin, float64, for `plumb_bob` or `equidistant`."""
 
     @wp.func
-    def plumb_bob(view: View, p: wp.vec3d):
+    def plumb_bob(view: CameraView, p: wp.vec3d):
+        """Computes the pixel of a direction through a lens of OpenCV's plumb-bob model."""
         x = p[0] / p[2]
         y = p[1] / p[2]
         k = view.lens
@@ -34,7 +35,8 @@ def make_distorted(lens: str) -> wp.Function:
         )
 
     @wp.func
-    def equidistant(view: View, p: wp.vec3d):
+    def equidistant(view: CameraView, p: wp.vec3d):
+        """Computes the pixel of a direction through a lens of the equidistant (fisheye) model."""
         x = p[0]
         y = p[1]
         r = wp.sqrt(x * x + y * y)
@@ -55,19 +57,19 @@ def make_distorted(lens: str) -> wp.Function:
 
 @wp.func
 def angle_of(p: wp.vec3d):
-    """Angle to the optical axis [rad]."""
+    """Gives the angle to the optical axis [rad]."""
     return wp.atan2(wp.sqrt(p[0] * p[0] + p[1] * p[1]), p[2])
 
 
 @wp.func
-def in_bounds(view: View, p: wp.vec3):
-    """Whether the bound `bulge` holds for this direction."""
+def in_bounds(view: CameraView, p: wp.vec3):
+    """Tells whether the bound `bulge` holds for this direction."""
     return wp.atan2(wp.sqrt(p[0] * p[0] + p[1] * p[1]), p[2]) < view.bounded
 
 
 @cache
 def make_bounds(lens: str) -> wp.Function:
-    """The wp.func (view, a, b, c) -> (x min, x max, y min, y max): what of the image a triangle may cover.
+    """Makes the wp.func (view, a, b, c) -> (x min, x max, y min, y max): what of the image a triangle may cover.
 
     An edge of angle alpha strays from the chord between its ends by at most bulge alpha^2 / 8. A triangle that reaches
     far beyond the field of view may cover all of the image.
@@ -75,7 +77,8 @@ def make_bounds(lens: str) -> wp.Function:
     distorted = make_distorted(lens)
 
     @wp.func
-    def bounds_through_lens(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    def bounds_through_lens(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+        """Bounds what of the image a triangle may cover through a lens."""
         w = float(view.width)
         h = float(view.height)
         least = 1.0e-3 * wp.max(wp.length(a), wp.max(wp.length(b), wp.length(c)))
@@ -109,7 +112,7 @@ def make_bounds(lens: str) -> wp.Function:
 
 @wp.func
 def walk_rays(
-    view: View,
+    view: CameraView,
     s: Setup,
     x0: int,
     x1: int,

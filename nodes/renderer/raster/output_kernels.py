@@ -3,7 +3,7 @@
 import warp as wp
 
 from nodes.renderer.raster.distortion_kernels import angle_of, make_distorted
-from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -12,14 +12,15 @@ BEHIND = wp.constant(1.0e6)
 
 
 def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool, lens: str) -> wp.Kernel:
-    """The geometric images that are asked for; the arrays of the others may be empty. lens: `none` or a distortion."""
+    """Makes the kernel of the geometric images that are asked for; the arrays of the others may be empty. lens: `none`
+    or a distortion."""
     bent = lens != "none"
     distorted = make_distorted(lens) if bent else None
 
     @wp.kernel(module="unique", enable_backward=False)
     def outputs(
         # in
-        view: View,
+        view: CameraView,
         row0: int,
         span: int,
         packed: wp.array3d(dtype=wp.uint64),
@@ -35,6 +36,7 @@ def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool, lens: str) 
         ids_out: wp.array3d(dtype=int),
         normal_out: wp.array3d(dtype=wp.vec3),
     ):
+        """Writes the geometric images of every pixel from the z-buffer."""
         env, row, part = wp.tid()
         y = row0 + row
         for x in range(part * span, wp.min(part * span + span, view.width)):
@@ -93,7 +95,7 @@ def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool, lens: str) 
 @wp.kernel
 def body_points(
     # in
-    view: View,
+    view: CameraView,
     packed: wp.array3d(dtype=wp.uint64),
     instance: wp.array(dtype=int),
     rotation: wp.array2d(dtype=wp.mat33),
@@ -105,7 +107,7 @@ def body_points(
     instance_out: wp.array3d(dtype=int),
     point_out: wp.array3d(dtype=wp.vec3),
 ):
-    """Who is hit, and where in the frame of the body that carries it."""
+    """Finds who is hit, and where in the frame of the body that carries it."""
     env, y, x = wp.tid()
     hit = packed[env, y, x]
     t = triangle_of(hit)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from nodes.renderer.raster import clusters, raster_kernels, tiled_kernels
+from nodes.renderer.raster.scene_arrays import SceneArrays
 from nodes.renderer.raster.triangle_kernels import Setup
-
-if TYPE_CHECKING:
-    from nodes.renderer.raster.visibility import Visibility
 
 WORKERS = 1 << 20
 """Threads that share a list: more than run at once, so that who has done his is followed by another."""
@@ -43,27 +41,28 @@ MOST_TILES = 1 << 22
 """Tiles that there is room for in all; more environments than have room take turns."""
 
 make_raster = cache(raster_kernels.make_raster)
-make_pooled = cache(tiled_kernels.make_pooled)
+make_tiled = cache(tiled_kernels.make_tiled)
 
 
-class BandRaster:
+class RowRaster:
     """Corners are turned to the camera once; then every thread draws all triangles into the rows that it owns."""
 
     local = False
 
-    def __init__(self, visibility: Visibility, still: np.ndarray, two_sided: np.ndarray) -> None:
-        v = self._v = visibility
-        pieces = clusters.triangle_blocks(v.geometry, still, two_sided), clusters.vertex_blocks(v.geometry, still)
+    def __init__(self, arrays: SceneArrays, still: np.ndarray) -> None:
+        """still: bool [I], instances that stand still before a still camera; they are drawn apart."""
+        v = self._v = arrays
+        pieces = clusters.triangle_blocks(v.geometry, still, v.sides), clusters.vertex_blocks(v.geometry, still)
         self.blocks = [put_blocks(p, v.put) for p in pieces]
         self._sizes = [(p.still, len(p.instance)) for p in pieces]
         self.vertices = v.empty((v.envs, len(v.geometry.vertices)), wp.vec3)
         self._raster = make_raster(v.lens)
 
     def clear(self) -> None:
-        """As PooledRaster.clear: nothing."""
+        """As TiledRaster.clear: nothing."""
 
     def draw(self, packed: wp.array, still: bool, moving: bool, cleared: Callable[[], None] = lambda: None) -> None:
-        """Add the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
+        """Adds the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
         cleared()
         v = self._v
         blocks, points = self.blocks
@@ -74,31 +73,32 @@ class BandRaster:
         inputs = [v.view, start_points, points, v.points, *place, self.vertices]
         wp.launch(raster_kernels.to_camera, dim=(v.envs, count_points), inputs=inputs, device=v.device)
         shared = [start, blocks, v.two_sided, *place, self.vertices, v.triangles, packed]
-        v.bands.launch(self._raster, lambda row0, row1: ((v.envs, count), [v.view, row0, row1, *shared]), v.device)
+        v.row_tiles.launch(self._raster, lambda row0, row1: ((v.envs, count), [v.view, row0, row1, *shared]), v.device)
 
 
-class PooledRaster:
-    """What may be seen is listed step by step, and threads share the lists; see pooled_kernels."""
+class TiledRaster:
+    """What may be seen is listed step by step, and threads share the lists; see tiled_kernels."""
 
     local = True
 
-    def __init__(self, visibility: Visibility, still: np.ndarray, two_sided: np.ndarray) -> None:
-        v = self._v = visibility
-        pieces = clusters.triangle_blocks(v.geometry, still, two_sided)
+    def __init__(self, arrays: SceneArrays, still: np.ndarray) -> None:
+        """still: bool [I], instances that stand still before a still camera; they are drawn apart."""
+        v = self._v = arrays
+        pieces = clusters.triangle_blocks(v.geometry, still, v.sides)
         self._blocks, self._still, self._count = put_blocks(pieces, v.put), pieces.still, len(pieces.instance)
         self.vertices = v.points.reshape((1, -1))
         self._counters = wp.zeros(tiled_kernels.COUNTERS * int(tiled_kernels.LINE), dtype=wp.int32, device=v.device)
-        lanes, regions = int(tiled_kernels.LANES), int(tiled_kernels.SMALL_REGIONS)
+        threads, regions = int(tiled_kernels.BLOCK_THREADS), int(tiled_kernels.SMALL_REGIONS)
         # A warehouse of 200,000 triangles takes a tile for every second pixel, of 8 rows; of 32, for every sixth.
         pixels = v.shape[1] * v.shape[2]
         room = min(2 * len(v.geometry.triangles), pixels // 2)
-        at_once = min(AT_ONCE // max(1, self._count * lanes), MOST_TILES // max(1, room))
+        at_once = min(AT_ONCE // max(1, self._count * threads), MOST_TILES // max(1, room))
         self._envs = min(v.envs, max(1, at_once))
         listed = self._envs * self._count
         self._few = listed <= FEW
         if not self._few:
             self._listed = v.empty(listed, wp.vec4i)
-            self._small = v.empty((regions, -(-listed // regions) * lanes), wp.vec2i)
+            self._small = v.empty((regions, -(-listed // regions) * threads), wp.vec2i)
         rows = ROWS[self._few or pixels > LARGE_IMAGE]
         # Room for a few triangles as large as the image in any case.
         regions = int(tiled_kernels.LARGE_REGIONS)
@@ -107,7 +107,7 @@ class PooledRaster:
         self._large, self._setups = v.empty((regions, places), wp.vec4i), v.empty((regions, places), Setup)
         together = v.device.is_cuda and v.lens == "none" and not self._few and pixels > LARGE_IMAGE
         area = SHARED_AREA if together else SPLIT_AREA[self._few]
-        self._list, self._raster, self._at_once, self._tiles = make_pooled(v.lens, area, rows, together)
+        self._list, self._raster, self._at_once, self._tiles = make_tiled(v.lens, area, rows, together)
         self._cleared = False
 
     def clear(self) -> None:
@@ -116,7 +116,7 @@ class PooledRaster:
         self._cleared = True
 
     def draw(self, packed: wp.array, still: bool, moving: bool, cleared: Callable[[], None] = lambda: None) -> None:
-        """Add the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
+        """Adds the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
         start, count = part_of(self._still, self._count, still, moving)
         if count:
             for first in range(0, self._v.envs, self._envs):
@@ -129,7 +129,7 @@ class PooledRaster:
         place = [v.rotation, v.translation]
         corners = [*place, self.vertices, v.triangles]
         large = [counters, self._large, self._setups, packed]
-        workers = min(WORKERS, envs * count * int(tiled_kernels.LANES))
+        workers = min(WORKERS, envs * count * int(tiled_kernels.BLOCK_THREADS))
         cleared()
         if not self._cleared:
             counters.zero_()
@@ -148,13 +148,13 @@ class PooledRaster:
 
 
 def part_of(first_moving: int, count: int, still: bool, moving: bool) -> tuple[int, int]:
-    """Start and number of the still items, which come first, of the others, or of both."""
+    """Gives the start and the number of the still items, which come first, of the others, or of both."""
     start = 0 if still else first_moving
     return start, (count if moving else first_moving) - start
 
 
 def put_blocks(blocks: clusters.Blocks, put: Any) -> Any:
-    """Blocks on the device. put: as Visibility.put."""
+    """Gives blocks on the device. put: as SceneArrays.put."""
     there = raster_kernels.Blocks()
     for name in ("instance", "first", "last"):
         setattr(there, name, put(getattr(blocks, name), wp.int32))

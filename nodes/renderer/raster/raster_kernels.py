@@ -7,14 +7,24 @@ normals. Culling leaves out only what covers no pixel, so it changes no bit of t
 import warp as wp
 
 from nodes.renderer.raster.distortion_kernels import make_bounds, walk_rays
-from nodes.renderer.raster.triangle_kernels import View, bounds, facing, outside, set_up, turned_away, walk
+from nodes.renderer.raster.triangle_kernels import (
+    CameraView,
+    bounds,
+    corners_of,
+    facing,
+    outside,
+    set_up,
+    turned_away,
+    walk,
+)
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.struct
 class Blocks:
-    """Pieces [B] of the instances: items first..last - 1, bounding sphere and cone of normals in the instance's frame.
+    """Holds pieces [B] of the instances: items first..last - 1, bounding sphere and cone of normals in the instance's
+    frame.
 
     cosine: of the cone's half angle; at most 0 where its back side must not be left out.
     """
@@ -31,8 +41,8 @@ class Blocks:
 
 
 @wp.func
-def unseen(view: View, row0: int, row1: int, blocks: Blocks, n: int, turn: wp.mat33, place: wp.vec3):
-    """Whether a block covers no pixel of rows row0..row1 - 1."""
+def unseen(view: CameraView, row0: int, row1: int, blocks: Blocks, n: int, turn: wp.mat33, place: wp.vec3):
+    """Tells whether a block covers no pixel of rows row0..row1 - 1."""
     centre = turn * blocks.centre[n] + place
     if outside(view, row0, row1, centre, blocks.radius[n]):
         return True
@@ -43,15 +53,15 @@ def unseen(view: View, row0: int, row1: int, blocks: Blocks, n: int, turn: wp.ma
 
 
 @wp.func
-def before_near(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Whether any of a triangle can lie before the near plane; a lens measures that along its rays."""
+def before_near(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Tells whether any of a triangle can lie before the near plane; a lens measures that along its rays."""
     return view.distorted == 1 or wp.max(a[2], wp.max(b[2], c[2])) >= view.near
 
 
 @wp.kernel
 def to_camera(
     # in
-    view: View,
+    view: CameraView,
     block0: int,
     blocks: Blocks,
     points: wp.array(dtype=wp.vec3),
@@ -60,7 +70,7 @@ def to_camera(
     # out
     vertices: wp.array2d(dtype=wp.vec3),
 ):
-    """Vertices of the instances that may be seen."""
+    """Computes vertices of the instances that may be seen."""
     env, block = wp.tid()
     b = block0 + block
     i = blocks.instance[b]
@@ -72,14 +82,14 @@ def to_camera(
 
 
 def make_raster(lens: str) -> wp.Kernel:
-    """One thread per block, for rows row0..row1 - 1. lens: `none` or a distortion model."""
+    """Makes the kernel `raster`, a thread per block, for rows row0..row1 - 1. lens: `none` or a distortion model."""
     bounds_of = make_bounds(lens) if lens != "none" else bounds
     walk_over = walk_rays if lens != "none" else walk
 
     @wp.kernel(module="unique", enable_backward=False)
     def raster(
         # in
-        view: View,
+        view: CameraView,
         row0: int,
         row1: int,
         block0: int,
@@ -92,17 +102,17 @@ def make_raster(lens: str) -> wp.Kernel:
         # out
         packed: wp.array3d(dtype=wp.uint64),
     ):
+        """Draws the triangles of a block that may be seen into the z-buffer, rows row0..row1 - 1."""
         env, block = wp.tid()
         n = block0 + block
         i = blocks.instance[n]
-        if unseen(view, row0, row1, blocks, n, rotation[env, i], translation[env, i]):
+        turn = rotation[env, i]
+        place = translation[env, i]
+        if unseen(view, row0, row1, blocks, n, turn, place):
             return
         sides = two_sided[i]
         for t in range(blocks.first[n], blocks.last[n]):
-            k = triangles[t]
-            a = vertices[env, k[0]]
-            b = vertices[env, k[1]]
-            c = vertices[env, k[2]]
+            a, b, c = corners_of(view, vertices, triangles, turn, place, env, t)
             if facing(a, b, c, sides) and before_near(view, a, b, c):
                 s = set_up(view, a, b, c, bounds_of(view, a, b, c))
                 walk_over(view, s, s.x0, s.x1, wp.max(s.y0, row0), wp.min(s.y1, row1 - 1), env, t, packed)

@@ -9,7 +9,7 @@ from typing import Any
 import warp as wp
 
 
-class Bands:
+class RowTiles:
     """Rows split over threads, for kernels that write only the rows they are given."""
 
     def __init__(self, height: int, threads: int) -> None:
@@ -19,7 +19,7 @@ class Bands:
         self._pool = ThreadPoolExecutor(count) if count > 1 else None
 
     def launch(self, kernel: wp.Kernel, arguments: Any, device: Any, block: int = 256) -> None:
-        """Run `kernel` once per band; arguments(row0, row1) gives its launch dimensions and inputs."""
+        """Runs `kernel` once per band; arguments(row0, row1) gives its launch dimensions and inputs."""
         commands = []
         for row0, row1 in self.rows:
             dim, inputs = arguments(row0, row1)

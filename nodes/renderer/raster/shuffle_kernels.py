@@ -23,7 +23,7 @@ RUNNING_SUM = """
 #endif
 """
 
-OF_LANE = """
+SHUFFLE_FROM = """
 #if defined(__CUDA_ARCH__)
     const unsigned lane = threadIdx.x & 31u;
     const unsigned group = (size == 32 ? 0xffffffffu : ((1u << size) - 1u) << (lane & ~(size - 1u)));
@@ -33,7 +33,7 @@ OF_LANE = """
 #endif
 """
 
-LANE_OF = """
+FIRST_ABOVE = """
 #if defined(__CUDA_ARCH__)
     const unsigned lane = threadIdx.x & 31u;
     const unsigned group = (size == 32 ? 0xffffffffu : ((1u << size) - 1u) << (lane & ~(size - 1u)));
@@ -51,17 +51,17 @@ LANE_OF = """
 
 @wp.func_native(RUNNING_SUM)
 def running_sum(value: wp.int32, size: wp.int32) -> wp.int32:
-    """Sum of the values of a group's threads, up to and with this one's. size: threads of a group."""
+    """Sums the values of a group's threads, up to and with this one's. size: threads of a group."""
     ...
 
 
-@wp.func_native(OF_LANE)
-def of_lane(value: wp.int32, which: wp.int32, size: wp.int32) -> wp.int32:
-    """The value of the group's thread `which`, counted from 0."""
+@wp.func_native(SHUFFLE_FROM)
+def shuffle_from(value: wp.int32, which: wp.int32, size: wp.int32) -> wp.int32:
+    """Gives the value of the group's thread `which`, counted from 0."""
     ...
 
 
-@wp.func_native(LANE_OF)
-def lane_of(index: wp.int32, sum: wp.int32, size: wp.int32) -> wp.int32:
-    """The first thread of a group with sum > index, sums ascending; the last thread where there is none."""
+@wp.func_native(FIRST_ABOVE)
+def first_above(index: wp.int32, sum: wp.int32, size: wp.int32) -> wp.int32:
+    """Gives the first thread of a group with sum > index, sums ascending; the last thread where there is none."""
     ...

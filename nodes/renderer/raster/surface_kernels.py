@@ -6,8 +6,8 @@ from typing import Any
 import warp as wp
 
 from nodes.renderer.raster.triangle_kernels import (
-    View,
-    corner,
+    CameraView,
+    corners_of,
     depth_of,
     edge_normal,
     pixel_ray,
@@ -21,7 +21,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Surfaces:
-    """What the triangles look like; material is per instance; gloss (alpha, metallic) is the material's.
+    """Holds what the triangles look like; material is per instance; gloss (alpha, metallic) is the material's.
 
     uv, smooth (shading normals) and tint (what the albedo is multiplied by) are per corner [3 T], or have no elements.
     """
@@ -41,7 +41,8 @@ class Surfaces:
 
 @wp.struct
 class Seen:
-    """What the pixels show: z-buffer uint64 [E, H, W], vertices, and the instances' places [E, I] in the camera frame.
+    """Holds what the pixels show: z-buffer uint64 [E, H, W], vertices, and the instances' places [E, I] in the camera
+    frame.
 
     hidden: of shadow_kernels, bits [E, H, W] of the lights that are not seen from a pixel; may have no elements.
     """
@@ -55,7 +56,7 @@ class Seen:
 
 @wp.struct
 class Pixel:
-    """One of [E, H, W]."""
+    """Holds the index of a pixel of [E, H, W]."""
 
     env: int
     y: int
@@ -64,7 +65,7 @@ class Pixel:
 
 @wp.struct
 class Face:
-    """Where a pixel's ray meets a triangle, in the camera frame.
+    """Holds where a pixel's ray meets a triangle, in the camera frame.
 
     ray: through `position`. turn: the instance's rotation. normal: geometric, towards the viewer. side: -1 where that
     is the triangle's back, otherwise 1.
@@ -92,6 +93,7 @@ class Weights:
 
 @wp.func
 def pixel_at(env: int, y: int, x: int):
+    """Makes the index of a pixel."""
     p = Pixel()
     p.env = env
     p.y = y
@@ -100,20 +102,20 @@ def pixel_at(env: int, y: int, x: int):
 
 
 @wp.func
-def listed_pixel(view: View, at: int):
-    """The pixel of an index into [E, H, W]."""
+def listed_pixel(view: CameraView, at: int):
+    """Gives the pixel of an index into [E, H, W]."""
     return pixel_at(at // (view.width * view.height), at // view.width % view.height, at % view.width)
 
 
 @wp.func
 def seen_triangle(seen: Seen, pixel: Pixel):
-    """The triangle that a pixel sees, or MISS."""
+    """Gives the triangle that a pixel sees, or MISS."""
     return triangle_of(seen.packed[pixel.env, pixel.y, pixel.x])
 
 
 @wp.func
-def seen_face(view: View, seen: Seen, surfaces: Surfaces, pixel: Pixel):
-    """Where a pixel's ray meets the triangle that it sees; there must be one."""
+def seen_face(view: CameraView, seen: Seen, surfaces: Surfaces, pixel: Pixel):
+    """Finds where a pixel's ray meets the triangle that it sees; there must be one."""
     face = Face()
     hit = seen.packed[pixel.env, pixel.y, pixel.x]
     t = triangle_of(hit)
@@ -133,14 +135,10 @@ def seen_face(view: View, seen: Seen, surfaces: Surfaces, pixel: Pixel):
 
 
 @wp.func
-def weights_of(view: View, seen: Seen, surfaces: Surfaces, env: int, face: Face):
-    """The weights of a seen triangle's corners."""
-    k = surfaces.triangles[face.triangle]
-    turn = face.turn
+def weights_of(view: CameraView, seen: Seen, surfaces: Surfaces, env: int, face: Face):
+    """Gives the weights of a seen triangle's corners."""
     centre = seen.translation[env, face.instance]
-    a = corner(view, seen.vertices, turn, centre, env, k[0])
-    b = corner(view, seen.vertices, turn, centre, env, k[1])
-    c = corner(view, seen.vertices, turn, centre, env, k[2])
+    a, b, c = corners_of(view, seen.vertices, surfaces.triangles, face.turn, centre, env, face.triangle)
     e0 = edge_normal(b, c)
     e1 = edge_normal(c, a)
     e2 = edge_normal(a, b)
@@ -157,8 +155,8 @@ def weights_of(view: View, seen: Seen, surfaces: Surfaces, env: int, face: Face)
 
 
 @wp.func
-def seen_texture(view: View, pixel: Pixel, surfaces: Surfaces, t: int, place: wp.vec2i, r: Weights):
-    """A texture under a pixel that sees triangle t."""
+def seen_texture(view: CameraView, pixel: Pixel, surfaces: Surfaces, t: int, place: wp.vec2i, r: Weights):
+    """Gives a texture under a pixel that sees triangle t."""
     j = 3 * t
     uv0 = surfaces.uv[j]
     uv1 = surfaces.uv[j + 1]
@@ -181,14 +179,15 @@ def seen_texture(view: View, pixel: Pixel, surfaces: Surfaces, t: int, place: wp
 
 @wp.func
 def smooth_normal(surfaces: Surfaces, t: int, w: wp.vec3):
-    """The shading normal of triangle t in the instance's frame, of any length; 0 where it has none of its own."""
+    """Makes the shading normal of triangle t in the instance's frame, of any length; 0 where it has none of its own."""
     j = 3 * t
     return w[0] * surfaces.smooth[j] + w[1] * surfaces.smooth[j + 1] + w[2] * surfaces.smooth[j + 2]
 
 
 @wp.func
 def tint_of(surfaces: Surfaces, t: int, w: wp.vec3):
-    """The colour of triangle t: exact where its corners have one colour, and never outside 0 ... 1 by rounding."""
+    """Gives the colour of triangle t: exact where its corners have one colour, and never outside 0 ... 1 by
+    rounding."""
     c = surfaces.tint[3 * t + 2]
     tint = c + w[0] * (surfaces.tint[3 * t] - c) + w[1] * (surfaces.tint[3 * t + 1] - c)
     return wp.min(wp.max(tint, wp.vec3(0.0, 0.0, 0.0)), wp.vec3(1.0, 1.0, 1.0))
@@ -196,11 +195,11 @@ def tint_of(surfaces: Surfaces, t: int, w: wp.vec3):
 
 @cache
 def make_surface(textures: bool, smooth: bool, tinted: bool) -> Any:
-    """The function `surface`."""
+    """Makes the function `surface`."""
 
     @wp.func
-    def surface(view: View, pixel: Pixel, seen: Seen, surfaces: Surfaces, face: Face):
-        """Albedo, and shading normal towards the viewer, where a pixel sees a triangle."""
+    def surface(view: CameraView, pixel: Pixel, seen: Seen, surfaces: Surfaces, face: Face):
+        """Gives the albedo, and shading normal towards the viewer, where a pixel sees a triangle."""
         albedo = surfaces.albedo[surfaces.material[face.instance]]
         facing = face.normal
         if wp.static(textures or smooth or tinted):

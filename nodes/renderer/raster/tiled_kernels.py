@@ -7,17 +7,19 @@ region of it and in a cache line of its own, for one line alone would be waited 
 where they are needed: reading them for every environment would cost more.
 """
 
+from functools import cache
+
 import warp as wp
 
 from nodes.renderer.raster.distortion_kernels import make_bounds, walk_rays
 from nodes.renderer.raster.raster_kernels import Blocks, before_near, unseen
-from nodes.renderer.raster.shuffle_kernels import lane_of, of_lane, running_sum
+from nodes.renderer.raster.shuffle_kernels import first_above, running_sum, shuffle_from
 from nodes.renderer.raster.triangle_kernels import (
+    CameraView,
     Setup,
-    View,
     bounds,
     columns_of,
-    corner,
+    corners_of,
     cover,
     facing,
     holds_pixel,
@@ -30,7 +32,7 @@ from nodes.renderer.raster.triangle_kernels import (
 
 wp.set_module_options({"enable_backward": False})
 
-LANES = wp.constant(64)
+BLOCK_THREADS = wp.constant(64)
 """Threads that share a block: one for each of its triangles."""
 
 GROUP = wp.constant(32)
@@ -53,14 +55,14 @@ COUNTERS = 321
 
 @wp.func
 def take(counters: wp.array(dtype=int), counter: int, places: int):
-    """The first of so many places of a list."""
+    """Gives the first of so many places of a list."""
     return wp.atomic_add(counters, counter * LINE, places)
 
 
 @wp.kernel
 def list_blocks(
     # in
-    view: View,
+    view: CameraView,
     env0: int,
     block0: int,
     blocks: Blocks,
@@ -70,7 +72,7 @@ def list_blocks(
     counters: wp.array(dtype=int),
     listed: wp.array(dtype=wp.vec4i),
 ):
-    """(environment, instance, first and last triangle) of the blocks that may be seen, in any order."""
+    """Computes (environment, instance, first and last triangle) of the blocks that may be seen, in any order."""
     index, block = wp.tid()
     env = env0 + index
     n = block0 + block
@@ -80,36 +82,18 @@ def list_blocks(
 
 
 @wp.func
-def corners(
-    view: View,
-    rotation: wp.array2d(dtype=wp.mat33),
-    translation: wp.array2d(dtype=wp.vec3),
-    vertices: wp.array2d(dtype=wp.vec3),
-    triangles: wp.array(dtype=wp.vec3i),
-    env: int,
-    i: int,
-    t: int,
-):
-    """The three corners of triangle t, of instance i, in the camera frame."""
-    turn = rotation[env, i]
-    place = translation[env, i]
-    k = triangles[t]
-    a = corner(view, vertices, turn, place, env, k[0])
-    b = corner(view, vertices, turn, place, env, k[1])
-    return a, b, corner(view, vertices, turn, place, env, k[2])
-
-
-@wp.func
 def beside(e: wp.vec3, slack: float, left: float, right: float, top: float, bottom: float):
-    """Whether an edge has all of a tile outside: the pixel that lies most inside, by the sums that walking takes."""
+    """Tells whether an edge has all of a tile outside: the pixel that lies most inside, by the sums that walking
+    takes."""
     x = wp.where(e[0] > 0.0, right, left)
     y = wp.where(e[1] > 0.0, bottom, top)
     return e[0] * x + (e[1] * y + e[2] + slack) < 0.0
 
 
 @wp.func
-def missed(view: View, s: Setup, x0: int, x1: int, y0: int, y1: int):
-    """Whether a triangle of a pinhole's image leaves out all of a tile, which is so for most tiles of a thin one."""
+def missed(view: CameraView, s: Setup, x0: int, x1: int, y0: int, y1: int):
+    """Tells whether a triangle of a pinhole's image leaves out all of a tile, which is so for most tiles of a thin
+    one."""
     left = view.columns[x0]
     right = view.columns[x1]
     top = view.rows[y0]
@@ -121,18 +105,15 @@ def missed(view: View, s: Setup, x0: int, x1: int, y0: int, y1: int):
     )
 
 
-def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel, wp.Kernel]:
-    """The kernels `list_triangles`, `raster`, `raster_at_once` in place of both, and `raster_tiles`.
-
-    area: bounding box [px] above which a triangle is cut into tiles. rows: of a tile, and threads that share it, 8, 16
-    or 32. together: these run together and share its pixels; for a pinhole on a GPU.
-    """
+@cache
+def make_steps(lens: str, area: int, rows: int) -> tuple[wp.Function, wp.Function, wp.Function]:
+    """Makes the functions `shows`, `draw` and `walk_tile` of the kernels; arguments as of `make_tiled`."""
     bounds_of = make_bounds(lens) if lens != "none" else bounds
-    walk_over, walk_row = (walk_rays, walk_rays) if lens != "none" else (walk_all, walk)
+    walk_over = walk_rays if lens != "none" else walk_all
 
     @wp.func
-    def shows(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
-        """Whether a triangle faces the camera and has a pixel centre in its bounds, and these bounds."""
+    def shows(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
+        """Tells whether a triangle faces the camera and has a pixel centre in its bounds, and these bounds."""
         box = wp.vec4()
         if not (facing(a, b, c, two_sided) and before_near(view, a, b, c)):
             return False, box
@@ -141,7 +122,7 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
 
     @wp.func
     def draw(
-        view: View,
+        view: CameraView,
         env: int,
         t: int,
         a: wp.vec3,
@@ -153,7 +134,7 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
         setups: wp.array2d(dtype=Setup),
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """Draw a small triangle, list the tiles of a large one; box: its bounds, which hold a pixel's centre."""
+        """Draws a small triangle, lists the tiles of a large one; box: its bounds, which hold a pixel's centre."""
         s = set_up(view, a, b, c, box)
         mine = wp.bool(True)
         if (s.x1 - s.x0 + 1) * (s.y1 - s.y0 + 1) > wp.static(area):
@@ -172,7 +153,7 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
 
     @wp.func
     def walk_tile(
-        view: View,
+        view: CameraView,
         s: Setup,
         x0: int,
         x1: int,
@@ -183,7 +164,8 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
         t: int,
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """`walk` by a group of threads: each finds the columns of its row, then all share the pixels of all rows."""
+        """Walks a tile by a group of threads: each finds the columns of its row, then all share the pixels of all
+        rows."""
         columns = wp.vec2i(0, -1)
         if y0 + lane <= y1:
             r = row_share(view, s, y0 + lane)
@@ -192,18 +174,31 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
         end = running_sum(length, wp.static(rows))
         # Where a row's pixel 0 would be if it began with the first pixel of all.
         origin = columns[0] - (end - length)
-        total = of_lane(end, wp.static(rows) - 1, wp.static(rows))
+        total = shuffle_from(end, wp.static(rows) - 1, wp.static(rows))
         for start in range(0, total, wp.static(rows)):
             pixel = start + lane
-            row = lane_of(pixel, end, wp.static(rows))
-            x = pixel + of_lane(origin, row, wp.static(rows))
+            row = first_above(pixel, end, wp.static(rows))
+            x = pixel + shuffle_from(origin, row, wp.static(rows))
             if pixel < total:
                 cover(view, s, row_share(view, s, y0 + row), x, y0 + row, env, t, packed)
+
+    return shows, draw, walk_tile
+
+
+def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel, wp.Kernel]:
+    """Makes the kernels `list_triangles`, `raster`, `raster_at_once` in place of both, and `raster_tiles`.
+
+    area: bounding box [px] above which a triangle is cut into tiles. rows: of a tile, and threads that share it, 8, 16
+    or 32. together: these run together and share its pixels; for a pinhole on a GPU.
+    """
+    bounds_of = make_bounds(lens) if lens != "none" else bounds
+    walk_row = walk_rays if lens != "none" else walk
+    shows, draw, walk_tile = make_steps(lens, area, rows)
 
     @wp.kernel(module="unique", enable_backward=False)
     def list_triangles(
         # in
-        view: View,
+        view: CameraView,
         workers: int,
         two_sided: wp.array(dtype=int),
         rotation: wp.array2d(dtype=wp.mat33),
@@ -216,27 +211,27 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
         # out
         small: wp.array2d(dtype=wp.vec2i),
     ):
-        """(environment, triangle) of what faces the camera and has a pixel centre in its bounds."""
+        """Computes (environment, triangle) of what faces the camera and has a pixel centre in its bounds."""
         tid = wp.tid()
-        item = tid // LANES
+        item = tid // BLOCK_THREADS
         count = counters[0]
         while item < count:
             block = listed[item]
             env = block[0]
             i = block[1]
-            t = block[2] + tid % LANES
+            t = block[2] + tid % BLOCK_THREADS
             if t < block[3]:
-                a, b, c = corners(view, rotation, translation, vertices, triangles, env, i, t)
+                a, b, c = corners_of(view, vertices, triangles, rotation[env, i], translation[env, i], env, t)
                 shown, _ = shows(view, a, b, c, two_sided[i])
                 if shown:
                     region = item % SMALL_REGIONS
                     small[region, take(counters, SMALL + region, 1)] = wp.vec2i(env, t)
-            item += workers // LANES
+            item += workers // BLOCK_THREADS
 
     @wp.kernel(module="unique", enable_backward=False)
     def raster(
         # in
-        view: View,
+        view: CameraView,
         workers: int,
         instance: wp.array(dtype=int),
         rotation: wp.array2d(dtype=wp.mat33),
@@ -251,7 +246,7 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
         setups: wp.array2d(dtype=Setup),
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """The listed triangles; large ones are listed in turn."""
+        """Draws the listed triangles; large ones are listed in turn."""
         tid = wp.tid()
         region = (tid // GROUP) % SMALL_REGIONS
         at = tid // (GROUP * SMALL_REGIONS) * GROUP + tid % GROUP
@@ -259,14 +254,15 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
         while at < count:
             env = small[region, at][0]
             t = small[region, at][1]
-            a, b, c = corners(view, rotation, translation, vertices, triangles, env, instance[t], t)
+            i = instance[t]
+            a, b, c = corners_of(view, vertices, triangles, rotation[env, i], translation[env, i], env, t)
             draw(view, env, t, a, b, c, bounds_of(view, a, b, c), counters, large, setups, packed)
             at += workers // SMALL_REGIONS
 
     @wp.kernel(module="unique", enable_backward=False)
     def raster_at_once(
         # in
-        view: View,
+        view: CameraView,
         workers: int,
         env0: int,
         envs: int,
@@ -285,28 +281,28 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
         setups: wp.array2d(dtype=Setup),
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """All triangles of the blocks block0.. that may be seen: sooner done where there are not many, for nothing
-        waits for a list."""
+        """Draws all triangles of the blocks block0.. that may be seen: sooner done where there are not many, for
+        nothing waits for a list."""
         tid = wp.tid()
-        item = tid // LANES
+        item = tid // BLOCK_THREADS
         while item < envs * count:
             env = env0 + item // count
             n = block0 + item % count
             i = blocks.instance[n]
-            t = blocks.first[n] + tid % LANES
+            t = blocks.first[n] + tid % BLOCK_THREADS
             if t < blocks.last[n] and not unseen(
                 view, 0, view.height, blocks, n, rotation[env, i], translation[env, i]
             ):
-                a, b, c = corners(view, rotation, translation, vertices, triangles, env, i, t)
+                a, b, c = corners_of(view, vertices, triangles, rotation[env, i], translation[env, i], env, t)
                 shown, box = shows(view, a, b, c, two_sided[i])
                 if shown:
                     draw(view, env, t, a, b, c, box, counters, large, setups, packed)
-            item += workers // LANES
+            item += workers // BLOCK_THREADS
 
     @wp.kernel(module="unique", enable_backward=False)
     def raster_tiles(
         # in
-        view: View,
+        view: CameraView,
         workers: int,
         counters: wp.array(dtype=int),
         large: wp.array2d(dtype=wp.vec4i),
@@ -314,7 +310,7 @@ def make_pooled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Ker
         # out
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """The tiles of large triangles, a thread for each row."""
+        """Draws the tiles of large triangles, a thread for each row."""
         tid = wp.tid()
         region = (tid // wp.static(rows)) % LARGE_REGIONS
         at = tid // (wp.static(rows) * LARGE_REGIONS)

@@ -24,8 +24,8 @@ Lens = wp.types.vector(length=8, dtype=wp.float64)
 
 
 @wp.struct
-class View:
-    """Camera and image size; width and height include the margin, cx and cy do not."""
+class CameraView:
+    """Holds camera and image size; width and height include the margin, cx and cy do not."""
 
     fx: float
     fy: float
@@ -60,7 +60,8 @@ class View:
 
 @wp.struct
 class Setup:
-    """A triangle ready to be walked: edge normals signed so that inside is >= -slack, plane, depth range, bounds."""
+    """Holds a triangle ready to be walked: edge normals signed so that inside is >= -slack, plane, depth range,
+    bounds."""
 
     e0: wp.vec3
     e1: wp.vec3
@@ -77,16 +78,17 @@ class Setup:
 
 
 @wp.func
-def pixel_ray(view: View, x: int, y: int):
-    """The ray d of a pixel; the branch goes one way for a whole launch and costs nothing that could be measured."""
+def pixel_ray(view: CameraView, x: int, y: int):
+    """Gives the ray d of a pixel; the branch goes one way for a whole launch and costs nothing that could be
+    measured."""
     if view.distorted == 1:
         return view.rays[y, x]
     return wp.vec3(view.columns[x], view.rows[y], 1.0)
 
 
 @wp.func
-def ray_steps(view: View, x: int, y: int):
-    """How the ray d of a pixel changes from one column and one row to the next."""
+def ray_steps(view: CameraView, x: int, y: int):
+    """Finds how the ray d of a pixel changes from one column and one row to the next."""
     if view.distorted == 1:
         left = wp.max(x - 1, 0)
         right = wp.min(x + 1, view.width - 1)
@@ -98,45 +100,66 @@ def ray_steps(view: View, x: int, y: int):
 
 
 @wp.func
-def tile_pixel(view: View, tile: int, lane: int):
-    """Row and column of a thread's pixel where 32 threads do 8 x 4 of them; some may lie outside the image."""
+def tile_pixel(view: CameraView, tile: int, lane: int):
+    """Gives the row and column of a thread's pixel where 32 threads do 8 x 4 of them; some may lie outside the
+    image."""
     across = (view.width + 7) // 8
     return tile // across * 4 + lane // 8, tile % across * 8 + lane % 8
 
 
 @wp.func
 def triangle_of(packed: wp.uint64):
+    """Unpacks the triangle of a z-buffer entry, or MISS."""
     return int(wp.uint32(packed & wp.uint64(0xFFFFFFFF)))
 
 
 @wp.func
 def depth_of(packed: wp.uint64):
+    """Unpacks the depth of a z-buffer entry [m]."""
     return wp.cast(wp.uint32(packed >> wp.uint64(32)), wp.float32)
 
 
 @wp.func
-def corner(view: View, vertices: wp.array2d(dtype=wp.vec3), turn: wp.mat33, place: wp.vec3, env: int, k: int):
-    """Vertex k in the camera frame; turn, place: the pose of the instance that it belongs to."""
+def corner(view: CameraView, vertices: wp.array2d(dtype=wp.vec3), turn: wp.mat33, place: wp.vec3, env: int, k: int):
+    """Gives vertex k in the camera frame; turn, place: the pose of the instance that it belongs to."""
     if view.local == 1:
         return turn * vertices[0, k] + place
     return vertices[env, k]
 
 
 @wp.func
+def corners_of(
+    view: CameraView,
+    vertices: wp.array2d(dtype=wp.vec3),
+    triangles: wp.array(dtype=wp.vec3i),
+    turn: wp.mat33,
+    place: wp.vec3,
+    env: int,
+    t: int,
+):
+    """Fetches the three corners of triangle t in the camera frame; turn, place: the pose of its instance."""
+    k = triangles[t]
+    a = corner(view, vertices, turn, place, env, k[0])
+    b = corner(view, vertices, turn, place, env, k[1])
+    return a, b, corner(view, vertices, turn, place, env, k[2])
+
+
+@wp.func
 def edge_normal(a: wp.vec3, b: wp.vec3):
-    """a x b, as a x (b - a) to keep the digits of a short edge."""
+    """Gives a x b, as a x (b - a) to keep the digits of a short edge."""
     return wp.cross(a, b - a)
 
 
 @wp.func
-def edge_slack(view: View, a: wp.vec3, b: wp.vec3):
-    """Bound of the rounding of edge_normal(a, b) . d over the image; it widens a triangle by some 1e-4 px."""
+def edge_slack(view: CameraView, a: wp.vec3, b: wp.vec3):
+    """Gives the bound of the rounding of edge_normal(a, b) . d over the image; it widens a triangle by some 1e-4 px."""
     return 6.0e-7 * wp.sqrt(wp.dot(a, a) * wp.dot(b - a, b - a)) * view.reach
 
 
 @wp.func
-def grow(view: View, box: wp.vec4, p: wp.vec3, slack: float):
-    """Image bounds (x min, x max, y min, y max) with the projection of p, kept inside what an int can hold."""
+def grow(view: CameraView, box: wp.vec4, p: wp.vec3, slack: float):
+    """Gives the image bounds (x min, x max, y min, y max) with the projection of p, kept inside what an int can
+    hold."""
     m = float(view.margin)
     nearness = 1.0 / p[2]
     x = view.fx * p[0] * nearness + view.cx + m
@@ -152,7 +175,7 @@ def grow(view: View, box: wp.vec4, p: wp.vec3, slack: float):
 
 
 @wp.func
-def grow_crossing(view: View, box: wp.vec4, a: wp.vec3, b: wp.vec3):
+def grow_crossing(view: CameraView, box: wp.vec4, a: wp.vec3, b: wp.vec3):
     """Bounds with the point where the edge a b meets the near plane, if it does; the slack covers its rounding."""
     if (a[2] >= view.near) == (b[2] >= view.near):
         return box
@@ -163,13 +186,14 @@ def grow_crossing(view: View, box: wp.vec4, a: wp.vec3, b: wp.vec3):
 
 @wp.func
 def beyond(slope: float, across: float, z: float, radius: float):
-    """Whether a sphere lies wholly on the far side of the plane across = slope z through the camera."""
+    """Tells whether a sphere lies wholly on the far side of the plane across = slope z through the camera."""
     return across - slope * z > radius * wp.sqrt(1.0 + slope * slope)
 
 
 @wp.func
-def outside(view: View, row0: int, row1: int, c: wp.vec3, radius: float):
-    """Whether a sphere about c covers no pixel centre of rows row0..row1 - 1; the sphere is widened by its rounding."""
+def outside(view: CameraView, row0: int, row1: int, c: wp.vec3, radius: float):
+    """Tells whether a sphere about c covers no pixel centre of rows row0..row1 - 1; the sphere is widened by its
+    rounding."""
     r = radius + 1.0e-5 * (wp.length(c) + radius)
     if view.distorted == 1:
         # Distance from the cone about the optical axis that holds every ray.
@@ -192,7 +216,7 @@ def outside(view: View, row0: int, row1: int, c: wp.vec3, radius: float):
 
 @wp.func
 def turned_away(axis: wp.vec3, cosine: float, c: wp.vec3, radius: float):
-    """Whether every triangle in a sphere about c with normals in a cone shows its back to the camera."""
+    """Tells whether every triangle in a sphere about c with normals in a cone shows its back to the camera."""
     if cosine <= 0.0:
         return False
     along = wp.dot(axis, c)
@@ -209,8 +233,8 @@ def facing(a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
 
 
 @wp.func
-def bounds(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """What of the image a triangle before the near plane may cover: (x min, x max, y min, y max)."""
+def bounds(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Gives what of the image a triangle before the near plane may cover: (x min, x max, y min, y max)."""
     big = 1.0e9
     box = wp.vec4(big, -big, big, -big)
     if a[2] >= view.near:
@@ -227,15 +251,15 @@ def bounds(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3):
 
 
 @wp.func
-def holds_pixel(view: View, box: wp.vec4):
-    """Whether any pixel centre of the image lies in these bounds."""
+def holds_pixel(view: CameraView, box: wp.vec4):
+    """Tells whether any pixel centre of the image lies in these bounds."""
     wide = wp.max(wp.ceil(box[0]), 0.0) <= wp.min(wp.floor(box[1]), float(view.width - 1))
     return wide and wp.max(wp.ceil(box[2]), 0.0) <= wp.min(wp.floor(box[3]), float(view.height - 1))
 
 
 @wp.func
-def set_up(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3, box: wp.vec4):
-    """A triangle within `box`; x1 < x0 where that holds no pixel centre of the image."""
+def set_up(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3, box: wp.vec4):
+    """Gives a triangle within `box`; x1 < x0 where that holds no pixel centre of the image."""
     s = Setup()
     s.x0 = wp.max(int(wp.ceil(box[0])), 0)
     s.x1 = wp.min(int(wp.floor(box[1])), view.width - 1)
@@ -263,8 +287,9 @@ def set_up(view: View, a: wp.vec3, b: wp.vec3, c: wp.vec3, box: wp.vec4):
 
 
 @wp.func
-def run_of(view: View, edge: wp.vec3):
-    """Columns that an edge goes on for a unit of its function; 0 for one along the rows, which narrows none of them."""
+def run_of(view: CameraView, edge: wp.vec3):
+    """Gives columns that an edge goes on for a unit of its function; 0 for one along the rows, which narrows none of
+    them."""
     if wp.abs(edge[0]) <= 1.0e-5 * (wp.abs(edge[1]) + wp.abs(edge[2])):
         return 0.0
     return view.fx / edge[0]
@@ -272,7 +297,7 @@ def run_of(view: View, edge: wp.vec3):
 
 @wp.func
 def narrow(run: float, row: float, centre: float, span: wp.vec2):
-    """The columns of a row that an edge may leave, one pixel more than exact."""
+    """Gives the columns of a row that an edge may leave, one pixel more than exact."""
     x = centre - row * run
     if run > 0.0:
         return wp.vec2(wp.max(span[0], x - 1.0), span[1])
@@ -283,7 +308,7 @@ def narrow(run: float, row: float, centre: float, span: wp.vec2):
 
 @wp.func
 def cover(
-    view: View,
+    view: CameraView,
     s: Setup,
     r: wp.vec4,
     x: int,
@@ -292,7 +317,7 @@ def cover(
     triangle: int,
     packed: wp.array3d(dtype=wp.uint64),
 ):
-    """Write a pixel of a triangle into the z-buffer if it covers it; r: the row's share of edges and plane."""
+    """Writes a pixel of a triangle into the z-buffer if it covers it; r: the row's share of edges and plane."""
     dx = view.columns[x]
     if s.e0[0] * dx + r[0] >= 0.0 and s.e1[0] * dx + r[1] >= 0.0 and s.e2[0] * dx + r[2] >= 0.0:
         z = s.offset / (s.normal[0] * dx + r[3])
@@ -304,8 +329,8 @@ def cover(
 
 
 @wp.func
-def row_share(view: View, s: Setup, y: int):
-    """What of the edge functions and the plane's is the same for a row of pixels."""
+def row_share(view: CameraView, s: Setup, y: int):
+    """Gives what of the edge functions and the plane's is the same for a row of pixels."""
     dy = view.rows[y]
     return wp.vec4(
         s.e0[1] * dy + s.e0[2] + s.slack[0],
@@ -316,8 +341,9 @@ def row_share(view: View, s: Setup, y: int):
 
 
 @wp.func
-def runs_of(view: View, s: Setup, x0: int, x1: int):
-    """`run_of` the edges, or 0 where there are few columns: these are tried sooner than the edges' ends are found."""
+def runs_of(view: CameraView, s: Setup, x0: int, x1: int):
+    """Gives `run_of` the edges, or 0 where there are few columns: these are tried sooner than the edges' ends are
+    found."""
     if x1 - x0 >= NARROW:
         return wp.vec3(run_of(view, s.e0), run_of(view, s.e1), run_of(view, s.e2))
     return wp.vec3(0.0, 0.0, 0.0)
@@ -325,7 +351,9 @@ def runs_of(view: View, s: Setup, x0: int, x1: int):
 
 @wp.func
 def columns_of(run: wp.vec3, r: wp.vec4, centre: float, x0: int, x1: int):
-    """First and last of the columns x0..x1 of a row that the edges leave; the last is before the first for none."""
+    """Gives the first and last of the columns x0..x1 of a row that the edges leave; the last is before the first for
+    none.
+    """
     span = wp.vec2(float(x0), float(x1))
     span = narrow(run[0], r[0], centre, span)
     span = narrow(run[1], r[1], centre, span)
@@ -337,7 +365,7 @@ def columns_of(run: wp.vec3, r: wp.vec4, centre: float, x0: int, x1: int):
 
 @wp.func
 def walk(
-    view: View,
+    view: CameraView,
     s: Setup,
     x0: int,
     x1: int,
@@ -347,7 +375,7 @@ def walk(
     triangle: int,
     packed: wp.array3d(dtype=wp.uint64),
 ):
-    """Write the pixels of a triangle inside x0..x1, y0..y1 into the z-buffer."""
+    """Writes the pixels of a triangle inside x0..x1, y0..y1 into the z-buffer."""
     centre = view.cx + float(view.margin)
     run = runs_of(view, s, x0, x1)
     for y in range(y0, y1 + 1):
@@ -359,7 +387,7 @@ def walk(
 
 @wp.func
 def walk_all(
-    view: View,
+    view: CameraView,
     s: Setup,
     x0: int,
     x1: int,
@@ -369,7 +397,7 @@ def walk_all(
     triangle: int,
     packed: wp.array3d(dtype=wp.uint64),
 ):
-    """The same where there are few pixels."""
+    """Does the same where there are few pixels."""
     for y in range(y0, y1 + 1):
         r = row_share(view, s, y)
         for x in range(x0, x1 + 1):

@@ -3,39 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import warp as wp
 
+from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.scene.model import Camera, Scene
-from evis.warp_start import start_warp
-from nodes.renderer.cuda_graph import Branch, Recording
 from nodes.renderer.geometry import pose_kernels
-from nodes.renderer.geometry.pose_upload import Staging
-from nodes.renderer.geometry.poses import Frames, check_poses, check_shape, check_values, same_bytes
-from nodes.renderer.geometry.triangles import flatten, is_static
+from nodes.renderer.geometry.pose_upload import PoseUpload
+from nodes.renderer.geometry.poses import InstancePoses, check_poses, check_shape, check_values, same_bytes
+from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.raster import output_kernels
-from nodes.renderer.raster.cameras import lens_of, make_view
-from nodes.renderer.raster.raster import BandRaster, PooledRaster
-from nodes.renderer.raster.row_tiles import Bands
+from nodes.renderer.raster.raster import RowRaster, TiledRaster
+from nodes.renderer.raster.scene_arrays import SceneArrays
 
 wp.config.log_level = wp.LOG_WARNING
 
 
-class Visibility:
-    """Z-buffer of a scene for E environments: `update(poses)`, then `packed` or `hits()`.
+class Visibility(SceneArrays):
+    """Finds which triangle every pixel sees, for E environments: `update(poses)`, then `packed` or `hits()`.
 
     packed: Warp uint64 [E, H, W] on the device, float32 z-depth bits << 32 | triangle index, all ones where nothing is
     hit; for a distorted camera, the distance along the pixel's ray in place of the depth. H and W include `margin`
-    pixels on every side. threads: row bands run in parallel on the CPU; the result does not depend on it. pooled: None
-    has a GPU's threads share all triangles (PooledRaster) and a CPU's own their rows (BandRaster).
+    pixels on every side. threads: share the rows on a CPU; the result does not depend on it. tiled: None has a GPU's
+    threads share all triangles (TiledRaster) and a CPU's own their rows (RowRaster).
 
     While a still camera sees still instances where they were, these are kept as a layer and only the others are drawn
     over it; the z-buffer is the same, bit for bit. layered=False draws everything anew.
 
     On the device, for other kernels: `poses` transformd [E, N]; `eye` mat33 [E], camera to world; `rotation` mat33 and
-    `translation` vec3 [E, I], instance to camera; `vertices` for kernels.corner.
+    `translation` vec3 [E, I], instance to camera; `vertices` for triangle_kernels.corner.
     """
 
     def __init__(
@@ -46,33 +43,13 @@ class Visibility:
         margin: int = 0,
         device: str = "cpu",
         threads: int = 1,
-        pooled: bool | None = None,
+        tiled: bool | None = None,
         layered: bool = True,
         sparse: bool | None = None,
     ) -> None:
         """sparse: whether only bodies that may move are sent from one instant to the next; None = where it pays."""
-        self.scene, self.camera, self.envs, self.margin = scene, camera, envs, margin
-        self.device = _device(device)
-        self.shape = (envs, camera.height + 2 * margin, camera.width + 2 * margin)
-        self.view, self.lens = make_view(camera, margin, self.device), lens_of(camera)
-        # Pixels that one thread of a gather kernel does; on the CPU a row, for starting one costs more.
-        self.span = self.shape[2] if self.device.is_cpu else 1
-        # Tiles of pixels and threads of each, see kernels.tile_pixel.
-        self.tiles = (envs, -(-self.shape[1] // 4) * -(-self.shape[2] // 8), 32)
-        self.geometry = geometry = flatten(scene)
-        self.names = [b.name for b in scene.bodies]
-        self.camera_body = scene.body_index(camera.name)
-        self.bands = Bands(self.shape[1], threads if self.device.is_cpu else 1)
-        two_sided = np.array([scene.materials[i.material].two_sided for i in scene.instances], bool)
-        count = len(two_sided)
-        self.points = self.put(geometry.vertices, wp.vec3)
-        self.triangles = self.put(geometry.triangles, wp.vec3i)
-        self.triangle_instance = self.put(geometry.triangle_instance, wp.int32)
-        self.two_sided = self.put(two_sided, wp.int32)
-        self.rotation = self.empty((envs, count), wp.mat33)
-        self.translation = self.empty((envs, count), wp.vec3)
-        self.eye = self.empty(envs, wp.mat33)
-        self.packed = self.empty(self.shape, wp.uint64)
+        super().__init__(scene, camera, envs, margin, device, threads)
+        geometry = self.geometry
         still = geometry.static & is_static(scene, self.camera_body)
         self._layered = layered and bool(still[geometry.triangle_instance].any())
         self.moved = self.still_displaced = False
@@ -81,13 +58,13 @@ class Visibility:
         self._layer = self.empty(self.shape if self._layered else (0, 0, 0), wp.uint64)
         self._still_bodies = np.array([is_static(scene, k) for k in range(len(self.names))], bool)
         movers = np.flatnonzero(~self._still_bodies)
-        self._staging = Staging(envs, len(self.names), movers, self.device, sparse)
-        self._sent_names = [self.names[k] for k in self._staging.sent]
+        self._upload = PoseUpload(envs, len(self.names), movers, self.device, sparse)
+        self._sent_names = [self.names[k] for k in self._upload.sent]
         # Of what is sent, the body whose pose most often tells that something has moved.
-        place = int(np.searchsorted(self._staging.sent, self.camera_body))
+        place = int(np.searchsorted(self._upload.sent, self.camera_body))
         self._telling = slice(place, place + 1)
-        self.poses = self._staging.now
-        order = np.concatenate([np.argsort(~still, kind="stable"), [count]])
+        self.poses = self._upload.now
+        order = np.concatenate([np.argsort(~still, kind="stable"), [len(still)]])
         self._still_count = int(still.sum())
         self._instances = [
             self.put(order, wp.int32),
@@ -95,91 +72,91 @@ class Visibility:
             self.put(geometry.rotation, wp.mat33d),
             self.put(geometry.translation, wp.vec3d),
         ]
-        pooled = self.device.is_cuda if pooled is None else pooled
-        self.raster = (PooledRaster if pooled else BandRaster)(self, still, two_sided)
+        tiled = self.device.is_cuda if tiled is None else tiled
+        self.raster = (TiledRaster if tiled else RowRaster)(self, still)
         self.vertices, self.view.local = self.raster.vertices, int(self.raster.local)
-        self._recording, self._cleared = Recording(self.device), Branch(self.device)
+        self._graphs, self._cleared = CudaGraphs(self.device), Branch(self.device)
 
-    def frames(self, poses: np.ndarray) -> Frames:
-        """Poses float64 [E, N, 7], checked. Raises ValueError naming a body."""
-        return self._frames_of(check_poses(poses, self.envs, self.names))
+    def instance_poses(self, poses: np.ndarray) -> InstancePoses:
+        """Gives poses float64 [E, N, 7], checked. Raises ValueError naming a body."""
+        return self._instance_poses_of(check_poses(poses, self.envs, self.names))
 
-    def advance(self, poses: np.ndarray, displaced: bool) -> Frames | None:
+    def advance(self, poses: np.ndarray, displaced: bool) -> InstancePoses | None:
         """As `place`, from the last instant on; what is sent is there after `settle`, or `arrive` in a recording.
 
         Where few of many bodies may move, the others are taken to stay: whether so, `as_placed` tells later.
         displaced: whether the last instant is the previous keyframe. None, and nothing done, where there is no last one
         or nothing has moved since. Raises ValueError naming a body whose pose is not finite.
         """
-        staging, last = self._staging, self._staging.last
+        upload, last = self._upload, self._upload.last
         if last is None:
             return None
         fresh = check_shape(poses, self.envs, self.names)
-        if staging.sparse:
-            fresh = fresh.take(staging.sent, axis=1)
+        if upload.sparse:
+            fresh = fresh.take(upload.sent, axis=1)
         check_values(fresh, self._sent_names)
-        latest, one = staging.latest(), self._telling
+        latest, one = upload.latest(), self._telling
         if fresh[:1, one].tobytes() == latest[:1, one].tobytes() and same_bytes(fresh, latest):
             return None
-        still_same = self._layered and (staging.sparse or self._still_same(last, fresh))
-        staging.advance(fresh)
+        still_same = self._layered and (upload.sparse or self._still_same(last, fresh))
+        upload.advance(fresh)
         # Of a camera that moves nothing is kept, and who looks after still bodies need not look.
-        self.still_place += not (still_same or staging.sparse)
+        self.still_place += not (still_same or upload.sparse)
         self.moved, self.still_displaced = displaced, displaced and not still_same
-        return self._frames_of(last if staging.sparse else fresh)
+        return self._instance_poses_of(last if upload.sparse else fresh)
 
-    def send(self, fresh: np.ndarray) -> Frames:
-        """The next instant, from the last one on: poses float64 [E, M, 7] of the bodies that may move, in their order;
-        all others stay. What is sent is there after `settle`, or `arrive` in a recording.
+    def send(self, fresh: np.ndarray) -> InstancePoses:
+        """Sends the next instant, from the last one on: poses float64 [E, M, 7] of the bodies that may move, in their
+        order; all others stay. What is sent is there after `settle`, or `arrive` in a recording.
 
         For a visibility that is `sparse`. Raises ValueError naming a body whose pose is not finite.
         """
-        staging, last = self._staging, self._staging.last
-        assert staging.sparse and last is not None
+        upload, last = self._upload, self._upload.last
+        assert upload.sparse and last is not None
         check_values(fresh, self._sent_names)
-        staging.advance(fresh)
-        return self._frames_of(last)
+        upload.advance(fresh)
+        return self._instance_poses_of(last)
 
     def arrive(self) -> None:
         """What `advance` or `send` sent becomes `poses`: a launch only, if `coming`."""
-        self._staging.arrive()
+        self._upload.arrive()
 
     def settle(self) -> None:
         """The same at once."""
-        self._staging.settle()
+        self._upload.settle()
 
     @property
     def coming(self) -> int:
         """Not 0 where `poses` are not there yet: a number that tells launches of `arrive` apart."""
-        return self._staging.coming
+        return self._upload.coming
 
     def as_placed(self, poses: np.ndarray) -> bool:
-        """Whether all bodies are where `advance` took them to be: to be asked while the device draws."""
-        last = self._staging.last
-        return not self._staging.sparse or (
+        """Tells whether all bodies are where `advance` took them to be: to be asked while the device draws."""
+        last = self._upload.last
+        return not self._upload.sparse or (
             last is not None and same_bytes(check_shape(poses, self.envs, self.names), last)
         )
 
-    def place_others(self, frames: Frames) -> None:
+    def place_others(self, frames: InstancePoses) -> None:
         """The instant of `advance` once more, for other bodies have moved too."""
         self.still_place += 1
         self.still_displaced = self.moved
-        self._staging.put(frames.bodies)
+        self._upload.put(frames.bodies)
 
-    def _frames_of(self, poses: np.ndarray) -> Frames:
+    def _instance_poses_of(self, poses: np.ndarray) -> InstancePoses:
         geometry = self.geometry
-        return Frames(poses, self.camera_body, geometry.body, (geometry.rotation, geometry.translation))
+        return InstancePoses(poses, self.camera_body, geometry.body, (geometry.rotation, geometry.translation))
 
-    def update(self, poses: np.ndarray | Frames) -> Frames:
-        """Fill `packed` for body poses float64 [E, N, 7]. On a GPU nothing is waited for."""
-        frames = None if isinstance(poses, Frames) else self.advance(poses, False)
+    def update(self, poses: np.ndarray | InstancePoses) -> InstancePoses:
+        """Fills `packed` for body poses float64 [E, N, 7]. On a GPU nothing is waited for."""
+        frames = None if isinstance(poses, InstancePoses) else self.advance(poses, False)
         guessed = frames is not None
         if frames is None:
-            frames = poses if isinstance(poses, Frames) else self.frames(poses)
+            frames = poses if isinstance(poses, InstancePoses) else self.instance_poses(poses)
             self.place(frames)
         self._draw_placed()
-        if guessed and not isinstance(poses, Frames) and not self.as_placed(poses):
-            frames = self.frames(poses)
+        if guessed and not isinstance(poses, InstancePoses) and not self.as_placed(poses):
+            frames = self.instance_poses(poses)
             self.place_others(frames)
             self._draw_placed()
         return frames
@@ -189,17 +166,17 @@ class Visibility:
             self.arrive()
             self.draw()
 
-        self._recording.run((self.coming, self.still_moved), launch)
+        self._graphs.run((self.coming, self.still_moved), launch)
         self.drawn()
 
-    def place(self, frames: Frames, previous: np.ndarray | None = None) -> None:
-        """Bring poses to the device for `draw`, and those of the previous keyframe for `displace`.
+    def place(self, frames: InstancePoses, previous: np.ndarray | None = None) -> None:
+        """Brings poses to the device for `draw`, and those of the previous keyframe for `displace`.
 
         Counts in `still_place` how often still bodies or the camera have been elsewhere. Sets `moved`: anything is not
         where it was at `previous`; `still_displaced`: the same of still bodies and the camera.
         """
-        staging, now = self._staging, frames.bodies
-        last = staging.last
+        upload, now = self._upload, frames.bodies
+        last = upload.last
         still_same = last is not None and self._still_same(last, now)
         self.still_place += not still_same
         self.moved = self.still_displaced = False
@@ -207,39 +184,39 @@ class Visibility:
             self.moved = True
             if last is not None and (previous is last or same_bytes(previous, last)):
                 self.still_displaced = not still_same
-                wp.copy(staging.before, staging.now)
+                wp.copy(upload.before, upload.now)
             else:
                 previous = check_poses(previous, self.envs, self.names)
                 self.still_displaced = not self._still_same(previous, now)
-                staging.put_before(previous)
-        staging.put(now)
+                upload.put_before(previous)
+        upload.put(now)
 
     @property
     def last(self) -> np.ndarray | None:
-        """Poses of the last update float64 [E, N, 7], valid until the next one."""
-        return self._staging.last
+        """Gives poses of the last update float64 [E, N, 7], valid until the next one."""
+        return self._upload.last
 
-    def same(self, frames: Frames) -> bool:
+    def same(self, frames: InstancePoses) -> bool:
         """True when every body is where it was at the last update, to the last bit."""
-        return self._staging.last is not None and same_bytes(self._staging.last, frames.bodies)
+        return self._upload.last is not None and same_bytes(self._upload.last, frames.bodies)
 
     @property
     def layered(self) -> bool:
-        """Whether still instances are kept as a layer."""
+        """Tells whether still instances are kept as a layer."""
         return self._layered
 
     @property
     def still_moved(self) -> bool:
-        """Whether still bodies or the camera are not where they were when they were last drawn."""
+        """Tells whether still bodies or the camera are not where they were when they were last drawn."""
         return self._still_drawn != self.still_place
 
     def drawn(self) -> None:
         """To be called after `arrive` and `draw`, or what was recorded of them."""
-        self._staging.arrived()
+        self._upload.arrived()
         self._still_drawn = self.still_place
 
     def draw(self, placed: Callable[[], None] = lambda: None) -> None:
-        """Fill `packed` for what is in `poses`: launches only, all arguments of which depend on `still_moved` alone.
+        """Fills `packed` for what is in `poses`: launches only, all arguments of which depend on `still_moved` alone.
 
         placed: called where the instances are placed and nothing is drawn yet.
         """
@@ -274,7 +251,7 @@ class Visibility:
         """Displacements [E, I + 1] since the previous keyframe (pose_kernels.displace_instances), of all instances or
         of the moving ones."""
         start = 0 if everything or not self._layered else self._still_count
-        first = [self.poses, self._staging.before, self.camera_body, start, *self._instances]
+        first = [self.poses, self._upload.before, self.camera_body, start, *self._instances]
         dim = (self.envs, len(self.geometry.body) + 1 - start)
         wp.launch(pose_kernels.displace_instances, dim=dim, inputs=first, outputs=[turn, shift], device=self.device)
 
@@ -284,7 +261,7 @@ class Visibility:
         return self._layered and (same_bytes(a, b) or np.array_equal(a[:, still], b[:, still]))
 
     def hits(self) -> dict[str, np.ndarray]:
-        """What `packed` says, as numpy.
+        """Gives what `packed` says, as numpy.
 
         triangle int32 [E, H, W]: index over all instances, -1 = nothing (of instance i: `geometry.first[i]` on);
         instance int32 [E, H, W], -1 = nothing; point float32 [E, H, W, 3] m in the frame of the instance's body.
@@ -294,30 +271,3 @@ class Visibility:
         inputs = [self.view, self.packed, self.triangle_instance, self.rotation, self.translation, *rest, *out]
         wp.launch(output_kernels.body_points, dim=self.shape, inputs=inputs, device=self.device)
         return dict(zip(("triangle", "instance", "point"), (a.numpy() for a in out)))
-
-    def put(self, array: np.ndarray, dtype: Any) -> wp.array:
-        """A device copy of a numpy array, rounded to float32 where the Warp type is."""
-        scalar = getattr(dtype, "_wp_scalar_type_", dtype)
-        array = np.ascontiguousarray(array, wp.dtype_to_numpy(scalar))
-        return wp.array(array, dtype=dtype, device=self.device)
-
-    def empty(self, shape: Any, dtype: Any) -> wp.array:
-        """A device array to be written."""
-        return wp.empty(shape, dtype=dtype, device=self.device)
-
-
-def store(target: wp.array, values: np.ndarray) -> None:
-    """Write host values into a device array of the same shape, rounding to its scalar type."""
-    if target.device is not None and target.device.is_cpu:
-        target.numpy()[...] = values
-    else:
-        target.assign(np.ascontiguousarray(values, np.float32))
-
-
-def _device(name: str) -> Any:
-    try:
-        start_warp()
-        return wp.get_device(name)
-    except (ValueError, RuntimeError):
-        known = ", ".join(str(d) for d in wp.get_devices())
-        raise ValueError(f"there is no device '{name}' here; there is {known}") from None

@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.features import Features
+from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import AREA, Lights, SurfacePoint, make_directions
 from nodes.renderer.raster.surface_kernels import Face, Pixel
 from nodes.renderer.raster.triangle_kernels import MISS
@@ -20,9 +20,9 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.struct
-class Kept:
-    """What is remembered of still surfaces [E, H, W]: the triangle that it is of, MISS for none; a bit for each light
-    that reaches it; its radiance without moving casters."""
+class ShadingCache:
+    """Holds what is remembered of still surfaces [E, H, W]: the triangle that it is of, MISS for none; a bit for each
+    light that reaches it; its radiance without moving casters."""
 
     triangle: wp.array3d(dtype=int)
     lit: wp.array3d(dtype=wp.uint32)
@@ -30,14 +30,14 @@ class Kept:
 
 
 @cache
-def make_memory(f: Features) -> tuple[Any, Any]:
-    """The functions `recall` and `remember`."""
+def make_cache(f: Features) -> tuple[Any, Any]:
+    """Makes the functions `recall` and `remember`."""
     occluded, crossed = make_occlusion(f.trees, f.joined)
     towards, _ = make_directions(f.directional, f.point, f.spot)
 
     @wp.func
     def unhidden(lights: Lights, casters: Casters, env: int, bits: wp.uint32, s: SurfacePoint):
-        """Whether no moving caster hides anything of the lights in `bits`."""
+        """Tells whether no moving caster hides anything of the lights in `bits`."""
         last = casters.order.shape[0]
         for l in range(lights.kind.shape[0]):
             if ((bits >> wp.uint32(l)) & wp.uint32(1)) != wp.uint32(0):
@@ -58,9 +58,9 @@ def make_memory(f: Features) -> tuple[Any, Any]:
         return True
 
     @wp.func
-    def recall(lights: Lights, casters: Casters, kept: Kept, pixel: Pixel, t: int, s: SurfacePoint):
-        """Whether something is known of triangle t in a pixel, the lights that still casters let through to it, and
-        whether its remembered radiance is the one that it has."""
+    def recall(lights: Lights, casters: Casters, kept: ShadingCache, pixel: Pixel, t: int, s: SurfacePoint):
+        """Tells whether something is known of triangle t in a pixel, the lights that still casters let through to it,
+        and whether its remembered radiance is the one that it has."""
         known = wp.bool(False)
         done = wp.bool(False)
         bits = wp.uint32(0)
@@ -75,8 +75,8 @@ def make_memory(f: Features) -> tuple[Any, Any]:
         return known, bits, done
 
     @wp.func
-    def remember(casters: Casters, kept: Kept, pixel: Pixel, face: Face, bits: wp.uint32, colour: wp.vec3):
-        """Keep what was found out; colour: without moving casters."""
+    def remember(casters: Casters, kept: ShadingCache, pixel: Pixel, face: Face, bits: wp.uint32, colour: wp.vec3):
+        """Keeps what was found out; colour: without moving casters."""
         still = casters.is_still[face.instance] == 1
         kept.triangle[pixel.env, pixel.y, pixel.x] = wp.where(still, face.triangle, MISS)
         kept.lit[pixel.env, pixel.y, pixel.x] = bits

@@ -23,7 +23,7 @@ LUMINANCE = """
 
 @wp.func_native(LUMINANCE)
 def luminance(colour: wp.vec3) -> float:
-    """I = 0.2126 R + 0.7152 G + 0.0722 B, equation (3), with one rounding for each operation.
+    """Computes I = 0.2126 R + 0.7152 G + 0.0722 B, equation (3), with one rounding for each operation.
 
     A compiler would fuse a product and a sum here and there as the code around it has it. Without that, luminance that
     the renderer takes of a pixel has the same bits as what the interpolator takes of the same pixel's radiance.
@@ -41,7 +41,7 @@ def finite(value: float, largest: float):
 
 @cache
 def make_image(half: bool) -> Any:
-    """The struct of what an image of light is written to; radiance or luminance [E, H, W] may have no elements.
+    """Makes the struct of what an image of light is written to; radiance or luminance [E, H, W] may have no elements.
 
     Counts are int32 [bands]. half: float16, of which luminance is that of the rounded channels, rounded once more.
     """
@@ -59,12 +59,13 @@ def make_image(half: bool) -> Any:
 
 @cache
 def make_write(half: bool) -> Any:
-    """The function that writes a pixel; half: as float16, clipped and counted at its largest."""
+    """Makes the function that writes a pixel; half: as float16, clipped and counted at its largest."""
     Image: Any = make_image(half)
     largest = 65504.0 if half else 3.0e38
 
     @wp.func
     def write(env: int, y: int, x: int, band: int, value: wp.vec3, image: Image):
+        """Writes a pixel as RGB, as luminance or as both; counts it if it is not finite or too large."""
         colour = value
         if not (wp.isfinite(colour[0]) and wp.isfinite(colour[1]) and wp.isfinite(colour[2])):
             wp.atomic_add(image.not_finite, band, 1)
@@ -90,7 +91,7 @@ def make_write(half: bool) -> Any:
 
 @cache
 def make_mean(half: bool) -> wp.Kernel:
-    """Light of a pixel: the mean of its n x n samples."""
+    """Makes the kernel of a pixel's light, the mean of its n x n samples."""
     Image: Any = make_image(half)
     write = make_write(half)
 
@@ -102,6 +103,7 @@ def make_mean(half: bool) -> wp.Kernel:
         # out
         image: Image,
     ):
+        """Averages n x n samples of every pixel of fine [E, n H, n W]."""
         env, y, x = wp.tid()
         total = wp.vec3(0.0, 0.0, 0.0)
         for j in range(n):

@@ -1,17 +1,17 @@
 """Radiance of the pixels that a z-buffer has found: what surfaces emit, and reflect of the lights and the sky.
 
-The way of a pixel: the triangle that it sees (surface_kernels), what is remembered of it (memory_kernels), else its
-material and the sky's light on it (look_kernels), the light of lights (lights_direct_kernels, lights_area_kernels) as
-far as nothing is in the way (lights_shadow_kernels), and out (write_kernels).
+The way of a pixel: the triangle that it sees (surface_kernels), what is remembered of it (cache_kernels), else its
+material and the sky's light on it (material_kernels), the light of lights (lights/direct_kernels and area_kernels) as
+far as nothing is in the way (shadows/ray_kernels), and out (radiance_kernels).
 """
 
 from typing import Any
 
 import warp as wp
 
-from nodes.renderer.features import Features
 from nodes.renderer.lights.area_kernels import frozen_key
 from nodes.renderer.lights.direct_kernels import make_lighting
+from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import DirectLight, Lights, SurfacePoint
 from nodes.renderer.lights.sky_kernels import Sky, make_sky
 from nodes.renderer.raster.surface_kernels import (
@@ -24,8 +24,8 @@ from nodes.renderer.raster.surface_kernels import (
     seen_face,
     seen_triangle,
 )
-from nodes.renderer.raster.triangle_kernels import MISS, View, pixel_ray, tile_pixel
-from nodes.renderer.shading.cache_kernels import Kept, make_memory
+from nodes.renderer.raster.triangle_kernels import MISS, CameraView, pixel_ray, tile_pixel
+from nodes.renderer.shading.cache_kernels import ShadingCache, make_cache
 from nodes.renderer.shading.material_kernels import make_look
 from nodes.renderer.shading.radiance_kernels import make_image, make_write
 from nodes.renderer.shadows.ray_kernels import Casters, shadow_start
@@ -36,16 +36,16 @@ INVERSE_PI = wp.constant(1.0 / wp.pi)
 
 
 def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
-    """The shading kernels, of all pixels and of a list of them."""
+    """Makes the shading kernels, of all pixels and of a list of them."""
     Image: Any = make_image(f.half)
     write = make_write(f.half)
     look, gather = make_look(f), make_lighting(f)
-    recall, remember = make_memory(f)
+    recall, remember = make_cache(f)
     background, _, _ = make_sky(f.mapped)
 
     @wp.func
     def point_of(casters: Casters, face: Face):
-        """The seen point, with where its shadow rays start."""
+        """Gives the seen point, with where its shadow rays start."""
         s = SurfacePoint()
         s.position = face.position
         s.normal = face.normal
@@ -57,7 +57,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
 
     @wp.func
     def reflected(glow: wp.vec3, albedo: wp.vec3, irradiance: wp.vec3, shine: wp.vec3):
-        """Radiance of a surface under light."""
+        """Gives the radiance of a surface under light."""
         colour = glow + INVERSE_PI * wp.cw_mul(albedo, irradiance)
         if wp.static(f.gloss):
             colour += shine
@@ -65,7 +65,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
 
     @wp.func
     def shade_pixel(
-        view: View,
+        view: CameraView,
         pixel: Pixel,
         band: int,
         seen: Seen,
@@ -73,9 +73,10 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         lights: Lights,
         sky: Sky,
         casters: Casters,
-        kept: Kept,
+        kept: ShadingCache,
         image: Image,
     ):
+        """Computes and writes the radiance of one pixel."""
         colour = wp.vec3(0.0, 0.0, 0.0)
         if seen_triangle(seen, pixel) == MISS:
             colour = background(sky, pixel.env, pixel_ray(view, pixel.x, pixel.y))
@@ -107,7 +108,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
     @wp.kernel(module="unique", enable_backward=False)
     def shade(
         # in
-        view: View,
+        view: CameraView,
         row0: int,
         band: int,
         span: int,
@@ -117,10 +118,11 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         sky: Sky,
         casters: Casters,
         # in and out
-        kept: Kept,
+        kept: ShadingCache,
         # out
         image: Image,
     ):
+        """Shades all pixels of rows from row0 on, or of tiles."""
         env, row, part = wp.tid()
         if wp.static(f.tiled):
             y, x = tile_pixel(view, row, part)
@@ -134,7 +136,7 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
     @wp.kernel(module="unique", enable_backward=False)
     def shade_list(
         # in
-        view: View,
+        view: CameraView,
         workers: int,
         first: int,
         band: int,
@@ -146,10 +148,11 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         sky: Sky,
         casters: Casters,
         # in and out
-        kept: Kept,
+        kept: ShadingCache,
         # out
         image: Image,
     ):
+        """Shades count[band] listed pixels, indices into [E, H, W], from pixels[first] on."""
         j = wp.tid()
         while j < count[band]:
             pixel = listed_pixel(view, pixels[first + j])

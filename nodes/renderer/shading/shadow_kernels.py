@@ -9,51 +9,58 @@ from functools import cache
 import warp as wp
 
 from nodes.renderer.lights.light_kernels import Lights, SurfacePoint, make_directions
-from nodes.renderer.raster.triangle_kernels import MISS, View, depth_of, pixel_ray, tile_pixel, triangle_of
+from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, tile_pixel, triangle_of
 from nodes.renderer.shadows.grid_kernels import Grid, hidden_from
 from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion, shadow_start
 
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.struct
+class Receivers:
+    """Holds what shadow rays start from: z-buffer [E, H, W], instance and normal of each triangle, turn [E, I] of the
+    instances to the camera frame; and the lights `shadowed` that they go to."""
+
+    packed: wp.array3d(dtype=wp.uint64)
+    instance: wp.array(dtype=int)
+    normals: wp.array(dtype=wp.vec3)
+    rotation: wp.array2d(dtype=wp.mat33)
+    shadowed: wp.array(dtype=int)
+
+
 @cache
 def make_shadow_rays(
     directional: bool, point: bool, spot: bool, trees: bool, grids: bool
 ) -> tuple[wp.Kernel, wp.Kernel]:
-    """The kernels `shadow_rays`, of all pixels, and `listed_shadow_rays` with only what a scene has. grids: the lights
-    in `shadowed` are those of `grid`, in that order."""
+    """Makes the kernels `shadow_rays`, of all pixels, and `listed_shadow_rays` with only what a scene has. grids: the
+    lights in `shadowed` are those of `grid`, in that order."""
     towards, idle = make_directions(directional, point, spot)
     occluded, _ = make_occlusion(trees, False)
 
     @wp.func
     def trace(
-        view: View,
+        view: CameraView,
         env: int,
         y: int,
         x: int,
         n: int,
-        packed: wp.array3d(dtype=wp.uint64),
-        instance: wp.array(dtype=int),
-        normals: wp.array(dtype=wp.vec3),
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
+        on: Receivers,
         lights: Lights,
-        shadowed: wp.array(dtype=int),
         casters: Casters,
         grid: Grid,
         hidden: wp.array3d(dtype=wp.uint32),
     ):
-        """Set bit l of a pixel from which light l = shadowed[n] is not seen though it might be."""
-        l = shadowed[n]
-        hit = packed[env, y, x]
+        """Sets bit l of a pixel from which light l = shadowed[n] is not seen though it might be."""
+        l = on.shadowed[n]
+        hit = on.packed[env, y, x]
         t = triangle_of(hit)
         if t == MISS:
             return
-        i = instance[t]
+        i = on.instance[t]
         d = pixel_ray(view, x, y)
         s = SurfacePoint()
         s.position = depth_of(hit) * d
-        normal = rotation[env, i] * normals[t]
+        normal = on.rotation[env, i] * on.normals[t]
         side = wp.where(wp.dot(normal, d) > 0.0, -1.0, 1.0)
         s.normal = side * normal
         # The shading normal is not known here; it can only spare more rays.
@@ -77,53 +84,27 @@ def make_shadow_rays(
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
     def shadow_rays(
         # in
-        view: View,
-        packed: wp.array3d(dtype=wp.uint64),
-        instance: wp.array(dtype=int),
-        normals: wp.array(dtype=wp.vec3),
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
+        view: CameraView,
+        on: Receivers,
         lights: Lights,
-        shadowed: wp.array(dtype=int),
         casters: Casters,
         grid: Grid,
         # out
         hidden: wp.array3d(dtype=wp.uint32),
     ):
-        """The bits of those lights that are in `shadowed`, in every pixel."""
+        """Computes the bits of those lights that are in `shadowed`, in every pixel."""
         n, env, tile, lane = wp.tid()
         y, x = tile_pixel(view, tile, lane)
         if y >= view.height or x >= view.width:
             return
-        trace(
-            view,
-            env,
-            y,
-            x,
-            n,
-            packed,
-            instance,
-            normals,
-            rotation,
-            translation,
-            lights,
-            shadowed,
-            casters,
-            grid,
-            hidden,
-        )
+        trace(view, env, y, x, n, on, lights, casters, grid, hidden)
 
     @wp.kernel(module="unique", enable_backward=False, cuda_max_registers=registers)
     def listed_shadow_rays(
         # in
-        view: View,
-        packed: wp.array3d(dtype=wp.uint64),
-        instance: wp.array(dtype=int),
-        normals: wp.array(dtype=wp.vec3),
-        rotation: wp.array2d(dtype=wp.mat33),
-        translation: wp.array2d(dtype=wp.vec3),
+        view: CameraView,
+        on: Receivers,
         lights: Lights,
-        shadowed: wp.array(dtype=int),
         casters: Casters,
         grid: Grid,
         workers: int,
@@ -132,29 +113,14 @@ def make_shadow_rays(
         # out
         hidden: wp.array3d(dtype=wp.uint32),
     ):
-        """The same of count[0] listed pixels, indices into [E, H, W], which `workers` threads share for each light."""
+        """Computes the same of count[0] listed pixels, indices into [E, H, W], which `workers` threads share for each
+        light."""
         n, j = wp.tid()
         while j < count[0]:
             env = pixels[j] // (view.width * view.height)
             y = pixels[j] // view.width % view.height
             x = pixels[j] % view.width
-            trace(
-                view,
-                env,
-                y,
-                x,
-                n,
-                packed,
-                instance,
-                normals,
-                rotation,
-                translation,
-                lights,
-                shadowed,
-                casters,
-                grid,
-                hidden,
-            )
+            trace(view, env, y, x, n, on, lights, casters, grid, hidden)
             j += workers
 
     return shadow_rays, listed_shadow_rays

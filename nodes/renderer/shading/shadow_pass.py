@@ -40,16 +40,15 @@ class ShadowPass:
         self._placed = False
         self.hidden = wp.zeros(visibility.shape, dtype=wp.uint32, device=visibility.device)
         delta = {kind: kind in lights.kinds for kind in ("directional", "point", "spot")}
-        # Lights, the grid that they have, and the kernels of an image and of a list.
-        self._parts: list[tuple[wp.array, Any, wp.Kernel, wp.Kernel]] = []
+        # What rays go from and to, the grid that the lights have, and the kernels of an image and of a list.
+        self._parts: list[tuple[Any, Any, wp.Kernel, wp.Kernel]] = []
         for part, grid in ((with_grid, self._grid), (others, None)):
             if part:
-                which = visibility.put(np.array(part, np.int32), wp.int32)
                 kernels = shadow_kernels.make_shadow_rays(**delta, trees=occluders.trees, grids=grid is not None)
-                self._parts.append((which, Grid() if grid is None else grid.kernel, *kernels))
+                self._parts.append((self._receivers(part), Grid() if grid is None else grid.kernel, *kernels))
 
     def clear(self) -> None:
-        """Forget the last image's."""
+        """Forgets the last image's bits."""
         self.hidden.zero_()
 
     def place(self) -> None:
@@ -59,34 +58,35 @@ class ShadowPass:
             self._grid.place()
 
     def launch(self) -> None:
-        """Trace the rays of what the visibility has drawn."""
+        """Traces the rays of what the visibility has drawn."""
         self._place_once()
         v = self._visibility
-        for which, grid, kernel, _ in self._parts:
-            inputs = [*self._seen(), which, self._occluders.casters, grid]
-            wp.launch(kernel, (len(which), *v.tiles), inputs, [self.hidden], device=v.device, block_dim=BLOCK)
+        for on, grid, kernel, _ in self._parts:
+            inputs = [v.view, on, self._lights.kernel, self._occluders.casters, grid]
+            wp.launch(kernel, (on.shadowed.size, *v.tiles), inputs, [self.hidden], device=v.device, block_dim=BLOCK)
 
     def launch_list(self, workers: int, pixels: wp.array, count: wp.array) -> None:
-        """Trace those of count[0] pixels of a list, int32 indices into [E, H, W]."""
+        """Traces those of count[0] pixels of a list, int32 indices into [E, H, W]."""
         self._place_once()
-        device = self._visibility.device
-        for which, grid, _, kernel in self._parts:
-            inputs = [*self._seen(), which, self._occluders.casters, grid, workers, pixels, count]
-            wp.launch(kernel, (len(which), workers), inputs, [self.hidden], device=device, block_dim=BLOCK)
+        v = self._visibility
+        for on, grid, _, kernel in self._parts:
+            inputs = [v.view, on, self._lights.kernel, self._occluders.casters, grid, workers, pixels, count]
+            wp.launch(kernel, (on.shadowed.size, workers), inputs, [self.hidden], device=v.device, block_dim=BLOCK)
 
     def _place_once(self) -> None:
         if not self._placed and self._grid is not None:
             self._grid.place()
 
-    def _seen(self) -> list[Any]:
-        """What the kernels have in common."""
-        v = self._visibility
-        seen = [v.view, v.packed, v.triangle_instance, self._normals, v.rotation, v.translation]
-        return [*seen, self._lights.kernel]
+    def _receivers(self, lights: list[int]) -> Any:
+        """Gathers what the rays to some lights start from."""
+        v, on = self._visibility, shadow_kernels.Receivers()
+        on.packed, on.instance, on.normals, on.rotation = v.packed, v.triangle_instance, self._normals, v.rotation
+        on.shadowed = v.put(np.array(lights, np.int32), wp.int32)
+        return on
 
 
 def shadowed(visibility: Visibility) -> list[int]:
-    """Lights that rays of a pass of their own go to; none where there are more lights than bits."""
+    """Gives lights that rays of a pass of their own go to; none where there are more lights than bits."""
     lights = visibility.scene.lights
     if len(lights) > MOST_LIGHTS or not len(visibility.geometry.triangles):
         return []

@@ -1,4 +1,4 @@
-"""The grids of spot lights that stand still, see shadow_grid_kernels."""
+"""The grids of spot lights that stand still, see grid_kernels."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class ShadowGrid:
 
     @staticmethod
     def suits(visibility: Visibility, occluders: Occluders, light: int) -> bool:
-        """Whether a light can have a grid, and there is so much that it pays."""
+        """Tells whether a light can have a grid, and there is so much that it pays."""
         casters, given = occluders.casters, visibility.scene.lights[light]
         moving = casters.order.size - casters.still
         many = occluders.trees and casters.still >= TREE_FROM and moving <= int(grid_kernels.MOVERS)
@@ -70,7 +70,7 @@ class ShadowGrid:
         """Boxes, cells and entries for where the still instances and the lights are."""
         v, grid, last = self._v, self.kernel, self._v.last
         assert last is not None
-        frames = v.frames(last)
+        frames = v.instance_poses(last)
         rotation, translation = frames.body(-1)
         to_world = np.swapaxes(rotation[0], -1, -2)
         turn = to_world @ frames.rotation[0, self._still]
@@ -112,8 +112,8 @@ class ShadowGrid:
 
 
 def fill(corners: np.ndarray, tall: float) -> tuple[np.ndarray, np.ndarray]:
-    """Where the entries of each cell begin, int64 [SIDE^2], and the entries int32 [n, 2], of boxes with corners float64
-    [I, 8, 3] m in a light's axes; tall: tan of its cone's half angle."""
+    """Finds where the entries of each cell begin, int64 [SIDE^2], and the entries int32 [n, 2], of boxes with corners
+    float64 [I, 8, 3] m in a light's axes; tall: tan of its cone's half angle."""
     ahead = corners[..., 2]
     near = ahead.min(1)
     crossing = (near <= 2 * BEFORE)[:, None]

@@ -65,13 +65,13 @@ LOWEST = """
 
 @wp.func_native(LOWEST)
 def lowest(bits: wp.uint64) -> wp.int32:
-    """The number of the lowest bit that is set; at least one is."""
+    """Gives the number of the lowest bit that is set; at least one is."""
     ...
 
 
 @wp.func
 def meets_box(lower: wp.vec3, upper: wp.vec3, origin: wp.vec3, inverse: wp.vec3, length: float):
-    """Whether a ray meets a box; inverse: 1 / its direction."""
+    """Tells whether a ray meets a box; inverse: 1 / its direction."""
     a = wp.cw_mul(lower - origin, inverse)
     b = wp.cw_mul(upper - origin, inverse)
     return wp.max(wp.max(wp.min(a, b)), 0.0) <= wp.min(wp.min(wp.max(a, b)), length)
@@ -79,14 +79,14 @@ def meets_box(lower: wp.vec3, upper: wp.vec3, origin: wp.vec3, inverse: wp.vec3,
 
 @wp.func
 def inverse_of(x: float):
-    """1 / x, large where x is about 0."""
+    """Gives 1 / x, large where x is about 0."""
     return wp.where(wp.abs(x) < 1.0e-12, wp.where(x < 0.0, -1.0e12, 1.0e12), 1.0 / x)
 
 
 @wp.func
 def cell_of(grid: Grid, g: int, env: int, origin: wp.vec3, start: wp.vec3):
-    """Column and row [0, 1) of the cell that holds the rays from a point to light g, and how far ahead of the light it
-    is [m]; EVERYBODY where none is sure to. origin, start: the point in the camera's frame and the grid's."""
+    """Gives the column and row [0, 1) of the cell that holds the rays from a point to light g, and how far ahead of the
+    light it is [m]; EVERYBODY where none is sure to. origin, start: the point in the camera's frame and the grid's."""
     away = start - grid.place[g]
     ahead = wp.dot(away, grid.ahead[g])
     # A ray does not end at the light but as far beside it as it starts above its surface, and rounding comes to that.
@@ -111,7 +111,7 @@ def hidden_from(
     direction: wp.vec3,
     length: float,
 ):
-    """Whether any caster but `skip` is between a point and light g: what `occluded` says of all casters."""
+    """Tells whether any caster but `skip` is between a point and light g: what `occluded` says of all casters."""
     start = grid.turn[env] * origin + grid.shift[env]
     x, y, ahead = cell_of(grid, g, env, origin, start)
     cell = grid.cells.shape[0] - 2
@@ -149,7 +149,8 @@ def hidden_from(
 
 @wp.func
 def cell_range(low: float, high: float, near: float, far: float):
-    """First and last cell that hold anything of low..high at distances near..far ahead, in units of the cone's tan."""
+    """Gives the first and last cell that hold anything of low..high at distances near..far ahead, in units of the
+    cone's tan."""
     a = (0.5 * wp.min(low / near, low / far) + 0.5) * float(COARSE) - 0.01
     b = (0.5 * wp.max(high / near, high / far) + 0.5) * float(COARSE) + 0.01
     first = int(wp.floor(wp.clamp(a, 0.0, float(COARSE))))
@@ -164,7 +165,7 @@ def mark_movers(
     # in and out
     grid: Grid,
 ):
-    """Set the bits of the moving instances in all cells that may hold anything of their spheres; all were 0."""
+    """Sets the bits of the moving instances in all cells that may hold anything of their spheres; all were 0."""
     env, g, n = wp.tid()
     i = casters.order[casters.still + n]
     centre = grid.turn[env] * casters.translation[env, i] + grid.shift[env] - grid.place[g]

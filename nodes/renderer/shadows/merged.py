@@ -40,6 +40,6 @@ class MergedMesh:
 
 
 def mergeable(visibility: Visibility, chosen: np.ndarray) -> bool:
-    """Whether instances [C] are few enough triangles to be joined."""
+    """Tells whether instances [C] are few enough triangles to be joined."""
     counts: Any = np.diff(visibility.geometry.first)[chosen]
     return 0 < int(counts.sum()) <= MOST_TRIANGLES

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from evis.scene.model import Mesh
-from nodes.renderer.geometry.poses import Frames
+from nodes.renderer.geometry.poses import InstancePoses
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows import occlusion_kernels
 from nodes.renderer.shadows.merged import MergedMesh, mergeable
@@ -25,7 +25,7 @@ CHECKED = 8
 
 
 class Occluders:
-    """`casters`, for lights_shadow_kernels, of a visibility's instances; `update` and `launch` for every new image.
+    """`casters`, for ray_kernels, of a visibility's instances; `update` and `launch` for every new image.
 
     still: bool [I]. active: False leaves all meshes out. trees: None for trees from TREE_FROM instances on. merged:
     whether the triangles under the tree of still instances are joined too, which on a GPU is faster for paths.
@@ -79,8 +79,9 @@ class Occluders:
         self._pad_bits = casters.pad.view(wp.int32)
         self._boxed = [put(self._moving, wp.int32), put(self._half, wp.vec3)]
 
-    def update(self, frames: Frames) -> None:
-        """Build the trees that are not there yet, and anew where instances have moved far; poses are placed already."""
+    def update(self, frames: InstancePoses) -> None:
+        """Builds the trees that are not there yet, and anew where instances have moved far; poses are placed
+        already."""
         if self._with_still and self._looked != self._visibility.still_place:
             self._looked = self._visibility.still_place
             at = frames.bodies[0, self._still_bodies]
@@ -95,7 +96,7 @@ class Occluders:
                 self._build_moving(frames)
 
     def launch(self) -> None:
-        """Place the still tree for what is in the visibility's `poses`: launches only."""
+        """Places the still tree for what is in the visibility's `poses`: launches only."""
         v = self._visibility
         if self.trees:
             inputs = [v.poses, v.camera_body, wp.vec3d(*self._middle), self._size]
@@ -113,7 +114,7 @@ class Occluders:
         inputs, outputs = [*self._boxed, v.rotation, v.translation], [self._lower, self._upper, self._pad_bits]
         wp.launch(occlusion_kernels.place_boxes, self._lower.shape, inputs, outputs, device=v.device)
 
-    def _build_still(self, frames: Frames) -> None:
+    def _build_still(self, frames: InstancePoses) -> None:
         """The tree of still instances in the world's axes, about their middle."""
         rotation, translation = frames.body(-1)
         to_world = np.swapaxes(rotation[0], -1, -2)
@@ -131,7 +132,7 @@ class Occluders:
             self.casters.merged, self.casters.merged_instance = merged.mesh.id, merged.instance
             self.casters.merged_face = merged.face
 
-    def _build_moving(self, frames: Frames) -> None:
+    def _build_moving(self, frames: InstancePoses) -> None:
         """The tree of moving instances, if there is none or it fits badly."""
         v = self._visibility
         places = frames.bodies[:, np.maximum(v.geometry.body[self._moving], 0), :3].reshape(-1, 3)
@@ -168,7 +169,7 @@ class Occluders:
 
 
 def half_extents(visibility: Visibility) -> np.ndarray:
-    """Half the sides of every instance's box in its own frame, float64 [I, 3] m."""
+    """Gives half the sides of every instance's box in its own frame, float64 [I, 3] m."""
     geometry = visibility.geometry
     half = np.zeros((len(geometry.body), 3))
     np.maximum.at(half, geometry.vertex_instance, np.abs(geometry.vertices))

@@ -19,7 +19,7 @@ def place_trees(
     shift: wp.array(dtype=wp.vec3),
     pad: wp.array(dtype=float),
 ):
-    """The camera in the frame of the still tree, which has the world's axes about `middle` and this size [m]."""
+    """Places the camera in the frame of the still tree, which has the world's axes about `middle` and this size [m]."""
     env = wp.tid()
     s = wp.vec3(wp.transform_get_translation(poses[env, camera]) - middle)
     shift[env] = s
@@ -38,7 +38,8 @@ def place_boxes(
     upper: wp.array2d(dtype=wp.vec3),
     pad_bits: wp.array(dtype=int),
 ):
-    """Boxes [E, M] of moving instances in the camera's frame. pad as bits, which sort as floats of at least 0 do."""
+    """Computes boxes [E, M] of moving instances in the camera's frame. pad as bits, which sort as floats of at least 0
+    do."""
     env, m = wp.tid()
     i = instances[m]
     turn = rotation[env, i]

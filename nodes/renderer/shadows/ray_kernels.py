@@ -22,7 +22,8 @@ LIFT = wp.constant(4.0e-6)
 
 @wp.struct
 class Casters:
-    """Instances as occluders. mesh [I] ids; radius and shell [I]; order [I]: still ones first, `still` of them."""
+    """Holds instances as occluders. mesh [I] ids; radius and shell [I]; order [I]: still ones first, `still` of
+    them."""
 
     rotation: wp.array2d(dtype=wp.mat33)
     """[E, I] frame to the camera's, with `translation`."""
@@ -51,7 +52,8 @@ class Casters:
 
 @wp.func
 def shadow_start(casters: Casters, i: int, position: wp.vec3, normal: wp.vec3, front: bool):
-    """Where shadow rays of instance i start, and whom they leave out: an instance that cannot shade itself here."""
+    """Finds where shadow rays of instance i start, and whom they leave out: an instance that cannot shade itself
+    here."""
     alone = wp.int32(-1)
     if casters.shell[i] == PLANAR or (casters.shell[i] == CONVEX and front):
         alone = i
@@ -60,7 +62,7 @@ def shadow_start(casters: Casters, i: int, position: wp.vec3, normal: wp.vec3, f
 
 @wp.func
 def merged_holds(casters: Casters, env: int, origin: wp.vec3):
-    """Whether a ray from a surface may use the merged mesh, which cannot leave out that surface.
+    """Tells whether a ray from a surface may use the merged mesh, which cannot leave out that surface.
 
     It starts LIFT times the distance above it, at least. pad is some ten times the rounding of a place in that mesh.
     """
@@ -69,7 +71,8 @@ def merged_holds(casters: Casters, env: int, origin: wp.vec3):
 
 @wp.func
 def sphere_met(centre: wp.vec3, radius: float, direction: wp.vec3, length: float):
-    """Whether a ray from the origin meets a ball; its radius grows by the rounding of positions at this distance."""
+    """Tells whether a ray from the origin meets a ball; its radius grows by the rounding of positions at this
+    distance."""
     along = wp.dot(centre, direction)
     away = centre - along * direction
     wide = radius + 1.0e-6 * wp.abs(along)
@@ -86,7 +89,8 @@ def in_the_way(
     length: float,
     extent: float,
 ):
-    """Whether a ray meets instance i; its triangles are tried only if its bounding sphere is hit. extent: of no use."""
+    """Tells whether a ray meets instance i; its triangles are tried only if its bounding sphere is hit. extent: of no
+    use."""
     centre = casters.translation[env, i] - origin
     if sphere_met(centre, casters.radius[i], direction, length):
         inverse = wp.transpose(casters.rotation[env, i])
@@ -105,7 +109,7 @@ def near_hull(
     length: float,
     extent: float,
 ):
-    """Whether the bounding sphere of instance i meets the hull of a point and a ball."""
+    """Tells whether the bounding sphere of instance i meets the hull of a point and a ball."""
     sine = extent / length
     cosine = wp.sqrt(1.0 - sine * sine)
     centre = casters.translation[env, i] - origin
@@ -116,7 +120,8 @@ def near_hull(
 
 
 def make_search(test: Any, trees: bool) -> tuple[Any, Any]:
-    """The functions that look for a caster that fulfils `test`: among the still ones in their tree, and among others.
+    """Makes the functions that look for a caster that fulfils `test`: among the still ones in their tree, and among
+    others.
 
     Trees are searched as far as the ray's `length` and around it as far as `pad`, and `extent` further.
     """
@@ -131,6 +136,7 @@ def make_search(test: Any, trees: bool) -> tuple[Any, Any]:
         length: float,
         extent: float,
     ):
+        """Tells whether a still caster but `skip` fulfils the test, by their tree."""
         turn = casters.turn[env]
         start = turn * origin + casters.shift[env]
         query = wp.bvh_query_capsule(casters.still_tree, start, turn * direction, casters.pad[env] + extent)
@@ -181,7 +187,7 @@ def make_search(test: Any, trees: bool) -> tuple[Any, Any]:
 
 @cache
 def make_occlusion(trees: bool, joined: bool) -> tuple[Any, Any]:
-    """The functions `occluded` and `crossed`; without trees where there are none, for their mere presence costs.
+    """Makes the functions `occluded` and `crossed`; without trees where there are none, for their mere presence costs.
 
     joined: there may be a mesh of all still triangles.
     """
@@ -199,7 +205,8 @@ def make_occlusion(trees: bool, joined: bool) -> tuple[Any, Any]:
         direction: wp.vec3,
         length: float,
     ):
-        """Whether casters order[first..last) but `skip` are in the way; the range ends at `still` or at the end."""
+        """Tells whether casters order[first..last) but `skip` are in the way; the range ends at `still` or at the
+        end."""
         begin = int(first)
         if wp.static(trees):
             if casters.still_tree != wp.uint64(0) and first == 0 and last >= casters.still:
@@ -229,7 +236,7 @@ def make_occlusion(trees: bool, joined: bool) -> tuple[Any, Any]:
         length: float,
         extent: float,
     ):
-        """Whether casters order[first..last) but `skip` may be in the way of rays from a point to a ball.
+        """Tells whether casters order[first..last) but `skip` may be in the way of rays from a point to a ball.
 
         The ball has radius `extent` and lies `length` away; what lies outside the hull of both can shade nothing of it.
         """

@@ -23,7 +23,7 @@ class Textures:
 
 @wp.func
 def wrap(i: int, n: int):
-    """Texel -1 ... n of a row of n; a remainder would take longer than all the rest of a sample."""
+    """Gives texel -1 ... n of a row of n; a remainder would take longer than all the rest of a sample."""
     if i < 0:
         return i + n
     if i >= n:
@@ -33,7 +33,7 @@ def wrap(i: int, n: int):
 
 @wp.func
 def bilinear(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, uv: wp.vec2):
-    """Linear interpolation between texel centres ((i + 0.5) / width, 1 - (j + 0.5) / height), repeating."""
+    """Gives linear interpolation between texel centres ((i + 0.5) / width, 1 - (j + 0.5) / height), repeating."""
     w = level[1]
     h = level[2]
     # The whole number is taken off first, so that the fraction of a far repetition keeps its digits.
@@ -54,7 +54,7 @@ def bilinear(texels: wp.array(dtype=wp.vec3), level: wp.vec3i, uv: wp.vec2):
 
 @wp.func
 def filtered(textures: Textures, place: wp.vec2i, uv: wp.vec2, across: wp.vec2, down: wp.vec2):
-    """A texture under a pixel; across, down: how uv changes from one column and one row to the next.
+    """Gives a texture under a pixel; across, down: how uv changes from one column and one row to the next.
 
     A footprint of at most one texel is magnified: bilinear. A longer one is covered by up to TAPS samples along the
     longer derivative, each trilinear at the level whose texels are as wide as the footprint (Schilling, Knittel and

@@ -13,7 +13,8 @@ from nodes.renderer.textures.texture_kernels import Textures
 
 
 def pyramid(texture: np.ndarray) -> Iterator[np.ndarray]:
-    """The texture and its halvings down to one texel: float32 [h, w, 3], each the exact mean over its texel's area."""
+    """Gives the texture and its halvings down to one texel: float32 [h, w, 3], each the exact mean over its texel's
+    area."""
     yield np.asarray(texture, np.float32)
     level = np.asarray(texture, np.float64)
     while level.shape[0] > 1 or level.shape[1] > 1:
@@ -22,7 +23,7 @@ def pyramid(texture: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def halve(level: np.ndarray, axis: int) -> np.ndarray:
-    """Half as many texels along an axis, rounded down, at least 1; each the mean over the area that it covers."""
+    """Gives half as many texels along an axis, rounded down, at least 1; each the mean over the area that it covers."""
     count = level.shape[axis]
     if count == 1:
         return level
@@ -38,7 +39,7 @@ def halve(level: np.ndarray, axis: int) -> np.ndarray:
 
 
 def pack(scene: Scene, put: Any) -> tuple[Textures, bool]:
-    """The textures, and whether any instance shows one. put: as Visibility.put.
+    """Gives the textures, and whether any instance shows one. put: as Visibility.put.
 
     Raises ValueError naming the material of a texture that is not finite [h, w, 3].
     """

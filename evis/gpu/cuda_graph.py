@@ -13,7 +13,8 @@ MOST = 64
 
 
 class Branch:
-    """Launches beside others, on a stream of its own; a recorded graph keeps that. On a CPU all are in their order."""
+    """Runs launches beside others, on a stream of its own; a recorded graph keeps that. On a CPU all are in their
+    order."""
 
     def __init__(self, device: Any) -> None:
         self._device = device
@@ -34,7 +35,7 @@ class Branch:
             self._device.stream.wait_stream(self._stream)
 
 
-class Recording:
+class CudaGraphs:
     """Runs sequences of launches, each told by a key that says all that can differ between two runs of it.
 
     On a GPU the first run loads the kernels, the second one is recorded as a graph, and all others are one launch.

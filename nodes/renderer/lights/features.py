@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Features:
-    """What a scene needs of the kernels of light: the rest is not compiled. Equal ones share their kernels."""
+    """Holds what a scene needs of the kernels of light: the rest is not compiled. Equal ones share their kernels."""
 
     textures: bool = False
     """Some instance shows one."""
@@ -39,23 +39,23 @@ class Features:
     cached: bool = False
     """Light on still surfaces is remembered."""
     masked: bool = False
-    """Rays to lights that are points have been traced before, by shadow_kernels."""
+    """Rays to lights that are points have been traced before, by shading/shadow_kernels."""
     tiled: bool = False
-    """Threads that run together have a tile of pixels (kernels.tile_pixel)."""
+    """Threads that run together have a tile of pixels (triangle_kernels.tile_pixel)."""
     half: bool = False
     """Light is written as float16."""
 
     @property
     def delta(self) -> bool:
-        """Whether there are lights that are no area lights."""
+        """Tells whether there are lights that are no area lights."""
         return self.directional or self.point or self.spot
 
     @property
     def lit(self) -> bool:
-        """Whether there are lights."""
+        """Tells whether there are lights."""
         return self.delta or self.area
 
     @property
     def shadows(self) -> bool:
-        """Whether any light has shadows."""
+        """Tells whether any light has shadows."""
         return self.hard or self.soft

@@ -1,0 +1,58 @@
+"""Kernels on whole images, which every method shares: luminance, the mean of samples, the sign of vectors."""
+
+from typing import Any
+
+import warp as wp
+
+from nodes.renderer.shading.radiance_kernels import luminance as luminance_of_colour
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.kernel
+def luminance(
+    # in
+    radiance: wp.array2d(dtype=Any),
+    # out
+    image: wp.array(dtype=wp.float32),
+):
+    """Computes the luminance of pixels [N, 3], equation (3); that of float16 is rounded to float16, as the renderer's
+    own is."""
+    i = wp.tid()
+    red = radiance[i, 0]
+    value = luminance_of_colour(wp.vec3(wp.float32(red), wp.float32(radiance[i, 1]), wp.float32(radiance[i, 2])))
+    image[i] = wp.float32(type(red)(value))
+
+
+@wp.kernel
+def negated(
+    # in
+    values: wp.array(dtype=wp.float32),
+    # out
+    result: wp.array(dtype=wp.float32),
+):
+    """Changes the sign of every value."""
+    i = wp.tid()
+    result[i] = -values[i]
+
+
+@wp.kernel
+def mean(
+    # in
+    samples: int,
+    channels: int,
+    fine: wp.array3d(dtype=wp.float32),
+    # out
+    frames: wp.array3d(dtype=wp.float32),
+):
+    """Averages samples x samples pixels of fine [R, samples h, samples w C] into frames [R, h, w C] of C channels."""
+    row, y = wp.tid()
+    x = wp.int32(0)
+    while x < frames.shape[2]:
+        first = x // channels * channels * samples + x % channels
+        total = wp.float32(0.0)
+        for j in range(samples):
+            for i in range(samples):
+                total += fine[row, y * samples + j, first + i * channels]
+        frames[row, y, x] = total / float(samples * samples)
+        x += 1

@@ -1,0 +1,112 @@
+"""What a caller may ask of `rigid`, and how the sub-frames of a gap are shared out because of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from evis.scene.model import Camera, Scene, Waveform
+from nodes.renderer.paths.paths import PathOptions
+
+TOLERANCE = 0.1
+"""Difference of log radiance between the keyframes up to which light is taken to change evenly: half the contrast
+threshold of common sensors."""
+
+SAMPLE_PX = {True: 1.0, False: 0.0}
+"""Path [px] between two samples of a pixel, on a CPU and on a GPU, where lists cost more than they save."""
+
+PORTION, LEAST = {True: 1 << 21, False: 1 << 25}, 8
+"""Pixels of the sub-frames that are worked on at once, on a CPU and on a GPU: what caches and memory hold; and least
+sub-frames where there are lines between samples, in which case it is as on a CPU with one environment."""
+
+
+@dataclass(frozen=True)
+class RigidOptions:
+    """Holds what may be asked of the method besides sizes."""
+
+    light_samples: int = 16
+    """The renderer's shadow rays for an area light, with its `paths`."""
+    paths: PathOptions | None = None
+    tolerance: float = TOLERANCE
+    """Error of log radiance that is looked for and shaded away."""
+    sample_px: float | None = None
+    """Path [px] of a pixel over the surface that it shows, up to which a sub-frame may be a line between two others; 0:
+    none is; None: SAMPLE_PX."""
+    on_device: bool | None = None
+    """Whether all is decided on the device, None: for a GPU; otherwise by lists that the host divides. The frames are
+    the same, bit for bit."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Says in which portions the sub-frames of a gap are made, and how their pixels are.
+
+    envs: E. upsampling: K. channels: 1 or 3. portions: sub-frames, counted from 1, in the slots of each portion; the
+    first begins with keyframe B itself, so that its z-buffer is there for all the others. step: path [px] between two
+    samples of a pixel, 0 = all are looked up. tolerance: of log radiance. on_device: see RigidOptions. flicker: whether
+    lights do. waveform: of all that flicker, if they share one.
+    """
+
+    envs: int
+    upsampling: int
+    channels: int
+    portions: list[list[int]]
+    step: float
+    tolerance: float
+    on_device: bool
+    flicker: bool
+    waveform: Waveform | None
+
+    @property
+    def slots(self) -> int:
+        """Gives sub-frames of a portion, at most."""
+        return len(self.portions[0])
+
+    @property
+    def shown(self) -> list[list[int]]:
+        """Gives the sub-frame, counted from 0, of each slot of each portion; those left over repeat the last one."""
+        return [[part[min(s, len(part) - 1)] - 1 for s in range(self.slots)] for part in self.portions]
+
+    @property
+    def ratio(self) -> float:
+        """Of the radiance of two samples, up to which there is a line between them."""
+        return float(np.exp(self.tolerance / 2))
+
+    @property
+    def exact_flicker(self) -> bool:
+        """Tells whether flicker is added up from radiance with the lights at their mean and radiance without them."""
+        return self.waveform is not None
+
+    @property
+    def relight(self) -> bool:
+        """Tells whether flicker has all but the sky shaded anew."""
+        return self.flicker and self.waveform is None
+
+    @property
+    def two_pass(self) -> bool:
+        """Tells whether what is quick to look up is looked up in the order of the pixels, and only the rest is
+        listed."""
+        return self.on_device and self.step == 0
+
+
+def layout_of(
+    scene: Scene, camera: Camera, envs: int, upsampling: int, margin: int, channels: int, cpu: bool, asked: RigidOptions
+) -> Layout:
+    """Works out the layout of gaps between keyframes of E environments.
+
+    margin: pixels beyond the image on every side. channels: 1 or 3. cpu: whether the device is one.
+    """
+    pixels = (camera.height + 2 * margin) * (camera.width + 2 * margin)
+    waveforms = {light.waveform for light in scene.lights if light.waveform is not None}
+    flicker = bool(waveforms)
+    waveform = waveforms.pop() if len(waveforms) == 1 else None
+    # Light that flickers is on no line.
+    step = 0.0 if flicker else SAMPLE_PX[cpu] if asked.sample_px is None else asked.sample_px
+    # Lines end with a portion, which must not depend on the device or on other environments.
+    at_once = max(LEAST, PORTION[True] // pixels) if step > 0 else max(1, PORTION[cpu] // (envs * pixels))
+    slots = -(-upsampling // -(-upsampling // at_once))
+    order = [upsampling, *range(1, upsampling)]
+    portions = [order[k : k + slots] for k in range(0, upsampling, slots)]
+    on_device = not cpu if asked.on_device is None else asked.on_device
+    return Layout(envs, upsampling, channels, portions, step, asked.tolerance, on_device, flicker, waveform)
