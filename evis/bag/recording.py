@@ -13,9 +13,9 @@ from evis.bag import BagError
 from evis.bag.mcap import scan
 from evis.bag.mcap.container import LIBRARY
 from evis.bag.mcap.scan import Scanner, TooLargeError
-from evis.events.container import Events
-from evis.events.files.blocks import BlockRecording, take_size
-from evis.events.files.inflate import DamagedError, inflate
+from evis.events.arrays import Events
+from evis.events.files.reading.block_recording import BlockRecording, take_size
+from evis.events.files.reading.decompress import DamagedError, inflate
 from evis.events.files.rosbag.messages import TYPES, plain_type
 from evis.events.files.rosbag.recording import BagMessage, RosRecording
 from evis.events.recording import OpenOptions, Recording, RecordingError, RecordingInfo

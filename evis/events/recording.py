@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from evis.events.container import Events
+from evis.events.arrays import Events
 from evis.files.damage import faults_as
 from evis.files.named_pipe import with_reader
 from evis.files.whole_file import written_at
@@ -23,8 +23,8 @@ from evis.files.whole_file import written_at
 _FILES = "evis.events.files"
 FORMATS = (
     f"{_FILES}.prophesee.dat", f"{_FILES}.prophesee.raw", f"{_FILES}.text.zipped", f"{_FILES}.packed_file",
-    f"{_FILES}.arrays.npz", f"{_FILES}.arrays.npy", f"{_FILES}.hdf5.reader", f"{_FILES}.aedat.aedat2",
-    f"{_FILES}.aedat.aedat3", f"{_FILES}.aedat.aedat4", f"{_FILES}.es", f"{_FILES}.rosbag.rosbag1",
+    f"{_FILES}.numpy_files.npz", f"{_FILES}.numpy_files.npy", f"{_FILES}.hdf5.reader", f"{_FILES}.aedat.aedat2",
+    f"{_FILES}.aedat.aedat3", f"{_FILES}.aedat.aedat4", f"{_FILES}.es.reader", f"{_FILES}.rosbag.rosbag1",
     f"{_FILES}.rosbag.db3", "evis.bag.recording", f"{_FILES}.text.reader", f"{_FILES}.nmnist",
 )  # fmt: skip
 """Modules with `NAME`, `matches(head, path)` and `open_file(path, options)`; recognised by content, in this order."""
@@ -42,11 +42,11 @@ _WITH_TOPICS = frozenset(
 )
 WRITERS = {
     ".raw": "evis.events.files.prophesee.raw",
-    ".npz": "evis.events.files.arrays.npz",
+    ".npz": "evis.events.files.numpy_files.npz",
     ".csv": "evis.events.files.text.writer",
     ".txt": "evis.events.files.text.writer",
     ".dat": "evis.events.files.prophesee.dat",
-    ".es": "evis.events.files.es_writer",
+    ".es": "evis.events.files.es.writer",
     ".aedat4": "evis.events.files.aedat.aedat4_writer",
     ".h5": "evis.events.files.hdf5.writer",
     ".hdf5": "evis.events.files.hdf5.writer",

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evis.events import Recording, open_recording
-from nodes.camera.driver import Configuration, DeviceInfo, Driver, Reading, setting
+from nodes.camera.interface.driver import DeviceInfo, Driver, Reading
+from nodes.camera.interface.settings import Configuration, setting
 
 NS = 1_000_000_000
 LONG_GAP = 100

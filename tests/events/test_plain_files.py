@@ -13,7 +13,7 @@ from stream_cases import random_events, same
 
 from evis.events import Events, RecordingError, open_recording, open_writer
 from evis.events.codecs.prophesee import evt3
-from evis.events.files.es_decode import Decoder
+from evis.events.files.es.decoder import Decoder
 from evis.events.files.text.columns import find_format
 from evis.events.files.text.numbers import parse_lines
 

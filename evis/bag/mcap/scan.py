@@ -18,7 +18,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Header, McapRecord, Metadata, MetadataIndex, Schema, Statistics
 
 from evis.bag import BagError
-from evis.bag.mcap.container import LIBRARY, MAGIC
+from evis.bag.mcap.marks import LIBRARY, MAGIC
 from evis.files.allowance import Allowance, AllowanceError
 
 MAX_CHUNK = 2 << 30
@@ -304,7 +304,7 @@ def _decompress(chunk: Chunk, data: bytes) -> bytes:
             import lz4.frame  # noqa: F401 (only what it is called for)
         except ImportError:
             raise BagError("its chunks are compressed with lz4; install it with: pip install lz4") from None
-        from evis.events.files.inflate import inflate
+        from evis.events.files.reading.decompress import inflate
 
         return inflate("lz4", data, allowance)
     raise BagError(f"its chunks are compressed with {chunk.compression!r}, which is not supported")

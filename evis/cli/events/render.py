@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Draw window by window."""
     from evis.events import RecordingError
-    from evis.events.dense import check_pixels
+    from evis.events.pixel_limit import check_pixels
     from evis.files.damage import faults_as
     from evis.media.pictures.events import TimeSurface, draw, windows
     from evis.media.pictures.writer import save_gif, save_mp4, save_sheet

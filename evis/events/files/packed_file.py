@@ -16,11 +16,11 @@ from typing import IO, Any
 
 import numpy as np
 
-from evis.events.container import Events
-from evis.events.files.arrays.npy import MAGIC as NPY
-from evis.events.files.arrays.npy import NAMES
-from evis.events.files.unpacked import UnpackedFile
-from evis.events.files.zip_cut import RECORDINGS, open_archive
+from evis.events.arrays import Events
+from evis.events.files.numpy_files.npy import MAGIC as NPY
+from evis.events.files.numpy_files.npy import NAMES
+from evis.events.files.reading.unpacked_file import UnpackedFile
+from evis.events.files.reading.zip_archive import RECORDINGS, open_archive
 from evis.events.recording import HEAD, OpenOptions, Recording, RecordingError, open_as
 from evis.files.allowance import Allowance
 

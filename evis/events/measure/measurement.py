@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from evis.events.dense import check_pixels
-from evis.events.measure.merge import merge
 from evis.events.measure.noise import Noise
 from evis.events.measure.rate import Rate
-from evis.events.measure.rotation import TOO_FEW, measure_rotation
+from evis.events.measure.rotation.merge import merge
+from evis.events.measure.rotation.rotation import TOO_FEW, measure_rotation
 from evis.events.measure.sharpness import Sharpness
+from evis.events.pixel_limit import check_pixels
 
 SEGMENT_NS = 2_000_000_000
 """Rotation is measured stretch by stretch."""

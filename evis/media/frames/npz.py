@@ -14,7 +14,7 @@ from typing import IO
 
 import numpy as np
 
-from evis.events.files.arrays.npy import read_header
+from evis.events.files.numpy_files.npy import read_header
 from evis.files.allowance import Allowance
 from evis.files.damage import faults_as
 from evis.media.frames.source import INT64_MAX, FrameBlock, FrameOptions, FramesError, FrameSource

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from evis.events.container import Events
-from evis.events.dense import check_pixels
+from evis.events.arrays import Events
+from evis.events.pixel_limit import check_pixels
 from evis.events.recording import Recording
 
 WHITE = (255, 255, 255)

@@ -9,7 +9,7 @@ import struct
 import numpy as np
 import usb.core
 
-from evis.events.container import Events
+from evis.events.arrays import Events
 from nodes.camera.emulated.device import EmulatedDevice, Identity, stall
 from nodes.camera.emulated.faults import Faults
 from nodes.camera.emulated.feed import Feed

@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from evis.config.params import Param
-from evis.events.container import Events
+from evis.events.arrays import Events
 from evis.runtime.node import Input, Node, Output
 from msgs.camera import EventPacket
 from msgs.header import Message
-from nodes.camera.messages import camera_info, packets
+from nodes.camera.interface.messages import camera_info, packets
 
 WAIT_S = 10.0
 """Longest wait for the bytes of one packet to come back from the reader thread [s]."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evis.events.container import Events, Imu
+from evis.events.arrays import Events, Imu
 
 
 @dataclass

@@ -8,10 +8,10 @@ from collections import Counter
 
 import numpy as np
 
+from evis.events.arrays import Events, Frame, Triggers
 from evis.events.codecs.encoder import encoder_for
 from evis.events.codecs.inivation.davis_frames import check_frame
 from evis.events.codecs.inivation.dvxplorer_mini_imu import MiniImu
-from evis.events.container import Events, Frame, Triggers
 from nodes.camera.usb.models import Model
 
 UNORDERED = ("evt2", "evt21", "evt3")

@@ -11,6 +11,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import usb.core
+
 from nodes.camera.usb.access import CONTROL_MS, claim, text
 from nodes.camera.usb.driver import UsbDriver
 
@@ -101,8 +103,6 @@ class Fx3Camera(UsbDriver):
 
     def _halt(self) -> None:
         """Clear the data endpoint, and drop what an earlier program left in the camera's buffers."""
-        import usb.core
-
         self.device.clear_halt(DATA_IN)
         for _ in range(DRAIN_READS):
             try:

@@ -7,7 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from nodes.camera.driver import Configuration, DeviceInfo
+import usb.core
+
+from nodes.camera.interface.driver import DeviceInfo
+from nodes.camera.interface.settings import Configuration
 from nodes.camera.treuzell import gen31, genx320, imx636
 from nodes.camera.treuzell.protocol import CONTROL_IN, CONTROL_OUT, DATA_IN, Board, TreuzellError
 from nodes.camera.treuzell.sensor import Registers, sequences
@@ -137,8 +140,6 @@ class Camera(UsbDriver):
 
     def _drain(self) -> None:
         """What an earlier program left in the camera's buffers is no part of this stream."""
-        import usb.core
-
         self.device.clear_halt(DATA_IN)
         with contextlib.suppress(usb.core.USBTimeoutError):
             for _ in range(DRAIN_READS):

@@ -12,8 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import usb.core
+
 from evis.events.codecs.buffer import Allocate, plain
-from nodes.camera.driver import Configuration, DeviceInfo, Driver, Reading, setting
+from nodes.camera.interface.driver import DeviceInfo, Driver, Reading
+from nodes.camera.interface.settings import Configuration, setting
 from nodes.camera.usb.access import Bus, StreamEnd, Unplugged, explained, label, release
 from nodes.camera.usb.models import Model
 from nodes.camera.usb.reader import Reader
@@ -117,8 +120,6 @@ class UsbDriver(Driver):
         return info
 
     def _open(self, then: Callable[[], None]) -> None:
-        import usb.core
-
         try:
             info = self._connect()
             then()
@@ -148,8 +149,6 @@ class UsbDriver(Driver):
         return self._info
 
     def configure(self, configuration: Configuration) -> None:
-        import usb.core
-
         if self._stream is not None:
             raise ValueError(f"{self.name}: settings can be changed only before start")
         if type(configuration) is not self.settings_type():
@@ -172,8 +171,6 @@ class UsbDriver(Driver):
             ]
 
     def start(self) -> None:
-        import usb.core
-
         from evis.events.codecs.decoder import decoder_for
 
         s, model = self._settings, self.model
@@ -214,8 +211,6 @@ class UsbDriver(Driver):
         return Reader(self._bulk, self._recover, s.buffers, s.buffer_kib << 10, self.wait_when_full)
 
     def _bulk(self, buffer: Any, timeout_ms: int) -> int:
-        import usb.core
-
         try:
             size: int = self.device.read(self.ENDPOINT, buffer, timeout_ms)
         except usb.core.USBError as e:
@@ -331,8 +326,6 @@ class UsbDriver(Driver):
         return {k: v for k, v in total.items() if v}
 
     def stop(self) -> None:
-        import usb.core
-
         if self._stream is None:
             return
         stream, self._stream = self._stream, None
@@ -347,8 +340,6 @@ class UsbDriver(Driver):
         self._stream = None
 
     def close(self) -> None:
-        import usb.core
-
         if self._info is None:
             return
         try:

@@ -17,6 +17,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import usb.core
 
 TIMEOUT_MS = 100
 """Longest single read [ms]; what has arrived by then is handed over."""
@@ -175,8 +176,6 @@ class Reader:
 
     def _once(self, chunk: Chunk) -> int:
         """One read: bytes, 0 when nothing came. Stalls are cleared and marked; other failures go up."""
-        import usb.core
-
         if self._read_end_ns:
             self.longest_pause_ns = max(self.longest_pause_ns, time.monotonic_ns() - self._read_end_ns)
         try:

@@ -11,9 +11,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import usb.core
 
+from evis.events.arrays import Imu
 from evis.events.codecs.inivation.dvxplorer_mini_imu import MiniImu, message_of
-from evis.events.container import Imu
 from nodes.camera.usb.reader import MAX_FAULTS, TIMEOUT_MS
 
 SIZE = 64
@@ -95,8 +96,6 @@ class SideReader:
     # -- the thread ---------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        import usb.core
-
         buffer, faults = array.array("B", bytes(SIZE)), 0
         while not self._stop:
             try:

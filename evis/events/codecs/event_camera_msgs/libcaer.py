@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.event_camera_msgs import payload as ecm
-from evis.events.container import Events
 
 _TURNS, _LAST, _INVALID = 4, 5, 6
 TURN_US = 1 << 31

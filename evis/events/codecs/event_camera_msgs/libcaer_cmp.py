@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.encoder import find_groups
 from evis.events.codecs.event_camera_msgs import payload as ecm
-from evis.events.container import Events
 
 TIME_HIGH, TIME_LOW, ADDR_X, ADDR_Y, BASE_Y, VECT_8 = range(6)
 _HIGH, _LOW, _X, _Y, _SIGN, _UNKNOWN = range(4, 10)

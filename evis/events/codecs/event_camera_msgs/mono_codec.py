@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.event_camera_msgs import mono
 from evis.events.codecs.event_camera_msgs import payload as ecm
-from evis.events.container import Events
 
 
 class Decoder(ecm.RecordDecoder):

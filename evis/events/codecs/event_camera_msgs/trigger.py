@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events, Triggers
 from evis.events.codecs.event_camera_msgs import payload as ecm
-from evis.events.container import Events, Triggers
 
 
 class Decoder(ecm.RecordDecoder):

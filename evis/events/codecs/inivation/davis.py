@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.decoder import count_until
 from evis.events.codecs.inivation import encoder
 from evis.events.codecs.inivation import words as inivation
@@ -23,7 +24,6 @@ from evis.events.codecs.inivation.words import (
     SIDE,
     STATE,
 )
-from evis.events.container import Events
 
 _ROW = STATE
 _SPECIALS = dict.fromkeys([5, 7, *range(8, 16)], SIDE)

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events, Triggers
 from evis.events.codecs import decoder
 from evis.events.codecs.encoder import Encoder as _Encoder
 from evis.events.codecs.encoder import merge
 from evis.events.codecs.inivation.words import MAX_OFFSET_US
-from evis.events.container import Events, Triggers
 
 _OFFSET, _OUTSIDE, _RESETS = 1, 2, 3
 _WRAP, _RESET, _EDGE = 1 << 31, 1 << 30, 1 << 15

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.decoder import count_until
 from evis.events.codecs.encoder import find_groups
 from evis.events.codecs.inivation import encoder
 from evis.events.codecs.inivation import words as inivation
 from evis.events.codecs.inivation.imu import BOSCH, ImuReader
 from evis.events.codecs.inivation.words import ADDRESS, EVENT, IMU_DAMAGED, OUTSIDE, SIDE, STATE
-from evis.events.container import Events
 
 _COLUMN, _ROW1, _ROW2, _BINNED = STATE, STATE + 1, STATE + 2, STATE + 3
 

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs import decoder
 from evis.events.codecs.encoder import Encoder as _Encoder
 from evis.events.codecs.encoder import find_groups
 from evis.events.codecs.inivation.dvxplorer import folded
-from evis.events.container import Events
 
 _GROUPS, _REFERENCE, _COLUMN = 1 << 31, 1 << 27, 1 << 26
 REFERENCE_BITS = 22

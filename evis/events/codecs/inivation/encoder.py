@@ -6,10 +6,10 @@ import abc
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.encoder import Encoder as _Encoder
 from evis.events.codecs.inivation.imu import ImuChip
 from evis.events.codecs.inivation.words import TRIGGERS
-from evis.events.container import Events
 
 MAX_WRAP = 4095
 """Wraps that one word can count."""

@@ -14,8 +14,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from evis.events.arrays import Events, Triggers
 from evis.events.codecs import decoder
-from evis.events.container import Events, Triggers
 
 TIME, WRAP, RESET, ADDRESS, EVENT, TRIGGER, SIDE, IGNORED, UNKNOWN = range(9)
 """Classes of words: up to RESET they carry the time, from EVENT on they happen at a time."""

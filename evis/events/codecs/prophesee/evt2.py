@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from evis.events.arrays import Events, Triggers
 from evis.events.codecs import decoder
 from evis.events.codecs.encoder import Item, PropheseeEncoder, scatter
-from evis.events.container import Events, Triggers
 
 OFF, ON, TIME_HIGH, TRIGGER = 0, 1, 8, 10
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events, Triggers
 from evis.events.codecs import decoder
 from evis.events.codecs.encoder import Item, PropheseeEncoder, scatter
-from evis.events.container import Events, Triggers
 
 ADDR_Y, ADDR_X, VECT_BASE_X, VECT_12, VECT_8, TIME_LOW, TIME_HIGH, TRIGGER = 0, 2, 3, 4, 5, 6, 8, 10
 

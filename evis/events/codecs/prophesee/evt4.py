@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.prophesee import evt2, evt21
-from evis.events.container import Events
 
 _VECTOR_OFF = 0xC
 _AS_EVT2 = np.full(16, 2, np.uint32)

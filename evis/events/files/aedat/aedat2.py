@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from evis.events.container import Events, Triggers
+from evis.events.arrays import Events, Triggers
 from evis.events.files.aedat.aedat2_davis import DavisSamples
-from evis.events.files.blocks import take_size
-from evis.events.files.records import RecordFile
+from evis.events.files.reading.block_recording import take_size
+from evis.events.files.reading.record_file import RecordFile
 from evis.events.recording import HEAD, OpenOptions, RecordingInfo
 
 NAME = "AEDAT 1.0, 2.0, 3.1 and 4"

@@ -8,9 +8,9 @@ import urllib.parse
 from collections.abc import Iterator
 from pathlib import Path
 
+from evis.events.files.reading.unpacked_file import with_name
 from evis.events.files.rosbag.messages import plain_type
 from evis.events.files.rosbag.recording import BagMessage, RosRecording
-from evis.events.files.unpacked import with_name
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
 
 NAME = "ROS 2 .db3 bag"

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evis.events.container import Events
-from evis.events.files.inflate import DamagedError
+from evis.events.arrays import Events
+from evis.events.files.reading.decompress import DamagedError
 
 PACKETS = ("event_camera_msgs/EventPacket", "event_array_msgs/EventArray")
 ARRAYS = ("dvs_msgs/EventArray", "prophesee_event_msgs/EventArray")

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from evis.events.arrays import Events
 from evis.events.codecs.decoder import decoder_for
-from evis.events.container import Events
-from evis.events.files.blocks import BlockRecording, take_size
-from evis.events.files.inflate import DamagedError, inflate
+from evis.events.files.reading.block_recording import BlockRecording, take_size
+from evis.events.files.reading.decompress import DamagedError, inflate
 from evis.events.files.rosbag.messages import PACKETS, TYPES, read_array, read_packet
 from evis.events.recording import OpenOptions, RecordingError, open_recording
 from evis.files.allowance import Allowance

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
-from evis.events.files.inflate import DamagedError, inflate
+from evis.events.files.reading.decompress import DamagedError, inflate
 from evis.events.files.rosbag.messages import plain_type
 from evis.events.files.rosbag.recording import BagMessage, RosRecording
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo

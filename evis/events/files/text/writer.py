@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 
-from evis.events.container import Events
+from evis.events.arrays import Events
 from evis.events.recording import RecordingError, Writer
 
 _ROWS = 1 << 16

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from evis.events.container import Events
-from evis.events.files.blocks import BlockRecording, take_size
-from evis.events.files.es_decode import SIZES, Decoder
+from evis.events.arrays import Events
+from evis.events.files.es.decoder import SIZES, Decoder
+from evis.events.files.reading.block_recording import BlockRecording, take_size
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
 
 NAME = "Event Stream (.es)"

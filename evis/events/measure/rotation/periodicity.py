@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.events.measure.polar import STEP_NS
+from evis.events.measure.rotation.polar import STEP_NS
 
 CELLS = 12
 CANDIDATES = 6

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.events.measure.rotation import SURE, nothing
+from evis.events.measure.rotation.rotation import SURE, nothing
 
 _SAME = 0.03
 """Stretches with speeds this close [share] belong to one steady rotation."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from evis.events.measure.plane import Plane
+from evis.events.measure.rotation.plane import Plane
 
 SIGMAS = (4.0, 3.0, 2.0, 2.0, 1.5, 1.5)
 """Blur of each turn [px]."""

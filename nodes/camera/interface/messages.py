@@ -9,7 +9,7 @@ import numpy as np
 
 from msgs.camera import CameraInfo, EventPacket, Image, Imu, Trigger
 from msgs.header import Header, Message
-from nodes.camera.driver import DeviceInfo, Reading
+from nodes.camera.interface.driver import DeviceInfo, Reading
 
 
 def packets(

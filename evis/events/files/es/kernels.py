@@ -1,6 +1,5 @@
-"""Sequential file decoders as Warp CPU kernels (dim = 1); the plain loop beside each caller is the reference."""
+"""Decodes Event Stream files as a Warp CPU kernel (dim = 1); the loop in `decoder` is its twin."""
 
-import numpy as np
 import warp as wp
 
 from evis.warp_start import start_warp
@@ -56,14 +55,3 @@ def decode_es(
     out[1] = wp.int64(n)
     out[2] = exposures
     out[3] = now
-
-
-def run(kernel: wp.Kernel, inputs: list, outputs: list[np.ndarray]) -> None:
-    """One thread over whole buffers; numpy arrays are read and written in place."""
-
-    def view(value):
-        if not isinstance(value, np.ndarray):
-            return value
-        return wp.array(value, dtype=wp.dtype_from_numpy(value.dtype), device="cpu", copy=False)
-
-    wp.launch(kernel, dim=1, inputs=[view(v) for v in inputs], outputs=[view(v) for v in outputs], device="cpu")

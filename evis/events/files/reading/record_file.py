@@ -10,8 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from evis.events.container import Events
-from evis.events.files.blocks import BlockRecording
+from evis.events.arrays import Events
+from evis.events.files.reading.block_recording import BlockRecording
 from evis.events.recording import RecordingError
 
 BLOCK = 1 << 18

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from evis.events.container import Events, Imu, Triggers
+from evis.events.arrays import Events, Imu, Triggers
 from evis.events.recording import OpenOptions, Recording, RecordingError, RecordingInfo
 from evis.files.damage import faults_as
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from evis.events.measure.polar import order_weights
+from evis.events.measure.rotation.polar import order_weights
 
 BLOCK = 0.25
 """Way [rad] over which descriptors are summed."""

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evis.events.measure.alignment import align, in_view
-from evis.events.measure.coherence import coherence
-from evis.events.measure.pivot import STEPS
-from evis.events.measure.plane import Plane
-from evis.events.measure.polar import (
+from evis.events.measure.rotation.alignment import align, in_view
+from evis.events.measure.rotation.coherence import coherence
+from evis.events.measure.rotation.pivot import STEPS
+from evis.events.measure.rotation.plane import Plane
+from evis.events.measure.rotation.polar import (
     STEP_NS,
     contrast,
     harmonics_of,

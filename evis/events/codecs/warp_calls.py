@@ -22,7 +22,7 @@ def view(array: np.ndarray) -> wp.array:
 def sink(*columns: np.ndarray) -> Sink:
     """Where a kernel writes, from arrays in the order of the fields of `Sink`."""
     result = Sink()
-    for name, column in zip(Sink.vars, columns, strict=True):
+    for name, column in zip(Sink.vars, columns, strict=True):  # type: ignore[attr-defined]
         setattr(result, name, view(column))
     return result
 
@@ -31,3 +31,12 @@ def record(kernel: wp.Kernel, inputs: list, outputs: list) -> wp.Launch:
     """A launch of one thread, to be run again and again with its parameters changed in between."""
     command: wp.Launch = wp.launch(kernel, dim=1, inputs=inputs, outputs=outputs, device="cpu", record_cmd=True)
     return command
+
+
+def run(kernel: wp.Kernel, inputs: list, outputs: list[np.ndarray]) -> None:
+    """Run a kernel once, with one thread, on whole buffers; numpy arrays are read and written in place."""
+
+    def viewed(value):
+        return view(value) if isinstance(value, np.ndarray) else value
+
+    wp.launch(kernel, dim=1, inputs=[viewed(v) for v in inputs], outputs=[viewed(v) for v in outputs], device="cpu")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from evis.events.container import Events
+from evis.events.arrays import Events
 
 SIZES = {"dvs": 5, "atis": 5}
 """Bytes of an event, by type of stream."""
@@ -70,11 +70,12 @@ def _loop(data: bytes, atis: bool, t: int) -> Result:
 
 
 def _launch(data: bytes, atis: bool, t: int) -> Result:
-    from evis.events.files import kernels
+    from evis.events.codecs.warp_calls import run
+    from evis.events.files.es.kernels import decode_es
 
     n = len(data) // 5
     columns = [np.empty(n, d) for d in (np.int64, np.uint16, np.uint16, np.uint8)]
     out = np.array([0, 0, 0, t], np.int64)
-    kernels.run(kernels.decode_es, [np.frombuffer(data, np.uint8), int(atis)], [out, *columns])
+    run(decode_es, [np.frombuffer(data, np.uint8), int(atis)], [out, *columns])
     used, count, exposures, t = (int(v) for v in out)
     return tuple(c[:count].copy() for c in columns), exposures, used, t  # type: ignore[return-value]

@@ -6,8 +6,8 @@ import os
 
 import numpy as np
 
-from evis.events.container import Events
-from evis.events.files.es import MAGIC
+from evis.events.arrays import Events
+from evis.events.files.es.reader import MAGIC
 from evis.events.recording import RecordingError, Writer
 
 _MAX_PAUSE_US = 4 * 3600 * 10**6

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evis.events.measure.plane import FRONT, Plane
-from evis.events.measure.polar import (
+from evis.events.measure.rotation.plane import FRONT, Plane
+from evis.events.measure.rotation.polar import (
     STEP_NS,
     contrast,
     harmonics_of,

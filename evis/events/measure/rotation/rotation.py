@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from evis.events.measure.periodicity import candidates, descriptors, off_orders, recurrence
-from evis.events.measure.pivot import Found, find_planes, pick_windows
-from evis.events.measure.plane import FRONT
-from evis.events.measure.polar import STEP_NS
-from evis.events.measure.tracking import Track, consistency, track
+from evis.events.measure.rotation.periodicity import candidates, descriptors, off_orders, recurrence
+from evis.events.measure.rotation.pivot import Found, find_planes, pick_windows
+from evis.events.measure.rotation.plane import FRONT
+from evis.events.measure.rotation.polar import STEP_NS
+from evis.events.measure.rotation.tracking import Track, consistency, track
 
 SURE = 0.5
 """Confidence from which a speed is reported."""

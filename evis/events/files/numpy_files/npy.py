@@ -15,8 +15,8 @@ from typing import IO
 import numpy as np
 from numpy.lib import format as npy
 
-from evis.events.container import Events
-from evis.events.files.blocks import BlockRecording, take_size
+from evis.events.arrays import Events
+from evis.events.files.reading.block_recording import BlockRecording, take_size
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
 
 NAME = "NumPy .npy with an event a row"

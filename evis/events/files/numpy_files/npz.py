@@ -19,10 +19,10 @@ from typing import IO, Any
 import numpy as np
 from numpy.lib import format as npy
 
-from evis.events.container import Events
-from evis.events.files.arrays.npy import NAMES, read_header, seconds_in_ns
-from evis.events.files.blocks import BlockRecording
-from evis.events.files.zip_cut import Archive, CutArchive, open_archive, salvaged
+from evis.events.arrays import Events
+from evis.events.files.numpy_files.npy import NAMES, read_header, seconds_in_ns
+from evis.events.files.reading.block_recording import BlockRecording
+from evis.events.files.reading.zip_archive import Archive, CutArchive, open_archive, salvaged
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo, Writer
 from evis.files.allowance import Allowance
 
