@@ -17,8 +17,8 @@ import numpy as np
 from evis.events.files.numpy_files.npy import read_header
 from evis.files.allowance import Allowance
 from evis.files.damage import faults_as
+from evis.media.colour import luminance_of
 from evis.media.frames.source import INT64_MAX, FrameBlock, FrameOptions, FramesError, FrameSource
-from evis.media.frames.tone import luminance_of
 
 _DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError, ValueError)
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.rigid.keyframe_kernels import grey
 from nodes.interpolator.rigid.log_kernels import apart, radiance_of
 from nodes.interpolator.rigid.look_up_kernels import HARD, SEEN, Sight, make_keyframes, make_look_up
 from nodes.interpolator.rigid.room_kernels import take_place
@@ -213,7 +214,7 @@ def make_place(channels: int) -> wp.Kernel:
             frame = n % envs * upsampling + index[n // envs] - 1
             colour = radiance[n, y, x]
             if wp.static(channels == 1):
-                frames[frame, y - margin, x - margin] = 0.2126 * colour[0] + 0.7152 * colour[1] + 0.0722 * colour[2]
+                frames[frame, y - margin, x - margin] = grey(colour)
             else:
                 frames[frame, y - margin, x - margin] = colour
             j += workers

@@ -4,10 +4,14 @@ from typing import Any
 
 import warp as wp
 
+from evis.media.colour import REC709
 from nodes.interpolator.rigid.log_kernels import SIX
 from nodes.renderer.raster.triangle_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
+
+RED, GREEN, BLUE = (wp.constant(weight) for weight in REC709)
+"""Weights of luminance."""
 
 DARKEST = wp.constant(1.0e-30)
 """Radiance below which the logarithm is that of this one."""
@@ -91,8 +95,8 @@ def take_in(
 
 @wp.func
 def grey(colour: wp.vec3):
-    """Equation (3)."""
-    return 0.2126 * colour[0] + 0.7152 * colour[1] + 0.0722 * colour[2]
+    """Computes luminance from linear RGB, equation (3)."""
+    return RED * colour[0] + GREEN * colour[1] + BLUE * colour[2]
 
 
 @wp.func

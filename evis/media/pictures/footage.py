@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from evis.files.whole_file import whole_file
-from evis.media.pictures.draw import beside, event_picture, palette
+from evis.media.pictures.event_pictures import faded_events
+from evis.media.pictures.side_by_side import beside, palette
+from evis.media.pictures.writer import write_gif
 
 MAX_PICTURES = 1000
 
@@ -55,7 +57,7 @@ class Footage:
 def _sheets(footage: Footage, times: np.ndarray, tau_ns: int, note: str, scale: int) -> Iterator[Any]:
     captions, first = footage.captions, footage.span_ns[0]
     for at in times.tolist():
-        events = event_picture(footage.t, footage.x, footage.y, footage.p, footage.width, footage.height, at, tau_ns)
+        events = faded_events(footage.t, footage.x, footage.y, footage.p, footage.width, footage.height, at, tau_ns)
         yield beside(footage.frame_at(at), events, captions, f"{(at - first) / 1e6:.1f} ms{note}", scale)
 
 
@@ -75,7 +77,7 @@ def make_animation(
     from_ns: int | None = None,
     to_ns: int | None = None,
 ) -> int:
-    """Write a GIF; the number of its pictures.
+    """Writes a GIF and returns the number of its pictures.
 
     Every picture stands for 1 / (fps * slow_motion) seconds of the recording, and events fade with twice that.
     from_ns, to_ns: part of the recording, everything by default. Raises ValueError where there is nothing to show or
@@ -100,24 +102,12 @@ def make_animation(
         sheet.quantize(palette=colours, dither=Image.Dither.NONE)
         for sheet in _sheets(footage, times, 2 * step_ns, note, 1)
     )
-    # GIF counts time in hundredths of a second.
-    duration_ms = max(20, round(100 / fps) * 10)
-    with whole_file(out) as partial:
-        next(pictures).save(
-            partial,
-            "GIF",
-            save_all=True,
-            append_images=pictures,
-            duration=duration_ms,
-            loop=0,
-            optimize=False,
-            disposal=1,
-        )
+    write_gif(out, pictures, 1000 / fps, one_palette=True)
     return int(count)
 
 
 def make_still(footage: Footage, out: Path, *, at_ns: int | None = None, tau_ms: float = 4.0, scale: int = 2) -> None:
-    """Write one PNG: the newest frame and the events at `at_ns`, the middle of the recording by default."""
+    """Writes one PNG: the newest frame and the events at `at_ns`, the middle of the recording by default."""
     _check(footage)
     first, last = footage.span_ns
     at = (first + last) // 2 if at_ns is None else at_ns

@@ -1,4 +1,4 @@
-"""Events as a fading picture, and two pictures side by side with captions. Pure numpy and Pillow."""
+"""Two pictures side by side with captions, and the palette that both share in a GIF."""
 
 from __future__ import annotations
 
@@ -6,32 +6,11 @@ from typing import Any
 
 import numpy as np
 
-GROUND = np.array([10, 12, 16], np.float32)
-ON = np.array([255, 173, 77], np.float32)
-OFF = np.array([85, 168, 255], np.float32)
-"""Warm and cool at equal lightness on near-black, as on the live page; told apart by colour-blind readers too."""
+from evis.media.pictures.event_pictures import ON_BLACK
+
 _PAPER = (22, 25, 34)
 _TEXT = (223, 227, 236)
 _MUTED = (141, 149, 168)
-
-
-def event_picture(
-    t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, width: int, height: int, at_ns: int, tau_ns: int
-) -> np.ndarray:
-    """The newest event of each pixel until `at_ns`, faded by exp(-(at - t) / tau): uint8 [height, width, 3].
-
-    t: int64 [n] ns, ascending; x, y: [n] pixels, those outside the picture are left out; p: [n], 1 = ON.
-    """
-    first, last = np.searchsorted(t, [at_ns - 5 * tau_ns, at_ns], side="right")
-    t, x, y, p = t[first:last], x[first:last], y[first:last], p[first:last]
-    inside = (x < width) & (y < height)
-    picture = np.empty((height, width, 3), np.float32)
-    picture[:] = GROUND
-    strength = np.exp((t[inside] - at_ns) / tau_ns).astype(np.float32)[:, None]
-    colour = np.where((p[inside] != 0)[:, None], ON, OFF)
-    # Where a pixel has several events numpy keeps the last one assigned, the newest.
-    picture[y[inside], x[inside]] = GROUND + strength * (colour - GROUND)
-    return np.round(picture).astype(np.uint8)
 
 
 def beside(left: np.ndarray, right: np.ndarray, captions: tuple[str, str], note: str, scale: int = 1) -> Any:
@@ -65,7 +44,8 @@ def palette(frames: np.ndarray, colours: int = 96) -> Any:
     from PIL import Image
 
     fade = np.linspace(0, 1, 20)[:, None]
-    events = np.concatenate([GROUND + fade * (colour - GROUND) for colour in (ON, OFF)])
+    ground, on, off = (np.array(colour, np.float32) for colour in ON_BLACK)
+    events = np.concatenate([ground + fade * (colour - ground) for colour in (on, off)])
     mix = np.linspace(0, 1, 6)[:, None]
     paper = np.array(_PAPER)
     texts = np.concatenate([paper + mix * (np.array(colour) - paper) for colour in (_TEXT, _MUTED)])
