@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from evis.events.codecs.prophesee.run_kernels import ones, put_rows
+from evis.events.codecs.mask_kernels import ones, put_rows
 from evis.events.codecs.writing_kernels import Sink, bound_of, report
 
 

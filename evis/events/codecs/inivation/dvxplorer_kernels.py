@@ -3,7 +3,7 @@
 import warp as wp
 
 from evis.events.codecs.inivation.word_kernels import first_timed, is_trigger, trigger_channel, trigger_rises, wrapped
-from evis.events.codecs.prophesee.run_kernels import ones, put_rows
+from evis.events.codecs.mask_kernels import ones, put_rows
 from evis.events.codecs.writing_kernels import Sink, put_trigger, report
 
 

@@ -4,7 +4,7 @@ The twin of `evis.events.codecs.inivation.dvxplorer_mini.Decoder.decode_words`."
 
 import warp as wp
 
-from evis.events.codecs.prophesee.run_kernels import ones, put_rows
+from evis.events.codecs.mask_kernels import ones, put_rows
 from evis.events.codecs.writing_kernels import Sink, report
 
 

@@ -2,8 +2,36 @@
 
 import warp as wp
 
-from evis.events.codecs.prophesee.run_kernels import evt3_run, keep_inside, put_vector
-from evis.events.codecs.writing_kernels import Sink, bound_of, put_event, put_trigger, report
+from evis.events.codecs.mask_kernels import put_vector
+from evis.events.codecs.prophesee import evt3
+from evis.events.codecs.prophesee.evt3 import (
+    ADDR_X,
+    ADDR_Y,
+    ADDRESS,
+    BASE,
+    CONTINUED,
+    HALF_TURN,
+    HIGH,
+    LOOP,
+    LOW,
+    OUTSIDE,
+    ROW,
+    SIGN,
+    TIME_HIGH,
+    TIME_LOW,
+    TIMED,
+    TRIGGER,
+    UNKNOWN,
+    UNTIMED,
+    VECT_8,
+    VECT_12,
+    VECT_BASE_X,
+)  # fmt: skip
+from evis.events.codecs.prophesee.run_kernels import evt3_run
+from evis.events.codecs.writing_kernels import Sink, bound_of, keep_inside, put_event, put_trigger, report
+
+FIRST_PADDING = min(evt3.PADDING)
+PIXELS_12, PIXELS_8 = evt3.VECTOR_PIXELS[VECT_12], evt3.VECTOR_PIXELS[VECT_8]
 
 
 @wp.func
@@ -29,18 +57,18 @@ def decode_evt3(
     # out
     to: Sink,
 ):
-    timed = to.state[0]
-    high = int(to.state[1])
-    low = int(to.state[2])
-    loop = to.state[3]
-    row = int(to.state[4])
-    base = int(to.state[5])
-    sign = wp.uint8(to.state[6])
-    outside = to.state[7]
-    untimed = to.state[8]
-    unknown = to.state[9]
+    timed = to.state[TIMED]
+    high = int(to.state[HIGH])
+    low = int(to.state[LOW])
+    loop = to.state[LOOP]
+    row = int(to.state[ROW])
+    base = int(to.state[BASE])
+    sign = wp.uint8(to.state[SIGN])
+    outside = to.state[OUTSIDE]
+    untimed = to.state[UNTIMED]
+    unknown = to.state[UNKNOWN]
     # a vector writes 12 places: stop while they still fit
-    last = to.t.shape[0] - 12
+    last = to.t.shape[0] - PIXELS_12
     last_trigger = to.trigger_t.shape[0]
     n = wp.int32(0)
     m = wp.int32(0)
@@ -50,7 +78,7 @@ def decode_evt3(
     columns = bound_of(width)
     rows = bound_of(height)
     while timed <= wp.int64(0) and i < end:
-        if int(words[i]) >> 12 == 8:
+        if int(words[i]) >> 12 == TIME_HIGH:
             # after a gap (-1) the time before it still counts, for the turns
             if timed == wp.int64(0):
                 high = int(words[i]) & 0xFFF
@@ -67,12 +95,12 @@ def decode_evt3(
         word = int(words[i])
         kind = word >> 12
         value = word & 0xFFF
-        if kind == 2:
+        if kind == ADDR_X:
             if low > latest:
                 next_us = since + wp.int64(low)
                 break
-            to.state[2] = wp.int64(low)
-            to.state[4] = wp.int64(row)
+            to.state[LOW] = wp.int64(low)
+            to.state[ROW] = wp.int64(row)
             # each word gives one event at most
             stop = wp.min(end, i + last - n + 1)
             i = evt3_run(words, i, stop, since, high, latest, n, to)
@@ -80,22 +108,22 @@ def decode_evt3(
             kept = keep_inside(n, met, columns, rows, to)
             outside += wp.int64(met - kept)
             n = kept
-            low = int(to.state[2])
-            row = int(to.state[4])
+            low = int(to.state[LOW])
+            row = int(to.state[ROW])
             continue
-        if kind == 0:
-            row = value & 0x7FF
-        elif kind == 3:
-            base = value & 0x7FF
+        if kind == ADDR_Y:
+            row = value & ADDRESS
+        elif kind == VECT_BASE_X:
+            base = value & ADDRESS
             sign = wp.uint8(value >> 11)
-        elif kind == 4 or kind == 5:
+        elif kind == VECT_12 or kind == VECT_8:
             if low > latest:
                 next_us = since + wp.int64(low)
                 break
             now_ns = (since + wp.int64(low)) * wp.int64(1000)
-            pixels = wp.where(kind == 4, 12, 8)
+            pixels = wp.where(kind == VECT_12, PIXELS_12, PIXELS_8)
             value = value & ((1 << pixels) - 1)
-            if row < rows and base + 12 <= columns:
+            if row < rows and base + PIXELS_12 <= columns:
                 n = put_vector(n, now_ns, base, row, sign, value, to)
             else:
                 column = base
@@ -110,17 +138,17 @@ def decode_evt3(
                     value = value >> 1
                     column += 1
             base = (base + pixels) & 0xFFFF
-        elif kind == 6:
+        elif kind == TIME_LOW:
             low = value
-        elif kind == 8:
-            if high >= value + 2048:
+        elif kind == TIME_HIGH:
+            if high >= value + HALF_TURN:
                 loop += wp.int64(1)
             if high != value:
                 low = 0
                 high = value
                 since = start_of(loop, high)
                 latest = latest_of(limit_us, since)
-        elif kind == 10:
+        elif kind == TRIGGER:
             if m >= last_trigger:
                 break
             if low > latest:
@@ -129,17 +157,17 @@ def decode_evt3(
             now_ns = (since + wp.int64(low)) * wp.int64(1000)
             put_trigger(m, now_ns, (value >> 8) & 15, value & 1, to)
             m += 1
-        elif kind != 7 and kind < 14:
+        elif kind != CONTINUED and kind < FIRST_PADDING:
             unknown += wp.int64(1)
         i += 1
-    to.state[0] = timed
-    to.state[1] = wp.int64(high)
-    to.state[2] = wp.int64(low)
-    to.state[3] = loop
-    to.state[4] = wp.int64(row)
-    to.state[5] = wp.int64(base)
-    to.state[6] = wp.int64(sign)
-    to.state[7] = outside
-    to.state[8] = untimed
-    to.state[9] = unknown
+    to.state[TIMED] = timed
+    to.state[HIGH] = wp.int64(high)
+    to.state[LOW] = wp.int64(low)
+    to.state[LOOP] = loop
+    to.state[ROW] = wp.int64(row)
+    to.state[BASE] = wp.int64(base)
+    to.state[SIGN] = wp.int64(sign)
+    to.state[OUTSIDE] = outside
+    to.state[UNTIMED] = untimed
+    to.state[UNKNOWN] = unknown
     report(i, n, m, next_us, to)
