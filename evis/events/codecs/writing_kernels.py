@@ -75,6 +75,19 @@ def put_trigger(
 
 
 @wp.func
+def put_side(
+    k: wp.int32,
+    time_us: wp.int64,
+    word: wp.uint16,
+    # out
+    to: Sink,
+):
+    """Writes side word k."""
+    to.side_t[k] = time_us
+    to.side_word[k] = word
+
+
+@wp.func
 def bound_of(size: wp.int32):
     """Returns the columns or rows that are inside; a size of 0 is unknown, and every 16-bit address is inside."""
     return wp.where(size == 0, 65536, size)

@@ -23,7 +23,7 @@ from evis.events.codecs.prophesee.evt2 import (
     TRIGGER,
     TYPE_SHIFT,
     X_SHIFT,
-)  # fmt: skip
+)
 from evis.events.codecs.prophesee.evt3 import find_vectors
 
 

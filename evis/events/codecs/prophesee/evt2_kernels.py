@@ -26,7 +26,7 @@ from evis.events.codecs.prophesee.evt2 import (
     UNKNOWN,
     UNTIMED,
     X_SHIFT,
-)  # fmt: skip
+)
 from evis.events.codecs.prophesee.run_kernels import evt2_run
 from evis.events.codecs.writing_kernels import Sink, bound_of, keep_inside, put_trigger, report
 

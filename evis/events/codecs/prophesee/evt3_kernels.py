@@ -26,7 +26,7 @@ from evis.events.codecs.prophesee.evt3 import (
     VECT_8,
     VECT_12,
     VECT_BASE_X,
-)  # fmt: skip
+)
 from evis.events.codecs.prophesee.run_kernels import evt3_run
 from evis.events.codecs.writing_kernels import Sink, bound_of, keep_inside, put_event, put_trigger, report
 

@@ -12,7 +12,7 @@ from evis.events.codecs.prophesee.evt2_kernels import (
     row_of,
     time_of,
     turns_of,
-)  # fmt: skip
+)
 from evis.events.codecs.prophesee.evt4 import COUNTS, OFF, ON, OPEN, PADDING, TIME_HIGH, TRIGGER, VECTOR_OFF, VECTOR_ON
 from evis.events.codecs.writing_kernels import Sink, bound_of, keep_inside, put_event, put_trigger, report
 
