@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _TRIGGERS = 1 << 14
 _SIDE = 1 << 18
 # places of the kernels' parameters
-_WORDS, _AT, _LIMIT, _WIDTH, _HEIGHT, _SINK = range(6)
+_WORDS, _SPAN, _SINK = range(3)
 
 
 def _point(array: Any, address: int, length: int) -> None:
@@ -54,7 +54,7 @@ class WarpLauncher:
         if self._words is None:
             raise ValueError("no words were loaded")
         sink = self._calls.sink(state, self._out, *buffer.columns, *self._edges, *self._side)
-        return self._calls.record(self._kernel, [self._calls.view(self._words), 0, 0, 0, 0], [sink])
+        return self._calls.record(self._kernel, [self._calls.view(self._words), self._calls.Span()], [sink])
 
     def run(
         self, at: int, limit: int, readout: tuple[int, int], transposed: bool, state: np.ndarray, buffer: EventBuffer
@@ -67,12 +67,12 @@ class WarpLauncher:
         command = self._command
         if command is None:
             command = self._command = self._record(state, buffer)
-            self._sink = command.params[1 + _SINK]
+            self._span, self._sink = command.params[1 + _SPAN], command.params[1 + _SINK]
         if state is not self._state:
             self._state = state
             _point(self._sink.state, state.__array_interface__["data"][0], len(state))
-        for place, value in ((_AT, at), (_LIMIT, limit), (_WIDTH, readout[0]), (_HEIGHT, readout[1])):
-            command.set_param_at_index_from_ctype(place, value)
+        span = self._span
+        span.start, span.limit_us, span.width, span.height = at, limit, *readout
         filled, room = buffer.n, buffer.capacity - buffer.n
         sink = self._sink
         columns = (sink.t, sink.y, sink.x, sink.p) if transposed else (sink.t, sink.x, sink.y, sink.p)

@@ -8,10 +8,12 @@ time [us] of the event at the cut or -1, side words.
 import numpy as np
 import warp as wp
 
-from evis.events.codecs.writing_kernels import Sink
+from evis.events.codecs.writing_kernels import Sink, Span
 from evis.warp_start import start_warp
 
 start_warp()
+
+__all__ = ["Span", "record", "run", "sink", "view"]
 
 
 def view(array: np.ndarray) -> wp.array:

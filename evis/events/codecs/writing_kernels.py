@@ -10,6 +10,19 @@ _WRITING = [Path(__file__).with_name("writing.h")]
 
 
 @wp.struct
+class Span:
+    """What one launch decodes.
+
+    start: first word. limit_us: events up to this time [us]. width, height: columns and rows of the words, 0 = unknown.
+    """
+
+    start: wp.int64
+    limit_us: wp.int64
+    width: wp.int32
+    height: wp.int32
+
+
+@wp.struct
 class Sink:
     """What a decoder's kernel goes on from, and where it writes. All arrays are contiguous.
 

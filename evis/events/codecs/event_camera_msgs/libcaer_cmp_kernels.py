@@ -24,17 +24,14 @@ from evis.events.codecs.event_camera_msgs.libcaer_cmp import (
 )
 from evis.events.codecs.event_camera_msgs.payload import BASE, OUTSIDE
 from evis.events.codecs.mask_kernels import ones, put_rows
-from evis.events.codecs.writing_kernels import Sink, bound_of, report
+from evis.events.codecs.writing_kernels import Sink, Span, bound_of, report
 
 
 @wp.kernel(module="unique", enable_backward=False)
 def decode_libcaer_cmp(
     # in
     words: wp.array(dtype=wp.uint16),
-    start: wp.int64,
-    limit_us: wp.int64,
-    width: int,
-    height: int,
+    span: Span,
     # out
     to: Sink,
 ):
@@ -51,10 +48,11 @@ def decode_libcaer_cmp(
     last = to.t.shape[0] - ROWS
     n = wp.int32(0)
     next_us = wp.int64(-1)
-    i = int(start)
+    limit_us = span.limit_us
+    i = int(span.start)
     end = words.shape[0]
-    columns = bound_of(width)
-    rows = bound_of(height)
+    columns = bound_of(span.width)
+    rows = bound_of(span.height)
     while i < end:
         word = int(words[i])
         kind = word >> CODE_SHIFT

@@ -33,7 +33,7 @@ from evis.events.codecs.inivation.words import (
     TIME_MASK,
     WRAP_CODE,
 )
-from evis.events.codecs.writing_kernels import Sink, put_event, put_side, put_trigger, report
+from evis.events.codecs.writing_kernels import Sink, Span, put_event, put_side, put_trigger, report
 
 FIRST_APS, LAST_APS = APS_SPECIALS[0], APS_SPECIALS[-1]
 
@@ -53,10 +53,7 @@ def is_side(code: wp.int32, value: wp.int32):
 def decode_davis(
     # in
     words: wp.array(dtype=wp.uint16),
-    start: wp.int64,
-    limit_us: wp.int64,
-    width: int,
-    height: int,
+    span: Span,
     # out
     to: Sink,
 ):
@@ -70,7 +67,10 @@ def decode_davis(
     m = wp.int32(0)
     k = wp.int32(0)
     next_us = wp.int64(-1)
-    i = int(start)
+    limit_us = span.limit_us
+    width = span.width
+    height = span.height
+    i = int(span.start)
     end = words.shape[0]
     if clock.timed <= wp.int64(0):
         first = first_timed(words, i)

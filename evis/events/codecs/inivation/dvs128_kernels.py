@@ -16,7 +16,7 @@ from evis.events.codecs.inivation.dvs128 import (
     Y_SHIFT,
 )
 from evis.events.codecs.inivation.words import MAX_OFFSET_US
-from evis.events.codecs.writing_kernels import Sink, put_event, put_trigger, report
+from evis.events.codecs.writing_kernels import Sink, Span, put_event, put_trigger, report
 
 LATEST_OFFSET = wp.constant(wp.int64(MAX_OFFSET_US))
 WRAP_BIT, RESET_BIT = WRAP.bit_length() - 1, RESET.bit_length() - 1
@@ -26,10 +26,7 @@ WRAP_BIT, RESET_BIT = WRAP.bit_length() - 1, RESET.bit_length() - 1
 def decode_dvs128(
     # in
     words: wp.array(dtype=wp.uint32),
-    start: wp.int64,
-    limit_us: wp.int64,
-    width: int,
-    height: int,
+    span: Span,
     # out
     to: Sink,
 ):
@@ -41,7 +38,10 @@ def decode_dvs128(
     n = wp.int32(0)
     m = wp.int32(0)
     next_us = wp.int64(-1)
-    i = int(start)
+    limit_us = span.limit_us
+    width = span.width
+    height = span.height
+    i = int(span.start)
     end = words.shape[0]
     while i < end:
         word = words[i]

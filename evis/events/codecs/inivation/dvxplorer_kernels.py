@@ -41,7 +41,7 @@ from evis.events.codecs.inivation.words import (
     WRAP_CODE,
 )
 from evis.events.codecs.mask_kernels import ones, put_rows
-from evis.events.codecs.writing_kernels import Sink, put_side, put_trigger, report
+from evis.events.codecs.writing_kernels import Sink, Span, put_side, put_trigger, report
 
 SAMPLE_PIECE, RANGE_PIECE = (PIECE_CODE << 4 | piece for piece in SIDE_PIECES)
 
@@ -50,10 +50,7 @@ SAMPLE_PIECE, RANGE_PIECE = (PIECE_CODE << 4 | piece for piece in SIDE_PIECES)
 def decode_dvxplorer(
     # in
     words: wp.array(dtype=wp.uint16),
-    start: wp.int64,
-    limit_us: wp.int64,
-    width: int,
-    height: int,
+    span: Span,
     # out
     to: Sink,
 ):
@@ -71,7 +68,10 @@ def decode_dvxplorer(
     m = wp.int32(0)
     k = wp.int32(0)
     next_us = wp.int64(-1)
-    i = int(start)
+    limit_us = span.limit_us
+    width = span.width
+    height = span.height
+    i = int(span.start)
     end = words.shape[0]
     if clock.timed <= wp.int64(0):
         first = first_timed(words, i)

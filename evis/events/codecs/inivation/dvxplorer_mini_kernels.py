@@ -36,17 +36,14 @@ from evis.events.codecs.inivation.dvxplorer_mini import (
     X,
 )
 from evis.events.codecs.mask_kernels import ones, put_rows
-from evis.events.codecs.writing_kernels import Sink, report
+from evis.events.codecs.writing_kernels import Sink, Span, report
 
 
 @wp.kernel(module="unique", enable_backward=False)
 def decode_dvxplorer_mini(
     # in
     words: wp.array(dtype=wp.uint32),
-    start: wp.int64,
-    limit_us: wp.int64,
-    width: int,
-    height: int,
+    span: Span,
     # out
     to: Sink,
 ):
@@ -68,7 +65,10 @@ def decode_dvxplorer_mini(
     last = to.t.shape[0] - 16
     n = wp.int32(0)
     next_us = wp.int64(-1)
-    i = int(start)
+    limit_us = span.limit_us
+    width = span.width
+    height = span.height
+    i = int(span.start)
     end = words.shape[0]
     while i < end:
         word = words[i]

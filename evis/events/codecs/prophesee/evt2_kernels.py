@@ -28,7 +28,7 @@ from evis.events.codecs.prophesee.evt2 import (
     X_SHIFT,
 )
 from evis.events.codecs.prophesee.run_kernels import evt2_run
-from evis.events.codecs.writing_kernels import Sink, bound_of, keep_inside, put_trigger, report
+from evis.events.codecs.writing_kernels import Sink, Span, bound_of, keep_inside, put_trigger, report
 
 FIRST_PADDING = min(PADDING)
 
@@ -97,10 +97,7 @@ def make_decode(vectors: bool) -> wp.Kernel:
     def decode(
         # in
         words: wp.array(dtype=word_type),
-        start: wp.int64,
-        limit_us: wp.int64,
-        width: int,
-        height: int,
+        span: Span,
         # out
         to: Sink,
     ):
@@ -117,10 +114,11 @@ def make_decode(vectors: bool) -> wp.Kernel:
         n = wp.int32(0)
         m = wp.int32(0)
         next_us = wp.int64(-1)
-        i = int(start)
+        limit_us = span.limit_us
+        i = int(span.start)
         end = words.shape[0]
-        columns = bound_of(width)
-        rows = bound_of(height)
+        columns = bound_of(span.width)
+        rows = bound_of(span.height)
         while i < end:
             head = head_of(words[i])
             kind = int(head >> wp.uint32(TYPE_SHIFT))

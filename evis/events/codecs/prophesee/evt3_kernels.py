@@ -28,7 +28,7 @@ from evis.events.codecs.prophesee.evt3 import (
     VECT_BASE_X,
 )
 from evis.events.codecs.prophesee.run_kernels import evt3_run
-from evis.events.codecs.writing_kernels import Sink, bound_of, keep_inside, put_event, put_trigger, report
+from evis.events.codecs.writing_kernels import Sink, Span, bound_of, keep_inside, put_event, put_trigger, report
 
 FIRST_PADDING = min(evt3.PADDING)
 PIXELS_12, PIXELS_8 = evt3.VECTOR_PIXELS[VECT_12], evt3.VECTOR_PIXELS[VECT_8]
@@ -50,10 +50,7 @@ def latest_of(limit_us: wp.int64, since: wp.int64):
 def decode_evt3(
     # in
     words: wp.array(dtype=wp.uint16),
-    start: wp.int64,
-    limit_us: wp.int64,
-    width: int,
-    height: int,
+    span: Span,
     # out
     to: Sink,
 ):
@@ -73,10 +70,11 @@ def decode_evt3(
     n = wp.int32(0)
     m = wp.int32(0)
     next_us = wp.int64(-1)
-    i = int(start)
+    limit_us = span.limit_us
+    i = int(span.start)
     end = words.shape[0]
-    columns = bound_of(width)
-    rows = bound_of(height)
+    columns = bound_of(span.width)
+    rows = bound_of(span.height)
     while timed <= wp.int64(0) and i < end:
         if int(words[i]) >> 12 == TIME_HIGH:
             # after a gap (-1) the time before it still counts, for the turns

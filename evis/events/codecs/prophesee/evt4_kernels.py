@@ -14,7 +14,7 @@ from evis.events.codecs.prophesee.evt2_kernels import (
     turns_of,
 )
 from evis.events.codecs.prophesee.evt4 import COUNTS, OFF, ON, OPEN, PADDING, TIME_HIGH, TRIGGER, VECTOR_OFF, VECTOR_ON
-from evis.events.codecs.writing_kernels import Sink, bound_of, keep_inside, put_event, put_trigger, report
+from evis.events.codecs.writing_kernels import Sink, Span, bound_of, keep_inside, put_event, put_trigger, report
 
 FIRST_COUNT, LAST_COUNT = COUNTS
 
@@ -23,10 +23,7 @@ FIRST_COUNT, LAST_COUNT = COUNTS
 def decode_evt4(
     # in
     words: wp.array(dtype=wp.uint32),
-    start: wp.int64,
-    limit_us: wp.int64,
-    width: int,
-    height: int,
+    span: Span,
     # out
     to: Sink,
 ):
@@ -44,10 +41,11 @@ def decode_evt4(
     n = wp.int32(0)
     m = wp.int32(0)
     next_us = wp.int64(-1)
-    i = int(start)
+    limit_us = span.limit_us
+    i = int(span.start)
     end = words.shape[0]
-    columns = bound_of(width)
-    rows = bound_of(height)
+    columns = bound_of(span.width)
+    rows = bound_of(span.height)
     while i < end:
         word = words[i]
         # of a mask, the vector before it says what and when it is
