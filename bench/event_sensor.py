@@ -19,7 +19,7 @@ from bench import disk
 from bench.alignment import align
 from bench.peers import DISK, QUOTED, SINUSOIDS, esim_core
 from bench.signals import FORMS, Recording, Sinusoids, stamps
-from evis.events.measure.distance import Stream
+from evis.events.measure.distance import EventStream
 from nodes.event_sensor.parameters import CROSSINGS
 from nodes.event_sensor.peers import make_model
 from nodes.event_sensor.peers.v2e import NOISY
@@ -61,7 +61,9 @@ def model(name: str, **params: Any) -> Make:
     return lambda height, width: make_model(name, height, width, **{"threshold": C, **params})
 
 
-def sense(make: Make, frames: Recording, slopes: bool = False, a_call: int = FRAMES_A_CALL) -> tuple[Stream, float]:
+def sense(
+    make: Make, frames: Recording, slopes: bool = False, a_call: int = FRAMES_A_CALL
+) -> tuple[EventStream, float]:
     """Events and CPU seconds of a recording, one call for every `a_call` frames after the first."""
     _, height, width = frames.luminance.shape
     episodes = np.zeros(1, np.int32)
@@ -81,7 +83,7 @@ def sense(make: Make, frames: Recording, slopes: bool = False, a_call: int = FRA
     parts.append(sensor.flush())
     spent = time.process_time() - started
     t, x, y, p = (np.concatenate([getattr(e, name) for e in parts]) for name in "txyp")
-    return Stream(t, x, y, p, width, height), spent
+    return EventStream(t, x, y, p, width, height), spent
 
 
 def crossings() -> dict[str, tuple[Make, bool]]:
@@ -116,7 +118,7 @@ def sinusoids(quick: bool) -> dict[str, Any]:
     return sections
 
 
-def _esim_sinusoids(frames: Recording, truth: Stream) -> dict[str, Any]:
+def _esim_sinusoids(frames: Recording, truth: EventStream) -> dict[str, Any]:
     core = esim_core()
     if core is None:
         return {}
@@ -124,7 +126,7 @@ def _esim_sinusoids(frames: Recording, truth: Stream) -> dict[str, Any]:
     return {"method": "esim_py core", "source": "this run"} | align(events, truth).figures() | {"CPU [s]": spent}
 
 
-def _run_esim(core: Any, frames: Recording) -> tuple[Stream, float]:
+def _run_esim(core: Any, frames: Recording) -> tuple[EventStream, float]:
     started = time.process_time()
     core.begin(C)
     for image, t in zip(frames.luminance, frames.t.tolist()):
@@ -191,7 +193,9 @@ def speed(quick: bool) -> dict[str, Any]:
     return {"disk": _section("Speed on the high-dynamic-range disk, one core", rows, note)}
 
 
-def _speed_row(name: str, frames: int, spent: list[float], events: Stream, truth: Stream | None) -> dict[str, Any]:
+def _speed_row(
+    name: str, frames: int, spent: list[float], events: EventStream, truth: EventStream | None
+) -> dict[str, Any]:
     middle = float(np.median(spent))
     row: dict[str, Any] = {"simulator": name, "source": "this run", "frames/s": round(frames / middle, 1)}
     row |= {"CPU [s]": round(middle, 3), "events": len(events.t), "Mev/s": round(len(events.t) / middle / 1e6, 2)}

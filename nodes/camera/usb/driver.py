@@ -20,7 +20,7 @@ from nodes.camera.interface.settings import Configuration, setting
 from nodes.camera.usb.access import Bus, StreamEnd, Unplugged, explained, label, release
 from nodes.camera.usb.models import Model
 from nodes.camera.usb.reader import Reader
-from nodes.camera.usb.stream import Stream
+from nodes.camera.usb.stream import ReadingStream
 
 if TYPE_CHECKING:
     from evis.events.codecs.decoder import Decoder
@@ -59,7 +59,7 @@ class UsbDriver(Driver):
         self._live, self.wait_when_full = live, wait_when_full
         self._settings: Any = None
         self._info: DeviceInfo | None = None
-        self._stream: Stream | None = None
+        self._stream: ReadingStream | None = None
         self._before: Counter[str] = Counter()
         self._gone_at = 0.0
         self._retry_at = 0.0
@@ -190,7 +190,7 @@ class UsbDriver(Driver):
         live = self._live and not self.wait_when_full
         shift_ns = feed.shift_ns if feed else 0
         longest_ns = round(s.longest_ms * 1e6)
-        self._stream = Stream(
+        self._stream = ReadingStream(
             reader, decoder, packet_ns, s.raw, live, shift_ns, longest_ns, self.allocate, self._make_side()
         )
         first = feed.first_ns if feed else None
@@ -233,10 +233,10 @@ class UsbDriver(Driver):
             return None
 
     def read_bytes(self, count: int, t0_ns: int, stamp_ns: int, timeout_s: float) -> Reading:
-        """See Stream.read_bytes."""
+        """See ReadingStream.read_bytes."""
         return self._running().read_bytes(count, t0_ns, stamp_ns, timeout_s)
 
-    def _running(self) -> Stream:
+    def _running(self) -> ReadingStream:
         if self._stream is None:
             raise ValueError(f"{self.name}: read before start")
         return self._stream

@@ -34,7 +34,7 @@ SPARE = 1.25
 """Room of a packet's arrays against the largest packet so far."""
 
 
-class Stream:
+class ReadingStream:
     """Takes chunks from a reader and gives readings of packet_ns each.
 
     Cuts lie before the first event later than the boundary, as in a recording played back: events whose time steps

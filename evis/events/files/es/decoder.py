@@ -12,7 +12,7 @@ LOOP_BYTES = 1 << 20
 """Below this size the plain loop is done before Warp would have been imported."""
 
 
-class Decoder:
+class EsDecoder:
     """Decodes bytes cut anywhere. Coordinates and times [us] are as stored: the time is 0 before the first byte."""
 
     def __init__(self, kind: str, backend: str = "auto", size: int = 0) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from evis.events.arrays import Events
-from evis.events.files.es.decoder import SIZES, Decoder
+from evis.events.files.es.decoder import SIZES, EsDecoder
 from evis.events.files.reading.block_recording import BlockRecording, take_size
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
 
@@ -55,7 +55,7 @@ class EsRecording(BlockRecording):
         super().__init__()
 
     def _load(self) -> Iterator[Events]:
-        decoder = Decoder(self.info.encoding, self._backend, self.info.size_bytes)
+        decoder = EsDecoder(self.info.encoding, self._backend, self.info.size_bytes)
         self._file.seek(20)
         while data := self._file.read(_BLOCK):
             events, exposures = decoder.decode(data)
