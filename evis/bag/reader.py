@@ -27,8 +27,11 @@ RANKS = {row.type.__name__: i for i, row in enumerate(TOPICS)}
 
 @dataclass(frozen=True)
 class BagTopic:
-    """One channel of the file. topic, kind: the message's topic and type that it serves, `` for foreign types that
-    cannot be read. part: its part of the message, `meta` = the closing JSON, "" = another program's message."""
+    """Describes one channel of the file.
+
+    topic, kind: the message's topic and type that it serves, `` for foreign types that cannot be read. part: its part
+    of the message, `meta` = the closing JSON, "" = another program's message.
+    """
 
     channel: Channel
     ros_type: str
@@ -51,7 +54,7 @@ class _Found:
 
 
 class BagReader:
-    """A bag for reading. A torn bag (no index, cut anywhere) opens like a whole one; `problem` says what it lacks.
+    """Reads a bag. A torn bag (no index, cut anywhere) opens like a whole one; `problem` says what it lacks.
 
     topics: topic -> message type name; environments of one topic are joined. metadata: the tables of texts.
     skipped: damaged chunks and messages that were left out so far. Raises BagError.

@@ -15,7 +15,7 @@ from evis.bag.reader import BagReader
 
 @dataclass
 class Recovery:
-    """What was saved. `problem`: what the torn bag lacked, "" where it was whole."""
+    """Says what was saved. `problem`: what the torn bag lacked, "" where it was whole."""
 
     path: Path
     messages: int

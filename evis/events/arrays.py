@@ -19,7 +19,7 @@ def _none(dtype: Any) -> Any:
 
 @dataclass(slots=True)
 class Triggers:
-    """External trigger edges: t int64 [ns], id uint8 (channel), value uint8 (1 = rising); all of shape [m]."""
+    """Holds trigger edges: t int64 [ns], id uint8 (channel), value uint8 (1 = rising); all of shape [m]."""
 
     t: np.ndarray = _none(np.int64)
     id: np.ndarray = _none(np.uint8)
@@ -31,7 +31,7 @@ class Triggers:
 
 @dataclass(slots=True)
 class Imu:
-    """Inertial samples in the camera's frame, gravity included; what a sensor did not send is NaN.
+    """Holds inertial samples in the camera's frame, gravity included; what a sensor did not send is NaN.
 
     t int64 [n, ns], acceleration float64 [n, 3, m/s^2], angular_velocity float64 [n, 3, rad/s], temperature float64
     [n, deg C].
@@ -48,7 +48,7 @@ class Imu:
 
 @dataclass(slots=True)
 class Frame:
-    """One image of the sensor: pixels uint8 or uint16 [h, w] (grey) or [h, w, 3] (RGB), times in ns.
+    """Holds one image of the sensor: pixels uint8 or uint16 [h, w] (grey) or [h, w, 3] (RGB), times in ns.
 
     t_ns: start of the readout; end_ns: its end. x0, y0: place of a region of interest on the sensor.
     """
@@ -69,7 +69,7 @@ class Frame:
 
 @dataclass(slots=True)
 class Events:
-    """Events in the order in which the sensor sent them.
+    """Holds events in the order in which the sensor sent them.
 
     t int64 [ns], x uint16 (column), y uint16 (row), p uint8 (1 = ON, 0 = OFF), c uint8 or None (0 R, 1 G, 2 B); all of
     shape [n]. Triggers, inertial samples and frames have their own times; their place among the events is not kept.

@@ -60,7 +60,7 @@ HEAD = 4096
 
 
 class RecordingError(ValueError):
-    """A recording that is missing, damaged or of an unknown kind. The text names the file and the remedy."""
+    """Says that a recording is missing, damaged or of an unknown kind. The text names the file and the remedy."""
 
     def __init__(self, text: str) -> None:
         # names inside a file can hold anything; the error is one line
@@ -69,7 +69,7 @@ class RecordingError(ValueError):
 
 @dataclass(frozen=True)
 class OpenOptions:
-    """What a user may say about a file that the file does not say itself.
+    """Holds what a user says about a file that the file does not say itself.
 
     backend: `numpy`, `warp` or `auto` (by size); same results. size: (width, height), in place of what the file says.
     topic: of a bag, an HDF5 file or an archive with several event streams, the one to read. name: what the file is
@@ -84,7 +84,7 @@ class OpenOptions:
 
 @dataclass
 class RecordingInfo:
-    """What a file says about itself.
+    """Holds what a file says about itself.
 
     geometry_from: option, header, system_ID, file, sensor (size of the sensor that the format belongs to) or events
     (largest coordinates).
@@ -111,7 +111,7 @@ class RecordingInfo:
 
 
 class Recording(abc.ABC):
-    """An open recording, read from start to end. A context manager; times as stored, in ns."""
+    """Reads a recording from start to end. A context manager; times as stored, in ns."""
 
     info: RecordingInfo
 

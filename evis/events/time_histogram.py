@@ -6,7 +6,7 @@ import numpy as np
 
 
 class TimeHistogram:
-    """Counts of events in at most `bins` windows of equal length from the first event on; full, they double in length.
+    """Counts events in at most `bins` windows of equal length from the first event on; full, they double in length.
 
     bins: an even number. bin_ns: length of a window at the start. kinds: rows that are counted apart, as polarities.
     Events before the first one, as slightly disordered recordings have them, count in the first window.

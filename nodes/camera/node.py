@@ -38,9 +38,12 @@ GAUGES = ("temperature_c", "clock_drift_ppm")
 
 
 class CameraNode(Node):
-    """A source of real events. `file` plays a recording; `emulate` names a model whose emulated USB device sends `file`
-    to the real driver, or is a recording played at real pace whatever `pace` says. Stamps and times are the device's
-    own; the clock in the header names it."""
+    """Publishes the events of a real camera or a recording.
+
+    `file` plays a recording; `emulate` names a model whose emulated USB device sends `file` to the real driver, or is a
+    recording played at real pace whatever `pace` says. Stamps and times are the device's own; the clock in the header
+    names it.
+    """
 
     PARAMS = {
         "camera": Param(str, "cam0", "name of the camera"),

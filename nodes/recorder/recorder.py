@@ -18,7 +18,7 @@ NOT_NUMBERED = ("/diagnostics", "/clock")
 
 
 class Recorder:
-    """A bag that is being recorded. `counters`: messages, previews, lost, late_syncs, and at the end bytes.
+    """Records messages to a bag. `counters`: messages, previews, lost, late_syncs, and at the end bytes.
 
     sync: bring the bag to the disk itself once a second; a sync that takes longer than that is counted as late.
     """

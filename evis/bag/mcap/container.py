@@ -35,7 +35,7 @@ Piece = bytes | bytearray | memoryview
 
 
 class Container:
-    """An MCAP file being written. Safe to use from several threads. `backup`: where an older file went, or None.
+    """Writes an MCAP file. Safe to use from several threads. `backup`: where an older file went, or None.
 
     sync: bring it to the disk itself (fdatasync) once a second, from a thread.
     """

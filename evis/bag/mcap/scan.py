@@ -50,7 +50,7 @@ class Chunk:
 
 @dataclass
 class Layout:
-    """What is where in the file. `problem`: why it is not whole, "" where it is."""
+    """Says what is where in the file. `problem`: why it is not whole, "" where it is."""
 
     library: str = ""
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -97,11 +97,11 @@ def message(body: memoryview) -> tuple[int, int, int, memoryview]:
 
 
 class TooLargeError(BagError):
-    """A chunk that unpacks to more than it may: not damaged, and so not left out in silence."""
+    """Says that a chunk unpacks to more than it may: not damaged, and so not left out in silence."""
 
 
 class Scanner:
-    """An MCAP file opened for reading. Raises BagError where it is no MCAP file at all."""
+    """Reads the structure and the chunks of an MCAP file. Raises BagError where it is no MCAP file at all."""
 
     def __init__(self, descriptor: int, name: str) -> None:
         self.descriptor, self.name = descriptor, name

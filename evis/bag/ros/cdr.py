@@ -11,7 +11,7 @@ from evis.files.cdr import ENCAPSULATION, MessageReader
 
 
 class CdrWriter:
-    """Builds one message; `bytes()` of everything written so far."""
+    """Writes one message in CDR; `bytes()` of everything written so far."""
 
     def __init__(self) -> None:
         self.buffer = bytearray(ENCAPSULATION)

@@ -47,7 +47,10 @@ UNCOMPRESSED = ("Keyframe", "Frames")
 
 @dataclass
 class RosPart:
-    """One ROS message. `name`: which part of the message; `suffix`: added to the topic."""
+    """Holds one ROS message of the several that a message of the bus becomes.
+
+    `name`: which part of the message; `suffix`: added to the topic.
+    """
 
     name: str
     ros_type: str

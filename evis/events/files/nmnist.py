@@ -42,7 +42,7 @@ def _times(records: np.ndarray) -> np.ndarray:
 
 
 class NmnistRecording(RecordFile):
-    """A `.bin` file. A record in row 240 is no event: it says that the counter was 2^13 us short from there on."""
+    """Reads a `.bin` file. A record in row 240 is no event: from there on the counter is 2^13 us short."""
 
     record = _RECORD
     counter_bits = 23

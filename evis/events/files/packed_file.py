@@ -98,7 +98,7 @@ def _is_table(file: IO[bytes]) -> bool:
 
 
 class PackedRecording(Recording):
-    """What is in the compressed file, read from its unpacked copy; the copy goes away with `close`."""
+    """Reads what is in the compressed file from its unpacked copy; the copy goes away with `close`."""
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path = path

@@ -16,7 +16,7 @@ CELLS_AT_ONCE = 1 << 22
 
 @dataclass(frozen=True)
 class EventStream:
-    """Events of one sensor: t int64 [n] ns, x and y uint16 [n], p uint8 [n] (1 = ON)."""
+    """Holds the events of one sensor: t int64 [n] ns, x and y uint16 [n], p uint8 [n] (1 = ON)."""
 
     t: np.ndarray
     x: np.ndarray

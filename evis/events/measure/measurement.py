@@ -25,7 +25,7 @@ however few events there are, and a recording whose time leaps has a stretch for
 
 
 class Measurement:
-    """Feed blocks of events in the order of the stream, then ask for the report.
+    """Measures a stream: `add` blocks of events in its order, then ask for the `report`.
 
     width, height: of the sensor [px]; window_ns: length of the windows of rate, noise and sharpness; rotation: whether
     to look for one; working: is told what goes on while that takes its seconds. An event earlier than one before it

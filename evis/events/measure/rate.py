@@ -12,7 +12,7 @@ MAX_BINS = 4096
 
 
 class Rate:
-    """The rate of a stream over windows from the first event on; windows double once there are more than 4096.
+    """Measures the rate of a stream over windows from the first event on; windows double once there are more than 4096.
 
     window_ns: length of a window at the start. Events earlier than the first one count in the first window.
     """

@@ -17,7 +17,7 @@ STAMPS = ("evis/stamp_ns", "evis/time_ns")
 
 
 class ExrFrames(FolderFrames):
-    """Scan line or tiled EXR, half or float. Alpha and other channels are left out."""
+    """Reads a folder of EXR files, scan line or tiled, half or float. Alpha and other channels are left out."""
 
     kind = "exr"
 

@@ -24,7 +24,7 @@ _DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotI
 
 
 class NpzFrames(FrameSource):
-    """An archive of frames. Only the current block and t are in memory."""
+    """Reads an archive of frames. Only the current block and t are in memory."""
 
     kind = "npz"
 

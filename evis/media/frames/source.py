@@ -23,11 +23,11 @@ INT64_MAX = np.iinfo(np.int64).max
 
 
 class FramesError(ValueError):
-    """Frames that are missing, damaged or of a wrong kind. The text names the file and the remedy."""
+    """Says that frames are missing, damaged or of a wrong kind. The text names the file and the remedy."""
 
 
 class FrameBlock(NamedTuple):
-    """K frames of one camera.
+    """Holds K frames of one camera.
 
     t: int64 [K] ns, strictly ascending. image: float32, linear luminance [K, H, W] or RGB [K, H, W, 3]. dlog_dt:
     float32 of the same shape, d ln(image)/dt [1/s], or None.
@@ -40,7 +40,7 @@ class FrameBlock(NamedTuple):
 
 @dataclass(frozen=True)
 class FrameOptions:
-    """How frames are to be read.
+    """Says how frames are to be read.
 
     colour: RGB instead of luminance. slopes: read dlog_dt where there is one. fps: frames per second in place of the
     times that the files tell. tone, white: inverse tone curve of PNG and video, and the radiance of full scale.
@@ -73,7 +73,7 @@ class FrameOptions:
 
 
 class FrameSource(abc.ABC):
-    """An open sequence of frames, read once from start to end. A context manager."""
+    """Reads a sequence of frames once, from start to end. A context manager."""
 
     kind: str
     width: int
@@ -106,7 +106,7 @@ class FrameSource(abc.ABC):
 
 
 class ImageSource(FrameSource):
-    """A source that gives one image after the other: `_images` yields (name, t [ns], image); this class checks them."""
+    """Checks and gathers single images, which `_images` yields as (name, t [ns], image), into blocks."""
 
     @abc.abstractmethod
     def _images(self) -> Iterator[tuple[str, int, np.ndarray]]:

@@ -12,7 +12,8 @@ TONES = "srgb, linear or gamma:G"
 
 
 class Tone:
-    """A curve by name: `srgb` (IEC 61966-2-1), `linear`, or `gamma:G` (radiance = code ** G). white: full scale.
+    """Turns codes of an image into radiance by a curve: `srgb` (IEC 61966-2-1), `linear`, or `gamma:G` (radiance = code
+    ** G). white: full scale.
 
     Raises ValueError for an unknown curve or a value out of range.
     """

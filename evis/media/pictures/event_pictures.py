@@ -57,7 +57,7 @@ def faded_events(
 
 
 class TimeSurface:
-    """The last event of each pixel on white, fading as exp(-age / tau), of a stream that comes in pieces."""
+    """Draws the last event of each pixel on white, fading as exp(-age / tau), of a stream that comes in pieces."""
 
     LEVELS = 24
     """Shades of a colour; few enough for the palette of a GIF."""

@@ -19,7 +19,7 @@ MAX_PICTURES = 1000
 
 @dataclass
 class Footage:
-    """What one camera recorded.
+    """Holds the frames and events that one camera recorded.
 
     frames: uint8 [n, H, W, 3]; frame_t: int64 [n] ns, ascending. t, x, y, p: events, t int64 ns ascending. width,
     height: of the event sensor [px].

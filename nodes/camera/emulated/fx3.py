@@ -45,7 +45,7 @@ MODULES = {"dvxplorer_mini": (1, 3, 5), "dvxplorer_micro": (1, 3)}
 
 
 class Fx3Device(EmulatedDevice):
-    """A DAVIS346, DVXplorer, Mini or Micro."""
+    """Emulates a DAVIS346, DVXplorer, Mini or Micro."""
 
     DATA = DATA_IN
     HONOURED = frozenset(("roi_x", "roi_y", "roi_width", "roi_height", "binning", "frames", "imu", "trigger_in"))

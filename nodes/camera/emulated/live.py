@@ -19,9 +19,11 @@ WAIT_S = 10.0
 
 
 class EmulatedCameraNode(Node):
-    """One packet out per packet in, with the same stamp. Times become whole us, as a sensor counts: an event of t ns
-    comes out with t - t % 1000, all else and the order unchanged (a DVXplorer Mini may put events of one us in another
-    order)."""
+    """Sends simulated events through an emulated camera: one packet out per packet in, with the same stamp.
+
+    Times become whole us, as a sensor counts: an event of t ns comes out with t - t % 1000, all else and the order
+    unchanged (a DVXplorer Mini may put events of one us in another order).
+    """
 
     PARAMS: ClassVar[Mapping[str, Param]] = {
         "source": Param(str, "cam0", "simulated camera whose events are sent"),

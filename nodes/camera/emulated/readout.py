@@ -14,7 +14,7 @@ from evis.events.arrays import Events, Imu
 
 @dataclass
 class RateLimit:
-    """A sensor's event rate controller: at most `most` events in each period of `period_ns`.
+    """Applies a sensor's event rate controller: at most `most` events in each period of `period_ns`.
 
     What is above is left out evenly over the period, as the sensor's does that lets every so many-th event through.
     """

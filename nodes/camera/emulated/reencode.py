@@ -25,7 +25,7 @@ FRAME_MARKS = {"aedat4": (2, 3)}
 
 
 class Reencoder:
-    """An encoder that takes what the model can send and counts what it cannot.
+    """Encodes what the model can send and counts what it cannot.
 
     Times become whole us, as sensors count. shift_ns is subtracted first. counts: triggers of channels that the model
     lacks, marks of a frame's readout and exposure (its own words say them), frames and inertial samples of models

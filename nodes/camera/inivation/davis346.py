@@ -103,7 +103,7 @@ class Davis346Settings(UsbSettings):
 
 
 class Camera(Fx3Camera):
-    """A DAVIS346 with FX3 or FX2."""
+    """Drives a DAVIS346 with FX3 or FX2."""
 
     SETTINGS: ClassVar[type[Configuration]] = Davis346Settings
 

@@ -37,7 +37,7 @@ class Dvs128Settings(UsbSettings):
 
 
 class Camera(UsbDriver):
-    """A DVS128."""
+    """Drives a DVS128."""
 
     SETTINGS: ClassVar[type[Configuration]] = Dvs128Settings
     ENDPOINT = DATA_IN

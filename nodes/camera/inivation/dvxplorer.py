@@ -67,8 +67,9 @@ class DvxplorerSettings(UsbSettings):
 
 
 class Camera(Fx3Camera):
-    """A DVXplorer, a Mini or a Micro (a Mini with firmware from 10 on is the same), told apart by bcdDevice; or a Lite,
-    told by its chip."""
+    """Drives a DVXplorer, a Mini or a Micro (a Mini with firmware from 10 on is the same), told apart by bcdDevice; or
+    a Lite, told by its chip.
+    """
 
     SETTINGS: ClassVar[type[Configuration]] = DvxplorerSettings
 

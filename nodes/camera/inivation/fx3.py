@@ -28,7 +28,7 @@ _WRITE = re.compile(r"(\d+),(\d+)=(\d+|(?:(\d+)\*)?(LC|UC|GS))|d(\d+)")
 
 
 class Registers:
-    """Registers of one camera. sleep [s]. size: of a register on the wire [bytes]."""
+    """Reads and writes the registers of one camera. sleep [s]. size: of a register on the wire [bytes]."""
 
     def __init__(self, device: Any, sleep: Callable[[float], None], size: int = 4) -> None:
         self._device, self._sleep, self._size = device, sleep, size
@@ -75,7 +75,7 @@ def sequences(name: str) -> dict[str, tuple[str, ...]]:
 
 
 class Fx3Camera(UsbDriver):
-    """What DAVIS346 and DVXplorer share."""
+    """Opens, starts and stops the FX3 bridge that DAVIS346 and DVXplorer share."""
 
     ENDPOINT = DATA_IN
     registers: Registers

@@ -18,7 +18,7 @@ from nodes.camera.interface.settings import Configuration
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """Who a camera is. `clock` names the domain of its times in message headers."""
+    """Says who a camera is. `clock` names the domain of its times in message headers."""
 
     name: str
     serial: str
@@ -32,7 +32,8 @@ class DeviceInfo:
 
 @dataclass
 class Reading:
-    """The events of the interval (t0_ns, stamp_ns] on the device's clock, in the order and with the times it gave.
+    """Holds the events of the interval (t0_ns, stamp_ns] on the device's clock, in the order and with the times it
+    gave.
 
     raw: the wire bytes (uint8) of the interval if asked for. lost: events or bytes known to be missing before it.
     late_ns: how much later than its due time it is handed over (files at a set pace only).
@@ -47,7 +48,7 @@ class Reading:
 
 
 class Driver(abc.ABC):
-    """A camera. Use: `with Driver(...) as d: d.configure(...); d.start(); d.read(0.1)`.
+    """Opens, configures and reads a camera. Use: `with Driver(...) as d: d.configure(...); d.start(); d.read(0.1)`.
 
     Entering opens, leaving stops and closes, also after an error. Failures are OSError or ValueError with one line.
     """

@@ -18,7 +18,7 @@ def setting(default: Any, help: str, unit: str = "", minimum: float | None = Non
 
 @dataclass
 class Configuration:
-    """Base of the settings of a camera family: a dataclass of `setting` fields."""
+    """Checks the settings of a camera family, which are a dataclass of `setting` fields."""
 
     def check(self) -> None:
         """Raise ValueError that names the setting, its range and its unit."""

@@ -27,7 +27,7 @@ DRAIN_READS = 64
 
 @dataclass(frozen=True)
 class Sensor:
-    """What the driver must know of a sensor family."""
+    """Tells the driver what it must know of a sensor family."""
 
     name: str
     compatible: tuple[str, ...]
@@ -54,7 +54,10 @@ _EVK3 = {"gen31": "evk3_gen31", "gen41": "evk3_gen41", "genx320": "evk3_genx320"
 
 
 class Camera(UsbDriver):
-    """Opening puts the sensor through stop, destroy and init; closing through stop and destroy."""
+    """Drives a board with a Prophesee sensor.
+
+    Opening puts the sensor through stop, destroy and init; closing through stop and destroy.
+    """
 
     ENDPOINT: ClassVar[int] = DATA_IN
 

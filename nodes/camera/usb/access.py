@@ -23,16 +23,16 @@ CONTROL_MS = 1000
 
 
 class Unplugged(OSError):
-    """The device is gone."""
+    """Says that the device is gone."""
 
 
 class StreamEnd(OSError):
-    """An emulated device has sent all of its recording."""
+    """Says that an emulated device has sent all of its recording."""
 
 
 @dataclass
 class Bus:
-    """Where devices are looked for: a pyusb backend. An emulated one brings its own `sleep` [s], which may not wait."""
+    """Finds devices: a pyusb backend. An emulated one brings its own `sleep` [s], which may not wait."""
 
     backend: Any
     sleep: Callable[[float], None] = time.sleep

@@ -32,7 +32,7 @@ RETRY_S = 0.5
 
 @dataclass
 class UsbSettings(Configuration):
-    """How any USB camera is read. Families add their own settings."""
+    """Says how any USB camera is read. Families add their own settings."""
 
     packet_ms: float = setting(10.0, "length of a packet's interval, device time", "ms", 0.01, 10_000)
     longest_ms: float = setting(100.0, "longest packet while the host is behind", "ms", 0.01, 10_000)
@@ -45,7 +45,7 @@ class UsbSettings(Configuration):
 
 
 class UsbDriver(Driver):
-    """A camera on USB. Families say how it is asked, configured, started and stopped.
+    """Drives a camera on USB. Families say how it is asked, configured, started and stopped.
 
     live: the stream runs with the device's clock (real devices, emulated ones at real pace); wait_when_full: see
     Reader.

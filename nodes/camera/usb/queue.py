@@ -79,7 +79,7 @@ def _library(device: Any) -> Any:
 
 
 class QueuedReader(Reader):
-    """A Reader whose thread keeps IN_FLIGHT reads at the endpoint, in order."""
+    """Reads with a thread that keeps IN_FLIGHT reads at the endpoint, in order."""
 
     def __init__(self, device: Any, endpoint: int, recover: Callable[[], None], buffers: int, size: int) -> None:
         super().__init__(lambda buffer, timeout_ms: 0, recover, buffers + IN_FLIGHT, size)

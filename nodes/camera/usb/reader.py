@@ -31,7 +31,7 @@ FAULTS = {errno.EPIPE: "stalls", errno.EOVERFLOW: "usb_overflows", errno.EIO: "t
 
 
 class Chunk:
-    """One buffer: `data` (uint8 view of what was read), host time of its arrival [ns], bytes lost before it.
+    """Holds one buffer: `data` (uint8 view of what was read), host time of its arrival [ns], bytes lost before it.
 
     gap: something is missing before it even where `lost` cannot say how much (a stall in the middle of the stream).
     """
@@ -46,7 +46,9 @@ class Chunk:
 
 
 class Reader:
-    """Reads until `close`. read(buffer, timeout_ms) -> bytes; recover() clears a stalled endpoint.
+    """Reads an endpoint in a thread until `close`.
+
+    read(buffer, timeout_ms) -> bytes; recover() clears a stalled endpoint.
 
     wait_when_full: do not read while all buffers are full. For sources that can wait (an emulated device playing a
     file as fast as it is read); a real one would overflow inside instead, uncounted.

@@ -27,7 +27,9 @@ REST_S = 0.5
 
 
 class SideReader:
-    """Reads until `close`. read(buffer, timeout_ms) -> bytes; recover() clears a stalled endpoint.
+    """Reads inertial samples from their endpoint in a thread until `close`.
+
+    read(buffer, timeout_ms) -> bytes; recover() clears a stalled endpoint.
 
     pause_s: time between two reads: a firmware that answers with its newest sample whenever it is asked must not take
     the bus from the events. A packet equal to the one before is that sample again, and no new one.

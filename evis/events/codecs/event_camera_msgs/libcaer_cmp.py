@@ -20,7 +20,7 @@ CODE_SHIFT, DATA_MASK, HIGH_SHIFT, ADDRESS_MASK, SIGN_SHIFT, ROWS = 12, 0xFFF, 1
 
 
 class Decoder(ecm.Decoder):
-    """`libcaer_cmp` messages to events. The base counts in whole us, as times do."""
+    """Decodes `libcaer_cmp` messages to events. The base counts in whole us, as times do."""
 
     encoding = "libcaer_cmp"
     word = np.dtype("<u2")
@@ -33,7 +33,7 @@ class Decoder(ecm.Decoder):
         self.state[[HIGH, LOW, COLUMN, ROW, SIGN]] = 0
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """The vectorised reference."""
+        """Decodes words by numpy, the twin of the kernel."""
         state, kind = self.state, words >> CODE_SHIFT
         data = words.astype(np.int64) & DATA_MASK
         at = {code: np.flatnonzero(kind == code) for code in (TIME_HIGH, TIME_LOW, ADDR_X, BASE_Y)}
@@ -82,7 +82,7 @@ class Decoder(ecm.Decoder):
 
 
 class Encoder(ecm.Encoder):
-    """Events to `libcaer_cmp` messages: rows of eight share masks (one time, column, polarity, rising)."""
+    """Encodes events as `libcaer_cmp` messages: rows of eight share masks (one time, column, polarity, rising)."""
 
     encoding = "libcaer_cmp"
     word = np.dtype("<u2")

@@ -35,6 +35,7 @@ def decode_libcaer_cmp(
     # out
     to: Sink,
 ):
+    """Decodes libcaer_cmp words to events, one after the other, up to the limit or the end of the room."""
     base_us = to.state[BASE] / wp.int64(1000)
     outside = to.state[OUTSIDE]
     high = int(to.state[HIGH])

@@ -13,7 +13,7 @@ from evis.events.codecs.event_camera_msgs import payload as ecm
 
 
 class Decoder(ecm.RecordDecoder):
-    """`mono` messages to events."""
+    """Decodes `mono` messages to events."""
 
     encoding = "mono"
 
@@ -27,7 +27,7 @@ class Decoder(ecm.RecordDecoder):
 
 
 class Encoder(ecm.Encoder):
-    """Events to `mono` messages."""
+    """Encodes events as `mono` messages."""
 
     encoding = "mono"
     word = np.dtype("<u8")

@@ -40,7 +40,7 @@ _SPECIALS = dict.fromkeys([*IMU_SPECIALS, *APS_SPECIALS], SIDE)
 
 
 class Decoder(inivation.Decoder):
-    """DAVIS346 words to events, frames (uint16, 10 bits shifted up by 6), inertial samples and triggers.
+    """Decodes DAVIS346 words to events, frames (uint16, 10 bits shifted up by 6), inertial samples and triggers.
 
     aps_orientation: the APS orientation register of the device (module 2, parameter 2), see `FrameReader`.
     """
@@ -82,7 +82,7 @@ class Decoder(inivation.Decoder):
 
 
 class Encoder(encoder.Encoder):
-    """Events, frames, inertial samples and triggers to DAVIS346 words, in the order of the readout (no flips)."""
+    """Encodes events, frames, inertial samples and triggers as DAVIS346 words, in readout order (no flips)."""
 
     encoding = "davis346"
     columns, rows = 346, 260

@@ -57,6 +57,9 @@ def decode_davis(
     # out
     to: Sink,
 ):
+    """Decodes DAVIS words to events, triggers and side words, one after the other, up to the limit or the end of the
+    room.
+    """
     clock = clock_of(to)
     row = int(to.state[ROW])
     now_ns = clock.now * wp.int64(1000)

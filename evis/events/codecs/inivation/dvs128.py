@@ -24,7 +24,7 @@ MAX_WRAPS = 1_000_000
 
 
 class Decoder(decoder.Decoder):
-    """DVS128 words to events; edges of the synchronisation input are rising triggers of channel 0."""
+    """Decodes DVS128 words to events; edges of the synchronisation input are rising triggers of channel 0."""
 
     encoding = "dvs128"
     word = np.dtype("<u4")
@@ -35,7 +35,7 @@ class Decoder(decoder.Decoder):
     kernel = "evis.events.codecs.inivation.dvs128_kernels:decode_dvs128"
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """The vectorised reference."""
+        """Decodes words by numpy, the twin of the kernel."""
         state = self.state
         is_wrap = words >= WRAP
         is_reset = ~is_wrap & (words & RESET != 0)
@@ -70,7 +70,7 @@ class Decoder(decoder.Decoder):
 
 
 class Encoder(_Encoder):
-    """Events and rising triggers of channel 0 to DVS128 words."""
+    """Encodes events and rising triggers of channel 0 as DVS128 words."""
 
     encoding = "dvs128"
     word = np.dtype("<u4")

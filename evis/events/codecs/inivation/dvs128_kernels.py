@@ -30,6 +30,7 @@ def decode_dvs128(
     # out
     to: Sink,
 ):
+    """Decodes DVS128 words to events and triggers, one after the other, up to the limit or the end of the room."""
     offset = to.state[OFFSET]
     outside = to.state[OUTSIDE]
     resets = to.state[RESETS]

@@ -43,7 +43,7 @@ def folded(address: np.ndarray, size: int) -> np.ndarray:
 
 
 class Decoder(inivation.Decoder):
-    """DVXplorer words to events, inertial samples and triggers.
+    """Decodes DVXplorer words to events, inertial samples and triggers.
 
     binned: the sensor makes one of two by two pixels. A readout that runs from the far edge then begins at half of the
     full sensor; width and height are those of the smaller image. Holds from the next reset on.
@@ -98,7 +98,7 @@ class Decoder(inivation.Decoder):
 
 
 class Encoder(encoder.Encoder):
-    """Events, inertial samples and triggers to DVXplorer words.
+    """Encodes events, inertial samples and triggers as DVXplorer words.
 
     Neighbours of one time, column and polarity whose rows rise within a group of eight share a mask.
     """

@@ -54,6 +54,7 @@ def decode_dvxplorer(
     # out
     to: Sink,
 ):
+    """Decodes DVXplorer words to events, triggers and side words, one after the other, up to the limit."""
     clock = clock_of(to)
     column = int(to.state[COLUMN])
     row1 = int(to.state[ROW1])

@@ -33,7 +33,7 @@ MAX_TURNS = 100_000
 
 
 class Decoder(decoder.Decoder):
-    """DVXplorer Mini words to events. binned: see `evis.events.codecs.inivation.dvxplorer.Decoder`."""
+    """Decodes DVXplorer Mini words to events. binned: see `evis.events.codecs.inivation.dvxplorer.Decoder`."""
 
     encoding = "dvxplorer_mini"
     word = np.dtype("<u4")
@@ -56,7 +56,9 @@ class Decoder(decoder.Decoder):
         self.state[BINNED] = self.binned
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """The reference: columns and references one by one in Python, groups vectorised."""
+        """Decodes words by numpy, the twin of the kernel: columns and references one by one in Python, groups
+        vectorised.
+        """
         is_group = words >= GROUPS
         places = np.flatnonzero(~is_group & (words != 0))
         before = self.state.copy()
@@ -130,7 +132,7 @@ class Decoder(decoder.Decoder):
 
 
 class Encoder(_Encoder):
-    """Events to DVXplorer Mini words; events of one time leave by column, then row, as the device reads out."""
+    """Encodes events as DVXplorer Mini words; events of one time leave by column, then row, as the device reads out."""
 
     encoding = "dvxplorer_mini"
     word = np.dtype("<u4")

@@ -47,6 +47,7 @@ def decode_dvxplorer_mini(
     # out
     to: Sink,
 ):
+    """Decodes DVXplorer Mini words to events, one after the other, up to the limit or the end of the room."""
     timed = to.state[TIMED]
     base = to.state[BASE]
     turns = to.state[TURNS]

@@ -19,7 +19,7 @@ _SPECIALS = {pair: special for special, pair in TRIGGERS.items()}
 
 
 class Encoder(_Encoder):
-    """Events, triggers and inertial samples to words; subclasses say how events become words."""
+    """Encodes events, triggers and inertial samples as words; subclasses say how events become words."""
 
     word = np.dtype("<u2")
     channels = 3

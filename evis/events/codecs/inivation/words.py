@@ -84,7 +84,9 @@ class Decoder(decoder.Decoder):
     """How the inertial chip is mounted, see ImuReader; holds from the next reset on."""
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """The vectorised reference: the class of each word from a table, what holds at it by counting."""
+        """Decodes words by numpy, the twin of the kernel: the class of each word from a table, what holds at it by
+        counting.
+        """
         state, skipped = self.state, 0
         kind = self.kinds[words]
         if state[TIMED] <= 0:

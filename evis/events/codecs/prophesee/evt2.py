@@ -36,7 +36,7 @@ TIMED, HIGH, LOOP, OUTSIDE, UNTIMED, UNKNOWN = range(6)
 
 
 class Decoder(decoder.Decoder):
-    """EVT2 words to events. See `evis.events.codecs.decoder.Decoder`."""
+    """Decodes EVT2 words to events. See `evis.events.codecs.decoder.Decoder`."""
 
     encoding = "evt2"
     word: ClassVar[np.dtype[Any]] = np.dtype("<u4")
@@ -46,7 +46,7 @@ class Decoder(decoder.Decoder):
     kernel = "evis.events.codecs.prophesee.evt2_kernels:decode_evt2"
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """The vectorised reference."""
+        """Decodes words by numpy, the twin of the kernel."""
         state, skipped = self.state, 0
         heads = self._heads(words)
         kind = heads >> TYPE_SHIFT
@@ -114,7 +114,7 @@ class Decoder(decoder.Decoder):
 
 
 class Encoder(PropheseeEncoder):
-    """Events to EVT2, one word each."""
+    """Encodes events as EVT2, one word each."""
 
     encoding = "evt2"
     high_bits, low_bits = 28, 6

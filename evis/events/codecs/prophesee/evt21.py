@@ -28,7 +28,7 @@ from evis.events.codecs.prophesee.evt3 import find_vectors
 
 
 class Decoder(evt2.Decoder):
-    """EVT2.1 words to events. See `evis.events.codecs.decoder.Decoder`."""
+    """Decodes EVT2.1 words to events. See `evis.events.codecs.decoder.Decoder`."""
 
     encoding = "evt21"
     word: ClassVar[np.dtype[Any]] = np.dtype("<u8")
@@ -48,7 +48,9 @@ class Decoder(evt2.Decoder):
 
 
 class Encoder(PropheseeEncoder):
-    """Events to EVT2.1: neighbours of one time, row and polarity in an aligned block of 32 columns share a word."""
+    """Encodes events as EVT2.1: neighbours of one time, row and polarity in an aligned block of 32 columns share a
+    word.
+    """
 
     encoding = "evt21"
     high_bits, low_bits = 28, 6

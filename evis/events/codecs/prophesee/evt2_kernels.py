@@ -101,6 +101,7 @@ def make_decode(vectors: bool) -> wp.Kernel:
         # out
         to: Sink,
     ):
+        """Decodes EVT2 or EVT2.1 words to events and triggers, one after the other, up to the limit."""
         timed = to.state[TIMED]
         high = to.state[HIGH]
         loop = to.state[LOOP]

@@ -38,7 +38,7 @@ _NOT_KNOWN = ~np.isin(np.arange(16), _KNOWN)
 
 
 class Decoder(decoder.Decoder):
-    """EVT3 words to events. See `evis.events.codecs.decoder.Decoder`."""
+    """Decodes EVT3 words to events. See `evis.events.codecs.decoder.Decoder`."""
 
     encoding = "evt3"
     word = np.dtype("<u2")
@@ -51,7 +51,9 @@ class Decoder(decoder.Decoder):
         self.state[[LOW, ROW, BASE, SIGN]] = 0
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """The vectorised reference: positions of each kind of word, how many came before each event."""
+        """Decodes words by numpy, the twin of the kernel: positions of each kind of word, how many came before each
+        event.
+        """
         state, skipped = self.state, 0
         if state[TIMED] <= 0:
             highs = np.flatnonzero(words >> 12 == TIME_HIGH)
@@ -156,8 +158,11 @@ class _Clock:
 
 
 class Encoder(PropheseeEncoder):
-    """Events to EVT3. Runs of five or more pixels of one time, row and polarity in an aligned block of 32 columns
-    become vectors (12 + 12 + 8 bits, always together, as the sensors send them); others single words."""
+    """Encodes events as EVT3.
+
+    Runs of five or more pixels of one time, row and polarity in an aligned block of 32 columns become vectors (12 + 12
+    + 8 bits, always together, as the sensors send them); others single words.
+    """
 
     encoding = "evt3"
     high_bits, low_bits = 12, 12

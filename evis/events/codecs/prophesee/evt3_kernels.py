@@ -36,13 +36,13 @@ PIXELS_12, PIXELS_8 = evt3.VECTOR_PIXELS[VECT_12], evt3.VECTOR_PIXELS[VECT_8]
 
 @wp.func
 def start_of(loop: wp.int64, high: wp.int32):
-    """Time [us] at which a TIME_HIGH begins, after `loop` turns."""
+    """Computes the time [us] at which a TIME_HIGH begins, after `loop` turns."""
     return (loop << wp.int64(24)) + wp.int64(high << 12)
 
 
 @wp.func
 def latest_of(limit_us: wp.int64, since: wp.int64):
-    """The last TIME_LOW that is not later than the limit: -1 for none."""
+    """Finds the last TIME_LOW that is not later than the limit: -1 for none."""
     return int(wp.clamp(limit_us - since, wp.int64(-1), wp.int64(4096)))
 
 
@@ -54,6 +54,7 @@ def decode_evt3(
     # out
     to: Sink,
 ):
+    """Decodes EVT3 words to events and triggers, one after the other, up to the limit or the end of the room."""
     timed = to.state[TIMED]
     high = int(to.state[HIGH])
     low = int(to.state[LOW])

@@ -28,7 +28,7 @@ OPEN = 6
 
 
 class Decoder(evt21.Decoder):
-    """EVT4 words to events. See `evis.events.codecs.decoder.Decoder`."""
+    """Decodes EVT4 words to events. See `evis.events.codecs.decoder.Decoder`."""
 
     encoding = "evt4"
     word: ClassVar[np.dtype[Any]] = np.dtype("<u4")
@@ -39,7 +39,7 @@ class Decoder(evt21.Decoder):
         self.state[OPEN] = 0
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """The vectorised reference: each event, vector or other word as a word of EVT2.1."""
+        """Decodes words by numpy, the twin of the kernel: each event, vector or other word as a word of EVT2.1."""
         if not len(words):
             return Events.empty(), 0, -1
         opened = int(self.state[OPEN])
@@ -69,7 +69,7 @@ class Decoder(evt21.Decoder):
 
 
 class Encoder(evt21.Encoder):
-    """Events to EVT4: neighbours as in EVT2.1 share a vector, others have a word each."""
+    """Encodes events as EVT4: neighbours as in EVT2.1 share a vector, others have a word each."""
 
     encoding = "evt4"
     word: ClassVar[np.dtype[Any]] = np.dtype("<u4")

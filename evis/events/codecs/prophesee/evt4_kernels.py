@@ -27,6 +27,7 @@ def decode_evt4(
     # out
     to: Sink,
 ):
+    """Decodes EVT4 words to events and triggers, one after the other, up to the limit or the end of the room."""
     timed = to.state[TIMED]
     high = to.state[HIGH]
     loop = to.state[LOOP]

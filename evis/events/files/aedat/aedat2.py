@@ -34,7 +34,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class Aedat2Recording(RecordFile):
-    """An AEDAT 2.0 file of a DVS128 or a DAVIS, or one of version 1.0.
+    """Reads an AEDAT 2.0 file of a DVS128 or a DAVIS, or one of version 1.0.
 
     DVS128 address: polarity OFF bit 0, x bits 1-7 counted from the right (as jAER shows it), y bits 8-14, external
     input bit 15. DAVIS: bit 31 APS or IMU; y bits 22-30, x bits 12-21, polarity bit 11, external input bit 10.

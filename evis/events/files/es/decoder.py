@@ -13,7 +13,10 @@ LOOP_BYTES = 1 << 20
 
 
 class EsDecoder:
-    """Decodes bytes cut anywhere. Coordinates and times [us] are as stored: the time is 0 before the first byte."""
+    """Decodes bytes of an Event Stream, cut anywhere.
+
+    Coordinates and times [us] are as stored: the time is 0 before the first byte.
+    """
 
     def __init__(self, kind: str, backend: str = "auto", size: int = 0) -> None:
         self.kind = kind

@@ -19,7 +19,7 @@ def decode_es(
     y: wp.array(dtype=wp.uint16),
     p: wp.array(dtype=wp.uint8),
 ):
-    """out = bytes used, events, exposures, time [us]."""
+    """Decodes the bytes of an Event Stream to events; out = bytes used, events, exposures, time [us]."""
     now = out[3]
     at = wp.int32(0)
     n = wp.int32(0)

@@ -23,7 +23,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class EsRecording(BlockRecording):
-    """An .es file of type dvs or atis (whose exposure measurements are counted and left out)."""
+    """Reads an .es file of type dvs or atis (whose exposure measurements are counted and left out)."""
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         size = path.stat().st_size

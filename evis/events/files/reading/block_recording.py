@@ -16,7 +16,7 @@ _Samples = TypeVar("_Samples", Triggers, Imu)
 
 
 class BlockRecording(Recording):
-    """A recording whose `_load` yields events in blocks of bounded size; this class cuts them by time.
+    """Cuts events by time for recordings whose `_load` yields them in blocks of bounded size.
 
     Triggers, IMU samples and frames come with the block in which the file has them. Events outside of the sensor's
     size are dropped and counted. A subclass sets `info` before it calls `__init__`.

@@ -13,7 +13,10 @@ _STEP = 16 << 20
 
 
 class DamagedError(ValueError):
-    """A packet or chunk that cannot be unpacked or read. `partial`: what came out before, where that was asked for."""
+    """Says that a packet or chunk cannot be unpacked or read.
+
+    `partial`: what came out before, where that was asked for.
+    """
 
 
 def inflate(kind: str, data: bytes | memoryview, allowance: Allowance, partial: bool = False) -> bytes:

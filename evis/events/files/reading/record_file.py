@@ -22,7 +22,7 @@ SCAN_RECORDS = 8 << 20
 
 
 class RecordFile(BlockRecording):
-    """Records of `record` from byte `start` on, read in blocks at their place in the file.
+    """Reads records of one size from byte `start` on, in blocks at their place in the file.
 
     A subclass sets `info` (with the path) and calls `_open_records`.
     """

@@ -19,7 +19,7 @@ _DESCRIPTORS = Path("/proc/self/fd")
 
 
 class UnpackedFile:
-    """A file without a name in the temporary folder, which takes what `source` unpacks to.
+    """Keeps, in a file without a name in the temporary folder, what `source` unpacks to.
 
     path: where this process and its forks read it, until `close`. Raises RecordingError that names `source`.
     """

@@ -25,7 +25,9 @@ RECORDINGS = (
 
 
 class Member(NamedTuple):
-    """A member of a cut archive: where its data begin, how many bytes of them are there, and how it is packed."""
+    """Describes a member of a cut archive: where its data begin, how many bytes of them are there, and how it is
+    packed.
+    """
 
     filename: str
     at: int
@@ -35,7 +37,7 @@ class Member(NamedTuple):
 
 
 class CutArchive:
-    """What `zipfile.ZipFile` gives of an archive, for one without its list of members."""
+    """Gives what `zipfile.ZipFile` gives of an archive, for one without its list of members."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

@@ -26,7 +26,10 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class Db3Recording(RosRecording):
-    """A .db3 bag, row by row in the order of recording. Of a file that is cut, the rows on the pages that are there."""
+    """Reads a .db3 bag row by row in the order of recording.
+
+    Of a file that is cut, the rows on the pages that are there.
+    """
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path, self._row, self._rows = path, 0, 0

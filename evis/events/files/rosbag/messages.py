@@ -29,7 +29,7 @@ def plain_type(name: str) -> str:
 
 @dataclass
 class Packet:
-    """An EventPacket: `events` as its encoding has them; `time_base_ns` as the sender set it."""
+    """Holds an EventPacket: `events` as its encoding has them; `time_base_ns` as the sender set it."""
 
     width: int
     height: int

@@ -27,7 +27,7 @@ _BATCH = 1 << 17
 
 @dataclass(frozen=True)
 class BagMessage:
-    """A serialised message. cdr: as in ROS 2. cut: the file ends inside it."""
+    """Holds a serialised message. cdr: as in ROS 2. cut: the file ends inside it."""
 
     type: str
     data: bytes | memoryview
@@ -46,7 +46,7 @@ def unpacked(message: BagMessage, allowance: Allowance) -> BagMessage:
 
 
 class RosRecording(BlockRecording):
-    """The events of one topic of a bag. Damaged messages are left out alone and counted.
+    """Reads the events of one topic of a bag. Damaged messages are left out alone and counted.
 
     A subclass sets `info` and implements `_topics` and `_messages`, then calls `_begin`.
     """

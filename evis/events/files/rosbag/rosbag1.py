@@ -27,7 +27,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class Rosbag1Recording(RosRecording):
-    """A ROS 1 bag. Chunks may be compressed with bz2 or lz4; of a chunk that is cut, what comes before the cut."""
+    """Reads a ROS 1 bag. Chunks may be compressed with bz2 or lz4; a chunk that is cut is read up to the cut."""
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path, self._place = path, 0

@@ -32,7 +32,10 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class TextRecording(BlockRecording):
-    """A text file, or the one of a zip archive. Times exactly as written; lines that hold no event are counted."""
+    """Reads a text file, or the one of a zip archive.
+
+    Times exactly as written; lines that hold no event are counted.
+    """
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path, self._read = path, 0
