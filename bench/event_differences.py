@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.events.measure.distance import Stream, count_error
+from evis.events.measure.distance import EventStream, count_error
 
 
 def file_of(name: str) -> str:
@@ -72,7 +72,7 @@ def sized(before: dict[str, np.ndarray], after: dict[str, np.ndarray]) -> str:
     if not before or not after or not len(before["t"]) or not len(after["t"]):
         return "one has no events"
     width, height = (1 + max(int(a[axis].max()) for a in (before, after)) for axis in "xy")
-    streams = [Stream(a["t"], a["x"], a["y"], a["p"], width, height) for a in (before, after)]
+    streams = [EventStream(a["t"], a["x"], a["y"], a["p"], width, height) for a in (before, after)]
     (t_before, n_before), (t_after, n_after) = (s.trains() for s in streams)
     if not np.array_equal(n_before, n_after):
         return f"{count_error(streams[1], streams[0]):.4%} of the events have no partner in their pixel and polarity"

@@ -11,7 +11,7 @@ from bench.event_sensor.alignment import align
 from bench.event_sensor.peers import QUOTED, SINUSOIDS, esim_core
 from bench.event_sensor.sensing import MODELS, C, crossings, model, run_esim, section, sense
 from bench.event_sensor.signals import FORMS, Recording, Sinusoids, stamps
-from evis.events.measure.distance import Stream
+from evis.events.measure.distance import EventStream
 
 RATES = (125, 250, 1000)
 
@@ -44,7 +44,7 @@ def sinusoids(quick: bool) -> dict[str, Any]:
     return sections
 
 
-def _esim_sinusoids(frames: Recording, truth: Stream) -> dict[str, Any]:
+def _esim_sinusoids(frames: Recording, truth: EventStream) -> dict[str, Any]:
     core = esim_core()
     if core is None:
         return {}

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from evis.events.measure.distance import Stream
+from evis.events.measure.distance import EventStream
 
 UNPAIRED_NS = 4_000_000
 CELLS_AT_ONCE = 1 << 26
@@ -105,7 +105,7 @@ class Alignment:
         }
 
 
-def align(test: Stream, reference: Stream, unpaired_ns: int = UNPAIRED_NS) -> Alignment:
+def align(test: EventStream, reference: EventStream, unpaired_ns: int = UNPAIRED_NS) -> Alignment:
     """Pairs the events of two streams of the same sensor."""
     (ta, offsets_a), (tb, offsets_b) = test.trains(), reference.trains()
     n_a, n_b = np.diff(offsets_a), np.diff(offsets_b)

@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 
 from bench.event_sensor.signals import SECOND, Recording
-from evis.events.measure.distance import Stream
+from evis.events.measure.distance import EventStream
 
 RINGS, SECTORS = 4, 16
 RADIUS = wp.constant(wp.float64(120.0))
@@ -82,7 +82,7 @@ def record(t: np.ndarray, soft: float, width: int = 640, height: int = 480, seed
     return Recording(luminance, slope, np.asarray(t, np.int64))
 
 
-def reference_events(frames: Iterable[np.ndarray], t: np.ndarray, threshold: float) -> Stream:
+def reference_events(frames: Iterable[np.ndarray], t: np.ndarray, threshold: float) -> EventStream:
     """Computes the true events in float64: whole thresholds from the first frame on, times linear in ln I."""
     images = iter(frames)
     first = np.log(next(images).astype(np.float64))
@@ -107,4 +107,6 @@ def reference_events(frames: Iterable[np.ndarray], t: np.ndarray, threshold: flo
     times, pixel, on = (np.concatenate(column) for column in zip(*parts))
     order = np.argsort(times, kind="stable")
     y, x = np.divmod(pixel[order], width)
-    return Stream(times[order], x.astype(np.uint16), y.astype(np.uint16), on[order].astype(np.uint8), width, height)
+    return EventStream(
+        times[order], x.astype(np.uint16), y.astype(np.uint16), on[order].astype(np.uint8), width, height
+    )

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from bench.event_sensor.signals import SECOND
-from evis.events.measure.distance import Stream
+from evis.events.measure.distance import EventStream
 
 QUOTED = "quoted"
 """Marks a figure that this run did not measure: of the authors' own programs, on another machine."""
@@ -161,7 +161,7 @@ class EsimCore:
         self._count = self._c.frame(self._run, log.ctypes.data, *log.shape, t / SECOND)
         self._shape = log.shape
 
-    def end(self) -> Stream:
+    def end(self) -> EventStream:
         """Returns all events of the sequence, in ESIM's own order."""
         n = self._count
         t, (x, y, p) = np.empty(n), (np.empty(n, np.int32) for _ in range(3))
@@ -169,7 +169,7 @@ class EsimCore:
         self._c.end(self._run)
         stamps = np.rint(t * SECOND).astype(np.int64)
         on = (p > 0).astype(np.uint8)
-        return Stream(stamps, x.astype(np.uint16), y.astype(np.uint16), on, self._shape[1], self._shape[0])
+        return EventStream(stamps, x.astype(np.uint16), y.astype(np.uint16), on, self._shape[1], self._shape[0])
 
 
 @functools.cache

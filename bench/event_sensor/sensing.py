@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.event_sensor.signals import Recording
-from evis.events.measure.distance import Stream
+from evis.events.measure.distance import EventStream
 from nodes.event_sensor.parameters import CROSSINGS
 from nodes.event_sensor.peers import make_model
 from nodes.event_sensor.sensor import EventSensor
@@ -33,7 +33,9 @@ def model(name: str, **params: Any) -> Make:
     return lambda height, width: make_model(name, height, width, **{"threshold": C, **params})
 
 
-def sense(make: Make, frames: Recording, slopes: bool = False, a_call: int = FRAMES_A_CALL) -> tuple[Stream, float]:
+def sense(
+    make: Make, frames: Recording, slopes: bool = False, a_call: int = FRAMES_A_CALL
+) -> tuple[EventStream, float]:
     """Runs a sensor on a recording, `a_call` frames a call after the first one: its events, and CPU seconds."""
     _, height, width = frames.luminance.shape
     episodes = np.zeros(1, np.int32)
@@ -53,7 +55,7 @@ def sense(make: Make, frames: Recording, slopes: bool = False, a_call: int = FRA
     parts.append(sensor.flush())
     spent = time.process_time() - started
     t, x, y, p = (np.concatenate([getattr(e, name) for e in parts]) for name in "txyp")
-    return Stream(t, x, y, p, width, height), spent
+    return EventStream(t, x, y, p, width, height), spent
 
 
 def crossings() -> dict[str, tuple[Make, bool]]:
@@ -61,7 +63,7 @@ def crossings() -> dict[str, tuple[Make, bool]]:
     return {f"evis, {name}": (evis(crossing=name), name == "hermite") for name in CROSSINGS}
 
 
-def run_esim(core: Any, frames: Recording) -> tuple[Stream, float]:
+def run_esim(core: Any, frames: Recording) -> tuple[EventStream, float]:
     started = time.process_time()
     core.begin(C)
     for image, t in zip(frames.luminance, frames.t.tolist()):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evis.events.measure.distance import Stream
+from evis.events.measure.distance import EventStream
 
 SECOND = 1_000_000_000
 
@@ -54,7 +54,7 @@ class Sinusoids:
             slope[k] = self.amplitude * omega * np.cos(angle)
         return Recording(luminance, slope, t)
 
-    def events(self, threshold: float, end_ns: int) -> Stream:
+    def events(self, threshold: float, end_ns: int) -> EventStream:
         """Computes the events in (0, end_ns]: t_k = (j pi +- arcsin(sin phi + k C / A) - phi) / (2 pi f)."""
         a, phase = self.amplitude.ravel(), self.phase.ravel()
         omega = 2 * np.pi * self.frequency.ravel()
@@ -87,7 +87,7 @@ class Sinusoids:
         on = (np.concatenate(signs) > 0).astype(np.uint8)
         order = np.argsort(t, kind="stable")
         y, x = np.divmod(pixel[order], self.shape[1])
-        return Stream(t[order], x.astype(np.uint16), y.astype(np.uint16), on[order], self.shape[1], self.shape[0])
+        return EventStream(t[order], x.astype(np.uint16), y.astype(np.uint16), on[order], self.shape[1], self.shape[0])
 
 
 @dataclass(frozen=True)
@@ -107,13 +107,13 @@ class Form:
         luminance = np.exp(self.level(t / SECOND)).astype(np.float32)
         return Recording(luminance[:, None, None], self.slope(t / SECOND).astype(np.float32)[:, None, None], t)
 
-    def events(self, threshold: float, end_ns: int) -> Stream:
+    def events(self, threshold: float, end_ns: int) -> EventStream:
         """Computes the events in (0, end_ns]."""
         total = float(self.level(np.array([end_ns / SECOND]))[0])
         k = np.arange(1, int(abs(total) / threshold + 1e-9) + 1)
         t = np.rint(self.crossing(math.copysign(1, total) * k * threshold) * SECOND).astype(np.int64)
         zero = np.zeros(len(k), np.uint16)
-        return Stream(t, zero, zero, np.full(len(k), total > 0, np.uint8), 1, 1)
+        return EventStream(t, zero, zero, np.full(len(k), total > 0, np.uint8), 1, 1)
 
 
 def _photoreceptor(height: float, tau: float) -> Form:

@@ -11,7 +11,7 @@ from bench.event_sensor import disk
 from bench.event_sensor.peers import DISK, QUOTED, esim_core
 from bench.event_sensor.sensing import FRAMES_A_CALL, MODELS, C, Make, crossings, evis, model, run_esim, section, sense
 from bench.event_sensor.signals import stamps
-from evis.events.measure.distance import Stream
+from evis.events.measure.distance import EventStream
 from nodes.event_sensor.parameters import CROSSINGS
 from nodes.event_sensor.peers.v2e import NOISY
 
@@ -70,7 +70,9 @@ def speed(quick: bool) -> dict[str, Any]:
     return {"disk": section("Speed on the high-dynamic-range disk, one core", rows, note)}
 
 
-def _speed_row(name: str, frames: int, spent: list[float], events: Stream, truth: Stream | None) -> dict[str, Any]:
+def _speed_row(
+    name: str, frames: int, spent: list[float], events: EventStream, truth: EventStream | None
+) -> dict[str, Any]:
     middle = float(np.median(spent))
     row: dict[str, Any] = {"simulator": name, "source": "this run", "frames/s": round(frames / middle, 1)}
     row |= {"CPU [s]": round(middle, 3), "events": len(events.t), "Mev/s": round(len(events.t) / middle / 1e6, 2)}

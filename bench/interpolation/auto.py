@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.interpolation.pipeline import THRESHOLD, simulate
-from evis.events.measure.distance import Stream, victor_purpura
+from evis.events.measure.distance import EventStream, victor_purpura
 from evis.runtime.clock import NS
 from nodes.interpolator.auto.choice import EVEN
 from nodes.interpolator.auto.probe import probe
@@ -28,7 +28,7 @@ class Fixed:
 def compare(
     name: str,
     world: World,
-    truth: Stream,
+    truth: EventStream,
     duration_ns: int,
     fixed: Sequence[Fixed],
     light: dict[str, Any],
@@ -93,7 +93,9 @@ def compare(
     return rows
 
 
-def _run(world: World, way: tuple[str, float, int], duration_ns: int, truth: Stream, light: dict[str, Any]) -> Fixed:
+def _run(
+    world: World, way: tuple[str, float, int], duration_ns: int, truth: EventStream, light: dict[str, Any]
+) -> Fixed:
     method, rate, k = way
     run = simulate(world, method, rate, k, duration_ns, ("linear",), None, light)
     error = victor_purpura(run.streams["linear"], truth, 1.0)

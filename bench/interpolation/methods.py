@@ -33,7 +33,7 @@ from bench.interpolation.tables import (
     half_error,
     shown,
 )
-from evis.events.measure.distance import Stream, count_error, event_frame_error, time_error, victor_purpura
+from evis.events.measure.distance import EventStream, count_error, event_frame_error, time_error, victor_purpura
 from evis.runtime.clock import NS
 from evis.scene import load_scene
 from nodes.interpolator.auto.world import World
@@ -68,7 +68,7 @@ SCENES = {
 }
 
 
-def errors(stream: Stream, truth: Stream) -> dict[str, float]:
+def errors(stream: EventStream, truth: EventStream) -> dict[str, float]:
     """Computes all metrics of events against the reference."""
     median, most = time_error(stream, truth)
     return {
@@ -117,7 +117,7 @@ def run_scene(name: str, quick: bool) -> tuple[list[Row], dict[str, Any]]:
     return rows, facts
 
 
-def _auto(name: str, world: World, truth: Stream, duration_ns: int, rows: list[Row]) -> list[dict[str, Any]]:
+def _auto(name: str, world: World, truth: EventStream, duration_ns: int, rows: list[Row]) -> list[dict[str, Any]]:
     """What auto makes of a scene, beside all rows with linear crossing times."""
     done = {
         (r.method, r.rate, r.k): Fixed(label_of(r.method, r.rate, r.k), r.seconds(duration_ns / NS), r.error["VP 1/ms"])

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.events.measure.distance import Stream, log_error
+from evis.events.measure.distance import EventStream, log_error
 from evis.runtime.clock import NS, keyframe_count, keyframe_stamp
 from evis.scene.model import Camera, Scene
 from nodes.event_sensor.sensor import EventSensor
@@ -39,7 +39,7 @@ class Run:
     sub-frames that were compared, in thresholds. reshaded, filled: pixels of sub-frames.
     """
 
-    streams: dict[str, Stream]
+    streams: dict[str, EventStream]
     sense_s: dict[str, float]
     render_s: float = 0.0
     interpolate_s: float = 0.0
@@ -76,13 +76,13 @@ class Sensors:
             self._parts[crossing].append(sensor.process(frames, t, np.zeros(1, np.int32)))
             self.seconds[crossing] += (time.process_time() - start) * share
 
-    def streams(self) -> dict[str, Stream]:
+    def streams(self) -> dict[str, EventStream]:
         """Returns all events, also those that look-ahead held back."""
         result = {}
         for crossing, sensor in self._sensors.items():
             parts = [*self._parts[crossing], sensor.flush()]
             fields = (np.concatenate([getattr(e, name) for e in parts]) for name in "txyp")
-            result[crossing] = Stream(*fields, *self._size)
+            result[crossing] = EventStream(*fields, *self._size)
         return result
 
 
@@ -237,7 +237,7 @@ def visibility_seconds(world: World, rate: float, duration_ns: int) -> float:
 
 def reference(
     world: World, rate: float, duration_ns: int, keep_every_ns: int, light: Mapping[str, Any] | None = None
-) -> tuple[Stream, Stream, dict[int, np.ndarray]]:
+) -> tuple[EventStream, EventStream, dict[int, np.ndarray]]:
     """Renders densely: events at `rate`, events of every second frame, and frames by stamp.
 
     Frames are kept where the stamp is a multiple of keep_every_ns. Crossing times are linear, for at these rates they

@@ -17,6 +17,7 @@ import numpy as np
 import warp as wp
 
 from bench import command
+from evis.media.colour import REC709
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.keyframe import KeyframeView
 from nodes.interpolator.splat.splat import make_splat
@@ -163,7 +164,7 @@ def scene_rows(repeats: int, gaps: int) -> list[dict[str, Any]]:
     for k in range(gaps + 1):
         pose = prescribed_states(scene, np.array([k * GAP]))[0][None, 0]
         images = renderer.render(pose, pose if before is None else before, ("radiance", "depth", "motion"))
-        luminance = images["radiance"].astype(np.float32) @ np.array([0.2126, 0.7152, 0.0722], np.float32)
+        luminance = images["radiance"].astype(np.float32) @ np.array(REC709, np.float32)
         views.append(KeyframeView(as_warp(luminance[0]), as_warp(images["depth"][0]), as_warp(images["motion"][0])))
         before = pose
     method = make_splat(HEIGHT, WIDTH, 1, UPSAMPLING)
@@ -218,7 +219,7 @@ def flicker_rows(gaps: int) -> list[dict[str, Any]]:
             t = np.array([(k - 1) * GAP, k * GAP])
             pose, twist = (a[None] for a in prescribed_states(pair[0], t))
             image = renderer.render(pose[:, -1], None, ("radiance",), t_ns=k * GAP)["radiance"].astype(np.float32)
-            luminance = image[0] @ np.array([0.2126, 0.7152, 0.0722], np.float32)
+            luminance = image[0] @ np.array(REC709, np.float32)
             view = KeyframeView(as_warp(luminance), states=States(t, pose, twist), stamp_ns=k * GAP)
             for n, method in enumerate(methods if last is not None else []):
                 assert last is not None

@@ -6,4 +6,4 @@ takes single topics out. Nothing here is imported before it is used, so that a g
 
 
 class BagError(ValueError):
-    """A bag that cannot be read or written; the text names the file, what is wrong and what helps."""
+    """Says that a bag cannot be read or written; the text names the file, what is wrong and what helps."""

@@ -13,8 +13,8 @@ from evis.files.damage import faults_as
 from msgs.camera import EventPacket
 
 if TYPE_CHECKING:
+    from evis.events.arrays import Events
     from evis.events.codecs.decoder import Decoder
-    from evis.events.container import Events
 
 
 def decoded_events(reader: BagReader, topic: str, env: int | None = None) -> Iterator[tuple[EventPacket, Events]]:
@@ -23,8 +23,8 @@ def decoded_events(reader: BagReader, topic: str, env: int | None = None) -> Ite
     env: the environment whose events to give, all of them when None. Raises BagError for an encoding that has no
     decoder here.
     """
+    from evis.events.arrays import Events
     from evis.events.codecs.decoder import make_decoder
-    from evis.events.container import Events
 
     decoder: Decoder | None = None
     for _, packet in reader.messages([topic]):

@@ -10,7 +10,7 @@ from mcap.opcode import Opcode
 from evis.bag import BagError
 from evis.bag.decoded import decoded_events
 from evis.bag.mcap import scan
-from evis.bag.reader import BagReader, Stream
+from evis.bag.reader import BagReader, BagTopic
 from evis.bag.ros import jsonform
 from evis.bag.ros import messages as ros
 
@@ -18,7 +18,7 @@ from evis.bag.ros import messages as ros
 class _Topic:
     """Counts of one topic of the file (with its environment's prefix)."""
 
-    def __init__(self, stream: Stream) -> None:
+    def __init__(self, stream: BagTopic) -> None:
         self.type = stream.ros_type
         self.message = stream.kind
         self.part_of = ""

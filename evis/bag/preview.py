@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.media.colour import REC709, srgb_from_linear
+
 LEVELS = 4096
 _TABLE: list[np.ndarray] = []
 
@@ -12,8 +14,7 @@ def _curve() -> np.ndarray:
     """uint8 [LEVELS + 1]: compressed radiance x/(1+x) in steps of 1/LEVELS -> sRGB code (IEC 61966-2-1)."""
     if not _TABLE:
         u = np.arange(LEVELS + 1) / LEVELS
-        srgb = np.where(u <= 0.0031308, 12.92 * u, 1.055 * np.maximum(u, 1e-9) ** (1 / 2.4) - 0.055)
-        _TABLE.append(np.round(255 * srgb).astype(np.uint8))
+        _TABLE.append(np.round(255 * srgb_from_linear(u)).astype(np.uint8))
     return _TABLE[0]
 
 
@@ -25,7 +26,7 @@ def exposure(radiance: np.ndarray) -> float:
     """
     flat = radiance.reshape(-1, 3)
     sample = flat[:: max(1, len(flat) // 10_000)].astype(np.float64)
-    luminance = sample @ np.array([0.2126, 0.7152, 0.0722])
+    luminance = sample @ np.array(REC709)
     lit = luminance[np.isfinite(luminance) & (luminance > 0)]
     return float(0.18 / np.exp(np.log(lit).mean())) if len(lit) else 1.0
 

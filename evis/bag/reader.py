@@ -26,9 +26,12 @@ RANKS = {row.type.__name__: i for i, row in enumerate(TOPICS)}
 
 
 @dataclass(frozen=True)
-class Stream:
-    """One channel of the file. topic, kind: the message's topic and type that it serves, `` for foreign types that
-    cannot be read. part: its part of the message, `meta` = the closing JSON, "" = another program's message."""
+class BagTopic:
+    """Describes one channel of the file.
+
+    topic, kind: the message's topic and type that it serves, `` for foreign types that cannot be read. part: its part
+    of the message, `meta` = the closing JSON, "" = another program's message.
+    """
 
     channel: Channel
     ros_type: str
@@ -42,7 +45,7 @@ class Stream:
 class _Found:
     """A message's raw form, ready to be decoded."""
 
-    stream: Stream
+    stream: BagTopic
     log_time: int
     sequence: int
     parts: dict[str, list[memoryview]]
@@ -51,7 +54,7 @@ class _Found:
 
 
 class BagReader:
-    """A bag for reading. A torn bag (no index, cut anywhere) opens like a whole one; `problem` says what it lacks.
+    """Reads a bag. A torn bag (no index, cut anywhere) opens like a whole one; `problem` says what it lacks.
 
     topics: topic -> message type name; environments of one topic are joined. metadata: the tables of texts.
     skipped: damaged chunks and messages that were left out so far. Raises BagError.
@@ -99,16 +102,16 @@ class BagReader:
         """Latest log time [ns], 0 in an empty bag."""
         return max((c.end_ns for c in self.scanner.layout.chunks), default=0)
 
-    def _stream(self, channel: Channel) -> Stream:
+    def _stream(self, channel: Channel) -> BagTopic:
         schema = self.scanner.layout.schemas.get(channel.schema_id)
         name = schema.name if schema else ""
         given = channel.metadata
         if TOPIC_KEY in given and given.get(MESSAGE_KEY) in Message.TYPES:
             env = given.get(ENV_KEY)
             number = int(env) if env is not None and env.isdecimal() else None
-            return Stream(channel, name, given[TOPIC_KEY], given[MESSAGE_KEY], given.get(SUFFIX_KEY, ""), number)
+            return BagTopic(channel, name, given[TOPIC_KEY], given[MESSAGE_KEY], given.get(SUFFIX_KEY, ""), number)
         kind = mapping.FOREIGN.get(name, "") if channel.message_encoding == "cdr" else ""
-        return Stream(channel, name, channel.topic, kind, "", None)
+        return BagTopic(channel, name, channel.topic, kind, "", None)
 
     # -- messages ----------------------------------------------------------------------------------------------------
 

@@ -13,9 +13,9 @@ from evis.bag import BagError
 from evis.bag.mcap import scan
 from evis.bag.mcap.container import LIBRARY
 from evis.bag.mcap.scan import Scanner, TooLargeError
-from evis.events.container import Events
-from evis.events.files.blocks import BlockRecording, take_size
-from evis.events.files.inflate import DamagedError, inflate
+from evis.events.arrays import Events
+from evis.events.files.reading.block_recording import BlockRecording, take_size
+from evis.events.files.reading.decompress import DamagedError, inflate
 from evis.events.files.rosbag.messages import TYPES, plain_type
 from evis.events.files.rosbag.recording import BagMessage, RosRecording
 from evis.events.recording import OpenOptions, Recording, RecordingError, RecordingInfo
@@ -32,7 +32,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class McapRecording(RosRecording):
-    """An MCAP bag of another recorder. Without its index, or cut, it is read record by record."""
+    """Reads an MCAP bag of another recorder. Without its index, or cut, it is read record by record."""
 
     def __init__(self, path: Path, options: OpenOptions, descriptor: int, scanner: Scanner) -> None:
         self._descriptor, self._scanner, self._place = descriptor, scanner, 0
@@ -123,7 +123,7 @@ def torn_tail(descriptor: int, size: int, allowance: Allowance) -> bytes:
 
 
 class EvisBagRecording(BlockRecording):
-    """The events of one topic of a bag that EVIS recorded."""
+    """Reads the events of one topic of a bag that EVIS recorded."""
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         from evis.bag.reader import BagReader

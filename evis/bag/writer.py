@@ -28,7 +28,7 @@ _MOST_EARLY = 1000
 
 
 class BagWriter:
-    """Records messages; `close` (or `with`) makes the bag whole, but it can be read at any time.
+    """Writes messages to a bag; `close` (or `with`) makes the bag whole, but it can be read at any time.
 
     path: an existing bag there is moved to `<name>.bak`, `.bak2`, ... (`backup`) when the new one is open. metadata:
     named tables of texts (launch file, parameters, seeds). event_encoding: `mono` (exact) or `evt3` (1 us, half the

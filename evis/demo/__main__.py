@@ -48,7 +48,7 @@ def simulate(bag: Path, duration_s: float) -> dict[str, Any]:
 def draw(bag: Path, animation: Path, still: Path) -> None:
     """Draws the animation and the picture of a bag."""
     from evis.demo.footage import from_bag
-    from evis.media.pictures.animation import make_animation, make_still
+    from evis.media.pictures.footage import make_animation, make_still
 
     footage = from_bag(bag)
     first, last = footage.span_ns

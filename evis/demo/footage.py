@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from evis.media.pictures.animation import Footage
+from evis.media.pictures.footage import Footage
 from msgs.camera import EventPacket, Image, Keyframe
 
 MAX_FRAMES = 2000

@@ -16,9 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
+from evis.media.colour import REC709
+
 MAX_BYTES = 150_000
 """A larger picture is reduced to 256 colours."""
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
 @dataclass
@@ -44,7 +45,7 @@ class Entry:
 
 def light_range(radiance: np.ndarray) -> float:
     """Returns 20 log10 of the brightest over the darkest luminance above 0 [dB], of an image [..., 3]; 0 if black."""
-    luminance = np.asarray(radiance, np.float64) @ LUMINANCE
+    luminance = np.asarray(radiance, np.float64) @ np.array(REC709)
     lit = luminance[np.isfinite(luminance) & (luminance > 0)]
     return float(20 * np.log10(lit.max() / lit.min())) if len(lit) else 0.0
 
@@ -64,7 +65,7 @@ def make_picture(scene: str, folder: Path, seconds: float = 0.4) -> Entry:
 
     from evis.bag.reader import BagReader
     from evis.demo.footage import from_bag
-    from evis.media.pictures.animation import make_still
+    from evis.media.pictures.footage import make_still
     from evis.scene import load_scene
     from msgs.camera import Keyframe
 

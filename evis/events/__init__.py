@@ -3,7 +3,7 @@
 One file per codec (`evt3`, `davis`, ...), one per file format (`files/raw`, ...); `open_recording` finds the format.
 """
 
-from evis.events.container import Events, Frame, Imu, Triggers
+from evis.events.arrays import Events, Frame, Imu, Triggers
 from evis.events.recording import Recording, RecordingError, RecordingInfo, open_recording, open_writer
 
 __all__ = [

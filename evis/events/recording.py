@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from evis.config.suggestions import did_you_mean
-from evis.events.container import Events
+from evis.events.arrays import Events
 from evis.files.damage import faults_as
 from evis.files.named_pipe import with_reader
 from evis.files.whole_file import written_at
@@ -23,8 +23,8 @@ from evis.files.whole_file import written_at
 _FILES = "evis.events.files"
 FORMATS = (
     f"{_FILES}.prophesee.dat", f"{_FILES}.prophesee.raw", f"{_FILES}.text.zipped", f"{_FILES}.packed_file",
-    f"{_FILES}.arrays.npz", f"{_FILES}.arrays.npy", f"{_FILES}.hdf5.reader", f"{_FILES}.aedat.aedat2",
-    f"{_FILES}.aedat.aedat3", f"{_FILES}.aedat.aedat4", f"{_FILES}.es", f"{_FILES}.rosbag.rosbag1",
+    f"{_FILES}.numpy_files.npz", f"{_FILES}.numpy_files.npy", f"{_FILES}.hdf5.reader", f"{_FILES}.aedat.aedat2",
+    f"{_FILES}.aedat.aedat3", f"{_FILES}.aedat.aedat4", f"{_FILES}.es.reader", f"{_FILES}.rosbag.rosbag1",
     f"{_FILES}.rosbag.db3", "evis.bag.recording", f"{_FILES}.text.reader", f"{_FILES}.nmnist",
 )  # fmt: skip
 """Modules with `NAME`, `matches(head, path)` and `open_file(path, options)`; recognised by content, in this order."""
@@ -42,11 +42,11 @@ _WITH_TOPICS = frozenset(
 )
 WRITERS = {
     ".raw": "evis.events.files.prophesee.raw",
-    ".npz": "evis.events.files.arrays.npz",
+    ".npz": "evis.events.files.numpy_files.npz",
     ".csv": "evis.events.files.text.writer",
     ".txt": "evis.events.files.text.writer",
     ".dat": "evis.events.files.prophesee.dat",
-    ".es": "evis.events.files.es_writer",
+    ".es": "evis.events.files.es.writer",
     ".aedat4": "evis.events.files.aedat.aedat4_writer",
     ".h5": "evis.events.files.hdf5.writer",
     ".hdf5": "evis.events.files.hdf5.writer",
@@ -60,7 +60,7 @@ HEAD = 4096
 
 
 class RecordingError(ValueError):
-    """A recording that is missing, damaged or of an unknown kind. The text names the file and the remedy."""
+    """Says that a recording is missing, damaged or of an unknown kind. The text names the file and the remedy."""
 
     def __init__(self, text: str) -> None:
         # names inside a file can hold anything; the error is one line
@@ -69,7 +69,7 @@ class RecordingError(ValueError):
 
 @dataclass(frozen=True)
 class OpenOptions:
-    """What a user may say about a file that the file does not say itself.
+    """Holds what a user says about a file that the file does not say itself.
 
     backend: `numpy`, `warp` or `auto` (by size); same results. size: (width, height), in place of what the file says.
     topic: of a bag, an HDF5 file or an archive with several event streams, the one to read. name: what the file is
@@ -84,7 +84,7 @@ class OpenOptions:
 
 @dataclass
 class RecordingInfo:
-    """What a file says about itself.
+    """Holds what a file says about itself.
 
     geometry_from: option, header, system_ID, file, sensor (size of the sensor that the format belongs to) or events
     (largest coordinates).
@@ -111,7 +111,7 @@ class RecordingInfo:
 
 
 class Recording(abc.ABC):
-    """An open recording, read from start to end. A context manager; times as stored, in ns."""
+    """Reads a recording from start to end. A context manager; times as stored, in ns."""
 
     info: RecordingInfo
 

@@ -26,7 +26,7 @@ NEWTON_STEPS = 50
 
 @dataclass(frozen=True)
 class Lens:
-    """A distortion model and its coefficients, padded with zeros to 8.
+    """Holds a distortion model and its coefficients, padded with zeros to 8.
 
     domain: angle to the optical axis [rad] up to which the radial part grows and its inverse is looked for.
     """

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.media import colour
+
 
 def linear_from_srgb(value: np.ndarray) -> np.ndarray:
     """IEC 61966-2-1: display values within [0, 1] as linear light, float32."""
-    value = np.asarray(value, np.float64)
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return colour.linear_from_srgb(np.asarray(value, np.float64)).astype(np.float32)
 
 
 _BYTES = linear_from_srgb(np.arange(256) / 255)

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evis.events import Recording, open_recording
-from nodes.camera.driver import Configuration, DeviceInfo, Driver, Reading, setting
+from nodes.camera.interface.driver import DeviceInfo, Driver, Reading
+from nodes.camera.interface.settings import Configuration, setting
 
 NS = 1_000_000_000
 LONG_GAP = 100
@@ -19,7 +20,7 @@ LONG_GAP = 100
 
 @dataclass
 class FileSettings(Configuration):
-    """How a recording is played. All times are the device's."""
+    """Says how a recording is played. All times are the device's."""
 
     packet_ms: float = setting(10.0, "length of a packet's interval", "ms", 0.01, 10_000)
     speed: float = setting(1.0, "device time per real time; 0 = as fast as it is read", "", 0, 1e6)
@@ -42,7 +43,7 @@ def parse_pace(text: str) -> float:
 
 
 class FileSource(Driver):
-    """Driver of a recorded stream.
+    """Plays a recording as a camera driver.
 
     Packets end at whole multiples of packet_ms on the device's clock, so that two cameras of one clock have the same
     stamps. A cut goes before the first event later than the boundary: events whose time steps back stay in their place

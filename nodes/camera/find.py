@@ -6,7 +6,7 @@ import importlib
 import os
 from typing import TYPE_CHECKING
 
-from nodes.camera.driver import DeviceInfo, Driver
+from nodes.camera.interface.driver import DeviceInfo, Driver
 from nodes.camera.usb.models import ALIASES, MODELS, Model, model_named
 
 if TYPE_CHECKING:

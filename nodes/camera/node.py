@@ -13,7 +13,7 @@ from evis.config.params import Param, ParamError
 from evis.events.codecs.buffer import Columns, plain
 from evis.runtime.node import Node, Output
 from msgs.header import Message
-from nodes.camera.messages import camera_info, packets
+from nodes.camera.interface.messages import camera_info, packets
 
 if TYPE_CHECKING:
     from nodes.camera.usb.driver import UsbDriver
@@ -38,9 +38,12 @@ GAUGES = ("temperature_c", "clock_drift_ppm")
 
 
 class CameraNode(Node):
-    """A source of real events. `file` plays a recording; `emulate` names a model whose emulated USB device sends `file`
-    to the real driver, or is a recording played at real pace whatever `pace` says. Stamps and times are the device's
-    own; the clock in the header names it."""
+    """Publishes the events of a real camera or a recording.
+
+    `file` plays a recording; `emulate` names a model whose emulated USB device sends `file` to the real driver, or is a
+    recording played at real pace whatever `pace` says. Stamps and times are the device's own; the clock in the header
+    names it.
+    """
 
     PARAMS = {
         "camera": Param(str, "cam0", "name of the camera in the topics"),
@@ -193,7 +196,7 @@ class CameraNode(Node):
 
 def configure_usb(driver: UsbDriver, params: Mapping[str, Any]) -> None:
     """The node's parameters and the camera's own settings to an open driver. Raises ValueError."""
-    from nodes.camera.driver import parse_settings
+    from nodes.camera.interface.settings import parse_settings
 
     kind = driver.settings_type()
     common = {"packet_ms": params["packet_ms"], "raw": params["raw"], "reconnect": params["reconnect"]}

@@ -11,7 +11,7 @@ from msgs.header import Header
 
 
 class PreviewMaker:
-    """Images of one keyframe topic at no more than `rate_hz` in stamps. Environment 0 stands for all of them."""
+    """Makes images of one keyframe topic at no more than `rate_hz` in stamps. Environment 0 stands for all of them."""
 
     def __init__(self, keyframe_topic: str, rate_hz: float) -> None:
         self.camera = keyframe_topic.rsplit("/", 1)[0]

@@ -16,7 +16,7 @@ from nodes.recorder.preview import PreviewMaker
 
 
 class Recorder:
-    """A bag that is being recorded. `counters`: messages, previews, lost, late_syncs, and at the end bytes.
+    """Records messages to a bag. `counters`: messages, previews, lost, late_syncs, and at the end bytes.
 
     sync: bring the bag to the disk itself once a second; a sync that takes longer than that is counted as late.
     """

@@ -6,22 +6,17 @@ import functools
 
 import numpy as np
 
+from evis.media.colour import srgb_from_linear
+
 UNKNOWN = np.array([214, 64, 214], np.uint8)
 """Colour of a value that is not a number, so that it cannot be taken for data."""
 EMPTY = np.array([18, 20, 26], np.uint8)
 """Colour of sky, background and unlabelled pixels."""
 
 
-def srgb(linear: np.ndarray) -> np.ndarray:
-    """Applies the sRGB transfer function (IEC 61966-2-1) to linear values in [0, 1], any shape; float in, float out."""
-    low = linear * 12.92
-    high = 1.055 * np.power(np.maximum(linear, 1e-9), 1 / 2.4) - 0.055
-    return np.where(linear <= 0.0031308, low, high)
-
-
 @functools.cache
 def _srgb_table() -> np.ndarray:
-    return np.round(255 * srgb(np.arange(4096) / 4095)).astype(np.uint8)
+    return np.round(255 * srgb_from_linear(np.arange(4096) / 4095)).astype(np.uint8)
 
 
 def oklch(lightness: np.ndarray, chroma: np.ndarray, hue: np.ndarray) -> np.ndarray:
@@ -38,7 +33,7 @@ def oklch(lightness: np.ndarray, chroma: np.ndarray, hue: np.ndarray) -> np.ndar
         ],
         axis=-1,
     )
-    return np.round(255 * srgb(np.clip(linear, 0, 1))).astype(np.uint8)
+    return np.round(255 * srgb_from_linear(np.clip(linear, 0, 1))).astype(np.uint8)
 
 
 @functools.cache

@@ -23,8 +23,8 @@ import pytest
 from launcher import LIMIT_S, Launcher
 from mcap.reader import make_reader
 
-from evis.bag.mcap.recover import recover
 from evis.bag.reader import BagReader
+from evis.bag.recover import recover
 from evis.cli.graph.attach import find_run, listen
 from evis.runtime.plan import Plan
 

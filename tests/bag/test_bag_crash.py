@@ -16,8 +16,8 @@ from mcap.stream_reader import StreamReader
 
 from evis.bag import BagError
 from evis.bag.mcap import container
-from evis.bag.mcap.recover import recover
 from evis.bag.reader import BagReader
+from evis.bag.recover import recover
 from evis.bag.writer import BagWriter
 
 HERE = Path(__file__).parent

@@ -17,7 +17,8 @@ from evis.bag.info import describe
 from evis.bag.preview import tone_map
 from evis.bag.writer import BagWriter
 from evis.cli import main
-from evis.media.frames.source import FrameOptions, open_frames
+from evis.media.frames.open import open_frames
+from evis.media.frames.source import FrameOptions
 from msgs.camera import Depth, EventPacket, Image, Keyframe
 from msgs.header import Header
 
@@ -334,8 +335,8 @@ def test_info(tmp_path):
 
 
 def test_info_counts_a_sensors_own_bytes(tmp_path):
+    from evis.events.arrays import Events
     from evis.events.codecs.prophesee.evt3 import Encoder
-    from evis.events.container import Events
 
     encoder = Encoder()
     t = np.arange(1, 1001) * 10_000
@@ -388,7 +389,7 @@ def test_command_line(tmp_path):
         (["bag", "export", "{}/a.mcap", "--topic", "/x", "o.npz"], 1, "no topic '/x'"),
         (["bag", "export", "{}/a.mcap", "--topic", "/cam0/events", "{}/e"], 1, "e: no extension; name it e.npz"),
         (["bag", "recover", "{}/a.mcap", "{}/missing/b.mcap"], 1, "there is no directory"),
-        (["bag", "inof", "x"], 2, "must be one of record, play, info"),
+        (["bag", "inof", "x"], 2, "did you mean 'info'?"),
         (["bag"], 2, "ACTION"),
         (["bag", "record", "{}/b.mcap", "--duration", "0"], 2, "longer than 0 s"),
     ],

@@ -4,12 +4,12 @@ import numpy as np
 
 from bench.interpolation.pipeline import Run
 from bench.interpolation.tables import Row, by_method, failures
-from evis.events.measure.distance import Stream
+from evis.events.measure.distance import EventStream
 
 
 def row(method, rate, k, error, events, frame_error=0.1):
     none = np.zeros(events, np.int64)
-    run = Run({"linear": Stream(none, none, none, none, 4, 4)}, {"linear": 1.0}, frame_errors=[frame_error])
+    run = Run({"linear": EventStream(none, none, none, none, 4, 4)}, {"linear": 1.0}, frame_errors=[frame_error])
     return Row(method, rate, k, None, "linear", run, {"VP 1/ms": error})
 
 

@@ -100,7 +100,7 @@ def test_a_period_that_comes_in_pieces_counts_once():
 
 def test_parts_that_are_switched_off(tmp_path):
     """Inertial samples of a camera whose chip is off are not sent."""
-    from evis.events.container import Imu
+    from evis.events.arrays import Imu
     from nodes.camera.emulated.readout import Readout
 
     sent = random_recording(tmp_path / "a.npz", 346, 260, 500)

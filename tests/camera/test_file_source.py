@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from camera_rig import WallClock, write
 
-from nodes.camera.driver import Configuration, setting
 from nodes.camera.file_source import FileSettings, FileSource, parse_pace
+from nodes.camera.interface.settings import Configuration, setting
 
 MS = 1_000_000
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from evis.events import Events
+from evis.events.arrays import Frame
 from evis.events.codecs.decoder import decoder_for
-from evis.events.container import Frame
 from nodes.camera.emulated.reencode import Reencoder
 from nodes.camera.usb.models import MODELS
 

@@ -11,8 +11,8 @@ import pytest
 from usb_rig import DATA, MS, joined, played, random_recording, run, same, silent
 
 from evis.events import Events, open_recording
+from evis.events.arrays import Imu
 from evis.events.codecs.encoder import encoder_for
-from evis.events.container import Imu
 from nodes.camera.usb.models import MODELS
 
 

@@ -7,8 +7,8 @@ import pytest
 from usb_rig import MS, joined, played, random_recording, run, silent
 
 from evis.events import Events, open_writer
+from evis.events.arrays import Imu
 from evis.events.codecs.encoder import encoder_for
-from evis.events.container import Imu
 
 CHIP = 5
 

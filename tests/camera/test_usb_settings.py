@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from usb_rig import silent
 
-from nodes.camera.driver import describe, parse_settings
 from nodes.camera.inivation.davis346 import BIASES, bias_word, current_pa, nearest_bias
+from nodes.camera.interface.settings import describe, parse_settings
 from nodes.camera.treuzell.gen31 import code_of
 from nodes.camera.treuzell.protocol import Board, TreuzellError
 from nodes.camera.treuzell.sensor import sequences, span_words

@@ -23,7 +23,7 @@ gi.require_version("UMockdev", "1.0")
 import usb.core  # noqa: E402
 from gi.repository import GLib, UMockdev  # noqa: E402
 
-from evis.events.container import Events  # noqa: E402
+from evis.events.arrays import Events  # noqa: E402
 from nodes.camera.emulated.bus import emulated_device  # noqa: E402
 from nodes.camera.emulated.device import EmulatedDevice  # noqa: E402
 from nodes.camera.emulated.faults import Faults  # noqa: E402

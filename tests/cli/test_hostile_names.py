@@ -144,7 +144,7 @@ def test_nodes_of_a_hostile_graph(words, tmp_path, monkeypatch, capsys):
 def test_what_a_camera_says_of_itself(monkeypatch, capsys):
     """The strings of a USB device are the device's own."""
     from nodes.camera import find
-    from nodes.camera.driver import DeviceInfo
+    from nodes.camera.interface.driver import DeviceInfo
 
     device = DeviceInfo(EVIL, EVIL, EVIL, 2, 2, "evt3", "device:x")
     monkeypatch.setattr(find, "list_devices", lambda: [device])

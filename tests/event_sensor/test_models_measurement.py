@@ -9,7 +9,7 @@ import pytest
 from bench.event_sensor import disk
 from bench.event_sensor.alignment import align
 from bench.event_sensor.signals import FORMS, SECOND, Sinusoids, stamps
-from evis.events.measure.distance import Stream
+from evis.events.measure.distance import EventStream
 
 MS = 1_000_000
 
@@ -18,7 +18,7 @@ def stream(t, p=None, x=None):
     t = np.asarray(t, np.int64)
     x = np.zeros(len(t), np.uint16) if x is None else np.asarray(x, np.uint16)
     p = np.ones(len(t), np.uint8) if p is None else np.asarray(p, np.uint8)
-    return Stream(t, x, np.zeros(len(t), np.uint16), p, 4, 1)
+    return EventStream(t, x, np.zeros(len(t), np.uint16), p, 4, 1)
 
 
 def cheapest(a, b, unpaired):

@@ -6,7 +6,7 @@ import pytest
 from bench.event_sensor import disk
 from bench.event_sensor.alignment import align
 from bench.event_sensor.signals import SECOND, Recording, Sinusoids, stamps
-from evis.events.measure.distance import Stream
+from evis.events.measure.distance import EventStream
 from nodes.event_sensor.sensor import EventSensor
 
 DENSE = 16_000
@@ -24,7 +24,7 @@ def sensed(frames, crossing):
         packets.append(sensor.process(frames.luminance[None, part], frames.t[part], np.zeros(1, np.int32), slopes))
     packets.append(sensor.flush())
     t, x, y, p = (np.concatenate([getattr(e, name) for e in packets]) for name in "txyp")
-    return Stream(t, x, y, p, width, height)
+    return EventStream(t, x, y, p, width, height)
 
 
 def every(frames, n):

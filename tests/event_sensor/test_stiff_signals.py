@@ -7,7 +7,7 @@ import pytest
 
 from bench.event_sensor.alignment import align
 from bench.event_sensor.signals import Sinusoids
-from evis.events.measure.distance import Stream
+from evis.events.measure.distance import EventStream
 from nodes.event_sensor.parameters import CROSSINGS
 from nodes.event_sensor.sensor import EventSensor
 
@@ -57,7 +57,7 @@ def test_sinusoids_to_5_khz_lose_less_than_a_hundredth(crossing, frequency):
     frames = signal.record(64 * frequency, 3 / frequency)
     truth = signal.events(0.15, int(frames.t[-1]))
     events, _ = run(frames.luminance, frames.t, frames.dlog_dt, threshold=0.15, crossing=crossing)
-    pairs = align(Stream(*events.values(), 40, 1), truth, unpaired_ns=int(1e9 / frequency / 32))
+    pairs = align(EventStream(*events.values(), 40, 1), truth, unpaired_ns=int(1e9 / frequency / 32))
     assert len(truth.t) > 3000
     assert pairs.missed < 0.01 * len(truth.t) and pairs.extra < 0.01 * len(truth.t)
     assert np.median(np.abs(pairs.error_ns)) < 1e9 / frequency / 64 * (0.6 if crossing == "frame" else 0.1)

@@ -122,15 +122,15 @@ def test_a_wrong_checksum_is_said(tmp_path):
 
 def test_mistakes_of_the_program_are_not_hidden(tmp_path, monkeypatch):
     """A lookup that fails in a reader is no fault of the file; a number that cannot be is, and shows its cause."""
-    from evis.events.files import es
+    from evis.events.files.es import reader as es
 
     path = save(tmp_path / "a.es", CASES["es"][0](tmp_path))
     for mistake in (KeyError("x"), IndexError("x"), TypeError("x"), AttributeError("x"), AssertionError("x")):
-        monkeypatch.setattr(es.Decoder, "decode", lambda self, data, mistake=mistake: (_ for _ in ()).throw(mistake))
+        monkeypatch.setattr(es.EsDecoder, "decode", lambda self, data, mistake=mistake: (_ for _ in ()).throw(mistake))
         with pytest.raises(type(mistake)), open_recording(path) as recording:
             recording.read()
     fault = OverflowError("too large")
-    monkeypatch.setattr(es.Decoder, "decode", lambda self, data: (_ for _ in ()).throw(fault))
+    monkeypatch.setattr(es.EsDecoder, "decode", lambda self, data: (_ for _ in ()).throw(fault))
     with pytest.raises(RecordingError, match=r"a\.es: too large") as refused, open_recording(path) as recording:
         recording.read()
     assert refused.value.__cause__ is fault

@@ -8,7 +8,8 @@ import zlib
 import numpy as np
 import pytest
 
-from evis.media.frames.source import FrameOptions, FramesError, open_frames
+from evis.media.frames.open import open_frames
+from evis.media.frames.source import FrameOptions, FramesError
 from evis.media.frames.tone import Tone
 
 REC709 = np.array([0.2126, 0.7152, 0.0722])

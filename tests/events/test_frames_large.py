@@ -10,7 +10,8 @@ import zlib
 import numpy as np
 import pytest
 
-from evis.media.frames.source import FrameOptions, FramesError, open_frames
+from evis.media.frames.open import open_frames
+from evis.media.frames.source import FrameOptions, FramesError
 
 
 def png(side: int) -> bytes:

@@ -8,7 +8,8 @@ import zipfile
 import numpy as np
 import pytest
 
-from evis.media.frames.source import BLOCK_BYTES, FrameOptions, FramesError, open_frames
+from evis.media.frames.open import open_frames
+from evis.media.frames.source import BLOCK_BYTES, FrameOptions, FramesError
 
 MS = 1_000_000
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from evis.cli import events as command
-from evis.cli.events.rate import RateHistogram
+from evis.cli.events.info import FIRST_BIN_NS, RATE_BINS
 from evis.events import Events, open_writer
-from evis.media.pictures.events import OFF, ON, TimeSurface
+from evis.events.time_histogram import TimeHistogram
+from evis.media.pictures.event_pictures import ON_WHITE, TimeSurface
 
 MS = 1_000_000
 
@@ -33,7 +34,7 @@ def test_a_surface_fades_with_the_age_of_the_last_event():
     surface = TimeSurface(9, 7, 10 * MS)
     surface.draw(Events.of(np.array([0, 4]) * MS, [1, 2], [3, 3], [1, 1]), 5 * MS)
     picture = surface.draw(Events.of(np.array([6, 20]) * MS, [1, 8], [3, 6], [0, 1]), 20 * MS)
-    for (x, y), colour, age in (((1, 3), OFF, 14), ((2, 3), ON, 16), ((8, 6), ON, 0)):
+    for (x, y), colour, age in (((1, 3), ON_WHITE.off, 14), ((2, 3), ON_WHITE.on, 16), ((8, 6), ON_WHITE.on, 0)):
         expected = 255 + (np.array(colour) - 255) * np.exp(-age / 10)
         np.testing.assert_allclose(picture[y, x], expected, atol=255 / 48 + 1)
     rest = np.ones((7, 9), bool)
@@ -46,7 +47,7 @@ def test_events_outside_and_ahead_of_the_picture():
     """A recording may hold coordinates beyond its size, and times after the window: no wrap, no colour beyond full."""
     surface = TimeSurface(2, 2, MS)
     picture = surface.draw(Events.of([5 * MS, 9 * MS], [0, 7], [0, 0], [1, 1]), 0)
-    assert picture[0, 0].tolist() == list(ON) and (picture[1] == 255).all()
+    assert picture[0, 0].tolist() == list(ON_WHITE.on) and (picture[1] == 255).all()
 
 
 @pytest.mark.parametrize("name", ["a.gif", "a.png"])
@@ -66,7 +67,7 @@ def test_render_time_surface(name, capsys, tmp_path):
             for i in range(image.n_frames):
                 image.seek(i)
                 pictures.append(np.asarray(image.convert("RGB")))
-    shade = [255 + (np.array(ON) - 255) * np.exp(-n) for n in (1, 2)]
+    shade = [255 + (np.array(ON_WHITE.on) - 255) * np.exp(-n) for n in (1, 2)]
     corner = (slice(35, 37), slice(97, 99))
     for picture, expected in zip(pictures, shade):
         np.testing.assert_allclose(picture[32, 1], expected, atol=255 / 48 + 1)
@@ -88,7 +89,7 @@ def test_histogram_is_numpys(capsys, tmp_path):
     """Counts of a random stream, whatever the blocks."""
     rng = np.random.default_rng(12)
     t = np.sort(rng.integers(10**17, 10**17 + 3 * 10**9, 20_000))
-    histogram = RateHistogram()
+    histogram = TimeHistogram(RATE_BINS, FIRST_BIN_NS)
     for part in np.array_split(t, [1, 7, 3000, 3000, 15_000]):
         histogram.add(part)
     edges = t[0] + histogram.bin_ns * np.arange(65)
@@ -103,15 +104,15 @@ def test_histogram_is_numpys(capsys, tmp_path):
 
 def test_histogram_of_extremes():
     """Nothing, one event, the ends of int64, and times out of order."""
-    empty = RateHistogram()
+    empty = TimeHistogram(RATE_BINS, FIRST_BIN_NS)
     empty.add(np.empty(0, np.int64))
     assert empty.counts() == []
-    ends = RateHistogram()
+    ends = TimeHistogram(RATE_BINS, FIRST_BIN_NS)
     ends.add(np.array([-(2**63)], np.int64))
     assert ends.counts() == [1]
     ends.add(np.array([2**63 - 1], np.int64))
     assert sum(ends.counts()) == 2 and ends.counts()[0] == ends.counts()[-1] == 1
-    back = RateHistogram()
+    back = TimeHistogram(RATE_BINS, FIRST_BIN_NS)
     back.add(np.array([5000, 4000, 6000, 5500]))
     assert back.counts() == [3, 1]
 

@@ -206,6 +206,7 @@ def test_ctrl_c_leaves_a_valid_file(tmp_path):
     script = f"""
 import sys, time
 import numpy as np
+from evis.media.frames import open as opened
 from evis.media.frames import source as frames
 from evis.cli import main
 
@@ -220,7 +221,7 @@ class Slow(frames.ImageSource):
             time.sleep(0.01 if i >= 120 else 0)
             yield str(i), i * 1_000_000, np.full((3, 4), np.exp(0.005 * i), np.float32)
 
-frames.open_frames = lambda path, options: Slow()
+opened.open_frames = lambda path, options: Slow()
 sys.exit(main(["events", "simulate", "slow", {str(tmp_path / "e.npz")!r}, "--threshold", "0.2"]))
 """
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}

@@ -7,7 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from evis.media.frames.source import FrameOptions, FramesError, open_frames
+from evis.media.frames.open import open_frames
+from evis.media.frames.source import FrameOptions, FramesError
 
 
 def test_without_pyav_the_remedy_is_told(tmp_path, monkeypatch):

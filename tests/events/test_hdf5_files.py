@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from stream_cases import random_events, same
 
 from evis.events import Events, RecordingError, open_recording, open_writer
-from evis.events.files import trial
 from evis.events.files.hdf5 import ecf
-from evis.events.files.inflate import DamagedError
+from evis.events.files.reading import forked_trial as trial
+from evis.events.files.reading.decompress import DamagedError
 
 MODES = ["yxp", "xp", "masked"]
 

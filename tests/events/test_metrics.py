@@ -7,14 +7,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evis.events.measure.distance import Stream, count_error, event_frame_error, log_error, time_error, victor_purpura
+from evis.events.measure.distance import (
+    EventStream,
+    count_error,
+    event_frame_error,
+    log_error,
+    time_error,
+    victor_purpura,
+)
 
 
-def stream(*events: tuple[float, int, int, int]) -> Stream:
+def stream(*events: tuple[float, int, int, int]) -> EventStream:
     """Events (t in us, x, y, p) on a 4 x 3 sensor."""
     rows = sorted(events)
     t, x, y, p = (np.array([r[i] for r in rows]) for i in range(4)) if rows else (np.zeros(0),) * 4
-    return Stream(
+    return EventStream(
         np.round(t * 1000).astype(np.int64), x.astype(np.uint16), y.astype(np.uint16), p.astype(np.uint8), 4, 3
     )
 
@@ -35,7 +42,7 @@ def test_equal_streams_have_no_error() -> None:
         (stream(), 1.0),
     ],
 )
-def test_count(test: Stream, expected: float) -> None:
+def test_count(test: EventStream, expected: float) -> None:
     assert count_error(test, BASE) == pytest.approx(expected)
 
 

@@ -13,7 +13,7 @@ from stream_cases import random_events, same
 
 from evis.events import Events, RecordingError, open_recording, open_writer
 from evis.events.codecs.prophesee import evt3
-from evis.events.files.es_decode import Decoder
+from evis.events.files.es.decoder import EsDecoder
 from evis.events.files.text.columns import find_format
 from evis.events.files.text.numbers import parse_lines
 
@@ -86,7 +86,7 @@ def test_es_loop_and_kernel_agree_on_any_bytes(data, cut, atis):
     results = []
     for backend in ("numpy", "warp"):
         for pieces in ([data], [data[:cut], data[cut:]]):
-            decoder = Decoder("atis" if atis else "dvs", backend)
+            decoder = EsDecoder("atis" if atis else "dvs", backend)
             parts = [decoder.decode(piece) for piece in pieces]
             results.append((Events.concatenate([e for e, _ in parts]), sum(n for _, n in parts), decoder.pending))
     for events, exposures, pending in results[1:]:

@@ -124,7 +124,7 @@ def test_the_end_of_100_gb(tmp_path):
 @pytest.mark.parametrize("kind", ["lz4", "zstd", "bz2"])
 def test_a_bomb_is_refused(kind, tmp_path):
     """A packet that unpacks to more than the limit is refused before it is unpacked."""
-    from evis.events.files.inflate import inflate
+    from evis.events.files.reading.decompress import inflate
     from evis.files.allowance import Allowance, AllowanceError
 
     block = bytes(20 * MB)

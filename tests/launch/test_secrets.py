@@ -233,7 +233,7 @@ def test_redactor_takes_all_forms() -> None:
 def test_bags_follow_the_umask_and_the_run_stays_private(umask: int, runtime: Path, tmp_path: Path) -> None:
     """Recorded, recovered, exported: as any other file of the user's. The run's folder is the user's alone."""
     from evis.bag.export.topics import export
-    from evis.bag.mcap.recover import recover
+    from evis.bag.recover import recover
     from evis.bag.writer import BagWriter
     from evis.supervisor.run_directory import RunDirectory
     from msgs.header import Header

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from rotating_events import spokes, texture, turning_edges
 
-from evis.events.measure.alignment import align, in_view
-from evis.events.measure.merge import merge
-from evis.events.measure.plane import Plane
-from evis.events.measure.rotation import nothing
-from evis.events.measure.tracking import rival
+from evis.events.measure.rotation.alignment import align, in_view
+from evis.events.measure.rotation.merge import merge
+from evis.events.measure.rotation.plane import Plane
+from evis.events.measure.rotation.rotation import nothing
+from evis.events.measure.rotation.tracking import rival
 
 PIVOT, SIZE, HALF_S = np.array([60.0, 50.0]), (120, 100), 0.02
 

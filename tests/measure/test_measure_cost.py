@@ -28,7 +28,7 @@ def bursts():
 def test_searches_follow_the_events(monkeypatch):
     """Of 50 stretches with a handful of events each, few are searched for a rotation, and the rest is said."""
     from evis.events.measure import measurement
-    from evis.events.measure.rotation import nothing
+    from evis.events.measure.rotation.rotation import nothing
 
     searched = []
     monkeypatch.setattr(measurement, "measure_rotation", lambda t, *_: searched.append(len(t)) or nothing("none"))

@@ -12,9 +12,9 @@ import pytest
 from rotating_events import poisson_events, spokes, texture, turning_edges
 
 from evis.events.measure import Measurement
-from evis.events.measure.coherence import coherence
-from evis.events.measure.plane import Plane
-from evis.events.measure.polar import harmonics_of, rings_of
+from evis.events.measure.rotation.coherence import coherence
+from evis.events.measure.rotation.plane import Plane
+from evis.events.measure.rotation.polar import harmonics_of, rings_of
 
 SIZE = (120, 100)
 

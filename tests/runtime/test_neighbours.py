@@ -47,17 +47,17 @@ def test_a_folder_within_a_folder_and_a_module_of_the_packages_name(tmp_path: Pa
     done = script(
         tmp_path,
         "import evis\nimport nodes.camera.mine as mine, msgs\nassert (mine.x, msgs.x) == (7, 8)\n"
-        "import nodes.camera.driver, nodes.camera.usb.clock\n" + OURS,
+        "import nodes.camera.interface.driver, nodes.camera.usb.clock\n" + OURS,
     )
     assert done.returncode == 0, done.stderr
 
 
 def test_one_module_in_both_is_told_with_the_remedy(tmp_path: Path) -> None:
-    put(tmp_path, nodes__camera__driver="x = 7\n")
-    done = script(tmp_path, "import evis\nimport nodes.camera.driver\n")
+    put(tmp_path, nodes__camera__find="x = 7\n")
+    done = script(tmp_path, "import evis\nimport nodes.camera.find\n")
     line = done.stderr.splitlines()[-1]
-    assert line.startswith("ImportError: ") and str(tmp_path / "nodes" / "camera" / "driver.py") in line
-    assert "hides the module nodes.camera.driver of evis; give yours another name" in line
+    assert line.startswith("ImportError: ") and str(tmp_path / "nodes" / "camera" / "find.py") in line
+    assert "hides the module nodes.camera.find of evis; give yours another name" in line
 
 
 def test_a_node_of_a_users_package_nodes_runs(tmp_path: Path) -> None:

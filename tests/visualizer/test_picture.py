@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from evis.media.pictures.animation import Footage, make_animation, make_still
-from evis.media.pictures.draw import GROUND, OFF, ON, event_picture
+from evis.media.pictures.event_pictures import ON_BLACK, faded_events
+from evis.media.pictures.footage import Footage, make_animation, make_still
 
 MS = 1_000_000
+GROUND, ON, OFF = (np.array(colour, np.float32) for colour in ON_BLACK)
 
 
 def footage(frames: int = 4) -> Footage:
@@ -29,7 +30,7 @@ def test_events_fade_and_the_newest_wins() -> None:
     t = np.array([0, 10, 20, 30], np.int64) * MS
     x, y = np.array([1, 2, 2, 9]), np.array([3, 4, 4, 4])
     p = np.array([1, 1, 0, 1])
-    picture = event_picture(t, x, y, p, 5, 6, 20 * MS, 10 * MS)
+    picture = faded_events(t, x, y, p, 5, 6, 20 * MS, 10 * MS)
     assert picture.shape == (6, 5, 3)
     assert np.allclose(picture[4, 2], OFF)
     assert np.allclose(picture[3, 1], GROUND + np.exp(-2) * (ON - GROUND), atol=0.51)
@@ -38,7 +39,7 @@ def test_events_fade_and_the_newest_wins() -> None:
 
 def test_no_events_is_an_empty_picture() -> None:
     nothing = np.empty(0, np.int64)
-    assert (event_picture(nothing, nothing, nothing, nothing, 4, 4, 0, 1) == GROUND.astype(np.uint8)).all()
+    assert (faded_events(nothing, nothing, nothing, nothing, 4, 4, 0, 1) == GROUND.astype(np.uint8)).all()
 
 
 def test_animation_has_the_right_pace(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import stat
 from pathlib import Path
 
 from evis.bag import BagError
+from evis.bag.mcap.scan import Scanner
 from evis.files.named_pipe import with_reader
 from evis.files.whole_file import written_at
 
@@ -72,8 +73,6 @@ def _free_name(path: Path) -> Path:
 
 def _has_nothing(path: Path) -> bool:
     """True for an empty file and for a whole bag without messages."""
-    from evis.bag.mcap.scan import Scanner
-
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         if not os.fstat(descriptor).st_size:

@@ -22,12 +22,10 @@ from mcap.records import Channel, Header, MessageIndex, Metadata, Schema
 
 from evis.bag import BagError
 from evis.bag.mcap.claim import claim
+from evis.bag.mcap.marks import LIBRARY, MAGIC, PROFILE
 from evis.bag.mcap.summary import ChunkEntry, Summary, record_bytes
 from evis.bag.mcap.sync import Syncer
 
-MAGIC = b"\x89MCAP0\r\n"
-PROFILE = "ros2"
-LIBRARY = "evis"
 CHUNK_BYTES = 1 << 20
 CHUNK_PERIOD_S = 0.1
 ZSTD_LEVEL = 1
@@ -37,7 +35,7 @@ Piece = bytes | bytearray | memoryview
 
 
 class Container:
-    """An MCAP file being written. Safe to use from several threads. `backup`: where an older file went, or None.
+    """Writes an MCAP file. Safe to use from several threads. `backup`: where an older file went, or None.
 
     sync: bring it to the disk itself (fdatasync) once a second, from a thread.
     """

@@ -18,7 +18,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Header, McapRecord, Metadata, MetadataIndex, Schema, Statistics
 
 from evis.bag import BagError
-from evis.bag.mcap.container import LIBRARY, MAGIC
+from evis.bag.mcap.marks import LIBRARY, MAGIC
 from evis.files.allowance import Allowance, AllowanceError
 
 MAX_CHUNK = 2 << 30
@@ -50,7 +50,7 @@ class Chunk:
 
 @dataclass
 class Layout:
-    """What is where in the file. `problem`: why it is not whole, "" where it is."""
+    """Says what is where in the file. `problem`: why it is not whole, "" where it is."""
 
     library: str = ""
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -97,11 +97,11 @@ def message(body: memoryview) -> tuple[int, int, int, memoryview]:
 
 
 class TooLargeError(BagError):
-    """A chunk that unpacks to more than it may: not damaged, and so not left out in silence."""
+    """Says that a chunk unpacks to more than it may: not damaged, and so not left out in silence."""
 
 
 class Scanner:
-    """An MCAP file opened for reading. Raises BagError where it is no MCAP file at all."""
+    """Reads the structure and the chunks of an MCAP file. Raises BagError where it is no MCAP file at all."""
 
     def __init__(self, descriptor: int, name: str) -> None:
         self.descriptor, self.name = descriptor, name
@@ -304,7 +304,7 @@ def _decompress(chunk: Chunk, data: bytes) -> bytes:
             import lz4.frame  # noqa: F401 (only what it is called for)
         except ImportError:
             raise BagError("its chunks are compressed with lz4; install it with: pip install lz4") from None
-        from evis.events.files.inflate import inflate
+        from evis.events.files.reading.decompress import inflate
 
         return inflate("lz4", data, allowance)
     raise BagError(f"its chunks are compressed with {chunk.compression!r}, which is not supported")

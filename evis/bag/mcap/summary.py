@@ -45,7 +45,7 @@ def record_bytes(record: McapRecord) -> bytes:
 
 
 class Blocks:
-    """Bytes that only grow, compressed in blocks. What is added together stays together in one block."""
+    """Collects bytes, compressed in blocks. What is added together stays together in one block."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -67,8 +67,11 @@ class Blocks:
 
 @dataclass(frozen=True)
 class ChunkEntry:
-    """A chunk that has been written. start: of its record in the file; head, stored: bytes of the record before and of
-    the messages; full: their uncompressed bytes; counts: messages by channel, in the order of their index records."""
+    """Describes a chunk that has been written.
+
+    start: of its record in the file; head, stored: bytes of the record before and of the messages; full: their
+    uncompressed bytes; counts: messages by channel, in the order of their index records.
+    """
 
     start: int
     head: int
@@ -110,7 +113,9 @@ def unpack(data: bytes) -> Iterator[ChunkEntry]:
 
 
 class Summary:
-    """What has been written so far: schemas, channels, chunks, metadata, counts by channel and the span of times."""
+    """Collects what has been written so far: schemas, channels, chunks, metadata, counts by channel and the span of
+    times.
+    """
 
     def __init__(self) -> None:
         self.schemas: dict[int, Schema] = {}

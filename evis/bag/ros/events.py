@@ -61,7 +61,7 @@ def pack(
     if len(t) and int(t.min()) < 0:
         raise BagError(f"an event at {int(t.min())} ns cannot be recorded: a bag's times start at 0")
     if encoder is not None and packet.raw is None:
-        from evis.events.container import Events
+        from evis.events.arrays import Events
 
         raw = memoryview(encoder.encode(Events(t, x, y, p)))
         return [("evt3", messages.event_packet(_announce(packet, max(packet.t0_ns, 0), "evt3", raw), frame_id))], NAMES

@@ -46,8 +46,11 @@ UNCOMPRESSED = ("Keyframe", "Frames")
 
 
 @dataclass
-class Part:
-    """One ROS message. `name`: which part of the message; `suffix`: added to the topic."""
+class RosPart:
+    """Holds one ROS message of the several that a message of the bus becomes.
+
+    `name`: which part of the message; `suffix`: added to the topic.
+    """
 
     name: str
     ros_type: str
@@ -62,11 +65,11 @@ def frame_of(topic: str) -> str:
     return segments[-2] if len(segments) > 1 else states.WORLD
 
 
-def encode(message: Message, topic: str, encoder: Encoder | None = None, **extra: Any) -> tuple[list[Part], bytes]:
+def encode(message: Message, topic: str, encoder: Encoder | None = None, **extra: Any) -> tuple[list[RosPart], bytes]:
     """Parts and closing JSON of a message of one environment. `extra`: further keys of the JSON, beginning with `_`."""
     kind = type(message).__name__
     frame, stamp = frame_of(topic), message.header.stamp_ns
-    parts: list[Part] = []
+    parts: list[RosPart] = []
     done: tuple[str, ...] = ()
     if kind in images.PARTS:
         shapes = {}
@@ -77,24 +80,26 @@ def encode(message: Message, topic: str, encoder: Encoder | None = None, **extra
             array = np.asarray(array)
             encoding = message.encoding if isinstance(message, Image) else ""
             packed = images.pack(array, field, encoding, stamp, frame)
-            parts.append(Part(field, schemas.IMAGE, suffix, stamp, packed))
+            parts.append(RosPart(field, schemas.IMAGE, suffix, stamp, packed))
             shapes[field] = [array.dtype.name, list(array.shape)]
             done += (field,)
         extra["_images"] = shapes
     elif isinstance(message, EventPacket):
         packets, done = events.pack(message, frame, encoder)
         parts = [
-            Part(name, schemas.EVENT_PACKET, "/decoded" if name == "mono" and message.raw is not None else "", stamp, b)
+            RosPart(
+                name, schemas.EVENT_PACKET, "/decoded" if name == "mono" and message.raw is not None else "", stamp, b
+            )
             for name, b in packets
         ]
         extra["_events"] = events.summary(message)
     elif isinstance(message, WorldState) and states.whole(message):
-        parts = [Part("pose", schemas.TF, "", stamp, [states.pack(message)])]
+        parts = [RosPart("pose", schemas.TF, "", stamp, [states.pack(message)])]
         extra["_steps"], extra["_bodies"] = len(message.t), message.end_pose.shape[1]
         done = states.PACKED
     elif isinstance(message, Imu):
         parts = [
-            Part("sample", schemas.IMU, "", max(int(t), 0), ros.imu(max(int(t), 0), frame, w, a))
+            RosPart("sample", schemas.IMU, "", max(int(t), 0), ros.imu(max(int(t), 0), frame, w, a))
             for t, w, a in zip(message.t, message.angular_velocity, message.acceleration)
         ]
         done = ("acceleration", "angular_velocity")
@@ -103,7 +108,7 @@ def encode(message: Message, topic: str, encoder: Encoder | None = None, **extra
         d = np.zeros(5) if message.distortion_model == "none" else np.asarray(message.distortion)
         size, k = (message.height, message.width), np.asarray(message.k)
         info = ros.camera_info(stamp, frame, *size, model, d, k, message.baseline)
-        parts = [Part("info", schemas.CAMERA_INFO, "", stamp, info)]
+        parts = [RosPart("info", schemas.CAMERA_INFO, "", stamp, info)]
     return parts, jsonform.dump(message, done, **extra)
 
 

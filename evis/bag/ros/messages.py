@@ -40,7 +40,7 @@ def read_text(raw: memoryview) -> memoryview:
 
 @dataclass
 class RosImage:
-    """A decoded sensor_msgs/Image; `data` is not copied."""
+    """Holds a decoded sensor_msgs/Image; `data` is not copied."""
 
     stamp_ns: int
     height: int
@@ -122,7 +122,7 @@ def read_imu(raw: memoryview) -> tuple[int, np.ndarray, np.ndarray]:
 
 @dataclass
 class RosEvents:
-    """An event_camera_msgs/EventPacket; `events` are its undecoded bytes."""
+    """Holds an event_camera_msgs/EventPacket; `events` are its undecoded bytes."""
 
     stamp_ns: int
     height: int

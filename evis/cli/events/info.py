@@ -7,9 +7,10 @@ import sys
 from typing import Any
 
 from evis.cli.events.files import add_input, open_input, percent
-from evis.cli.events.rate import RateHistogram
+from evis.events.time_histogram import TimeHistogram
 
 HELP = "what a recording holds; times as stored, in ns"
+RATE_BINS, FIRST_BIN_NS = 64, 1000
 _BARS = "▁▂▃▄▅▆▇█"
 _PLAIN_BARS = "_.-:=+*#"
 
@@ -24,7 +25,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     n = on = triggers = imu = frames = 0
     first: int | None = None
     last: int | None = None
-    rate = RateHistogram()
+    rate = TimeHistogram(RATE_BINS, FIRST_BIN_NS)
     with open_input(args, args.recording) as recording, percent(recording, "reading") as step:
         for events in recording.blocks():
             if len(events):

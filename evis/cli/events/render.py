@@ -34,9 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Draws a recording window by window."""
     from evis.events import RecordingError
-    from evis.events.dense import check_pixels
+    from evis.events.pixel_limit import check_pixels
     from evis.files.damage import faults_as
-    from evis.media.pictures.events import TimeSurface, draw, windows
+    from evis.media.pictures.event_pictures import TimeSurface, draw, windows
     from evis.media.pictures.writer import save_gif, save_mp4, save_sheet
 
     savers = {".gif": save_gif, ".mp4": save_mp4, ".png": save_sheet}

@@ -44,7 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Reads, simulates and writes block by block."""
     from evis.events import open_writer
-    from evis.media.frames.source import FrameOptions, open_frames
+    from evis.media.frames.open import open_frames
+    from evis.media.frames.source import FrameOptions
     from nodes.event_sensor.simulate import Simulation
 
     if os.path.exists(args.source) and os.path.exists(args.out) and os.path.samefile(args.source, args.out):

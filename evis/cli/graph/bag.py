@@ -102,7 +102,7 @@ def _info(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _recover(args: argparse.Namespace) -> dict[str, Any]:
-    from evis.bag.mcap.recover import recover
+    from evis.bag.recover import recover
 
     result = dataclasses.asdict(recover(args.bag, args.out))
     return {"out": str(result.pop("path")), **result}

@@ -12,7 +12,7 @@ from evis.cli.parser import UsageError
 from evis.console.printable import all_printable, printable
 
 if TYPE_CHECKING:
-    from nodes.camera.driver import Driver
+    from nodes.camera.interface.driver import Driver
 
 HELP = "list cameras, show what one is, watch its stream, write udev rules"
 EXAMPLES = {
@@ -126,7 +126,7 @@ def _shown(value: Any) -> str:
 
 
 def _info(driver: Driver, args: argparse.Namespace) -> int:
-    from nodes.camera.driver import describe
+    from nodes.camera.interface.settings import describe
 
     about = dataclasses.asdict(driver.info())
     if args.settings:
@@ -149,8 +149,8 @@ def _info(driver: Driver, args: argparse.Namespace) -> int:
 
 def _stream(driver: Driver, args: argparse.Namespace, speed: float) -> int:
     from evis.console.outlet import strict_output
-    from nodes.camera.driver import parse_settings
     from nodes.camera.file_source import FileSettings, FileSource
+    from nodes.camera.interface.settings import parse_settings
 
     if isinstance(driver, FileSource):
         driver.configure(FileSettings(args.packet_ms, 1.0 if args.emulate else speed, args.duration))

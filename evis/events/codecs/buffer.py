@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from evis.events.container import Events
+from evis.events.arrays import Events
 
 Columns = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """t int64 [ns], x uint16, y uint16, p uint8, all of shape [n]."""

@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.buffer import EventBuffer
 from evis.events.codecs.launcher import WarpLauncher
-from evis.events.container import Events
 
 FOREVER = 2**62
 """A limit (in ticks of any codec) later than every time stamp."""

@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.decoder import CODECS
-from evis.events.container import Events
 
 MAX_TURNS = 10_000
 """Turns of the counter that an encoder writes to reach a time; more means that the times do not count from 0."""

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from evis.events.arrays import Triggers
 from evis.events.codecs.buffer import EventBuffer
-from evis.events.container import Triggers
 
 if TYPE_CHECKING:
     import warp as wp
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _TRIGGERS = 1 << 14
 _SIDE = 1 << 18
 # places of the kernels' parameters
-_WORDS, _AT, _LIMIT, _WIDTH, _HEIGHT, _SINK = range(6)
+_WORDS, _SPAN, _SINK = range(3)
 
 
 def _point(array: Any, address: int, length: int) -> None:
@@ -33,10 +33,10 @@ class WarpLauncher:
     """
 
     def __init__(self, kernel: str, side: bool) -> None:
-        from evis.events.codecs import kernels
+        from evis.events.codecs import warp_calls
 
         module, _, name = kernel.partition(":")
-        self._kernels, self._kernel = kernels, getattr(importlib.import_module(module), name)
+        self._calls, self._kernel = warp_calls, getattr(importlib.import_module(module), name)
         self._out = np.zeros(5, np.int64)
         self._edges = [np.empty(_TRIGGERS, d) for d in (np.int64, np.uint8, np.uint8)]
         self._side = [np.empty(_SIDE if side else 0, d) for d in (np.int64, np.uint16)]
@@ -53,8 +53,8 @@ class WarpLauncher:
     def _record(self, state: np.ndarray, buffer: EventBuffer) -> wp.Launch:
         if self._words is None:
             raise ValueError("no words were loaded")
-        sink = self._kernels.sink(state, self._out, *buffer.columns, *self._edges, *self._side)
-        return self._kernels.record(self._kernel, [self._kernels.view(self._words), 0, 0, 0, 0], [sink])
+        sink = self._calls.sink(state, self._out, *buffer.columns, *self._edges, *self._side)
+        return self._calls.record(self._kernel, [self._calls.view(self._words), self._calls.Span()], [sink])
 
     def run(
         self, at: int, limit: int, readout: tuple[int, int], transposed: bool, state: np.ndarray, buffer: EventBuffer
@@ -67,12 +67,12 @@ class WarpLauncher:
         command = self._command
         if command is None:
             command = self._command = self._record(state, buffer)
-            self._sink = command.params[1 + _SINK]
+            self._span, self._sink = command.params[1 + _SPAN], command.params[1 + _SINK]
         if state is not self._state:
             self._state = state
             _point(self._sink.state, state.__array_interface__["data"][0], len(state))
-        for place, value in ((_AT, at), (_LIMIT, limit), (_WIDTH, readout[0]), (_HEIGHT, readout[1])):
-            command.set_param_at_index_from_ctype(place, value)
+        span = self._span
+        span.start, span.limit_us, span.width, span.height = at, limit, *readout
         filled, room = buffer.n, buffer.capacity - buffer.n
         sink = self._sink
         columns = (sink.t, sink.y, sink.x, sink.p) if transposed else (sink.t, sink.x, sink.y, sink.p)

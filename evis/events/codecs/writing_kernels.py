@@ -1,6 +1,25 @@
 """What the decoders' kernels share: how events, triggers and side words are laid down, and how a launch reports."""
 
+from pathlib import Path
+
 import warp as wp
+
+from evis.native_code import native_code
+
+_WRITING = [Path(__file__).with_name("writing.h")]
+
+
+@wp.struct
+class Span:
+    """What one launch decodes.
+
+    start: first word. limit_us: events up to this time [us]. width, height: columns and rows of the words, 0 = unknown.
+    """
+
+    start: wp.int64
+    limit_us: wp.int64
+    width: wp.int32
+    height: wp.int32
 
 
 @wp.struct
@@ -25,13 +44,7 @@ class Sink:
     side_word: wp.array(dtype=wp.uint16)
 
 
-# in C++: Warp tests the sign of each index and multiplies it by the stride, which costs more than the four stores
-@wp.func_native("""
-    to.t.data[n] = time_ns;
-    to.x.data[n] = wp::uint16(column);
-    to.y.data[n] = wp::uint16(row);
-    to.p.data[n] = polarity;
-""")
+@wp.func_native(native_code(_WRITING, "put_event_at(n, time_ns, column, row, polarity, to);"))
 def put_event(
     n: wp.int32,
     time_ns: wp.int64,
@@ -41,7 +54,21 @@ def put_event(
     # out
     to: Sink,
 ):
-    """Event n."""
+    """Writes event n."""
+    ...
+
+
+@wp.func_native(native_code(_WRITING, "return keep_inside_of(first, last, columns, rows, to);"))
+def keep_inside(
+    # in
+    first: wp.int32,
+    last: wp.int32,
+    columns: wp.int32,
+    rows: wp.int32,
+    # out
+    to: Sink,
+) -> wp.int32:
+    """Closes the gaps that events outside leave in first..last-1. Returns the place behind the last that is kept."""
     ...
 
 
@@ -54,15 +81,28 @@ def put_trigger(
     # out
     to: Sink,
 ):
-    """Trigger m."""
+    """Writes trigger m."""
     to.trigger_t[m] = time_ns
     to.trigger_id[m] = wp.uint8(channel)
     to.trigger_value[m] = wp.uint8(value)
 
 
 @wp.func
+def put_side(
+    k: wp.int32,
+    time_us: wp.int64,
+    word: wp.uint16,
+    # out
+    to: Sink,
+):
+    """Writes side word k."""
+    to.side_t[k] = time_us
+    to.side_word[k] = word
+
+
+@wp.func
 def bound_of(size: wp.int32):
-    """Columns or rows that are inside; a size of 0 is unknown, and every 16-bit address is inside."""
+    """Returns the columns or rows that are inside; a size of 0 is unknown, and every 16-bit address is inside."""
     return wp.where(size == 0, 65536, size)
 
 
@@ -75,7 +115,7 @@ def report(
     # out
     to: Sink,
 ):
-    """The word to go on with, how much was written, and the time of the event at the cut or -1."""
+    """Reports the word to go on with, how much was written, and the time of the event at the cut or -1."""
     to.out[0] = wp.int64(at)
     to.out[1] = wp.int64(events)
     to.out[2] = wp.int64(triggers)

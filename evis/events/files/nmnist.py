@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from evis.events.container import Events
-from evis.events.files.blocks import take_size
-from evis.events.files.records import RecordFile
+from evis.events.arrays import Events
+from evis.events.files.reading.block_recording import take_size
+from evis.events.files.reading.record_file import RecordFile
 from evis.events.recording import OpenOptions, RecordingInfo
 
 NAME = "N-MNIST .bin"
@@ -42,7 +42,7 @@ def _times(records: np.ndarray) -> np.ndarray:
 
 
 class NmnistRecording(RecordFile):
-    """A `.bin` file. A record in row 240 is no event: it says that the counter was 2^13 us short from there on."""
+    """Reads a `.bin` file. A record in row 240 is no event: from there on the counter is 2^13 us short."""
 
     record = _RECORD
     counter_bits = 23

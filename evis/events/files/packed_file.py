@@ -16,11 +16,11 @@ from typing import IO, Any
 
 import numpy as np
 
-from evis.events.container import Events
-from evis.events.files.arrays.npy import MAGIC as NPY
-from evis.events.files.arrays.npy import NAMES
-from evis.events.files.unpacked import UnpackedFile
-from evis.events.files.zip_cut import RECORDINGS, open_archive
+from evis.events.arrays import Events
+from evis.events.files.numpy_files.npy import MAGIC as NPY
+from evis.events.files.numpy_files.npy import NAMES
+from evis.events.files.reading.unpacked_file import UnpackedFile
+from evis.events.files.reading.zip_archive import RECORDINGS, open_archive
 from evis.events.recording import HEAD, OpenOptions, Recording, RecordingError, open_as
 from evis.files.allowance import Allowance
 
@@ -98,7 +98,7 @@ def _is_table(file: IO[bytes]) -> bool:
 
 
 class PackedRecording(Recording):
-    """What is in the compressed file, read from its unpacked copy; the copy goes away with `close`."""
+    """Reads what is in the compressed file from its unpacked copy; the copy goes away with `close`."""
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path = path

@@ -15,8 +15,8 @@ CELLS_AT_ONCE = 1 << 22
 
 
 @dataclass(frozen=True)
-class Stream:
-    """Events of one sensor: t int64 [n] ns, x and y uint16 [n], p uint8 [n] (1 = ON)."""
+class EventStream:
+    """Holds the events of one sensor: t int64 [n] ns, x and y uint16 [n], p uint8 [n] (1 = ON)."""
 
     t: np.ndarray
     x: np.ndarray
@@ -37,13 +37,13 @@ class Stream:
         return self.t[order], np.concatenate([[0], np.cumsum(counts)])
 
 
-def count_error(test: Stream, reference: Stream) -> float:
+def count_error(test: EventStream, reference: EventStream) -> float:
     """Sum over pixels and polarities of |n_test - n_ref|, over the number of reference events."""
     a, b = np.diff(test.trains()[1]), np.diff(reference.trains()[1])
     return float(np.abs(a - b).sum() / max(len(reference.t), 1))
 
 
-def victor_purpura(test: Stream, reference: Stream, q_per_ms: float) -> float:
+def victor_purpura(test: EventStream, reference: EventStream, q_per_ms: float) -> float:
     """Victor-Purpura distance summed over pixels and polarities, over the number of events of both; 0 ... 1.
 
     Edit distance between spike trains: an insertion or deletion costs 1, a shift q |dt| (Victor and Purpura, "Nature
@@ -67,7 +67,7 @@ def victor_purpura(test: Stream, reference: Stream, q_per_ms: float) -> float:
     return float(distance.numpy().sum() / total)
 
 
-def event_frame_error(test: Stream, reference: Stream, bin_ns: int = 1_000_000) -> float:
+def event_frame_error(test: EventStream, reference: EventStream, bin_ns: int = 1_000_000) -> float:
     """Norm of the difference of signed event frames of bin_ns, over the norm of the reference's."""
     start = min((int(s.t[0]) for s in (test, reference) if len(s.t)), default=0)
     size = reference.height * reference.width
@@ -86,12 +86,12 @@ def event_frame_error(test: Stream, reference: Stream, bin_ns: int = 1_000_000) 
     return float(np.sqrt(difference / norm)) if norm else float(difference > 0)
 
 
-def _cells(s: Stream, start: int, bin_ns: int) -> tuple[np.ndarray, np.ndarray]:
+def _cells(s: EventStream, start: int, bin_ns: int) -> tuple[np.ndarray, np.ndarray]:
     """Index of the event frame, then of the pixel, of each event, int64, and its sign."""
     return ((s.t - start) // bin_ns * s.height + s.y) * s.width + s.x, np.where(s.p, 1.0, -1.0)
 
 
-def time_error(test: Stream, reference: Stream) -> tuple[float, float]:
+def time_error(test: EventStream, reference: EventStream) -> tuple[float, float]:
     """Median and 90 % quantile of the time from a reference event to the nearest of its pixel and polarity [us].
 
     Reference events whose pixel has none in the test stream do not count here; count_error shows them.

@@ -17,7 +17,9 @@ def victor_purpura_kernel(
     # out
     distance: wp.array(dtype=wp.float64),
 ):
-    """One spike train pair per thread; `row` is the dynamic programme's current line, n_b + 1 entries per pair."""
+    """Computes the Victor-Purpura distance of one pair of spike trains per thread; `row` is the dynamic programme's
+    current line, n_b + 1 entries per pair.
+    """
     g = wp.tid()
     a0 = offsets_a[g]
     b0 = offsets_b[g]

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from evis.events.dense import check_pixels
-from evis.events.measure.merge import merge
 from evis.events.measure.noise import Noise
 from evis.events.measure.rate import Rate
-from evis.events.measure.rotation import TOO_FEW, measure_rotation
+from evis.events.measure.rotation.merge import merge
+from evis.events.measure.rotation.rotation import TOO_FEW, measure_rotation
 from evis.events.measure.sharpness import Sharpness
+from evis.events.pixel_limit import check_pixels
 
 SEGMENT_NS = 2_000_000_000
 """Rotation is measured stretch by stretch."""
@@ -25,7 +25,7 @@ however few events there are, and a recording whose time leaps has a stretch for
 
 
 class Measurement:
-    """Feed blocks of events in the order of the stream, then ask for the report.
+    """Measures a stream: `add` blocks of events in its order, then ask for the `report`.
 
     width, height: of the sensor [px]; window_ns: length of the windows of rate, noise and sharpness; rotation: whether
     to look for one; working: is told what goes on while that takes its seconds. An event earlier than one before it

@@ -24,7 +24,7 @@ def dispersion(x: np.ndarray, y: np.ndarray, width: int, height: int) -> float:
 
 
 class Sharpness:
-    """Mean of the windows' dispersion, weighted by their events."""
+    """Averages the windows' dispersion, weighted by their events."""
 
     def __init__(self, width: int, height: int) -> None:
         self._size = (width, height)

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 
 from evis.files.allowance import Allowance
+from evis.media.colour import luminance_of
 from evis.media.frames.folder import FolderFrames
 from evis.media.frames.source import PIXEL_BYTES, FrameOptions, FramesError
-from evis.media.frames.tone import luminance_of
 
 STAMPS = ("evis/stamp_ns", "evis/time_ns")
 """Attributes that hold the time; `evis bag export` writes the first."""
 
 
 class ExrFrames(FolderFrames):
-    """Scan line or tiled EXR, half or float. Alpha and other channels are left out."""
+    """Reads a folder of EXR files, scan line or tiled, half or float. Alpha and other channels are left out."""
 
     kind = "exr"
 

@@ -16,7 +16,7 @@ TIMES = "times.txt"
 
 
 class FolderFrames(ImageSource):
-    """Images in the order of their names (numbers by value), or as times.txt lists them."""
+    """Reads images in the order of their names (numbers by value), or as times.txt lists them."""
 
     def __init__(self, path: Path, names: list[str], options: FrameOptions) -> None:
         self._folder, self._options, self.about = path, options, {}

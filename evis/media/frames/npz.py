@@ -14,17 +14,17 @@ from typing import IO
 
 import numpy as np
 
-from evis.events.files.arrays.npy import read_header
+from evis.events.files.numpy_files.npy import read_header
 from evis.files.allowance import Allowance
 from evis.files.damage import faults_as
+from evis.media.colour import luminance_of
 from evis.media.frames.source import INT64_MAX, FrameBlock, FrameOptions, FramesError, FrameSource
-from evis.media.frames.tone import luminance_of
 
 _DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError, ValueError)
 
 
 class NpzFrames(FrameSource):
-    """An archive of frames. Only the current block and t are in memory."""
+    """Reads an archive of frames. Only the current block and t are in memory."""
 
     kind = "npz"
 

@@ -14,7 +14,7 @@ from evis.media.frames.tone import shaped
 
 
 class PngFrames(FolderFrames):
-    """Grey, RGB or palette; alpha is left out."""
+    """Reads a folder of PNG files, grey, RGB or palette; alpha is left out."""
 
     kind = "png"
 

@@ -1,12 +1,8 @@
-"""Frames from anywhere, block by block: NumPy archives, folders of EXR or PNG, videos.
-
-One file per kind (`frames_npz`, `frames_exr`, `frames_png`, `frames_video`); `open_frames` finds the kind.
-"""
+"""What sources of frames share: blocks of bounded size, checked times and sizes, the options of a reader."""
 
 from __future__ import annotations
 
 import abc
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
@@ -16,8 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from evis.config.suggestions import did_you_mean
-from evis.files.damage import faults_as
 from evis.media.frames.tone import Tone
 
 BLOCK_BYTES = 8_000_000
@@ -29,11 +23,11 @@ INT64_MAX = np.iinfo(np.int64).max
 
 
 class FramesError(ValueError):
-    """Frames that are missing, damaged or of a wrong kind. The text names the file and the remedy."""
+    """Says that frames are missing, damaged or of a wrong kind. The text names the file and the remedy."""
 
 
 class FrameBlock(NamedTuple):
-    """K frames of one camera.
+    """Holds K frames of one camera.
 
     t: int64 [K] ns, strictly ascending. image: float32, linear luminance [K, H, W] or RGB [K, H, W, 3]. dlog_dt:
     float32 of the same shape, d ln(image)/dt [1/s], or None.
@@ -46,7 +40,7 @@ class FrameBlock(NamedTuple):
 
 @dataclass(frozen=True)
 class FrameOptions:
-    """How frames are to be read.
+    """Says how frames are to be read.
 
     colour: RGB instead of luminance. slopes: read dlog_dt where there is one. fps: frames per second in place of the
     times that the files tell. tone, white: inverse tone curve of PNG and video, and the radiance of full scale.
@@ -79,7 +73,7 @@ class FrameOptions:
 
 
 class FrameSource(abc.ABC):
-    """An open sequence of frames, read once from start to end. A context manager."""
+    """Reads a sequence of frames once, from start to end. A context manager."""
 
     kind: str
     width: int
@@ -112,7 +106,7 @@ class FrameSource(abc.ABC):
 
 
 class ImageSource(FrameSource):
-    """A source that gives one image after the other: `_images` yields (name, t [ns], image); this class checks them."""
+    """Checks and gathers single images, which `_images` yields as (name, t [ns], image), into blocks."""
 
     @abc.abstractmethod
     def _images(self) -> Iterator[tuple[str, int, np.ndarray]]:
@@ -154,54 +148,3 @@ class ImageSource(FrameSource):
                 raise FramesError(f"{name}: its time {t} ns does not come after {last} ns of the frame before")
             last = t
             yield t, image
-
-
-def open_frames(path: str | os.PathLike[str], options: FrameOptions | None = None) -> FrameSource:
-    """Open frames: an .npz, a folder of EXR or PNG, or a video. Raises FramesError with one line naming the file."""
-    path, options = Path(path), options or FrameOptions()
-    options.check()
-    options.make_tone()
-    with faults_as(FramesError, path):
-        return _open(path, options)
-
-
-def _open(path: Path, options: FrameOptions) -> FrameSource:
-    if not path.exists():
-        names = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        raise FramesError(f"{path}: no such file{did_you_mean(path.name, names)}")
-    if path.is_dir():
-        return _open_folder(path, options)
-    try:
-        with path.open("rb") as file:
-            head = file.read(4)
-    except OSError as error:
-        raise FramesError(f"{path}: cannot be read: {error.strerror}") from None
-    if not head:
-        raise FramesError(f"{path}: the file is empty")
-    if head.startswith(b"PK") or path.suffix.lower() == ".npz":
-        from evis.media.frames.npz import NpzFrames
-
-        return NpzFrames(path, options)
-    if path.suffix.lower() in (".png", ".exr"):
-        raise FramesError(f"{path}: one image makes no events; give the folder of all of them")
-    from evis.media.frames.video import VideoFrames
-
-    return VideoFrames(path, options)
-
-
-def _open_folder(path: Path, options: FrameOptions) -> FrameSource:
-    names = [p.name for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
-    kinds = {end: [n for n in names if n.lower().endswith(end)] for end in (".exr", ".png")}
-    exr, png = kinds[".exr"], kinds[".png"]
-    if exr and png:
-        raise FramesError(f"{path}: holds {len(exr)} EXR and {len(png)} PNG files; keep one kind in the folder")
-    if exr:
-        from evis.media.frames.exr import ExrFrames
-
-        return ExrFrames(path, exr, options)
-    if png:
-        from evis.media.frames.png import PngFrames
-
-        return PngFrames(path, png, options)
-    there = ", ".join(sorted({Path(n).suffix or n for n in names})[:5]) or "nothing"
-    raise FramesError(f"{path}: no .exr or .png files in the folder; it has {there}")

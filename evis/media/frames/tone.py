@@ -6,13 +6,14 @@ import math
 
 import numpy as np
 
-REC709 = (0.2126, 0.7152, 0.0722)
-"""Luminance of linear R, G, B (ITU-R BT.709)."""
+from evis.media.colour import REC709, linear_from_srgb
+
 TONES = "srgb, linear or gamma:G"
 
 
 class Tone:
-    """A curve by name: `srgb` (IEC 61966-2-1), `linear`, or `gamma:G` (radiance = code ** G). white: full scale.
+    """Turns codes of an image into radiance by a curve: `srgb` (IEC 61966-2-1), `linear`, or `gamma:G` (radiance = code
+    ** G). white: full scale.
 
     Raises ValueError for an unknown curve or a value out of range.
     """
@@ -38,7 +39,7 @@ class Tone:
         """Radiance of codes in 0 to 1, float64."""
         if self._gamma:
             return self.white * np.power(code, self._gamma)
-        return self.white * np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+        return self.white * linear_from_srgb(code)
 
     def _table(self, dtype: np.dtype) -> np.ndarray:
         """float32 [4, codes]: radiance of every code, and its shares of luminance as R, G and B."""
@@ -58,11 +59,6 @@ class Tone:
             return self.radiance(image)
         _, r, g, b = self._table(image.dtype)
         return r[image[..., 0]] + g[image[..., 1]] + b[image[..., 2]]
-
-
-def luminance_of(rgb: np.ndarray) -> np.ndarray:
-    """float [..., 3], linear -> float32 [...]."""
-    return rgb.astype(np.float32, copy=False) @ np.array(REC709, np.float32)
 
 
 def shaped(image: np.ndarray, tone: Tone, colour: bool) -> np.ndarray:

@@ -20,7 +20,7 @@ _HD = 720
 
 
 class VideoFrames(ImageSource):
-    """The first video track. Times are the file's, counted from its first frame, or those of --fps."""
+    """Reads the first video track. Times are the file's, counted from its first frame, or those of --fps."""
 
     kind = "video"
 

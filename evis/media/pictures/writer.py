@@ -8,6 +8,7 @@ import shutil
 import subprocess
 from collections.abc import Iterator
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
@@ -32,22 +33,34 @@ def _first(path: str, pictures: Pictures) -> tuple[int, np.ndarray]:
     return first
 
 
-def save_gif(path: str, pictures: Pictures, dt_ms: float) -> None:
-    """An endless animation in real time, or slower where a picture is shorter than 20 ms."""
-    from PIL import Image
+def write_gif(path: str | os.PathLike[str], images: Iterator[Any], dt_ms: float, one_palette: bool) -> None:
+    """Writes Pillow palette images as an endless GIF, one each dt_ms, at least 20 ms. Raises StopIteration for none.
 
-    def frame(picture: np.ndarray) -> Image.Image:
-        return Image.fromarray(picture).quantize(_COLOURS, dither=Image.Dither.NONE)
-
-    _, first = _first(path, pictures)
-    rest = (frame(p) for _, p in pictures)
+    one_palette: all images have the same palette, which is kept whole; otherwise each keeps what it uses of its own.
+    """
+    # GIF counts time in hundredths of a second
     duration = max(_LEAST_MS, round(dt_ms / 10) * 10)
     with whole_file(path) as partial:
-        frame(first).save(partial, "GIF", save_all=True, append_images=rest, duration=duration, loop=0, disposal=1)
+        next(images).save(
+            partial, "GIF", save_all=True, append_images=images, duration=duration, loop=0, disposal=1,
+            optimize=not one_palette,
+        )  # fmt: skip
+
+
+def save_gif(path: str, pictures: Pictures, dt_ms: float) -> None:
+    """Writes an endless animation in real time, or slower where a picture is shorter than 20 ms."""
+    from PIL import Image
+
+    first = _first(path, pictures)
+    images = (
+        Image.fromarray(picture).quantize(_COLOURS, dither=Image.Dither.NONE)
+        for _, picture in itertools.chain([first], pictures)
+    )
+    write_gif(path, images, dt_ms, one_palette=False)
 
 
 def save_mp4(path: str, pictures: Pictures, dt_ms: float) -> None:
-    """H.264 through the ffmpeg program, or PyAV. Raises ValueError where neither is installed or ffmpeg fails."""
+    """Writes H.264 by the ffmpeg program, or PyAV. Raises ValueError where neither is installed or ffmpeg fails."""
     rate = Fraction(min(1000 / dt_ms, 1000 / _LEAST_MS)).limit_denominator(1_000_000)
     program = shutil.which("ffmpeg")
     if program is None:
@@ -108,7 +121,7 @@ def _feed(command: list[str], path: str, first: tuple[int, np.ndarray], pictures
 
 
 def save_sheet(path: str, pictures: Pictures, dt_ms: float) -> None:
-    """Up to 12 pictures spread evenly over all, on one PNG, each with its time; one picture alone fills it."""
+    """Writes up to 12 pictures, spread evenly over all, on one PNG, each with its time; one picture alone fills it."""
     from PIL import Image, ImageDraw
 
     # every 2nd is dropped when there are too many, so that memory stays bounded

@@ -13,7 +13,7 @@ from nodes.camera.emulated.device import EmulatedDevice
 
 
 class EmulatedBackend(usb.backend.IBackend):
-    """What libusb is to pyusb, for devices made of Python."""
+    """Stands in for libusb below pyusb, for devices made of Python."""
 
     def __init__(self, *devices: EmulatedDevice) -> None:
         self.devices = list(devices)

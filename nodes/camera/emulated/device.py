@@ -23,7 +23,10 @@ LANGUAGE = 0x0409
 
 @dataclass
 class Identity:
-    """What the descriptors say. endpoints in the order of the interface; those of `interrupt` are no bulk endpoints."""
+    """Holds what the descriptors say.
+
+    endpoints in the order of the interface; those of `interrupt` are no bulk endpoints.
+    """
 
     vendor: int
     product: int

@@ -12,7 +12,7 @@ START, STOP, BIASES, RESET_TIME, ARRAY_RESET, MASTER = 0xB3, 0xB4, 0xB8, 0xBB, 0
 
 
 class Dvs128Device(EmulatedDevice):
-    """Streams between START and STOP once it has biases."""
+    """Emulates a DVS128, which streams between START and STOP once it has biases."""
 
     DATA = DATA_IN
 

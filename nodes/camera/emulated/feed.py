@@ -30,7 +30,7 @@ PIECE = 1 << 20
 
 
 class SideQueue:
-    """Packets of a second endpoint, and whether anybody takes them.
+    """Holds packets of a second endpoint, and whether anybody takes them.
 
     A packet is taken when its reader comes for the next one: then it has noted when the one before came.
     """
@@ -68,7 +68,7 @@ class SideQueue:
 
 
 class Feed(abc.ABC):
-    """Bytes of a bulk endpoint, taken by `read`. None of them is lost while nobody reads."""
+    """Supplies the bytes of a bulk endpoint, taken by `read`. None of them is lost while nobody reads."""
 
     def __init__(self) -> None:
         self.side = SideQueue()
@@ -150,7 +150,7 @@ class _Pieces(Feed):
 
 
 class RecordingFeed(_Pieces):
-    """A recording as the model sends it: the file's own bytes where it holds them, else encoded anew.
+    """Supplies a recording as the model sends it: the file's own bytes where it holds them, else encoded anew.
 
     speed: device time per real time, 0 = as fast as it is read. duration_s: 0 = all.
     """
@@ -215,7 +215,7 @@ class RecordingFeed(_Pieces):
 
 
 class LiveFeed(Feed):
-    """Bytes that another thread puts in: the simulator's own events, encoded."""
+    """Supplies bytes that another thread puts in: the simulator's own events, encoded."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -251,7 +251,7 @@ class LiveFeed(Feed):
 
 
 class FloodFeed(Feed):
-    """Prepared bytes over and over, at a steady rate [bytes/s], as a sensor that waits for nobody.
+    """Supplies prepared bytes over and over, at a steady rate [bytes/s], as a sensor that waits for nobody.
 
     repeat(turn) gives the bytes of one turn, so that their times can go on. fifo: bytes that the camera itself can hold
     while nobody reads; what does not fit is lost in the camera and counted in `lost`.

@@ -9,7 +9,7 @@ import struct
 import numpy as np
 import usb.core
 
-from evis.events.container import Events
+from evis.events.arrays import Events
 from nodes.camera.emulated.device import EmulatedDevice, Identity, stall
 from nodes.camera.emulated.faults import Faults
 from nodes.camera.emulated.feed import Feed
@@ -45,7 +45,7 @@ MODULES = {"dvxplorer_mini": (1, 3, 5), "dvxplorer_micro": (1, 3)}
 
 
 class Fx3Device(EmulatedDevice):
-    """A DAVIS346, DVXplorer, Mini or Micro."""
+    """Emulates a DAVIS346, DVXplorer, Mini or Micro."""
 
     DATA = DATA_IN
     HONOURED = frozenset(("roi_x", "roi_y", "roi_width", "roi_height", "binning", "frames", "imu", "trigger_in"))

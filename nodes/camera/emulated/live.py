@@ -8,20 +8,22 @@ from typing import Any, ClassVar
 import numpy as np
 
 from evis.config.params import Param
-from evis.events.container import Events
+from evis.events.arrays import Events
 from evis.runtime.node import Input, Node, Output
 from msgs.camera import EventPacket
 from msgs.header import Message
-from nodes.camera.messages import camera_info, packets
+from nodes.camera.interface.messages import camera_info, packets
 
 WAIT_S = 10.0
 """Longest wait for the bytes of one packet to come back from the reader thread [s]."""
 
 
 class EmulatedCameraNode(Node):
-    """One packet out per packet in, with the same stamp. Times become whole us, as a sensor counts: an event of t ns
-    comes out with t - t % 1000, all else and the order unchanged (a DVXplorer Mini may put events of one us in another
-    order)."""
+    """Sends simulated events through an emulated camera: one packet out per packet in, with the same stamp.
+
+    Times become whole us, as a sensor counts: an event of t ns comes out with t - t % 1000, all else and the order
+    unchanged (a DVXplorer Mini may put events of one us in another order).
+    """
 
     PARAMS: ClassVar[Mapping[str, Param]] = {
         "source": Param(str, "cam0", "simulated camera whose events are sent"),

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evis.events.container import Events, Imu
+from evis.events.arrays import Events, Imu
 
 
 @dataclass
 class RateLimit:
-    """A sensor's event rate controller: at most `most` events in each period of `period_ns`.
+    """Applies a sensor's event rate controller: at most `most` events in each period of `period_ns`.
 
     What is above is left out evenly over the period, as the sensor's does that lets every so many-th event through.
     """

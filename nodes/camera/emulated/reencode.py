@@ -8,10 +8,10 @@ from collections import Counter
 
 import numpy as np
 
+from evis.events.arrays import Events, Frame, Triggers
 from evis.events.codecs.encoder import encoder_for
 from evis.events.codecs.inivation.davis_frames import check_frame
 from evis.events.codecs.inivation.dvxplorer_mini_imu import MiniImu
-from evis.events.container import Events, Frame, Triggers
 from nodes.camera.usb.models import Model
 
 UNORDERED = ("evt2", "evt21", "evt3")
@@ -25,7 +25,7 @@ FRAME_MARKS = {"aedat4": (2, 3)}
 
 
 class Reencoder:
-    """An encoder that takes what the model can send and counts what it cannot.
+    """Encodes what the model can send and counts what it cannot.
 
     Times become whole us, as sensors count. shift_ns is subtracted first. counts: triggers of channels that the model
     lacks, marks of a frame's readout and exposure (its own words say them), frames and inertial samples of models

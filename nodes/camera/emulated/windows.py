@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from evis.events import Recording
-from evis.events.container import Events, Triggers
+from evis.events.arrays import Events, Triggers
 
 AHEAD_NS = 200_000_000
 """Files store frames and inertial samples behind the events of their time; so much later at most [ns]."""

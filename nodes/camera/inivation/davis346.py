@@ -8,8 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from nodes.camera.driver import Configuration, DeviceInfo, setting
 from nodes.camera.inivation.fx3 import APS, CHIP, DVS, IMU, INPUT, TRANSPOSED, Fx3Camera, sequences
+from nodes.camera.interface.driver import DeviceInfo
+from nodes.camera.interface.settings import Configuration, setting
 from nodes.camera.usb.access import label
 from nodes.camera.usb.driver import UsbSettings
 
@@ -102,7 +103,7 @@ class Davis346Settings(UsbSettings):
 
 
 class Camera(Fx3Camera):
-    """A DAVIS346 with FX3 or FX2."""
+    """Drives a DAVIS346 with FX3 or FX2."""
 
     SETTINGS: ClassVar[type[Configuration]] = Davis346Settings
 

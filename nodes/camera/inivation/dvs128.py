@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from nodes.camera.driver import Configuration, DeviceInfo, setting
+from nodes.camera.interface.driver import DeviceInfo
+from nodes.camera.interface.settings import Configuration, setting
 from nodes.camera.usb.access import CONTROL_MS, claim, label, text
 from nodes.camera.usb.driver import UsbDriver, UsbSettings
 
@@ -36,7 +37,7 @@ class Dvs128Settings(UsbSettings):
 
 
 class Camera(UsbDriver):
-    """A DVS128."""
+    """Drives a DVS128."""
 
     SETTINGS: ClassVar[type[Configuration]] = Dvs128Settings
     ENDPOINT = DATA_IN

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from evis.events.codecs.inivation.dvxplorer_mini_imu import MiniImu
-from nodes.camera.driver import Configuration, DeviceInfo, setting
 from nodes.camera.inivation import dvxplorer_micro
 from nodes.camera.inivation.fx3 import CHIP, DEBUG_IN, DVS, IMU, INPUT, SYSTEM, TRANSPOSED, Fx3Camera, sequences
+from nodes.camera.interface.driver import DeviceInfo
+from nodes.camera.interface.settings import Configuration, setting
 from nodes.camera.usb.access import label
 from nodes.camera.usb.driver import UsbSettings
 from nodes.camera.usb.models import MODELS
@@ -66,8 +67,9 @@ class DvxplorerSettings(UsbSettings):
 
 
 class Camera(Fx3Camera):
-    """A DVXplorer, a Mini or a Micro (a Mini with firmware from 10 on is the same), told apart by bcdDevice; or a Lite,
-    told by its chip."""
+    """Drives a DVXplorer, a Mini or a Micro (a Mini with firmware from 10 on is the same), told apart by bcdDevice; or
+    a Lite, told by its chip.
+    """
 
     SETTINGS: ClassVar[type[Configuration]] = DvxplorerSettings
 

@@ -11,6 +11,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import usb.core
+
 from nodes.camera.usb.access import CONTROL_MS, claim, text
 from nodes.camera.usb.driver import UsbDriver
 
@@ -26,7 +28,7 @@ _WRITE = re.compile(r"(\d+),(\d+)=(\d+|(?:(\d+)\*)?(LC|UC|GS))|d(\d+)")
 
 
 class Registers:
-    """Registers of one camera. sleep [s]. size: of a register on the wire [bytes]."""
+    """Reads and writes the registers of one camera. sleep [s]. size: of a register on the wire [bytes]."""
 
     def __init__(self, device: Any, sleep: Callable[[float], None], size: int = 4) -> None:
         self._device, self._sleep, self._size = device, sleep, size
@@ -73,7 +75,7 @@ def sequences(name: str) -> dict[str, tuple[str, ...]]:
 
 
 class Fx3Camera(UsbDriver):
-    """What DAVIS346 and DVXplorer share."""
+    """Opens, starts and stops the FX3 bridge that DAVIS346 and DVXplorer share."""
 
     ENDPOINT = DATA_IN
     registers: Registers
@@ -101,8 +103,6 @@ class Fx3Camera(UsbDriver):
 
     def _halt(self) -> None:
         """Clear the data endpoint, and drop what an earlier program left in the camera's buffers."""
-        import usb.core
-
         self.device.clear_halt(DATA_IN)
         for _ in range(DRAIN_READS):
             try:

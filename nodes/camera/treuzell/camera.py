@@ -7,7 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from nodes.camera.driver import Configuration, DeviceInfo
+import usb.core
+
+from nodes.camera.interface.driver import DeviceInfo
+from nodes.camera.interface.settings import Configuration
 from nodes.camera.treuzell import gen31, genx320, imx636
 from nodes.camera.treuzell.protocol import CONTROL_IN, CONTROL_OUT, DATA_IN, Board, TreuzellError
 from nodes.camera.treuzell.sensor import Registers, sequences
@@ -24,7 +27,7 @@ DRAIN_READS = 64
 
 @dataclass(frozen=True)
 class Sensor:
-    """What the driver must know of a sensor family."""
+    """Tells the driver what it must know of a sensor family."""
 
     name: str
     compatible: tuple[str, ...]
@@ -51,7 +54,10 @@ _EVK3 = {"gen31": "evk3_gen31", "gen41": "evk3_gen41", "genx320": "evk3_genx320"
 
 
 class Camera(UsbDriver):
-    """Opening puts the sensor through stop, destroy and init; closing through stop and destroy."""
+    """Drives a board with a Prophesee sensor.
+
+    Opening puts the sensor through stop, destroy and init; closing through stop and destroy.
+    """
 
     ENDPOINT: ClassVar[int] = DATA_IN
 
@@ -137,8 +143,6 @@ class Camera(UsbDriver):
 
     def _drain(self) -> None:
         """What an earlier program left in the camera's buffers is no part of this stream."""
-        import usb.core
-
         self.device.clear_halt(DATA_IN)
         with contextlib.suppress(usb.core.USBTimeoutError):
             for _ in range(DRAIN_READS):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nodes.camera.driver import setting
+from nodes.camera.interface.settings import setting
 from nodes.camera.treuzell.sensor import Registers, expect, roi_span, span_words
 from nodes.camera.usb.driver import UsbSettings
 

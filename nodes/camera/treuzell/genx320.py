@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nodes.camera.driver import setting
+from nodes.camera.interface.settings import setting
 from nodes.camera.treuzell.sensor import Registers
 from nodes.camera.usb.driver import UsbSettings
 

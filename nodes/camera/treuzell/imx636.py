@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from nodes.camera.driver import setting
+from nodes.camera.interface.settings import setting
 from nodes.camera.treuzell.sensor import Registers, expect, roi_span, span_words
 from nodes.camera.usb.driver import UsbSettings
 

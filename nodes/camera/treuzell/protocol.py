@@ -23,11 +23,11 @@ OUT_MS, IN_MS = 1000, 10_000
 
 
 class TreuzellError(OSError):
-    """The board refused a command."""
+    """Says that the board refused a command."""
 
 
 class Board:
-    """Commands to one board, one at a time."""
+    """Sends commands to one board, one at a time."""
 
     def __init__(self, device: Any) -> None:
         self._device = device

@@ -46,7 +46,7 @@ def _operation(word: str) -> Operation:
 
 
 class Registers:
-    """The registers of one sub-device. legacy: write by the older FPGA property. sleep [s]."""
+    """Reads and writes the registers of one sub-device. legacy: write by the older FPGA property. sleep [s]."""
 
     def __init__(self, board: Board, sub_device: int, sleep: Callable[[float], None], legacy: bool = False) -> None:
         self.board, self.sub_device, self._sleep, self.legacy = board, sub_device, sleep, legacy

@@ -8,6 +8,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
+import usb.backend.libusb1
+import usb.core
+import usb.util
+
 RULES_FILE = "/etc/udev/rules.d/65-event-cameras.rules"
 PERMISSION = (
     f"no permission to open it: run `evis camera udev | sudo tee {RULES_FILE}`, then "
@@ -19,16 +23,16 @@ CONTROL_MS = 1000
 
 
 class Unplugged(OSError):
-    """The device is gone."""
+    """Says that the device is gone."""
 
 
 class StreamEnd(OSError):
-    """An emulated device has sent all of its recording."""
+    """Says that an emulated device has sent all of its recording."""
 
 
 @dataclass
 class Bus:
-    """Where devices are looked for: a pyusb backend. An emulated one brings its own `sleep` [s], which may not wait."""
+    """Finds devices: a pyusb backend. An emulated one brings its own `sleep` [s], which may not wait."""
 
     backend: Any
     sleep: Callable[[float], None] = time.sleep
@@ -36,8 +40,6 @@ class Bus:
 
     def devices(self, ids: Iterable[tuple[int, int]]) -> list[Any]:
         """All usb.core.Device with one of these (vendor, product) pairs. Raises OSError."""
-        import usb.core
-
         wanted = set(ids)
         try:
             found = usb.core.find(
@@ -50,8 +52,6 @@ class Bus:
 
 def usb_bus() -> Bus:
     """The machine's own USB, with libusb from the `libusb-package` wheel or from the system. Raises OSError."""
-    import usb.backend.libusb1
-
     try:
         import libusb_package
 
@@ -71,8 +71,6 @@ def label(device: Any) -> str:
 
 def explained(error: Exception, what: str) -> OSError:
     """One line for a person from a USB error; `what` names the camera."""
-    import usb.core
-
     code = getattr(error, "errno", None)
     if isinstance(error, usb.core.USBTimeoutError) or code == errno.ETIMEDOUT:
         return OSError(f"{what}: no answer in {CONTROL_MS / 1000:g} s; unplug it and plug it in again")
@@ -89,9 +87,6 @@ def explained(error: Exception, what: str) -> OSError:
 
 def claim(device: Any, interface: int, set_alternate: bool = True) -> None:
     """Take an interface for this program, from a kernel driver too. Raises usb.core.USBError."""
-    import usb.core
-    import usb.util
-
     try:
         if device.is_kernel_driver_active(interface):
             device.detach_kernel_driver(interface)
@@ -108,9 +103,6 @@ def claim(device: Any, interface: int, set_alternate: bool = True) -> None:
 
 def release(device: Any) -> None:
     """Give everything back; a device that is gone needs none of it."""
-    import usb.core
-    import usb.util
-
     try:
         usb.util.dispose_resources(device)
     except usb.core.USBError:
@@ -119,8 +111,6 @@ def release(device: Any) -> None:
 
 def text(device: Any, index: int) -> str:
     """A string descriptor, empty where there is none. Raises usb.core.USBError for a device that cannot be opened."""
-    import usb.util
-
     if not index:
         return ""
     try:

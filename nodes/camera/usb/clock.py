@@ -14,7 +14,7 @@ LEAST_SPAN_NS = 5_000_000_000
 
 
 class ClockMap:
-    """host = device + offset + drift * (device - reference).
+    """Maps device time to host time: host = device + offset + drift * (device - reference).
 
     Data arrive late by an amount that varies and is never negative, so the least (host - device) of a window is the
     point that was delayed least; a line through those minima has the drift as its slope. What remains is the constant

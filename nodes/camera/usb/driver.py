@@ -12,12 +12,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import usb.core
+
 from evis.events.codecs.buffer import Allocate, plain
-from nodes.camera.driver import Configuration, DeviceInfo, Driver, Reading, setting
+from nodes.camera.interface.driver import DeviceInfo, Driver, Reading
+from nodes.camera.interface.settings import Configuration, setting
 from nodes.camera.usb.access import Bus, StreamEnd, Unplugged, explained, label, release
 from nodes.camera.usb.models import Model
 from nodes.camera.usb.reader import Reader
-from nodes.camera.usb.stream import Stream
+from nodes.camera.usb.stream import ReadingStream
 
 if TYPE_CHECKING:
     from evis.events.codecs.decoder import Decoder
@@ -29,7 +32,7 @@ RETRY_S = 0.5
 
 @dataclass
 class UsbSettings(Configuration):
-    """How any USB camera is read. Families add their own settings."""
+    """Says how any USB camera is read. Families add their own settings."""
 
     packet_ms: float = setting(10.0, "length of a packet's interval, device time", "ms", 0.01, 10_000)
     longest_ms: float = setting(100.0, "longest packet while the host is behind", "ms", 0.01, 10_000)
@@ -42,7 +45,7 @@ class UsbSettings(Configuration):
 
 
 class UsbDriver(Driver):
-    """A camera on USB. Families say how it is asked, configured, started and stopped.
+    """Drives a camera on USB. Families say how it is asked, configured, started and stopped.
 
     live: the stream runs with the device's clock (real devices, emulated ones at real pace); wait_when_full: see
     Reader.
@@ -56,7 +59,7 @@ class UsbDriver(Driver):
         self._live, self.wait_when_full = live, wait_when_full
         self._settings: Any = None
         self._info: DeviceInfo | None = None
-        self._stream: Stream | None = None
+        self._stream: ReadingStream | None = None
         self._before: Counter[str] = Counter()
         self._gone_at = 0.0
         self._retry_at = 0.0
@@ -117,8 +120,6 @@ class UsbDriver(Driver):
         return info
 
     def _open(self, then: Callable[[], None]) -> None:
-        import usb.core
-
         try:
             info = self._connect()
             then()
@@ -148,8 +149,6 @@ class UsbDriver(Driver):
         return self._info
 
     def configure(self, configuration: Configuration) -> None:
-        import usb.core
-
         if self._stream is not None:
             raise ValueError(f"{self.name}: settings can be changed only before start")
         if type(configuration) is not self.settings_type():
@@ -172,8 +171,6 @@ class UsbDriver(Driver):
             ]
 
     def start(self) -> None:
-        import usb.core
-
         from evis.events.codecs.decoder import decoder_for
 
         s, model = self._settings, self.model
@@ -193,7 +190,7 @@ class UsbDriver(Driver):
         live = self._live and not self.wait_when_full
         shift_ns = feed.shift_ns if feed else 0
         longest_ns = round(s.longest_ms * 1e6)
-        self._stream = Stream(
+        self._stream = ReadingStream(
             reader, decoder, packet_ns, s.raw, live, shift_ns, longest_ns, self.allocate, self._make_side()
         )
         first = feed.first_ns if feed else None
@@ -214,8 +211,6 @@ class UsbDriver(Driver):
         return Reader(self._bulk, self._recover, s.buffers, s.buffer_kib << 10, self.wait_when_full)
 
     def _bulk(self, buffer: Any, timeout_ms: int) -> int:
-        import usb.core
-
         try:
             size: int = self.device.read(self.ENDPOINT, buffer, timeout_ms)
         except usb.core.USBError as e:
@@ -238,10 +233,10 @@ class UsbDriver(Driver):
             return None
 
     def read_bytes(self, count: int, t0_ns: int, stamp_ns: int, timeout_s: float) -> Reading:
-        """See Stream.read_bytes."""
+        """See ReadingStream.read_bytes."""
         return self._running().read_bytes(count, t0_ns, stamp_ns, timeout_s)
 
-    def _running(self) -> Stream:
+    def _running(self) -> ReadingStream:
         if self._stream is None:
             raise ValueError(f"{self.name}: read before start")
         return self._stream
@@ -331,8 +326,6 @@ class UsbDriver(Driver):
         return {k: v for k, v in total.items() if v}
 
     def stop(self) -> None:
-        import usb.core
-
         if self._stream is None:
             return
         stream, self._stream = self._stream, None
@@ -347,8 +340,6 @@ class UsbDriver(Driver):
         self._stream = None
 
     def close(self) -> None:
-        import usb.core
-
         if self._info is None:
             return
         try:

@@ -11,7 +11,9 @@ CYPRESS, CENTURYARKS, INIVATION = 0x04B4, 0x31F7, 0x152A
 
 @dataclass(frozen=True)
 class Model:
-    """A camera. `ids`: (vendor, product) pairs on USB; several models may share one and differ in what they answer.
+    """Describes a camera model.
+
+    `ids`: (vendor, product) pairs on USB; several models may share one and differ in what they answer.
 
     driver: dotted module with `Camera`; emulator: dotted module with `make_device`. sensor: name for people.
     """

@@ -14,6 +14,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+import usb.core
+
 from nodes.camera.usb.reader import FAULTS, MAX_FAULTS, TIMEOUT_MS, Chunk, Reader
 
 IN_FLIGHT = 16
@@ -77,7 +79,7 @@ def _library(device: Any) -> Any:
 
 
 class QueuedReader(Reader):
-    """A Reader whose thread keeps IN_FLIGHT reads at the endpoint, in order."""
+    """Reads with a thread that keeps IN_FLIGHT reads at the endpoint, in order."""
 
     def __init__(self, device: Any, endpoint: int, recover: Callable[[], None], buffers: int, size: int) -> None:
         super().__init__(lambda buffer, timeout_ms: 0, recover, buffers + IN_FLIGHT, size)
@@ -133,8 +135,6 @@ class QueuedReader(Reader):
         self._chunks[number] = chunk
         code = self._lib.libusb_submit_transfer(self._transfers[number])
         if code:
-            import usb.core
-
             raise usb.core.USBError("a read could not be submitted", code, SUBMIT_ERRNO.get(code, errno.EIO))
         self._up.add(number)
 
@@ -161,8 +161,6 @@ class QueuedReader(Reader):
 
     def _broken(self, status: int) -> None:
         """A read failed, and those behind it will. Bring all back, clear the endpoint, begin anew."""
-        import usb.core
-
         error = ERRNO.get(status, errno.EIO)
         self._faults += 1
         if error not in FAULTS or self._faults > MAX_FAULTS:

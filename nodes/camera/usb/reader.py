@@ -17,6 +17,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import usb.core
 
 TIMEOUT_MS = 100
 """Longest single read [ms]; what has arrived by then is handed over."""
@@ -30,7 +31,7 @@ FAULTS = {errno.EPIPE: "stalls", errno.EOVERFLOW: "usb_overflows", errno.EIO: "t
 
 
 class Chunk:
-    """One buffer: `data` (uint8 view of what was read), host time of its arrival [ns], bytes lost before it.
+    """Holds one buffer: `data` (uint8 view of what was read), host time of its arrival [ns], bytes lost before it.
 
     gap: something is missing before it even where `lost` cannot say how much (a stall in the middle of the stream).
     """
@@ -45,7 +46,9 @@ class Chunk:
 
 
 class Reader:
-    """Reads until `close`. read(buffer, timeout_ms) -> bytes; recover() clears a stalled endpoint.
+    """Reads an endpoint in a thread until `close`.
+
+    read(buffer, timeout_ms) -> bytes; recover() clears a stalled endpoint.
 
     wait_when_full: do not read while all buffers are full. For sources that can wait (an emulated device playing a
     file as fast as it is read); a real one would overflow inside instead, uncounted.
@@ -175,8 +178,6 @@ class Reader:
 
     def _once(self, chunk: Chunk) -> int:
         """One read: bytes, 0 when nothing came. Stalls are cleared and marked; other failures go up."""
-        import usb.core
-
         if self._read_end_ns:
             self.longest_pause_ns = max(self.longest_pause_ns, time.monotonic_ns() - self._read_end_ns)
         try:

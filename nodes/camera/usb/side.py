@@ -11,9 +11,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import usb.core
 
+from evis.events.arrays import Imu
 from evis.events.codecs.inivation.dvxplorer_mini_imu import MiniImu, message_of
-from evis.events.container import Imu
 from nodes.camera.usb.reader import MAX_FAULTS, TIMEOUT_MS
 
 SIZE = 64
@@ -26,7 +27,9 @@ REST_S = 0.5
 
 
 class SideReader:
-    """Reads until `close`. read(buffer, timeout_ms) -> bytes; recover() clears a stalled endpoint.
+    """Reads inertial samples from their endpoint in a thread until `close`.
+
+    read(buffer, timeout_ms) -> bytes; recover() clears a stalled endpoint.
 
     pause_s: time between two reads: a firmware that answers with its newest sample whenever it is asked must not take
     the bus from the events. A packet equal to the one before is that sample again, and no new one.
@@ -95,8 +98,6 @@ class SideReader:
     # -- the thread ---------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        import usb.core
-
         buffer, faults = array.array("B", bytes(SIZE)), 0
         while not self._stop:
             try:

@@ -7,10 +7,10 @@ from collections import Counter
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.buffer import Allocate, EventBuffer, plain
 from evis.events.codecs.decoder import Decoder
-from evis.events.container import Events
-from nodes.camera.driver import Reading
+from nodes.camera.interface.driver import Reading
 from nodes.camera.usb.access import StreamEnd
 from nodes.camera.usb.clock import ClockMap
 from nodes.camera.usb.reader import Chunk, Reader
@@ -34,7 +34,7 @@ SPARE = 1.25
 """Room of a packet's arrays against the largest packet so far."""
 
 
-class Stream:
+class ReadingStream:
     """Takes chunks from a reader and gives readings of packet_ns each.
 
     Cuts lie before the first event later than the boundary, as in a recording played back: events whose time steps

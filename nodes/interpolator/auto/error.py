@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.events.measure.distance import Stream, victor_purpura
+from evis.events.measure.distance import EventStream, victor_purpura
 from evis.geometry.interpolate import state_at
 from evis.runtime.clock import NS
 from nodes.event_sensor.sensor import EventSensor
@@ -126,7 +126,7 @@ class Windows:
         strides = [round(self._grid.base / (rate * k)) for _, rate, k in ways]
         return [victor_purpura(self._events(frames, stride), self._truth, 1.0) for stride in strides]
 
-    def _events(self, frames: dict[int, np.ndarray], stride: int) -> Stream:
+    def _events(self, frames: dict[int, np.ndarray], stride: int) -> EventStream:
         """What the sensors make of every stride-th frame."""
         steps = range(0, self._grid.gap + 1, stride)
         images = np.stack([frames[step] for step in steps], 1)
@@ -136,4 +136,4 @@ class Windows:
         parts = [sensor.process(images, t, np.zeros(envs, np.int32)), sensor.flush()]
         rows = [p.y + np.repeat(np.arange(envs) * height, np.diff(p.env_offsets)).astype(np.int64) for p in parts]
         t, x, p = (np.concatenate([getattr(part, name) for part in parts]) for name in "txp")
-        return Stream(t, x, np.concatenate(rows), p, width, envs * height)
+        return EventStream(t, x, np.concatenate(rows), p, width, envs * height)

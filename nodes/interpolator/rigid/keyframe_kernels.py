@@ -4,11 +4,15 @@ from typing import Any
 
 import warp as wp
 
+from evis.media.colour import REC709
 from nodes.interpolator.rigid.log_kernels import SIX
 from nodes.renderer.raster.triangle_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.shading.radiance_kernels import luminance
 
 wp.set_module_options({"enable_backward": False})
+
+RED, GREEN, BLUE = (wp.constant(weight) for weight in REC709)
+"""Weights of luminance."""
 
 DARKEST = wp.constant(1.0e-30)
 """Radiance below which the logarithm is that of this one."""

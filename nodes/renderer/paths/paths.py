@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.media.colour import REC709
 from evis.scene.model import Light, Scene
 from nodes.renderer.lights.features import Features
 from nodes.renderer.paths import path_kernels
@@ -17,7 +18,7 @@ from nodes.renderer.paths.surface_kernels import Bodies
 from nodes.renderer.paths.walk_kernels import PathLimits
 from nodes.renderer.raster.visibility import Visibility
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+LUMINANCE = np.array(REC709)
 
 NEAR = 2.0
 """A glowing instance is the picture of a light that lies within this many times its radius from its middle."""

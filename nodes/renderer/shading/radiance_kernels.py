@@ -5,18 +5,21 @@ from typing import Any
 
 import warp as wp
 
+from evis.media.colour import REC709
+
 wp.set_module_options({"enable_backward": False})
 
 LARGEST_HALF = wp.constant(65504.0)
 """The largest float16."""
 
-LUMINANCE = """
+_RED, _GREEN, _BLUE = (f"{weight}f" for weight in REC709)
+LUMINANCE = f"""
 #if defined(__CUDA_ARCH__)
-    const float red_green = __fadd_rn(__fmul_rn(0.2126f, colour[0]), __fmul_rn(0.7152f, colour[1]));
-    return __fadd_rn(red_green, __fmul_rn(0.0722f, colour[2]));
+    const float red_green = __fadd_rn(__fmul_rn({_RED}, colour[0]), __fmul_rn({_GREEN}, colour[1]));
+    return __fadd_rn(red_green, __fmul_rn({_BLUE}, colour[2]));
 #else
 #pragma clang fp contract(off)
-    return 0.2126f * colour[0] + 0.7152f * colour[1] + 0.0722f * colour[2];
+    return {_RED} * colour[0] + {_GREEN} * colour[1] + {_BLUE} * colour[2];
 #endif
 """
 

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.event_camera_msgs import payload as ecm
-from evis.events.container import Events
 
 _TURNS, _LAST, _INVALID = 4, 5, 6
 TURN_US = 1 << 31
 
 
 class Decoder(ecm.RecordDecoder):
-    """`libcaer` messages to events. Events that the driver has marked as invalid are dropped and counted."""
+    """Decodes `libcaer` messages to events. Events that the driver has marked as invalid are dropped and counted."""
 
     encoding = "libcaer"
     wrap_ns = TURN_US * 1000
@@ -56,7 +56,7 @@ class Decoder(ecm.RecordDecoder):
 
 
 class Encoder(ecm.Encoder):
-    """Events to `libcaer` messages; times are rounded down to whole us."""
+    """Encodes events as `libcaer` messages; times are rounded down to whole us."""
 
     encoding = "libcaer"
     word = np.dtype("<u8")

@@ -9,36 +9,40 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.encoder import find_groups
 from evis.events.codecs.event_camera_msgs import payload as ecm
-from evis.events.container import Events
 
 TIME_HIGH, TIME_LOW, ADDR_X, ADDR_Y, BASE_Y, VECT_8 = range(6)
-_HIGH, _LOW, _X, _Y, _SIGN, _UNKNOWN = range(4, 10)
+HIGH, LOW, COLUMN, ROW, SIGN, UNKNOWN = range(4, 10)
+"""Places in the state vector, behind those of `payload`."""
+CODE_SHIFT, DATA_MASK, HIGH_SHIFT, ADDRESS_MASK, SIGN_SHIFT, ROWS = 12, 0xFFF, 12, 0x7FF, 11, 8
 
 
 class Decoder(ecm.Decoder):
-    """`libcaer_cmp` messages to events. The base counts in whole us, as times do."""
+    """Decodes `libcaer_cmp` messages to events. The base counts in whole us, as times do."""
 
     encoding = "libcaer_cmp"
     word = np.dtype("<u2")
     wrap_ns = 1000 << 24
     state_size = 10
-    counters = {**ecm.Decoder.counters, "unknown": _UNKNOWN}
+    counters = {**ecm.Decoder.counters, "unknown": UNKNOWN}
     kernel = "evis.events.codecs.event_camera_msgs.libcaer_cmp_kernels:decode_libcaer_cmp"
 
     def _begin(self) -> None:
-        self.state[[_HIGH, _LOW, _X, _Y, _SIGN]] = 0
+        self.state[[HIGH, LOW, COLUMN, ROW, SIGN]] = 0
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """The vectorised reference."""
-        state, kind = self.state, words >> 12
-        data = words.astype(np.int64) & 0xFFF
+        """Decodes words by numpy, the twin of the kernel."""
+        state, kind = self.state, words >> CODE_SHIFT
+        data = words.astype(np.int64) & DATA_MASK
         at = {code: np.flatnonzero(kind == code) for code in (TIME_HIGH, TIME_LOW, ADDR_X, BASE_Y)}
         events = np.flatnonzero((kind == ADDR_Y) | (kind == VECT_8))
-        high = np.append(state[_HIGH], data[at[TIME_HIGH]])
-        low = np.append(state[_LOW], data[at[TIME_LOW]])
-        since = (high[np.searchsorted(at[TIME_HIGH], events)] << 12) + low[np.searchsorted(at[TIME_LOW], events)]
+        high = np.append(state[HIGH], data[at[TIME_HIGH]])
+        low = np.append(state[LOW], data[at[TIME_LOW]])
+        since = (high[np.searchsorted(at[TIME_HIGH], events)] << HIGH_SHIFT) + low[
+            np.searchsorted(at[TIME_LOW], events)
+        ]
         times = state[ecm.BASE] // 1000 + since
         late = times > limit
         following, cut = -1, len(words)
@@ -47,26 +51,26 @@ class Decoder(ecm.Decoder):
             following, cut = int(times[i]), int(events[i])
             kind, data, events, times = kind[:cut], data[:cut], events[:i], times[:i]
             at = {code: place[place < cut] for code, place in at.items()}
-        state[_HIGH], state[_LOW] = high[len(at[TIME_HIGH])], low[len(at[TIME_LOW])]
-        state[_UNKNOWN] += np.count_nonzero(kind > VECT_8)
+        state[HIGH], state[LOW] = high[len(at[TIME_HIGH])], low[len(at[TIME_LOW])]
+        state[UNKNOWN] += np.count_nonzero(kind > VECT_8)
         return self._expand(kind, data, at, events, times), cut, following
 
     def _expand(
         self, kind: np.ndarray, data: np.ndarray, at: dict[int, np.ndarray], events: np.ndarray, times: np.ndarray
     ) -> Events:
         state = self.state
-        columns = np.append(state[_X], data[at[ADDR_X]] & 0x7FF)
-        bases = np.append(state[_Y], data[at[BASE_Y]] & 0x7FF)
-        signs = np.append(state[_SIGN], data[at[BASE_Y]] >> 11)
+        columns = np.append(state[COLUMN], data[at[ADDR_X]] & ADDRESS_MASK)
+        bases = np.append(state[ROW], data[at[BASE_Y]] & ADDRESS_MASK)
+        signs = np.append(state[SIGN], data[at[BASE_Y]] >> SIGN_SHIFT)
         # rows that all vectors have moved the base by before each word
-        moved = np.append(0, np.cumsum(np.where(kind == VECT_8, 8, 0)))
+        moved = np.append(0, np.cumsum(np.where(kind == VECT_8, ROWS, 0)))
         moved_at_base = np.append(0, moved[at[BASE_Y]])
-        state[_X], state[_SIGN] = columns[-1], signs[-1]
-        state[_Y] = (bases[-1] + moved[-1] - moved_at_base[-1]) & 0xFFFF
+        state[COLUMN], state[SIGN] = columns[-1], signs[-1]
+        state[ROW] = (bases[-1] + moved[-1] - moved_at_base[-1]) & 0xFFFF
         single = kind[events] == ADDR_Y
         base = np.searchsorted(at[BASE_Y], events)
-        row = np.where(single, data[events] & 0x7FF, bases[base] + moved[events] - moved_at_base[base])
-        sign = np.where(single, data[events] >> 11, signs[base])
+        row = np.where(single, data[events] & ADDRESS_MASK, bases[base] + moved[events] - moved_at_base[base])
+        sign = np.where(single, data[events] >> SIGN_SHIFT, signs[base])
         mask = np.where(single, 1, data[events] & 0xFF).astype(np.uint8)
         flat = np.flatnonzero(np.unpackbits(mask, bitorder="little").view(bool))
         of = flat >> 3
@@ -78,7 +82,7 @@ class Decoder(ecm.Decoder):
 
 
 class Encoder(ecm.Encoder):
-    """Events to `libcaer_cmp` messages: rows of eight share masks (one time, column, polarity, rising)."""
+    """Encodes events as `libcaer_cmp` messages: rows of eight share masks (one time, column, polarity, rising)."""
 
     encoding = "libcaer_cmp"
     word = np.dtype("<u2")

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.event_camera_msgs import mono
 from evis.events.codecs.event_camera_msgs import payload as ecm
-from evis.events.container import Events
 
 
 class Decoder(ecm.RecordDecoder):
-    """`mono` messages to events."""
+    """Decodes `mono` messages to events."""
 
     encoding = "mono"
 
@@ -27,7 +27,7 @@ class Decoder(ecm.RecordDecoder):
 
 
 class Encoder(ecm.Encoder):
-    """Events to `mono` messages."""
+    """Encodes events as `mono` messages."""
 
     encoding = "mono"
     word = np.dtype("<u8")

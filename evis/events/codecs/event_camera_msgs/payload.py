@@ -9,9 +9,9 @@ import abc
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs import decoder
 from evis.events.codecs.encoder import Encoder as _Encoder
-from evis.events.container import Events
 
 MAX_BASE_NS = 1 << 62
 """Time bases from here on (the year 2116) are taken for damage: sums would leave int64."""

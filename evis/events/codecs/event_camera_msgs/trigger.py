@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events, Triggers
 from evis.events.codecs.event_camera_msgs import payload as ecm
-from evis.events.container import Events, Triggers
 
 
 class Decoder(ecm.RecordDecoder):
-    """`trigger` messages to triggers; channels above 255 are dropped and counted as unknown."""
+    """Decodes `trigger` messages to triggers; channels above 255 are dropped and counted as unknown."""
 
     encoding = "trigger"
     state_size = 5
@@ -29,7 +29,7 @@ class Decoder(ecm.RecordDecoder):
 
 
 class Encoder(ecm.Encoder):
-    """Triggers to `trigger` messages; events are refused."""
+    """Encodes triggers as `trigger` messages; events are refused."""
 
     encoding = "trigger"
     word = np.dtype("<u8")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.decoder import count_until
 from evis.events.codecs.inivation import encoder
 from evis.events.codecs.inivation import words as inivation
@@ -15,22 +16,31 @@ from evis.events.codecs.inivation.davis_frames import FrameReader, frame_blocks
 from evis.events.codecs.inivation.imu import INVENSENSE, ImuReader
 from evis.events.codecs.inivation.words import (
     ADDRESS,
+    CODE_SHIFT,
+    DATA_MASK,
     EVENT,
     FRAMES_DAMAGED,
     IGNORED,
     IMU_DAMAGED,
+    IMU_END,
+    IMU_START,
     OUTSIDE,
     SIDE,
     STATE,
 )
-from evis.events.container import Events
 
-_ROW = STATE
-_SPECIALS = dict.fromkeys([5, 7, *range(8, 16)], SIDE)
+ROW = STATE
+"""Place in the state vector."""
+ROW_CODE, OFF_CODE, ON_CODE, SAMPLE_CODE, IGNORED_CODE = 1, 2, 3, 4, 6
+IMU_SPECIALS, APS_SPECIALS = (IMU_START, IMU_END), range(8, 16)
+"""Special words that begin and end an inertial sample, and those of frames."""
+SIDE_PIECES = 4
+"""Sub-codes of 8-bit pieces below this one belong to samples, frames and regions of interest."""
+_SPECIALS = dict.fromkeys([*IMU_SPECIALS, *APS_SPECIALS], SIDE)
 
 
 class Decoder(inivation.Decoder):
-    """DAVIS346 words to events, frames (uint16, 10 bits shifted up by 6), inertial samples and triggers.
+    """Decodes DAVIS346 words to events, frames (uint16, 10 bits shifted up by 6), inertial samples and triggers.
 
     aps_orientation: the APS orientation register of the device (module 2, parameter 2), see `FrameReader`.
     """
@@ -40,20 +50,22 @@ class Decoder(inivation.Decoder):
     state_size = STATE + 1
     kernel = "evis.events.codecs.inivation.davis_kernels:decode_davis"
     kinds = inivation.classes(
-        {1: ADDRESS, 2: EVENT, 3: EVENT, 4: SIDE, 6: IGNORED}, _SPECIALS, dict.fromkeys(range(4), SIDE)
+        {ROW_CODE: ADDRESS, OFF_CODE: EVENT, ON_CODE: EVENT, SAMPLE_CODE: SIDE, IGNORED_CODE: IGNORED},
+        _SPECIALS,
+        dict.fromkeys(range(SIDE_PIECES), SIDE),
     )
     aps_orientation = 0
 
     def _begin(self) -> None:
-        self.state[_ROW] = 0
+        self.state[ROW] = 0
         self._imu = ImuReader(INVENSENSE, self.imu_orientation)
         self._frames = FrameReader(self.width, self.height, self.aps_orientation)
 
     def _events(self, words: np.ndarray, kind: np.ndarray, at: np.ndarray, times: np.ndarray) -> Events:
-        row = np.append(self.state[_ROW], words[kind == ADDRESS].astype(np.int64) & 0xFFF)
-        self.state[_ROW] = row[-1]
-        y, x = row[count_until(kind == ADDRESS, at)], words[at] & 0xFFF
-        p = (words[at] >> 12 & 1).astype(np.uint8)
+        row = np.append(self.state[ROW], words[kind == ADDRESS].astype(np.int64) & DATA_MASK)
+        self.state[ROW] = row[-1]
+        y, x = row[count_until(kind == ADDRESS, at)], words[at] & DATA_MASK
+        p = (words[at] >> CODE_SHIFT & 1).astype(np.uint8)
         columns, rows = self.readout
         keep = (y < rows) & (x < columns)
         if not keep.all():
@@ -70,7 +82,7 @@ class Decoder(inivation.Decoder):
 
 
 class Encoder(encoder.Encoder):
-    """Events, frames, inertial samples and triggers to DAVIS346 words, in the order of the readout (no flips)."""
+    """Encodes events, frames, inertial samples and triggers as DAVIS346 words, in readout order (no flips)."""
 
     encoding = "davis346"
     columns, rows = 346, 260
@@ -83,7 +95,7 @@ class Encoder(encoder.Encoder):
     def _cells(self, events: Events, t_us: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         n = len(events)
         x, y = events.x.astype(np.int64), events.y.astype(np.int64)
-        cells = np.stack([0x1000 | y, 0x2000 | events.p.astype(np.int64) << 12 | x], axis=1)
+        cells = np.stack([ROW_CODE << CODE_SHIFT | y, (OFF_CODE | events.p.astype(np.int64)) << CODE_SHIFT | x], axis=1)
         used = np.ones((n, 2), bool)
         used[:, 0] = y != np.append(self._row, y[:-1])[:n]
         if n:

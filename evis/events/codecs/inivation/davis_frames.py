@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from evis.events.container import Frame
+from evis.events.arrays import Frame
 
 START_GLOBAL, START_ROLLING, END, RESET_COLUMN, SIGNAL_COLUMN, COLUMN_END, EXPOSURE_START, EXPOSURE_END = range(8, 16)
 _BRIGHT_RESET = 384

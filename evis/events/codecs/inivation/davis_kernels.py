@@ -2,30 +2,67 @@
 
 import warp as wp
 
-from evis.events.codecs.inivation.word_kernels import first_timed, is_trigger, trigger_channel, trigger_rises, wrapped
-from evis.events.codecs.writing_kernels import Sink, put_event, put_trigger, report
+from evis.events.codecs.inivation.davis import (
+    APS_SPECIALS,
+    IGNORED_CODE,
+    OFF_CODE,
+    ON_CODE,
+    ROW,
+    ROW_CODE,
+    SAMPLE_CODE,
+    SIDE_PIECES,
+)
+from evis.events.codecs.inivation.word_kernels import (
+    clock_of,
+    first_timed,
+    is_trigger,
+    keep_clock,
+    trigger_channel,
+    trigger_rises,
+    wrapped,
+)
+from evis.events.codecs.inivation.words import (
+    CODE_SHIFT,
+    DATA_MASK,
+    IMU_END,
+    IMU_START,
+    PIECE_CODE,
+    RESET_WORD,
+    SPECIAL_CODE,
+    TIME_CODES,
+    TIME_MASK,
+    WRAP_CODE,
+)
+from evis.events.codecs.writing_kernels import Sink, Span, put_event, put_side, put_trigger, report
+
+FIRST_APS, LAST_APS = APS_SPECIALS[0], APS_SPECIALS[-1]
+
+
+@wp.func
+def is_side(code: wp.int32, value: wp.int32):
+    """Tells whether a word belongs to a frame or to an inertial sample."""
+    if code == SAMPLE_CODE:
+        return True
+    if code == PIECE_CODE:
+        return value < SIDE_PIECES << 8
+    special = value == IMU_START or value == IMU_END or (value >= FIRST_APS and value <= LAST_APS)
+    return code == SPECIAL_CODE and special
 
 
 @wp.kernel(module="unique", enable_backward=False)
 def decode_davis(
     # in
     words: wp.array(dtype=wp.uint16),
-    start: wp.int64,
-    limit_us: wp.int64,
-    width: int,
-    height: int,
+    span: Span,
     # out
     to: Sink,
 ):
-    timed = to.state[0]
-    offset = to.state[1]
-    now = to.state[2]
-    outside = to.state[3]
-    untimed = to.state[4]
-    unknown = to.state[5]
-    resets = to.state[6]
-    row = int(to.state[9])
-    now_ns = now * wp.int64(1000)
+    """Decodes DAVIS words to events, triggers and side words, one after the other, up to the limit or the end of the
+    room.
+    """
+    clock = clock_of(to)
+    row = int(to.state[ROW])
+    now_ns = clock.now * wp.int64(1000)
     last = to.t.shape[0]
     last_trigger = to.trigger_t.shape[0]
     last_side = to.side_t.shape[0]
@@ -33,69 +70,64 @@ def decode_davis(
     m = wp.int32(0)
     k = wp.int32(0)
     next_us = wp.int64(-1)
-    i = int(start)
+    limit_us = span.limit_us
+    width = span.width
+    height = span.height
+    i = int(span.start)
     end = words.shape[0]
-    if timed <= wp.int64(0):
+    if clock.timed <= wp.int64(0):
         first = first_timed(words, i)
-        untimed += wp.int64(first - i)
+        clock.untimed += wp.int64(first - i)
         if first < end:
-            timed = wp.int64(1)
+            clock.timed = wp.int64(1)
         i = first
     while i < end:
         word = int(words[i])
-        code = word >> 12
-        value = word & 0xFFF
-        if code >= 8:
-            now = offset + wp.int64(word & 0x7FFF)
-            now_ns = now * wp.int64(1000)
-        elif code == 1:
+        code = word >> CODE_SHIFT
+        value = word & DATA_MASK
+        if code >= TIME_CODES:
+            clock.now = clock.offset + wp.int64(word & TIME_MASK)
+            now_ns = clock.now * wp.int64(1000)
+        elif code == ROW_CODE:
             row = value
-        elif code == 7:
-            offset = wrapped(offset, value)
-            now = offset
-            now_ns = now * wp.int64(1000)
-        elif word == 1:
+        elif code == WRAP_CODE:
+            clock.offset = wrapped(clock.offset, value)
+            clock.now = clock.offset
+            now_ns = clock.now * wp.int64(1000)
+        elif word == RESET_WORD:
             if k >= last_side:
                 break
-            offset = wp.int64(0)
-            now = wp.int64(0)
+            clock.offset = wp.int64(0)
+            clock.now = wp.int64(0)
             now_ns = wp.int64(0)
-            resets += wp.int64(1)
-            to.side_t[k] = now
-            to.side_word[k] = words[i]
+            clock.resets += wp.int64(1)
+            put_side(k, clock.now, words[i], to)
             k += 1
-        elif now > limit_us:
-            next_us = now
+        elif clock.now > limit_us:
+            next_us = clock.now
             break
-        elif code == 2 or code == 3:
+        elif code == OFF_CODE or code == ON_CODE:
             if n >= last:
                 break
             if row >= height or value >= width:
-                outside += wp.int64(1)
+                clock.outside += wp.int64(1)
             else:
                 put_event(n, now_ns, value, row, wp.uint8(code & 1), to)
                 n += 1
-        elif code == 0 and is_trigger(value):
+        elif code == SPECIAL_CODE and is_trigger(value):
             if m >= last_trigger:
                 break
             put_trigger(m, now_ns, trigger_channel(value), trigger_rises(value), to)
             m += 1
-        elif code == 4 or (code == 5 and value < 0x400) or (code == 0 and value >= 5 and value < 16 and value != 6):
+        elif is_side(code, value):
             if k >= last_side:
                 break
-            to.side_t[k] = now
-            to.side_word[k] = words[i]
+            put_side(k, clock.now, words[i], to)
             k += 1
-        elif code != 6:
-            unknown += wp.int64(1)
+        elif code != IGNORED_CODE:
+            clock.unknown += wp.int64(1)
         i += 1
-    to.state[0] = timed
-    to.state[1] = offset
-    to.state[2] = now
-    to.state[3] = outside
-    to.state[4] = untimed
-    to.state[5] = unknown
-    to.state[6] = resets
-    to.state[9] = wp.int64(row)
+    keep_clock(clock, to)
+    to.state[ROW] = wp.int64(row)
     report(i, n, m, next_us, to)
     to.out[4] = wp.int64(k)

@@ -8,39 +8,42 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events, Triggers
 from evis.events.codecs import decoder
 from evis.events.codecs.encoder import Encoder as _Encoder
 from evis.events.codecs.encoder import merge
 from evis.events.codecs.inivation.words import MAX_OFFSET_US
-from evis.events.container import Events, Triggers
 
-_OFFSET, _OUTSIDE, _RESETS = 1, 2, 3
-_WRAP, _RESET, _EDGE = 1 << 31, 1 << 30, 1 << 15
+OFFSET, OUTSIDE, RESETS = 1, 2, 3
+"""Places in the state vector."""
+WRAP, RESET, EDGE = 1 << 31, 1 << 30, 1 << 15
+TIME_SHIFT, Y_SHIFT, X_SHIFT, PIXEL_MASK = 16, 8, 1, 127
+TURN_BITS = 14
 MAX_WRAPS = 1_000_000
 """Wrap words in a row (four and a half hours) beyond which times do not count from the device's start."""
 
 
 class Decoder(decoder.Decoder):
-    """DVS128 words to events; edges of the synchronisation input are rising triggers of channel 0."""
+    """Decodes DVS128 words to events; edges of the synchronisation input are rising triggers of channel 0."""
 
     encoding = "dvs128"
     word = np.dtype("<u4")
-    wrap_ns = 1000 << 14
+    wrap_ns = 1000 << TURN_BITS
     state_size = 4
-    counters = {"outside": _OUTSIDE, "timestamp_resets": _RESETS}
+    counters = {"outside": OUTSIDE, "timestamp_resets": RESETS}
     geometry = (128, 128)
     kernel = "evis.events.codecs.inivation.dvs128_kernels:decode_dvs128"
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """The vectorised reference."""
+        """Decodes words by numpy, the twin of the kernel."""
         state = self.state
-        is_wrap = words >= _WRAP
-        is_reset = ~is_wrap & (words & _RESET != 0)
-        total = state[_OFFSET] + np.cumsum(is_wrap.astype(np.int64) << 14)
+        is_wrap = words >= WRAP
+        is_reset = ~is_wrap & (words & RESET != 0)
+        total = state[OFFSET] + np.cumsum(is_wrap.astype(np.int64) << TURN_BITS)
         last = np.maximum.accumulate(np.where(is_reset, np.arange(len(words)), -1))
         base = np.minimum(np.where(last >= 0, total - total[last], total), MAX_OFFSET_US) if len(words) else total
         timed = np.flatnonzero(~is_wrap & ~is_reset)
-        times = base[timed] + (words[timed] >> 16).astype(np.int64)
+        times = base[timed] + (words[timed] >> TIME_SHIFT).astype(np.int64)
         late = times > limit
         following, cut = -1, len(words)
         if late.any():
@@ -48,26 +51,26 @@ class Decoder(decoder.Decoder):
             following, cut = int(times[i]), int(timed[i])
             timed, times = timed[:i], times[:i]
         if cut:
-            state[_OFFSET] = base[cut - 1]
-            state[_RESETS] += np.count_nonzero(is_reset[:cut])
+            state[OFFSET] = base[cut - 1]
+            state[RESETS] += np.count_nonzero(is_reset[:cut])
         word = words[timed]
-        edge = word & _EDGE != 0
+        edge = word & EDGE != 0
         triggers = Triggers()
         if edge.any():
             n = int(np.count_nonzero(edge))
             triggers = Triggers(times[edge] * 1000, np.zeros(n, np.uint8), np.ones(n, np.uint8))
             word, times = word[~edge], times[~edge]
-        x, y = 127 - (word >> 1 & 0x7F).astype(np.uint16), 127 - (word >> 8 & 0x7F).astype(np.uint16)
+        x, y = (PIXEL_MASK - (word >> shift & PIXEL_MASK).astype(np.uint16) for shift in (X_SHIFT, Y_SHIFT))
         p = (~word & 1).astype(np.uint8)
         keep = (x < self.width) & (y < self.height)
         if not keep.all():
-            state[_OUTSIDE] += np.count_nonzero(~keep)
+            state[OUTSIDE] += np.count_nonzero(~keep)
             x, y, p, times = x[keep], y[keep], p[keep], times[keep]
         return Events(times * 1000, x, y, p, triggers=triggers), cut, following
 
 
 class Encoder(_Encoder):
-    """Events and rising triggers of channel 0 to DVS128 words."""
+    """Encodes events and rising triggers of channel 0 as DVS128 words."""
 
     encoding = "dvs128"
     word = np.dtype("<u4")
@@ -86,24 +89,24 @@ class Encoder(_Encoder):
         item = merge(events)
         if not len(item.t_us):
             return b""
-        turn = item.t_us >> 14
+        turn = item.t_us >> TURN_BITS
         steps = np.diff(turn, prepend=self._turn)
         if steps.min() < 0:
             raise ValueError(
                 "dvs128 cannot hold times that step back over a turn of its counter (16.4 ms); sort the events by time"
             )
         self._limit(int(steps.sum()))
-        address = (127 - item.x) << 1 | (127 - item.y) << 8 | 1 - item.p
-        words = np.where(item.is_trigger, _EDGE, address) | (item.t_us & 0x3FFF) << 16
+        address = (PIXEL_MASK - item.x) << X_SHIFT | (PIXEL_MASK - item.y) << Y_SHIFT | 1 - item.p
+        words = np.where(item.is_trigger, EDGE, address) | (item.t_us & (1 << TURN_BITS) - 1) << TIME_SHIFT
         self._turn = int(turn[-1])
-        return np.insert(words, np.repeat(np.arange(len(words)), steps), _WRAP).astype(self.word).tobytes()
+        return np.insert(words, np.repeat(np.arange(len(words)), steps), WRAP).astype(self.word).tobytes()
 
     def advance(self, t_ns: int) -> bytes:
         """The wrap words up to t_ns, as a device that sees nothing sends them."""
-        steps = max((t_ns // 1000 >> 14) - self._turn, 0)
+        steps = max((t_ns // 1000 >> TURN_BITS) - self._turn, 0)
         self._limit(steps)
         self._turn += steps
-        return np.full(steps, _WRAP, self.word).tobytes()
+        return np.full(steps, WRAP, self.word).tobytes()
 
     def _limit(self, wraps: int) -> None:
         if wraps > MAX_WRAPS:

@@ -2,44 +2,62 @@
 
 import warp as wp
 
-from evis.events.codecs.writing_kernels import Sink, put_event, put_trigger, report
+from evis.events.codecs.inivation.dvs128 import (
+    EDGE,
+    OFFSET,
+    OUTSIDE,
+    PIXEL_MASK,
+    RESET,
+    RESETS,
+    TIME_SHIFT,
+    TURN_BITS,
+    WRAP,
+    X_SHIFT,
+    Y_SHIFT,
+)
+from evis.events.codecs.inivation.words import MAX_OFFSET_US
+from evis.events.codecs.writing_kernels import Sink, Span, put_event, put_trigger, report
+
+LATEST_OFFSET = wp.constant(wp.int64(MAX_OFFSET_US))
+WRAP_BIT, RESET_BIT = WRAP.bit_length() - 1, RESET.bit_length() - 1
 
 
 @wp.kernel(module="unique", enable_backward=False)
 def decode_dvs128(
     # in
     words: wp.array(dtype=wp.uint32),
-    start: wp.int64,
-    limit_us: wp.int64,
-    width: int,
-    height: int,
+    span: Span,
     # out
     to: Sink,
 ):
-    offset = to.state[1]
-    outside = to.state[2]
-    resets = to.state[3]
+    """Decodes DVS128 words to events and triggers, one after the other, up to the limit or the end of the room."""
+    offset = to.state[OFFSET]
+    outside = to.state[OUTSIDE]
+    resets = to.state[RESETS]
     last = to.t.shape[0]
     last_trigger = to.trigger_t.shape[0]
     n = wp.int32(0)
     m = wp.int32(0)
     next_us = wp.int64(-1)
-    i = int(start)
+    limit_us = span.limit_us
+    width = span.width
+    height = span.height
+    i = int(span.start)
     end = words.shape[0]
     while i < end:
         word = words[i]
-        if (word >> wp.uint32(31)) != wp.uint32(0):
-            offset = wp.min(offset + wp.int64(16384), wp.int64(4503599627370496))
-        elif (word >> wp.uint32(30)) != wp.uint32(0):
+        if (word >> wp.uint32(WRAP_BIT)) != wp.uint32(0):
+            offset = wp.min(offset + (wp.int64(1) << wp.int64(TURN_BITS)), LATEST_OFFSET)
+        elif (word >> wp.uint32(RESET_BIT)) != wp.uint32(0):
             offset = wp.int64(0)
             resets += wp.int64(1)
         else:
-            now = offset + wp.int64(word >> wp.uint32(16))
+            now = offset + wp.int64(word >> wp.uint32(TIME_SHIFT))
             if now > limit_us:
                 next_us = now
                 break
             address = int(word & wp.uint32(0xFFFF))
-            if address >= 0x8000:
+            if address >= EDGE:
                 if m >= last_trigger:
                     break
                 put_trigger(m, now * wp.int64(1000), 0, 1, to)
@@ -47,15 +65,15 @@ def decode_dvs128(
             else:
                 if n >= last:
                     break
-                column = 127 - ((address >> 1) & 127)
-                row = 127 - (address >> 8)
+                column = PIXEL_MASK - ((address >> X_SHIFT) & PIXEL_MASK)
+                row = PIXEL_MASK - (address >> Y_SHIFT)
                 if row >= height or column >= width:
                     outside += wp.int64(1)
                 else:
                     put_event(n, now * wp.int64(1000), column, row, wp.uint8(1 - (address & 1)), to)
                     n += 1
         i += 1
-    to.state[1] = offset
-    to.state[2] = outside
-    to.state[3] = resets
+    to.state[OFFSET] = offset
+    to.state[OUTSIDE] = outside
+    to.state[RESETS] = resets
     report(i, n, m, next_us, to)

@@ -9,15 +9,32 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.decoder import count_until
 from evis.events.codecs.encoder import find_groups
 from evis.events.codecs.inivation import encoder
 from evis.events.codecs.inivation import words as inivation
 from evis.events.codecs.inivation.imu import BOSCH, ImuReader
-from evis.events.codecs.inivation.words import ADDRESS, EVENT, IMU_DAMAGED, OUTSIDE, SIDE, STATE
-from evis.events.container import Events
+from evis.events.codecs.inivation.words import (
+    ADDRESS,
+    CODE_SHIFT,
+    EVENT,
+    IMU_DAMAGED,
+    IMU_END,
+    IMU_START,
+    OUTSIDE,
+    SIDE,
+    STATE,
+)
 
-_COLUMN, _ROW1, _ROW2, _BINNED = STATE, STATE + 1, STATE + 2, STATE + 3
+COLUMN, ROW1, ROW2, BINNED = range(STATE, STATE + 4)
+"""Places in the state vector."""
+COLUMN_CODE, MASK2_CODE, MASK1_CODE, GROUPS_CODE = 1, 2, 3, 4
+COLUMN_MASK, GROUP_MASK, STEP_SHIFT, STEP_MASK, STEPS_BACK = 0x3FF, 0x3F, 6, 31, 0x800
+"""Fields: a column; the first group of eight rows, how far the second is from it, and in which direction."""
+OFF_BIT = 8
+SIDE_PIECES = (0, 3)
+"""Sub-codes of 8-bit pieces: of inertial samples, and of their ranges."""
 
 
 def folded(address: np.ndarray, size: int) -> np.ndarray:
@@ -26,7 +43,7 @@ def folded(address: np.ndarray, size: int) -> np.ndarray:
 
 
 class Decoder(inivation.Decoder):
-    """DVXplorer words to events, inertial samples and triggers.
+    """Decodes DVXplorer words to events, inertial samples and triggers.
 
     binned: the sensor makes one of two by two pixels. A readout that runs from the far edge then begins at half of the
     full sensor; width and height are those of the smaller image. Holds from the next reset on.
@@ -37,31 +54,33 @@ class Decoder(inivation.Decoder):
     state_size = STATE + 4
     kernel = "evis.events.codecs.inivation.dvxplorer_kernels:decode_dvxplorer"
     kinds = inivation.classes(
-        {1: ADDRESS, 2: EVENT, 3: EVENT, 4: ADDRESS}, dict.fromkeys([5, 7], SIDE), dict.fromkeys([0, 3], SIDE)
+        {COLUMN_CODE: ADDRESS, MASK1_CODE: EVENT, MASK2_CODE: EVENT, GROUPS_CODE: ADDRESS},
+        dict.fromkeys([IMU_START, IMU_END], SIDE),
+        dict.fromkeys(SIDE_PIECES, SIDE),
     )
 
     binned = False
 
     def _begin(self) -> None:
-        self.state[[_COLUMN, _ROW1, _ROW2]] = 0
-        self.state[_BINNED] = self.binned
+        self.state[[COLUMN, ROW1, ROW2]] = 0
+        self.state[BINNED] = self.binned
         self._imu = ImuReader(BOSCH, self.imu_orientation)
 
     def _events(self, words: np.ndarray, kind: np.ndarray, at: np.ndarray, times: np.ndarray) -> Events:
         state = self.state
-        is_column, is_group = words >> 12 == 1, words >> 12 == 4
-        column = np.append(state[_COLUMN], words[is_column].astype(np.int64) & 0x3FF)
+        is_column, is_group = words >> CODE_SHIFT == COLUMN_CODE, words >> CODE_SHIFT == GROUPS_CODE
+        column = np.append(state[COLUMN], words[is_column].astype(np.int64) & COLUMN_MASK)
         data = words[is_group].astype(np.int64)
-        first = data & 0x3F
-        second = np.where(data & 0x800, first - (data >> 6 & 31), first + (data >> 6 & 31))
+        first, step = data & GROUP_MASK, data >> STEP_SHIFT & STEP_MASK
+        second = np.where(data & STEPS_BACK, first - step, first + step)
         first, second = first * 8, second * 8
         columns, rows = self.readout
-        if state[_BINNED]:
+        if state[BINNED]:
             column, first, second = folded(column, columns), folded(first, rows), folded(second, rows)
-        row1, row2 = np.append(state[_ROW1], first), np.append(state[_ROW2], second)
-        state[_COLUMN], state[_ROW1], state[_ROW2] = column[-1], row1[-1], row2[-1]
+        row1, row2 = np.append(state[ROW1], first), np.append(state[ROW2], second)
+        state[COLUMN], state[ROW1], state[ROW2] = column[-1], row1[-1], row2[-1]
         g = count_until(is_group, at)
-        row = np.where(words[at] >> 12 == 3, row1[g], row2[g])
+        row = np.where(words[at] >> CODE_SHIFT == MASK1_CODE, row1[g], row2[g])
         bits = np.unpackbits((words[at] & 0xFF).astype(np.uint8), bitorder="little")
         flat = np.flatnonzero(bits.view(bool))
         of = flat >> 3
@@ -70,7 +89,7 @@ class Decoder(inivation.Decoder):
         if not keep.all():
             state[OUTSIDE] += np.count_nonzero(~keep)
             x, y, of = x[keep], y[keep], of[keep]
-        p = (words[at] & 0x100 == 0).astype(np.uint8)
+        p = (words[at] >> OFF_BIT & 1 == 0).astype(np.uint8)
         return Events(times[of] * 1000, x.astype(np.uint16), y.astype(np.uint16), p[of])
 
     def _assemble(self, events: Events, t: np.ndarray, words: np.ndarray) -> None:
@@ -79,7 +98,7 @@ class Decoder(inivation.Decoder):
 
 
 class Encoder(encoder.Encoder):
-    """Events, inertial samples and triggers to DVXplorer words.
+    """Encodes events, inertial samples and triggers as DVXplorer words.
 
     Neighbours of one time, column and polarity whose rows rise within a group of eight share a mask.
     """

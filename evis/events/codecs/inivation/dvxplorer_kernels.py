@@ -2,34 +2,65 @@
 
 import warp as wp
 
-from evis.events.codecs.inivation.word_kernels import first_timed, is_trigger, trigger_channel, trigger_rises, wrapped
-from evis.events.codecs.prophesee.run_kernels import ones, put_rows
-from evis.events.codecs.writing_kernels import Sink, put_trigger, report
+from evis.events.codecs.inivation.dvxplorer import (
+    BINNED,
+    COLUMN,
+    COLUMN_CODE,
+    COLUMN_MASK,
+    GROUP_MASK,
+    GROUPS_CODE,
+    MASK1_CODE,
+    MASK2_CODE,
+    OFF_BIT,
+    ROW1,
+    ROW2,
+    SIDE_PIECES,
+    STEP_MASK,
+    STEP_SHIFT,
+    STEPS_BACK,
+)
+from evis.events.codecs.inivation.word_kernels import (
+    clock_of,
+    first_timed,
+    is_trigger,
+    keep_clock,
+    trigger_channel,
+    trigger_rises,
+    wrapped,
+)
+from evis.events.codecs.inivation.words import (
+    CODE_SHIFT,
+    DATA_MASK,
+    IMU_END,
+    IMU_START,
+    PIECE_CODE,
+    RESET_WORD,
+    SPECIAL_CODE,
+    TIME_CODES,
+    TIME_MASK,
+    WRAP_CODE,
+)
+from evis.events.codecs.mask_kernels import ones, put_rows
+from evis.events.codecs.writing_kernels import Sink, Span, put_side, put_trigger, report
+
+SAMPLE_PIECE, RANGE_PIECE = (PIECE_CODE << 4 | piece for piece in SIDE_PIECES)
 
 
 @wp.kernel(module="unique", enable_backward=False)
 def decode_dvxplorer(
     # in
     words: wp.array(dtype=wp.uint16),
-    start: wp.int64,
-    limit_us: wp.int64,
-    width: int,
-    height: int,
+    span: Span,
     # out
     to: Sink,
 ):
-    timed = to.state[0]
-    offset = to.state[1]
-    now = to.state[2]
-    outside = to.state[3]
-    untimed = to.state[4]
-    unknown = to.state[5]
-    resets = to.state[6]
-    column = int(to.state[9])
-    row1 = int(to.state[10])
-    row2 = int(to.state[11])
-    binned = int(to.state[12])
-    now_ns = now * wp.int64(1000)
+    """Decodes DVXplorer words to events, triggers and side words, one after the other, up to the limit."""
+    clock = clock_of(to)
+    column = int(to.state[COLUMN])
+    row1 = int(to.state[ROW1])
+    row2 = int(to.state[ROW2])
+    binned = int(to.state[BINNED])
+    now_ns = clock.now * wp.int64(1000)
     # a word gives up to 8 events: stop while they still fit
     last = to.t.shape[0] - 8
     last_trigger = to.trigger_t.shape[0]
@@ -38,86 +69,81 @@ def decode_dvxplorer(
     m = wp.int32(0)
     k = wp.int32(0)
     next_us = wp.int64(-1)
-    i = int(start)
+    limit_us = span.limit_us
+    width = span.width
+    height = span.height
+    i = int(span.start)
     end = words.shape[0]
-    if timed <= wp.int64(0):
+    if clock.timed <= wp.int64(0):
         first = first_timed(words, i)
-        untimed += wp.int64(first - i)
+        clock.untimed += wp.int64(first - i)
         if first < end:
-            timed = wp.int64(1)
+            clock.timed = wp.int64(1)
         i = first
     while i < end:
         word = int(words[i])
-        code = word >> 12
-        value = word & 0xFFF
-        if code >= 8:
-            now = offset + wp.int64(word & 0x7FFF)
-            now_ns = now * wp.int64(1000)
-        elif code == 1:
-            column = value & 0x3FF
+        code = word >> CODE_SHIFT
+        value = word & DATA_MASK
+        if code >= TIME_CODES:
+            clock.now = clock.offset + wp.int64(word & TIME_MASK)
+            now_ns = clock.now * wp.int64(1000)
+        elif code == COLUMN_CODE:
+            column = value & COLUMN_MASK
             if binned != 0 and column >= width:
                 column -= width
-        elif code == 4:
-            row1 = value & 0x3F
-            row2 = row1 + ((value >> 6) & 31)
-            if (value & 0x800) != 0:
-                row2 = row1 - ((value >> 6) & 31)
+        elif code == GROUPS_CODE:
+            row1 = value & GROUP_MASK
+            row2 = row1 + ((value >> STEP_SHIFT) & STEP_MASK)
+            if (value & STEPS_BACK) != 0:
+                row2 = row1 - ((value >> STEP_SHIFT) & STEP_MASK)
             row1 = row1 * 8
             row2 = row2 * 8
             if binned != 0:
                 row1 = wp.where(row1 >= height, row1 - height, row1)
                 row2 = wp.where(row2 >= height, row2 - height, row2)
-        elif code == 7:
-            offset = wrapped(offset, value)
-            now = offset
-            now_ns = now * wp.int64(1000)
-        elif word == 1:
+        elif code == WRAP_CODE:
+            clock.offset = wrapped(clock.offset, value)
+            clock.now = clock.offset
+            now_ns = clock.now * wp.int64(1000)
+        elif word == RESET_WORD:
             if k >= last_side:
                 break
-            offset = wp.int64(0)
-            now = wp.int64(0)
+            clock.offset = wp.int64(0)
+            clock.now = wp.int64(0)
             now_ns = wp.int64(0)
-            resets += wp.int64(1)
-            to.side_t[k] = now
-            to.side_word[k] = words[i]
+            clock.resets += wp.int64(1)
+            put_side(k, clock.now, words[i], to)
             k += 1
-        elif now > limit_us:
-            next_us = now
+        elif clock.now > limit_us:
+            next_us = clock.now
             break
-        elif code == 2 or code == 3:
+        elif code == MASK1_CODE or code == MASK2_CODE:
             if n > last:
                 break
             row = row1
-            if code == 2:
+            if code == MASK2_CODE:
                 row = row2
-            sign = wp.uint8(1 - ((value >> 8) & 1))
+            sign = wp.uint8(1 - ((value >> OFF_BIT) & 1))
             mask = value & 0xFF
             before = n
             n = put_rows(before, now_ns, column, row, sign, mask, width, height, to)
-            outside += wp.int64(ones(mask) - n + before)
-        elif code == 0 and is_trigger(value):
+            clock.outside += wp.int64(ones(mask) - n + before)
+        elif code == SPECIAL_CODE and is_trigger(value):
             if m >= last_trigger:
                 break
             put_trigger(m, now_ns, trigger_channel(value), trigger_rises(value), to)
             m += 1
-        elif word == 5 or word == 7 or (word >> 8) == 0x50 or (word >> 8) == 0x53:
+        elif word == IMU_START or word == IMU_END or (word >> 8) == SAMPLE_PIECE or (word >> 8) == RANGE_PIECE:
             if k >= last_side:
                 break
-            to.side_t[k] = now
-            to.side_word[k] = words[i]
+            put_side(k, clock.now, words[i], to)
             k += 1
         else:
-            unknown += wp.int64(1)
+            clock.unknown += wp.int64(1)
         i += 1
-    to.state[0] = timed
-    to.state[1] = offset
-    to.state[2] = now
-    to.state[3] = outside
-    to.state[4] = untimed
-    to.state[5] = unknown
-    to.state[6] = resets
-    to.state[9] = wp.int64(column)
-    to.state[10] = wp.int64(row1)
-    to.state[11] = wp.int64(row2)
+    keep_clock(clock, to)
+    to.state[COLUMN] = wp.int64(column)
+    to.state[ROW1] = wp.int64(row1)
+    to.state[ROW2] = wp.int64(row2)
     report(i, n, m, next_us, to)
     to.out[4] = wp.int64(k)

@@ -11,36 +11,40 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs import decoder
 from evis.events.codecs.encoder import Encoder as _Encoder
 from evis.events.codecs.encoder import find_groups
 from evis.events.codecs.inivation.dvxplorer import folded
-from evis.events.container import Events
 
-_GROUPS, _REFERENCE, _COLUMN = 1 << 31, 1 << 27, 1 << 26
+GROUPS, REFERENCE, COLUMN = 1 << 31, 1 << 27, 1 << 26
+# the fields of a column and of two groups
+START_SHIFT, SUB_SHIFT, COLUMN_MASK, SUB_MASK = 21, 11, 0x3FF, 0x3FF
+FIRST_SHIFT, FIRST_MASK, STEP_SHIFT, STEP_MASK, SIGN_SHIFT, ROWS = 18, 63, 26, 31, 16, 8
 REFERENCE_BITS = 22
+REFERENCE_MASK = (1 << REFERENCE_BITS) - 1
 MAX_TURNS = 100_000
 """Turns of the reference (13 years) beyond which times do not count from the device's start, in either direction."""
 
 # places in the state vector, shared with the kernel; TIMED is 1 once a reference has come, -1 after a loss
 (
-    _TIMED, _BASE, _TURNS, _LAST, _X, _NOW, _USED, _SUB, _OUTSIDE, _UNTIMED, _UNKNOWN, _LOST_TIME, _LOST_COLUMN, _BINNED
+    TIMED, BASE, TURNS, LAST, X, NOW, USED, SUB, OUTSIDE, UNTIMED, UNKNOWN, LOST_TIME, LOST_COLUMN, BINNED
 ) = range(14)  # fmt: skip
 
 
 class Decoder(decoder.Decoder):
-    """DVXplorer Mini words to events. binned: see `evis.events.codecs.inivation.dvxplorer.Decoder`."""
+    """Decodes DVXplorer Mini words to events. binned: see `evis.events.codecs.inivation.dvxplorer.Decoder`."""
 
     encoding = "dvxplorer_mini"
     word = np.dtype("<u4")
     wrap_ns = 1_000_000 << REFERENCE_BITS
     state_size = 14
     counters = {
-        "outside": _OUTSIDE,
-        "untimed": _UNTIMED,
-        "unknown": _UNKNOWN,
-        "lost_references": _LOST_TIME,
-        "lost_columns": _LOST_COLUMN,
+        "outside": OUTSIDE,
+        "untimed": UNTIMED,
+        "unknown": UNKNOWN,
+        "lost_references": LOST_TIME,
+        "lost_columns": LOST_COLUMN,
     }
     geometry = (640, 480)
     kernel = "evis.events.codecs.inivation.dvxplorer_mini_kernels:decode_dvxplorer_mini"
@@ -48,12 +52,14 @@ class Decoder(decoder.Decoder):
     binned = False
 
     def _begin(self) -> None:
-        self.state[[_X, _USED, _SUB]] = -1
-        self.state[_BINNED] = self.binned
+        self.state[[X, USED, SUB]] = -1
+        self.state[BINNED] = self.binned
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """The reference: columns and references one by one in Python, groups vectorised."""
-        is_group = words >= _GROUPS
+        """Decodes words by numpy, the twin of the kernel: columns and references one by one in Python, groups
+        vectorised.
+        """
+        is_group = words >= GROUPS
         places = np.flatnonzero(~is_group & (words != 0))
         before = self.state.copy()
         x, now = self._walk(words[places].tolist())
@@ -68,39 +74,39 @@ class Decoder(decoder.Decoder):
             self.state = before
             x, now = self._walk(words[places[places < cut]].tolist())
             groups, of, valid = groups[:i], of[:i], valid[:i]
-        self.state[_UNTIMED] += np.count_nonzero(~valid)
+        self.state[UNTIMED] += np.count_nonzero(~valid)
         return self._events(words[groups[valid]], x[of[valid]], now[of[valid]]), cut, following
 
     def _walk(self, words: list[int]) -> tuple[np.ndarray, np.ndarray]:
         """Column (-1: none yet) and time [us] before the first word and after each. Updates the state."""
         s = self.state.tolist()
-        columns, times = [s[_X]], [s[_NOW]]
+        columns, times = [s[X]], [s[NOW]]
         for word in words:
-            if word & _COLUMN:
-                column = word & 0x3FF
-                if s[_TIMED] <= 0 or (not word >> 21 & 1 and s[_X] < 0):
-                    s[_UNTIMED] += 1
-                elif word >> 21 & 1:
-                    sub = word >> 11 & 0x3FF
-                    if s[_BASE] == s[_USED] and sub <= s[_SUB]:
-                        s[_LOST_TIME] += 1
-                        s[_TIMED] = s[_X] = s[_USED] = s[_SUB] = -1
+            if word & COLUMN:
+                column = word & COLUMN_MASK
+                if s[TIMED] <= 0 or (not word >> START_SHIFT & 1 and s[X] < 0):
+                    s[UNTIMED] += 1
+                elif word >> START_SHIFT & 1:
+                    sub = word >> SUB_SHIFT & SUB_MASK
+                    if s[BASE] == s[USED] and sub <= s[SUB]:
+                        s[LOST_TIME] += 1
+                        s[TIMED] = s[X] = s[USED] = s[SUB] = -1
                     else:
-                        s[_X], s[_USED], s[_SUB], s[_NOW] = column, s[_BASE], sub, s[_BASE] * 1000 + sub
-                elif column <= s[_X]:
-                    s[_LOST_COLUMN] += 1
-                    s[_TIMED] = s[_X] = s[_USED] = s[_SUB] = -1
+                        s[X], s[USED], s[SUB], s[NOW] = column, s[BASE], sub, s[BASE] * 1000 + sub
+                elif column <= s[X]:
+                    s[LOST_COLUMN] += 1
+                    s[TIMED] = s[X] = s[USED] = s[SUB] = -1
                 else:
-                    s[_X] = column
-            elif word & _REFERENCE:
-                value = word & 0x3FFFFF
-                if value < s[_LAST] and s[_TURNS] < MAX_TURNS:
-                    s[_TURNS] += 1
-                s[_TIMED], s[_LAST], s[_BASE] = 1, value, (s[_TURNS] << REFERENCE_BITS) + value
+                    s[X] = column
+            elif word & REFERENCE:
+                value = word & REFERENCE_MASK
+                if value < s[LAST] and s[TURNS] < MAX_TURNS:
+                    s[TURNS] += 1
+                s[TIMED], s[LAST], s[BASE] = 1, value, (s[TURNS] << REFERENCE_BITS) + value
             else:
-                s[_UNKNOWN] += 1
-            columns.append(s[_X])
-            times.append(s[_NOW])
+                s[UNKNOWN] += 1
+            columns.append(s[X])
+            times.append(s[NOW])
         self.state = np.array(s, np.int64)
         return np.array(columns, np.int64), np.array(times, np.int64)
 
@@ -110,20 +116,23 @@ class Decoder(decoder.Decoder):
         of, second = flat >> 4, flat >> 3 & 1
         word = words[of].astype(np.int64)
         columns, rows = self.readout
-        x, row = x[of], ((word >> 18 & 63) + np.where(second, word >> 26 & 31, 0)) * 8
-        if self.state[_BINNED]:
+        x, row = (
+            x[of],
+            ((word >> FIRST_SHIFT & FIRST_MASK) + np.where(second, word >> STEP_SHIFT & STEP_MASK, 0)) * ROWS,
+        )
+        if self.state[BINNED]:
             x, row = folded(x, columns), folded(row, rows)
         y = row + (flat & 7)
-        p = (1 - (word >> 16 + second & 1)).astype(np.uint8)
+        p = (1 - (word >> SIGN_SHIFT + second & 1)).astype(np.uint8)
         keep = (y < rows) & (x < columns)
         if not keep.all():
-            self.state[_OUTSIDE] += np.count_nonzero(~keep)
+            self.state[OUTSIDE] += np.count_nonzero(~keep)
             of, x, y, p = of[keep], x[keep], y[keep], p[keep]
         return Events(now[of] * 1000, x.astype(np.uint16), y.astype(np.uint16), p)
 
 
 class Encoder(_Encoder):
-    """Events to DVXplorer Mini words; events of one time leave by column, then row, as the device reads out."""
+    """Encodes events as DVXplorer Mini words; events of one time leave by column, then row, as the device reads out."""
 
     encoding = "dvxplorer_mini"
     word = np.dtype("<u4")
@@ -157,9 +166,9 @@ class Encoder(_Encoder):
             for i in np.flatnonzero(np.diff(ms, prepend=-1 if self._ms is None or self.resync else self._ms))
         }
         new_column = starts | (np.diff(x, prepend=-1) != 0)
-        column = _COLUMN | starts << 21 | np.where(starts, t % 1000, 0) << 11 | x
+        column = COLUMN | starts << START_SHIFT | np.where(starts, t % 1000, 0) << SUB_SHIFT | x
         off = 1 - events.p[heads].astype(np.int64)
-        group = _GROUPS | events.y[heads].astype(np.int64) >> 3 << 18 | off << 16 | masks
+        group = GROUPS | events.y[heads].astype(np.int64) >> 3 << FIRST_SHIFT | off << SIGN_SHIFT | masks
         flat = np.stack([column, group], axis=1)[np.stack([new_column, np.ones(len(t), bool)], axis=1)]
         at = np.cumsum(new_column + 1) - (new_column + 1)
         if steps:
@@ -187,7 +196,7 @@ class Encoder(_Encoder):
                 "first time (--rebase) or write .npz"
             )
         if not turns:
-            return np.array([_REFERENCE | ms & (1 << REFERENCE_BITS) - 1])
+            return np.array([REFERENCE | ms & REFERENCE_MASK])
         first = (before or 0) // half + 1 if before is not None else 0
         passed = np.arange(first, -(-ms // half), dtype=np.int64) * half
-        return _REFERENCE | np.append(passed, ms) & (1 << REFERENCE_BITS) - 1
+        return REFERENCE | np.append(passed, ms) & REFERENCE_MASK

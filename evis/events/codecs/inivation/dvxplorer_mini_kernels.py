@@ -4,40 +4,72 @@ The twin of `evis.events.codecs.inivation.dvxplorer_mini.Decoder.decode_words`."
 
 import warp as wp
 
-from evis.events.codecs.prophesee.run_kernels import ones, put_rows
-from evis.events.codecs.writing_kernels import Sink, report
+from evis.events.codecs.inivation.dvxplorer_mini import (
+    BASE,
+    BINNED,
+    COLUMN,
+    COLUMN_MASK,
+    FIRST_MASK,
+    FIRST_SHIFT,
+    LAST,
+    LOST_COLUMN,
+    LOST_TIME,
+    MAX_TURNS,
+    NOW,
+    OUTSIDE,
+    REFERENCE,
+    REFERENCE_BITS,
+    REFERENCE_MASK,
+    ROWS,
+    SIGN_SHIFT,
+    START_SHIFT,
+    STEP_MASK,
+    STEP_SHIFT,
+    SUB,
+    SUB_MASK,
+    SUB_SHIFT,
+    TIMED,
+    TURNS,
+    UNKNOWN,
+    UNTIMED,
+    USED,
+    X,
+)
+from evis.events.codecs.mask_kernels import ones, put_rows
+from evis.events.codecs.writing_kernels import Sink, Span, report
 
 
 @wp.kernel(module="unique", enable_backward=False)
 def decode_dvxplorer_mini(
     # in
     words: wp.array(dtype=wp.uint32),
-    start: wp.int64,
-    limit_us: wp.int64,
-    width: int,
-    height: int,
+    span: Span,
     # out
     to: Sink,
 ):
-    timed = to.state[0]
-    base = to.state[1]
-    turns = to.state[2]
-    newest = to.state[3]
-    column = int(to.state[4])
-    now = to.state[5]
-    used = to.state[6]
-    used_sub = int(to.state[7])
-    outside = to.state[8]
-    untimed = to.state[9]
-    unknown = to.state[10]
-    lost_time = to.state[11]
-    lost_column = to.state[12]
-    binned = int(to.state[13])
+    """Decodes DVXplorer Mini words to events, one after the other, up to the limit or the end of the room."""
+    timed = to.state[TIMED]
+    base = to.state[BASE]
+    turns = to.state[TURNS]
+    newest = to.state[LAST]
+    column = int(to.state[X])
+    now = to.state[NOW]
+    used = to.state[USED]
+    used_sub = int(to.state[SUB])
+    outside = to.state[OUTSIDE]
+    untimed = to.state[UNTIMED]
+    unknown = to.state[UNKNOWN]
+    lost_time = to.state[LOST_TIME]
+    lost_column = to.state[LOST_COLUMN]
+    binned = int(to.state[BINNED])
     # a word gives up to 16 events: stop while they still fit
     last = to.t.shape[0] - 16
     n = wp.int32(0)
     next_us = wp.int64(-1)
-    i = int(start)
+    limit_us = span.limit_us
+    width = span.width
+    height = span.height
+    i = int(span.start)
     end = words.shape[0]
     while i < end:
         word = words[i]
@@ -51,25 +83,25 @@ def decode_dvxplorer_mini(
                 if now > limit_us:
                     next_us = now
                     break
-                row = ((value >> 18) & 63) * 8
+                row = ((value >> FIRST_SHIFT) & FIRST_MASK) * ROWS
                 across = column
                 if binned != 0 and across >= width:
                     across -= width
                 for half in range(2):
-                    mask = (value >> (8 * half)) & 0xFF
+                    mask = (value >> (ROWS * half)) & 0xFF
                     if mask != 0:
-                        pixel = row + half * ((value >> 26) & 31) * 8
+                        pixel = row + half * ((value >> STEP_SHIFT) & STEP_MASK) * ROWS
                         if binned != 0 and pixel >= height:
                             pixel -= height
-                        sign = wp.uint8(1 - ((value >> (16 + half)) & 1))
+                        sign = wp.uint8(1 - ((value >> (SIGN_SHIFT + half)) & 1))
                         before = n
                         n = put_rows(before, now * wp.int64(1000), across, pixel, sign, mask, width, height, to)
                         outside += wp.int64(ones(mask) - n + before)
-        elif (value & 0x04000000) != 0:
+        elif (value & COLUMN) != 0:
             lost = 0
-            starts = (value >> 21) & 1
-            address = value & 0x3FF
-            sub = (value >> 11) & 0x3FF
+            starts = (value >> START_SHIFT) & 1
+            address = value & COLUMN_MASK
+            sub = (value >> SUB_SHIFT) & SUB_MASK
             if timed <= wp.int64(0) or (starts == 0 and column < 0):
                 untimed += wp.int64(1)
             elif starts == 1:
@@ -91,27 +123,27 @@ def decode_dvxplorer_mini(
                 column = -1
                 used = wp.int64(-1)
                 used_sub = -1
-        elif (value & 0x08000000) != 0:
-            reference = wp.int64(value & 0x3FFFFF)
-            if reference < newest and turns < wp.int64(100000):
+        elif (value & REFERENCE) != 0:
+            reference = wp.int64(value & REFERENCE_MASK)
+            if reference < newest and turns < wp.int64(MAX_TURNS):
                 turns += wp.int64(1)
             timed = wp.int64(1)
             newest = reference
-            base = (turns << wp.int64(22)) + reference
+            base = (turns << wp.int64(REFERENCE_BITS)) + reference
         elif value != 0:
             unknown += wp.int64(1)
         i += 1
-    to.state[0] = timed
-    to.state[1] = base
-    to.state[2] = turns
-    to.state[3] = newest
-    to.state[4] = wp.int64(column)
-    to.state[5] = now
-    to.state[6] = used
-    to.state[7] = wp.int64(used_sub)
-    to.state[8] = outside
-    to.state[9] = untimed
-    to.state[10] = unknown
-    to.state[11] = lost_time
-    to.state[12] = lost_column
+    to.state[TIMED] = timed
+    to.state[BASE] = base
+    to.state[TURNS] = turns
+    to.state[LAST] = newest
+    to.state[X] = wp.int64(column)
+    to.state[NOW] = now
+    to.state[USED] = used
+    to.state[SUB] = wp.int64(used_sub)
+    to.state[OUTSIDE] = outside
+    to.state[UNTIMED] = untimed
+    to.state[UNKNOWN] = unknown
+    to.state[LOST_TIME] = lost_time
+    to.state[LOST_COLUMN] = lost_column
     report(i, n, 0, next_us, to)

@@ -6,10 +6,10 @@ import abc
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.encoder import Encoder as _Encoder
 from evis.events.codecs.inivation.imu import ImuChip
 from evis.events.codecs.inivation.words import TRIGGERS
-from evis.events.container import Events
 
 MAX_WRAP = 4095
 """Wraps that one word can count."""
@@ -19,7 +19,7 @@ _SPECIALS = {pair: special for special, pair in TRIGGERS.items()}
 
 
 class Encoder(_Encoder):
-    """Events, triggers and inertial samples to words; subclasses say how events become words."""
+    """Encodes events, triggers and inertial samples as words; subclasses say how events become words."""
 
     word = np.dtype("<u2")
     channels = 3

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from evis.events.arrays import Imu
 from evis.events.codecs.inivation.words import IMU_END, IMU_START
-from evis.events.container import Imu
 
 GRAVITY = 9.80665
 TEMPERATURE, GYROSCOPE, ACCELEROMETER = 1, 2, 4

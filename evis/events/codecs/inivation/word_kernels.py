@@ -2,24 +2,89 @@
 
 import warp as wp
 
-from evis.events.codecs.inivation import words as inivation
+from evis.events.codecs.inivation.words import (
+    GENERATOR_FALLING,
+    GENERATOR_RISING,
+    INPUT_FALLING,
+    INPUT_PULSE,
+    INPUT_RISING,
+    MAX_OFFSET_US,
+    NOW,
+    OFFSET,
+    OUTSIDE,
+    RESET_WORD,
+    RESETS,
+    TIMED,
+    TRIGGERS,
+    UNKNOWNS,
+    UNTIMED,
+    WRAP_CODE,
+    WRAP_SHIFT,
+)
+from evis.events.codecs.writing_kernels import Sink
 
-INPUT_FALLING = wp.constant(inivation.INPUT_FALLING)
-INPUT_RISING = wp.constant(inivation.INPUT_RISING)
-INPUT_PULSE = wp.constant(inivation.INPUT_PULSE)
-GENERATOR_FALLING = wp.constant(inivation.GENERATOR_FALLING)
-GENERATOR_RISING = wp.constant(inivation.GENERATOR_RISING)
-MAX_OFFSET_US = wp.constant(wp.int64(inivation.MAX_OFFSET_US))
+LATEST_OFFSET = wp.constant(wp.int64(MAX_OFFSET_US))
+FIRST_TIMED = WRAP_CODE << 12
+"""From this word on, all carry the time."""
+INPUT_CHANNEL, PULSE_CHANNEL, GENERATOR_CHANNEL = (
+    TRIGGERS[w][0] for w in (INPUT_RISING, INPUT_PULSE, GENERATOR_RISING)
+)
+
+
+@wp.struct
+class Clock:
+    """The time in force and what was counted: the part of the state that DAVIS and DVXplorer share.
+
+    timed: a time has come. offset, now: base of the times and time [us].
+    """
+
+    timed: wp.int64
+    offset: wp.int64
+    now: wp.int64
+    outside: wp.int64
+    untimed: wp.int64
+    unknown: wp.int64
+    resets: wp.int64
+
+
+@wp.func
+def clock_of(to: Sink):
+    """Reads the clock from the state."""
+    clock = Clock()
+    clock.timed = to.state[TIMED]
+    clock.offset = to.state[OFFSET]
+    clock.now = to.state[NOW]
+    clock.outside = to.state[OUTSIDE]
+    clock.untimed = to.state[UNTIMED]
+    clock.unknown = to.state[UNKNOWNS]
+    clock.resets = to.state[RESETS]
+    return clock
+
+
+@wp.func
+def keep_clock(
+    clock: Clock,
+    # out
+    to: Sink,
+):
+    """Writes the clock to the state."""
+    to.state[TIMED] = clock.timed
+    to.state[OFFSET] = clock.offset
+    to.state[NOW] = clock.now
+    to.state[OUTSIDE] = clock.outside
+    to.state[UNTIMED] = clock.untimed
+    to.state[UNKNOWNS] = clock.unknown
+    to.state[RESETS] = clock.resets
 
 
 @wp.func
 def first_timed(words: wp.array(dtype=wp.uint16), start: wp.int32):
-    """The first word from `start` on that carries time: a time, a wrap or a reset; the end if there is none."""
+    """Finds the first word from `start` on that carries time: a time, a wrap or a reset; the end if there is none."""
     i = wp.int32(start)
     end = words.shape[0]
     while i < end:
         word = int(words[i])
-        if word >= 0x7000 or word == 1:
+        if word >= FIRST_TIMED or word == RESET_WORD:
             break
         i += 1
     return i
@@ -27,13 +92,13 @@ def first_timed(words: wp.array(dtype=wp.uint16), start: wp.int32):
 
 @wp.func
 def wrapped(offset: wp.int64, turns: wp.int32):
-    """The base of the times [us] after a wrap; it stops at MAX_OFFSET_US."""
-    return wp.min(offset + wp.int64(turns << 15), MAX_OFFSET_US)
+    """Computes the base of the times [us] after a wrap; it stops at MAX_OFFSET_US."""
+    return wp.min(offset + wp.int64(turns << WRAP_SHIFT), LATEST_OFFSET)
 
 
 @wp.func
 def is_trigger(special: wp.int32):
-    """Whether a special word is a trigger."""
+    """Tells whether a special word is a trigger."""
     return (special >= INPUT_FALLING and special <= INPUT_PULSE) or (
         special == GENERATOR_FALLING or special == GENERATOR_RISING
     )
@@ -41,16 +106,16 @@ def is_trigger(special: wp.int32):
 
 @wp.func
 def trigger_channel(special: wp.int32):
-    """Channel of a trigger: 0 the input's edges, 1 the generator's, 2 the input's pulses."""
-    channel = wp.int32(0)
+    """Returns the channel of a trigger: 0 the input's edges, 1 the generator's, 2 the input's pulses."""
+    channel = wp.int32(INPUT_CHANNEL)
     if special == INPUT_PULSE:
-        channel = 2
+        channel = PULSE_CHANNEL
     elif special >= GENERATOR_FALLING:
-        channel = 1
+        channel = GENERATOR_CHANNEL
     return channel
 
 
 @wp.func
 def trigger_rises(special: wp.int32):
-    """Value of a trigger: 1 for a rising edge or a pulse."""
+    """Returns the value of a trigger: 1 for a rising edge or a pulse."""
     return wp.where(special == INPUT_RISING or special == INPUT_PULSE or special == GENERATOR_RISING, 1, 0)

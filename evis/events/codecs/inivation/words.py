@@ -14,13 +14,19 @@ from typing import ClassVar
 
 import numpy as np
 
+from evis.events.arrays import Events, Triggers
 from evis.events.codecs import decoder
-from evis.events.container import Events, Triggers
 
 TIME, WRAP, RESET, ADDRESS, EVENT, TRIGGER, SIDE, IGNORED, UNKNOWN = range(9)
 """Classes of words: up to RESET they carry the time, from EVENT on they happen at a time."""
 
-WRAP_US = 1 << 15
+CODE_SHIFT, DATA_MASK = 12, 0xFFF
+SPECIAL_CODE, PIECE_CODE, WRAP_CODE, TIME_CODES = 0, 5, 7, 8
+"""Codes of words; from TIME_CODES on, all are times."""
+RESET_WORD = 1
+TIME_MASK = 0x7FFF
+WRAP_SHIFT = 15
+WRAP_US = 1 << WRAP_SHIFT
 MAX_OFFSET_US = 1 << 52
 """Base of the times where counting stops: 142 years, before int64 ns overflow."""
 INPUT_FALLING, INPUT_RISING, INPUT_PULSE, GENERATOR_FALLING, GENERATOR_RISING = 2, 3, 4, 16, 17
@@ -46,16 +52,16 @@ for _word, (_id, _value) in TRIGGERS.items():
 def classes(codes: dict[int, int], specials: dict[int, int], pieces: dict[int, int]) -> np.ndarray:
     """Class of each of the 65536 words: by code, by special word, and by sub-code of the 8-bit pieces."""
     words = np.arange(1 << 16)
-    data = words & 0xFFF
+    code, data = words >> CODE_SHIFT, words & DATA_MASK
     table = np.full(1 << 16, UNKNOWN, np.uint8)
-    for code, kind in codes.items():
-        table[words >> 12 == code] = kind
+    for of_code, kind in codes.items():
+        table[code == of_code] = kind
     for piece, kind in pieces.items():
-        table[words >> 8 == 0x50 | piece] = kind
-    for special, kind in {1: RESET, **dict.fromkeys(TRIGGERS, TRIGGER), **specials}.items():
-        table[(words >> 12 == 0) & (data == special)] = kind
-    table[words >> 12 == 7] = WRAP
-    table[words >> 15 == 1] = TIME
+        table[words >> 8 == PIECE_CODE << 4 | piece] = kind
+    for special, kind in {RESET_WORD: RESET, **dict.fromkeys(TRIGGERS, TRIGGER), **specials}.items():
+        table[(code == SPECIAL_CODE) & (data == special)] = kind
+    table[code == WRAP_CODE] = WRAP
+    table[code >= TIME_CODES] = TIME
     return table
 
 
@@ -78,7 +84,9 @@ class Decoder(decoder.Decoder):
     """How the inertial chip is mounted, see ImuReader; holds from the next reset on."""
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """The vectorised reference: the class of each word from a table, what holds at it by counting."""
+        """Decodes words by numpy, the twin of the kernel: the class of each word from a table, what holds at it by
+        counting.
+        """
         state, skipped = self.state, 0
         kind = self.kinds[words]
         if state[TIMED] <= 0:
@@ -116,10 +124,10 @@ class Decoder(decoder.Decoder):
         at = np.flatnonzero(kind <= RESET)
         is_wrap, is_reset = kind[at] == WRAP, kind[at] == RESET
         data = words[at].astype(np.int64)
-        total = self.state[OFFSET] + np.cumsum(np.where(is_wrap, (data & 0xFFF) * WRAP_US, 0))
+        total = self.state[OFFSET] + np.cumsum(np.where(is_wrap, (data & DATA_MASK) * WRAP_US, 0))
         last = np.maximum.accumulate(np.where(is_reset, np.arange(len(at)), -1))
         offset = np.minimum(np.where(last >= 0, total - total[last], total), MAX_OFFSET_US)
-        now = offset + np.where(kind[at] == TIME, data & 0x7FFF, 0)
+        now = offset + np.where(kind[at] == TIME, data & TIME_MASK, 0)
         return at, np.append(self.state[OFFSET], offset), np.append(self.state[NOW], now)
 
     @abc.abstractmethod

@@ -12,12 +12,23 @@ import numpy as np
 
 from evis.events.codecs.encoder import Item, PropheseeEncoder, scatter
 from evis.events.codecs.prophesee import evt2
-from evis.events.codecs.prophesee.evt2 import TIME_HIGH, TRIGGER
+from evis.events.codecs.prophesee.evt2 import (
+    ADDRESS_MASK,
+    CHANNEL_SHIFT,
+    HIGH_MASK,
+    HIGH_SHIFT,
+    LOW_MASK,
+    LOW_SHIFT,
+    TIME_HIGH,
+    TRIGGER,
+    TYPE_SHIFT,
+    X_SHIFT,
+)
 from evis.events.codecs.prophesee.evt3 import find_vectors
 
 
 class Decoder(evt2.Decoder):
-    """EVT2.1 words to events. See `evis.events.codecs.decoder.Decoder`."""
+    """Decodes EVT2.1 words to events. See `evis.events.codecs.decoder.Decoder`."""
 
     encoding = "evt21"
     word: ClassVar[np.dtype[Any]] = np.dtype("<u8")
@@ -32,12 +43,14 @@ class Decoder(evt2.Decoder):
         flat = np.flatnonzero(bits.view(bool))
         of = flat >> 5
         heads = self._heads(word)[of]
-        x = (heads >> 11 & 0x7FF) + (flat & 31).astype(np.uint32)
-        return x.astype(np.uint16), (heads & 0x7FF).astype(np.uint16), of
+        x = (heads >> X_SHIFT & ADDRESS_MASK) + (flat & 31).astype(np.uint32)
+        return x.astype(np.uint16), (heads & ADDRESS_MASK).astype(np.uint16), of
 
 
 class Encoder(PropheseeEncoder):
-    """Events to EVT2.1: neighbours of one time, row and polarity in an aligned block of 32 columns share a word."""
+    """Encodes events as EVT2.1: neighbours of one time, row and polarity in an aligned block of 32 columns share a
+    word.
+    """
 
     encoding = "evt21"
     high_bits, low_bits = 28, 6
@@ -46,7 +59,7 @@ class Encoder(PropheseeEncoder):
 
     def time_high_words(self, high: np.ndarray) -> np.ndarray:
         """TIME_HIGH words."""
-        return (TIME_HIGH << 28 | high & 0xFFFFFFF).astype(np.uint64) << np.uint64(32)
+        return (TIME_HIGH << TYPE_SHIFT | high & HIGH_MASK).astype(np.uint64) << np.uint64(32)
 
     def _write(self, item: Item, new_high: np.ndarray, steps: dict[int, np.ndarray]) -> np.ndarray:
         n = len(item.t_us)
@@ -62,12 +75,12 @@ class Encoder(PropheseeEncoder):
         out = np.zeros(int(lengths.sum()), np.uint64)
         for i, words in steps.items():
             out[start[i] : start[i] + len(words)] = words
-        at = scatter(out, start + extra, new_high, self.time_high_words(item.t_us >> 6))
-        low = (item.t_us & 63) << 22
+        at = scatter(out, start + extra, new_high, self.time_high_words(item.t_us >> HIGH_SHIFT))
+        low = (item.t_us & LOW_MASK) << LOW_SHIFT
         upper = np.where(
             item.is_trigger,
-            TRIGGER << 28 | low | item.x << 8 | item.p,
-            item.p << 28 | low | (item.x & ~31) << 11 | item.y,
+            TRIGGER << TYPE_SHIFT | low | item.x << CHANNEL_SHIFT | item.p,
+            item.p << TYPE_SHIFT | low | (item.x & ~31) << X_SHIFT | item.y,
         )
         bit = np.where(item.is_trigger, 0, 1 << (item.x & 31))
         mask = np.add.reduceat(bit, heads)

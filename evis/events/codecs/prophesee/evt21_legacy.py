@@ -12,7 +12,7 @@ def _swapped(words: np.ndarray) -> np.ndarray:
 
 
 class Decoder(evt21.Decoder):
-    """EVT2.1 words in legacy order to events."""
+    """Decodes EVT2.1 words in legacy order to events."""
 
     encoding = "evt21_legacy"
 
@@ -21,7 +21,7 @@ class Decoder(evt21.Decoder):
 
 
 class Encoder(evt21.Encoder):
-    """Events to EVT2.1 words in legacy order."""
+    """Encodes events as EVT2.1 words in legacy order."""
 
     encoding = "evt21_legacy"
 

@@ -8,43 +8,57 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.events.arrays import Events, Triggers
 from evis.events.codecs import decoder
 from evis.events.codecs.encoder import Item, PropheseeEncoder, scatter
-from evis.events.container import Events, Triggers
 
 ADDR_Y, ADDR_X, VECT_BASE_X, VECT_12, VECT_8, TIME_LOW, TIME_HIGH, TRIGGER = 0, 2, 3, 4, 5, 6, 8, 10
 
+PADDING = (14, 15)
+CONTINUED = 7
+"""Types that mean nothing to a decoder, and are no fault either: padding, and what continues another word."""
+IN_RUNS = (ADDR_Y, ADDR_X, TIME_LOW, CONTINUED, *PADDING)
+"""Types that `evt3_run` of the kernel decodes."""
+VECTOR_PIXELS = {VECT_12: 12, VECT_8: 8}
+ADDRESS = 0x7FF
+"""Bits of a row or a column."""
+HALF_TURN = 1 << 11
+"""A fall of TIME_HIGH from which on its 12 bits have turned."""
+
 # places in the state vector, shared with the kernel
-_TIMED, _HIGH, _LOW, _LOOP, _Y, _BASE, _SIGN, _OUTSIDE, _UNTIMED, _UNKNOWN = range(10)
+TIMED, HIGH, LOW, LOOP, ROW, BASE, SIGN, OUTSIDE, UNTIMED, UNKNOWN = range(10)
 
 # what each word type is worth to the decoder, by type
 _WIDTHS = np.zeros(16, np.int64)
-_WIDTHS[VECT_12], _WIDTHS[VECT_8] = 12, 8
+_WIDTHS[list(VECTOR_PIXELS)] = list(VECTOR_PIXELS.values())
 _TIMES = np.zeros(16, bool)
 _TIMES[[ADDR_X, VECT_12, VECT_8, TRIGGER]] = True
-_NOT_KNOWN = np.isin(np.arange(16), [1, 9, 11, 12, 13])
+_KNOWN = [ADDR_Y, ADDR_X, VECT_BASE_X, VECT_12, VECT_8, TIME_LOW, CONTINUED, TIME_HIGH, TRIGGER, *PADDING]
+_NOT_KNOWN = ~np.isin(np.arange(16), _KNOWN)
 
 
 class Decoder(decoder.Decoder):
-    """EVT3 words to events. See `evis.events.codecs.decoder.Decoder`."""
+    """Decodes EVT3 words to events. See `evis.events.codecs.decoder.Decoder`."""
 
     encoding = "evt3"
     word = np.dtype("<u2")
     wrap_ns = 1000 << 24
     state_size = 10
-    counters = {"outside": _OUTSIDE, "untimed": _UNTIMED, "unknown": _UNKNOWN}
+    counters = {"outside": OUTSIDE, "untimed": UNTIMED, "unknown": UNKNOWN}
     kernel = "evis.events.codecs.prophesee.evt3_kernels:decode_evt3"
 
     def _begin(self) -> None:
-        self.state[[_LOW, _Y, _BASE, _SIGN]] = 0
+        self.state[[LOW, ROW, BASE, SIGN]] = 0
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """The vectorised reference: positions of each kind of word, how many came before each event."""
+        """Decodes words by numpy, the twin of the kernel: positions of each kind of word, how many came before each
+        event.
+        """
         state, skipped = self.state, 0
-        if state[_TIMED] <= 0:
+        if state[TIMED] <= 0:
             highs = np.flatnonzero(words >> 12 == TIME_HIGH)
             skipped = int(highs[0]) if len(highs) else len(words)
-            state[_UNTIMED] += skipped
+            state[UNTIMED] += skipped
             words = words[skipped:]
         if not len(words):
             return Events.empty(), skipped, -1
@@ -59,7 +73,7 @@ class Decoder(decoder.Decoder):
             next_us, cut = int(times[first]), int(timed[first])
             kind, value, timed, times = kind[:cut], value[:cut], timed[:first], times[:first]
         clock.store(state, cut)
-        state[_UNKNOWN] += np.count_nonzero(_NOT_KNOWN[kind])
+        state[UNKNOWN] += np.count_nonzero(_NOT_KNOWN[kind])
         is_trigger = kind[timed] == TRIGGER
         events = self._events(kind, value, timed[~is_trigger], times[~is_trigger])
         if is_trigger.any():
@@ -73,11 +87,11 @@ class Decoder(decoder.Decoder):
         """Events of the words `at`, and the address part of the state after all words."""
         state = self.state
         rows = np.flatnonzero(kind == ADDR_Y)
-        y_values = np.concatenate([state[_Y : _Y + 1], value[rows].astype(np.int64) & 0x7FF])
+        y_values = np.concatenate([state[ROW : ROW + 1], value[rows].astype(np.int64) & ADDRESS])
         bases = np.flatnonzero(kind == VECT_BASE_X)
         word = value[bases].astype(np.int64)
-        base_values = np.concatenate([state[_BASE : _BASE + 1], word & 0x7FF])
-        sign_values = np.concatenate([state[_SIGN : _SIGN + 1], word >> 11])
+        base_values = np.concatenate([state[BASE : BASE + 1], word & ADDRESS])
+        sign_values = np.concatenate([state[SIGN : SIGN + 1], word >> 11])
         # pixels that all vectors have moved the base by before each word, and before the base in force was set
         moved = np.concatenate([[0], np.cumsum(_WIDTHS[kind])])
         moved_at_base = np.concatenate([[0], moved[bases]])
@@ -85,12 +99,12 @@ class Decoder(decoder.Decoder):
         single = kind[at] == ADDR_X
         word = value[at].astype(np.int64)
         base = decoder.count_until(kind == VECT_BASE_X, at)
-        column = np.where(single, word & 0x7FF, base_values[base] + moved[at] - moved_at_base[base])
+        column = np.where(single, word & ADDRESS, base_values[base] + moved[at] - moved_at_base[base])
         sign = np.where(single, word >> 11, sign_values[base])
         mask = np.where(single, 1, np.where(kind[at] == VECT_8, word & 0xFF, word)).astype("<u2")
-        state[_Y] = y_values[-1]
-        state[_BASE] = (base_values[-1] + moved[-1] - moved_at_base[-1]) & 0xFFFF
-        state[_SIGN] = sign_values[-1]
+        state[ROW] = y_values[-1]
+        state[BASE] = (base_values[-1] + moved[-1] - moved_at_base[-1]) & 0xFFFF
+        state[SIGN] = sign_values[-1]
 
         bits = np.unpackbits(mask.view(np.uint8).reshape(-1, 2), axis=1, bitorder="little")
         flat = np.flatnonzero(bits.reshape(-1).view(bool))
@@ -104,7 +118,7 @@ class Decoder(decoder.Decoder):
         if self.width:
             keep &= x < self.width
         if not keep.all():
-            state[_OUTSIDE] += np.count_nonzero(~keep)
+            state[OUTSIDE] += np.count_nonzero(~keep)
             t, x, y, p = t[keep], x[keep], y[keep], p[keep]
         return Events(t, x.astype(np.uint16), y.astype(np.uint16), p.astype(np.uint8))
 
@@ -116,18 +130,18 @@ class _Clock:
         self.kind = kind
         self.highs = np.flatnonzero(kind == TIME_HIGH)
         high = value[self.highs].astype(np.int64)
-        first = state[_HIGH] if state[_TIMED] or not len(high) else high[0]
+        first = state[HIGH] if state[TIMED] or not len(high) else high[0]
         before = np.concatenate([[first], high])
-        turns = np.cumsum(before[:-1] >= high + 2048)
-        self.high = before if state[_TIMED] else np.concatenate([[0], high])
-        self.loop = state[_LOOP] + np.concatenate([[0], turns])
+        turns = np.cumsum(before[:-1] >= high + HALF_TURN)
+        self.high = before if state[TIMED] else np.concatenate([[0], high])
+        self.loop = state[LOOP] + np.concatenate([[0], turns])
         self.lows = np.flatnonzero(kind == TIME_LOW)
-        self.low = np.append(state[_LOW], value[self.lows])
+        self.low = np.append(state[LOW], value[self.lows])
         # a change of TIME_HIGH is a TIME_LOW of 0: it counts where it is the later one of the two
         place = np.where(high != before[:-1], self.highs, -1)
         self.changed = np.append(-1, np.maximum.accumulate(place))
         self.set = np.append(-1, self.lows)
-        self.any = state[_TIMED] > 0
+        self.any = state[TIMED] > 0
 
     def at(self, words: np.ndarray) -> np.ndarray:
         """Time [us] at the given word positions, int64."""
@@ -138,14 +152,17 @@ class _Clock:
     def store(self, state: np.ndarray, cut: int) -> None:
         """The state before word `cut`."""
         h, l = int(np.searchsorted(self.highs, cut)), int(np.searchsorted(self.lows, cut))
-        state[_TIMED] = int(self.any or h > 0)
-        state[_HIGH], state[_LOOP] = self.high[h], self.loop[h]
-        state[_LOW] = 0 if self.changed[h] > self.set[l] else self.low[l]
+        state[TIMED] = int(self.any or h > 0)
+        state[HIGH], state[LOOP] = self.high[h], self.loop[h]
+        state[LOW] = 0 if self.changed[h] > self.set[l] else self.low[l]
 
 
 class Encoder(PropheseeEncoder):
-    """Events to EVT3. Runs of five or more pixels of one time, row and polarity in an aligned block of 32 columns
-    become vectors (12 + 12 + 8 bits, always together, as the sensors send them); others single words."""
+    """Encodes events as EVT3.
+
+    Runs of five or more pixels of one time, row and polarity in an aligned block of 32 columns become vectors (12 + 12
+    + 8 bits, always together, as the sensors send them); others single words.
+    """
 
     encoding = "evt3"
     high_bits, low_bits = 12, 12

@@ -2,19 +2,47 @@
 
 import warp as wp
 
-from evis.events.codecs.prophesee.run_kernels import evt3_run, keep_inside, put_vector
-from evis.events.codecs.writing_kernels import Sink, bound_of, put_event, put_trigger, report
+from evis.events.codecs.mask_kernels import put_vector
+from evis.events.codecs.prophesee import evt3
+from evis.events.codecs.prophesee.evt3 import (
+    ADDR_X,
+    ADDR_Y,
+    ADDRESS,
+    BASE,
+    CONTINUED,
+    HALF_TURN,
+    HIGH,
+    LOOP,
+    LOW,
+    OUTSIDE,
+    ROW,
+    SIGN,
+    TIME_HIGH,
+    TIME_LOW,
+    TIMED,
+    TRIGGER,
+    UNKNOWN,
+    UNTIMED,
+    VECT_8,
+    VECT_12,
+    VECT_BASE_X,
+)
+from evis.events.codecs.prophesee.run_kernels import evt3_run
+from evis.events.codecs.writing_kernels import Sink, Span, bound_of, keep_inside, put_event, put_trigger, report
+
+FIRST_PADDING = min(evt3.PADDING)
+PIXELS_12, PIXELS_8 = evt3.VECTOR_PIXELS[VECT_12], evt3.VECTOR_PIXELS[VECT_8]
 
 
 @wp.func
 def start_of(loop: wp.int64, high: wp.int32):
-    """Time [us] at which a TIME_HIGH begins, after `loop` turns."""
+    """Computes the time [us] at which a TIME_HIGH begins, after `loop` turns."""
     return (loop << wp.int64(24)) + wp.int64(high << 12)
 
 
 @wp.func
 def latest_of(limit_us: wp.int64, since: wp.int64):
-    """The last TIME_LOW that is not later than the limit: -1 for none."""
+    """Finds the last TIME_LOW that is not later than the limit: -1 for none."""
     return int(wp.clamp(limit_us - since, wp.int64(-1), wp.int64(4096)))
 
 
@@ -22,35 +50,34 @@ def latest_of(limit_us: wp.int64, since: wp.int64):
 def decode_evt3(
     # in
     words: wp.array(dtype=wp.uint16),
-    start: wp.int64,
-    limit_us: wp.int64,
-    width: int,
-    height: int,
+    span: Span,
     # out
     to: Sink,
 ):
-    timed = to.state[0]
-    high = int(to.state[1])
-    low = int(to.state[2])
-    loop = to.state[3]
-    row = int(to.state[4])
-    base = int(to.state[5])
-    sign = wp.uint8(to.state[6])
-    outside = to.state[7]
-    untimed = to.state[8]
-    unknown = to.state[9]
+    """Decodes EVT3 words to events and triggers, one after the other, up to the limit or the end of the room."""
+    timed = to.state[TIMED]
+    high = int(to.state[HIGH])
+    low = int(to.state[LOW])
+    loop = to.state[LOOP]
+    row = int(to.state[ROW])
+    base = int(to.state[BASE])
+    sign = wp.uint8(to.state[SIGN])
+    outside = to.state[OUTSIDE]
+    untimed = to.state[UNTIMED]
+    unknown = to.state[UNKNOWN]
     # a vector writes 12 places: stop while they still fit
-    last = to.t.shape[0] - 12
+    last = to.t.shape[0] - PIXELS_12
     last_trigger = to.trigger_t.shape[0]
     n = wp.int32(0)
     m = wp.int32(0)
     next_us = wp.int64(-1)
-    i = int(start)
+    limit_us = span.limit_us
+    i = int(span.start)
     end = words.shape[0]
-    columns = bound_of(width)
-    rows = bound_of(height)
+    columns = bound_of(span.width)
+    rows = bound_of(span.height)
     while timed <= wp.int64(0) and i < end:
-        if int(words[i]) >> 12 == 8:
+        if int(words[i]) >> 12 == TIME_HIGH:
             # after a gap (-1) the time before it still counts, for the turns
             if timed == wp.int64(0):
                 high = int(words[i]) & 0xFFF
@@ -67,12 +94,12 @@ def decode_evt3(
         word = int(words[i])
         kind = word >> 12
         value = word & 0xFFF
-        if kind == 2:
+        if kind == ADDR_X:
             if low > latest:
                 next_us = since + wp.int64(low)
                 break
-            to.state[2] = wp.int64(low)
-            to.state[4] = wp.int64(row)
+            to.state[LOW] = wp.int64(low)
+            to.state[ROW] = wp.int64(row)
             # each word gives one event at most
             stop = wp.min(end, i + last - n + 1)
             i = evt3_run(words, i, stop, since, high, latest, n, to)
@@ -80,22 +107,22 @@ def decode_evt3(
             kept = keep_inside(n, met, columns, rows, to)
             outside += wp.int64(met - kept)
             n = kept
-            low = int(to.state[2])
-            row = int(to.state[4])
+            low = int(to.state[LOW])
+            row = int(to.state[ROW])
             continue
-        if kind == 0:
-            row = value & 0x7FF
-        elif kind == 3:
-            base = value & 0x7FF
+        if kind == ADDR_Y:
+            row = value & ADDRESS
+        elif kind == VECT_BASE_X:
+            base = value & ADDRESS
             sign = wp.uint8(value >> 11)
-        elif kind == 4 or kind == 5:
+        elif kind == VECT_12 or kind == VECT_8:
             if low > latest:
                 next_us = since + wp.int64(low)
                 break
             now_ns = (since + wp.int64(low)) * wp.int64(1000)
-            pixels = wp.where(kind == 4, 12, 8)
+            pixels = wp.where(kind == VECT_12, PIXELS_12, PIXELS_8)
             value = value & ((1 << pixels) - 1)
-            if row < rows and base + 12 <= columns:
+            if row < rows and base + PIXELS_12 <= columns:
                 n = put_vector(n, now_ns, base, row, sign, value, to)
             else:
                 column = base
@@ -110,17 +137,17 @@ def decode_evt3(
                     value = value >> 1
                     column += 1
             base = (base + pixels) & 0xFFFF
-        elif kind == 6:
+        elif kind == TIME_LOW:
             low = value
-        elif kind == 8:
-            if high >= value + 2048:
+        elif kind == TIME_HIGH:
+            if high >= value + HALF_TURN:
                 loop += wp.int64(1)
             if high != value:
                 low = 0
                 high = value
                 since = start_of(loop, high)
                 latest = latest_of(limit_us, since)
-        elif kind == 10:
+        elif kind == TRIGGER:
             if m >= last_trigger:
                 break
             if low > latest:
@@ -129,17 +156,17 @@ def decode_evt3(
             now_ns = (since + wp.int64(low)) * wp.int64(1000)
             put_trigger(m, now_ns, (value >> 8) & 15, value & 1, to)
             m += 1
-        elif kind != 7 and kind < 14:
+        elif kind != CONTINUED and kind < FIRST_PADDING:
             unknown += wp.int64(1)
         i += 1
-    to.state[0] = timed
-    to.state[1] = wp.int64(high)
-    to.state[2] = wp.int64(low)
-    to.state[3] = loop
-    to.state[4] = wp.int64(row)
-    to.state[5] = wp.int64(base)
-    to.state[6] = wp.int64(sign)
-    to.state[7] = outside
-    to.state[8] = untimed
-    to.state[9] = unknown
+    to.state[TIMED] = timed
+    to.state[HIGH] = wp.int64(high)
+    to.state[LOW] = wp.int64(low)
+    to.state[LOOP] = loop
+    to.state[ROW] = wp.int64(row)
+    to.state[BASE] = wp.int64(base)
+    to.state[SIGN] = wp.int64(sign)
+    to.state[OUTSIDE] = outside
+    to.state[UNTIMED] = untimed
+    to.state[UNKNOWN] = unknown
     report(i, n, m, next_us, to)

@@ -2,29 +2,39 @@
 
 import warp as wp
 
-from evis.events.codecs.prophesee.evt2_kernels import column_of, low_of, row_of, time_of, turns_of
-from evis.events.codecs.prophesee.run_kernels import keep_inside, put_mask
-from evis.events.codecs.writing_kernels import Sink, bound_of, put_event, put_trigger, report
+from evis.events.codecs.mask_kernels import put_mask
+from evis.events.codecs.prophesee.evt2 import HIGH, LOOP, OUTSIDE, TIMED, TYPE_SHIFT, UNKNOWN, UNTIMED
+from evis.events.codecs.prophesee.evt2_kernels import (
+    channel_of,
+    column_of,
+    low_of,
+    newest_of,
+    row_of,
+    time_of,
+    turns_of,
+)
+from evis.events.codecs.prophesee.evt4 import COUNTS, OFF, ON, OPEN, PADDING, TIME_HIGH, TRIGGER, VECTOR_OFF, VECTOR_ON
+from evis.events.codecs.writing_kernels import Sink, Span, bound_of, keep_inside, put_event, put_trigger, report
+
+FIRST_COUNT, LAST_COUNT = COUNTS
 
 
 @wp.kernel(module="unique", enable_backward=False)
 def decode_evt4(
     # in
     words: wp.array(dtype=wp.uint32),
-    start: wp.int64,
-    limit_us: wp.int64,
-    width: int,
-    height: int,
+    span: Span,
     # out
     to: Sink,
 ):
-    timed = to.state[0]
-    high = to.state[1]
-    loop = to.state[2]
-    outside = to.state[3]
-    untimed = to.state[4]
-    unknown = to.state[5]
-    opened = wp.uint32(to.state[6])
+    """Decodes EVT4 words to events and triggers, one after the other, up to the limit or the end of the room."""
+    timed = to.state[TIMED]
+    high = to.state[HIGH]
+    loop = to.state[LOOP]
+    outside = to.state[OUTSIDE]
+    untimed = to.state[UNTIMED]
+    unknown = to.state[UNKNOWN]
+    opened = wp.uint32(to.state[OPEN])
     base = time_of(loop, high)
     # a vector writes up to 32 places: stop while they still fit
     last = to.t.shape[0] - 32
@@ -32,32 +42,33 @@ def decode_evt4(
     n = wp.int32(0)
     m = wp.int32(0)
     next_us = wp.int64(-1)
-    i = int(start)
+    limit_us = span.limit_us
+    i = int(span.start)
     end = words.shape[0]
-    columns = bound_of(width)
-    rows = bound_of(height)
+    columns = bound_of(span.width)
+    rows = bound_of(span.height)
     while i < end:
         word = words[i]
         # of a mask, the vector before it says what and when it is
         head = wp.where(opened != wp.uint32(0), opened, word)
-        kind = int(head >> wp.uint32(28))
+        kind = int(head >> wp.uint32(TYPE_SHIFT))
         now = base + low_of(head)
         column = column_of(head)
         row = row_of(head)
-        if timed <= wp.int64(0) and kind != 14:
+        if timed <= wp.int64(0) and kind != TIME_HIGH:
             if opened != wp.uint32(0):
                 opened = wp.uint32(0)
             else:
                 untimed += wp.int64(1)
-                if kind == 12 or kind == 13:
+                if kind == VECTOR_OFF or kind == VECTOR_ON:
                     opened = word
-        elif kind >= 10 and kind <= 13:
+        elif kind >= OFF and kind <= VECTOR_ON:
             if n > last:
                 break
             if now > limit_us:
                 next_us = now
                 break
-            if kind < 12:
+            if kind <= ON:
                 if row < rows and column < columns:
                     put_event(n, now * wp.int64(1000), column, row, wp.uint8(kind & 1), to)
                     n += 1
@@ -73,8 +84,8 @@ def decode_evt4(
                 if row >= rows or column + 32 > columns:
                     n = keep_inside(first, met, columns, rows, to)
                     outside += wp.int64(met - n)
-        elif kind == 14:
-            newest = wp.int64(head & wp.uint32(0xFFFFFFF))
+        elif kind == TIME_HIGH:
+            newest = newest_of(head)
             # after a gap (-1) the time before it still counts, for the turns
             if timed == wp.int64(0):
                 high = newest
@@ -82,23 +93,22 @@ def decode_evt4(
             loop = turns_of(loop, high, newest)
             high = newest
             base = time_of(loop, high)
-        elif kind == 9:
+        elif kind == TRIGGER:
             if m >= last_trigger:
                 break
             if now > limit_us:
                 next_us = now
                 break
-            channel = int((head >> wp.uint32(8)) & wp.uint32(31))
-            put_trigger(m, now * wp.int64(1000), channel, int(head & wp.uint32(1)), to)
+            put_trigger(m, now * wp.int64(1000), channel_of(head), int(head & wp.uint32(1)), to)
             m += 1
-        elif kind != 6 and kind != 7 and kind != 15:
+        elif kind != FIRST_COUNT and kind != LAST_COUNT and kind != PADDING:
             unknown += wp.int64(1)
         i += 1
-    to.state[0] = timed
-    to.state[1] = high
-    to.state[2] = loop
-    to.state[3] = outside
-    to.state[4] = untimed
-    to.state[5] = unknown
-    to.state[6] = wp.int64(opened)
+    to.state[TIMED] = timed
+    to.state[HIGH] = high
+    to.state[LOOP] = loop
+    to.state[OUTSIDE] = outside
+    to.state[UNTIMED] = untimed
+    to.state[UNKNOWN] = unknown
+    to.state[OPEN] = wp.int64(opened)
     report(i, n, m, next_us, to)

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from evis.events.container import Events, Triggers
+from evis.events.arrays import Events, Triggers
 from evis.events.files.aedat.aedat2_davis import DavisSamples
-from evis.events.files.blocks import take_size
-from evis.events.files.records import RecordFile
+from evis.events.files.reading.block_recording import take_size
+from evis.events.files.reading.record_file import RecordFile
 from evis.events.recording import HEAD, OpenOptions, RecordingInfo
 
 NAME = "AEDAT 1.0, 2.0, 3.1 and 4"
@@ -34,7 +34,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class Aedat2Recording(RecordFile):
-    """An AEDAT 2.0 file of a DVS128 or a DAVIS, or one of version 1.0.
+    """Reads an AEDAT 2.0 file of a DVS128 or a DAVIS, or one of version 1.0.
 
     DVS128 address: polarity OFF bit 0, x bits 1-7 counted from the right (as jAER shows it), y bits 8-14, external
     input bit 15. DAVIS: bit 31 APS or IMU; y bits 22-30, x bits 12-21, polarity bit 11, external input bit 10.

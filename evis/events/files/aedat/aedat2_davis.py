@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from evis.events.container import Events, Frame, Imu
+from evis.events.arrays import Events, Frame, Imu
 
 RESET, SIGNAL, IMU = 0, 1, 3
 """Bits 10-11 of the address."""

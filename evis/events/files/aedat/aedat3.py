@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from evis.events.container import Events, Frame, Imu, Triggers
-from evis.events.files.blocks import BlockRecording, take_size
+from evis.events.arrays import Events, Frame, Imu, Triggers
+from evis.events.files.reading.block_recording import BlockRecording, take_size
 from evis.events.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
 
 NAME = "AEDAT 1.0, 2.0, 3.1 and 4"

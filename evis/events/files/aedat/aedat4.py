@@ -12,11 +12,11 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from evis.events.container import Events
+from evis.events.arrays import Events
 from evis.events.files.aedat.aedat4_packets import KINDS, Packets
 from evis.events.files.aedat.flatbuffer import Table
-from evis.events.files.blocks import BlockRecording, take_size
-from evis.events.files.inflate import DamagedError, inflate
+from evis.events.files.reading.block_recording import BlockRecording, take_size
+from evis.events.files.reading.decompress import DamagedError, inflate
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
 from evis.files.allowance import Allowance
 

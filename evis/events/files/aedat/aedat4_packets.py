@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from evis.events.container import Events, Frame, Imu, Triggers
+from evis.events.arrays import Events, Frame, Imu, Triggers
 from evis.events.files.aedat.flatbuffer import Rows, Table, columns
-from evis.events.files.inflate import DamagedError
+from evis.events.files.reading.decompress import DamagedError
 
 KINDS = (b"EVTS", b"FRME", b"IMUS", b"TRIG")
 EVENT = np.dtype(

@@ -8,7 +8,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from evis.events.container import Events, Frame, Imu, Triggers
+from evis.events.arrays import Events, Frame, Imu, Triggers
 from evis.events.files.aedat.aedat4 import MAGIC
 from evis.events.files.aedat.aedat4_packets import EVENT, GRAVITY, SOURCES
 from evis.events.files.aedat.flat_builder import single_table, vector_of_structs, vector_of_tables

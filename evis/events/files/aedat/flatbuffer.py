@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from evis.events.files.inflate import DamagedError
+from evis.events.files.reading.decompress import DamagedError
 
 _READERS = {code: struct.Struct(code) for code in ("<b", "<h", "<H", "<i", "<I", "<q", "<f")}
 _OFFSET = np.dtype("<u4")

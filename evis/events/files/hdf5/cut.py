@@ -9,7 +9,7 @@ from pathlib import Path
 
 from evis.events.files.hdf5 import ecf
 from evis.events.files.hdf5.table import Table
-from evis.events.files.inflate import DamagedError
+from evis.events.files.reading.decompress import DamagedError
 
 _WINDOW = 8 << 20
 _LONGEST_CHUNK = 1 << 20

@@ -14,7 +14,7 @@ import struct
 
 import numpy as np
 
-from evis.events.files.inflate import DamagedError
+from evis.events.files.reading.decompress import DamagedError
 
 FILTER = 0x8ECF
 MAX_EVENTS = 65535
@@ -172,8 +172,8 @@ def _masked(data: bytes, at: int, n: int) -> tuple[np.ndarray, np.ndarray, int]:
 
 
 def _launch(data: bytes, n: int, t0: int, yxp: bool, xp: bool) -> Columns:
+    from evis.events.codecs.warp_calls import run
     from evis.events.files.hdf5.ecf_kernels import decode_ecf
-    from evis.events.files.kernels import run
 
     # five more than n: packed events come in fours, masked columns in up to six
     t, x, y, p = (np.zeros(n + 5, d) for d in (np.int64, np.uint16, np.uint16, np.uint8))

@@ -16,7 +16,7 @@ U16 = wp.array(dtype=wp.uint16)
 
 @wp.func
 def half(data: Bytes, at: int):
-    """The little-endian u16 at a byte, 0 behind the end."""
+    """Reads the little-endian u16 at a byte, 0 behind the end."""
     if at + 2 > data.shape[0]:
         return 0
     return int(data[at]) | (int(data[at + 1]) << 8)
@@ -24,13 +24,13 @@ def half(data: Bytes, at: int):
 
 @wp.func
 def word(data: Bytes, at: int):
-    """The little-endian u32 at a byte."""
+    """Reads the little-endian u32 at a byte."""
     return half(data, at) | (half(data, at + 2) << 16)
 
 
 @wp.func
 def read_times(data: Bytes, at: int, n: int, t0: wp.int64, t: wp.array(dtype=wp.int64)):
-    """Runs of events with one time: step and count, with longer steps and counts behind a 15."""
+    """Reads runs of events with one time: step and count, with longer steps and counts behind a 15."""
     now = t0
     i = wp.int32(0)
     jump = wp.int64(0)
@@ -64,7 +64,7 @@ def read_times(data: Bytes, at: int, n: int, t0: wp.int64, t: wp.array(dtype=wp.
 
 @wp.func
 def read_packed_events(data: Bytes, at: int, n: int, x: U16, y: U16, p: Bytes):
-    """Four events of 24 bits in three words."""
+    """Reads four events of 24 bits in three words."""
     i = wp.int32(0)
     while i < n:
         if at + 12 > data.shape[0]:
@@ -90,7 +90,7 @@ def read_packed_events(data: Bytes, at: int, n: int, x: U16, y: U16, p: Bytes):
 
 @wp.func
 def read_rows(data: Bytes, at: int, n: int, y: U16):
-    """Runs of events in one row."""
+    """Reads runs of events in one row."""
     i = wp.int32(0)
     while i < n:
         if at + 2 > data.shape[0]:
@@ -112,7 +112,7 @@ def read_rows(data: Bytes, at: int, n: int, y: U16):
 
 @wp.func
 def read_packed_columns(data: Bytes, at: int, n: int, x: U16, p: Bytes):
-    """Column and polarity of four events, of 12 bits each, in three half words."""
+    """Reads column and polarity of four events, of 12 bits each, in three half words."""
     i = wp.int32(0)
     while i < n:
         if at + 6 > data.shape[0]:
@@ -137,7 +137,7 @@ def read_packed_columns(data: Bytes, at: int, n: int, x: U16, p: Bytes):
 
 @wp.func
 def read_masked_columns(data: Bytes, at: int, n: int, x: U16):
-    """A column, and a mask of the five behind it."""
+    """Reads a column, and a mask of the five behind it."""
     i = wp.int32(0)
     while i < n:
         if at + 2 > data.shape[0]:
@@ -155,7 +155,7 @@ def read_masked_columns(data: Bytes, at: int, n: int, x: U16):
 
 @wp.func
 def read_polarities(data: Bytes, at: int, n: int, p: Bytes):
-    """Runs of events of one polarity."""
+    """Reads runs of events of one polarity."""
     i = wp.int32(0)
     while i < n:
         if at >= data.shape[0]:
@@ -190,7 +190,7 @@ def decode_ecf(
     y: U16,
     p: Bytes,
 ):
-    """out = 1 where the data end early."""
+    """Decodes a chunk of n events that begins at t0 [us]; out = 1 where the data end early."""
     at = read_times(data, 12, n, t0, t)
     if at >= 0 and yxp == 1:
         at = read_packed_events(data, at, n, x, y, p)

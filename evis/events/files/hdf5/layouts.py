@@ -11,12 +11,12 @@ from typing import Any
 import h5py
 import numpy as np
 
-from evis.events.container import Events, Triggers
-from evis.events.files.arrays.npy import NAMES, is_whole, seconds_in_ns
+from evis.events.arrays import Events, Triggers
 from evis.events.files.hdf5 import ecf
 from evis.events.files.hdf5.cut import Parts, common, rows_there
 from evis.events.files.hdf5.table import Table, member
-from evis.events.files.inflate import DamagedError
+from evis.events.files.numpy_files.npy import NAMES, is_whole, seconds_in_ns
+from evis.events.files.reading.decompress import DamagedError
 from evis.events.recording import RecordingError, RecordingInfo
 from evis.files.allowance import Allowance
 

@@ -10,10 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from evis.events.container import Events
-from evis.events.files.blocks import BlockRecording, take_size
-from evis.events.files.trial import fate
-from evis.events.files.unpacked import with_name
+from evis.events.arrays import Events
+from evis.events.files.reading.block_recording import BlockRecording, take_size
+from evis.events.files.reading.forked_trial import fate
+from evis.events.files.reading.unpacked_file import with_name
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from evis.events.container import Events, Triggers
+from evis.events.arrays import Events, Triggers
 from evis.events.files.hdf5 import ecf
 from evis.events.recording import RecordingError, Writer
 

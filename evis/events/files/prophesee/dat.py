@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from evis.events.container import Events, Triggers
-from evis.events.files.blocks import take_size
-from evis.events.files.records import RecordFile
+from evis.events.arrays import Events, Triggers
+from evis.events.files.reading.block_recording import take_size
+from evis.events.files.reading.record_file import RecordFile
 from evis.events.recording import HEAD, OpenOptions, RecordingError, RecordingInfo, Writer
 
 NAME = "Prophesee DAT"

@@ -9,10 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from evis.events.arrays import Events
 from evis.events.codecs.decoder import backend_for, decoder_for
 from evis.events.codecs.encoder import Encoder, encoder_for
-from evis.events.container import Events
-from evis.events.files.blocks import take_size
 from evis.events.files.prophesee.raw_header import (
     KEYS,
     SYSTEMS,
@@ -22,6 +21,7 @@ from evis.events.files.prophesee.raw_header import (
     read_header,
     value_in_format,
 )
+from evis.events.files.reading.block_recording import take_size
 from evis.events.recording import OpenOptions, Recording, RecordingError, RecordingInfo, Writer
 
 NAME = "Prophesee RAW (EVT2, EVT2.1, EVT3, EVT4)"

@@ -8,9 +8,9 @@ import urllib.parse
 from collections.abc import Iterator
 from pathlib import Path
 
+from evis.events.files.reading.unpacked_file import with_name
 from evis.events.files.rosbag.messages import plain_type
 from evis.events.files.rosbag.recording import BagMessage, RosRecording
-from evis.events.files.unpacked import with_name
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
 
 NAME = "ROS 2 .db3 bag"
@@ -26,7 +26,10 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class Db3Recording(RosRecording):
-    """A .db3 bag, row by row in the order of recording. Of a file that is cut, the rows on the pages that are there."""
+    """Reads a .db3 bag row by row in the order of recording.
+
+    Of a file that is cut, the rows on the pages that are there.
+    """
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path, self._row, self._rows = path, 0, 0

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 
 import numpy as np
 
-from evis.events.container import Events
-from evis.events.files.inflate import DamagedError
+from evis.events.arrays import Events
+from evis.events.files.reading.decompress import DamagedError
+from evis.files.cdr import MessageReader
 
 PACKETS = ("event_camera_msgs/EventPacket", "event_array_msgs/EventArray")
 ARRAYS = ("dvs_msgs/EventArray", "prophesee_event_msgs/EventArray")
@@ -29,7 +29,7 @@ def plain_type(name: str) -> str:
 
 @dataclass
 class Packet:
-    """An EventPacket: `events` as its encoding has them; `time_base_ns` as the sender set it."""
+    """Holds an EventPacket: `events` as its encoding has them; `time_base_ns` as the sender set it."""
 
     width: int
     height: int
@@ -40,60 +40,21 @@ class Packet:
     events: memoryview
 
 
-class Cursor:
-    """Takes a ROS 1 or CDR message apart, checking every length. cut: the message may end early."""
-
-    def __init__(self, data: bytes | memoryview, cdr: bool, cut: bool = False) -> None:
-        self.data, self.cdr, self.cut = memoryview(data), cdr, cut
-        self.at = 4 if cdr else 0
-        if cdr and bytes(self.data[:2]) != b"\x00\x01":
-            raise DamagedError("a message is not little-endian CDR")
-
-    def number(self, code: str) -> int:
-        """One number; code as in `struct`."""
-        size = struct.calcsize(code)
-        if self.cdr:
-            self.at += -(self.at - 4) % size
-        return int(struct.unpack("<" + code, self.take(size))[0])
-
-    def take(self, size: int) -> memoryview:
-        """The next bytes."""
-        if self.at + size > len(self.data):
-            raise DamagedError(f"a message ends after {len(self.data)} bytes, {self.at + size} are needed")
-        part, self.at = self.data[self.at : self.at + size], self.at + size
-        return part
-
-    def text(self) -> str:
-        """A string."""
-        return bytes(self.take(self.number("I"))).rstrip(b"\0").decode(errors="replace")
-
-    def blob(self) -> memoryview:
-        """A sequence of bytes; of a cut message, what is there."""
-        size = self.number("I")
-        return self.take(min(size, len(self.data) - self.at) if self.cut else size)
-
-    def skip_header(self) -> None:
-        """std_msgs/Header; ROS 1 has a sequence number in it."""
-        for _ in range(2 if self.cdr else 3):
-            self.number("I")
-        self.text()
-
-
 def read_packet(data: bytes | memoryview, cdr: bool, cut: bool = False) -> Packet:
     """An EventPacket. Raises DamagedError."""
-    cursor = Cursor(data, cdr, cut)
-    cursor.skip_header()
-    height, width, seq, base = (cursor.number(c) for c in "IIQQ")
-    encoding, big = cursor.text(), cursor.number("B")
-    return Packet(width, height, seq, base, encoding, bool(big), cursor.blob())
+    reader = MessageReader(data, "a message", DamagedError, cdr, cut)
+    reader.header()
+    height, width, seq, base = (reader.integer(c) for c in "IIQQ")
+    encoding, big = reader.string(), reader.integer("B")
+    return Packet(width, height, seq, base, encoding, bool(big), reader.blob())
 
 
 def read_array(data: bytes | memoryview, cdr: bool, cut: bool = False) -> tuple[int, int, Events]:
     """(width, height, events) of an EventArray. Raises DamagedError."""
-    cursor = Cursor(data, cdr, cut)
-    cursor.skip_header()
-    height, width, n = (cursor.number("I") for _ in range(3))
-    rest = cursor.data[cursor.at :]
+    reader = MessageReader(data, "a message", DamagedError, cdr, cut)
+    reader.header()
+    height, width, n = (reader.integer("I") for _ in range(3))
+    rest = reader.data[reader.at :]
     rows = _cdr_rows(rest, n) if cdr else np.frombuffer(rest, _ROS1, min(n, len(rest) // 13))
     if len(rows) < n and not cut:
         raise DamagedError(f"a message claims {n} events and holds {len(rows)}")

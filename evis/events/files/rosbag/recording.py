@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from evis.events.arrays import Events
 from evis.events.codecs.decoder import decoder_for
-from evis.events.container import Events
-from evis.events.files.blocks import BlockRecording, take_size
-from evis.events.files.inflate import DamagedError, inflate
+from evis.events.files.reading.block_recording import BlockRecording, take_size
+from evis.events.files.reading.decompress import DamagedError, inflate
 from evis.events.files.rosbag.messages import PACKETS, TYPES, read_array, read_packet
 from evis.events.recording import OpenOptions, RecordingError, open_recording
 from evis.files.allowance import Allowance
@@ -27,7 +27,7 @@ _BATCH = 1 << 17
 
 @dataclass(frozen=True)
 class BagMessage:
-    """A serialised message. cdr: as in ROS 2. cut: the file ends inside it."""
+    """Holds a serialised message. cdr: as in ROS 2. cut: the file ends inside it."""
 
     type: str
     data: bytes | memoryview
@@ -46,7 +46,7 @@ def unpacked(message: BagMessage, allowance: Allowance) -> BagMessage:
 
 
 class RosRecording(BlockRecording):
-    """The events of one topic of a bag. Damaged messages are left out alone and counted.
+    """Reads the events of one topic of a bag. Damaged messages are left out alone and counted.
 
     A subclass sets `info` and implements `_topics` and `_messages`, then calls `_begin`.
     """

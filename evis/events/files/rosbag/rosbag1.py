@@ -7,7 +7,7 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
-from evis.events.files.inflate import DamagedError, inflate
+from evis.events.files.reading.decompress import DamagedError, inflate
 from evis.events.files.rosbag.messages import plain_type
 from evis.events.files.rosbag.recording import BagMessage, RosRecording
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
@@ -27,7 +27,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class Rosbag1Recording(RosRecording):
-    """A ROS 1 bag. Chunks may be compressed with bz2 or lz4; of a chunk that is cut, what comes before the cut."""
+    """Reads a ROS 1 bag. Chunks may be compressed with bz2 or lz4; a chunk that is cut is read up to the cut."""
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path, self._place = path, 0

@@ -9,11 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
-from evis.events.container import Events
-from evis.events.files.blocks import BlockRecording, take_size
+from evis.events.arrays import Events
+from evis.events.files.reading.block_recording import BlockRecording, take_size
+from evis.events.files.reading.zip_archive import RECORDINGS, Archive, CutArchive, open_archive
 from evis.events.files.text.columns import Format, find_format
 from evis.events.files.text.numbers import parse_lines
-from evis.events.files.zip_cut import RECORDINGS, Archive, CutArchive, open_archive
 from evis.events.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
 from evis.files.allowance import Allowance
 
@@ -32,7 +32,10 @@ def matches(head: bytes, path: Path, name: str) -> bool:
 
 
 class TextRecording(BlockRecording):
-    """A text file, or the one of a zip archive. Times exactly as written; lines that hold no event are counted."""
+    """Reads a text file, or the one of a zip archive.
+
+    Times exactly as written; lines that hold no event are counted.
+    """
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
         self._path, self._read = path, 0

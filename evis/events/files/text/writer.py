@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import os
 
-from evis.events.container import Events
+from evis.events.arrays import Events
 from evis.events.recording import RecordingError, Writer
 
 _ROWS = 1 << 16
 
 
 class TextWriter(Writer):
-    """One line per event. Seconds have nine digits, so that they are exact."""
+    """Writes one line per event. Seconds have nine digits, so that they are exact."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         super().__init__(path)

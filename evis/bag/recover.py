@@ -1,0 +1,80 @@
+"""Makes a whole bag of a torn one: every chunk whose checksum is right is copied, byte for byte, and indexed anew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from mcap.opcode import Opcode
+
+from evis.bag import BagError
+from evis.bag.mcap import scan
+from evis.bag.mcap.container import Container
+from evis.bag.reader import BagReader
+
+
+@dataclass
+class Recovery:
+    """Says what was saved. `problem`: what the torn bag lacked, "" where it was whole."""
+
+    path: Path
+    messages: int
+    chunks: int
+    damaged: int
+    problem: str
+
+
+def recover(source: str | Path, target: str | Path | None = None) -> Recovery:
+    """Write the readable part of `source` to `target` (default `<name>.recovered.mcap`). The source is not changed.
+
+    Raises BagError where there is no bag to read or the target cannot be written.
+    """
+    source = Path(source)
+    target = Path(target) if target else source.with_name(source.stem + ".recovered.mcap")
+    if target.exists() and source.exists() and target.samefile(source):
+        raise BagError(f"cannot recover {source} into itself; give another name")
+    with BagReader(source) as reader:
+        container = Container(target)
+        saved, damaged, messages = 0, 0, 0
+        try:
+            layout = reader.scanner.layout
+            for schema in layout.schemas.values():
+                container.put(schema)
+            for channel in layout.channels.values():
+                container.put(channel)
+            episodes = sorted(layout.episodes)
+            for name, values in layout.metadata.items():
+                if name != "episode":
+                    container.add_metadata(name, values)
+            for chunk in layout.chunks:
+                while episodes and chunk.at > episodes[0]:
+                    container.add_metadata("episode", {})
+                    episodes.pop(0)
+                try:
+                    data = reader.scanner.chunk_data(chunk)
+                    indexes = _indexes(data, frozenset(layout.channels))
+                except scan.TooLargeError:
+                    raise
+                except BagError:
+                    damaged += 1
+                    continue
+                if indexes:
+                    container.put_chunk(
+                        chunk.compression, chunk.full, chunk.crc, [reader.scanner.stored(chunk)], indexes
+                    )  # fmt: skip
+                    saved += 1
+                    messages += sum(len(v) for v in indexes.values())
+        finally:
+            container.close()
+        return Recovery(target, messages, saved, damaged, reader.problem)
+
+
+def _indexes(data: memoryview, known: frozenset[int]) -> dict[int, list[tuple[int, int]]]:
+    result: dict[int, list[tuple[int, int]]] = {}
+    for opcode, at, body in scan.records(data):
+        if opcode == Opcode.MESSAGE:
+            channel, _, log_time, _ = scan.message(body)
+            if channel not in known:
+                raise BagError("a message's channel is not described")
+            result.setdefault(channel, []).append((log_time, at))
+    return result

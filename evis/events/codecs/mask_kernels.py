@@ -1,0 +1,63 @@
+"""Masks of pixels as events, in C++ (`masks.h`)."""
+
+from pathlib import Path
+
+import warp as wp
+
+from evis.events.codecs.writing_kernels import Sink
+from evis.native_code import native_code
+
+_MASKS = [Path(__file__).with_name("masks.h")]
+
+
+@wp.func_native(native_code(_MASKS, "return put_12(n, time_ns, column, row, polarity, mask, to);"))
+def put_vector(
+    n: wp.int32,
+    time_ns: wp.int64,
+    column: wp.int32,
+    row: wp.int32,
+    polarity: wp.uint8,
+    mask: wp.int32,
+    # out
+    to: Sink,
+) -> wp.int32:
+    """Writes the pixels of a mask of 12 from `column` on; uses 12 places from n on. Returns the next place."""
+    ...
+
+
+@wp.func_native(native_code(_MASKS, "return put_32(n, time_ns, column, row, polarity, mask, to);"))
+def put_mask(
+    n: wp.int32,
+    time_ns: wp.int64,
+    column: wp.int32,
+    row: wp.int32,
+    polarity: wp.uint8,
+    mask: wp.uint32,
+    # out
+    to: Sink,
+) -> wp.int32:
+    """Writes the pixels of a mask of 32 from `column` on. Returns the next place."""
+    ...
+
+
+@wp.func_native(native_code(_MASKS, "return put_column(n, time_ns, column, row, polarity, mask, columns, rows, to);"))
+def put_rows(
+    n: wp.int32,
+    time_ns: wp.int64,
+    column: wp.int32,
+    row: wp.int32,
+    polarity: wp.uint8,
+    mask: wp.int32,
+    columns: wp.int32,
+    rows: wp.int32,
+    # out
+    to: Sink,
+) -> wp.int32:
+    """Writes the pixels of a mask, one below the other from `row` on, that are inside. Returns the next place."""
+    ...
+
+
+@wp.func_native("return __builtin_popcount(mask);")
+def ones(mask: wp.int32) -> wp.int32:
+    """Counts the pixels of a mask."""
+    ...

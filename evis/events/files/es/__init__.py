@@ -1,0 +1,1 @@
+"""Event Stream (.es) files, as Prophesee ATIS and DVS recordings of several laboratories have them."""

@@ -1,0 +1,1 @@
+"""What the readers of event files share: blocks and records, decompression, archives, trials in a forked process."""

@@ -1,0 +1,184 @@
+"""What the file readers share whose formats give blocks of events: cuts in time, seeking, the sensor's size."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Iterator
+from typing import TypeVar
+
+import numpy as np
+
+from evis.events.arrays import Events, Imu, Triggers
+from evis.events.recording import OpenOptions, Recording, RecordingError, RecordingInfo
+from evis.files.damage import faults_as
+
+_Samples = TypeVar("_Samples", Triggers, Imu)
+
+
+class BlockRecording(Recording):
+    """Cuts events by time for recordings whose `_load` yields them in blocks of bounded size.
+
+    Triggers, IMU samples and frames come with the block in which the file has them. Events outside of the sensor's
+    size are dropped and counted. A subclass sets `info` before it calls `__init__`.
+    """
+
+    def __init__(self) -> None:
+        self._source = self._load()
+        self._block, self._at = Events.empty(), 0
+        self._waiting: list[Events] = []
+        self._counts: dict[str, int] = {}
+
+    @abc.abstractmethod
+    def _load(self) -> Iterator[Events]:
+        """The file's events in blocks, from its start."""
+
+    def _load_from(self, t_ns: int) -> Iterator[Events]:
+        """As `_load`, from a place where everything before is earlier than t_ns."""
+        return self._load()
+
+    def count(self, what: str, n: int = 1) -> None:
+        """Count something that was dropped or damaged."""
+        self._counts[what] = self._counts.get(what, 0) + n
+
+    def counters(self) -> dict[str, int]:
+        return {k: v for k, v in self._counts.items() if v}
+
+    # -- reading -----------------------------------------------------------------------------------------------------
+
+    def _more(self) -> bool:
+        """Make the current block one with unread events; False at the end."""
+        while self._at >= len(self._block):
+            with faults_as(RecordingError, self.info.path):
+                block = next(self._source, None)
+            if block is None:
+                return False
+            self._block, self._at = self._inside(block), 0
+            if has_aside(block):
+                aside = Events.empty()
+                aside.triggers, aside.imu, aside.frames = block.triggers, block.imu, block.frames
+                self._waiting.append(aside)
+        return True
+
+    @property
+    def _aside(self) -> Events:
+        """Triggers, IMU samples and frames that were loaded and not given yet."""
+        if len(self._waiting) > 1:
+            self._waiting = [Events.concatenate(self._waiting)]
+        return self._waiting[0] if self._waiting else Events.empty()
+
+    def _inside(self, events: Events) -> Events:
+        width, height = self.info.width, self.info.height
+        if not len(events) or not width or (events.x.max() < width and events.y.max() < height):
+            return events
+        keep = (events.x < width) & (events.y < height)
+        self.count("events_outside", len(keep) - int(np.count_nonzero(keep)))
+        colour = None if events.c is None else events.c[keep]
+        return Events(events.t[keep], events.x[keep], events.y[keep], events.p[keep], colour)
+
+    def blocks(self) -> Iterator[Events]:
+        while self._more():
+            part, self._at = self._block[self._at :], len(self._block)
+            yield self._with_aside(part, None)
+        if self._waiting:
+            yield self._with_aside(Events.empty(), None)
+
+    def read(self) -> Events:
+        parts = [Events.empty()]
+        while self._more():
+            parts.append(self._block[self._at :])
+            self._at = len(self._block)
+        return self._with_aside(Events.concatenate(parts), None)
+
+    def read_until(self, t_ns: int) -> Events:
+        parts = [Events.empty()]
+        while self._more():
+            late = self._block.t[self._at :] > t_ns
+            n = int(np.argmax(late)) if late.any() else len(late)
+            parts.append(self._block[self._at : self._at + n])
+            self._at += n
+            if n < len(late):
+                break
+        return self._with_aside(Events.concatenate(parts), t_ns)
+
+    def _with_aside(self, events: Events, t_ns: int | None) -> Events:
+        """`events` with the waiting triggers, IMU samples and frames up to t_ns (None: all)."""
+        if not self._waiting:
+            return events
+        aside = self._aside
+        if t_ns is None:
+            self._waiting = []
+            return Events(events.t, events.x, events.y, events.p, events.c, aside.triggers, aside.imu, aside.frames)
+        n = [_until(t, t_ns) for t in _aside_times(aside)]
+        later = Events.empty()
+        events = Events(events.t, events.x, events.y, events.p, events.c)
+        events.triggers, later.triggers = _split(aside.triggers, n[0])
+        events.imu, later.imu = _split(aside.imu, n[1])
+        events.frames, later.frames = aside.frames[: n[2]], aside.frames[n[2] :]
+        self._waiting = [later] if has_aside(later) else []
+        return events
+
+    @property
+    def next_t_ns(self) -> int | None:
+        first = [int(self._block.t[self._at])] if self._more() else []
+        first += [int(t[0]) for t in _aside_times(self._aside) if len(t)]
+        return min(first, default=None)
+
+    def seek(self, t_ns: int) -> None:
+        self._counts.clear()
+        with faults_as(RecordingError, self.info.path):
+            self._source = self._load_from(t_ns)
+        self._block, self._at, self._waiting = Events.empty(), 0, []
+        more = True
+        while more:
+            more = self._more()
+            self._with_aside(Events.empty(), t_ns - 1)
+            reached = self._block.t >= t_ns
+            self._at = int(np.argmax(reached)) if reached.any() else len(reached)
+            more = more and self._at == len(reached)
+
+    # -- the sensor's size -------------------------------------------------------------------------------------------
+
+    def _size_from_events(self, sensors: tuple[tuple[int, int], ...] = ()) -> None:
+        """Set the size to the smallest of `sensors` that holds all events, or else to the largest coordinates.
+
+        Reads the whole file once. Called before `__init__`, with `info` set and no size in it.
+        """
+        self._counts = {}
+        info, width, height = self.info, 0, 0
+        for events in self._load():
+            if len(events):
+                width, height = max(width, int(events.x.max()) + 1), max(height, int(events.y.max()) + 1)
+        for w, h in sensors:
+            if width <= w and height <= h and width:
+                info.width, info.height, info.geometry_from = w, h, "sensor"
+                info.warn(f"no sensor size in the file: {w}x{h} is the smallest sensor of this format that fits")
+                return
+        info.width, info.height, info.geometry_from = width, height, "events"
+        info.warn(f"no sensor size in the file: {width}x{height} are the largest coordinates")
+
+
+def take_size(info: RecordingInfo, options: OpenOptions) -> bool:
+    """Use the size that the user gives, if so."""
+    if options.size:
+        (info.width, info.height), info.geometry_from = options.size, "option"
+    return options.size is not None
+
+
+def has_aside(events: Events) -> bool:
+    """Whether there is anything but events."""
+    return bool(len(events.triggers) or len(events.imu) or events.frames)
+
+
+def _aside_times(aside: Events) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return aside.triggers.t, aside.imu.t, np.array([f.t_ns for f in aside.frames], np.int64)
+
+
+def _until(t: np.ndarray, t_ns: int) -> int:
+    late = t > t_ns
+    return int(np.argmax(late)) if late.any() else len(t)
+
+
+def _split(samples: _Samples, n: int) -> tuple[_Samples, _Samples]:
+    """The first n samples, and the others."""
+    kind, arrays = type(samples), [getattr(samples, name) for name in samples.__slots__]
+    return kind(*(a[:n] for a in arrays)), kind(*(a[n:] for a in arrays))

@@ -1,0 +1,111 @@
+"""What a camera driver is: open, info, configure, start, read, stop, close.
+
+One file per camera family. Decoding is the business of `evis.events`, one file per codec.
+"""
+
+from __future__ import annotations
+
+import abc
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, ClassVar
+
+import numpy as np
+
+from evis.events.arrays import Events
+from nodes.camera.interface.settings import Configuration
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """Says who a camera is. `clock` names the domain of its times in message headers."""
+
+    name: str
+    serial: str
+    sensor: str
+    width: int
+    height: int
+    encoding: str
+    clock: str
+    details: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass
+class Reading:
+    """Holds the events of the interval (t0_ns, stamp_ns] on the device's clock, in the order and with the times it
+    gave.
+
+    raw: the wire bytes (uint8) of the interval if asked for. lost: events or bytes known to be missing before it.
+    late_ns: how much later than its due time it is handed over (files at a set pace only).
+    """
+
+    events: Events
+    t0_ns: int
+    stamp_ns: int
+    raw: np.ndarray | None = None
+    lost: int = 0
+    late_ns: int = 0
+
+
+class Driver(abc.ABC):
+    """Opens, configures and reads a camera. Use: `with Driver(...) as d: d.configure(...); d.start(); d.read(0.1)`.
+
+    Entering opens, leaving stops and closes, also after an error. Failures are OSError or ValueError with one line.
+    """
+
+    SETTINGS: ClassVar[type[Configuration]]
+    t0_ns: int = 0
+    """Where the stream begins on the device's clock; known after start where the source knows it."""
+    episode: int = 0
+    """Goes up each time the device's clock starts anew (after it was unplugged)."""
+
+    @abc.abstractmethod
+    def open(self) -> None:
+        """Get hold of the device and ask it who it is."""
+
+    @abc.abstractmethod
+    def info(self) -> DeviceInfo:
+        """Who it is; only while open."""
+
+    def settings_type(self) -> type[Configuration]:
+        """The configuration that this camera takes; only while open."""
+        return self.SETTINGS
+
+    @abc.abstractmethod
+    def configure(self, configuration: Configuration) -> None:
+        """Apply settings (of type SETTINGS). Raises ValueError for one out of range."""
+
+    @abc.abstractmethod
+    def start(self) -> None:
+        """Let the stream begin."""
+
+    @abc.abstractmethod
+    def read(self, timeout_s: float) -> Reading | None:
+        """The next interval; None when it is not there after timeout_s, and at the end (`ended`)."""
+
+    @property
+    @abc.abstractmethod
+    def ended(self) -> bool:
+        """True when nothing more will come: the end of a file; never for a device that is there."""
+
+    def counters(self) -> dict[str, int]:
+        """What was dropped, skipped or out of order so far, by name; only what is not 0."""
+        return {}
+
+    @abc.abstractmethod
+    def stop(self) -> None:
+        """End the stream; does nothing when it has not begun."""
+
+    @abc.abstractmethod
+    def close(self) -> None:
+        """Give the device back; does nothing when it is not open."""
+
+    def __enter__(self) -> Driver:
+        self.open()
+        return self
+
+    def __exit__(self, kind: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        try:
+            self.stop()
+        finally:
+            self.close()

@@ -1,0 +1,79 @@
+"""The settings of a camera family: each declared once, with its default, unit and range."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from evis.config.suggestions import nearest
+
+
+def setting(default: Any, help: str, unit: str = "", minimum: float | None = None, maximum: float | None = None) -> Any:
+    """A field of a configuration: its default, what it is, its unit and its inclusive range."""
+    facts = {"help": help, "unit": unit, "minimum": minimum, "maximum": maximum}
+    return field(default=default, metadata=facts)
+
+
+@dataclass
+class Configuration:
+    """Checks the settings of a camera family, which are a dataclass of `setting` fields."""
+
+    def check(self) -> None:
+        """Raise ValueError that names the setting, its range and its unit."""
+        for f in dataclasses.fields(self):
+            value, unit = getattr(self, f.name), f.metadata["unit"]
+            low, high = f.metadata["minimum"], f.metadata["maximum"]
+            if value is None:  # not given: as the device has it
+                continue
+            if isinstance(value, (int, float)) and not math.isfinite(value):
+                raise ValueError(f"{f.name} is {value}; it must be finite")
+            if (low is not None and value < low) or (high is not None and value > high):
+                span = f"at least {low:g}" if high is None else f"{low:g} to {high:g}"
+                raise ValueError(f"{f.name} is {value:g} {unit}; it must be {span} {unit}".replace(" ;", ";").rstrip())
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Any:
+        """From names and values, checked. Raises ValueError with the nearest name for an unknown one."""
+        names = [f.name for f in dataclasses.fields(cls)]
+        for name in values:
+            if name not in names:
+                raise ValueError(f"no setting '{name}'; {nearest(name, names)}")
+        result = cls(**values)
+        result.check()
+        return result
+
+
+def describe(kind: type[Configuration]) -> dict[str, dict[str, Any]]:
+    """Default, help, unit and range of every setting, by name."""
+    return {f.name: {"default": f.default, **f.metadata} for f in dataclasses.fields(kind)}
+
+
+def parse_settings(kind: type[Configuration], given: Sequence[str]) -> dict[str, Any]:
+    """`name=value` texts as the types of the configuration's fields. Raises ValueError that names the setting."""
+    defaults = {f.name: f for f in dataclasses.fields(kind)}
+    result: dict[str, Any] = {}
+    for text in given:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ValueError(f"a setting is given as name=value, not '{text}'")
+        if name not in defaults:
+            result[name] = value  # `of` names the nearest
+            continue
+        result[name] = _typed(name, value, str(defaults[name].type))
+    return result
+
+
+def _typed(name: str, value: str, kind: str) -> Any:
+    """A text as bool, int, float or str."""
+    try:
+        if kind == "bool":
+            return {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}[value.lower()]
+        if kind == "float":
+            return float(value)
+        return value if kind == "str" else int(value)
+    except (ValueError, KeyError):
+        words = {"bool": "true or false", "float": "a number"}
+        raise ValueError(f"{name} is '{value}', must be {words.get(kind, 'a whole number')}") from None
