@@ -15,13 +15,13 @@ from nodes.event_sensor.cpu.order_kernels import sort_list
 from nodes.event_sensor.cpu.simd_kernels import (
     BLOCK,
     SPARE,
-    Bands,
+    IdealState,
     Listed,
     commit,
     cross_levels,
     emit_listed,
     keep_last,
-    list_loud,
+    list_active,
     take_samples,
 )
 from nodes.event_sensor.model.pixel_kernels import EVENTS, GUARD, LARGEST, Pixel, Sensor, key_head, least
@@ -68,11 +68,11 @@ def step_start(k: wp.int32, t: wp.array(dtype=wp.int64), t_base: wp.int64):
 
 
 @wp.func
-def forget(index: wp.int32, size: wp.int32, bands: Bands):
+def forget(index: wp.int32, size: wp.int32, state: IdealState):
     """No reference for the pixels of a block."""
     i = int(0)
     while i < size:
-        bands.low[index + i] = float(wp.inf)
+        state.low[index + i] = float(wp.inf)
         i += 1
 
 
@@ -135,7 +135,7 @@ def plain_kernel(frame: bool) -> Any:
         t_base: wp.int64,
         fresh: wp.array(dtype=wp.int32),
         # in and out
-        bands: Bands,
+        state: IdealState,
         work: Listed,
         lists: Lists,
         progress: wp.array(dtype=wp.int64),
@@ -161,17 +161,17 @@ def plain_kernel(frame: bool) -> Any:
                     index = env * size + block
                     at = images + wp.int64(block)
                     if k == 0 and fresh[env] != 0:
-                        forget(index, many, bands)
+                        forget(index, many, state)
                     while k < end:
                         ahead = stride
                         if k + 1 == end:
                             ahead = wp.int64(many) - wp.int64(k - group) * stride
                         here = at + wp.int64(k) * stride
-                        n = list_loud(luminance, here, ahead, bands, index, many, work)
+                        n = list_active(luminance, here, ahead, state, index, many, work)
                         if n > 0:
                             span = t[k] - step_start(k, t, t_base)
-                            take_samples(sensor, luminance, here, stride, k, bands, index, n, work)
-                            events = cross_levels(sensor, span, bands, index, block, n, work)
+                            take_samples(sensor, luminance, here, stride, k, state, index, n, work)
+                            events = cross_levels(sensor, span, state, index, block, n, work)
                             place = lists.taken[k - group]
                             if place + events + wp.int64(SPARE) > lists.room[k - group]:
                                 pause(OUTGROWN, place + events + wp.int64(SPARE), k - group, progress)
@@ -180,13 +180,13 @@ def plain_kernel(frame: bool) -> Any:
                                 progress[AT_BLOCK] = wp.int64(block)
                                 progress[AT_STEP] = wp.int64(k)
                                 return
-                            commit(index, n, work, bands, counters)
+                            commit(index, n, work, state, counters)
                             emit_listed(sensor, span, wp.static(frame), n, work, lists.keys[k - group], place)
                             lists.taken[k - group] = place + events
                         k += 1
                     if end == count:
                         keep_last(
-                            sensor, luminance, at + wp.int64(count - 1) * stride, stride, count, index, many, bands
+                            sensor, luminance, at + wp.int64(count - 1) * stride, stride, count, index, many, state
                         )
                     block += BLOCK
                     k = group

@@ -4,87 +4,24 @@ The same as model.emit_kernels event by event, in the same arithmetic; only the 
 inside one bracket for all and not from root to root, which may move an event by a nanosecond.
 """
 
+from pathlib import Path
 from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.cpu.simd_kernels import filled_in
-from nodes.event_sensor.model.pixel_kernels import DROPPED, EVENTS, Sensor
+from evis.native_code import native_code
+from nodes.event_sensor.cpu.simd_kernels import CONSTANTS
+from nodes.event_sensor.model.pixel_kernels import Sensor
 
 wp.set_module_options({"enable_backward": False})
 
-LANES = """
-#pragma clang fp contract(off)
-    typedef double doubles __attribute__((vector_size(64)));
-    typedef wp::int64 longs __attribute__((vector_size(64)));
-    const doubles number = {1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0};
-    const doubles zero = number - number;
-    const doubles low = zero + u;
-    const doubles high = zero + piece;
-    const int shift = (int)sensor.shift_t;
-    const int written = cap ? (fired >= sensor.cap ? 0 : n < sensor.cap - fired ? n : sensor.cap - fired) : n;
-    const wp::int64 slot = counters.data[EVENTS];
-    const bool room = slot + written <= sensor.capacity;
-    wp::int64 time = here;
-    for (int j = 0; j < n; j += 8) {
-        const doubles level = reference + (number + (double)j) * threshold;
-"""
-LINE = """
-        doubles root = high;
-        if (s[1] != 0.0) {
-            root = (level - s[0]) / s[1];
-            root = root > low ? root : low;
-            root = root < high ? root : high;
-        }
-"""
-CURVE = """
-        const double c0 = s[0], c1 = s[1], c2 = s[2], c3 = s[3];
-        const auto at = [&](doubles x) { return c0 + x * (c1 + x * (c2 + x * c3)); };
-        const auto size = [&](doubles x) { return x < zero ? -x : x; };
-        const doubles f_low = at(low) - level;
-        const doubles f_high = at(high) - level;
-        longs open = f_low * f_high < zero;
-        doubles a = low;
-        doubles b = high;
-        doubles root = open ? low + (high - low) * f_low / (f_low - f_high) : f_low == zero ? low : high;
-        // Halley's method inside a bracket.
-        for (int turn = 0; turn < 60 && __builtin_reduce_or(open) != 0; turn++) {
-            const doubles f = at(root) - level;
-            const longs below = f * f_low > zero;
-            a = below ? root : a;
-            b = below ? b : root;
-            const doubles slope = c1 + root * (2.0 * c2 + root * 3.0 * c3);
-            const doubles bend = c2 + root * 3.0 * c3;
-            const doubles next = root - f * slope / (slope * slope - f * bend);
-            const longs close = size(f) <= 1.0e-6 * size(slope);
-            const longs inside = (next > a) & (next < b);
-            doubles kept = next > low ? next : low;
-            kept = kept < high ? kept : high;
-            root = open ? (close ? kept : inside ? next : 0.5 * (a + b)) : root;
-            open = open & ~close;
-        }
-"""
-KEYS = """
-        longs ns = __builtin_convertvector(root * h + 0.5, longs);
-        ns = start + (ns > 1 ? ns : 1);
-        ns = ns < until ? ns : until;
-        const int many = n - j < 8 ? n - j : 8;
-        // Events of a pixel never go back in time.
-        for (int lane = 0; lane < many; lane++) {
-            time = ns[lane] > time ? ns[lane] : time;
-            ns[lane] = time;
-        }
-        const longs key = (ns - t_base) << shift | place;
-        if (room && j < written) memcpy(keys.data + slot + j, &key, sizeof(key));
-    }
-    counters.data[EVENTS] = slot + written;
-    counters.data[DROPPED] += n - written;
-    return time;
-"""
-PLACES = {"EVENTS": str(int(EVENTS)), "DROPPED": str(int(DROPPED))}
+CROSSINGS = Path(__file__).with_name("crossings_simd.h")
+CALL = """
+return emit_crossings(ROOTS, sensor, s, reference, threshold, n, u, piece, start, until, h, t_base, place, here, fired,
+                      cap, keys, counters);"""
 
 
-@wp.func_native(filled_in(LANES + LINE + KEYS, **PLACES))
+@wp.func_native(native_code([CROSSINGS], CALL.replace("ROOTS", "line_roots"), CONSTANTS))
 def fire_line(
     sensor: Sensor, s: wp.vec4d, reference: wp.float64, threshold: wp.float64, n: wp.int32, u: wp.float64,
     piece: wp.float64, start: wp.int64, until: wp.int64, h: wp.float64, t_base: wp.int64, place: wp.int64,
@@ -97,7 +34,7 @@ def fire_line(
     ...
 
 
-@wp.func_native(filled_in(LANES + CURVE + KEYS, **PLACES))
+@wp.func_native(native_code([CROSSINGS], CALL.replace("ROOTS", "cubic_roots"), CONSTANTS))
 def fire_curve(
     sensor: Sensor, s: wp.vec4d, reference: wp.float64, threshold: wp.float64, n: wp.int32, u: wp.float64,
     piece: wp.float64, start: wp.int64, until: wp.int64, h: wp.float64, t_base: wp.int64, place: wp.int64,

@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.cpu.row_kernels import list_loud_row
+from nodes.event_sensor.cpu.row_kernels import list_active_row
 from nodes.event_sensor.cpu.run_kernels import passed, run_margins
 from nodes.event_sensor.model.inactive_kernels import RUN, Quiet, Run, left_over, saved
 from nodes.event_sensor.model.nonideal_kernels import sense_pixel
@@ -80,7 +80,7 @@ def full_kernels(features: Features) -> tuple[Any, Any]:
             while loud[j + 1] < going_on:
                 j += 1
         elif wp.static(straight) and whole:
-            list_loud_row(luminance, at_first, wp.int64(size), count, t_end, quiet, start, row, colds, loud)
+            list_active_row(luminance, at_first, wp.int64(size), count, t_end, quiet, start, row, colds, loud)
         else:
             loud[0] = 0
             i = int(0)
