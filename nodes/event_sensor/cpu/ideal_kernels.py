@@ -2,8 +2,9 @@
 """The ideal sensor: straight lines in L between frames, no fault. What others pay for is not in this kernel.
 
 On a CPU the frames go by in groups of GROUP, a group in blocks of pixels, a block step by step, so that a block's state
-stays in the nearest cache; the pixels of a step that leave their band are listed and sensed together. Every step of a
-group has a list of events of its own, in the order of pixels, so that a stable sort of each by time is the whole order.
+stays in the nearest cache; the pixels of a step that leave their inactive range are listed and sensed together. Every
+step of a group has a list of events of its own, in the order of pixels, so that a stable sort of each by time is the
+whole order.
 """
 
 from functools import lru_cache
@@ -24,7 +25,8 @@ from nodes.event_sensor.cpu.simd_kernels import (
     list_active,
     take_samples,
 )
-from nodes.event_sensor.model.pixel_kernels import EVENTS, GUARD, LARGEST, Pixel, Sensor, key_head, least
+from nodes.event_sensor.model.key_kernels import key_head, key_time
+from nodes.event_sensor.model.sensor_kernels import EVENTS, Sensor
 
 wp.set_module_options({"enable_backward": False})
 
@@ -44,18 +46,6 @@ class Lists:
     room: wp.array(dtype=wp.int64)
     taken: wp.array(dtype=wp.int64)
     spare: wp.uint64
-
-
-@wp.func
-def quiet_band(sensor: Sensor, reference: wp.float64, pixel: Pixel):
-    """The pixel with the band of intensities that surely stay below both thresholds of this reference (GPU)."""
-    level = wp.exp(wp.float32(reference))
-    dark = wp.float32(sensor.dark)
-    low = level * sensor.gain_off * (1.0 + GUARD)
-    # Nothing lies below the floor, so a pixel resting on it is quiet.
-    pixel.low = wp.where(low <= sensor.floor, least(sensor), wp.clamp(low - dark, 0.0, LARGEST))
-    pixel.high = wp.min(level * sensor.gain_on * (1.0 - GUARD) - dark, LARGEST)
-    return pixel
 
 
 @wp.func
@@ -112,7 +102,7 @@ def sort_group(
         bits = int(0)
         while (t[k] - start) >> wp.int64(bits) > wp.int64(0):
             bits += 1
-        add = key_head(sensor, env) | ((start - t_base) << sensor.shift_t)
+        add = key_head(sensor, env) | key_time(sensor, start - t_base)
         to = wp.uint64(wp.int64(keys.ptr) + wp.int64(8) * at)
         if n > wp.int64(0):
             sort_list(n, sensor.shift_t, bits, add, lists.keys[k - first], lists.spare, to)
@@ -123,7 +113,7 @@ def sort_group(
 
 
 @lru_cache
-def plain_kernel(frame: bool) -> Any:
+def ideal_kernel(frame: bool) -> Any:
     """The kernel, for one thread. frame: events carry the stamp of their frame, not of their crossing."""
 
     @wp.kernel(module="unique")

@@ -6,7 +6,7 @@ from pathlib import Path
 import warp as wp
 
 from evis.native_code import native_code
-from nodes.event_sensor.model.pixel_kernels import Sensor
+from nodes.event_sensor.model.sensor_kernels import Sensor
 
 wp.set_module_options({"enable_backward": False})
 

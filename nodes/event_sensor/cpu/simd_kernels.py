@@ -1,8 +1,10 @@
 """One step of many pixels, on a CPU: functions in C++ whose loops the compiler turns into vector code.
 
 The strides of a Warp array are known only when it runs, so a compiler cannot vectorise over it; the arrays here are
-contiguous. What is computed is what model.pixel_kernels says, in float64 and without fused multiply-add, so that
-every machine finds the same; ln is a polynomial whose error is below one unit in the last place.
+contiguous.
+
+What is computed is what model.threshold_kernels and model.crossing_kernels say, in float64 and without fused
+multiply-add, so that every machine finds the same; ln is a polynomial whose error is below one unit in the last place.
 """
 
 from pathlib import Path
@@ -12,7 +14,7 @@ import numpy as np
 import warp as wp
 
 from evis.native_code import native_code
-from nodes.event_sensor.model.pixel_kernels import (
+from nodes.event_sensor.model.sensor_kernels import (
     CLIPPED,
     DROPPED,
     EVENTS,
@@ -23,27 +25,19 @@ from nodes.event_sensor.model.pixel_kernels import (
     TOLERANCE,
     Sensor,
 )
+from nodes.event_sensor.model.state_kernels import Reference
 
 wp.set_module_options({"enable_backward": False})
 
 BLOCK = 2048
-"""Pixels that are looked at together: their bands stay in the nearest cache for all steps of a call."""
+"""Pixels that are looked at together: their state stays in the nearest cache for all steps of a call."""
 SPARE = 8
 """Places that a list of keys needs beyond its events."""
 
 
 @wp.struct
-class Level:
-    """The reference of a pixel is base + net C_on + n_off (C_on - C_off); see pixel_kernels.Pixel."""
-
-    base: wp.float64
-    net: wp.int32
-    n_off: wp.int32
-
-
-@wp.struct
 class IdealState:
-    """State per pixel and channel. Intensities in [low, high] cannot fire; low infinite: no reference yet.
+    """State per pixel and channel, see model.state_kernels: last sample, inactive range and reference.
 
     last: the sample before the call, or the last good one.
     """
@@ -51,7 +45,7 @@ class IdealState:
     last: wp.array(dtype=wp.float32)
     low: wp.array(dtype=wp.float32)
     high: wp.array(dtype=wp.float32)
-    level: wp.array(dtype=Level)
+    level: wp.array(dtype=Reference)
 
 
 @wp.struct
@@ -114,7 +108,7 @@ def list_active(
     luminance: wp.array(dtype=wp.float32), at: wp.int64, ahead: wp.int64, state: IdealState, index: wp.int32,
     size: wp.int32, work: Listed,
 ) -> wp.int32:  # fmt: skip
-    """List the pixels of a block whose sample is not inside the quiet band; returns how many there are.
+    """List the pixels of a block whose sample is not inside the inactive range; returns how many there are.
 
     at, index: of the block's first pixel, in the frame and in the state. ahead: how far from here the samples lie that
     will be looked at next. size: of the block.

@@ -24,7 +24,8 @@ from nodes.event_sensor.cuda.call_kernels import (
     T_BASE,
 )
 from nodes.event_sensor.cuda.room_kernels import take_place_at
-from nodes.event_sensor.model.pixel_kernels import EVENTS, Sensor
+from nodes.event_sensor.model.key_kernels import Columns, column_of, row_of, time_of, unpack_to
+from nodes.event_sensor.model.sensor_kernels import EVENTS, Sensor
 
 wp.set_module_options({"enable_backward": False})
 
@@ -83,29 +84,6 @@ def sort_bucket(bucket: wp.array(dtype=wp.int64), first: wp.int32, count: wp.int
     ...
 
 
-@wp.struct
-class Columns:
-    """Events: t [ns], x, y, polarity, colour channel (of length 0 without colour)."""
-
-    t: wp.array(dtype=wp.int64)
-    x: wp.array(dtype=wp.uint16)
-    y: wp.array(dtype=wp.uint16)
-    p: wp.array(dtype=wp.uint8)
-    c: wp.array(dtype=wp.uint8)
-
-
-@wp.func
-def unpack_to(sensor: Sensor, t_base: wp.int64, key: wp.int64, i: wp.int32, columns: Columns):
-    """Write one event."""
-    one = wp.int64(1)
-    columns.t[i] = t_base + ((key >> sensor.shift_t) & ((one << (sensor.shift_env - sensor.shift_t)) - one))
-    columns.y[i] = wp.uint16((key >> sensor.shift_y) & ((one << (sensor.shift_t - sensor.shift_y)) - one))
-    columns.x[i] = wp.uint16((key >> sensor.shift_x) & ((one << (sensor.shift_y - sensor.shift_x)) - one))
-    columns.p[i] = wp.uint8(key & one)
-    if i < columns.c.shape[0]:
-        columns.c[i] = wp.uint8((key >> one) & wp.int64(3))
-
-
 @wp.func
 def place_in_time(call: wp.array(dtype=wp.int64), t: wp.int64, of_env: wp.int32):
     """Which of the `of_env` parts of a call's time."""
@@ -162,15 +140,12 @@ def to_buckets(
     if counters[BLOCKED] != wp.int64(0) or counters[EVENTS] > sensor.capacity:
         return
     count = wp.int32(counters[EVENTS])
-    one = wp.int64(1)
     i = wp.tid()
     while i < count:
         key = keys[i]
-        t = (key >> sensor.shift_t) & ((one << (sensor.shift_env - sensor.shift_t)) - one)
+        t = time_of(sensor, key)
         if stamped:
-            y = (key >> sensor.shift_y) & ((one << (sensor.shift_t - sensor.shift_y)) - one)
-            x = (key >> sensor.shift_x) & ((one << (sensor.shift_y - sensor.shift_x)) - one)
-            pixel = y * wp.int64(sensor.width) + x
+            pixel = row_of(sensor, key) * wp.int64(sensor.width) + column_of(sensor, key)
             place = place_at_stamp(call, frames, t, pixel, wp.int64(sensor.width * sensor.height), of_env)
         else:
             place = place_in_time(call, t, of_env)

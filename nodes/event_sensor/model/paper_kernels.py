@@ -13,17 +13,10 @@ contracted with a sum.
 
 import warp as wp
 
-from nodes.event_sensor.model.pixel_kernels import (
-    DROPPED,
-    EVENTS,
-    NONFINITE,
-    Sensor,
-    count_clipped,
-    key_head,
-    key_tail,
-    valid,
-)
+from nodes.event_sensor.model.key_kernels import key_head, key_tail, key_time
 from nodes.event_sensor.model.random_kernels import draw, mix, stream_of, uniform
+from nodes.event_sensor.model.sensor_kernels import DROPPED, EVENTS, NONFINITE, Sensor, count_clipped, has_level
+from nodes.event_sensor.model.threshold_kernels import thresholds_crossed
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -148,7 +141,7 @@ def sense_paper(
     while k < count:
         v = luminance[first + wp.int64(k) * wp.int64(size)]
         now = t[k]
-        ok = valid(sensor, v)
+        ok = has_level(sensor, v)
         if not ok:
             wp.atomic_add(counters, NONFINITE, wp.int64(1))
         if wp.isnan(pixel.reference):
@@ -157,16 +150,15 @@ def sense_paper(
                 pixel.last = v
                 count_clipped(sensor, v, counters)
         else:
-            head = key_head(sensor, env) | ((now - t_base) << sensor.shift_t)
+            head = key_head(sensor, env) | key_time(sensor, now - t_base)
             written = int(0)
             if ok:
                 pixel.last = v
                 count_clipped(sensor, v, counters)
                 delta = log_level(sensor, v) - pixel.reference
                 on = delta > wp.float64(0.0)
-                step = wp.where(on, c_on, c_off)
-                n = wp.int32(wp.abs(delta) / step)
-                pixel.reference = pixel.reference + wp.where(on, step, -step) * wp.float64(n)
+                n, signed = thresholds_crossed(delta, c_on, c_off, wp.float64(0.0))
+                pixel.reference = pixel.reference + signed * wp.float64(n)
                 key = head | key_tail(sensor, y, x, c, on)
                 left = fire(sensor, pixel, now, key, n, written, keys, counters)
                 if left > 0:

@@ -15,6 +15,7 @@ from typing import Any
 
 import warp as wp
 
+from nodes.event_sensor.model.sensor_kernels import LARGEST
 from nodes.event_sensor.optics import photoreceptor_simd_kernels as lanes
 from nodes.event_sensor.optics.photoreceptor_simd_kernels import GRAIN, Receptor
 
@@ -24,7 +25,6 @@ FLOOR = 2.0**-24
 """Least I + I_dark, as in the sensor: the smallest positive half-precision radiance."""
 SMALL = wp.constant(wp.float64(0.02))
 """Below this dt / tau the difference in f cancels, and its series has the better error (1e-14)."""
-LARGEST = wp.constant(3.4028235e38)
 
 
 @wp.func

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.model.pixel_kernels import EVENTS, LARGEST, NONFINITE
+from nodes.event_sensor.model.sensor_kernels import EVENTS, LARGEST, NONFINITE
 
 wp.set_module_options({"enable_backward": False})
 
