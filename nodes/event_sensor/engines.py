@@ -52,14 +52,16 @@ def make_engine(size: Size, seed: int, p: Mapping[str, Any], device: Any) -> Any
 
 
 def sensor_struct(p: Mapping[str, Any], shape: tuple[int, int, int], layout: KeyLayout, seed: int) -> Sensor:
-    """Resolved parameters for the kernels. shape: height, width, channels."""
+    """Fills in what kernels know of a sensor, from resolved parameters. shape: height, width, channels."""
+    struct: Any = Sensor
     sensor: Any = Sensor()
-    sensor.threshold_on, sensor.threshold_off = p["threshold_on"], p["threshold_off"]
+    for name in struct.vars:
+        if name in p:
+            setattr(sensor, name, p[name])
     sensor.gain_on, sensor.gain_off = math.exp(p["threshold_on"]), math.exp(-p["threshold_off"])
-    sensor.dark, sensor.floor = p["dark_level"], FLOOR
+    sensor.floor = FLOOR
     sensor.height, sensor.width, sensor.channels = shape
     sensor.shift_x, sensor.shift_y, sensor.shift_t, sensor.shift_env = layout.x, layout.y, layout.t, layout.env
     sensor.seed = seed
     sensor.dead_ns = round(1e3 * p["refractory_us"])
-    sensor.shot_rate, sensor.white, sensor.cap = p["shot_rate"], p["shot_white"], p["event_cap"]
     return sensor

@@ -103,10 +103,10 @@ def crossed_one_by_one(
     good = has_level(sensor, v)
     fresh = low[i] > 3.0e38
     floor = wp.float64(sensor.floor)
-    l0 = log_of(wp.max(wp.float64(before[i]) + sensor.dark, floor))
+    l0 = log_of(wp.max(wp.float64(before[i]) + sensor.dark_level, floor))
     l1 = wp.float64(0.0)
     if good:
-        l1 = log_of(wp.max(wp.float64(v) + sensor.dark, floor))
+        l1 = log_of(wp.max(wp.float64(v) + sensor.dark_level, floor))
     here = level[i]
     reference = reference_level(here.base, here.net, here.n_off, sensor.threshold_on, sensor.threshold_off)
     n, signed = thresholds_crossed(l1 - reference, sensor.threshold_on, sensor.threshold_off, TOLERANCE)

@@ -59,7 +59,7 @@ static const auto emit_crossings = [](const auto& roots, const auto& sensor, con
     const doubles low = number - number + u;
     const doubles high = number - number + piece;
     const int shift = (int)sensor.shift_t;
-    const int written = cap ? (fired >= sensor.cap ? 0 : n < sensor.cap - fired ? n : sensor.cap - fired) : n;
+    const int written = cap ? (fired >= sensor.event_cap ? 0 : n < sensor.event_cap - fired ? n : sensor.event_cap - fired) : n;
     const wp::int64 slot = counters.data[EVENTS];
     const bool room = slot + written <= sensor.capacity;
     wp::int64 time = here;

@@ -30,7 +30,7 @@ def fire_on_line(
     """Writes the events of n crossings of a straight line; returns the last's time.
 
     keys: with SPARE places beyond its capacity. Parameters as in emission_kernels.crossings_fired; threshold with its
-    sign; cap: no more than sensor.cap a step.
+    sign; cap: no more than sensor.event_cap a step.
     """
     ...
 

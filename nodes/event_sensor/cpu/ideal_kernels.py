@@ -50,7 +50,7 @@ class Lists:
 
 @wp.func
 def step_start(k: wp.int32, t: wp.array(dtype=wp.int64), t_base: wp.int64):
-    """Stamp at which step k begins."""
+    """Returns the stamp at which step k begins."""
     start = t_base
     if k > 0:
         start = t[k - 1]
@@ -59,7 +59,7 @@ def step_start(k: wp.int32, t: wp.array(dtype=wp.int64), t_base: wp.int64):
 
 @wp.func
 def forget(index: wp.int32, size: wp.int32, state: IdealState):
-    """No reference for the pixels of a block."""
+    """Takes their reference from the pixels of a block."""
     i = int(0)
     while i < size:
         state.low[index + i] = float(wp.inf)
@@ -90,7 +90,7 @@ def sort_group(
     counters: wp.array(dtype=wp.int64),
     progress: wp.array(dtype=wp.int64),
 ):
-    """Events of steps first to end, sorted, behind the keys; the lists are empty then. False where there is no room."""
+    """Sorts the events of steps first to end, puts them behind the keys and empties the lists; False without room."""
     k = int(first)
     while k < end:
         n = lists.taken[k - first]
@@ -114,7 +114,7 @@ def sort_group(
 
 @lru_cache
 def ideal_kernel(frame: bool) -> Any:
-    """The kernel, for one thread. frame: events carry the stamp of their frame, not of their crossing."""
+    """Makes the kernel, for one thread. frame: events carry the stamp of their frame, not of their crossing."""
 
     @wp.kernel(module="unique")
     def sense(

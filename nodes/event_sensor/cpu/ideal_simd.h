@@ -54,7 +54,7 @@ static const auto take_samples = [](const auto& sensor, const auto& luminance, w
     for (int i = 0; i < n; i++) {
         const int place = work.place.data[i];
         float before = earlier[place];
-        for (int back = 2; __builtin_expect(!has_level(before, sensor.dark) && back <= k + 1, 0); back++)
+        for (int back = 2; __builtin_expect(!has_level(before, sensor.dark_level) && back <= k + 1, 0); back++)
             before = back <= k ? v[place - back * stride] : state.last.data[index + place];
         work.before.data[i] = before;
         work.after.data[i] = v[place];
@@ -64,7 +64,7 @@ static const auto take_samples = [](const auto& sensor, const auto& luminance, w
 // Finds the thresholds that the listed pixels cross in a step of `span` ns; returns the number of events.
 static const auto cross_levels = [](const auto& sensor, wp::int64 span, const auto& state, int index, int first,
     int n, const auto& work) {
-    const double dark = sensor.dark;
+    const double dark = sensor.dark_level;
     const double floor = sensor.floor;
     const double c_on = sensor.threshold_on;
     const double c_off = sensor.threshold_off;
@@ -194,7 +194,7 @@ static const auto keep_last = [](const auto& sensor, const auto& luminance, wp::
     }
     for (int i = 0; i < size && !all; i++)
         for (int back = 0; back < count && !(v[i] >= lows[i] && v[i] <= highs[i]); back++)
-            if (has_level(v[i - back * stride], sensor.dark)) {
+            if (has_level(v[i - back * stride], sensor.dark_level)) {
                 lasts[i] = v[i - back * stride];
                 break;
             }

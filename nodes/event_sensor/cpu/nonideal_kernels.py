@@ -111,10 +111,10 @@ def rows_kernel(features: Features) -> Any:
             i = int(0)
             margins = Run()
             while i < row:
-                lanes = wp.min(row - i, wp.static(RUN))
+                many = wp.min(row - i, wp.static(RUN))
                 margins = Run(-1.0)
                 if wp.static(not features.coin and features.curved):
-                    if whole and lanes == wp.static(RUN):
+                    if whole and many == wp.static(RUN):
                         margins = margins_of(
                             sensor, state, luminance_runs, slope_runs, start + i, at_first + wp.int64(i),
                             wp.int64(size), count, longest, t_end,
@@ -126,9 +126,9 @@ def rows_kernel(features: Features) -> Any:
                             )  # fmt: skip
                             i += wp.static(RUN)
                             continue
-                lane = int(0)
-                while lane < lanes:
-                    if margins[lane] >= 0.0:
+                place = int(0)
+                while place < many:
+                    if margins[place] >= 0.0:
                         pixel_passes(
                             sensor, luminance, dlog_dt, start + i, at_end + wp.int64(i), wp.int64(size), count, state
                         )  # fmt: skip
@@ -137,7 +137,7 @@ def rows_kernel(features: Features) -> Any:
                         active[active[0]] = i
                         fetch(rare, start + i)
                     i += 1
-                    lane += 1
+                    place += 1
         while j < active[0]:
             i = active[j + 1]
             kept = saved(counters)

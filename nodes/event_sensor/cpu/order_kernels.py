@@ -18,9 +18,9 @@ ORDER = Path(__file__).with_name("order.h")
 
 @wp.func_native(native_code([ORDER], "counting_pass(source_keys, to, n, shift, bits, add);", {"MOST_BITS": MOST_BITS}))
 def counting_pass(source_keys: wp.uint64, to: wp.uint64, n: wp.int64, shift: wp.int64, bits: wp.int32, add: wp.int64):
-    """One stable counting pass over the digit of `bits` bits at `shift`; `add` is added to every key on its way.
+    """Sorts keys by one stable counting pass over the digit of `bits` bits at `shift`.
 
-    source_keys, to: addresses of n keys.
+    add: what is added to every key on its way. source_keys, to: addresses of n keys.
     """
     ...
 
@@ -55,7 +55,7 @@ def sort_list(
     # out
     to: wp.uint64,
 ):
-    """Stable sort of n keys by the `bits` bits at `shift`; what comes out is `add` more. Of addresses; keys and spare
+    """Sorts n keys stably by the `bits` bits at `shift`; what comes out is `add` more. Of addresses; keys and spare
     are overwritten."""
     digit = digit_bits(n, bits)
     source = keys

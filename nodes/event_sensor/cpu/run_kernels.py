@@ -41,7 +41,7 @@ def straight_margins(
 
 @lru_cache
 def run_margins(features: Features) -> Any:
-    """Function: a number per pixel of a run, below 0 where something may happen to it up to `t_end`."""
+    """Makes the function of a number per pixel of a run, below 0 where something may happen to it up to `t_end`."""
     cubic, hermite, timed = features.crossing == "cubic", features.crossing == "hermite", features.timed
 
     @wp.func
@@ -57,8 +57,8 @@ def run_margins(features: Features) -> Any:
         count: wp.int32,
         longest: wp.float32,
     ):
-        """The same bounds as surely_inactive, for all steps of `longest` ns at most together."""
-        dark = Run(wp.float32(sensor.dark))
+        """Computes the margins to the bounds of surely_inactive, for all steps of `longest` ns at most together."""
+        dark = Run(wp.float32(sensor.dark_level))
         v = luminance_runs[at]
         least = wp.min(v, state.last_runs[index])
         most = wp.max(v, state.last_runs[index])
@@ -109,7 +109,7 @@ def run_margins(features: Features) -> Any:
         longest: wp.float32,
         t_end: wp.int64,
     ):
-        """index, at: of the run's first pixel in the state and in the first frame."""
+        """Computes a run's margins. index, at: of the run's first pixel in the state and in the first frame."""
         margins = Run()
         if wp.static(cubic or hermite):
             margins = over_and_under(sensor, state, luminance_runs, slope_runs, index, at, stride, count, longest)
@@ -129,7 +129,7 @@ def run_margins(features: Features) -> Any:
 
 @lru_cache
 def passed(features: Features) -> tuple[Any, Any]:
-    """(function of a run, function of a pixel): what is kept of a message through which it was inactive."""
+    """Makes the functions, of a run and of a pixel, that keep what is needed of a message in which it was inactive."""
     curved, hermite = features.curved, features.crossing == "hermite"
 
     @wp.func
@@ -145,7 +145,7 @@ def passed(features: Features) -> tuple[Any, Any]:
         # in and out
         state: FrequentState,
     ):
-        """at: place of the pixel in the last frame."""
+        """Keeps what is needed of a pixel. at: its place in the last frame."""
         if wp.static(hermite):
             state.earlier[index] = state.early[index]
             if count > 1:
@@ -177,9 +177,9 @@ def passed(features: Features) -> tuple[Any, Any]:
         # in and out
         state: FrequentState,
     ):
-        """As for one pixel, RUN of them; without dark level L's slope is that of ln I."""
+        """Keeps what is needed of RUN pixels; without dark level L's slope is that of ln I."""
         if wp.static(hermite):
-            if sensor.dark > wp.float64(0.0):
+            if sensor.dark_level > wp.float64(0.0):
                 lane = int(0)
                 while lane < wp.static(RUN):
                     one(sensor, luminance, slopes, index + lane, at + wp.int64(lane), stride, count, state)

@@ -76,7 +76,7 @@ class Listed:
 
 
 def room_for_block() -> Any:
-    """A Listed for a block."""
+    """Makes a Listed for a block."""
     work: Any = Listed()
     for name, field in Listed.vars.items():
         setattr(work, name, wp.zeros(BLOCK, dtype=field.type.dtype, device="cpu"))
@@ -108,7 +108,7 @@ def list_active(
     luminance: wp.array(dtype=wp.float32), at: wp.int64, ahead: wp.int64, state: IdealState, index: wp.int32,
     size: wp.int32, work: Listed,
 ) -> wp.int32:  # fmt: skip
-    """List the pixels of a block whose sample is not inside the inactive range; returns how many there are.
+    """Lists the pixels of a block whose sample is not in the inactive range; returns how many there are.
 
     at, index: of the block's first pixel, in the frame and in the state. ahead: how far from here the samples lie that
     will be looked at next. size: of the block.
@@ -121,7 +121,7 @@ def take_samples(
     sensor: Sensor, luminance: wp.array(dtype=wp.float32), at: wp.int64, stride: wp.int64, k: wp.int32,
     state: IdealState, index: wp.int32, n: wp.int32, work: Listed,
 ):  # fmt: skip
-    """The samples at both ends of step k of the n pixels that are listed; the last good one stands for one that is not.
+    """Takes the samples at both ends of step k of the n listed pixels; the last good one stands for one that is not.
 
     stride: from frame to frame.
     """
@@ -132,7 +132,7 @@ def take_samples(
 def cross_levels(
     sensor: Sensor, span: wp.int64, state: IdealState, index: wp.int32, first: wp.int32, n: wp.int32, work: Listed
 ) -> wp.int64:
-    """What a step of `span` ns does to the n pixels that are listed; returns the number of events.
+    """Finds what a step of `span` ns does to the n pixels that are listed; returns the number of events.
 
     first: the block's first pixel in its environment.
     """
@@ -141,7 +141,7 @@ def cross_levels(
 
 @wp.func_native(ideal("commit(index, n, work, state, counters);"))
 def commit(index: wp.int32, n: wp.int32, work: Listed, state: IdealState, counters: wp.array(dtype=wp.int64)):
-    """The state after the step."""
+    """Writes the state after the step."""
     ...
 
 
@@ -149,7 +149,7 @@ def commit(index: wp.int32, n: wp.int32, work: Listed, state: IdealState, counte
 def emit_listed(
     sensor: Sensor, span: wp.int64, stamped: wp.bool, n: wp.int32, work: Listed, keys: wp.uint64, at: wp.int64
 ):
-    """Keys of the events, with their time from the step's start, to the address `keys`, from place `at` on.
+    """Writes the keys of the events, with their time from the step's start, to the address `keys`, from place `at` on.
 
     Up to SPARE - 1 places beyond them are overwritten. stamped: events are at the step's end.
     """
@@ -161,5 +161,5 @@ def keep_last(
     sensor: Sensor, luminance: wp.array(dtype=wp.float32), at: wp.int64, stride: wp.int64, count: wp.int32,
     index: wp.int32, size: wp.int32, state: IdealState,
 ):  # fmt: skip
-    """The last good samples of a block, whose first pixel is at `at` in the last of `count` frames."""
+    """Keeps the last good samples of a block, whose first pixel is at `at` in the last of `count` frames."""
     ...

@@ -57,7 +57,7 @@ def inside(v: wp.float32, low: wp.float32, high: wp.float32):
 
 @wp.func
 def must_wait(sensor: Sensor, before: wp.array(dtype=wp.int64)):
-    """Whether the call before, whose counters these are, did not end, so that the state is not yet that after it."""
+    """Tells whether the call before, whose counters these are, did not end: the state is not yet that after it."""
     return before[BLOCKED] != wp.int64(0) or before[EVENTS] > sensor.capacity
 
 
@@ -76,7 +76,7 @@ def find_active(
     filled: wp.array(dtype=wp.int32),
     counters: wp.array(dtype=wp.int64),
 ):
-    """A thread is EACH pixels and channels. Those that are active are listed: the pixel, the frame to go on from."""
+    """Lists the active pixels, each with the frame to go on from. A thread is EACH pixels and channels."""
     thread = wp.tid()
     if thread < filled.shape[0]:
         filled[thread] = 0
@@ -125,7 +125,7 @@ def find_active(
 
 @lru_cache
 def sense_kernel(frame: bool, room: Any = take_room) -> Any:
-    """Kernel over the listed pixels.
+    """Makes the kernel over the listed pixels.
 
     frame: events carry the stamp of their frame, not of their crossing. room: how a pixel takes room for its events.
     """
@@ -145,7 +145,7 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """All steps of a pixel from frame `first` on; returns the frame whose events found no room, or -1."""
+        """Takes a pixel through the frames from `first` on; returns the frame whose events found no room, or -1."""
         env = index // size
         inner = index - env * size
         c = inner % sensor.channels
@@ -254,7 +254,7 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """A thread takes every `threads`-th pixel of the list."""
+        """Senses the listed pixels; a thread takes every `threads`-th."""
         if counters[BLOCKED] != wp.int64(0):
             return
         listed = wp.int32(counters[ACTIVE])

@@ -77,7 +77,7 @@ SORT = """
 
 @wp.func_native(SORT)
 def sort_bucket(bucket: wp.array(dtype=wp.int64), first: wp.int32, count: wp.int32):
-    """Bitonic sort (Batcher 1968) of the `count` keys from `first` on, by all threads of a block.
+    """Sorts (bitonic sort, Batcher 1968) the `count` keys from `first` on, by all threads of a block.
 
     Thread i of n then finds the keys i, i + n, ... in their places; a CPU has room for a power of two of them.
     """
@@ -86,7 +86,7 @@ def sort_bucket(bucket: wp.array(dtype=wp.int64), first: wp.int32, count: wp.int
 
 @wp.func
 def place_in_time(call: wp.array(dtype=wp.int64), t: wp.int64, of_env: wp.int32):
-    """Which of the `of_env` parts of a call's time."""
+    """Returns which of the `of_env` parts of a call's time."""
     place = wp.float64(t) * (wp.float64(of_env) / wp.float64(call[SPAN] + wp.int64(1)))
     return wp.min(wp.int32(place), of_env - 1)
 
@@ -95,7 +95,7 @@ def place_in_time(call: wp.array(dtype=wp.int64), t: wp.int64, of_env: wp.int32)
 def place_at_stamp(
     call: wp.array(dtype=wp.int64), frames: wp.int32, t: wp.int64, pixel: wp.int64, pixels: wp.int64, of_env: wp.int32
 ):
-    """The same where most events have a frame's stamp: half of a frame's parts are for these, by their pixel."""
+    """Returns it where most events have a frame's stamp: half of a frame's parts are for these, by their pixel."""
     base = call[T_BASE]
     low = int(0)
     high = frames - 1
@@ -136,7 +136,10 @@ def to_buckets(
     filled: wp.array(dtype=wp.int32),
     buckets: wp.array(dtype=wp.int64),
 ):
-    """A thread takes every `threads`-th event. of_env: buckets of an environment. stamped: most times are frames'."""
+    """Puts events into buckets; a thread takes every `threads`-th.
+
+    of_env: buckets of an environment. stamped: most times are those of frames.
+    """
     if counters[BLOCKED] != wp.int64(0) or counters[EVENTS] > sensor.capacity:
         return
     count = wp.int32(counters[EVENTS])
@@ -170,9 +173,10 @@ def in_order(
     head: wp.array(dtype=wp.int64),
     columns: Columns,
 ):
-    """A block is a bucket. Equal keys are equal events, whose order does not matter.
+    """Puts the events of each bucket in order; a block is a bucket.
 
-    The last block writes what the host wants to know, and the counters that a later call begins with.
+    Equal keys are equal events, whose order does not matter. The last block writes what
+    the host wants to know, and the counters that a later call begins with.
     """
     b, lane = wp.tid()
     length = filled.shape[0]
@@ -232,6 +236,6 @@ def unpack_all(
     # out
     columns: Columns,
 ):
-    """Sorted keys to columns, an event a thread."""
+    """Writes sorted keys to columns; a thread is an event."""
     i = wp.tid()
     unpack_to(sensor, t_base, keys[i], i, columns)

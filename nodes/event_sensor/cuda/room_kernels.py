@@ -72,17 +72,17 @@ COUNT_PEERS = """
 
 @wp.func_native(ADD_UP)
 def take_room(counters: wp.array(dtype=wp.int64), place: wp.int32, n: wp.int32) -> wp.int64:
-    """Add n to counters[place]; returns where this thread's n begin."""
+    """Adds n to counters[place]; returns where this thread's n begin."""
     ...
 
 
 @wp.func_native(COUNT_PEERS)
 def take_place_at(counts: wp.array(dtype=wp.int32), place: wp.int32) -> wp.int32:
-    """Add 1 to counts[place], a place for each thread; returns this thread's number there."""
+    """Adds 1 to counts[place], a place for each thread; returns this thread's number there."""
     ...
 
 
 @wp.func_native(COUNT_LANES)
 def take_place(counters: wp.array(dtype=wp.int64), place: wp.int32) -> wp.int64:
-    """Add 1 to counters[place]; returns this thread's number."""
+    """Adds 1 to counters[place]; returns this thread's number."""
     ...

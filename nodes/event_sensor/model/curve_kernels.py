@@ -38,13 +38,15 @@ samples per period."""
 
 @wp.func
 def in_square(m: wp.float64, d: wp.float64):
-    """True when a slope keeps the curve monotone."""
+    """Tells whether a slope keeps the curve monotone."""
     return m * d >= wp.float64(0.0) and wp.abs(m) <= wp.float64(3.0) * wp.abs(d)
 
 
 @wp.func
 def parabola_bend(before: wp.float64, d: wp.float64, h_before: wp.float64, h: wp.float64):
-    """Twice the chord d less the slope at its start of the parabola through three samples: d - before if h = h_before.
+    """Computes twice the chord d less the slope at its start of the parabola through three samples.
+
+    That is d - before if h = h_before.
 
     before, d: differences of L over the two steps of lengths h_before and h. Kept to what equal steps could give, so
     that a short step beside a long one cannot throw the curve.
@@ -58,7 +60,7 @@ def parabola_bend(before: wp.float64, d: wp.float64, h_before: wp.float64, h: wp
 def cubic_slopes(
     earlier: wp.float64, bend0: wp.float64, bend1: wp.float64, before: wp.float64, d: wp.float64, sharp: wp.vec2d
 ):
-    """Slopes of the Catmull-Rom curve, or `sharp` at an edge.
+    """Returns the slopes of the Catmull-Rom curve, or `sharp` at an edge.
 
     bend0, bend1, earlier: curvature at the ends and one step earlier; before, d: chords of the step before and this.
     """
@@ -77,16 +79,17 @@ def cubic_slopes(
 
 @wp.func
 def end_slopes(bend: wp.float64, d: wp.float64, sharp: wp.vec2d):
-    """Slopes at the end of what is known, where one neighbour gives the curvature: a parabola if it bends little."""
+    """Returns the slopes at the end of what is known, where one neighbour gives the bend: a parabola if it is low."""
     half = wp.float64(0.5) * bend
     return wp.where(wp.abs(bend) > BENT * wp.abs(d), sharp, wp.vec2d(d - half, d + half))
 
 
 @wp.func
 def known_slopes(m_before: wp.float64, m0: wp.float64, m1: wp.float64, d: wp.float64):
-    """Known slopes; the chord's at an edge, where they do not agree with the samples or the curvature turns round.
+    """Returns known slopes, or the chord's at an edge.
 
-    m_before: one sample earlier; not finite where it is not known, which counts as an edge.
+    There they do not agree with the samples, or the curvature turns round. m_before: one sample
+    earlier; not finite where it is not known, which counts as an edge.
     """
     apart = wp.abs(d - wp.float64(0.5) * (m0 + m1))
     edge = apart > TRAPEZOID * wp.float64(0.5) * (wp.abs(m0) + wp.abs(m1))
@@ -98,7 +101,10 @@ def known_slopes(m_before: wp.float64, m0: wp.float64, m1: wp.float64, d: wp.flo
 
 @wp.func
 def butland(before: wp.float64, after: wp.float64, h_before: wp.float64, h_after: wp.float64):
-    """Slope [1/ns] at a sample, weighted harmonic mean of the two secants (Fritsch and Butland 1984); 0 at extrema."""
+    """Computes the slope [1/ns] at a sample: 0 at extrema, else a weighted harmonic mean of both secants.
+
+    Fritsch and Butland, 1984.
+    """
     slope = wp.float64(0.0)
     if before * after > wp.float64(0.0):
         w_before = wp.float64(2.0) * h_after + h_before
@@ -111,7 +117,7 @@ def butland(before: wp.float64, after: wp.float64, h_before: wp.float64, h_after
 def slope_of(sensor: Sensor, dlog_dt: wp.float32, intensity: wp.float32):
     """Computes dL/dt [1/s] of L = ln(I + I_dark) from d ln I/dt; NaN where it is not known."""
     light = wp.float64(intensity)
-    return wp.float32(wp.float64(dlog_dt) * light / (light + sensor.dark))
+    return wp.float32(wp.float64(dlog_dt) * light / (light + sensor.dark_level))
 
 
 @lru_cache

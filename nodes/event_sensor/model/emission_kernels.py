@@ -27,7 +27,7 @@ def emit(
 
     written: events of this pixel in this step so far.
     """
-    if cap and written >= sensor.cap:
+    if cap and written >= sensor.event_cap:
         wp.atomic_add(counters, DROPPED, wp.int64(1))
     else:
         slot = wp.atomic_add(counters, EVENTS, wp.int64(1))
@@ -80,7 +80,10 @@ def crossings_fired(features: Features, at_once: Any = None) -> Any:
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """signed: threshold with its sign. u, piece: the piece's ends; start, h: of the step [ns]. place: key but t."""
+        """Writes the events of n crossings.
+
+        signed: threshold with its sign. u, piece: the piece's ends; start, h: of the step [ns]. place: key but t.
+        """
         time = here
         j = int(0)
         if wp.static(together):

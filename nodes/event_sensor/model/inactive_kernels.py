@@ -28,7 +28,7 @@ def surely_inactive(features: Features) -> Any:
     def curve_inactive(
         sensor: Sensor, frequent: Frequent, v: wp.float32, slope: wp.float32, following: wp.float32, length: wp.int64
     ):
-        dark = wp.float32(sensor.dark)
+        dark = wp.float32(sensor.dark_level)
         inside = bool(True)
         if wp.static(cubic):
             # The curve runs over the four samples by a quarter of their range at most: ln(1 + x) <= x.

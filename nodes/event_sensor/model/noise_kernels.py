@@ -11,7 +11,7 @@ wp.set_module_options({"enable_backward": False})
 @wp.func
 def shot_accepted(mark: wp.float64, light: wp.float64, sensor: Sensor):
     """Tells whether a candidate of the shot noise fires, whose rate is shot_rate (1 - clip(I / white, 0, 1))."""
-    return mark < wp.float64(1.0) - wp.clamp(light / sensor.white, wp.float64(0.0), wp.float64(1.0))
+    return mark < wp.float64(1.0) - wp.clamp(light / sensor.shot_white, wp.float64(0.0), wp.float64(1.0))
 
 
 @wp.func

@@ -29,13 +29,16 @@ LEFT = wp.constant(len(COUNTERS))
 
 @wp.struct
 class Sensor:
-    """Parameters. Thresholds in ln I; dark, floor, white in radiance units; rates in Hz; the shifts lay out a key."""
+    """What kernels know of a sensor; a field of a parameter's name is filled from it.
+
+    Thresholds in ln I; dark_level, floor, shot_white in radiance units; rates in Hz; the shifts lay out a key.
+    """
 
     threshold_on: wp.float64
     threshold_off: wp.float64
     gain_on: wp.float32  # exp(threshold_on)
     gain_off: wp.float32  # exp(-threshold_off)
-    dark: wp.float64
+    dark_level: wp.float64
     floor: wp.float32  # least value of I + dark
     height: wp.int32
     width: wp.int32
@@ -48,25 +51,25 @@ class Sensor:
     seed: wp.int64
     dead_ns: wp.int64  # refractory period
     shot_rate: wp.float64
-    white: wp.float64  # intensity at which shot noise ends
-    cap: wp.int32  # events per pixel and step
+    shot_white: wp.float64  # intensity at which shot noise ends
+    event_cap: wp.int32  # events per pixel and step
 
 
 @wp.func
 def log_level(sensor: Sensor, intensity: wp.float32):
     """Computes L = ln(I + I_dark), equation (3), of light that is not below the floor."""
-    level = wp.float64(intensity) + sensor.dark
+    level = wp.float64(intensity) + sensor.dark_level
     return wp.log(wp.max(level, wp.float64(sensor.floor)))
 
 
 @wp.func
 def has_level(sensor: Sensor, intensity: wp.float32):
     """Tells whether L is finite: finite light, not negative, and not 0 without dark current; false for NaN."""
-    return intensity >= 0.0 and intensity <= LARGEST and wp.float64(intensity) + sensor.dark > wp.float64(0.0)
+    return intensity >= 0.0 and intensity <= LARGEST and wp.float64(intensity) + sensor.dark_level > wp.float64(0.0)
 
 
 @wp.func
 def count_clipped(sensor: Sensor, intensity: wp.float32, counters: wp.array(dtype=wp.int64)):
     """Counts a sample whose light is below the floor."""
-    if wp.float64(intensity) + sensor.dark < wp.float64(sensor.floor):
+    if wp.float64(intensity) + sensor.dark_level < wp.float64(sensor.floor):
         wp.atomic_add(counters, CLIPPED, wp.int64(1))

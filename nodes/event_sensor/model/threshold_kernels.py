@@ -41,13 +41,13 @@ def first_crossed(delta: wp.float64, c_on: wp.float64, c_off: wp.float64):
 @wp.func
 def least_intensity(sensor: Sensor):
     """Returns the least intensity of an inactive range: 0 must not be in it where it has no logarithm."""
-    return wp.where(sensor.dark > wp.float64(0.0), wp.float32(0.0), SMALLEST)
+    return wp.where(sensor.dark_level > wp.float64(0.0), wp.float32(0.0), SMALLEST)
 
 
 @wp.func
 def inactive_range(sensor: Sensor, low: wp.float32, high: wp.float32):
     """Computes the intensities that cannot fire: from level exp(L) = low to high, narrowed by float32's errors."""
-    dark = wp.float32(sensor.dark)
+    dark = wp.float32(sensor.dark_level)
     lowest = low * (1.0 + GUARD)
     # Nothing lies below the floor, so a pixel resting on it is inactive.
     bottom = wp.where(lowest <= sensor.floor, least_intensity(sensor), wp.clamp(lowest - dark, 0.0, LARGEST))

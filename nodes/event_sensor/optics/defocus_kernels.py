@@ -28,7 +28,7 @@ def filtered(
     length: wp.int32,
     stride: wp.int32,
 ):
-    """One sample of the filter along an axis: sample i, at `place` in a line of `length` samples `stride` apart."""
+    """Filters one sample along an axis: sample i, at `place` in a line of `length` samples `stride` apart."""
     total = weights[0] * image[i]
     j = int(1)
     while j < weights.shape[0]:
@@ -50,7 +50,7 @@ def filter_runs(
     to: wp.int32,
     rows: wp.array(dtype=wp.float32),
 ):
-    """Samples margin to end of the row at `start`, which need no clamp; the last run reaches back over the other."""
+    """Filters samples margin to end of the row at `start`, without a clamp; the last run reaches back."""
     ...
 
 
@@ -65,7 +65,7 @@ def blend_rows(
     out: wp.int32,
     blurred: wp.array(dtype=wp.float32),
 ):
-    """Row y of the result, to `out`: the filter down the columns of the rows in the ring."""
+    """Filters row y of the result down the columns of the rows in the ring, to `out`."""
     ...
 
 
@@ -81,7 +81,7 @@ def row_filtered(
     # out
     rows: wp.array(dtype=wp.float32),
 ):
-    """Filter the row that starts at `start` along x, to `rows` from `to` on."""
+    """Filters the row that starts at `start` along x, to `rows` from `to` on."""
     row = width * channels
     taps = weights.shape[0]
     margin = wp.min((taps - 1) * channels, row)
@@ -112,7 +112,7 @@ def blur_rows(
     # out
     blurred: wp.array(dtype=wp.float32),
 ):
-    """One row of the result per thread, in order; `rows` keeps the 2 radius + 1 rows filtered along x that it needs."""
+    """Blurs a row per thread, in order; `rows` keeps the 2 radius + 1 rows filtered along x that it needs."""
     n, y = wp.tid()
     row = width * channels
     radius = weights.shape[0] - 1
@@ -151,7 +151,7 @@ def each_sample(
     # out
     blurred: wp.array(dtype=wp.float32),
 ):
-    """Filter along an axis of `length` samples `stride` apart; a thread is a sample, for a GPU."""
+    """Filters along an axis of `length` samples `stride` apart; a thread is a sample, for a GPU."""
     outer, place, inner = wp.tid()
     i = (outer * length + place) * stride + inner
     blurred[i] = filtered(weights, image, i, place, length, stride)

@@ -47,9 +47,10 @@ return step_block(receptor, luminance, at, ahead, index, size, half, halvings, c
 
 @cache
 def step_block(poles: int, varying: bool) -> Any:
-    """Function: one step of a block of pixels; returns how many samples it lists in `place` and leaves alone.
+    """Makes the function of one step of a block of pixels.
 
-    Those are the ones that are bad, too dark for a normal logarithm, or the first of their pixel.
+    It returns how many samples it lists in `place` and leaves alone: those that are bad, too
+    dark for a normal logarithm, or the first of their pixel.
     """
     values = {
         **CONSTANTS,

@@ -41,7 +41,7 @@ def served(
     queue: Queue, env: wp.int32, begin: wp.int64, end: wp.int64, t_base: wp.int64, t: wp.array(dtype=wp.int64),
     free: wp.array(dtype=wp.int64), stamps: wp.array(dtype=wp.int64), statistics: wp.array2d(dtype=wp.int64),
 ):  # fmt: skip
-    """Event i leaves at D_i = max(t_i, D_{i-1} + service); `free` is D_{i-1} + service."""
+    """Computes when events leave: event i at D_i = max(t_i, D_{i-1} + service); `free` is D_{i-1} + service."""
     ...
 
 
@@ -51,7 +51,7 @@ def jittered(
     x: wp.array(dtype=wp.uint16), y: wp.array(dtype=wp.uint16), p: wp.array(dtype=wp.uint8),
     c: wp.array(dtype=wp.uint8), stamps: wp.array(dtype=wp.int64),
 ):  # fmt: skip
-    """Add sigma (REACH + N) [ns], N standard normal cut at +-REACH: never negative, of the event's own fields alone."""
+    """Adds sigma (REACH + N) [ns], N standard normal cut at +-REACH: never negative, of the event's fields alone."""
     ...
 
 
@@ -72,7 +72,7 @@ def serve(
     # out: per environment events that waited, ns that all waited, longest wait, drops
     statistics: wp.array2d(dtype=wp.int64),
 ):
-    """One environment per thread."""
+    """Computes when the events of an environment leave; one environment per thread."""
     env = wp.tid()
     if queue.service > wp.int64(0):
         served(queue, env, offsets[env], offsets[env + 1], t_base, t, free, stamps, statistics)
@@ -86,7 +86,7 @@ def to_keys(
     x: wp.array(dtype=wp.uint16), y: wp.array(dtype=wp.uint16), p: wp.array(dtype=wp.uint8),
     c: wp.array(dtype=wp.uint8), keys: wp.array(dtype=wp.int64),
 ) -> wp.bool:  # fmt: skip
-    """Columns to keys as in packet.KeyLayout; whether they ascend."""
+    """Packs columns into keys as model.keys.KeyLayout says; returns whether they ascend."""
     ...
 
 
@@ -105,13 +105,13 @@ def pack(
     keys: wp.array(dtype=wp.int64),
     ascending: wp.array(dtype=wp.int32),
 ):
-    """Columns to keys, by one thread."""
+    """Packs columns into keys, by one thread."""
     ascending[0] = wp.where(to_keys(sensor, t_base, env, t, x, y, p, c, keys), 1, 0)
 
 
 @wp.func_native(readout("insertion_sort(count, keys);"))
 def insertion_sort(count: wp.int32, keys: wp.array(dtype=wp.int64)):
-    """Of keys that are in order but for those of one time."""
+    """Sorts keys that are in order but for those of one time."""
     ...
 
 
@@ -122,5 +122,5 @@ def tidy(
     # in and out
     keys: wp.array(dtype=wp.int64),
 ):
-    """Keys that are in order but for those of one time, by one thread."""
+    """Sorts keys that are in order but for those of one time, by one thread."""
     insertion_sort(count, keys)
