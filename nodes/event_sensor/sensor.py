@@ -29,17 +29,19 @@ import warp as wp
 
 from evis.gpu.devices import device_named
 from nodes.event_sensor.arrays import on_device, shape_of
+from nodes.event_sensor.batch import Batch, Size
 from nodes.event_sensor.cpu.listing import Listing
 from nodes.event_sensor.device_events import DeviceEvents, Pending, Ready
 from nodes.event_sensor.engines import FLOOR as FLOOR
-from nodes.event_sensor.engines import Batch, Size, make_engine, sensor_struct, unlit_rate
+from nodes.event_sensor.engines import make_engine, sensor_struct, unlit_rate
 from nodes.event_sensor.look_ahead import LookAhead
 from nodes.event_sensor.message_limit import check_noise
-from nodes.event_sensor.model import pixel_kernels
+from nodes.event_sensor.model.keys import KeyLayout
+from nodes.event_sensor.model.sensor_kernels import COUNTERS
 from nodes.event_sensor.optics.optics import Optics
 from nodes.event_sensor.parameters import resolve_sensor
 from nodes.event_sensor.readout.packet import Events as Events
-from nodes.event_sensor.readout.packet import KeyLayout, merged, parted
+from nodes.event_sensor.readout.packet import merged, parted
 
 wp.config.log_level = wp.LOG_WARNING
 
@@ -108,7 +110,7 @@ class EventSensor:
 
             self._readout = Readout(width, height, envs, p["readout_rate"], p["timestamp_jitter_us"], seed=seed)
         self._nothing: wp.array = wp.zeros(0, dtype=wp.float32, device=self._device)
-        self._total = np.zeros(len(pixel_kernels.COUNTERS), np.int64)
+        self._total = np.zeros(len(COUNTERS), np.int64)
         self._side: Any = self._make_side(size)
         self._pipelined = self._device.is_cuda and self._side.pipelined and self._optics.clear and not self._readout
         self._episodes: np.ndarray | None = None
@@ -332,11 +334,11 @@ class EventSensor:
         """What was set aside so far.
 
         nonfinite: samples that were NaN, infinite, negative, or 0 without dark current (the last good one is held).
-        clipped: samples below FLOOR that were a reference or left the pixel's quiet band. dropped: events beyond
+        clipped: samples below FLOOR that were a reference or left the pixel's inactive range. dropped: events beyond
         event_cap. unknown_slopes: samples of dlog_dt that were not finite (the chord is taken). readout_*: those of
         Readout.
         """
-        counts = {name: int(n) for name, n in zip(pixel_kernels.COUNTERS[1:], self._total[1:])}
+        counts = {name: int(n) for name, n in zip(COUNTERS[1:], self._total[1:])}
         if not self._hermite:
             del counts["unknown_slopes"]
         if self._readout is not None:
@@ -351,12 +353,12 @@ class EventSensor:
     @property
     def nonfinite(self) -> int:
         """counts()["nonfinite"]."""
-        return int(self._total[pixel_kernels.COUNTERS.index("nonfinite")])
+        return int(self._total[COUNTERS.index("nonfinite")])
 
     @property
     def clipped(self) -> int:
         """counts()["clipped"]."""
-        return int(self._total[pixel_kernels.COUNTERS.index("clipped")])
+        return int(self._total[COUNTERS.index("clipped")])
 
     @property
     def on_gpu(self) -> Any:

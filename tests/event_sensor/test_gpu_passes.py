@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 import warp as wp
 
+from nodes.event_sensor.batch import Batch
 from nodes.event_sensor.cuda import order_kernels
-from nodes.event_sensor.cuda.ideal import PlainPasses
+from nodes.event_sensor.cuda.ideal import IdealPasses
 from nodes.event_sensor.cuda.side import DeviceSide
 from nodes.event_sensor.device_events import CALLS
-from nodes.event_sensor.engines import Batch, sensor_struct
+from nodes.event_sensor.engines import sensor_struct
+from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.parameters import resolve_sensor
-from nodes.event_sensor.readout.packet import KeyLayout
 
 MS = 1_000_000
 C_ON, C_OFF = 0.2, 0.23
@@ -27,7 +28,7 @@ class Passes:
         layout, size = KeyLayout.of(height, width, envs), height * width
         sensor = sensor_struct(p, (height, width, 1), layout, 0)
         frame = crossing == "frame"
-        passes = PlainPasses(envs * size, size, frame, self.device)
+        passes = IdealPasses(envs * size, size, frame, self.device)
         self.found = []
         self.side = DeviceSide(
             passes, sensor, layout, (envs, envs * size, False), frame, self.device, self._count

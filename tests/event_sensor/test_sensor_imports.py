@@ -15,19 +15,16 @@ sensor.process(np.ones((1, 2, 4, 4), np.float32), np.array([1, 2]), np.zeros(1, 
 print("\\n" + json.dumps([name for name in sys.modules if name.startswith("nodes.event_sensor.")]))
 """
 FAULTS = {
-    f"model.{name}"
-    for name in (
-        "nonideal_kernels",
-        "thread_kernels",
-        "event_order_kernels",
-        "curve_kernels",
-        "random_kernels",
-        "nonideal",
-    )
+    "nonideal",
+    "cpu.nonideal_kernels",
+    "model.pixel_kernels",
+    "model.pixel_step_kernels",
+    "model.curve_kernels",
+    "model.random_kernels",
 }
 PARTS = {
     "faults": FAULTS,
-    "paper": {"model.paper_kernels", "model.paper"},
+    "paper": {"model.paper_kernels", "paper"},
     "defocus": {"optics.defocus", "optics.defocus_kernels"},
     "photoreceptor": {"optics.photoreceptor", "optics.photoreceptor_kernels", "optics.photoreceptor_simd_kernels"},
     "readout": {"readout.readout", "readout.readout_kernels"},

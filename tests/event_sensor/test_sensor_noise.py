@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from nodes.event_sensor.model import noise
+from nodes.event_sensor.model import fixed_pattern
 from nodes.event_sensor.sensor import EventSensor
 from nodes.event_sensor.simulate import simulate_frames
 
@@ -34,8 +34,8 @@ def ramp(slope, seconds, step_ms):
 
 
 def test_thresholds_are_normal_with_a_floor_and_independent():
-    on, _ = noise.thresholds(3, 1, 200_000, (0.2, 0.3), 0.04, 0.15)
-    free_on, free_off = noise.thresholds(3, 1, 200_000, (0.2, 0.3), 0.04, 0.0)
+    on, _ = fixed_pattern.thresholds(3, 1, 200_000, (0.2, 0.3), 0.04, 0.15)
+    free_on, free_off = fixed_pattern.thresholds(3, 1, 200_000, (0.2, 0.3), 0.04, 0.0)
     assert (on == np.maximum(free_on, np.float32(0.15))).all()
     for got, mean in ((free_on, 0.2), (free_off, 0.3)):
         z = (np.sort(got.astype(np.float64)) - mean) / 0.04
@@ -47,7 +47,7 @@ def test_thresholds_are_normal_with_a_floor_and_independent():
 def test_each_pixel_counts_by_its_own_threshold():
     frames = np.exp(np.array([0, 2.0, 0.5]))[:, None, None] * np.ones((3, 30, 40))
     events = simulate_frames(frames, np.arange(3) * MS, threshold_mismatch=0.03, seed=5)
-    on, off = (v.astype(np.float64) for v in noise.thresholds(5, 1, 1200, (0.2, 0.2), 0.03, 0.01))
+    on, off = (v.astype(np.float64) for v in fixed_pattern.thresholds(5, 1, 1200, (0.2, 0.2), 0.03, 0.01))
     index = events["y"].astype(int) * 40 + events["x"]
     ups = np.floor((2 + 2**-23) / on)
     downs = np.floor((ups * on - 0.5 + 2**-23) / off)
@@ -205,7 +205,7 @@ def test_leak_jitter_is_a_spread_over_pixels():
     frames, t = constant(0.7, 100, 20)
     events = simulate_frames(frames, t, leak_rate=10, leak_jitter=0.2, seed=2)
     counts = np.bincount(events["y"].astype(int) * 50 + events["x"], minlength=2000)
-    rates = noise.leak_rates(2, 1, 2000, 10, 0.2)
+    rates = fixed_pattern.leak_rates(2, 1, 2000, 10, 0.2)
     assert np.abs(counts - 20 * rates).max() < 1.001
     assert abs(rates.std() / 10 - 0.2) < 4.5 * 0.2 / math.sqrt(2 * 2000)
 
@@ -264,7 +264,7 @@ def test_hot_pixels_are_few_and_fixed():
     events = simulate_frames(frames, t, hot_pixel_fraction=0.05, hot_pixel_rate=200, seed=4)
     counts = np.bincount(events["y"].astype(int) * 100 + events["x"], minlength=10_000)
     hot = np.flatnonzero(counts)
-    assert hot.tolist() == np.flatnonzero(noise.hot_rates(4, 1, 10_000, 0.05, 200)).tolist()
+    assert hot.tolist() == np.flatnonzero(fixed_pattern.hot_rates(4, 1, 10_000, 0.05, 200)).tolist()
     assert abs(len(hot) - 500) < 4.5 * math.sqrt(500 * 0.95)
     assert spread(len(events["t"]), len(hot) * 400) < 4.5
     assert spread((events["p"] == 1).sum(), len(hot) * 200) < 4.5

@@ -7,8 +7,8 @@ import pytest
 import warp as wp
 from scipy.ndimage import gaussian_filter
 
+from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.optics.defocus import Defocus
-from nodes.event_sensor.readout.packet import KeyLayout
 from nodes.event_sensor.sensor import EventSensor
 from nodes.event_sensor.simulate import simulate_frames
 

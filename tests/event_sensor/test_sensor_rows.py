@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.event_sensor.model.curve_kernels import crossing
+from nodes.event_sensor.model.crossing_kernels import root_of_cubic
 from nodes.event_sensor.sensor import EventSensor
 
 MS = 1_000_000
@@ -60,7 +60,7 @@ def cross(
     roots: wp.array(dtype=wp.float64),
 ):
     i = wp.tid()
-    roots[i] = crossing(curves[i], levels[i], wp.float64(0.0), wp.float64(1.0))
+    roots[i] = root_of_cubic(curves[i], levels[i], wp.float64(0.0), wp.float64(1.0))
 
 
 def test_the_crossing_of_a_monotone_cubic_is_exact():

@@ -16,10 +16,11 @@ from nodes.event_sensor.cpu.ideal_kernels import (
     STATUS,
     STEP,
     Lists,
-    plain_kernel,
+    ideal_kernel,
 )
-from nodes.event_sensor.cpu.simd_kernels import Bands, Level, room_for_block
-from nodes.event_sensor.model import pixel_kernels
+from nodes.event_sensor.cpu.simd_kernels import IdealState, room_for_block
+from nodes.event_sensor.model.sensor_kernels import Sensor
+from nodes.event_sensor.model.state_kernels import Reference
 
 FIRST_ROOM = 4096
 """Events for which a list has room at first."""
@@ -58,7 +59,7 @@ class StepLists:
             self._spare_for(room)
 
 
-class Plain:
+class Ideal:
     """Linear or frame stamps, no fault, on a CPU; nodes.event_sensor.cuda.ideal is the same on a GPU."""
 
     sorts = True
@@ -66,12 +67,12 @@ class Plain:
 
     def __init__(self, total: int, frame: bool) -> None:
         """total: pixels and channels of all environments. frame: events carry the stamp of their frame."""
-        self._kernel = plain_kernel(frame)
-        self._bands: Any = Bands()
-        self._bands.last = wp.zeros(total, dtype=wp.float32, device="cpu")
-        self._bands.low = wp.full(total, float("inf"), dtype=wp.float32, device="cpu")
-        self._bands.high = wp.zeros(total, dtype=wp.float32, device="cpu")
-        self._bands.level = wp.zeros(total, dtype=Level, device="cpu")
+        self._kernel = ideal_kernel(frame)
+        self._state: Any = IdealState()
+        self._state.last = wp.zeros(total, dtype=wp.float32, device="cpu")
+        self._state.low = wp.full(total, float("inf"), dtype=wp.float32, device="cpu")
+        self._state.high = wp.zeros(total, dtype=wp.float32, device="cpu")
+        self._state.level = wp.zeros(total, dtype=Reference, device="cpu")
         self._work = room_for_block()
         self._lists = StepLists()
         self._progress = np.zeros(AT_STEP + 1, np.int64)
@@ -79,16 +80,16 @@ class Plain:
 
     def arrays(self) -> tuple[wp.array, ...]:
         """Everything that is kept per pixel."""
-        return self._bands.last, self._bands.low, self._bands.high, self._bands.level
+        return self._state.last, self._state.low, self._state.high, self._state.level
 
-    def launch(self, sensor: pixel_kernels.Sensor, batch: Any, keys: wp.array, counters: wp.array, resume: int) -> None:
+    def launch(self, sensor: Sensor, batch: Any, keys: wp.array, counters: wp.array, resume: int) -> None:
         """Events of a batch to `keys`, as many as fit; resume > 0: go on where the last launch found them full."""
         if not resume:
             self._progress[:] = 0
             self._lists.empty()
         inputs = [sensor, batch.images, batch.t, batch.t_base, batch.begin]
         while True:
-            kept = [self._bands, self._work, self._lists.kernel, self._progress_there]
+            kept = [self._state, self._work, self._lists.kernel, self._progress_there]
             wp.launch(self._kernel, 1, [*inputs, *kept], [keys, counters], device="cpu")
             if self._progress[STATUS] != OUTGROWN:
                 break

@@ -2,8 +2,9 @@
 """The ideal sensor: straight lines in L between frames, no fault. What others pay for is not in this kernel.
 
 On a CPU the frames go by in groups of GROUP, a group in blocks of pixels, a block step by step, so that a block's state
-stays in the nearest cache; the pixels of a step that leave their band are listed and sensed together. Every step of a
-group has a list of events of its own, in the order of pixels, so that a stable sort of each by time is the whole order.
+stays in the nearest cache; the pixels of a step that leave their inactive range are listed and sensed together. Every
+step of a group has a list of events of its own, in the order of pixels, so that a stable sort of each by time is the
+whole order.
 """
 
 from functools import lru_cache
@@ -15,16 +16,17 @@ from nodes.event_sensor.cpu.order_kernels import sort_list
 from nodes.event_sensor.cpu.simd_kernels import (
     BLOCK,
     SPARE,
-    Bands,
+    IdealState,
     Listed,
     commit,
     cross_levels,
     emit_listed,
     keep_last,
-    list_loud,
+    list_active,
     take_samples,
 )
-from nodes.event_sensor.model.pixel_kernels import EVENTS, GUARD, LARGEST, Pixel, Sensor, key_head, least
+from nodes.event_sensor.model.key_kernels import key_head, key_time
+from nodes.event_sensor.model.sensor_kernels import EVENTS, Sensor
 
 wp.set_module_options({"enable_backward": False})
 
@@ -47,20 +49,8 @@ class Lists:
 
 
 @wp.func
-def quiet_band(sensor: Sensor, reference: wp.float64, pixel: Pixel):
-    """The pixel with the band of intensities that surely stay below both thresholds of this reference (GPU)."""
-    level = wp.exp(wp.float32(reference))
-    dark = wp.float32(sensor.dark)
-    low = level * sensor.gain_off * (1.0 + GUARD)
-    # Nothing lies below the floor, so a pixel resting on it is quiet.
-    pixel.low = wp.where(low <= sensor.floor, least(sensor), wp.clamp(low - dark, 0.0, LARGEST))
-    pixel.high = wp.min(level * sensor.gain_on * (1.0 - GUARD) - dark, LARGEST)
-    return pixel
-
-
-@wp.func
 def step_start(k: wp.int32, t: wp.array(dtype=wp.int64), t_base: wp.int64):
-    """Stamp at which step k begins."""
+    """Returns the stamp at which step k begins."""
     start = t_base
     if k > 0:
         start = t[k - 1]
@@ -68,11 +58,11 @@ def step_start(k: wp.int32, t: wp.array(dtype=wp.int64), t_base: wp.int64):
 
 
 @wp.func
-def forget(index: wp.int32, size: wp.int32, bands: Bands):
-    """No reference for the pixels of a block."""
+def forget(index: wp.int32, size: wp.int32, state: IdealState):
+    """Takes their reference from the pixels of a block."""
     i = int(0)
     while i < size:
-        bands.low[index + i] = float(wp.inf)
+        state.low[index + i] = float(wp.inf)
         i += 1
 
 
@@ -100,7 +90,7 @@ def sort_group(
     counters: wp.array(dtype=wp.int64),
     progress: wp.array(dtype=wp.int64),
 ):
-    """Events of steps first to end, sorted, behind the keys; the lists are empty then. False where there is no room."""
+    """Sorts the events of steps first to end, puts them behind the keys and empties the lists; False without room."""
     k = int(first)
     while k < end:
         n = lists.taken[k - first]
@@ -112,7 +102,7 @@ def sort_group(
         bits = int(0)
         while (t[k] - start) >> wp.int64(bits) > wp.int64(0):
             bits += 1
-        add = key_head(sensor, env) | ((start - t_base) << sensor.shift_t)
+        add = key_head(sensor, env) | key_time(sensor, start - t_base)
         to = wp.uint64(wp.int64(keys.ptr) + wp.int64(8) * at)
         if n > wp.int64(0):
             sort_list(n, sensor.shift_t, bits, add, lists.keys[k - first], lists.spare, to)
@@ -123,8 +113,8 @@ def sort_group(
 
 
 @lru_cache
-def plain_kernel(frame: bool) -> Any:
-    """The kernel, for one thread. frame: events carry the stamp of their frame, not of their crossing."""
+def ideal_kernel(frame: bool) -> Any:
+    """Makes the kernel, for one thread. frame: events carry the stamp of their frame, not of their crossing."""
 
     @wp.kernel(module="unique")
     def sense(
@@ -135,7 +125,7 @@ def plain_kernel(frame: bool) -> Any:
         t_base: wp.int64,
         fresh: wp.array(dtype=wp.int32),
         # in and out
-        bands: Bands,
+        state: IdealState,
         work: Listed,
         lists: Lists,
         progress: wp.array(dtype=wp.int64),
@@ -161,17 +151,17 @@ def plain_kernel(frame: bool) -> Any:
                     index = env * size + block
                     at = images + wp.int64(block)
                     if k == 0 and fresh[env] != 0:
-                        forget(index, many, bands)
+                        forget(index, many, state)
                     while k < end:
                         ahead = stride
                         if k + 1 == end:
                             ahead = wp.int64(many) - wp.int64(k - group) * stride
                         here = at + wp.int64(k) * stride
-                        n = list_loud(luminance, here, ahead, bands, index, many, work)
+                        n = list_active(luminance, here, ahead, state, index, many, work)
                         if n > 0:
                             span = t[k] - step_start(k, t, t_base)
-                            take_samples(sensor, luminance, here, stride, k, bands, index, n, work)
-                            events = cross_levels(sensor, span, bands, index, block, n, work)
+                            take_samples(sensor, luminance, here, stride, k, state, index, n, work)
+                            events = cross_levels(sensor, span, state, index, block, n, work)
                             place = lists.taken[k - group]
                             if place + events + wp.int64(SPARE) > lists.room[k - group]:
                                 pause(OUTGROWN, place + events + wp.int64(SPARE), k - group, progress)
@@ -180,13 +170,13 @@ def plain_kernel(frame: bool) -> Any:
                                 progress[AT_BLOCK] = wp.int64(block)
                                 progress[AT_STEP] = wp.int64(k)
                                 return
-                            commit(index, n, work, bands, counters)
+                            commit(index, n, work, state, counters)
                             emit_listed(sensor, span, wp.static(frame), n, work, lists.keys[k - group], place)
                             lists.taken[k - group] = place + events
                         k += 1
                     if end == count:
                         keep_last(
-                            sensor, luminance, at + wp.int64(count - 1) * stride, stride, count, index, many, bands
+                            sensor, luminance, at + wp.int64(count - 1) * stride, stride, count, index, many, state
                         )
                     block += BLOCK
                     k = group

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from nodes.event_sensor.cpu.order import env_offsets, sort_keys, unpack
 from nodes.event_sensor.cpu.simd_kernels import SPARE
-from nodes.event_sensor.model import pixel_kernels
-from nodes.event_sensor.readout.packet import KeyLayout, env_offsets, sort_keys, unpack
+from nodes.event_sensor.model.keys import KeyLayout
+from nodes.event_sensor.model.sensor_kernels import COUNTERS, Sensor
 
 
 class Listing:
@@ -20,12 +21,12 @@ class Listing:
     """
 
     def __init__(
-        self, engine: Any, sensor: pixel_kernels.Sensor, layout: KeyLayout, envs: int, total: int,
+        self, engine: Any, sensor: Sensor, layout: KeyLayout, envs: int, total: int,
         found: Callable[[np.ndarray], None], ordered: bool = True,
     ) -> None:  # fmt: skip
         self._sorts = ordered and not engine.sorts
         self._engine, self._sensor, self._layout, self._envs, self._found = engine, sensor, layout, envs, found
-        self._counters: wp.array = wp.zeros(len(pixel_kernels.COUNTERS) + 1, dtype=wp.int64, device="cpu")
+        self._counters: wp.array = wp.zeros(len(COUNTERS) + 1, dtype=wp.int64, device="cpu")
         self._listed = np.zeros(0, np.int64)
         self._t_base = 0
         self._grow(max(2 * total, 4096))

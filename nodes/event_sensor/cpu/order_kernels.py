@@ -1,37 +1,26 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
 """Keys into the order of time and into columns, on a CPU."""
 
+from pathlib import Path
+
 import warp as wp
 
-from nodes.event_sensor.model.pixel_kernels import Sensor
+from evis.native_code import native_code
+from nodes.event_sensor.model.sensor_kernels import Sensor
 
 wp.set_module_options({"enable_backward": False})
 
 MOST_BITS = 11
 """Of a digit: tables of 8 kB stay in the nearest cache."""
 
-PASS = """
-    wp::int64* source = (wp::int64*)source_keys;
-    wp::int64* target = (wp::int64*)to;
-    const wp::int64 mask = ((wp::int64)1 << bits) - 1;
-    unsigned place[1 << MOST_BITS];
-    memset(place, 0, sizeof(unsigned) << bits);
-    for (wp::int64 i = 0; i < n; i++) place[source[i] >> shift & mask]++;
-    unsigned total = 0;
-    for (int digit = 0; digit <= mask; digit++) {
-        const unsigned here = place[digit];
-        place[digit] = total;
-        total += here;
-    }
-    for (wp::int64 i = 0; i < n; i++) target[place[source[i] >> shift & mask]++] = source[i] + add;
-""".replace("MOST_BITS", str(MOST_BITS))
+ORDER = Path(__file__).with_name("order.h")
 
 
-@wp.func_native(PASS)
+@wp.func_native(native_code([ORDER], "counting_pass(source_keys, to, n, shift, bits, add);", {"MOST_BITS": MOST_BITS}))
 def counting_pass(source_keys: wp.uint64, to: wp.uint64, n: wp.int64, shift: wp.int64, bits: wp.int32, add: wp.int64):
-    """One stable counting pass over the digit of `bits` bits at `shift`; `add` is added to every key on its way.
+    """Sorts keys by one stable counting pass over the digit of `bits` bits at `shift`.
 
-    source_keys, to: addresses of n keys.
+    add: what is added to every key on its way. source_keys, to: addresses of n keys.
     """
     ...
 
@@ -66,7 +55,7 @@ def sort_list(
     # out
     to: wp.uint64,
 ):
-    """Stable sort of n keys by the `bits` bits at `shift`; what comes out is `add` more. Of addresses; keys and spare
+    """Sorts n keys stably by the `bits` bits at `shift`; what comes out is `add` more. Of addresses; keys and spare
     are overwritten."""
     digit = digit_bits(n, bits)
     source = keys
@@ -98,31 +87,7 @@ def radix_pass(
     counting_pass(wp.uint64(source.ptr), wp.uint64(target.ptr), wp.int64(count), shift, bits, wp.int64(0))
 
 
-UNPACK = """
-    const wp::int64* key = keys.data;
-    wp::int64* ts = t.data;
-    wp::uint16* xs = x.data;
-    wp::uint16* ys = y.data;
-    wp::uint8* ps = p.data;
-    const int n = keys.shape[0];
-    const int shift_t = (int)sensor.shift_t;
-    const int shift_y = (int)sensor.shift_y;
-    const int shift_x = (int)sensor.shift_x;
-    const wp::int64 mask_t = ((wp::int64)1 << (sensor.shift_env - shift_t)) - 1;
-    const wp::int64 mask_y = ((wp::int64)1 << (shift_t - shift_y)) - 1;
-    const wp::int64 mask_x = ((wp::int64)1 << (shift_y - shift_x)) - 1;
-#pragma clang loop vectorize(assume_safety)
-    for (int i = 0; i < n; i++) {
-        const wp::int64 one = key[i];
-        ts[i] = t_base + (one >> shift_t & mask_t);
-        ys[i] = (wp::uint16)(one >> shift_y & mask_y);
-        xs[i] = (wp::uint16)(one >> shift_x & mask_x);
-        ps[i] = (wp::uint8)(one & 1);
-    }
-"""
-
-
-@wp.func_native(UNPACK)
+@wp.func_native(native_code([ORDER], "to_columns(sensor, t_base, keys, t, x, y, p);", {"MOST_BITS": MOST_BITS}))
 def to_columns(
     sensor: Sensor, t_base: wp.int64, keys: wp.array(dtype=wp.int64), t: wp.array(dtype=wp.int64),
     x: wp.array(dtype=wp.uint16), y: wp.array(dtype=wp.uint16), p: wp.array(dtype=wp.uint8),

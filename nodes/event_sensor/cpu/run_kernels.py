@@ -6,24 +6,49 @@ from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.model.inactive_kernels import RUN, Quiet, Run, quiet_margins
-from nodes.event_sensor.model.pixel_kernels import Sensor
-from nodes.event_sensor.model.state_kernels import Features
-from nodes.event_sensor.model.step_kernels import slope_of
+from nodes.event_sensor.model.curve_kernels import slope_of
+from nodes.event_sensor.model.features import Features
+from nodes.event_sensor.model.sensor_kernels import Sensor
+from nodes.event_sensor.model.state_kernels import RUN, FrequentState, Run
 
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.func
+def straight_margins(
+    state: FrequentState,
+    luminance_runs: wp.array(dtype=Run),
+    index: wp.int32,
+    at: wp.int64,
+    stride: wp.int64,
+    count: wp.int32,
+):
+    """Computes by how much `count` samples of RUN pixels stay in their inactive ranges; below 0 where one does not."""
+    v = luminance_runs[at]
+    least = v
+    most = v
+    finite = v - v  # NaN where a sample is not finite
+    k = int(1)
+    while k < count:
+        v = luminance_runs[at + wp.int64(k) * stride]
+        least = wp.min(least, v)
+        most = wp.max(most, v)
+        finite += v - v
+        k += 1
+    margins = wp.min(least - state.low_runs[index], state.high_runs[index] - most) + finite
+    return wp.max(margins, Run(-1.0))  # -1 for NaN
+
+
 @lru_cache
 def run_margins(features: Features) -> Any:
-    """Function: a number per pixel of a run, below 0 where something may happen to it up to `t_end`."""
+    """Makes the function of a number per pixel of a run, below 0 where something may happen to it up to `t_end`."""
     cubic, hermite, timed = features.crossing == "cubic", features.crossing == "hermite", features.timed
 
     @wp.func
     def over_and_under(
         # in
         sensor: Sensor,
-        quiet: Quiet,
+        state: FrequentState,
         luminance_runs: wp.array(dtype=Run),
         slope_runs: wp.array(dtype=Run),
         index: wp.int32,
@@ -32,12 +57,12 @@ def run_margins(features: Features) -> Any:
         count: wp.int32,
         longest: wp.float32,
     ):
-        """The same bounds as surely_quiet, for all steps of `longest` ns at most together."""
-        dark = Run(wp.float32(sensor.dark))
+        """Computes the margins to the bounds of surely_inactive, for all steps of `longest` ns at most together."""
+        dark = Run(wp.float32(sensor.dark_level))
         v = luminance_runs[at]
-        least = wp.min(v, quiet.last_runs[index])
-        most = wp.max(v, quiet.last_runs[index])
-        early = quiet.early_runs[index]
+        least = wp.min(v, state.last_runs[index])
+        most = wp.max(v, state.last_runs[index])
+        early = state.early_runs[index]
         finite = v - v
         steepest = wp.max(early, -early)
         if wp.static(cubic):
@@ -57,8 +82,8 @@ def run_margins(features: Features) -> Any:
             k += 1
         a = least + dark
         b = most + dark
-        low = quiet.low_runs[index] + dark
-        high = quiet.high_runs[index] + dark
+        low = state.low_runs[index] + dark
+        high = state.high_runs[index] + dark
         if wp.static(cubic):
             reach = 3.0 * a + b
             above = 4.0 * wp.cw_mul(a, high) - wp.cw_mul(b, reach)
@@ -74,7 +99,7 @@ def run_margins(features: Features) -> Any:
     def margins_of(
         # in
         sensor: Sensor,
-        quiet: Quiet,
+        state: FrequentState,
         luminance_runs: wp.array(dtype=Run),
         slope_runs: wp.array(dtype=Run),
         index: wp.int32,
@@ -84,15 +109,15 @@ def run_margins(features: Features) -> Any:
         longest: wp.float32,
         t_end: wp.int64,
     ):
-        """index, at: of the run's first pixel in the state and in the first frame."""
+        """Computes a run's margins. index, at: of the run's first pixel in the state and in the first frame."""
         margins = Run()
         if wp.static(cubic or hermite):
-            margins = over_and_under(sensor, quiet, luminance_runs, slope_runs, index, at, stride, count, longest)
+            margins = over_and_under(sensor, state, luminance_runs, slope_runs, index, at, stride, count, longest)
             margins = wp.max(margins, Run(-1.0))  # -1 for NaN
         else:
-            margins = quiet_margins(quiet, luminance_runs, index, at, stride, count)
+            margins = straight_margins(state, luminance_runs, index, at, stride, count)
         if wp.static(timed):
-            wakes = quiet.wake_runs[index]
+            wakes = state.wake_runs[index]
             if wp.min(wakes) <= t_end:
                 for lane in range(wp.static(RUN)):
                     if wakes[lane] <= t_end:
@@ -104,7 +129,7 @@ def run_margins(features: Features) -> Any:
 
 @lru_cache
 def passed(features: Features) -> tuple[Any, Any]:
-    """(function of a run, function of a pixel): what is kept of a message through which it was quiet."""
+    """Makes the functions, of a run and of a pixel, that keep what is needed of a message in which it was inactive."""
     curved, hermite = features.curved, features.crossing == "hermite"
 
     @wp.func
@@ -118,24 +143,24 @@ def passed(features: Features) -> tuple[Any, Any]:
         stride: wp.int64,
         count: wp.int32,
         # in and out
-        quiet: Quiet,
+        state: FrequentState,
     ):
-        """at: place of the pixel in the last frame."""
+        """Keeps what is needed of a pixel. at: its place in the last frame."""
         if wp.static(hermite):
-            quiet.earlier[index] = quiet.early[index]
+            state.earlier[index] = state.early[index]
             if count > 1:
-                quiet.earlier[index] = slope_of(sensor, slopes[at - stride], luminance[at - stride])
-            quiet.early[index] = slope_of(sensor, slopes[at], luminance[at])
+                state.earlier[index] = slope_of(sensor, slopes[at - stride], luminance[at - stride])
+            state.early[index] = slope_of(sensor, slopes[at], luminance[at])
         elif wp.static(curved):
-            before = quiet.last[index]
+            before = state.last[index]
             if count > 2:
-                quiet.earlier[index] = luminance[at - wp.int64(2) * stride]
+                state.earlier[index] = luminance[at - wp.int64(2) * stride]
             else:
-                quiet.earlier[index] = wp.where(count == 2, before, quiet.early[index])
+                state.earlier[index] = wp.where(count == 2, before, state.early[index])
             if count > 1:
                 before = luminance[at - stride]
-            quiet.early[index] = before
-        quiet.last[index] = luminance[at]
+            state.early[index] = before
+        state.last[index] = luminance[at]
 
     @wp.func
     def run(
@@ -150,31 +175,31 @@ def passed(features: Features) -> tuple[Any, Any]:
         stride: wp.int64,
         count: wp.int32,
         # in and out
-        quiet: Quiet,
+        state: FrequentState,
     ):
-        """As for one pixel, RUN of them; without dark level L's slope is that of ln I."""
+        """Keeps what is needed of RUN pixels; without dark level L's slope is that of ln I."""
         if wp.static(hermite):
-            if sensor.dark > wp.float64(0.0):
+            if sensor.dark_level > wp.float64(0.0):
                 lane = int(0)
                 while lane < wp.static(RUN):
-                    one(sensor, luminance, slopes, index + lane, at + wp.int64(lane), stride, count, quiet)
+                    one(sensor, luminance, slopes, index + lane, at + wp.int64(lane), stride, count, state)
                     lane += 1
                 return
-            quiet.earlier_runs[index] = quiet.early_runs[index]
+            state.earlier_runs[index] = state.early_runs[index]
             if count > 1:
-                quiet.earlier_runs[index] = slope_runs[at - stride]
-            quiet.early_runs[index] = slope_runs[at]
+                state.earlier_runs[index] = slope_runs[at - stride]
+            state.early_runs[index] = slope_runs[at]
         elif wp.static(curved):
-            before = quiet.last_runs[index]
+            before = state.last_runs[index]
             if count > 2:
-                quiet.earlier_runs[index] = luminance_runs[at - wp.int64(2) * stride]
+                state.earlier_runs[index] = luminance_runs[at - wp.int64(2) * stride]
             elif count == 2:
-                quiet.earlier_runs[index] = before
+                state.earlier_runs[index] = before
             else:
-                quiet.earlier_runs[index] = quiet.early_runs[index]
+                state.earlier_runs[index] = state.early_runs[index]
             if count > 1:
                 before = luminance_runs[at - stride]
-            quiet.early_runs[index] = before
-        quiet.last_runs[index] = luminance_runs[at]
+            state.early_runs[index] = before
+        state.last_runs[index] = luminance_runs[at]
 
     return run, one

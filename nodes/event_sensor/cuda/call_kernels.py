@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from nodes.event_sensor.model.pixel_kernels import COUNTERS
+from nodes.event_sensor.model.sensor_kernels import COUNTERS
 
 # Parameters, int64.
 IMAGES = wp.constant(0)
@@ -13,7 +13,7 @@ SPAN = wp.constant(2)
 STAMPS = wp.constant(3)
 """From here on: K stamps, then for each environment not 0 where an episode begins."""
 
-# Counters, int64, beyond those of nodes.event_sensor.model.pixel_kernels.
+# Counters, int64, beyond those of nodes.event_sensor.model.sensor_kernels.
 ACTIVE = wp.constant(len(COUNTERS) + 1)
 """Pixels that are listed."""
 FULL_FROM = wp.constant(len(COUNTERS) + 2)

@@ -7,15 +7,15 @@ from typing import Any
 import warp as wp
 
 from nodes.event_sensor.cuda import ideal_kernels
-from nodes.event_sensor.model.pixel_kernels import Sensor
+from nodes.event_sensor.model.sensor_kernels import Sensor
 
 BLOCK = 128
-SHARE = ideal_kernels.LANES * ideal_kernels.EACH
+SHARE = ideal_kernels.BLOCK * ideal_kernels.EACH
 THREADS = 1 << 18
 """Of the second launch, about what one chip holds at a time; each takes every THREADS-th active pixel."""
 
 
-class PlainPasses:
+class IdealPasses:
     """State of `total` pixels and channels, `size` in each environment, and the list of the active ones.
 
     28 bytes of state per pixel and channel, and 8 of list.
@@ -27,7 +27,7 @@ class PlainPasses:
     def __init__(self, total: int, size: int, frame: bool, device: Any) -> None:
         self._size, self._device = size, device
         self._kernel = ideal_kernels.sense_kernel(frame)
-        self._state = ideal_kernels.PlainState()
+        self._state = ideal_kernels.IdealState()
         self._state.last = wp.zeros(total, dtype=wp.float32, device=device)
         self._state.low = wp.full(total, float("inf"), dtype=wp.float32, device=device)
         self._state.high = wp.zeros(total, dtype=wp.float32, device=device)
@@ -44,7 +44,7 @@ class PlainPasses:
         self, sensor: Sensor, call: wp.array, frames: int, filled: wp.array, counters: wp.array, before: wp.array
     ) -> None:
         """Empty the buckets and list the active pixels."""
-        threads = -(-self._active.size // SHARE) * ideal_kernels.LANES
+        threads = -(-self._active.size // SHARE) * ideal_kernels.BLOCK
         wp.launch(
             ideal_kernels.find_active,
             max(threads, filled.size),

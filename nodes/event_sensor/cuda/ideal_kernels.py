@@ -1,8 +1,8 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
 """The ideal sensor on a GPU: one pass over all pixels that finds those with something in them, one over these.
 
-The first pass reads every sample and the quiet band once and writes the last sample: 4 K + 12 bytes a pixel for K
-frames. The second has a thread for every pixel that left its band, so that a warp does not wait for the few that fire.
+The first pass reads every sample and the inactive range once and writes the last sample: 4 K + 12 bytes a pixel for K
+frames. The second has a thread for every pixel that left its range, so that a warp does not wait for the few that fire.
 
 State is changed in place. A pixel that finds no room for the events of a step leaves its state as it was before that
 step and the step's number in the list of active pixels; the next launch, with more room, goes on from there.
@@ -14,33 +14,33 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place_of_many, take_room
-from nodes.event_sensor.cpu.ideal_kernels import quiet_band
 from nodes.event_sensor.cuda.call_kernels import ACTIVE, BLOCKED, FULL_FROM, IMAGES, STAMPS, T_BASE
-from nodes.event_sensor.model.pixel_kernels import (
+from nodes.event_sensor.model.crossing_kernels import crossing_on_line
+from nodes.event_sensor.model.key_kernels import key_head, key_tail, key_time
+from nodes.event_sensor.model.sensor_kernels import (
     EVENTS,
     LARGEST,
     NONFINITE,
     TOLERANCE,
-    Pixel,
     Sensor,
     count_clipped,
-    key_head,
-    key_tail,
+    has_level,
     log_level,
-    valid,
 )
+from nodes.event_sensor.model.state_kernels import Pixel
+from nodes.event_sensor.model.threshold_kernels import range_around, reference_level, thresholds_crossed
 
 wp.set_module_options({"enable_backward": False})
 
 Places = wp.types.vector(length=4, dtype=wp.int64)
-LANES = 256
+BLOCK = 256
 EACH = 4
-"""Pixels that a thread looks at, LANES apart, so that enough loads are under way."""
+"""Pixels that a thread looks at, BLOCK apart, so that enough loads are under way."""
 
 
 @wp.struct
-class PlainState:
-    """Of every pixel and channel, as in nodes.event_sensor.model.pixel_kernels.Pixel; the reference's base apart."""
+class IdealState:
+    """Of every pixel and channel, as in nodes.event_sensor.model.state_kernels.Pixel; the reference's base apart."""
 
     last: wp.array(dtype=wp.float32)
     low: wp.array(dtype=wp.float32)
@@ -51,13 +51,13 @@ class PlainState:
 
 @wp.func
 def inside(v: wp.float32, low: wp.float32, high: wp.float32):
-    """1 in the band, 0 outside and for NaN."""
+    """Returns 1 in the range, 0 outside and for NaN."""
     return wp.where(v >= low and v <= high, 1, 0)
 
 
 @wp.func
 def must_wait(sensor: Sensor, before: wp.array(dtype=wp.int64)):
-    """Whether the call before, whose counters these are, did not end, so that the state is not yet that after it."""
+    """Tells whether the call before, whose counters these are, did not end: the state is not yet that after it."""
     return before[BLOCKED] != wp.int64(0) or before[EVENTS] > sensor.capacity
 
 
@@ -70,17 +70,17 @@ def find_active(
     size: wp.int32,
     before: wp.array(dtype=wp.int64),
     # in and out
-    state: PlainState,
+    state: IdealState,
     # out
     active: wp.array(dtype=wp.vec2i),
     filled: wp.array(dtype=wp.int32),
     counters: wp.array(dtype=wp.int64),
 ):
-    """A thread is EACH pixels and channels. Those that are not quiet are listed: the pixel, the frame to go on from."""
+    """Lists the active pixels, each with the frame to go on from. A thread is EACH pixels and channels."""
     thread = wp.tid()
     if thread < filled.shape[0]:
         filled[thread] = 0
-    first = thread // wp.static(LANES) * wp.static(LANES * EACH) + thread % wp.static(LANES)
+    first = thread // wp.static(BLOCK) * wp.static(BLOCK * EACH) + thread % wp.static(BLOCK)
     stopped = must_wait(sensor, before)
     if thread == 0:
         counters[BLOCKED] = wp.where(stopped, wp.int64(1), wp.int64(0))
@@ -94,7 +94,7 @@ def find_active(
     good = wp.vec4i()
     at = Places()
     for j in range(wp.static(EACH)):
-        i = wp.min(first + j * wp.static(LANES), active.shape[0] - 1)
+        i = wp.min(first + j * wp.static(BLOCK), active.shape[0] - 1)
         env = i // size
         at[j] = wp.int64(env) * stride * wp.int64(frames) + wp.int64(i - env * size)
         low[j] = state.low[i]
@@ -115,7 +115,7 @@ def find_active(
             good[j] = good[j] & inside(more[j], low[j], high[j]) & inside(v[j], low[j], high[j])
         k += 2
     for j in range(wp.static(EACH)):
-        i = first + j * wp.static(LANES)
+        i = first + j * wp.static(BLOCK)
         if i < active.shape[0]:
             if good[j] != 0 and call[STAMPS + frames + i // size] == wp.int64(0):
                 state.last[i] = v[j]
@@ -125,7 +125,7 @@ def find_active(
 
 @lru_cache
 def sense_kernel(frame: bool, room: Any = take_room) -> Any:
-    """Kernel over the listed pixels.
+    """Makes the kernel over the listed pixels.
 
     frame: events carry the stamp of their frame, not of their crossing. room: how a pixel takes room for its events.
     """
@@ -140,12 +140,12 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
         index: wp.int32,
         first: wp.int32,
         # in and out
-        state: PlainState,
+        state: IdealState,
         # out
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """All steps of a pixel from frame `first` on; returns the frame whose events found no room, or -1."""
+        """Takes a pixel through the frames from `first` on; returns the frame whose events found no room, or -1."""
         env = index // size
         inner = index - env * size
         c = inner % sensor.channels
@@ -180,14 +180,16 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
             if v >= pixel.low and v <= pixel.high:
                 pixel.last = v
                 known = bool(False)
-            elif not valid(sensor, v):
+            elif not has_level(sensor, v):
                 # The last good value is held, so the next step starts here and its events are later than this.
                 wp.atomic_add(counters, NONFINITE, wp.int64(1))
             elif pixel.low > LARGEST:
                 base = log_level(sensor, v)
                 pixel.net = 0
                 pixel.n_off = 0
-                pixel = quiet_band(sensor, base, pixel)
+                limits = range_around(sensor, base)
+                pixel.low = limits[0]
+                pixel.high = limits[1]
                 pixel.last = v
                 count_clipped(sensor, v, counters)
             else:
@@ -195,41 +197,35 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
                 if not known:
                     l0 = log_level(sensor, pixel.last)
                 l1 = log_level(sensor, v)
-                reference = (
-                    base
-                    + wp.float64(pixel.net) * sensor.threshold_on
-                    + wp.float64(pixel.n_off) * (sensor.threshold_on - sensor.threshold_off)
-                )
+                reference = reference_level(base, pixel.net, pixel.n_off, sensor.threshold_on, sensor.threshold_off)
                 delta = l1 - reference
                 on = delta > wp.float64(0.0)
-                step = wp.where(on, sensor.threshold_on, sensor.threshold_off)
-                n = wp.int32((wp.abs(delta) + TOLERANCE) / step)
+                n, signed = thresholds_crossed(delta, sensor.threshold_on, sensor.threshold_off, TOLERANCE)
                 if n > 0:
                     slot = room(counters, EVENTS, n)
                     if slot + wp.int64(n) > sensor.capacity:
                         wp.atomic_min(counters, FULL_FROM, slot)
                         stuck = k
                         break
-                    signed = wp.where(on, step, -step)
                     span = now - start
                     slope = wp.float64(span) / (l1 - l0)
                     head = key_head(sensor, env)
                     tail = key_tail(sensor, y, x, c, on)
                     m = int(0)
                     while m < n:
-                        # L is linear inside the step: t = t0 + (L_m - L_0) / (L_1 - L_0) (t1 - t0).
-                        crossing = (reference + wp.float64(m + 1) * signed - l0) * slope
-                        ns = wp.int64(wp.clamp(crossing + wp.float64(0.5), wp.float64(1.0), wp.float64(span)))
+                        ns = crossing_on_line(reference + wp.float64(m + 1) * signed, l0, slope, wp.float64(span))
                         if wp.static(frame):
                             ns = span
-                        keys[slot + wp.int64(m)] = head | ((start - t_base + ns) << sensor.shift_t) | tail
+                        keys[slot + wp.int64(m)] = head | key_time(sensor, start - t_base + ns) | tail
                         m += 1
                     if on:
                         pixel.net = pixel.net + n
                     else:
                         pixel.net = pixel.net - n
                         pixel.n_off = pixel.n_off + n
-                    pixel = quiet_band(sensor, reference + wp.float64(n) * signed, pixel)
+                    limits = range_around(sensor, reference + wp.float64(n) * signed)
+                    pixel.low = limits[0]
+                    pixel.high = limits[1]
                 count_clipped(sensor, v, counters)
                 pixel.last = v
                 l_last = l1
@@ -252,13 +248,13 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
         size: wp.int32,
         threads: wp.int32,
         # in and out
-        state: PlainState,
+        state: IdealState,
         active: wp.array(dtype=wp.vec2i),
         # out
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """A thread takes every `threads`-th pixel of the list."""
+        """Senses the listed pixels; a thread takes every `threads`-th."""
         if counters[BLOCKED] != wp.int64(0):
             return
         listed = wp.int32(counters[ACTIVE])

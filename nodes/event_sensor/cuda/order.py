@@ -7,8 +7,8 @@ from typing import Any
 import warp as wp
 
 from nodes.event_sensor.cuda import order_kernels
-from nodes.event_sensor.model.pixel_kernels import Sensor
-from nodes.event_sensor.readout.packet import KeyLayout
+from nodes.event_sensor.model.keys import KeyLayout
+from nodes.event_sensor.model.sensor_kernels import Sensor
 
 BUCKETS = 1 << 9
 """To begin with."""

@@ -24,7 +24,8 @@ from nodes.event_sensor.cuda.call_kernels import (
     STATUS,
     T_BASE,
 )
-from nodes.event_sensor.model.pixel_kernels import EVENTS, Sensor
+from nodes.event_sensor.model.key_kernels import Columns, column_of, row_of, time_of, unpack_to
+from nodes.event_sensor.model.sensor_kernels import EVENTS, Sensor
 
 wp.set_module_options({"enable_backward": False})
 
@@ -76,39 +77,16 @@ SORT = """
 
 @wp.func_native(SORT)
 def sort_bucket(bucket: wp.array(dtype=wp.int64), first: wp.int32, count: wp.int32):
-    """Bitonic sort (Batcher 1968) of the `count` keys from `first` on, by all threads of a block.
+    """Sorts (bitonic sort, Batcher 1968) the `count` keys from `first` on, by all threads of a block.
 
     Thread i of n then finds the keys i, i + n, ... in their places; a CPU has room for a power of two of them.
     """
     ...
 
 
-@wp.struct
-class Columns:
-    """Events: t [ns], x, y, polarity, colour channel (of length 0 without colour)."""
-
-    t: wp.array(dtype=wp.int64)
-    x: wp.array(dtype=wp.uint16)
-    y: wp.array(dtype=wp.uint16)
-    p: wp.array(dtype=wp.uint8)
-    c: wp.array(dtype=wp.uint8)
-
-
-@wp.func
-def unpack_to(sensor: Sensor, t_base: wp.int64, key: wp.int64, i: wp.int32, columns: Columns):
-    """Write one event."""
-    one = wp.int64(1)
-    columns.t[i] = t_base + ((key >> sensor.shift_t) & ((one << (sensor.shift_env - sensor.shift_t)) - one))
-    columns.y[i] = wp.uint16((key >> sensor.shift_y) & ((one << (sensor.shift_t - sensor.shift_y)) - one))
-    columns.x[i] = wp.uint16((key >> sensor.shift_x) & ((one << (sensor.shift_y - sensor.shift_x)) - one))
-    columns.p[i] = wp.uint8(key & one)
-    if i < columns.c.shape[0]:
-        columns.c[i] = wp.uint8((key >> one) & wp.int64(3))
-
-
 @wp.func
 def place_in_time(call: wp.array(dtype=wp.int64), t: wp.int64, of_env: wp.int32):
-    """Which of the `of_env` parts of a call's time."""
+    """Returns which of the `of_env` parts of a call's time."""
     place = wp.float64(t) * (wp.float64(of_env) / wp.float64(call[SPAN] + wp.int64(1)))
     return wp.min(wp.int32(place), of_env - 1)
 
@@ -117,7 +95,7 @@ def place_in_time(call: wp.array(dtype=wp.int64), t: wp.int64, of_env: wp.int32)
 def place_at_stamp(
     call: wp.array(dtype=wp.int64), frames: wp.int32, t: wp.int64, pixel: wp.int64, pixels: wp.int64, of_env: wp.int32
 ):
-    """The same where most events have a frame's stamp: half of a frame's parts are for these, by their pixel."""
+    """Returns it where most events have a frame's stamp: half of a frame's parts are for these, by their pixel."""
     base = call[T_BASE]
     low = int(0)
     high = frames - 1
@@ -158,19 +136,19 @@ def to_buckets(
     filled: wp.array(dtype=wp.int32),
     buckets: wp.array(dtype=wp.int64),
 ):
-    """A thread takes every `threads`-th event. of_env: buckets of an environment. stamped: most times are frames'."""
+    """Puts events into buckets; a thread takes every `threads`-th.
+
+    of_env: buckets of an environment. stamped: most times are those of frames.
+    """
     if counters[BLOCKED] != wp.int64(0) or counters[EVENTS] > sensor.capacity:
         return
     count = wp.int32(counters[EVENTS])
-    one = wp.int64(1)
     i = wp.tid()
     while i < count:
         key = keys[i]
-        t = (key >> sensor.shift_t) & ((one << (sensor.shift_env - sensor.shift_t)) - one)
+        t = time_of(sensor, key)
         if stamped:
-            y = (key >> sensor.shift_y) & ((one << (sensor.shift_t - sensor.shift_y)) - one)
-            x = (key >> sensor.shift_x) & ((one << (sensor.shift_y - sensor.shift_x)) - one)
-            pixel = y * wp.int64(sensor.width) + x
+            pixel = row_of(sensor, key) * wp.int64(sensor.width) + column_of(sensor, key)
             place = place_at_stamp(call, frames, t, pixel, wp.int64(sensor.width * sensor.height), of_env)
         else:
             place = place_in_time(call, t, of_env)
@@ -195,9 +173,10 @@ def in_order(
     head: wp.array(dtype=wp.int64),
     columns: Columns,
 ):
-    """A block is a bucket. Equal keys are equal events, whose order does not matter.
+    """Puts the events of each bucket in order; a block is a bucket.
 
-    The last block writes what the host wants to know, and the counters that a later call begins with.
+    Equal keys are equal events, whose order does not matter. The last block writes what
+    the host wants to know, and the counters that a later call begins with.
     """
     b, lane = wp.tid()
     length = filled.shape[0]
@@ -257,6 +236,6 @@ def unpack_all(
     # out
     columns: Columns,
 ):
-    """Sorted keys to columns, an event a thread."""
+    """Writes sorted keys to columns; a thread is an event."""
     i = wp.tid()
     unpack_to(sensor, t_base, keys[i], i, columns)

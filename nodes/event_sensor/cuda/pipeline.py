@@ -9,11 +9,12 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.cuda import call_kernels, order_kernels
+from nodes.event_sensor.cuda import call_kernels
 from nodes.event_sensor.cuda.order import Order
 from nodes.event_sensor.device_events import DeviceEvents, Pending
-from nodes.event_sensor.model.pixel_kernels import COUNTERS, Sensor
-from nodes.event_sensor.readout.packet import KeyLayout
+from nodes.event_sensor.model.key_kernels import Columns
+from nodes.event_sensor.model.keys import KeyLayout
+from nodes.event_sensor.model.sensor_kernels import COUNTERS, Sensor
 
 FIRST_CAPACITY = 1 << 20
 """Most events for which there is room before a call has needed more."""
@@ -119,7 +120,7 @@ class Pipeline:
         self._forget()
 
     def _columns(self, capacity: int) -> tuple[Any, dict[str, wp.array]]:
-        columns = order_kernels.Columns()
+        columns = Columns()
         types = {"t": wp.int64, "x": wp.uint16, "y": wp.uint16, "p": wp.uint8, "c": wp.uint8}
         named = {}
         for name, dtype in types.items():

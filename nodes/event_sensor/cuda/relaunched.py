@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.model.pixel_kernels import Sensor
+from nodes.event_sensor.model.sensor_kernels import Sensor
 
 
 class Relaunched:

@@ -9,12 +9,12 @@ import numpy as np
 import warp as wp
 
 from nodes.event_sensor.cuda.call_kernels import IMAGES, SPAN, STAMPS, T_BASE
-from nodes.event_sensor.cuda.ideal import PlainPasses
+from nodes.event_sensor.cuda.ideal import IdealPasses
 from nodes.event_sensor.cuda.pipeline import Pipeline
 from nodes.event_sensor.cuda.relaunched import Relaunched
 from nodes.event_sensor.device_events import CALLS, DeviceEvents, Pending
-from nodes.event_sensor.model.pixel_kernels import Sensor
-from nodes.event_sensor.readout.packet import KeyLayout
+from nodes.event_sensor.model.keys import KeyLayout
+from nodes.event_sensor.model.sensor_kernels import Sensor
 
 
 class DeviceSide:
@@ -26,7 +26,7 @@ class DeviceSide:
     ) -> None:  # fmt: skip
         """shape: environments, pixels of all of them, colour."""
         envs, total, colour = shape
-        self._relaunched = None if isinstance(engine, PlainPasses) else Relaunched(engine)
+        self._relaunched = None if isinstance(engine, IdealPasses) else Relaunched(engine)
         self._device, self._found = device, found
         self.pipeline = Pipeline(
             self._relaunched or engine, sensor, layout, total, envs, colour, stamped, CALLS, device, found

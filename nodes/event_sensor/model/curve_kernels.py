@@ -1,5 +1,4 @@
-# ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""Cubics between two samples of L, and where they cross a level.
+"""The curve of L between two samples, by the slopes at its ends.
 
 Inside a step L(u) = l0 + u (m0 + u (3 d - 2 m0 - m1 + u (m0 + m1 - 2 d))), u in [0, 1], d = l1 - l0; m0 and m1 are the
 slopes at its ends times the step's length. Slopes with 0 <= m / d <= 3 at both ends make it monotone (Fritsch and
@@ -7,7 +6,14 @@ Carlson 1980, their square). A curve outside the square runs over its end values
 where straight lines lose events, and wrong beside an edge. The two are told apart by how the curvature goes on.
 """
 
+from functools import lru_cache
+from typing import Any
+
 import warp as wp
+
+from nodes.event_sensor.model.features import Features
+from nodes.event_sensor.model.sensor_kernels import UNKNOWN_SLOPES, Sensor, has_level, log_level
+from nodes.event_sensor.model.state_kernels import NOWHERE, Frequent
 
 wp.set_module_options({"enable_backward": False})
 
@@ -32,13 +38,15 @@ samples per period."""
 
 @wp.func
 def in_square(m: wp.float64, d: wp.float64):
-    """True when a slope keeps the curve monotone."""
+    """Tells whether a slope keeps the curve monotone."""
     return m * d >= wp.float64(0.0) and wp.abs(m) <= wp.float64(3.0) * wp.abs(d)
 
 
 @wp.func
 def parabola_bend(before: wp.float64, d: wp.float64, h_before: wp.float64, h: wp.float64):
-    """Twice the chord d less the slope at its start of the parabola through three samples: d - before if h = h_before.
+    """Computes twice the chord d less the slope at its start of the parabola through three samples.
+
+    That is d - before if h = h_before.
 
     before, d: differences of L over the two steps of lengths h_before and h. Kept to what equal steps could give, so
     that a short step beside a long one cannot throw the curve.
@@ -52,7 +60,7 @@ def parabola_bend(before: wp.float64, d: wp.float64, h_before: wp.float64, h: wp
 def cubic_slopes(
     earlier: wp.float64, bend0: wp.float64, bend1: wp.float64, before: wp.float64, d: wp.float64, sharp: wp.vec2d
 ):
-    """Slopes of the Catmull-Rom curve, or `sharp` at an edge.
+    """Returns the slopes of the Catmull-Rom curve, or `sharp` at an edge.
 
     bend0, bend1, earlier: curvature at the ends and one step earlier; before, d: chords of the step before and this.
     """
@@ -71,16 +79,17 @@ def cubic_slopes(
 
 @wp.func
 def end_slopes(bend: wp.float64, d: wp.float64, sharp: wp.vec2d):
-    """Slopes at the end of what is known, where one neighbour gives the curvature: a parabola if it bends little."""
+    """Returns the slopes at the end of what is known, where one neighbour gives the bend: a parabola if it is low."""
     half = wp.float64(0.5) * bend
     return wp.where(wp.abs(bend) > BENT * wp.abs(d), sharp, wp.vec2d(d - half, d + half))
 
 
 @wp.func
 def known_slopes(m_before: wp.float64, m0: wp.float64, m1: wp.float64, d: wp.float64):
-    """Known slopes; the chord's at an edge, where they do not agree with the samples or the curvature turns round.
+    """Returns known slopes, or the chord's at an edge.
 
-    m_before: one sample earlier; not finite where it is not known, which counts as an edge.
+    There they do not agree with the samples, or the curvature turns round. m_before: one sample
+    earlier; not finite where it is not known, which counts as an edge.
     """
     apart = wp.abs(d - wp.float64(0.5) * (m0 + m1))
     edge = apart > TRAPEZOID * wp.float64(0.5) * (wp.abs(m0) + wp.abs(m1))
@@ -92,7 +101,10 @@ def known_slopes(m_before: wp.float64, m0: wp.float64, m1: wp.float64, d: wp.flo
 
 @wp.func
 def butland(before: wp.float64, after: wp.float64, h_before: wp.float64, h_after: wp.float64):
-    """Slope [1/ns] at a sample, weighted harmonic mean of the two secants (Fritsch and Butland 1984); 0 at extrema."""
+    """Computes the slope [1/ns] at a sample: 0 at extrema, else a weighted harmonic mean of both secants.
+
+    Fritsch and Butland, 1984.
+    """
     slope = wp.float64(0.0)
     if before * after > wp.float64(0.0):
         w_before = wp.float64(2.0) * h_after + h_before
@@ -102,61 +114,90 @@ def butland(before: wp.float64, after: wp.float64, h_before: wp.float64, h_after
 
 
 @wp.func
-def at(c: wp.vec4d, u: wp.float64):
-    """The polynomial c[0] + c[1] u + c[2] u^2 + c[3] u^3."""
-    return c[0] + u * (c[1] + u * (c[2] + u * c[3]))
+def slope_of(sensor: Sensor, dlog_dt: wp.float32, intensity: wp.float32):
+    """Computes dL/dt [1/s] of L = ln(I + I_dark) from d ln I/dt; NaN where it is not known."""
+    light = wp.float64(intensity)
+    return wp.float32(wp.float64(dlog_dt) * light / (light + sensor.dark_level))
 
 
-@wp.func
-def turning_points(c: wp.vec4d):
-    """Where the polynomial turns, ascending; 2 stands for none in (0, 1)."""
-    one = wp.float64(1.0)
-    none = wp.float64(2.0)
-    first = none
-    second = none
-    a = wp.float64(3.0) * c[3]
-    b = c[2]  # half of the middle coefficient of the derivative
-    square = b * b - a * c[1]
-    if square > wp.float64(0.0):
-        # q avoids the difference of two nearly equal numbers.
-        q = -(b + wp.where(b < wp.float64(0.0), -wp.sqrt(square), wp.sqrt(square)))
-        if a != wp.float64(0.0):
-            first = q / a
-        if q != wp.float64(0.0):
-            second = c[1] / q
-    first = wp.where(first > wp.float64(0.0) and first < one, first, none)
-    second = wp.where(second > wp.float64(0.0) and second < one, second, none)
-    return wp.vec2d(wp.min(first, second), wp.max(first, second))
+@lru_cache
+def step_curve(features: Features) -> Any:
+    """Makes the function of the curve L(u), u in [0, 1], of a step."""
+    cubic, hermite = features.crossing == "cubic", features.crossing == "hermite"
+    ahead = features.ahead
 
+    @wp.func
+    def curve(
+        # in
+        sensor: Sensor,
+        frequent: Frequent,
+        l_earlier: wp.float64,
+        l_early: wp.float64,
+        l0: wp.float64,
+        l1: wp.float64,
+        slope: wp.float32,
+        following: wp.float32,
+        has_next: wp.bool,
+        h: wp.float64,
+        h_before: wp.float64,
+        h_after: wp.float64,
+        # out
+        counters: wp.array(dtype=wp.int64),
+    ):
+        """Computes the coefficients of the curve, and L of the samples beside it.
 
-@wp.func
-def crossing(c: wp.vec4d, level: wp.float64, a: wp.float64, b: wp.float64):
-    """u in [a, b], where the polynomial is monotone, at which it has this level: Halley's method inside a bracket."""
-    low = a
-    high = b
-    f_low = at(c, a) - level
-    f_high = at(c, b) - level
-    u = b
-    if f_low * f_high < wp.float64(0.0):
-        u = a + (b - a) * f_low / (f_low - f_high)
-        turn = int(0)
-        while turn < 60:
-            f = at(c, u) - level
-            here_is_low = f * f_low > wp.float64(0.0)
-            low = wp.where(here_is_low, u, low)
-            high = wp.where(here_is_low, high, u)
-            slope = c[1] + u * (wp.float64(2.0) * c[2] + u * wp.float64(3.0) * c[3])
-            bend = c[2] + u * wp.float64(3.0) * c[3]
-            move = f * slope / (slope * slope - f * bend)
-            u = u - move
-            # Within 1e-6 by Newton's step; what this one leaves is about the cube of it. (Halley's own step is short
-            # where the slope is nearly 0, also far from the root.)
-            if wp.abs(f) <= wp.float64(1.0e-6) * wp.abs(slope):
-                u = wp.clamp(u, a, b)
-                turn = 60
-            elif not (u > low and u < high):
-                u = wp.float64(0.5) * (low + high)
-            turn += 1
-    elif f_low == wp.float64(0.0):
-        u = a
-    return u
+        l0, l1: L at both ends. h, h_before, h_after: lengths of the step and of its neighbours [ns].
+        """
+        zero = wp.float64(0.0)
+        l_next = NOWHERE
+        d = l1 - l0
+        s = wp.vec4d(l0, d, zero, zero)
+        m = wp.vec2d(d, d)
+        if wp.static(hermite):
+            g0 = wp.float64(frequent.early) * h * wp.float64(1.0e-9)
+            g1 = wp.float64(slope) * h * wp.float64(1.0e-9)
+            g_before = wp.float64(frequent.earlier) * h * wp.float64(1.0e-9)
+            if not wp.isfinite(g1):
+                wp.atomic_add(counters, UNKNOWN_SLOPES, wp.int64(1))
+                g1 = d
+            if not wp.isfinite(g0):
+                g0 = d
+            m = known_slopes(g_before, g0, g1, d)
+        if wp.static(ahead):
+            has_early = frequent.early >= 0.0
+            d_before = zero
+            if has_early:
+                if l_early == NOWHERE:
+                    l_early = log_level(sensor, frequent.early)
+                d_before = l0 - l_early
+            d_after = zero
+            if has_next:
+                l_next = l1
+                if has_level(sensor, following):
+                    l_next = log_level(sensor, following)
+                d_after = l_next - l1
+            if has_early:
+                m[0] = h * butland(d_before, d, h_before, h)
+            if has_next:
+                m[1] = h * butland(d, d_after, h, h_after)
+            if wp.static(cubic):
+                sharp = SHARPNESS * m + (wp.float64(1.0) - SHARPNESS) * wp.vec2d(d, d)
+                if has_early and has_next:
+                    bend0 = parabola_bend(d_before, d, h_before, h)
+                    # What came before is unknown at an episode's start; take it for a corner.
+                    bend_before = -bend0
+                    if frequent.earlier >= 0.0:
+                        if l_earlier == NOWHERE:
+                            l_earlier = log_level(sensor, frequent.earlier)
+                        bend_before = d_before - (l_early - l_earlier)
+                    m = cubic_slopes(bend_before, bend0, parabola_bend(-d_after, -d, h_after, h), d_before, d, sharp)
+                elif has_early:
+                    m = end_slopes(parabola_bend(d_before, d, h_before, h), d, sharp)
+                elif has_next:
+                    m = end_slopes(parabola_bend(-d_after, -d, h_after, h), d, sharp)
+        s[1] = m[0]
+        s[2] = wp.float64(3.0) * d - wp.float64(2.0) * m[0] - m[1]
+        s[3] = m[0] + m[1] - wp.float64(2.0) * d
+        return s, l_earlier, l_early, l_next
+
+    return curve

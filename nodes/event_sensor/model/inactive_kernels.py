@@ -1,110 +1,102 @@
-# ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""What every step looks at: the last sample and the quiet band, tested for RUN pixels at a time.
+"""Whether a step's curve surely stays in the inactive range, and the range that a step leaves behind."""
 
-On a CPU the state is changed in place: a pixel that finds no room for its events leaves its state as it was and its
-number in counters[LEFT], every later one does nothing, and the next launch goes on from there. On a GPU the state
-before and after a message are two, and the launch is made again.
-"""
-
+from functools import lru_cache
 from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.model.pixel_kernels import EVENTS, LEFT, Sensor
+from nodes.event_sensor.model.features import Features
+from nodes.event_sensor.model.random_kernels import LONGEST, NEVER
+from nodes.event_sensor.model.sensor_kernels import LARGEST, Sensor, has_level
+from nodes.event_sensor.model.state_kernels import Frequent
+from nodes.event_sensor.model.threshold_kernels import inactive_range, least_intensity
 
 wp.set_module_options({"enable_backward": False})
 
-RUN = 16
-LOOK_BACK = ("early", "earlier")
-Run = wp.types.vector(length=RUN, dtype=wp.float32)
-Stamps = wp.types.vector(length=RUN, dtype=wp.int64)
+REST = wp.constant(wp.float64(64.0))
+"""Steps that a leaking pixel shall rest for, where the threshold is far enough."""
+UNKNOWN = wp.constant(wp.float64(1.0 / 16.0))
+"""Of the way to the threshold, left to the leak at an episode's start, where nobody knows how the signal moves."""
 
 
-@wp.struct
-class Quiet:
-    """Per pixel and channel. Intensities in [low, high] cannot fire before `wake` [ns]; low infinite: no reference yet.
+@lru_cache
+def surely_inactive(features: Features) -> Any:
+    """Makes the function that tells whether a step with its samples in the inactive range has its whole curve there."""
+    cubic, hermite = features.crossing == "cubic", features.crossing == "hermite"
 
-    early, earlier: what a curve looks back at, see Hot. Element i of the arrays of runs is the RUN values from i on.
-    wake is empty where nothing is timed, early and earlier where there is no curve.
-    """
+    @wp.func
+    def curve_inactive(
+        sensor: Sensor, frequent: Frequent, v: wp.float32, slope: wp.float32, following: wp.float32, length: wp.int64
+    ):
+        dark = wp.float32(sensor.dark_level)
+        inside = bool(True)
+        if wp.static(cubic):
+            # The curve runs over the four samples by a quarter of their range at most: ln(1 + x) <= x.
+            a = wp.min(wp.min(v, following), wp.min(frequent.last, frequent.early)) + dark
+            b = wp.max(wp.max(v, following), wp.max(frequent.last, frequent.early)) + dark
+            inside = inside and frequent.early >= 0.0 and has_level(sensor, following)
+            inside = inside and b * (3.0 * a + b) <= 4.0 * a * (frequent.high + dark)
+            inside = inside and 4.0 * a * a >= (3.0 * a + b) * (frequent.low + dark)
+        if wp.static(hermite):
+            # The curve lies within its Bezier points, a third of the slopes beyond the samples: e^x <= 1 + x + x^2.
+            third = wp.max(wp.abs(slope), wp.abs(frequent.early)) * wp.float32(length) * 3.4e-10
+            over = 1.0 + third + third * third
+            inside = inside and slope == slope and frequent.early == frequent.early and third < 1.0
+            inside = inside and (wp.max(v, frequent.last) + dark) * over <= frequent.high + dark
+            inside = inside and wp.min(v, frequent.last) + dark >= (frequent.low + dark) * over
+        return inside
 
-    last: wp.array(dtype=wp.float32)
-    low: wp.array(dtype=wp.float32)
-    high: wp.array(dtype=wp.float32)
-    early: wp.array(dtype=wp.float32)
-    earlier: wp.array(dtype=wp.float32)
-    wake: wp.array(dtype=wp.int64)
-    last_runs: wp.array(dtype=Run)
-    low_runs: wp.array(dtype=Run)
-    high_runs: wp.array(dtype=Run)
-    early_runs: wp.array(dtype=Run)
-    earlier_runs: wp.array(dtype=Run)
-    wake_runs: wp.array(dtype=Stamps)
-
-
-@wp.func
-def quiet_margins(
-    quiet: Quiet, luminance_runs: wp.array(dtype=Run), index: wp.int32, at: wp.int64, stride: wp.int64, count: wp.int32
-):
-    """By how much the `count` samples of RUN pixels stay in their bands; below 0 where one does not."""
-    v = luminance_runs[at]
-    least = v
-    most = v
-    finite = v - v  # NaN where a sample is not finite
-    k = int(1)
-    while k < count:
-        v = luminance_runs[at + wp.int64(k) * stride]
-        least = wp.min(least, v)
-        most = wp.max(most, v)
-        finite += v - v
-        k += 1
-    margins = wp.min(least - quiet.low_runs[index], quiet.high_runs[index] - most) + finite
-    return wp.max(margins, Run(-1.0))  # -1 for NaN
+    return curve_inactive
 
 
-@wp.func
-def saved(counters: wp.array(dtype=wp.int64)):
-    """The counters before a pixel."""
-    return wp.vector(counters[0], counters[1], counters[2], counters[3], counters[4])
+@lru_cache
+def range_left(features: Features) -> Any:
+    """Makes the function of the range in which nothing can happen before `wake`."""
+    leak, noise, refractory = features.leak, features.noise, features.refractory
 
+    @wp.func
+    def rest(
+        sensor: Sensor,
+        reference: wp.float64,
+        c_on: wp.float64,
+        c_off: wp.float64,
+        drift: wp.float64,
+        now: wp.int64,
+        length: wp.int64,
+        l_last: wp.float64,
+        moved: wp.float64,
+        following: wp.int64,
+        dead: wp.int64,
+    ):
+        """Computes low, high and wake of the inactive range after a step.
 
-@wp.func
-def left_over(
-    sensor: Sensor, before: wp.types.vector(length=5, dtype=wp.int64), index: wp.int32,
-    counters: wp.array(dtype=wp.int64),
-):  # fmt: skip
-    """True, and the counters as before this pixel, when its events did not fit."""
-    if counters[EVENTS] <= sensor.capacity:
-        return False
-    for i in range(5):
-        counters[i] = before[i]
-    counters[LEFT] = wp.int64(index + 1)
-    return True
+        reference: less the drift up to now. length, moved: of the step [ns, ln I]. following: next noise candidate.
+        """
+        zero = wp.float64(0.0)
+        top = reference + c_on
+        wake = NEVER
+        if wp.static(leak):
+            gap = top - l_last
+            if drift > zero and gap > zero:
+                # Some of the way to the threshold is left to the drift, the rest to the signal: half of it where the
+                # signal rests, as much as the drift does until the signal is there where it moves on.
+                step = drift * wp.float64(length)
+                share = UNKNOWN * gap
+                if step > zero:
+                    share = wp.max(gap * step / (moved + wp.float64(2.0) * step), REST * step)
+                    share = wp.min(share, wp.float64(0.5) * gap)
+                wake = now + wp.int64(wp.min(share / drift, LONGEST))
+                top = top - share
+        if wp.static(noise):
+            wake = wp.min(wake, following)
+        limits = inactive_range(sensor, wp.exp(wp.float32(reference - c_off)), wp.exp(wp.float32(top)))
+        low = limits[0]
+        high = limits[1]
+        if wp.static(refractory):
+            if dead > now:
+                low = least_intensity(sensor)
+                high = LARGEST
+                wake = dead
+        return low, high, wake
 
-
-def runs_of(values: wp.array, run: Any = Run) -> wp.array:
-    """A view of flat values in which element i is the RUN values from i on."""
-    length = max(values.size - RUN + 1, 0)
-    return wp.array(ptr=values.ptr, dtype=run, shape=length, strides=values.strides, device=values.device)
-
-
-def quiet_state(total: int, timed: bool, curved: bool, device: Any) -> Quiet:
-    """State of `total` pixels that have no reference yet."""
-    quiet = Quiet()
-    for name in ("last", "low", "high", "early", "earlier"):
-        values = wp.full(
-            0 if name in LOOK_BACK and not curved else total,
-            float("inf") if name == "low" else 0.0,
-            dtype=wp.float32,
-            device=device,
-        )
-        setattr(quiet, name, values)
-        setattr(quiet, f"{name}_runs", runs_of(values))
-    quiet.wake = wp.zeros(total if timed else 0, dtype=wp.int64, device=device)
-    quiet.wake_runs = runs_of(quiet.wake, Stamps)
-    return quiet
-
-
-def arrays_of(quiet: Quiet) -> tuple[wp.array, ...]:
-    """Its arrays, without the views."""
-    return quiet.last, quiet.low, quiet.high, quiet.early, quiet.earlier, quiet.wake
+    return rest

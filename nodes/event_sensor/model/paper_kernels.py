@@ -13,17 +13,10 @@ contracted with a sum.
 
 import warp as wp
 
-from nodes.event_sensor.model.pixel_kernels import (
-    DROPPED,
-    EVENTS,
-    NONFINITE,
-    Sensor,
-    count_clipped,
-    key_head,
-    key_tail,
-    valid,
-)
+from nodes.event_sensor.model.key_kernels import key_head, key_tail, key_time
 from nodes.event_sensor.model.random_kernels import draw, mix, stream_of, uniform
+from nodes.event_sensor.model.sensor_kernels import DROPPED, EVENTS, NONFINITE, Sensor, count_clipped, has_level
+from nodes.event_sensor.model.threshold_kernels import thresholds_crossed
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -49,11 +42,11 @@ class PaperPixel:
 
 @wp.func
 def log_level(sensor: Sensor, intensity: wp.float32):
-    """L = ln(I + I_dark) = e ln 2 + 2 artanh((m - 1) / (m + 1)) with I + I_dark = m 2^e, to 2 units in the last place.
+    """Computes L = ln(I + I_dark) = e ln 2 + 2 artanh((m - 1) / (m + 1)) with I + I_dark = m 2^e.
 
-    The series of artanh(s), |s| < 0.172, is cut where it is below 1e-19.
+    To 2 units in the last place: the series of artanh(s), |s| < 0.172, is cut where it is below 1e-19.
     """
-    x = wp.max(wp.float64(intensity) + sensor.dark, wp.float64(sensor.floor))
+    x = wp.max(wp.float64(intensity) + sensor.dark_level, wp.float64(sensor.floor))
     bits = wp.cast(x, wp.int64)
     e = (bits >> wp.int64(52)) - wp.int64(1023)
     m = wp.cast((bits & MANTISSA) | ONE, wp.float64)
@@ -79,7 +72,10 @@ def fire(
     keys: wp.array(dtype=wp.int64),
     counters: wp.array(dtype=wp.int64),
 ):
-    """How many of n events at `now` the refractory period leaves. written: events of this pixel in this step so far."""
+    """Writes those of n events at `now` that the refractory period leaves; returns how many.
+
+    written: events of this pixel in this step so far.
+    """
     left = n
     if n > 0 and sensor.dead_ns > wp.int64(0):
         left = 1
@@ -87,7 +83,7 @@ def fire(
             left = 0
     j = int(0)
     while j < left:
-        if sensor.cap > 0 and written + j >= sensor.cap:
+        if sensor.event_cap > 0 and written + j >= sensor.event_cap:
             wp.atomic_add(counters, DROPPED, wp.int64(1))
         else:
             slot = wp.atomic_add(counters, EVENTS, wp.int64(1))
@@ -120,7 +116,7 @@ def sense_paper(
     keys: wp.array(dtype=wp.int64),
     counters: wp.array(dtype=wp.int64),
 ):
-    """All steps of one pixel."""
+    """Takes one pixel through all steps of a message."""
     count = t.shape[0]
     size = sensor.height * sensor.width * sensor.channels
     inner = (y * sensor.width + x) * sensor.channels + c
@@ -148,7 +144,7 @@ def sense_paper(
     while k < count:
         v = luminance[first + wp.int64(k) * wp.int64(size)]
         now = t[k]
-        ok = valid(sensor, v)
+        ok = has_level(sensor, v)
         if not ok:
             wp.atomic_add(counters, NONFINITE, wp.int64(1))
         if wp.isnan(pixel.reference):
@@ -157,16 +153,15 @@ def sense_paper(
                 pixel.last = v
                 count_clipped(sensor, v, counters)
         else:
-            head = key_head(sensor, env) | ((now - t_base) << sensor.shift_t)
+            head = key_head(sensor, env) | key_time(sensor, now - t_base)
             written = int(0)
             if ok:
                 pixel.last = v
                 count_clipped(sensor, v, counters)
                 delta = log_level(sensor, v) - pixel.reference
                 on = delta > wp.float64(0.0)
-                step = wp.where(on, c_on, c_off)
-                n = wp.int32(wp.abs(delta) / step)
-                pixel.reference = pixel.reference + wp.where(on, step, -step) * wp.float64(n)
+                n, signed = thresholds_crossed(delta, c_on, c_off, wp.float64(0.0))
+                pixel.reference = pixel.reference + signed * wp.float64(n)
                 key = head | key_tail(sensor, y, x, c, on)
                 left = fire(sensor, pixel, now, key, n, written, keys, counters)
                 if left > 0:
@@ -175,7 +170,7 @@ def sense_paper(
                     pixel.fired = 1
             if noisy:
                 dt = wp.float64(now - start) * wp.float64(1.0e-9)
-                seen = wp.clamp(wp.float64(pixel.last) / sensor.white, wp.float64(0.0), wp.float64(1.0))
+                seen = wp.clamp(wp.float64(pixel.last) / sensor.shot_white, wp.float64(0.0), wp.float64(1.0))
                 bits = mix(stream ^ mix(wp.uint64(now)))
                 kind = int(0)
                 while kind < 3:
@@ -219,7 +214,7 @@ def paper(
     keys: wp.array(dtype=wp.int64),
     counters: wp.array(dtype=wp.int64),
 ):
-    """`columns` pixels and channels of a row per thread: all of them on a CPU, one on a GPU."""
+    """Senses `columns` pixels and channels of a row per thread: all of them on a CPU, one on a GPU."""
     env, y, group = wp.tid()
     column = group * columns
     end = column + columns

@@ -1,6 +1,14 @@
-"""What a pixel with a curve or a fault keeps, and what is compiled for it."""
+"""What is kept of a pixel between messages: what every step reads, and what only a step with an event reads.
 
-from dataclasses import dataclass
+Intensities in a pixel's inactive range [low, high] cannot fire; low infinite: it has no reference yet. Its reference is
+threshold_kernels.reference_level of base, net and n_off (which wraps after 2^31 OFF events; that matters where C_on and
+C_off differ). These fields lie apart where that is faster: the ideal sensor on a CPU keeps Reference beside three float
+arrays that its vector code reads (cpu.simd_kernels.IdealState), on a GPU each field is an array so that neighbouring
+threads read neighbouring words (cuda.ideal_kernels.IdealState), and with faults the fields that few steps need share a
+line of the cache (Rare). The paper's equations need no range (paper_kernels.PaperPixel).
+"""
+
+from typing import Any
 
 import warp as wp
 
@@ -8,45 +16,59 @@ wp.set_module_options({"enable_backward": False})
 
 ALIVE = wp.constant(wp.int64(-0x7FFFFFFFFFFFFFFF))
 NOWHERE = wp.constant(wp.float64(1.0e300))
-"""An L that is not known."""
-
-
-@dataclass(frozen=True)
-class Features:
-    """What is compiled: one kernel for each set."""
-
-    crossing: str
-    leak: bool = False
-    coin: bool = False
-    noise: bool = False
-    refractory: bool = False
-    mismatch: bool = False
-    cap: bool = False
-
-    @property
-    def ahead(self) -> bool:
-        """The curve needs the frame after the step."""
-        return self.crossing in ("cubic", "monotone")
-
-    @property
-    def curved(self) -> bool:
-        """Not a straight line."""
-        return self.ahead or self.crossing == "hermite"
-
-    @property
-    def timed(self) -> bool:
-        """Something can happen without a change of the light."""
-        return self.leak or self.noise or self.refractory
-
-    @property
-    def hasty(self) -> bool:
-        """A pixel within its band need not be looked at."""
-        return not self.curved and not self.coin
+"""L that is not known."""
+RUN = 16
+"""Pixels that a CPU looks at together."""
+LOOK_BACK = ("early", "earlier")
+Run = wp.types.vector(length=RUN, dtype=wp.float32)
+Stamps = wp.types.vector(length=RUN, dtype=wp.int64)
 
 
 @wp.struct
-class Hot:
-    """One pixel of Quiet.
+class Reference:
+    """The reference of a pixel, see threshold_kernels.reference_level."""
+
+    base: wp.float64
+    net: wp.int32
+    n_off: wp.int32
+
+
+@wp.struct
+class Pixel:
+    """One pixel and channel of the ideal sensor: last sample, inactive range, events since `base` (which is apart)."""
+
+    last: wp.float32
+    low: wp.float32
+    high: wp.float32
+    net: wp.int32
+    n_off: wp.int32
+
+
+@wp.struct
+class FrequentState:
+    """What every step reads, per pixel and channel. Intensities in [low, high] cannot fire before `wake` [ns].
+
+    early, earlier: what a curve looks back at, see Frequent. Element i of the arrays of runs is the RUN values from i
+    on. wake is empty where nothing is timed, early and earlier where there is no curve.
+    """
+
+    last: wp.array(dtype=wp.float32)
+    low: wp.array(dtype=wp.float32)
+    high: wp.array(dtype=wp.float32)
+    early: wp.array(dtype=wp.float32)
+    earlier: wp.array(dtype=wp.float32)
+    wake: wp.array(dtype=wp.int64)
+    last_runs: wp.array(dtype=Run)
+    low_runs: wp.array(dtype=Run)
+    high_runs: wp.array(dtype=Run)
+    early_runs: wp.array(dtype=Run)
+    earlier_runs: wp.array(dtype=Run)
+    wake_runs: wp.array(dtype=Stamps)
+
+
+@wp.struct
+class Frequent:
+    """What every step reads of one pixel, see FrequentState.
 
     early, earlier: the samples before the last one (cubic, monotone; negative: unknown), or the slopes dL/dt [1/s] at
     the last and before (hermite).
@@ -61,8 +83,8 @@ class Hot:
 
 
 @wp.struct
-class Cold:
-    """What only a step with something in it looks at, 64 bytes together; the reference is as in Pixel."""
+class Rare:
+    """What only a step that may have an event reads of a pixel, 64 bytes together."""
 
     base: wp.float64
     net: wp.int32
@@ -78,21 +100,77 @@ class Cold:
 
 
 @wp.func
-def cold_of(
+def rare_of(
     base: wp.float64, net: wp.int32, n_off: wp.int32, origin: wp.int64, dead: wp.int64, following: wp.int64,
     draws: wp.int64, c_on: wp.float32, c_off: wp.float32, leak: wp.float32, hot: wp.float32,
 ):  # fmt: skip
-    """A Cold of its fields."""
-    cold = Cold()
-    cold.base = base
-    cold.net = net
-    cold.n_off = n_off
-    cold.origin = origin
-    cold.dead = dead
-    cold.next = following
-    cold.draws = draws
-    cold.c_on = c_on
-    cold.c_off = c_off
-    cold.leak = leak
-    cold.hot = hot
-    return cold
+    """Makes a Rare of its fields."""
+    rare = Rare()
+    rare.base = base
+    rare.net = net
+    rare.n_off = n_off
+    rare.origin = origin
+    rare.dead = dead
+    rare.next = following
+    rare.draws = draws
+    rare.c_on = c_on
+    rare.c_off = c_off
+    rare.leak = leak
+    rare.hot = hot
+    return rare
+
+
+@wp.func
+def read_frequent(state: FrequentState, index: wp.int32):
+    """Reads what every step needs of a pixel."""
+    frequent = Frequent()
+    frequent.last = state.last[index]
+    frequent.low = state.low[index]
+    frequent.high = state.high[index]
+    if index < state.early.shape[0]:
+        frequent.early = state.early[index]
+        frequent.earlier = state.earlier[index]
+    if index < state.wake.shape[0]:
+        frequent.wake = state.wake[index]
+    return frequent
+
+
+@wp.func
+def write_frequent(state: FrequentState, index: wp.int32, frequent: Frequent):
+    """Writes it back, as far as there is room for it."""
+    state.last[index] = frequent.last
+    state.low[index] = frequent.low
+    state.high[index] = frequent.high
+    if index < state.early.shape[0]:
+        state.early[index] = frequent.early
+        state.earlier[index] = frequent.earlier
+    if index < state.wake.shape[0]:
+        state.wake[index] = frequent.wake
+
+
+def runs_of(values: wp.array, run: Any = Run) -> wp.array:
+    """Returns a view of flat values in which element i is the RUN values from i on."""
+    length = max(values.size - RUN + 1, 0)
+    return wp.array(ptr=values.ptr, dtype=run, shape=length, strides=values.strides, device=values.device)
+
+
+def frequent_state(total: int, timed: bool, curved: bool, device: Any) -> FrequentState:
+    """Makes the state of `total` pixels that have no reference yet."""
+    state = FrequentState()
+    for name in ("last", "low", "high", "early", "earlier"):
+        values = wp.full(
+            0 if name in LOOK_BACK and not curved else total,
+            float("inf") if name == "low" else 0.0,
+            dtype=wp.float32,
+            device=device,
+        )
+        setattr(state, name, values)
+        setattr(state, f"{name}_runs", runs_of(values))
+    state.wake = wp.zeros(total if timed else 0, dtype=wp.int64, device=device)
+    state.wake_runs = runs_of(state.wake, Stamps)
+    return state
+
+
+def arrays_of(state: FrequentState) -> tuple[wp.array, ...]:
+    """Returns the arrays, without the views."""
+    return state.last, state.low, state.high, state.early, state.earlier, state.wake

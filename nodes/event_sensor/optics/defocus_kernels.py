@@ -7,11 +7,16 @@ of the image, which it filters RUN samples at a time, in C++: over the strides o
 Products and sums are rounded apart, in one order: all devices blur to the same bits.
 """
 
+from pathlib import Path
+
 import warp as wp
+
+from evis.native_code import native_code
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 RUN = 16
+DEFOCUS = Path(__file__).with_name("defocus.h")
 
 
 @wp.func
@@ -23,7 +28,7 @@ def filtered(
     length: wp.int32,
     stride: wp.int32,
 ):
-    """One sample of the filter along an axis: sample i, at `place` in a line of `length` samples `stride` apart."""
+    """Filters one sample along an axis: sample i, at `place` in a line of `length` samples `stride` apart."""
     total = weights[0] * image[i]
     j = int(1)
     while j < weights.shape[0]:
@@ -34,47 +39,7 @@ def filtered(
     return total
 
 
-ALONG = """
-    typedef float run __attribute__((ext_vector_type(16), aligned(4)));
-    const float* weight = weights.data;
-    const int taps = weights.shape[0];
-    for (int first = margin; first < end; first += 16) {
-        const int i = first < end - 16 ? first : end - 16;
-        const float* here = image.data + start + i;
-        run total = weight[0] * *(const run*)here;
-        for (int j = 1; j < taps; ++j)
-            total += weight[j] * (*(const run*)(here - j * channels) + *(const run*)(here + j * channels));
-        *(run*)(rows.data + to + i) = total;
-    }
-"""
-ACROSS = """
-    typedef float run __attribute__((ext_vector_type(16), aligned(4)));
-    const float* weight = weights.data;
-    const int taps = weights.shape[0];
-    const float* here = rows.data + y % ring * row;
-    for (int first = 0; first < row; first += 64) {
-        const int stop = first + 64 < row ? first + 64 : row;
-        run total[4];
-        int count = 0;
-        for (int at = first; at < stop; at += 16)
-            total[count++] = weight[0] * *(const run*)(here + (at < row - 16 ? at : row - 16));
-        for (int j = 1; j < taps; ++j) {
-            const float* above = rows.data + (y < j ? 0 : y - j) % ring * row;
-            const float* below = rows.data + (y + j < height ? y + j : height - 1) % ring * row;
-            int n = 0;
-            for (int at = first; at < stop; at += 16, ++n) {
-                const int i = at < row - 16 ? at : row - 16;
-                total[n] += weight[j] * (*(const run*)(above + i) + *(const run*)(below + i));
-            }
-        }
-        int n = 0;
-        for (int at = first; at < stop; at += 16, ++n)
-            *(run*)(blurred.data + out + (at < row - 16 ? at : row - 16)) = total[n];
-    }
-"""
-
-
-@wp.func_native(ALONG)
+@wp.func_native(native_code([DEFOCUS], "filter_runs(weights, image, start, channels, margin, end, to, rows);"))
 def filter_runs(
     weights: wp.array(dtype=wp.float32),
     image: wp.array(dtype=wp.float32),
@@ -85,11 +50,11 @@ def filter_runs(
     to: wp.int32,
     rows: wp.array(dtype=wp.float32),
 ):
-    """Samples margin to end of the row at `start`, which need no clamp; the last run reaches back over the other."""
+    """Filters samples margin to end of the row at `start`, without a clamp; the last run reaches back."""
     ...
 
 
-@wp.func_native(ACROSS)
+@wp.func_native(native_code([DEFOCUS], "blend_rows(weights, rows, y, height, ring, row, out, blurred);"))
 def blend_rows(
     weights: wp.array(dtype=wp.float32),
     rows: wp.array(dtype=wp.float32),
@@ -100,7 +65,7 @@ def blend_rows(
     out: wp.int32,
     blurred: wp.array(dtype=wp.float32),
 ):
-    """Row y of the result, to `out`: the filter down the columns of the rows in the ring."""
+    """Filters row y of the result down the columns of the rows in the ring, to `out`."""
     ...
 
 
@@ -116,7 +81,7 @@ def row_filtered(
     # out
     rows: wp.array(dtype=wp.float32),
 ):
-    """Filter the row that starts at `start` along x, to `rows` from `to` on."""
+    """Filters the row that starts at `start` along x, to `rows` from `to` on."""
     row = width * channels
     taps = weights.shape[0]
     margin = wp.min((taps - 1) * channels, row)
@@ -147,7 +112,7 @@ def blur_rows(
     # out
     blurred: wp.array(dtype=wp.float32),
 ):
-    """One row of the result per thread, in order; `rows` keeps the 2 radius + 1 rows filtered along x that it needs."""
+    """Blurs a row per thread, in order; `rows` keeps the 2 radius + 1 rows filtered along x that it needs."""
     n, y = wp.tid()
     row = width * channels
     radius = weights.shape[0] - 1
@@ -186,7 +151,7 @@ def each_sample(
     # out
     blurred: wp.array(dtype=wp.float32),
 ):
-    """Filter along an axis of `length` samples `stride` apart; a thread is a sample, for a GPU."""
+    """Filters along an axis of `length` samples `stride` apart; a thread is a sample, for a GPU."""
     outer, place, inner = wp.tid()
     i = (outer * length + place) * stride + inner
     blurred[i] = filtered(weights, image, i, place, length, stride)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.model import pixel_kernels
+from nodes.event_sensor.optics import slope_kernels
 
 
 class Optics:
@@ -61,7 +61,7 @@ class Optics:
             return slopes
         slopes, sharp = slopes.flatten(), sharp.flatten()
         change: wp.array = wp.empty_like(slopes)
-        wp.launch(pixel_kernels.product, len(slopes), [slopes, sharp], [change], device=self._device)
+        wp.launch(slope_kernels.product, len(slopes), [slopes, sharp], [change], device=self._device)
         blurred = self._defocus_slopes(change.reshape(self._shape)).flatten()
-        wp.launch(pixel_kernels.quotient, len(slopes), [blurred, seen], [change], device=self._device)
+        wp.launch(slope_kernels.quotient, len(slopes), [blurred, seen], [change], device=self._device)
         return change

@@ -24,7 +24,7 @@ import numpy as np
 import warp as wp
 
 from nodes.event_sensor.optics import photoreceptor_kernels as kernels
-from nodes.event_sensor.optics import photoreceptor_simd_kernels as lanes
+from nodes.event_sensor.optics import photoreceptor_simd_kernels as simd
 from nodes.event_sensor.optics.photoreceptor_simd_kernels import Receptor
 
 
@@ -74,7 +74,7 @@ class Photoreceptor:
         self._last: wp.array = wp.full(total, -1.0, dtype=wp.float32, device=self._device)
         self._first: wp.array = wp.zeros(total, dtype=wp.float64, device=self._device)
         self._second: wp.array = wp.zeros(total if poles == 2 else 0, dtype=wp.float64, device=self._device)
-        self._place: wp.array = wp.empty(lanes.BLOCK, dtype=wp.int32, device="cpu")
+        self._place: wp.array = wp.empty(simd.BLOCK, dtype=wp.int32, device="cpu")
         self._filtered: wp.array | None = None
 
     def advance(
@@ -110,7 +110,7 @@ class Photoreceptor:
         state = [self._last, self._first, self._second]
         threads = (self._envs, self._size)
         if not device.is_cuda:
-            threads = (self._envs, -(-self._size // lanes.BLOCK))
+            threads = (self._envs, -(-self._size // simd.BLOCK))
             state.append(self._place)
         inputs = [self._receptor, starts, seconds, steps, images.flatten(), *state]
         wp.launch(self._kernel, threads, inputs, [filtered.flatten()], device=device)

@@ -15,7 +15,8 @@ from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.optics import photoreceptor_simd_kernels as lanes
+from nodes.event_sensor.model.sensor_kernels import LARGEST
+from nodes.event_sensor.optics import photoreceptor_simd_kernels as simd
 from nodes.event_sensor.optics.photoreceptor_simd_kernels import GRAIN, Receptor
 
 wp.set_module_options({"enable_backward": False})
@@ -24,12 +25,11 @@ FLOOR = 2.0**-24
 """Least I + I_dark, as in the sensor: the smallest positive half-precision radiance."""
 SMALL = wp.constant(wp.float64(0.02))
 """Below this dt / tau the difference in f cancels, and its series has the better error (1e-14)."""
-LARGEST = wp.constant(3.4028235e38)
 
 
 @wp.func
 def response(a: wp.float64):
-    """(d, f) of a step of a = dt / tau."""
+    """Computes d = exp(-a) and f = (1 - d) / a of a step of a = dt / tau."""
     decay = wp.exp(-a)
     f = (wp.float64(1.0) - decay) / wp.max(a, SMALL)
     if a < SMALL:
@@ -47,26 +47,26 @@ def responses(
     # out
     steps: wp.array(dtype=wp.vec2d),
 ):
-    """The response of each step where all pixels have the same time constant."""
+    """Computes the response of each step where all pixels have the same time constant."""
     k = wp.tid()
     steps[k] = response(rate * seconds[k])
 
 
 @wp.func
 def corner(receptor: Receptor, intensity: wp.float32):
-    """1 / tau [1/s]."""
+    """Computes 1 / tau [1/s] at an intensity."""
     return receptor.rate * wp.min(wp.float64(1.0), (wp.float64(intensity) + receptor.dark) / receptor.level)
 
 
 @wp.func
 def kept(e: wp.float64):
-    """e in multiples of 2^-60."""
+    """Rounds e to multiples of 2^-60."""
     return (e + GRAIN) - GRAIN
 
 
 @functools.cache
 def exact_step(poles: int, varying: bool) -> Any:
-    """Function: one step of a pixel with the library's functions; returns its output, last sample and both e."""
+    """Makes the function of one step of a pixel, with the library's ln and exp."""
     two = poles == 2
 
     @wp.func
@@ -79,7 +79,10 @@ def exact_step(poles: int, varying: bool) -> Any:
         seconds: wp.float64,
         constant: wp.vec2d,
     ):
-        """last: -1 where there is none yet. constant: the response where it is not varying."""
+        """Filters one sample; returns the output, the last good sample and both e.
+
+        last: -1 where there is none yet. constant: the response where it is not varying.
+        """
         good = v >= 0.0 and v <= LARGEST
         if last < 0.0:
             if good:
@@ -119,8 +122,8 @@ def exact_step(poles: int, varying: bool) -> Any:
 
 @functools.cache
 def low_pass(poles: int, varying: bool) -> wp.Kernel:
-    """The filter with one pole or two, with a corner that follows the intensity (`varying`) or not, for a CPU."""
-    exact, step_block = exact_step(poles, varying), lanes.step_block(poles, varying)
+    """Makes the filter with one pole or two, with a corner that follows the intensity (`varying`) or not, for a CPU."""
+    exact, step_block = exact_step(poles, varying), simd.step_block(poles, varying)
     two = poles == 2
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -139,11 +142,11 @@ def low_pass(poles: int, varying: bool) -> wp.Kernel:
         # out
         filtered: wp.array(dtype=wp.float32),
     ):
-        """A block of pixels per thread, through all frames."""
+        """Filters a block of pixels per thread, through all frames."""
         env, block = wp.tid()
         count = seconds.shape[0]
-        first = block * wp.static(lanes.BLOCK)
-        size = wp.min(receptor.size - first, wp.static(lanes.BLOCK))
+        first = block * wp.static(simd.BLOCK)
+        size = wp.min(receptor.size - first, wp.static(simd.BLOCK))
         index = env * receptor.size + first
         if fresh[env] != 0:
             i = int(0)
@@ -157,10 +160,10 @@ def low_pass(poles: int, varying: bool) -> wp.Kernel:
             halvings = int(0)
             ahead = wp.int64(wp.where(k + 1 < count, receptor.size, 0))
             alone = int(size)  # pixels that are filtered one by one
-            together = not (wp.static(varying) and half > lanes.WIDEST)
+            together = not (wp.static(varying) and half > simd.WIDEST)
             if together:
                 if wp.static(varying):
-                    while half > lanes.REACH:
+                    while half > simd.REACH:
                         half = wp.float64(0.5) * half
                         halvings += 1
                 alone = step_block(
@@ -193,7 +196,7 @@ def low_pass(poles: int, varying: bool) -> wp.Kernel:
 
 @functools.cache
 def low_pass_gpu(poles: int, varying: bool) -> wp.Kernel:
-    """The same with a thread per pixel."""
+    """Makes the filter with a thread per pixel, for a GPU."""
     two = poles == 2
     exact = exact_step(poles, varying)
 
@@ -212,6 +215,7 @@ def low_pass_gpu(poles: int, varying: bool) -> wp.Kernel:
         # out
         filtered: wp.array(dtype=wp.float32),
     ):
+        """Filters a pixel through all frames of a call."""
         env, i = wp.tid()
         count = seconds.shape[0]
         index = env * receptor.size + i

@@ -5,7 +5,7 @@ from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.model.pixel_kernels import EVENTS, LARGEST, NONFINITE
+from nodes.event_sensor.model.sensor_kernels import EVENTS, LARGEST, NONFINITE
 
 wp.set_module_options({"enable_backward": False})
 
@@ -33,14 +33,14 @@ class Frame:
 
 @wp.func
 def sample_at(frame: Frame, images: wp.array(dtype=wp.float32), env: wp.int32, pixel: wp.int32):
-    """Luminance of a pixel in this frame."""
+    """Returns the luminance of a pixel in this frame."""
     plane = wp.int64(env) * wp.int64(frame.count) + wp.int64(frame.k)
     return images[plane * wp.int64(frame.pixels) + wp.int64(pixel)]
 
 
 @wp.func
 def usable(intensity: wp.float32, counters: wp.array(dtype=wp.int64)):
-    """Whether a sample is finite and not negative; counted if it is not."""
+    """Tells whether a sample is finite and not negative; counts it if it is not."""
     good = intensity >= 0.0 and intensity <= LARGEST
     if not good:
         wp.atomic_add(counters, NONFINITE, wp.int64(1))
@@ -49,7 +49,7 @@ def usable(intensity: wp.float32, counters: wp.array(dtype=wp.int64)):
 
 @wp.func
 def random_state(frame: Frame, env: wp.int32, pixel: wp.int32, purpose: wp.int32):
-    """Start of the stream of (seed + env, pixel, frame, purpose); purpose < 4."""
+    """Starts the stream of (seed + env, pixel, frame, purpose); purpose < 4."""
     mine = wp.rand_init(frame.seed + env, pixel)
     return wp.rand_init(wp.int32(mine), frame.number * 4 + purpose)
 
@@ -64,7 +64,7 @@ def put(
     keys: wp.array(dtype=wp.int64),
     counters: wp.array(dtype=wp.int64),
 ):
-    """One event, `offset` ns after the frame before; counted even where it does not fit."""
+    """Writes one event, `offset` ns after the frame before; counted even where it does not fit."""
     slot = wp.atomic_add(counters, EVENTS, wp.int64(1))
     if slot < wp.int64(keys.shape[0]):
         t = frame.before - frame.t_base + wp.clamp(offset, wp.int64(1), frame.span)
@@ -74,7 +74,7 @@ def put(
 
 @cache
 def each_pixel(step: Any, sensor_type: Any, pixel_type: Any) -> Any:
-    """Kernel: one frame of a model that makes a pixel's events in one go.
+    """Makes the kernel of one frame of a model that makes a pixel's events in one go.
 
     step: function of (frame, sensor, env, pixel, v, p, keys, counters) that returns the pixel's state p after a good
     sample v; p.begun is 0 at the first one of an episode. Samples that are not usable change nothing.

@@ -22,9 +22,10 @@ import math
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.model.pixel_kernels import Sensor
+from nodes.event_sensor.cpu.order import sort_keys, unpack
+from nodes.event_sensor.model.keys import KeyLayout
+from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.readout import readout_kernels as kernels
-from nodes.event_sensor.readout.packet import KeyLayout, sort_keys, unpack
 
 SPAN_BITS = 62
 """The queue's clock counts up to 2^62 units after a packet's start."""

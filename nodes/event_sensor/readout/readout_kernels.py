@@ -1,11 +1,13 @@
 """Kernels of the readout, on a CPU and in C++: a single-server queue, counter-based Gaussian delays, keys in order."""
 
-import math
+from pathlib import Path
 
+import numpy as np
 import warp as wp
 
-from nodes.event_sensor.cpu.simd_kernels import LOG, filled_in
-from nodes.event_sensor.model.pixel_kernels import Sensor
+from evis.native_code import native_code
+from nodes.event_sensor.cpu.simd_kernels import LOGARITHM
+from nodes.event_sensor.model.sensor_kernels import Sensor
 
 wp.set_module_options({"enable_backward": False})
 
@@ -13,8 +15,12 @@ REACH = wp.constant(wp.float64(3.0))
 """Standard deviations by which the jitter is centred and at which it is cut."""
 STREAM = 0x7265_6164_6F75_74
 """Keeps these random numbers apart from others of the same seed."""
-TERMS = 10
-"""Of the series of the sine, up to the 19th power: to 3e-16 in a quarter of a turn."""
+READOUT = Path(__file__).with_name("readout.h")
+
+
+def readout(call: str) -> str:
+    """Returns the code of a function of readout.h, with this call of it."""
+    return native_code([LOGARITHM, READOUT], call, {"REACH": float(REACH), "STREAM": np.uint64(STREAM)})
 
 
 @wp.struct
@@ -30,100 +36,22 @@ class Queue:
     height: wp.int64
 
 
-QUEUE = """
-    const wp::int64* asks = t.data;
-    wp::int64* leaves_at = stamps.data;
-    const int fraction = (int)queue.fraction;
-    const wp::int64 up = ((wp::int64)1 << fraction) - 1;
-    const wp::int64 longest = queue.capacity * queue.service;
-    wp::int64 ready = free.data[env];
-    wp::int64 waited = 0, together = 0, most = 0, dropped = 0;
-    for (wp::int64 i = begin; i < end; i++) {
-        const wp::int64 arrival = (asks[i] - t_base) << fraction;
-        if (queue.capacity > 0 && ready - arrival > longest) {
-            leaves_at[i] = -1;
-            dropped++;
-            continue;
-        }
-        const wp::int64 leaves = arrival > ready ? arrival : ready;
-        ready = leaves + queue.service;
-        // Up to the next whole ns: nothing leaves before its turn.
-        const wp::int64 late = leaves > arrival ? t_base + ((leaves + up) >> fraction) - asks[i] : 0;
-        leaves_at[i] = asks[i] + late;
-        waited += leaves > arrival;
-        together += late;
-        most = late > most ? late : most;
-    }
-    free.data[env] = ready;
-    wp::int64* found = statistics.data + 4 * env;
-    found[0] = waited;
-    found[1] = together;
-    found[2] = most;
-    found[3] = dropped;
-"""
-
-
-@wp.func_native(QUEUE)
+@wp.func_native(readout("serve(queue, env, begin, end, t_base, t, free, stamps, statistics);"))
 def served(
     queue: Queue, env: wp.int32, begin: wp.int64, end: wp.int64, t_base: wp.int64, t: wp.array(dtype=wp.int64),
     free: wp.array(dtype=wp.int64), stamps: wp.array(dtype=wp.int64), statistics: wp.array2d(dtype=wp.int64),
 ):  # fmt: skip
-    """Event i leaves at D_i = max(t_i, D_{i-1} + service); `free` is D_{i-1} + service."""
+    """Computes when events leave: event i at D_i = max(t_i, D_{i-1} + service); `free` is D_{i-1} + service."""
     ...
 
 
-MIX = """
-    // SplitMix64's output function (Steele, Lea and Flood, OOPSLA 2014).
-    const auto mix = [](wp::uint64 h) {
-        h += 0x9E3779B97F4A7C15ull;
-        h = (h ^ (h >> 30)) * 0xBF58476D1CE4E5B9ull;
-        h = (h ^ (h >> 27)) * 0x94D049BB133111EBull;
-        return h ^ (h >> 31);
-    };
-    // In (0, 1), from the upper 53 bits.
-    const auto uniform = [](wp::uint64 h) { return ((double)(wp::int64)(h >> 11) + 0.5) * 0x1p-53; };
-"""
-SINE = "0.0"
-for _power in reversed(range(TERMS)):
-    SINE = f"({(-1) ** _power * (2.0 * math.pi) ** (2 * _power + 1) / math.factorial(2 * _power + 1)!r} + q * {SINE})"
-DELAY = """
-    const wp::int64* asks = t.data;
-    const wp::uint16* xs = x.data;
-    const wp::uint16* ys = y.data;
-    const wp::uint8* ps = p.data;
-    const wp::uint8* cs = c.shape[0] > 0 ? c.data : nullptr;
-    wp::int64* leaves_at = stamps.data;
-    const wp::uint64 mine = mix(queue.seed + (wp::uint64)env) ^ STREAM;
-    const double sigma = queue.sigma;
-    const auto delayed = [&](wp::int64 i, wp::int64 channel) __attribute__((always_inline)) {
-#pragma clang fp contract(off)
-        const wp::int64 pixel = (channel * queue.height + ys[i]) * queue.width + xs[i];
-        const wp::uint64 h = mix(mix(mine ^ (wp::uint64)(2 * pixel + ps[i])) ^ (wp::uint64)asks[i]);
-        // Box and Muller; the cosine of a turn is the sine of a quarter less.
-        const double radius = __builtin_sqrt(-2.0 * log_of(uniform(h)));
-        const double w = __builtin_fabs(uniform(mix(h)) - 0.5) - 0.25;
-        const double q = w * w;
-        double normal = radius * (w * SINE);
-        normal = normal > -REACH ? normal : -REACH;
-        normal = normal < REACH ? normal : REACH;
-        const wp::int64 late = (wp::int64)(sigma * (REACH + normal) + 0.5);
-        leaves_at[i] = leaves_at[i] < 0 ? leaves_at[i] : leaves_at[i] + late;
-    };
-    if (cs)
-        for (wp::int64 i = begin; i < end; i++) delayed(i, cs[i]);
-    else
-#pragma clang loop vectorize(assume_safety) vectorize_width(8) interleave_count(2)
-        for (wp::int64 i = begin; i < end; i++) delayed(i, 0);
-"""
-
-
-@wp.func_native(filled_in(MIX + LOG + DELAY, SINE=SINE, STREAM=f"{STREAM}ull", REACH=f"{float(REACH)!r}"))
+@wp.func_native(readout("delay(queue, env, begin, end, t, x, y, p, c, stamps);"))
 def jittered(
     queue: Queue, env: wp.int32, begin: wp.int64, end: wp.int64, t: wp.array(dtype=wp.int64),
     x: wp.array(dtype=wp.uint16), y: wp.array(dtype=wp.uint16), p: wp.array(dtype=wp.uint8),
     c: wp.array(dtype=wp.uint8), stamps: wp.array(dtype=wp.int64),
 ):  # fmt: skip
-    """Add sigma (REACH + N) [ns], N standard normal cut at +-REACH: never negative, of the event's own fields alone."""
+    """Adds sigma (REACH + N) [ns], N standard normal cut at +-REACH: never negative, of the event's fields alone."""
     ...
 
 
@@ -144,7 +72,7 @@ def serve(
     # out: per environment events that waited, ns that all waited, longest wait, drops
     statistics: wp.array2d(dtype=wp.int64),
 ):
-    """One environment per thread."""
+    """Computes when the events of an environment leave; one environment per thread."""
     env = wp.tid()
     if queue.service > wp.int64(0):
         served(queue, env, offsets[env], offsets[env + 1], t_base, t, free, stamps, statistics)
@@ -152,40 +80,13 @@ def serve(
         jittered(queue, env, offsets[env], offsets[env + 1], t, x, y, p, c, stamps)
 
 
-PACK = """
-    const wp::int32* envs = env.data;
-    const wp::int64* ts = t.data;
-    const wp::uint16* xs = x.data;
-    const wp::uint16* ys = y.data;
-    const wp::uint8* ps = p.data;
-    const wp::uint8* cs = c.shape[0] > 0 ? c.data : nullptr;
-    wp::int64* key = keys.data;
-    const int n = t.shape[0];
-    const int shift_env = (int)sensor.shift_env;
-    const int shift_t = (int)sensor.shift_t;
-    const int shift_y = (int)sensor.shift_y;
-    const int shift_x = (int)sensor.shift_x;
-#pragma clang loop vectorize(assume_safety)
-    for (int i = 0; i < n; i++) {
-        const wp::int64 place = (wp::int64)ys[i] << shift_y | (wp::int64)xs[i] << shift_x | (ps[i] != 0);
-        key[i] = (wp::int64)envs[i] << shift_env | (ts[i] - t_base) << shift_t | place;
-    }
-    if (cs)
-        for (int i = 0; i < n; i++) key[i] |= (wp::int64)cs[i] << 1;
-    bool rising = true;
-#pragma clang loop vectorize(assume_safety)
-    for (int i = 1; i < n; i++) rising &= key[i] >= key[i - 1];
-    return rising;
-"""
-
-
-@wp.func_native(PACK)
+@wp.func_native(readout("return to_keys(sensor, t_base, env, t, x, y, p, c, keys);"))
 def to_keys(
     sensor: Sensor, t_base: wp.int64, env: wp.array(dtype=wp.int32), t: wp.array(dtype=wp.int64),
     x: wp.array(dtype=wp.uint16), y: wp.array(dtype=wp.uint16), p: wp.array(dtype=wp.uint8),
     c: wp.array(dtype=wp.uint8), keys: wp.array(dtype=wp.int64),
 ) -> wp.bool:  # fmt: skip
-    """Columns to keys as in packet.KeyLayout; whether they ascend."""
+    """Packs columns into keys as model.keys.KeyLayout says; returns whether they ascend."""
     ...
 
 
@@ -204,24 +105,13 @@ def pack(
     keys: wp.array(dtype=wp.int64),
     ascending: wp.array(dtype=wp.int32),
 ):
-    """Columns to keys, by one thread."""
+    """Packs columns into keys, by one thread."""
     ascending[0] = wp.where(to_keys(sensor, t_base, env, t, x, y, p, c, keys), 1, 0)
 
 
-TIDY = """
-    wp::int64* key = keys.data;
-    for (int i = 1; i < count; i++) {
-        const wp::int64 one = key[i];
-        int j = i;
-        for (; j > 0 && key[j - 1] > one; j--) key[j] = key[j - 1];
-        key[j] = one;
-    }
-"""
-
-
-@wp.func_native(TIDY)
+@wp.func_native(readout("insertion_sort(count, keys);"))
 def insertion_sort(count: wp.int32, keys: wp.array(dtype=wp.int64)):
-    """Of keys that are in order but for those of one time."""
+    """Sorts keys that are in order but for those of one time."""
     ...
 
 
@@ -232,5 +122,5 @@ def tidy(
     # in and out
     keys: wp.array(dtype=wp.int64),
 ):
-    """Keys that are in order but for those of one time, by one thread."""
+    """Sorts keys that are in order but for those of one time, by one thread."""
     insertion_sort(count, keys)

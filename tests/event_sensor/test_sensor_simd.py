@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 import warp as wp
 
-from nodes.event_sensor.cpu.simd_kernels import LOG
+from evis.native_code import native_code
+from nodes.event_sensor.cpu.simd_kernels import LOGARITHM
 from nodes.event_sensor.sensor import FLOOR, EventSensor
 
 TOLERANCE = 2.0**-23
 ONE = np.zeros(1, np.int32)
 
 
-@wp.func_native(LOG + "return log_of(x);")
+@wp.func_native(native_code([LOGARITHM], "return log_of(x);"))
 def log_of(x: wp.float64) -> wp.float64: ...
 
 

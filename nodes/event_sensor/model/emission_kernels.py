@@ -1,15 +1,15 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
-"""How a pixel with a curve or a fault makes its events."""
+"""How a pixel with a curve or a fault writes its events."""
 
 from functools import lru_cache
 from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.cpu.simd_fire_kernels import fire_lanes
-from nodes.event_sensor.model.curve_kernels import at, crossing
-from nodes.event_sensor.model.pixel_kernels import DROPPED, EVENTS, Sensor
-from nodes.event_sensor.model.state_kernels import Features
+from nodes.event_sensor.model.crossing_kernels import polynomial, root_of_cubic, root_of_line, stamp_of
+from nodes.event_sensor.model.features import Features
+from nodes.event_sensor.model.key_kernels import key_time
+from nodes.event_sensor.model.sensor_kernels import DROPPED, EVENTS, Sensor
 
 wp.set_module_options({"enable_backward": False})
 
@@ -23,8 +23,11 @@ def emit(
     keys: wp.array(dtype=wp.int64),
     counters: wp.array(dtype=wp.int64),
 ):
-    """One event. written: events of this pixel in this step so far."""
-    if cap and written >= sensor.cap:
+    """Writes one event; counts it even where it does not fit.
+
+    written: events of this pixel in this step so far.
+    """
+    if cap and written >= sensor.event_cap:
         wp.atomic_add(counters, DROPPED, wp.int64(1))
     else:
         slot = wp.atomic_add(counters, EVENTS, wp.int64(1))
@@ -34,26 +37,27 @@ def emit(
 
 @lru_cache
 def curve_value(features: Features) -> Any:
-    """Function: S(u) of a step."""
+    """Makes the function S(u) of a step."""
     curved = features.curved
 
     @wp.func
     def value(s: wp.vec4d, u: wp.float64):
         if wp.static(curved):
-            return at(s, u)
+            return polynomial(s, u)
         return s[0] + u * s[1]
 
     return value
 
 
 @lru_cache
-def crossings_fired(features: Features, lanes: bool) -> Any:
-    """Function: the events of n crossings in one monotone piece of a step; returns the last's time and the count.
+def crossings_fired(features: Features, at_once: Any = None) -> Any:
+    """Makes the function that writes the events of n crossings in one monotone piece of a step.
 
-    lanes: several events at a time, for a CPU.
+    It returns the time of the last, and how many there are then. at_once: the same for all n together, see
+    cpu.crossings_simd_kernels.
     """
     curved, cap = features.curved, features.cap
-    lanes, at_once = lanes and not features.refractory, fire_lanes(curved)
+    together = at_once is not None and not features.refractory
 
     @wp.func
     def fire(
@@ -76,10 +80,13 @@ def crossings_fired(features: Features, lanes: bool) -> Any:
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """signed: threshold with its sign. u, piece: the piece's ends; start, h: of the step [ns]. place: key but t."""
+        """Writes the events of n crossings.
+
+        signed: threshold with its sign. u, piece: the piece's ends; start, h: of the step [ns]. place: key but t.
+        """
         time = here
         j = int(0)
-        if wp.static(lanes):
+        if wp.static(together):
             time = at_once(
                 sensor, s, reference, signed, n, u, piece, start, until, h, t_base, place, here, fired, wp.static(cap),
                 keys, counters,
@@ -88,15 +95,12 @@ def crossings_fired(features: Features, lanes: bool) -> Any:
         while j < n:
             level = reference + wp.float64(j + 1) * signed
             if wp.static(curved):
-                root = crossing(s, level, u, piece)
+                root = root_of_cubic(s, level, u, piece)
                 u = root
             else:
-                root = piece
-                if s[1] != wp.float64(0.0):
-                    root = wp.clamp((level - s[0]) / s[1], u, piece)
-            ns = start + wp.max(wp.int64(root * h + wp.float64(0.5)), wp.int64(1))
-            time = wp.clamp(ns, time, until)
-            emit(sensor, ((time - t_base) << sensor.shift_t) | place, fired + j, wp.static(cap), keys, counters)
+                root = root_of_line(s, level, u, piece)
+            time = wp.clamp(stamp_of(root, h, start), time, until)
+            emit(sensor, key_time(sensor, time - t_base) | place, fired + j, wp.static(cap), keys, counters)
             j += 1
         return time, fired + n
 

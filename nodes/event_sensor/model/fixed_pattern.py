@@ -6,26 +6,24 @@ single sensor with seed + e.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
-GOLDEN = 0x9E3779B97F4A7C15
+from evis.random_numbers import GOLDEN, mix, open_uniform
+from nodes.event_sensor.batch import Size
+
 THRESHOLD_ON, THRESHOLD_OFF, LEAK, HOT = range(4)
 """What a number is for."""
 
 
-def _mix(z: np.ndarray) -> np.ndarray:
-    """SplitMix64's finalizer on uint64, as in random_kernels."""
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
-
-
 def uniforms(seed: int, envs: int, pixels: int, purpose: int, index: int = 0) -> np.ndarray:
     """float64 [E * pixels] in (0, 1): one number per pixel. purpose and index name independent sets."""
-    seeds = np.array([(seed + e + GOLDEN) & 0xFFFFFFFFFFFFFFFF for e in range(envs)], np.uint64)
-    pixel = np.arange(pixels, dtype=np.uint64) * np.uint64(GOLDEN) + np.uint64(3 + 8 * purpose + index)
-    bits = _mix(_mix(seeds)[:, None] ^ pixel[None])
-    return ((_mix(bits + np.uint64(GOLDEN)) >> np.uint64(11)).astype(np.float64).reshape(-1) + 0.5) * 2.0**-53
+    seeds = np.array([(seed + e + int(GOLDEN)) & 0xFFFFFFFFFFFFFFFF for e in range(envs)], np.uint64)
+    pixel = np.arange(pixels, dtype=np.uint64) * GOLDEN + np.uint64(3 + 8 * purpose + index)
+    bits = mix(mix(seeds)[:, None] ^ pixel[None])
+    return open_uniform(mix(bits + GOLDEN)).reshape(-1)
 
 
 def normals(seed: int, envs: int, pixels: int, purpose: int) -> np.ndarray:
@@ -54,3 +52,17 @@ def leak_rates(seed: int, envs: int, pixels: int, rate: float, jitter: float) ->
 def hot_rates(seed: int, envs: int, pixels: int, fraction: float, rate: float) -> np.ndarray:
     """float32 [E * pixels]: `rate` [Hz] for each pixel that is hot, which it is with probability `fraction`; else 0."""
     return np.where(uniforms(seed, envs, pixels, HOT) < fraction, np.float32(rate), np.float32(0))
+
+
+def pattern_of(size: Size, seed: int, p: Mapping[str, Any]) -> tuple[np.ndarray, ...]:
+    """Fixed pattern of a sensor: ON and OFF thresholds, leak rates, rates as a hot pixel; empty where it has none."""
+    envs, pixels = size.envs, size.pixels
+    on = off = leaks = hots = np.zeros(0, np.float32)
+    if p["threshold_mismatch"] > 0:
+        mean = (p["threshold_on"], p["threshold_off"])
+        on, off = thresholds(seed, envs, pixels, mean, p["threshold_mismatch"], p["threshold_floor"])
+    if p["leak_rate"] > 0:
+        leaks = leak_rates(seed, envs, pixels, p["leak_rate"], p["leak_jitter"])
+    if p["shot_rate"] > 0 or (p["hot_pixel_rate"] > 0 and p["hot_pixel_fraction"] > 0):
+        hots = hot_rates(seed, envs, pixels, p["hot_pixel_fraction"], p["hot_pixel_rate"])
+    return on, off, leaks, hots

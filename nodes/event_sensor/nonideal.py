@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.engines import Batch, Size, features_of, pattern_of
-from nodes.event_sensor.model.inactive_kernels import Quiet, arrays_of, quiet_state, runs_of
-from nodes.event_sensor.model.pixel_kernels import Sensor
-from nodes.event_sensor.model.state_kernels import Cold
-from nodes.event_sensor.model.thread_kernels import full_kernels
+from nodes.event_sensor.batch import Batch, Size
+from nodes.event_sensor.cpu.nonideal_kernels import rows_kernel
+from nodes.event_sensor.cuda.nonideal_kernels import pixels_kernel
+from nodes.event_sensor.model.features import features_of
+from nodes.event_sensor.model.fixed_pattern import pattern_of
+from nodes.event_sensor.model.sensor_kernels import Sensor
+from nodes.event_sensor.model.state_kernels import FrequentState, Rare, arrays_of, frequent_state, runs_of
 
 
-class Full:
+class NonIdeal:
     """An engine, see `engines`: any curve through the samples, and faults."""
 
     sorts = False
@@ -23,28 +25,28 @@ class Full:
     def __init__(self, size: Size, seed: int, p: Mapping[str, Any], device: Any) -> None:
         total = size.envs * size.pixels
         features = features_of(p)
-        self._kernel = full_kernels(features)[device.is_cuda]
+        self._kernel = (pixels_kernel if device.is_cuda else rows_kernel)(features)
         self._size, self._device, self.in_place = size, device, not device.is_cuda
 
-        def state() -> tuple[Quiet, wp.array]:
+        def state() -> tuple[FrequentState, wp.array]:
             side: wp.array = wp.zeros(0 if self.in_place else total, dtype=wp.int32, device=device)
-            return quiet_state(total, features.timed, features.curved, device), side
+            return frequent_state(total, features.timed, features.curved, device), side
 
         self._before = state()
         self._after = self._before if self.in_place else state()
-        self._loud: wp.array = wp.zeros(size.width * size.channels + 1, dtype=wp.int32, device=device)
-        struct: Any = Cold
-        colds: Any = np.zeros((1 if self.in_place else 2, total), struct.numpy_dtype())
+        self._active: wp.array = wp.zeros(size.width * size.channels + 1, dtype=wp.int32, device=device)
+        struct: Any = Rare
+        rare: Any = np.zeros((1 if self.in_place else 2, total), struct.numpy_dtype())
         for name, values in zip(("c_on", "c_off", "leak", "hot"), pattern_of(size, seed, p)):
             if values.size:
-                colds[name] = values.reshape(-1)
-        self._colds: wp.array = wp.array(colds, dtype=Cold, device=device)
+                rare[name] = values.reshape(-1)
+        self._rare: wp.array = wp.array(rare, dtype=Rare, device=device)
 
     def arrays(self) -> tuple[wp.array, ...]:
         """Everything that is kept per pixel."""
         states = (self._before,) if self.in_place else (self._before, self._after)
-        kept = (a for quiet, side in states for a in (*arrays_of(quiet), side))
-        return *kept, self._colds
+        kept = (a for state, side in states for a in (*arrays_of(state), side))
+        return *kept, self._rare
 
     def launch(self, sensor: Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
         """Events of a batch to `keys`, as many as fit. In place: from pixel resume - 1 to the first without room."""
@@ -53,10 +55,10 @@ class Full:
         if self.in_place:
             frames = [b.images, runs_of(b.images), b.slopes, runs_of(b.slopes)]
             inputs = [sensor, b.begin, b.episodes, *frames, *steps, resume]
-            outputs = [*self._before, self._loud, self._colds, keys, counters]
+            outputs = [*self._before, self._active, self._rare, keys, counters]
         else:
             inputs = [sensor, b.begin, b.episodes, b.images, b.slopes, *steps, *self._before]
-            outputs = [*self._after, self._colds, keys, counters]
+            outputs = [*self._after, self._rare, keys, counters]
         wp.launch(self._kernel, self._size.threads(not self.in_place), inputs, outputs, device=self._device)
 
     def swap(self) -> None:

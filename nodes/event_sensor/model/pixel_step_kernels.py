@@ -1,7 +1,7 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
 """What happens to a pixel within a step, in the order of time; only what is asked for is compiled.
 
-A pixel's life inside a step goes from one happening to the next: a crossing, a candidate of its noise process, the end
+Inside a step a pixel goes from one happening to the next: a crossing, a candidate of its noise process, the end
 of its dead time, the end of the step. Leak moves the signal here, S(t) = L(t) + rate C_on (t - origin), and not the
 reference, so that crossings stay roots of the same polynomial. A noise event resets the pixel: its reference becomes S.
 """
@@ -11,25 +11,35 @@ from typing import Any
 
 import warp as wp
 
-from nodes.event_sensor.model import step_kernels as pieces
-from nodes.event_sensor.model.curve_kernels import turning_points
-from nodes.event_sensor.model.emit_kernels import crossings_fired, curve_value, emit
-from nodes.event_sensor.model.pixel_kernels import Sensor, key_head, key_tail
+from nodes.event_sensor.model.crossing_kernels import turning_points
+from nodes.event_sensor.model.emission_kernels import crossings_fired, curve_value, emit
+from nodes.event_sensor.model.features import Features
+from nodes.event_sensor.model.key_kernels import key_head, key_tail, key_time
+from nodes.event_sensor.model.noise_kernels import candidate_after, noise_candidate, stream_here
 from nodes.event_sensor.model.random_kernels import NEVER
-from nodes.event_sensor.model.state_kernels import ALIVE, Features
+from nodes.event_sensor.model.sensor_kernels import TOLERANCE, Sensor
+from nodes.event_sensor.model.state_kernels import ALIVE
+from nodes.event_sensor.model.threshold_kernels import first_crossed, reference_level, thresholds_crossed
 
 wp.set_module_options({"enable_backward": False})
 
 
 @lru_cache
-def step_life(features: Features, lanes: bool) -> Any:
-    """Function: a pixel's events of a step, and its state after it. lanes: for a CPU."""
+def pixel_step(features: Features, at_once: Any = None) -> Any:
+    """Makes the function of a pixel's events of a step, and of its state after it. at_once: see crossings_fired."""
     frame, curved, spontaneous = features.crossing == "frame", features.curved, features.noise or features.coin
     coin, noise, refractory, cap = features.coin, features.noise, features.refractory, features.cap
-    value, fire = curve_value(features), crossings_fired(features, lanes)
+    crossed: Any = first_crossed
+    if not refractory:
+
+        @wp.func
+        def crossed(delta: wp.float64, c_on: wp.float64, c_off: wp.float64):
+            return thresholds_crossed(delta, c_on, c_off, TOLERANCE)
+
+    value, fire = curve_value(features), crossings_fired(features, at_once)
 
     @wp.func
-    def live(
+    def step(
         # in
         sensor: Sensor,
         env: wp.int32,
@@ -65,7 +75,9 @@ def step_life(features: Features, lanes: bool) -> Any:
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """s: the curve of S over u in [0, 1] from `start` to `now`, h [ns] apart; last, v: the light at both ends.
+        """Takes a pixel through a step, from one happening to the next.
+
+        s: the curve of S over u in [0, 1] from `start` to `now`, h [ns] apart; last, v: the light at both ends.
 
         drift: of S [1/ns], from `origin` on. rate, hot_share: of the noise. coin_at: when a leak's coin falls in this
         step. Returns base, net, n_off, dead, candidate and draws after the step.
@@ -78,7 +90,7 @@ def step_life(features: Features, lanes: bool) -> Any:
         turns = wp.vec2d(wp.float64(2.0), wp.float64(2.0))
         if wp.static(curved):
             turns = turning_points(s)
-        reference = pieces.reference_of(base, net, n_off, c_on, c_off)
+        reference = reference_level(base, net, n_off, c_on, c_off)
         head = key_head(sensor, env)
         tail_on = key_tail(sensor, y, x, c, True)
         tail_off = key_tail(sensor, y, x, c, False)
@@ -104,9 +116,9 @@ def step_life(features: Features, lanes: bool) -> Any:
                     reference = base
                     if wp.static(noise):
                         if candidate <= here:
-                            stream = pieces.stream_here(sensor, env, inner, episodes, k)
+                            stream = stream_here(sensor, env, inner, episodes, k)
                             named = True
-                            candidate, draws = pieces.candidate_after(here, stream, candidate, draws, rate)
+                            candidate, draws = candidate_after(here, stream, candidate, draws, rate)
                     if wp.static(coin):
                         if coin_at <= here:
                             coin_at = NEVER
@@ -130,7 +142,7 @@ def step_life(features: Features, lanes: bool) -> Any:
                         piece = turns[0]
                 delta = value(s, piece) - reference
                 on = delta > zero
-                n, signed = pieces.crossed(delta, c_on, c_off, wp.static(refractory))
+                n, signed = crossed(delta, c_on, c_off)
                 if n > 0:
                     tail = wp.where(on, tail_on, tail_off)
                     here, fired = fire(
@@ -157,16 +169,16 @@ def step_life(features: Features, lanes: bool) -> Any:
                             coin_at = NEVER
                         else:
                             if not named:
-                                stream = pieces.stream_here(sensor, env, inner, episodes, k)
+                                stream = stream_here(sensor, env, inner, episodes, k)
                                 named = True
                             light = wp.float64(last)
                             if wp.static(not frame):
                                 light += u * (wp.float64(v) - light)
-                            fires, on, wait = pieces.noise_candidate(sensor, stream, draws, rate, hot_share, light)
+                            fires, on, wait = noise_candidate(sensor, stream, draws, rate, hot_share, light)
                             draws = draws + wp.int64(1)
                             candidate = until + wait
                         if fires:
-                            key = head | ((until - t_base) << sensor.shift_t)
+                            key = head | key_time(sensor, until - t_base)
                             key = key | wp.where(on, tail_on, tail_off)
                             emit(sensor, key, fired, wp.static(cap), keys, counters)
                             fired += 1
@@ -184,7 +196,7 @@ def step_life(features: Features, lanes: bool) -> Any:
             if dead <= now:
                 delta = l1 + drift * wp.float64(now - origin) - reference
                 on = delta > zero
-                n, signed = pieces.crossed(delta, c_on, c_off, wp.static(refractory))
+                n, signed = crossed(delta, c_on, c_off)
                 place = head | wp.where(on, tail_on, tail_off)
                 here, fired = fire(
                     sensor, wp.vec4d(l1, zero, zero, zero), reference, signed, n, one, one, start, now, h,
@@ -197,4 +209,4 @@ def step_life(features: Features, lanes: bool) -> Any:
                         dead = now + sensor.dead_ns
         return base, net, n_off, dead, candidate, draws
 
-    return live
+    return step

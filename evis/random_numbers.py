@@ -1,0 +1,24 @@
+"""Random numbers by counting, in numpy: a number is a hash of what it is for, never of what was drawn before.
+
+The hash is SplitMix64 (Steele, Lea and Flood, OOPSLA 2014), whose stream s has the n-th number mix(s + n GOLDEN). In
+kernels it stands in nodes.event_sensor.model.random_kernels; a test holds the two together.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+
+
+def mix(z: np.ndarray) -> np.ndarray:
+    """Returns SplitMix64's finalizer of uint64 numbers."""
+    z = (z ^ (z >> np.uint64(30))) * _FIRST
+    z = (z ^ (z >> np.uint64(27))) * _SECOND
+    return z ^ (z >> np.uint64(31))
+
+
+def open_uniform(bits: np.ndarray) -> np.ndarray:
+    """Returns float64 in (0, 1) from the upper 53 of 64 bits."""
+    return np.asarray(((bits >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53)

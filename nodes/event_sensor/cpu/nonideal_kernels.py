@@ -1,0 +1,153 @@
+# ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
+"""The sensor with curves and faults on a CPU: a thread is a row, in which the active pixels are listed and then sensed.
+
+State is changed in place: a pixel that finds no room for its events leaves its state as it was and its number in
+counters[LEFT], every later one does nothing, and the next launch goes on from there.
+"""
+
+from functools import lru_cache
+from typing import Any
+
+import warp as wp
+
+from nodes.event_sensor.cpu.active_kernels import list_active_row
+from nodes.event_sensor.cpu.crossings_simd_kernels import crossings_at_once
+from nodes.event_sensor.cpu.run_kernels import passed, run_margins
+from nodes.event_sensor.model.features import Features
+from nodes.event_sensor.model.pixel_kernels import sense_pixel
+from nodes.event_sensor.model.sensor_kernels import EVENTS, LEFT, Sensor
+from nodes.event_sensor.model.state_kernels import RUN, FrequentState, Rare, Run
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func_native("__builtin_prefetch(&wp::index(rare, 0, pixel), 1, 3);")
+def fetch(rare: wp.array2d(dtype=Rare), pixel: wp.int32):
+    """Brings what is kept of a pixel nearer."""
+    ...
+
+
+@wp.func
+def saved(counters: wp.array(dtype=wp.int64)):
+    """Returns the counters before a pixel."""
+    return wp.vector(counters[0], counters[1], counters[2], counters[3], counters[4])
+
+
+@wp.func
+def left_over(
+    sensor: Sensor, before: wp.types.vector(length=5, dtype=wp.int64), index: wp.int32,
+    counters: wp.array(dtype=wp.int64),
+):  # fmt: skip
+    """Restores the counters of before this pixel, and returns True, where its events did not fit."""
+    if counters[EVENTS] <= sensor.capacity:
+        return False
+    for i in range(5):
+        counters[i] = before[i]
+    counters[LEFT] = wp.int64(index + 1)
+    return True
+
+
+@lru_cache
+def rows_kernel(features: Features) -> Any:
+    """Makes the kernel with just these features."""
+    sense = sense_pixel(features, crossings_at_once(features.curved))
+    margins_of, (run_passes, pixel_passes) = run_margins(features), passed(features)
+    looks_on, straight = features.crossing == "cubic", features.hasty
+
+    @wp.kernel(module="unique")
+    def sense_rows(
+        # in
+        sensor: Sensor,
+        begin: wp.array(dtype=wp.int32),
+        episodes: wp.array2d(dtype=wp.int32),
+        luminance: wp.array(dtype=wp.float32),
+        luminance_runs: wp.array(dtype=Run),
+        dlog_dt: wp.array(dtype=wp.float32),
+        slope_runs: wp.array(dtype=Run),
+        frames: wp.int32,
+        count: wp.int32,
+        t: wp.array(dtype=wp.int64),
+        t_base: wp.int64,
+        t_before: wp.int64,
+        resume: wp.int32,
+        # in and out
+        state: FrequentState,
+        side: wp.array(dtype=wp.int32),
+        active: wp.array(dtype=wp.int32),
+        # out
+        rare: wp.array2d(dtype=Rare),
+        keys: wp.array(dtype=wp.int64),
+        counters: wp.array(dtype=wp.int64),
+    ):
+        """Senses a row per thread: threads run one after the other, so that events come in the order of pixels."""
+        env, y = wp.tid()
+        if counters[LEFT] != wp.int64(0):
+            return
+        row = sensor.width * sensor.channels
+        size = sensor.height * row
+        start = env * size + y * row
+        at_first = wp.int64(env) * wp.int64(frames) * wp.int64(size) + wp.int64(y * row)
+        at_end = at_first + wp.int64(count - 1) * wp.int64(size)
+        # Environments that begin here have no range yet, and a cubic without the frame after has another curve.
+        whole = begin[env] == 0 and not (wp.static(looks_on) and frames == count)
+        t_end = t[count - 1]
+        longest = wp.float32(t[0] - t_base)
+        k = int(1)
+        while k < count:
+            longest = wp.max(longest, wp.float32(t[k] - t[k - 1]))
+            k += 1
+        # First the pixels to which something may happen are listed, so that what is kept of them can be on its way.
+        j = int(0)
+        going_on = resume - 1 - start
+        if resume > 0 and going_on >= row:
+            return
+        if resume > 0 and going_on >= 0:
+            while active[j + 1] < going_on:
+                j += 1
+        elif wp.static(straight) and whole:
+            list_active_row(luminance, at_first, wp.int64(size), count, t_end, state, start, row, rare, active)
+        else:
+            active[0] = 0
+            i = int(0)
+            margins = Run()
+            while i < row:
+                many = wp.min(row - i, wp.static(RUN))
+                margins = Run(-1.0)
+                if wp.static(not features.coin and features.curved):
+                    if whole and many == wp.static(RUN):
+                        margins = margins_of(
+                            sensor, state, luminance_runs, slope_runs, start + i, at_first + wp.int64(i),
+                            wp.int64(size), count, longest, t_end,
+                        )  # fmt: skip
+                        if wp.min(margins) >= 0.0:
+                            run_passes(
+                                sensor, luminance, luminance_runs, dlog_dt, slope_runs, start + i, at_end + wp.int64(i),
+                                wp.int64(size), count, state,
+                            )  # fmt: skip
+                            i += wp.static(RUN)
+                            continue
+                place = int(0)
+                while place < many:
+                    if margins[place] >= 0.0:
+                        pixel_passes(
+                            sensor, luminance, dlog_dt, start + i, at_end + wp.int64(i), wp.int64(size), count, state
+                        )  # fmt: skip
+                    else:
+                        active[0] = active[0] + 1
+                        active[active[0]] = i
+                        fetch(rare, start + i)
+                    i += 1
+                    place += 1
+        while j < active[0]:
+            i = active[j + 1]
+            kept = saved(counters)
+            sense(
+                sensor, env, y, i // sensor.channels, i % sensor.channels, begin[env], episodes, luminance,
+                dlog_dt, frames, count, t, t_base, t_before,
+                state, side, state, side, rare, keys, counters,
+            )  # fmt: skip
+            if left_over(sensor, kept, start + i, counters):
+                return
+            j += 1
+
+    return sense_rows

@@ -1,0 +1,54 @@
+"""The sensor with curves and faults on a GPU: a thread is a pixel and channel.
+
+The state before and after a message are two, so that the launch can be made again with more room for events.
+"""
+
+from functools import lru_cache
+from typing import Any
+
+import warp as wp
+
+from nodes.event_sensor.model.features import Features
+from nodes.event_sensor.model.pixel_kernels import sense_pixel
+from nodes.event_sensor.model.sensor_kernels import Sensor
+from nodes.event_sensor.model.state_kernels import FrequentState, Rare
+
+wp.set_module_options({"enable_backward": False})
+
+
+@lru_cache
+def pixels_kernel(features: Features) -> Any:
+    """Makes the kernel with just these features."""
+    sense = sense_pixel(features)
+
+    @wp.kernel(module="unique")
+    def sense_pixels(
+        # in
+        sensor: Sensor,
+        begin: wp.array(dtype=wp.int32),
+        episodes: wp.array2d(dtype=wp.int32),
+        luminance: wp.array(dtype=wp.float32),
+        dlog_dt: wp.array(dtype=wp.float32),
+        frames: wp.int32,
+        count: wp.int32,
+        t: wp.array(dtype=wp.int64),
+        t_base: wp.int64,
+        t_before: wp.int64,
+        before: FrequentState,
+        side_before: wp.array(dtype=wp.int32),
+        # out
+        after: FrequentState,
+        side_after: wp.array(dtype=wp.int32),
+        rare: wp.array2d(dtype=Rare),
+        keys: wp.array(dtype=wp.int64),
+        counters: wp.array(dtype=wp.int64),
+    ):
+        """Senses a pixel and channel per thread; keys come out in any order and are sorted afterwards."""
+        env, y, column = wp.tid()
+        sense(
+            sensor, env, y, column // sensor.channels, column % sensor.channels, begin[env], episodes, luminance,
+            dlog_dt, frames, count, t, t_base, t_before,
+            before, side_before, after, side_after, rare, keys, counters,
+        )  # fmt: skip
+
+    return sense_pixels

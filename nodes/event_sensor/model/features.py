@@ -1,0 +1,53 @@
+"""What of the sensor with curves and faults is compiled: one kernel for each set of features."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Features:
+    """What a kernel has."""
+
+    crossing: str
+    leak: bool = False
+    coin: bool = False
+    noise: bool = False
+    refractory: bool = False
+    mismatch: bool = False
+    cap: bool = False
+
+    @property
+    def ahead(self) -> bool:
+        """The curve needs the frame after the step."""
+        return self.crossing in ("cubic", "monotone")
+
+    @property
+    def curved(self) -> bool:
+        """Not a straight line."""
+        return self.ahead or self.crossing == "hermite"
+
+    @property
+    def timed(self) -> bool:
+        """Something can happen without a change of the light."""
+        return self.leak or self.noise or self.refractory
+
+    @property
+    def hasty(self) -> bool:
+        """A pixel within its band need not be looked at."""
+        return not self.curved and not self.coin
+
+
+def features_of(p: Mapping[str, Any]) -> Features:
+    """Returns what has to be compiled for these parameters, all of SENSOR, resolved."""
+    return Features(
+        crossing=p["crossing"],
+        leak=p["leak_rate"] > 0 and p["leak_model"] == "drift",
+        coin=p["leak_rate"] > 0 and p["leak_model"] == "bernoulli",
+        noise=p["shot_rate"] > 0 or (p["hot_pixel_rate"] > 0 and p["hot_pixel_fraction"] > 0),
+        refractory=round(1e3 * p["refractory_us"]) > 0,
+        mismatch=p["threshold_mismatch"] > 0,
+        cap=p["event_cap"] > 0,
+    )

@@ -1,0 +1,29 @@
+"""Leak: the reference of a pixel falls in the dark as in the light, as a drift or as the paper's coin per step."""
+
+import warp as wp
+
+from nodes.event_sensor.model.random_kernels import LONGEST, NEVER, PHASE, draw, mix, uniform
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def leak_origin(stream: wp.uint64, leak: wp.float32, now: wp.int64):
+    """Draws when a pixel whose episode begins at `now` was last reset by its leak [Hz]: less than 1 / leak before."""
+    origin = now
+    if leak > 0.0:
+        age = uniform(draw(stream, PHASE)) / wp.float64(leak) * wp.float64(1.0e9)
+        origin = now - wp.int64(wp.min(age, LONGEST))
+    return origin
+
+
+@wp.func
+def coin_time(stream: wp.uint64, leak: wp.float32, start: wp.int64, now: wp.int64):
+    """Draws when a leak that is a coin per step fires in (start, now], or NEVER."""
+    bits = mix(stream ^ mix(wp.uint64(now)))
+    length = wp.float64(now - start)
+    when = NEVER
+    if uniform(bits) < wp.float64(leak) * length * wp.float64(1.0e-9):
+        place = uniform(mix(bits)) * length
+        when = start + wp.int64(1) + wp.int64(wp.min(place, wp.float64(now - start - wp.int64(1))))
+    return when

@@ -1,0 +1,75 @@
+"""The parameters of a sensor in its kernels, what they count, and the level L = ln(I + I_dark) of an intensity.
+
+What decides about an event is computed in float64 from float32 intensities and whole numbers of thresholds; no float is
+carried from step to step, so nothing drifts and the result does not depend on how frames are cut into messages.
+
+Inner loops are `while`: Warp's `range` costs 1.5 ns per turn on a CPU, a `while` 0.1 ns.
+"""
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+TOLERANCE = wp.constant(wp.float64(2.0**-23))
+"""A crossing missed by less than this in ln I counts as reached: the rounding of a float32 luminance."""
+GUARD = wp.constant(1.0e-5)
+"""Relative width by which the inactive range is narrowed, above all float32 errors in it (exp of |L| < 90: 8e-6)."""
+LARGEST = wp.constant(3.4028235e38)
+SMALLEST = wp.constant(1.1754944e-38)
+COUNTERS = ("events", "nonfinite", "clipped", "dropped", "unknown_slopes")
+"""What the kernels count, in this order."""
+EVENTS = wp.constant(0)
+NONFINITE = wp.constant(1)
+CLIPPED = wp.constant(2)
+DROPPED = wp.constant(3)
+UNKNOWN_SLOPES = wp.constant(4)
+LEFT = wp.constant(len(COUNTERS))
+"""Beyond the counters: 1 + the first pixel that found no room for its events, or 0."""
+
+
+@wp.struct
+class Sensor:
+    """What kernels know of a sensor; a field of a parameter's name is filled from it.
+
+    Thresholds in ln I; dark_level, floor, shot_white in radiance units; rates in Hz; the shifts lay out a key.
+    """
+
+    threshold_on: wp.float64
+    threshold_off: wp.float64
+    gain_on: wp.float32  # exp(threshold_on)
+    gain_off: wp.float32  # exp(-threshold_off)
+    dark_level: wp.float64
+    floor: wp.float32  # least value of I + dark
+    height: wp.int32
+    width: wp.int32
+    channels: wp.int32
+    capacity: wp.int64
+    shift_x: wp.int64
+    shift_y: wp.int64
+    shift_t: wp.int64
+    shift_env: wp.int64
+    seed: wp.int64
+    dead_ns: wp.int64  # refractory period
+    shot_rate: wp.float64
+    shot_white: wp.float64  # intensity at which shot noise ends
+    event_cap: wp.int32  # events per pixel and step
+
+
+@wp.func
+def log_level(sensor: Sensor, intensity: wp.float32):
+    """Computes L = ln(I + I_dark), equation (3), of light that is not below the floor."""
+    level = wp.float64(intensity) + sensor.dark_level
+    return wp.log(wp.max(level, wp.float64(sensor.floor)))
+
+
+@wp.func
+def has_level(sensor: Sensor, intensity: wp.float32):
+    """Tells whether L is finite: finite light, not negative, and not 0 without dark current; false for NaN."""
+    return intensity >= 0.0 and intensity <= LARGEST and wp.float64(intensity) + sensor.dark_level > wp.float64(0.0)
+
+
+@wp.func
+def count_clipped(sensor: Sensor, intensity: wp.float32, counters: wp.array(dtype=wp.int64)):
+    """Counts a sample whose light is below the floor."""
+    if wp.float64(intensity) + sensor.dark_level < wp.float64(sensor.floor):
+        wp.atomic_add(counters, CLIPPED, wp.int64(1))
