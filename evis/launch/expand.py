@@ -150,7 +150,7 @@ def _expand_node(result: Expanded, nodes: Table, name: str, scope: Mapping[str, 
                 remap={str(k): str(target) for k in remap if (target := _fill(remap, k, inner))},
                 namespace=namespace,
                 respawn=_flag(entry, "respawn", inner),
-                keep=_words(_fill(entry, "keep", inner, [])),
+                keep=_ports(entry, inner),
                 tap=_flag(entry, "tap", inner),
                 on_demand=_flag(entry, "on_demand", inner),
                 spares={k: str(why) for k in spares if (why := _fill(spares, k, inner))},
@@ -241,6 +241,14 @@ def _words(value: Any) -> list[Any]:
     if isinstance(value, str):
         return [word.strip() for word in value.split(",") if word.strip()]
     return list(value) if isinstance(value, list) else [] if value is None else [value]
+
+
+def _ports(entry: Table, scope: Mapping[str, Any]) -> list[str]:
+    """Returns the names under `keep:`. Raises LaunchError for what is no name."""
+    names = _words(_fill(entry, "keep", scope, []))
+    if strange := [name for name in names if not isinstance(name, str)]:
+        raise LaunchError(f"{entry.where('keep')}: keep lists names of output ports, not {text_of(strange[0])[:60]}")
+    return names
 
 
 def _namespace(entry: Table, scope: Mapping[str, Any]) -> str:

@@ -74,7 +74,8 @@ def campaign(
     """`count` inputs made of one file, each put where the reader looks for it."""
     attack = f"{subject}: {name}"
     whole = child.ask(subject=subject, file=str(file), place=str(place), seed=[], other="")
-    assert whole == ("none", "refused" if name == "replay.yaml" else "read"), "replay asks for a bag"
+    asks = name in ("replay.yaml", "simulator.yaml")  # one for a bag, the other for a scene
+    assert whole == ("none", "refused" if asks else "read")
     for number in range(tally.number(count)):
         seed = [tally.SEED, *name.encode(), number]
         kind, result = child.ask(

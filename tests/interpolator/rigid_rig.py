@@ -133,7 +133,9 @@ def cross(scene, upsampling=4, margin=0, gap=GAP, states=closed_form, splat=Fals
     b = keyframe(renderer, second, first.pose[:, -1], START + gap, outputs)
     h, w = view.height, view.width
     out = np.full((1, upsampling, h, w), np.nan, np.float32)
-    report = Rigid(scene, view, 1, upsampling, margin, options=RigidOptions(**options)).between(a, b, [False], out)
+    device = options.pop("device", "cpu")
+    rigid = Rigid(scene, view, 1, upsampling, margin, device=device, options=RigidOptions(**options))
+    report = rigid.between(a, b, [False], out)
     inner = Renderer(scene, view)
     dense = [
         luminance(inner.render(states(scene, np.array([t])).pose[:, 0], t_ns=int(t))["radiance"])[0] for t in stamps
