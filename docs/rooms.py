@@ -24,7 +24,7 @@ LAYERS: tuple[tuple[str, str, tuple[tuple[str, ...], ...]], ...] = (
         "#e8eef7",
         (
             ("evis/launch", "evis/supervisor", "evis/runtime", "evis/bus", "evis/config", "evis/console"),
-            ("evis/scene", "evis/geometry", "evis/events", "evis/media", "evis/bag", "evis/files"),
+            ("evis/scene", "evis/geometry", "evis/events", "evis/media", "evis/bag", "evis/files", "evis/gpu"),
         ),
     ),
     ("msgs: what travels", "#f1e9f6", (("msgs",),)),
@@ -57,6 +57,7 @@ TELLS = {
     "evis/bag": "MCAP, ROS 2",
     "evis/console": "terminal, signals",
     "evis/files": "safe files",
+    "evis/gpu": "graphs, appending",
     "msgs": "topic table, a dataclass per message, wire codec",
 }
 """What a room holds, in a few words."""

@@ -171,6 +171,7 @@ def test_conditional_include_and_namespace(write: Write) -> None:
         ("", ("graph.yaml:1", "empty")),
         ("nodes: {}\n", ("no node",)),
         ("a: &a [*a]\n", ("graph.yaml:1",)),
+        ("nodes:\n  x: {type: 'graph_nodes:Ticker', keep: [{depth: 1}]}\n", ("graph.yaml:2", "names of output ports")),
         (
             "nodes:\n  x: {type: 'graph_nodes:Ticker', keep: [dept]}\n",
             ("graph.yaml:2", "no output 'dept'", "did you mean 'depth'"),
