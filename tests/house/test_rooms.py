@@ -20,44 +20,19 @@ MOST_FILES = 20
 MANY_FILES = 15
 """Rooms with more are warned of."""
 
-# -- what is still to be mended; a test fails where an entry is no longer needed ---------------------------------------
-
-KNOWN_CIRCLES = [
-    {"evis.bag.mcap.claim", "evis.bag.mcap.container", "evis.bag.mcap.scan"},
-    {"evis.scene.mjcf.compile", "evis.scene.mjcf.urdf"},
-    {f"evis.media.frames.{name}" for name in ("exr", "folder", "npz", "png", "source", "video")},
-    {"nodes.renderer.raster.raster", "nodes.renderer.raster.visibility"},
-    {"nodes.event_sensor.engines", "nodes.event_sensor.model.nonideal", "nodes.event_sensor.model.paper"},
-]
-KNOWN_PACKAGE_CIRCLES = [{"bench", "evis.cli"}]
-"""`evis bench` runs the benchmark, and the benchmark reads launch files as `evis launch` does."""
-KNOWN_CROWDS = {"bench"}
 LAZY = {"importlib.metadata", "difflib"}
 """Parts of the standard library that `evis --help` does without: 20 ms and 2 ms."""
 EARLY = "evis/console/interrupt.py"
 """Loaded before anything else, so that Ctrl-C while the rest is imported is handled."""
-KNOWN_LAZY = {
-    ("evis/events/files/trial.py", "resource"),
-    ("evis/cli/graph/run.py", "pathlib"),
-    ("evis/cli/graph/run.py", "signal"),
-    ("evis/cli/graph/run.py", "time"),
-    ("nodes/camera/emulated/faults.py", "dataclasses"),
-}
-
-
-def check_allowance(found: list, known: list) -> None:
-    """Fails for what is found and not known, and for what is known and no longer there."""
-    assert [item for item in found if item not in known] == []
-    assert [item for item in known if item not in found] == [], "mended: take it out of the list"
 
 
 def test_no_circles_of_files() -> None:
-    check_allowance(circles(import_graph()), KNOWN_CIRCLES)
+    assert circles(import_graph()) == []
 
 
 def test_no_circles_of_packages() -> None:
     """Rooms at the top of `evis` and nodes."""
-    check_allowance(circles(package_graph(import_graph())), KNOWN_PACKAGE_CIRCLES)
+    assert circles(package_graph(import_graph())) == []
 
 
 @pytest.mark.parametrize(
@@ -80,9 +55,9 @@ def test_a_circle_is_found(text: str, tmp_path: Path) -> None:
 def test_rooms_can_be_overseen() -> None:
     """At most MOST_FILES in a folder."""
     rooms = Counter(p.parent.relative_to(ROOT).as_posix() for p in sources().values() if p.name != "__init__.py")
-    check_allowance([room for room, files in rooms.items() if files > MOST_FILES], list(KNOWN_CROWDS))
+    assert [room for room, files in rooms.items() if files > MOST_FILES] == []
     for room, files in rooms.items():
-        if files > MANY_FILES and room not in KNOWN_CROWDS:
+        if files > MANY_FILES:
             warnings.warn(f"{room} has {files} files", stacklevel=1)
 
 
@@ -115,7 +90,7 @@ def test_the_standard_library_is_imported_at_the_top() -> None:
         if path != ROOT / EARLY
         for name in standard_imports_in_functions(path) - LAZY
     }
-    check_allowance(sorted(found), sorted(KNOWN_LAZY))
+    assert sorted(found) == []
 
 
 def test_there_is_a_house() -> None:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import sys
+import time
+from pathlib import Path
 from typing import Any
 
 from evis.cli.graph.attach import add_run_option, find_run
@@ -67,7 +70,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _alone(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
     """A graph of one source; others may look at it with `evis topic`."""
-    from pathlib import Path
 
     from evis.cli.progress import Progress
     from evis.launch.expand import Expanded
@@ -90,9 +92,6 @@ def _alone(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
 
 def _attached(spec: Any, args: argparse.Namespace) -> dict[str, Any]:
     """In this process, reading a running graph by taps until that ends, --duration is over, or Ctrl-C."""
-    import signal
-    import time
-    from pathlib import Path
 
     from evis.launch.planner import attach
     from evis.runtime.executor import Executor

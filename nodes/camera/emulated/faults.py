@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from evis.config.suggestions import nearest
@@ -10,7 +10,6 @@ from evis.config.suggestions import nearest
 
 def fault(default: Any, help: str) -> Any:
     """A field with its explanation."""
-    from dataclasses import field
 
     return field(default=default, metadata={"help": help})
 

@@ -6,10 +6,9 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.rigid.log_kernels import apart, radiance_of
+from nodes.interpolator.rigid.log_kernels import apart, fused_luminance, radiance_of
 from nodes.interpolator.rigid.look_up_kernels import HARD, SEEN, Sight, make_keyframes, make_look_up
 from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
-from nodes.renderer.shading.radiance_kernels import luminance
 
 wp.set_module_options({"enable_backward": False})
 
@@ -216,7 +215,7 @@ def make_place(channels: int) -> wp.Kernel:
             frame = n % envs * upsampling + index[n // envs] - 1
             colour = radiance[n, y, x]
             if wp.static(channels == 1):
-                frames[frame, y - margin, x - margin] = luminance(colour)
+                frames[frame, y - margin, x - margin] = fused_luminance(colour)
             else:
                 frames[frame, y - margin, x - margin] = colour
             j += workers

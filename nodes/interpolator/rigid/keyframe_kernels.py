@@ -4,15 +4,11 @@ from typing import Any
 
 import warp as wp
 
-from evis.media.colour import REC709
-from nodes.interpolator.rigid.log_kernels import SIX
+from nodes.interpolator.rigid.log_kernels import SIX, fused_luminance
 from nodes.renderer.raster.triangle_kernels import MISS, depth_of, triangle_of
-from nodes.renderer.shading.radiance_kernels import luminance
 
 wp.set_module_options({"enable_backward": False})
 
-RED, GREEN, BLUE = (wp.constant(weight) for weight in REC709)
-"""Weights of luminance."""
 
 DARKEST = wp.constant(1.0e-30)
 """Radiance below which the logarithm is that of this one."""
@@ -101,7 +97,7 @@ def take_in(
 @wp.func
 def log_pair(mean: wp.vec3, steady: wp.vec3, like: wp.float32):
     """Computes ln of radiance with the lights at their mean and of that without those that flicker."""
-    return wp.vec2(log_of(luminance(mean)), log_of(luminance(steady)))
+    return wp.vec2(log_of(fused_luminance(mean)), log_of(fused_luminance(steady)))
 
 
 @wp.func

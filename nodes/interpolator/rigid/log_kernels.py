@@ -4,6 +4,8 @@ from typing import Any
 
 import warp as wp
 
+from evis.media.colour import REC709
+
 wp.set_module_options({"enable_backward": False})
 
 BLACK = wp.constant(-69.0)
@@ -15,6 +17,20 @@ SIX = wp.types.vector(length=6, dtype=wp.float32)
 LOGS: dict[tuple[int, bool], Any] = {(1, False): wp.float32, (3, False): wp.vec3, (1, True): wp.vec2, (3, True): SIX}
 """What is looked up, by the number of channels and whether lights flicker: log radiance under the lights as they are,
 or both of `lit`'s."""
+
+
+RED, GREEN, BLUE = (wp.constant(weight) for weight in REC709)
+"""Weights of luminance."""
+
+
+@wp.func
+def fused_luminance(colour: wp.vec3):
+    """Computes luminance, equation (3), with products and sums fused where the device does that.
+
+    The renderer's own rounds each operation. Here that would move events on a GPU, by up to 1.4 us where ln I hardly
+    changes.
+    """
+    return RED * colour[0] + GREEN * colour[1] + BLUE * colour[2]
 
 
 @wp.func

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import os
+import resource
 import signal
 import sys
 import time
@@ -50,7 +51,6 @@ def fate(work: Callable[[], object], cpu_s: int = CPU_S) -> str:
 
 def _run(work: Callable[[], object], cpu_s: int) -> None:
     """The copy's part; it never returns."""
-    import resource
 
     try:
         signal.signal(signal.SIGXCPU, signal.SIG_DFL)
