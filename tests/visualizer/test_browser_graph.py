@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -142,7 +143,8 @@ def test_view_plays_a_recording(browser: Any, private_runs: Path, tmp_path: Path
     tab.goto(url, timeout=1000 * LIMIT_S)
     try:
         assert_moves(tab, "/cam0/events")
-        assert tab.locator("#state").inner_text().startswith("recording ")
+        # The position follows when the recording's beginning is known.
+        playwright.expect(tab.locator("#state")).to_have_text(re.compile("^recording [0-9]"), timeout=START_S * 1000)
         assert tab.locator("#run").inner_text() == "line.npz"
         panels = tab.locator("main > section").evaluate_all("all => all.map(p => p.dataset.panel)")
         assert panels == ["/cam0/events", "rates", "graph"]  # the file has no frames
