@@ -1,0 +1,55 @@
+"""Where casters sweep in a gap, and pixels that would be taken to show the same all through it although a shadow passes."""
+
+import warp as wp
+
+from nodes.interpolator.relight.boxes_kernels import crossed
+from nodes.interpolator.relight.change_kernels import LIT_ANEW, SHADED, Change
+from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
+
+wp.set_module_options({"enable_backward": False})
+
+NEVER = wp.constant(wp.uint64(0))
+"""A z-buffer entry that is never written: depth 0."""
+
+
+@wp.kernel
+def place_cameras(
+    # in
+    poses: wp.array2d(dtype=wp.transformd),
+    camera: int,
+    origin: wp.vec3d,
+    # out
+    place: wp.array(dtype=wp.vec3),
+):
+    """Computes where the cameras of poses [R, N] are, in the world's axes about an origin [m]."""
+    row = wp.tid()
+    place[row] = wp.vec3(wp.transform_get_translation(poses[row, camera]) - origin)
+
+
+@wp.kernel
+def disquiet(
+    # in
+    view: CameraView,
+    span: int,
+    change: Change,
+    pieces: wp.array(dtype=wp.vec2i),
+    # in and out
+    quiet: wp.array3d(dtype=wp.uint64),
+):
+    """Writes NEVER over entries [E, H, W] of pixels whose light something that moves may cross in the gap; keyframe B is
+    in the first slot.
+
+    pieces: body and patch of each triangle.
+    """
+    env, y, part = wp.tid()
+    for x in range(part * span, wp.min(part * span + span, quiet.shape[2])):
+        entry = quiet[env, y, x]
+        t = triangle_of(entry)
+        if entry != NEVER and t != MISS:
+            flag = change.flags[env, pieces[t][0]]
+            touched = (flag & LIT_ANEW) != 0
+            if (flag & SHADED) != 0 and not touched:
+                position = depth_of(entry) * pixel_ray(view, x, y)
+                touched = crossed(change.swept, env, change.casters.turn[env], env, position)
+            if touched:
+                quiet[env, y, x] = NEVER
