@@ -78,13 +78,6 @@ def _splat(gap: Gap) -> Method:
     return make_splat(*gap.images)
 
 
-def _splat_forward(gap: Gap) -> Method:
-    from nodes.interpolator.splat.forward import SplatForward
-
-    assert gap.scene is not None and gap.camera is not None
-    return SplatForward(gap.scene, gap.camera, *gap.bodies)
-
-
 def _splat_quadratic(gap: Gap) -> Method:
     from nodes.interpolator.splat.quadratic import Bends, SplatQuadratic
 
@@ -102,9 +95,6 @@ def _none(gap: Gap) -> Method:
 METHODS: Mapping[str, Registered] = {
     "rigid": Registered("by body poses", _rigid, frozenset({"state"})),
     "splat": Registered("by motion vectors", _splat, frozenset({"depth", "motion"})),
-    "splat-forward": Registered(
-        "the same with the true motion of the first keyframe", _splat_forward, frozenset({"depth", "motion", "state"})
-    ),
     "splat-quadratic": Registered(
         "along a parabola through three keyframes", _splat_quadratic, frozenset({"depth", "motion"})
     ),
