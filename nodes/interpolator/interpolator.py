@@ -307,7 +307,7 @@ class Interpolator:
         return scalars(image, self._device)
 
     def _image(self, image: Image) -> wp.array:
-        """What is warped: luminance, or RGB, in float32 on the device. Raises ValueError where there is no RGB."""
+        """Gives what is warped, luminance or RGB, in float32 on the device. Raises ValueError where there is no RGB."""
         if not self._colour:
             return luminance_of(image, self._device)
         if scalars(image, self._device).ndim != 4:

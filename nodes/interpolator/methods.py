@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Gap:
-    """What a method is made for: the gaps between keyframes of one size.
+    """Describes what a method is made for: the gaps between keyframes of one size.
 
     Args:
         height, width: of the keyframes, margin included [px].
@@ -47,18 +47,19 @@ class Gap:
 
     @property
     def images(self) -> tuple[int, int, int, int, int, int, str, int]:
-        """Arguments of a method that works on images: height, width, envs, K, margin, channels, device, threads."""
+        """Gives the arguments of a method that works on images: height, width and those of `bodies`."""
         return self.height, self.width, *self.bodies
 
     @property
     def bodies(self) -> tuple[int, int, int, int, str, int]:
-        """Arguments of a method that knows the scene's bodies, after scene and camera."""
+        """Gives the arguments, after scene and camera, of a method that knows the scene's bodies: envs, K, margin,
+        channels, device, threads."""
         return self.envs, self.upsampling, self.margin, self.channels, self.device, self.threads
 
 
 @dataclass(frozen=True)
 class Registered:
-    """One method. reads: inputs besides the keyframe, by the names of the node's ports."""
+    """Holds one method. reads: inputs besides the keyframe, by the names of the node's ports."""
 
     help: str
     make: Callable[[Gap], Method]
@@ -104,5 +105,5 @@ HELP = "how the frames between keyframes are made: " + ", ".join(f"{name} = {m.h
 
 
 def reads(method: str) -> frozenset[str]:
-    """Inputs that a method reads besides the keyframe: of depth, motion (images) and state (of the bodies)."""
+    """Gives the inputs that a method reads besides the keyframe: depth and motion (images), state (of the bodies)."""
     return METHODS[method].reads
