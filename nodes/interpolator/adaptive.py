@@ -45,7 +45,7 @@ class AdaptiveCount:
         self._speed = 0.0
 
     def begin(self) -> None:
-        """An episode begins in all environments: there was no gap before."""
+        """Forgets the gap before, as an episode begins in all environments."""
         self._speed = 0.0
 
     def of(self, view: KeyframeView, gap_ns: int, held: np.ndarray) -> int:

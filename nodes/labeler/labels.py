@@ -15,9 +15,6 @@ from nodes.labeler import kernels
 
 start_warp()
 
-KINDS = ("flow", "depth", "segmentation", "semantic", "boxes", "poses", "velocities", "contacts")
-"""What can be asked for."""
-
 
 def crop(image: np.ndarray, margin: int) -> np.ndarray:
     """[E, H + 2 margin, W + 2 margin, ...] without the over-render margin, as a view."""

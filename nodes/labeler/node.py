@@ -35,9 +35,11 @@ class LabelerNode(Node):
     PARAMS: ClassVar[Mapping[str, Param]] = {
         "camera": Param(str, "cam0", "camera that is labelled"),
         "labels": Param(
-            list, None, f"what to publish, of {', '.join(NEEDS)}; {', '.join(DEFAULT)} if not given", optional=True
+            list, None,
+            f"ground truth to make, of {', '.join(NEEDS)}; not given = {', '.join(DEFAULT)}, once a viewer opens them",
+            optional=True,
         ),
-    }
+    }  # fmt: skip
     INPUTS: ClassVar[Mapping[str, Input]] = {
         "state": Input("/state"),
         "depth": Input("/{camera}/depth"),

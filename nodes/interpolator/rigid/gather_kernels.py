@@ -58,8 +58,11 @@ def sight_of(view: CameraView, hit: wp.uint64, y: int, x: int, pieces: wp.array(
 
 @cache
 def make_gather(lens: str, channels: int, flicker: bool, listed: bool) -> wp.Kernel:
-    """lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. listed: does what it
-    is told to do, with care; otherwise all, and leaves the hard ones to one that is."""
+    """Makes the kernel that looks up the pixels of sub-frames in both keyframes.
+
+    lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. listed: the kernel
+    looks up listed pixels, also at silhouettes; otherwise it goes through all and lists those at silhouettes.
+    """
     Keyframes: Any = make_keyframes(channels, flicker)
     pixel = wp.float32 if channels == 1 else wp.vec3
     look_up = make_look_up(lens, channels, flicker, listed)

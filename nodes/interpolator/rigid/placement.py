@@ -42,7 +42,7 @@ class Placement:
         return poses
 
     def moved(self, stamps: np.ndarray, states: States) -> np.ndarray:
-        """Gives the same of the `movers` alone, float64 [K, E, M, 7]."""
+        """Gives poses of the `movers` alone, as `at` does, float64 [K, E, M, 7]."""
         last = np.asarray(states.pose[:, -1], np.float64).take(self.movers, axis=1)
         poses = np.repeat(last[None], len(stamps), axis=0)
         if len(stamps) == 1:
@@ -58,7 +58,7 @@ class Placement:
         return poses
 
     def expect(self, stamps: np.ndarray) -> None:
-        """After the gap with these stamps int64 [K], while a device is at work on it: the poses of one of the same
+        """Computes ahead, while a device works on the gap with these stamps int64 [K], the poses of one of the same
         length that comes right after it, and of those a nanosecond shorter or longer, for stamps are rounded. Many
         times take hardly longer than a few."""
         if len(self._together) and len(stamps) > 1:

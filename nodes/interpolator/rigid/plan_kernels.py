@@ -71,7 +71,7 @@ def joined(a: wp.uint64, b: wp.uint64, pieces: wp.array(dtype=wp.vec2i)):
 
 @wp.func
 def body_at(t: int, env: int, pieces: wp.array(dtype=wp.vec2i), walk: Walk):
-    """Under which index `walk` has a triangle."""
+    """Gives the index under which `walk` has the body of a triangle."""
     if t == MISS:
         return walk.as_world.shape[1] - 1
     return walk.as_world[env, pieces[t][0]]
@@ -79,7 +79,7 @@ def body_at(t: int, env: int, pieces: wp.array(dtype=wp.vec2i), walk: Walk):
 
 @wp.func
 def flow(view: CameraView, gain: float, row: int, body: int, d: wp.vec3, away: float, walk: Walk):
-    """Gives pixels that the point away d has come by since the position before."""
+    """Computes by how many pixels the point at d has moved since the position before."""
     m = wp.cross(walk.spin[row, body], away * d) + walk.shift[row, body]
     if view.distorted == 1:
         return gain * wp.length(m - wp.dot(m, d) * d) / away
@@ -99,7 +99,7 @@ def put_span(
 
 @cache
 def make_plan(channels: int) -> wp.Kernel:
-    """channels: 1 (luminance) or 3 (RGB)."""
+    """Makes the kernel that plans at which sub-frames pixels are sampled. channels: 1 (luminance) or 3 (RGB)."""
     pixel = wp.float32 if channels == 1 else wp.vec3
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -236,7 +236,7 @@ def alike(a: wp.vec3, b: wp.vec3, ratio: float):  # noqa: F811 - overloaded by i
 
 @cache
 def make_refine(channels: int) -> wp.Kernel:
-    """channels: 1 (luminance) or 3 (RGB)."""
+    """Makes the kernel that refines the plan where samples differ. channels: 1 (luminance) or 3 (RGB)."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
 
     @wp.kernel(module="unique", enable_backward=False)

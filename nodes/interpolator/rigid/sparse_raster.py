@@ -97,7 +97,8 @@ class SparseRaster:
         return strides
 
     def draw(self, first: int, count: int, strides: list[int], closed: bool) -> None:
-        """Slots 0 .. first + count - 1; before `first` is keyframe B, or nothing. closed: B comes right after them."""
+        """Draws the slots 0 .. first + count - 1; before `first` is keyframe B, or nothing. closed: B comes right after
+        them."""
         v, envs = self._v, self._envs
         v.packed.view(wp.int64).fill_(-1)
         v.place_instances()
