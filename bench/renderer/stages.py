@@ -93,7 +93,7 @@ def stage_times(scene: Scene, poses: list[np.ndarray], repeats: int) -> dict[str
     targets = {name: wp.empty(r.shape, dtype=r.types[name], device="cpu") for name in out}
 
     def place(k: int) -> None:
-        v.place(v.frames(poses[k + 1]), poses[k])
+        v.place(v.instance_poses(poses[k + 1]), poses[k])
 
     def geometric(k: int) -> None:
         place(k)
@@ -155,7 +155,7 @@ def background(label: str, scene: Scene, poses: list[np.ndarray], repeats: int) 
     """Measures visibility with the still background kept and drawn anew: times, their ratio, pixels that differ."""
     kept = Visibility(scene, scene.cameras[0])
     anew = Visibility(scene, scene.cameras[0], layered=False)
-    frames = [kept.frames(p) for p in poses]
+    frames = [kept.instance_poses(p) for p in poses]
     fast = milliseconds(lambda k: kept.update(frames[k % len(frames)]), repeats)
     slow = milliseconds(lambda k: anew.update(frames[k % len(frames)]), repeats)
     return {
@@ -184,7 +184,7 @@ def raster_against_rays(size: tuple[int, int], rings: int, repeats: int) -> dict
     scene, poses = balls(10, rings, size)
     v = Visibility(scene, scene.cameras[0])
     raster = milliseconds(lambda k: v.update(poses), repeats)
-    geometry, frames = v.geometry, v.frames(poses)
+    geometry, frames = v.geometry, v.instance_poses(poses)
     turn, place = frames.rotation[0, geometry.vertex_instance], frames.translation[0, geometry.vertex_instance]
     vertices = wp.array((turn @ geometry.vertices[..., None])[..., 0] + place, dtype=wp.vec3)
     mesh = wp.Mesh(wp.clone(vertices), wp.array(geometry.triangles.reshape(-1), dtype=wp.int32), bvh_constructor="sah")
