@@ -9,6 +9,7 @@ import numpy as np
 
 from evis.events.arrays import Events, Triggers
 from evis.events.files.hdf5 import ecf
+from evis.events.files.hdf5.ecf_layout import FILTER, MAX_SIDE
 from evis.events.recording import RecordingError, Writer
 
 _CHUNK = 1 << 14
@@ -39,7 +40,7 @@ class Hdf5Writer(Writer):
         creation.set_chunk((_CHUNK,))
         creation.set_obj_track_times(False)
         if not plain:
-            creation.set_filter(ecf.FILTER, h5py.h5z.FLAG_OPTIONAL)
+            creation.set_filter(FILTER, h5py.h5z.FLAG_OPTIONAL)
         space = h5py.h5s.create_simple((0,), (h5py.h5s.UNLIMITED,))
         group = self._file.create_group("CD")
         kind = h5py.h5t.py_create(_EVENT, logical=True)
@@ -61,7 +62,7 @@ class Hdf5Writer(Writer):
         self._events.resize((self._n + n,))
         rows = np.zeros(_CHUNK, _EVENT)
         rows["t"][:n], rows["x"][:n], rows["y"][:n], rows["p"][:n] = t, events.x, events.y, events.p
-        whole = int(max(events.x.max(), events.y.max())) < 2048 and (np.diff(t) >= 0).all()
+        whole = int(max(events.x.max(), events.y.max())) < MAX_SIDE and (np.diff(t) >= 0).all()
         if self._plain:
             self._events[self._n :] = rows[:n]
         elif whole:
