@@ -18,6 +18,7 @@ from evis.bag.ros import jsonform, mapping
 from evis.bag.ros import messages as ros
 from evis.bag.writer import ENV_KEY, MESSAGE_KEY, SUFFIX_KEY, TOPIC_KEY
 from evis.files.damage import faults_as
+from evis.files.descriptor import DescriptorOwner
 from msgs.header import Message
 from msgs.topics import TOPICS
 
@@ -53,7 +54,7 @@ class _Found:
     raw: memoryview
 
 
-class BagReader:
+class BagReader(DescriptorOwner):
     """Reads a bag. A torn bag (no index, cut anywhere) opens like a whole one; `problem` says what it lacks.
 
     topics: topic -> message type name; environments of one topic are joined. metadata: the tables of texts.
@@ -85,12 +86,6 @@ class BagReader:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    def close(self) -> None:
-        """Close the file."""
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
 
     @property
     def start_ns(self) -> int:

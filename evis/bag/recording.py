@@ -20,6 +20,7 @@ from evis.events.files.rosbag.messages import TYPES, plain_type
 from evis.events.files.rosbag.recording import BagMessage, RosRecording
 from evis.events.recording import OpenOptions, Recording, RecordingError, RecordingInfo
 from evis.files.allowance import Allowance
+from evis.files.descriptor import DescriptorOwner
 
 NAME = "MCAP bag"
 
@@ -31,7 +32,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
     return head.startswith(b"\x89MCAP")
 
 
-class McapRecording(RosRecording):
+class McapRecording(DescriptorOwner, RosRecording):
     """Reads an MCAP bag of another recorder. Without its index, or cut, it is read record by record."""
 
     def __init__(self, path: Path, options: OpenOptions, descriptor: int, scanner: Scanner) -> None:
@@ -90,11 +91,6 @@ class McapRecording(RosRecording):
     @property
     def position(self) -> float:
         return min(1.0, self._place / max(self._scanner.size, 1))
-
-    def close(self) -> None:
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
 
 
 def torn_tail(descriptor: int, size: int, allowance: Allowance) -> bytes:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import bz2
 import lzma
 import threading
-import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,6 +22,7 @@ from evis.events.files.reading.unpacked_file import UnpackedFile
 from evis.events.files.reading.zip_archive import RECORDINGS, open_archive
 from evis.events.recording import HEAD, OpenOptions, Recording, RecordingError, open_as
 from evis.files.allowance import Allowance
+from evis.files.zip_faults import ZIP_FAULTS
 
 NAME = "any of these in Zstandard, gzip, bzip2, xz or zip"
 
@@ -60,7 +60,7 @@ _UNPACKERS: dict[bytes, Callable[[], Any]] = {
 }
 _SUFFIXES = (".zst", ".zstd", ".gz", ".bz2", ".xz", ".zip", ".npz")
 _MOST_LAYERS = 3
-_ERRORS = (OSError, EOFError, zlib.error, lzma.LZMAError, zipfile.BadZipFile, NotImplementedError, RuntimeError)
+_ERRORS = (*ZIP_FAULTS, lzma.LZMAError)
 _STEP = 1 << 20
 _open = threading.local()
 """How many packed files around each other are being opened, and what all of them together may unpack."""

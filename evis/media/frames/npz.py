@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import zipfile
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
@@ -17,10 +16,11 @@ import numpy as np
 from evis.events.files.numpy_files.npy import read_header
 from evis.files.allowance import Allowance
 from evis.files.damage import faults_as
+from evis.files.zip_faults import UNREADABLE, ZIP_FAULTS
 from evis.media.colour import luminance_of
 from evis.media.frames.source import INT64_MAX, FrameBlock, FrameOptions, FramesError, FrameSource
 
-_DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError, ValueError)
+_DAMAGE = (*ZIP_FAULTS, ValueError)
 
 
 class NpzFrames(FrameSource):
@@ -33,7 +33,7 @@ class NpzFrames(FrameSource):
         self._path, self.about = path, {}
         try:
             self._zip = zipfile.ZipFile(path)
-        except (zipfile.BadZipFile, OSError, NotImplementedError) as error:
+        except UNREADABLE as error:
             raise FramesError(f"{path}: not an .npz archive of frames, or a damaged one ({error})") from None
         try:
             self._open(options)

@@ -19,6 +19,7 @@ from evis.events.files.reading.block_recording import BlockRecording, take_size
 from evis.events.files.reading.decompress import DamagedError, inflate
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
 from evis.files.allowance import Allowance
+from evis.files.descriptor import DescriptorOwner
 
 NAME = "AEDAT 1.0, 2.0, 3.1 and 4"
 
@@ -43,7 +44,7 @@ def matches(head: bytes, path: Path, name: str) -> bool:
     return head.startswith(b"#!AER-DAT4")
 
 
-class Aedat4Recording(BlockRecording):
+class Aedat4Recording(DescriptorOwner, BlockRecording):
     """An AEDAT 4 file: events, triggers, IMU samples and frames in the order of its packets.
 
     A damaged packet is left out alone: it is counted as `packets_damaged` and named in the warnings. Packets of other
@@ -243,11 +244,6 @@ class Aedat4Recording(BlockRecording):
     @property
     def position(self) -> float:
         return min(1.0, self._place / max(self._end if self._begin < self._size else 1, 1))
-
-    def close(self) -> None:
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
 
 
 def _streams(text: str) -> dict[int, dict[str, str]]:

@@ -8,7 +8,8 @@ import numpy as np
 
 from evis.events.arrays import Events
 from evis.events.files.es.layout import EVENT_BYTES, MAGIC, TIME_SHIFT, TYPES, VERSION, longest_time
-from evis.events.recording import RecordingError, Writer
+from evis.events.files.file_writer import FileWriter, check_size, refuse_encoding
+from evis.events.recording import RecordingError
 
 _SHIFT = TIME_SHIFT["dvs"]
 _LONGEST_US = longest_time(_SHIFT)
@@ -17,7 +18,7 @@ _MAX_PAUSE_US = 4 * 3600 * 10**6
 """A pause takes a byte for each of its longest times: this one 113 MB."""
 
 
-class EsWriter(Writer):
+class EsWriter(FileWriter):
     """Writes .es 2.0. Times are rounded down to whole us and must not step back."""
 
     def __init__(self, path: str | os.PathLike[str], width: int, height: int) -> None:
@@ -50,18 +51,9 @@ class EsWriter(Writer):
         self._file.write(out.tobytes())
         self._last = int(t[-1])
 
-    def _finish(self) -> None:
-        self._file.close()
-
-    def discard(self) -> None:
-        self._file.close()
-        super().discard()
-
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> EsWriter:
     """An .es writer. Raises RecordingError."""
-    if encoding:
-        raise RecordingError(f"{path}: an encoding ('{encoding}') is for .raw files; leave it out for .es")
-    if not (0 < width <= 65535 and 0 < height <= 65535):
-        raise RecordingError(f"{path}: .es holds sensors of 1 to 65535 pixels a side, not {width}x{height}")
+    refuse_encoding(path, encoding, ".es")
+    check_size(path, ".es", width, height, 65535)
     return EsWriter(path, width, height)

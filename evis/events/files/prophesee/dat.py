@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from evis.events.arrays import Events, Triggers
+from evis.events.files.file_writer import FileWriter, check_size, refuse_encoding
 from evis.events.files.reading.block_recording import take_size
 from evis.events.files.reading.record_file import RecordFile
-from evis.events.recording import HEAD, OpenOptions, RecordingError, RecordingInfo, Writer
+from evis.events.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
 
 NAME = "Prophesee DAT"
 
@@ -132,7 +133,7 @@ def open_file(path: Path, options: OpenOptions) -> DatRecording:
     return DatRecording(path, options)
 
 
-class DatWriter(Writer):
+class DatWriter(FileWriter):
     """Writes CD events. Times are rounded down to whole us, of which the format holds the low 32 bits."""
 
     def __init__(self, path: str | os.PathLike[str], width: int, height: int) -> None:
@@ -161,18 +162,9 @@ class DatWriter(Writer):
         self._file.write(records.tobytes())
         self._last = int(t[-1])
 
-    def _finish(self) -> None:
-        self._file.close()
-
-    def discard(self) -> None:
-        self._file.close()
-        super().discard()
-
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> DatWriter:
     """A DAT writer. Raises RecordingError."""
-    if encoding:
-        raise RecordingError(f"{path}: an encoding ('{encoding}') is for .raw files; leave it out for .dat")
-    if not (0 < width <= _SIDE and 0 < height <= _SIDE):
-        raise RecordingError(f"{path}: DAT holds sensors of 1 to {_SIDE} pixels a side, not {width}x{height}")
+    refuse_encoding(path, encoding, ".dat")
+    check_size(path, "DAT", width, height, _SIDE)
     return DatWriter(path, width, height)

@@ -12,6 +12,7 @@ import numpy as np
 from evis.events.arrays import Events
 from evis.events.codecs.decoder import backend_for, decoder_for
 from evis.events.codecs.encoder import Encoder, encoder_for
+from evis.events.files.file_writer import FileWriter, check_size
 from evis.events.files.prophesee.raw_header import (
     KEYS,
     SYSTEMS,
@@ -22,7 +23,7 @@ from evis.events.files.prophesee.raw_header import (
     value_in_format,
 )
 from evis.events.files.reading.block_recording import take_size
-from evis.events.recording import OpenOptions, Recording, RecordingError, RecordingInfo, Writer
+from evis.events.recording import OpenOptions, Recording, RecordingError, RecordingInfo
 
 NAME = "Prophesee RAW (EVT2, EVT2.1, EVT3, EVT4)"
 
@@ -290,7 +291,7 @@ def guess_encoding(data: bytes) -> str:
     return result
 
 
-class RawWriter(Writer):
+class RawWriter(FileWriter):
     """Writes RAW with a header that openeb and the other readers know."""
 
     keeps = frozenset({"triggers"})
@@ -311,19 +312,11 @@ class RawWriter(Writer):
         kept = Events(events.t, events.x, events.y, events.p, events.c, events.triggers)
         self._file.write(self._encoder.encode(kept))
 
-    def _finish(self) -> None:
-        self._file.close()
-
-    def discard(self) -> None:
-        self._file.close()
-        super().discard()
-
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> RawWriter:
     """A RAW file of the given encoding (evt3 unless given). Raises RecordingError."""
     encoding = encoding or "evt3"
     if encoding not in _NAMES:
         raise RecordingError(f"{path}: cannot write the encoding '{encoding}'; known are {', '.join(_NAMES)}")
-    if not (0 < width <= 2048 and 0 < height <= 2048):
-        raise RecordingError(f"{path}: RAW holds sensors of 1 to 2048 pixels a side, not {width}x{height}")
+    check_size(path, "RAW", width, height, 2048)
     return RawWriter(path, width, height, encoder_for(encoding, width, height))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import zipfile
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -16,6 +14,7 @@ from evis.events.files.text.columns import Format, find_format
 from evis.events.files.text.numbers import parse_lines
 from evis.events.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
 from evis.files.allowance import Allowance
+from evis.files.zip_faults import ZIP_FAULTS
 
 NAME = "text (t x y p)"
 
@@ -23,7 +22,6 @@ _ZIP = b"PK\x03\x04"
 _BLOCK = 1 << 20
 _MOST_TRIED = 32
 """Members of an archive that are looked into."""
-_ARCHIVE_ERRORS = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError)
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
@@ -47,7 +45,7 @@ class TextRecording(BlockRecording):
                 self._zip = open_archive(path) if packed else None
                 self._file, size = self._open(options.topic)
                 head = self._file.read(HEAD)
-            except _ARCHIVE_ERRORS as error:
+            except ZIP_FAULTS as error:
                 raise RecordingError(f"{path}: cannot be read ({error})") from None
             form = find_format(head)
             if form is None:
@@ -109,7 +107,7 @@ class TextRecording(BlockRecording):
                     yield self._events(lines)
             if rest:
                 yield self._last(rest)
-        except _ARCHIVE_ERRORS as error:
+        except ZIP_FAULTS as error:
             self.info.truncated = True
             self.info.warn(f"cut or damaged: what follows cannot be read ({error})")
 
@@ -169,7 +167,7 @@ def is_text_archive(path: Path) -> bool:
         archive = open_archive(path)
         found = text_members(archive)
         archive.close()
-    except (*_ARCHIVE_ERRORS, ValueError):
+    except (*ZIP_FAULTS, ValueError):
         return False
     return bool(found)
 
