@@ -113,7 +113,7 @@ class BagReader(DescriptorOwner):
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[tuple[str, Message]]:
-        """(topic, message) by episode, time, and at one time in data-flow order. Arrays are read-only.
+        """Yields (topic, message) by episode, time, and at one time in data-flow order. Arrays are read-only.
 
         topics: None = all. start_ns, end_ns: inclusive range of log times [ns]. Damaged parts are left out and counted
         in `skipped`. Raises BagError for a topic that the bag does not have.
@@ -135,7 +135,7 @@ class BagReader(DescriptorOwner):
         self.skipped += len(sets)
 
     def skip(self, error: BagError) -> None:
-        """Count something that was left out because it is damaged."""
+        """Counts something that was left out because it is damaged."""
         self.skipped += 1
         self.first_problem = self.first_problem or str(error)
 

@@ -28,7 +28,7 @@ _ENCODINGS = ("cdr", "ros1")
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The signature."""
+    """Tells whether a file begins with the signature of MCAP."""
     return head.startswith(b"\x89MCAP")
 
 
@@ -94,7 +94,9 @@ class McapRecording(DescriptorOwner, RosRecording):
 
 
 def torn_tail(descriptor: int, size: int, allowance: Allowance) -> bytes:
-    """The records behind the last whole one of a file that ends early: a cut chunk unpacked, or a cut message."""
+    """Returns the records behind the last whole one of a file that ends early: a cut chunk unpacked, or a cut
+    message.
+    """
     at = 8
     while at + 9 <= size:
         head = os.pread(descriptor, 9, at)
@@ -190,7 +192,7 @@ class EvisBagRecording(BlockRecording):
 
 
 def open_file(path: Path, options: OpenOptions) -> Recording:
-    """Open an MCAP bag. Raises RecordingError."""
+    """Opens an MCAP bag. Raises RecordingError."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     ours = False
     try:

@@ -11,7 +11,7 @@ _WRITING = [Path(__file__).with_name("writing.h")]
 
 @wp.struct
 class Span:
-    """What one launch decodes.
+    """Says what one launch decodes.
 
     start: first word. limit_us: events up to this time [us]. width, height: columns and rows of the words, 0 = unknown.
     """
@@ -24,7 +24,7 @@ class Span:
 
 @wp.struct
 class Sink:
-    """What a decoder's kernel goes on from, and where it writes. All arrays are contiguous.
+    """Holds the state that a decoder's kernel continues from and the arrays it writes. All arrays are contiguous.
 
     state: see the codec's `Decoder`. out: next word, events, triggers, time [us] of the event at the cut or -1, side
     words. t [ns], x, y, p: events. trigger_t [ns], trigger_id, trigger_value. side_t [us], side_word: words of other

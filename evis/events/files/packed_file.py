@@ -67,8 +67,9 @@ _open = threading.local()
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The first bytes of a compression, or an archive with a recording in it (but those of text, and of arrays by the
-    names of events, are read as they are)."""
+    """Tells whether a file begins as a compressed one, or is an archive with a recording in it (but those of text, and
+    of arrays by the names of events, are read as they are).
+    """
     return head.startswith((ZSTD, *_UNPACKERS)) or (head.startswith(ZIP) and bool(_members(path)))
 
 
@@ -248,5 +249,5 @@ def _unpack_zstd(path: Path, copy: UnpackedFile) -> bool:
 
 
 def open_file(path: Path, options: OpenOptions) -> PackedRecording:
-    """Open what is in a compressed file. Raises RecordingError."""
+    """Opens what is in a compressed file. Raises RecordingError."""
     return PackedRecording(path, options)

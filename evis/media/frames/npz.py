@@ -121,14 +121,14 @@ class _Array:
             raise FramesError(f"{path}: {name} is stored column by column; save np.ascontiguousarray({name})")
 
     def check(self, fits: bool, expected: str) -> None:
-        """Raise unless the array is of floats and its shape fits."""
+        """Raises unless the array is of floats and its shape fits."""
         if not fits or self.dtype.kind != "f":
             hint = "; 8 or 16 bit images go into a folder of PNG" if self.dtype.kind in "iu" else ""
             got = f"{self.dtype} {list(self.shape)}"
             raise FramesError(f"{self._path}: {self._name} is {got}, must be float32 {expected}, linear{hint}")
 
     def read(self, n: int) -> np.ndarray:
-        """The next n entries of the first axis."""
+        """Reads the next n entries of the first axis."""
         rest = self.shape[1:]
         want = n * self.dtype.itemsize * math.prod(rest)
         Allowance(self._path.stat().st_size).check(want)

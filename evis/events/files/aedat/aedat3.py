@@ -33,7 +33,7 @@ _MAX_FRAME = 64 << 20
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The signature."""
+    """Tells whether a file begins with the signature."""
     return head.startswith(b"#!AER-DAT3")
 
 
@@ -194,5 +194,5 @@ class Aedat3Recording(DescriptorOwner, BlockRecording):
 
 
 def open_file(path: Path, options: OpenOptions) -> Aedat3Recording:
-    """Open an AEDAT 3.1 file. Raises RecordingError."""
+    """Opens an AEDAT 3.1 file. Raises RecordingError."""
     return Aedat3Recording(path, options)

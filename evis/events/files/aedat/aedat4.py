@@ -40,7 +40,7 @@ class Packet(NamedTuple):
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The signature, or the part of it that a cut left."""
+    """Tells whether a file begins with the signature, or the part of it that a cut left."""
     return head.startswith(b"#!AER-DAT4")
 
 
@@ -264,5 +264,5 @@ def _streams(text: str) -> dict[int, dict[str, str]]:
 
 
 def open_file(path: Path, options: OpenOptions) -> Aedat4Recording:
-    """Open an AEDAT 4 file. Raises RecordingError."""
+    """Opens an AEDAT 4 file. Raises RecordingError."""
     return Aedat4Recording(path, options)

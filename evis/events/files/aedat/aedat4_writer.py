@@ -131,7 +131,7 @@ def _description(width: int, height: int, compression: str) -> str:
 
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> Aedat4Writer:
-    """An AEDAT 4 writer. encoding: the compression, zstd (default), lz4 or none. Raises RecordingError."""
+    """Returns an AEDAT 4 writer. encoding: the compression, zstd (default), lz4 or none. Raises RecordingError."""
     encoding = encoding or "zstd"
     if encoding not in COMPRESSIONS:
         raise RecordingError(f"{path}: cannot write the compression '{encoding}'; known are {', '.join(COMPRESSIONS)}")

@@ -31,7 +31,7 @@ class EsDecoder:
         return len(self._rest)
 
     def decode(self, data: bytes) -> tuple[Events, int]:
-        """(events, ATIS exposure measurements left out)."""
+        """Decodes bytes to (events, number of ATIS exposure measurements left out)."""
         data = self._rest + data
         run = _launch if self.backend == "warp" else _loop
         (t, x, y, p), exposures, used, self._t = run(data, TIME_SHIFT[self.kind], self._t)

@@ -17,7 +17,7 @@ _BLOCK = 1 << 20
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The signature."""
+    """Tells whether a file begins with the signature."""
     return head.startswith(MAGIC)
 
 
@@ -73,5 +73,5 @@ class EsRecording(BlockRecording):
 
 
 def open_file(path: Path, options: OpenOptions) -> EsRecording:
-    """Open an Event Stream. Raises RecordingError."""
+    """Opens an Event Stream. Raises RecordingError."""
     return EsRecording(path, options)

@@ -53,7 +53,7 @@ class EsWriter(FileWriter):
 
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> EsWriter:
-    """An .es writer. Raises RecordingError."""
+    """Returns an .es writer. Raises RecordingError."""
     refuse_encoding(path, encoding, ".es")
     check_size(path, ".es", width, height, 65535)
     return EsWriter(path, width, height)

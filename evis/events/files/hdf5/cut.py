@@ -21,7 +21,7 @@ Parts = list[tuple[int, int]]
 
 
 def rows_there(table: Table, end: int, first: int, last: int) -> Parts:
-    """The rows of first..last-1 whose bytes all lie before byte `end` of the file.
+    """Finds the rows of first..last-1 whose bytes all lie before byte `end` of the file.
 
     A compressed chunk counts as a whole. A chunk of which the index is lost counts as not there.
     """
@@ -67,13 +67,13 @@ def _joined(parts: Parts) -> Parts:
 
 
 def common(one: Parts, other: Parts) -> Parts:
-    """What is in both."""
+    """Intersects two lists of parts."""
     both = [(max(a, c), min(b, d)) for a, b in one for c, d in other]
     return [(a, b) for a, b in sorted(both) if a < b]
 
 
 def carve_ecf(path: Path, at: int, length: int, t_us: int | None, size: tuple[int, int]) -> Iterator[ecf.Columns]:
-    """Chunks of ECF that stand in a file from byte `at` on, found by their first words: for a lost index.
+    """Yields the chunks of ECF that stand in a file from byte `at` on, found by their first words: for a lost index.
 
     length: events in a chunk. t_us: time of the event before, None where there is none. size: of the sensor, 0 where it
     is unknown. A chunk counts when it can be decoded, no time steps back or leaps by more than an hour, and every pixel

@@ -38,7 +38,7 @@ Columns = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 def decode(data: bytes, backend: str = "numpy") -> Columns:
-    """(t int64 [us], x uint16, y uint16, p uint8) of one chunk. Raises DamagedError."""
+    """Decodes one chunk to (t int64 [us], x uint16, y uint16, p uint8) of one chunk. Raises DamagedError."""
     head = _head(data)
     if head.n > MAX_EVENTS:
         raise DamagedError(f"an ECF chunk claims {head.n} events, the limit is {MAX_EVENTS}")
@@ -46,7 +46,7 @@ def decode(data: bytes, backend: str = "numpy") -> Columns:
 
 
 def decode_some(data: bytes) -> tuple[Columns, int]:
-    """One chunk at the start of `data`, and how many bytes it takes. Raises DamagedError."""
+    """Decodes the chunk at the start of `data`, and tells how many bytes it takes. Raises DamagedError."""
     return _loop(data, _head(data))
 
 
@@ -77,7 +77,7 @@ def _loop(data: bytes, head: Head) -> tuple[Columns, int]:
 
 
 def decode_cut(data: bytes) -> Columns:
-    """The first events of a chunk of which only the beginning is there: those with all of their parts in it.
+    """Decodes the first events of a chunk of which only the beginning is there: those with all of their parts in it.
 
     Times and rows come first, so that there are none unless the cut lies behind these; none either where polarities are
     stored apart, behind everything else.
@@ -201,7 +201,7 @@ def _launch(data: bytes, head: Head) -> Columns:
 
 
 def encode(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> bytes:
-    """One chunk of events, t int64 [us], going up; x and y below 2048. Raises ValueError."""
+    """Encodes one chunk of events, t int64 [us], going up; x and y below 2048. Raises ValueError."""
     n = len(t)
     if n > MAX_EVENTS or (n and (int(max(x.max(), y.max())) >= MAX_SIDE or (np.diff(t) < 0).any())):
         raise ValueError(

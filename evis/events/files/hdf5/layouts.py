@@ -49,7 +49,7 @@ class Layout:
     read_cut: Callable[[int, bytes], Events] | None = None
 
     def there(self, end: int, first: int, last: int) -> Parts:
-        """Which of the events first..last-1 lie before byte `end` of the file."""
+        """Tells which of the events first..last-1 lie before byte `end` of the file."""
         parts = [(first, last)]
         for table in self.tables:
             parts = common(parts, rows_there(table, end, first, last))
@@ -57,7 +57,7 @@ class Layout:
 
 
 def find_layout(file: h5py.File, topic: str, info: RecordingInfo, backend: str) -> Layout:
-    """The layout of an open file. topic: the group with the events, where there are several.
+    """Finds the layout of an open file. topic: the group with the events, where there are several.
 
     Raises RecordingError, and ValueError where there are no events.
     """

@@ -99,7 +99,7 @@ class Hdf5Writer(FileWriter):
 
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> Hdf5Writer:
-    """An HDF5 writer. encoding: ecf (default) or plain. Raises RecordingError."""
+    """Returns an HDF5 writer. encoding: ecf (default) or plain. Raises RecordingError."""
     encoding = encoding or "ecf"
     if encoding not in ("ecf", "plain"):
         raise RecordingError(f"{path}: cannot write the encoding '{encoding}'; known are ecf and plain")

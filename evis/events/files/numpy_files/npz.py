@@ -37,7 +37,7 @@ _DATE = (1980, 1, 1, 0, 0, 0)
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """A zip archive."""
+    """Tells whether a file is a zip archive."""
     return head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
 
 
@@ -241,7 +241,7 @@ class _Member:
 
 
 def open_file(path: Path, options: OpenOptions) -> NpzRecording:
-    """Open an archive. Raises RecordingError."""
+    """Opens an archive. Raises RecordingError."""
     return NpzRecording(path, options)
 
 
@@ -282,6 +282,6 @@ class NpzWriter(Writer):
 
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> NpzWriter:
-    """An archive writer. Raises RecordingError."""
+    """Returns an archive writer. Raises RecordingError."""
     refuse_encoding(path, encoding, ".npz")
     return NpzWriter(path, width, height)

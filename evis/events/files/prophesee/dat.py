@@ -29,7 +29,9 @@ _LARGEST_SENSOR = 2048
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The first header line names the format; older files have the extension alone, and perhaps no header."""
+    """Tells whether a file is a DAT file: the first header line names the format; older files have the extension alone,
+    and perhaps no header.
+    """
     if head.startswith(b"% Data file"):
         return True
     return name.lower().endswith(".dat") and (head.startswith(b"% ") or _bare(head))
@@ -108,7 +110,7 @@ class DatRecording(RecordFile):
 
 
 def read_header(path: Path) -> tuple[dict[str, str], int, bytes]:
-    """Keys in lower case, the position behind the text, and the two bytes there."""
+    """Reads the header: keys in lower case, the position behind the text, and the two bytes there."""
     header: dict[str, str] = {}
     with path.open("rb") as file:
         position = 0
@@ -129,7 +131,7 @@ def _number(text: str) -> int:
 
 
 def open_file(path: Path, options: OpenOptions) -> DatRecording:
-    """Open a DAT file. Raises RecordingError."""
+    """Opens a DAT file. Raises RecordingError."""
     return DatRecording(path, options)
 
 
@@ -164,7 +166,7 @@ class DatWriter(FileWriter):
 
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> DatWriter:
-    """A DAT writer. Raises RecordingError."""
+    """Returns a DAT writer. Raises RecordingError."""
     refuse_encoding(path, encoding, ".dat")
     check_size(path, "DAT", width, height, _SIDE)
     return DatWriter(path, width, height)

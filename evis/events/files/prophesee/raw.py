@@ -51,7 +51,9 @@ _WINDOW_BLOCK = {"numpy": 1 << 15, "warp": 1 << 22}
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """A header line; DAT files, which have such too, come before. Or words without a header, in a file named .raw."""
+    """Tells whether a file has a header line (DAT files, which have one too, are asked first), or, named .raw, words
+    alone.
+    """
     if head.startswith(b"% ") or not name.lower().endswith(".raw"):
         return head.startswith(b"% ")
     with path.open("rb") as file:
@@ -259,12 +261,14 @@ class RawRecording(Recording):
 
 
 def open_file(path: Path, options: OpenOptions) -> RawRecording:
-    """Open a RAW file. Raises RecordingError."""
+    """Opens a RAW file. Raises RecordingError."""
     return RawRecording(path, options)
 
 
 def fit(data: bytes, encoding: str) -> tuple[float, float]:
-    """Shares of the words that the encoding has, and of the steps of the time that go forward; 1 without any."""
+    """Computes the shares of the words that the encoding has, and of the steps of the time that go forward; 1 without
+    any.
+    """
     word, legal, shift, low = _LEGAL[encoding]
     words = np.frombuffer(data, word, len(data) // np.dtype(word).itemsize)
     kind = words >> shift
@@ -282,7 +286,7 @@ def fit(data: bytes, encoding: str) -> tuple[float, float]:
 
 
 def guess_encoding(data: bytes) -> str:
-    """The encoding whose word types are there and whose time runs forward; empty when none fits."""
+    """Finds the encoding whose word types are there and whose time runs forward; empty when none fits."""
     best, result = 0.9, ""
     for encoding, (word, _, shift, _) in _LEGAL.items():
         words = np.frombuffer(data, word, len(data) // np.dtype(word).itemsize)
@@ -314,7 +318,7 @@ class RawWriter(FileWriter):
 
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> RawWriter:
-    """A RAW file of the given encoding (evt3 unless given). Raises RecordingError."""
+    """Makes a writer of RAW in the given encoding (evt3 unless given). Raises RecordingError."""
     encoding = encoding or "evt3"
     if encoding not in _NAMES:
         raise RecordingError(f"{path}: cannot write the encoding '{encoding}'; known are {', '.join(_NAMES)}")

@@ -23,7 +23,7 @@ _MAX_DATA = 1 << 30
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The signature of any version."""
+    """Tells whether a file begins with the signature, of any version."""
     return head.startswith(b"#ROSBAG V")
 
 
@@ -166,5 +166,5 @@ def _fields(data: bytes | memoryview) -> dict[bytes, bytes] | None:
 
 
 def open_file(path: Path, options: OpenOptions) -> Rosbag1Recording:
-    """Open a ROS 1 bag. Raises RecordingError."""
+    """Opens a ROS 1 bag. Raises RecordingError."""
     return Rosbag1Recording(path, options)

@@ -25,7 +25,9 @@ _MOST_TRIED = 32
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """Lines of four numbers, perhaps behind a line with the size or the names of the columns."""
+    """Tells whether a file holds lines of four numbers, perhaps behind a line with the size or the names of the
+    columns.
+    """
     return find_format(head) is not None
 
 
@@ -157,12 +159,12 @@ class TextRecording(BlockRecording):
 
 
 def open_file(path: Path, options: OpenOptions) -> TextRecording:
-    """Open a text file. Raises RecordingError."""
+    """Opens a text file. Raises RecordingError."""
     return TextRecording(path, options)
 
 
 def is_text_archive(path: Path) -> bool:
-    """A zip archive with a text file and no arrays."""
+    """Tells whether a file is a zip archive with a text file and no arrays."""
     try:
         archive = open_archive(path)
         found = text_members(archive)
@@ -173,7 +175,9 @@ def is_text_archive(path: Path) -> bool:
 
 
 def text_members(archive: Archive) -> list[str]:
-    """Files named as text; where there is none and no other recording, those with events as text under any name."""
+    """Returns the files named as text; where there is none and no other recording, those with events as text under any
+    name.
+    """
     names = [n for n in archive.namelist() if not n.startswith("__MACOSX/") and not n.endswith("/")]
     if any(n.lower().endswith(".npy") for n in names):
         return []

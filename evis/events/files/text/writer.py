@@ -40,6 +40,6 @@ def _seconds(t: int) -> str:
 
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> TextWriter:
-    """A text writer. Raises RecordingError."""
+    """Returns a text writer. Raises RecordingError."""
     refuse_encoding(path, encoding, "text")
     return TextWriter(path)
