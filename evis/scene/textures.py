@@ -55,7 +55,19 @@ def bricks(size: int, rows: int, low: float, high: float, joint: float, seed: in
 
 
 def planks(size: int, count: int, low: float, high: float, joint: float, seed: int) -> np.ndarray:
-    """Makes `count` boards side by side with grain along v, each of its own value, between dark joints; tileable."""
+    """Makes boards side by side with grain along v, each of its own value, between dark joints; tileable.
+
+    Args:
+        size: width and height [texels].
+        count: boards.
+        low: value of the joints, and the least of the boards.
+        high: the greatest value of the boards.
+        joint: width of a joint as a fraction of a board.
+        seed: decides grain and values.
+
+    Returns:
+        float32 [size, size].
+    """
     random = np.random.Generator(np.random.Philox(key=[seed, 1]))
     grain = random.standard_normal((FINE, FINE))
     fy, fx = np.fft.fftfreq(FINE)[:, None], np.fft.rfftfreq(FINE)[None, :]

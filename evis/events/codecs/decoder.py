@@ -209,7 +209,7 @@ class Decoder(abc.ABC):
         return self._decode(t_ns // self.tick_ns)
 
     def decode_into(self, buffer: EventBuffer, t_ns: int | None = None) -> list[Events]:
-        """Decodes as `decode_until` does (None: all that is pending), the events to the end of `buffer`, which grows as needed.
+        """Decodes as `decode_until` does (None: all that is pending), to the end of `buffer`, which grows as needed.
 
         Returns what else came (triggers, inertial samples, frames), in parts without events; mostly none.
         """

@@ -54,7 +54,16 @@ def put_event(
     # out
     to: Sink,
 ):
-    """Writes event n."""
+    """Writes one event.
+
+    Args:
+        n: place of the event.
+        time_ns: its time [ns].
+        column: its pixel's column.
+        row: its pixel's row.
+        polarity: 1 = ON.
+        to: where the event is written.
+    """
     ...
 
 
@@ -68,7 +77,18 @@ def keep_inside(
     # out
     to: Sink,
 ) -> wp.int32:
-    """Closes the gaps that events outside leave in first..last-1. Returns the place behind the last that is kept."""
+    """Removes the events outside the sensor from places first..last-1.
+
+    Args:
+        first: place of the first event.
+        last: place behind the last event.
+        columns: width of the sensor [px].
+        rows: height of the sensor [px].
+        to: where the events stand.
+
+    Returns:
+        the place behind the last event that is kept.
+    """
     ...
 
 

@@ -46,8 +46,8 @@ def count_error(test: EventStream, reference: EventStream) -> float:
 
 
 def victor_purpura(test: EventStream, reference: EventStream, q_per_ms: float) -> float:
-    """Computes the Victor-Purpura distance summed over pixels and polarities, over the number of events of both; 0 ...
-    1.
+    """Computes the Victor-Purpura distance summed over pixels and polarities, over the number of events of both
+    (0 to 1).
 
     Edit distance between spike trains: an insertion or deletion costs 1, a shift q |dt| (Victor and Purpura, "Nature
     and precision of temporal coding in visual cortex", 1996).

@@ -98,7 +98,18 @@ class Fields:
         above: float | None = None,
         maximum: float = LARGEST,
     ) -> float:
-        """Reads a value found under `key` as `number` does."""
+        """Reads a value found under `key` as `number` does.
+
+        Args:
+            key: named in errors.
+            value: what the file has there, a number or a text of one.
+            minimum: the least that is allowed.
+            above: what the number must exceed.
+            maximum: the greatest size that is allowed.
+
+        Raises:
+            SceneError: for what is no finite number, or out of range.
+        """
         try:
             number = math.nan if isinstance(value, bool) else float(value)
         except (TypeError, ValueError, OverflowError):
@@ -139,7 +150,18 @@ class Fields:
     def vector_of(
         self, key: str, value: Any, length: int, *, above: float | None = None, maximum: float = LARGEST
     ) -> np.ndarray:
-        """Reads a value found under `key` as `vector` does."""
+        """Reads a value found under `key` as `vector` does.
+
+        Args:
+            key: named in errors.
+            value: what the file has there, a list or a text `a, b, c`.
+            length: numbers that it must have.
+            above: what every number must exceed.
+            maximum: the greatest size of a number that is allowed.
+
+        Raises:
+            SceneError: for another length, and for numbers out of range.
+        """
         if isinstance(value, str):
             value = value.split(",")
         if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != length:

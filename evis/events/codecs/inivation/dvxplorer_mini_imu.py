@@ -47,8 +47,10 @@ class MiniImu:
         return values
 
     def packet(self, acceleration: np.ndarray, angular_velocity: np.ndarray, temperature: float) -> bytes:
-        """Encodes a sample of a camera whose chip is not turned (orientation 0), NaN: absent. Raises ValueError beyond 16 g and
-        2000 deg/s."""
+        """Encodes a sample of a camera whose chip is not turned (orientation 0), NaN: absent.
+
+        Raises ValueError beyond 16 g and 2000 deg/s.
+        """
         wire, scales = self.chip.on_wire(acceleration, angular_velocity, temperature)
         return bytes([SAMPLE, scales]) + np.nan_to_num(wire).astype("<i2").tobytes()
 

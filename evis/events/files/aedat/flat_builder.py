@@ -16,8 +16,11 @@ def vector_of_structs(identifier: bytes, rows: np.ndarray) -> bytes:
 
 
 def vector_of_tables(identifier: bytes, rows: np.ndarray, fields: list[int]) -> bytes:
-    """Builds a vector as `vector_of_structs` does, of tables. rows: structs that begin with an int32 `table`, filled here; their size is a
-    multiple of 8. fields: where each field of the schema is in such a row, 0 = not there."""
+    """Builds a vector as `vector_of_structs` does, of tables.
+
+    rows: structs that begin with an int32 `table`, filled here; their size is a multiple of 8. fields: where each
+    field of the schema is in such a row, 0 = not there.
+    """
     n, size = len(rows), rows.dtype.itemsize
     vtable = struct.pack(f"<{2 + len(fields)}H", 4 + 2 * len(fields), size, *fields)
     vtable_at = _VECTOR + 4 + 4 * n

@@ -28,8 +28,18 @@ _PEER = 0.7
 def descriptors(
     t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, first_ns: int, steps: int
 ) -> np.ndarray:  # fmt: skip
-    """Counts the events per cell of a 12 x 12 grid over the events, polarity and millisecond: float32 [steps, 2 *
-    144].
+    """Counts the events per millisecond, polarity and cell of a 12 x 12 grid over the events.
+
+    Args:
+        t: times, int64 [n] ns.
+        x: pixel columns [n].
+        y: pixel rows [n].
+        p: polarities, 0 or 1 [n].
+        first_ns: time at which the first millisecond begins.
+        steps: milliseconds.
+
+    Returns:
+        counts, float32 [steps, 2 * 144].
     """
 
     def cells(v: np.ndarray) -> np.ndarray:
