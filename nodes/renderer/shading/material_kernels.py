@@ -42,10 +42,9 @@ def make_look(f: Features) -> Any:
                 if wp.static(f.ambience):
                     mirrored, r = sky_gloss(sky, pixel.env, facing, s.view, s.alpha, s.f0)
                     glow = mirrored + diffuse_share(r, metallic) * glow
-                    albedo = diffuse_share(r, metallic) * albedo
                 else:
                     r = reflectances(sky, s.alpha, wp.dot(facing, s.view))
-                    albedo = diffuse_share(r, metallic) * albedo
+                albedo = diffuse_share(r, metallic) * albedo
         return s, albedo, surfaces.emission[m] + glow
 
     return look

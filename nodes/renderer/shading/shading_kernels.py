@@ -5,11 +5,12 @@ material and the sky's light on it (material_kernels), the light of lights (ligh
 far as nothing is in the way (shadows/ray_kernels), and out (radiance_kernels).
 """
 
+from functools import cache
 from typing import Any
 
 import warp as wp
 
-from nodes.renderer.lights.area_kernels import frozen_key
+from nodes.renderer.lights.area_sample_kernels import frozen_key
 from nodes.renderer.lights.direct_kernels import make_lighting
 from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import DirectLight, Lights, SurfacePoint
@@ -35,8 +36,9 @@ wp.set_module_options({"enable_backward": False})
 INVERSE_PI = wp.constant(1.0 / wp.pi)
 
 
-def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
-    """Makes the shading kernels, of all pixels and of a list of them."""
+@cache
+def make_shade_pixel(f: Features) -> Any:
+    """Makes the function `shade_pixel` with only what a scene has."""
     Image: Any = make_image(f.half)
     write = make_write(f.half)
     look, gather = make_look(f), make_lighting(f)
@@ -103,6 +105,14 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
                         unhidden = reflected(glow, albedo, light.still_irradiance, light.still_shine)
                         remember(casters, kept, pixel, face, light.bits, unhidden)
         write(pixel.env, pixel.y, pixel.x, band, colour, image)
+
+    return shade_pixel
+
+
+def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
+    """Makes the shading kernels, of all pixels and of a list of them."""
+    Image: Any = make_image(f.half)
+    shade_pixel = make_shade_pixel(f)
 
     # Kernels name their parameters one by one; these two share what they do, and so most of their names.
     @wp.kernel(module="unique", enable_backward=False)
