@@ -17,7 +17,8 @@ from bench.renderer.scenes import balls, hall
 from evis.scene import load_scene
 from evis.scene.model import Scene
 from nodes.interpolator.luminance import luminance_of
-from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import LIGHT, Renderer
 

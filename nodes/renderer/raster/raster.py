@@ -41,7 +41,9 @@ MOST_TILES = 1 << 22
 """Tiles that there is room for in all; more environments than have room take turns."""
 
 make_raster = cache(raster_kernels.make_raster)
-make_tiled = cache(tiled_kernels.make_tiled)
+make_listed = cache(tiled_kernels.make_listed)
+make_at_once = cache(tiled_kernels.make_at_once)
+make_tiles = cache(tiled_kernels.make_tiles)
 
 
 class RowRaster:
@@ -107,7 +109,11 @@ class TiledRaster:
         self._large, self._setups = v.empty((regions, places), wp.vec4i), v.empty((regions, places), Setup)
         together = v.device.is_cuda and v.lens == "none" and not self._few and pixels > LARGE_IMAGE
         area = SHARED_AREA if together else SPLIT_AREA[self._few]
-        self._list, self._raster, self._at_once, self._tiles = make_tiled(v.lens, area, rows, together)
+        if self._few:
+            self._at_once = make_at_once(v.lens, area, rows)
+        else:
+            self._list, self._raster = make_listed(v.lens, area, rows)
+        self._tiles = make_tiles(v.lens, rows, together)
         self._cleared = False
 
     def clear(self) -> None:

@@ -6,17 +6,10 @@ normals. Culling leaves out only what covers no pixel, so it changes no bit of t
 
 import warp as wp
 
+from nodes.renderer.raster.bounds_kernels import bounds, facing, outside, turned_away
 from nodes.renderer.raster.distortion_kernels import make_bounds, walk_rays
-from nodes.renderer.raster.triangle_kernels import (
-    CameraView,
-    bounds,
-    corners_of,
-    facing,
-    outside,
-    set_up,
-    turned_away,
-    walk,
-)
+from nodes.renderer.raster.triangle_kernels import corners_of, set_up, walk
+from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 

@@ -11,24 +11,22 @@ from functools import cache
 
 import warp as wp
 
+from nodes.renderer.raster.bounds_kernels import bounds, facing, holds_pixel
 from nodes.renderer.raster.distortion_kernels import make_bounds, walk_rays
 from nodes.renderer.raster.raster_kernels import Blocks, before_near, unseen
 from nodes.renderer.raster.shuffle_kernels import first_above, running_sum, shuffle_from
 from nodes.renderer.raster.triangle_kernels import (
-    CameraView,
     Setup,
-    bounds,
     columns_of,
     corners_of,
     cover,
-    facing,
-    holds_pixel,
     row_share,
     runs_of,
     set_up,
     walk,
     walk_all,
 )
+from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
@@ -106,8 +104,11 @@ def missed(view: CameraView, s: Setup, x0: int, x1: int, y0: int, y1: int):
 
 
 @cache
-def make_steps(lens: str, area: int, rows: int) -> tuple[wp.Function, wp.Function, wp.Function]:
-    """Makes the functions `shows`, `draw` and `walk_tile` of the kernels; arguments as of `make_tiled`."""
+def make_steps(lens: str, area: int, rows: int) -> tuple[wp.Function, wp.Function]:
+    """Makes the functions `shows` and `draw`.
+
+    area: bounding box [px] above which a triangle is cut into tiles. rows: of a tile.
+    """
     bounds_of = make_bounds(lens) if lens != "none" else bounds
     walk_over = walk_rays if lens != "none" else walk_all
 
@@ -151,49 +152,13 @@ def make_steps(lens: str, area: int, rows: int) -> tuple[wp.Function, wp.Functio
         if mine:
             walk_over(view, s, s.x0, s.x1, s.y0, s.y1, env, t, packed)
 
-    @wp.func
-    def walk_tile(
-        view: CameraView,
-        s: Setup,
-        x0: int,
-        x1: int,
-        y0: int,
-        y1: int,
-        lane: int,
-        env: int,
-        t: int,
-        packed: wp.array3d(dtype=wp.uint64),
-    ):
-        """Walks a tile by a group of threads: each finds the columns of its row, then all share the pixels of all
-        rows."""
-        columns = wp.vec2i(0, -1)
-        if y0 + lane <= y1:
-            r = row_share(view, s, y0 + lane)
-            columns = columns_of(runs_of(view, s, x0, x1), r, view.cx + float(view.margin), x0, x1)
-        length = columns[1] - columns[0] + 1
-        end = running_sum(length, wp.static(rows))
-        # Where a row's pixel 0 would be if it began with the first pixel of all.
-        origin = columns[0] - (end - length)
-        total = shuffle_from(end, wp.static(rows) - 1, wp.static(rows))
-        for start in range(0, total, wp.static(rows)):
-            pixel = start + lane
-            row = first_above(pixel, end, wp.static(rows))
-            x = pixel + shuffle_from(origin, row, wp.static(rows))
-            if pixel < total:
-                cover(view, s, row_share(view, s, y0 + row), x, y0 + row, env, t, packed)
-
-    return shows, draw, walk_tile
+    return shows, draw
 
 
-def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel, wp.Kernel]:
-    """Makes the kernels `list_triangles`, `raster`, `raster_at_once` in place of both, and `raster_tiles`.
-
-    area: bounding box [px] above which a triangle is cut into tiles. rows: of a tile, and threads that share it, 8, 16
-    or 32. together: these run together and share its pixels; for a pinhole on a GPU.
-    """
+def make_listed(lens: str, area: int, rows: int) -> tuple[wp.Kernel, wp.Kernel]:
+    """Makes the kernels `list_triangles` and `raster`; arguments as of `make_steps`."""
     bounds_of = make_bounds(lens) if lens != "none" else bounds
-    walk_row = walk_rays if lens != "none" else walk
-    shows, draw, walk_tile = make_steps(lens, area, rows)
+    shows, draw = make_steps(lens, area, rows)
 
     @wp.kernel(module="unique", enable_backward=False)
     def list_triangles(
@@ -259,6 +224,13 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
             draw(view, env, t, a, b, c, bounds_of(view, a, b, c), counters, large, setups, packed)
             at += workers // SMALL_REGIONS
 
+    return list_triangles, raster
+
+
+def make_at_once(lens: str, area: int, rows: int) -> wp.Kernel:
+    """Makes the kernel `raster_at_once`, in place of those of `make_listed`; arguments as of `make_steps`."""
+    shows, draw = make_steps(lens, area, rows)
+
     @wp.kernel(module="unique", enable_backward=False)
     def raster_at_once(
         # in
@@ -299,6 +271,56 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
                     draw(view, env, t, a, b, c, box, counters, large, setups, packed)
             item += workers // BLOCK_THREADS
 
+    return raster_at_once
+
+
+@cache
+def make_walk_tile(rows: int) -> wp.Function:
+    """Makes the function `walk_tile` for tiles of so many rows, 8, 16 or 32."""
+
+    @wp.func
+    def walk_tile(
+        view: CameraView,
+        s: Setup,
+        x0: int,
+        x1: int,
+        y0: int,
+        y1: int,
+        lane: int,
+        env: int,
+        t: int,
+        packed: wp.array3d(dtype=wp.uint64),
+    ):
+        """Walks a tile by a group of threads: each finds the columns of its row, then all share the pixels of all
+        rows."""
+        columns = wp.vec2i(0, -1)
+        if y0 + lane <= y1:
+            r = row_share(view, s, y0 + lane)
+            columns = columns_of(runs_of(view, s, x0, x1), r, view.cx + float(view.margin), x0, x1)
+        length = columns[1] - columns[0] + 1
+        end = running_sum(length, wp.static(rows))
+        # Where a row's pixel 0 would be if it began with the first pixel of all.
+        origin = columns[0] - (end - length)
+        total = shuffle_from(end, wp.static(rows) - 1, wp.static(rows))
+        for start in range(0, total, wp.static(rows)):
+            pixel = start + lane
+            row = first_above(pixel, end, wp.static(rows))
+            x = pixel + shuffle_from(origin, row, wp.static(rows))
+            if pixel < total:
+                cover(view, s, row_share(view, s, y0 + row), x, y0 + row, env, t, packed)
+
+    return walk_tile
+
+
+def make_tiles(lens: str, rows: int, together: bool) -> wp.Kernel:
+    """Makes the kernel `raster_tiles`.
+
+    rows: of a tile, and threads that share it, 8, 16 or 32. together: these run together and share its pixels; for a
+    pinhole on a GPU.
+    """
+    walk_row = walk_rays if lens != "none" else walk
+    walk_tile = make_walk_tile(rows)
+
     @wp.kernel(module="unique", enable_backward=False)
     def raster_tiles(
         # in
@@ -333,4 +355,4 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
                     walk_row(view, s, x0, x1, y, y, env, t, packed)
             at += workers // (wp.static(rows) * LARGE_REGIONS)
 
-    return list_triangles, raster, raster_at_once, raster_tiles
+    return raster_tiles

@@ -9,7 +9,9 @@ from functools import cache
 import warp as wp
 
 from nodes.renderer.lights.light_kernels import Lights, SurfacePoint, make_directions
-from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, tile_pixel, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.surface_kernels import listed_pixel, side_of
+from nodes.renderer.raster.view_kernels import CameraView, pixel_ray, tile_pixel
 from nodes.renderer.shadows.grid_kernels import Grid, hidden_from
 from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion, shadow_start
 
@@ -61,7 +63,7 @@ def make_shadow_rays(
         s = SurfacePoint()
         s.position = depth_of(hit) * d
         normal = on.rotation[env, i] * on.normals[t]
-        side = wp.where(wp.dot(normal, d) > 0.0, -1.0, 1.0)
+        side = side_of(normal, d)
         s.normal = side * normal
         # The shading normal is not known here; it can only spare more rays.
         s.facing = s.normal
@@ -117,10 +119,8 @@ def make_shadow_rays(
         light."""
         n, j = wp.tid()
         while j < count[0]:
-            env = pixels[j] // (view.width * view.height)
-            y = pixels[j] // view.width % view.height
-            x = pixels[j] % view.width
-            trace(view, env, y, x, n, on, lights, casters, grid, hidden)
+            pixel = listed_pixel(view, pixels[j])
+            trace(view, pixel.env, pixel.y, pixel.x, n, on, lights, casters, grid, hidden)
             j += workers
 
     return shadow_rays, listed_shadow_rays
