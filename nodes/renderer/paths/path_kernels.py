@@ -87,7 +87,14 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
         # out
         image: Image,
     ):
-        """Adds to every pixel the light that comes by paths, and writes it."""
+        """Adds to every pixel the light that comes by paths, and writes it.
+
+        Args:
+            row0, band, span, image: as of shading_kernels' `shade`.
+            bodies: what a path has to know of what it meets.
+            sources: what it aims at.
+            direct: [E, H, W] radiance without paths.
+        """
         env, row, part = wp.tid()
         y = row0 + row
         for x in range(part * span, wp.min(part * span + span, view.width)):
@@ -116,7 +123,12 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
         # out
         image: Image,
     ):
-        """Does the same with listed pixels."""
+        """Adds the light that comes by paths to listed pixels, and writes them.
+
+        Args:
+            workers, first, band, pixels, count, image: as of shading_kernels' `shade_list`.
+            bodies, sources, direct: as of `add_paths`.
+        """
         j = wp.tid()
         while j < count[band]:
             pixel = listed_pixel(view, pixels[first + j])

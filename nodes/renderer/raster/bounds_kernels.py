@@ -27,7 +27,7 @@ def grow(view: CameraView, box: wp.vec4, p: wp.vec3, slack: float):
 
 @wp.func
 def grow_crossing(view: CameraView, box: wp.vec4, a: wp.vec3, b: wp.vec3):
-    """Bounds with the point where the edge a b meets the near plane, if it does; the slack covers its rounding."""
+    """Widens bounds by the point where the edge a b meets the near plane, if it does; the slack covers its rounding."""
     if (a[2] >= view.near) == (b[2] >= view.near):
         return box
     q = a + (view.near - a[2]) / (b[2] - a[2]) * (b - a)
@@ -78,7 +78,7 @@ def turned_away(axis: wp.vec3, cosine: float, c: wp.vec3, radius: float):
 
 @wp.func
 def facing(a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
-    """False for a triangle that is edge-on, or shows its back without having one."""
+    """Tells whether a triangle shows its front or, if two-sided, its back; not so where it is edge-on."""
     offset = wp.dot(wp.cross(b - a, c - a), a)
     return offset < 0.0 or (offset > 0.0 and two_sided == 1)
 

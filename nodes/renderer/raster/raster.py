@@ -47,7 +47,7 @@ make_tiles = cache(tiled_kernels.make_tiles)
 
 
 class RowRaster:
-    """Corners are turned to the camera once; then every thread draws all triangles into the rows that it owns."""
+    """Turns corners to the camera once; then every thread draws all triangles into the rows that it owns."""
 
     local = False
 
@@ -61,7 +61,7 @@ class RowRaster:
         self._raster = make_raster(v.lens)
 
     def clear(self) -> None:
-        """As TiledRaster.clear: nothing."""
+        """Does nothing: there are no lists to empty."""
 
     def draw(self, packed: wp.array, still: bool, moving: bool, cleared: Callable[[], None] = lambda: None) -> None:
         """Adds the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
@@ -79,7 +79,7 @@ class RowRaster:
 
 
 class TiledRaster:
-    """What may be seen is listed step by step, and threads share the lists; see tiled_kernels."""
+    """Draws by lists of what may be seen, made step by step, which threads share; see tiled_kernels."""
 
     local = True
 
@@ -117,7 +117,7 @@ class TiledRaster:
         self._cleared = False
 
     def clear(self) -> None:
-        """What may be done before `draw`, beside other things."""
+        """Empties the lists, which may be done before `draw`, beside other things."""
         self._counters.zero_()
         self._cleared = True
 

@@ -70,7 +70,14 @@ def list_blocks(
     counters: wp.array(dtype=int),
     listed: wp.array(dtype=wp.vec4i),
 ):
-    """Computes (environment, instance, first and last triangle) of the blocks that may be seen, in any order."""
+    """Lists the blocks that may be seen, in any order.
+
+    Args:
+        env0: first environment; block0: first block.
+        rotation, translation: [E, I] instance to camera.
+        counters: the first one counts what is listed.
+        listed: (environment, instance, first and last triangle) of each block.
+    """
     index, block = wp.tid()
     env = env0 + index
     n = block0 + block
@@ -176,7 +183,18 @@ def make_listed(lens: str, area: int, rows: int) -> tuple[wp.Kernel, wp.Kernel]:
         # out
         small: wp.array2d(dtype=wp.vec2i),
     ):
-        """Computes (environment, triangle) of what faces the camera and has a pixel centre in its bounds."""
+        """Lists the triangles that face the camera and have a pixel centre in their bounds.
+
+        Args:
+            workers: threads that share the list of blocks.
+            two_sided: [I] whether an instance shows its back.
+            rotation, translation: [E, I] instance to camera.
+            vertices: [1, V] in the frames of their instances.
+            triangles: [T] vertices of each.
+            listed: of `list_blocks`.
+            counters: one for each region of `small`, LINE apart.
+            small: (environment, triangle) of each, by region.
+        """
         tid = wp.tid()
         item = tid // BLOCK_THREADS
         count = counters[0]
@@ -211,7 +229,16 @@ def make_listed(lens: str, area: int, rows: int) -> tuple[wp.Kernel, wp.Kernel]:
         setups: wp.array2d(dtype=Setup),
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """Draws the listed triangles; large ones are listed in turn."""
+        """Draws the listed triangles; large ones are listed in turn.
+
+        Args:
+            workers: threads that share the list.
+            instance: of each triangle [T].
+            rotation, translation, vertices, triangles, small: as of `list_triangles`.
+            large: (environment, triangle, tile, place in `setups`) of each tile, by region.
+            setups: of the large triangles.
+            packed: z-buffer [E, H, W].
+        """
         tid = wp.tid()
         region = (tid // GROUP) % SMALL_REGIONS
         at = tid // (GROUP * SMALL_REGIONS) * GROUP + tid % GROUP
@@ -253,8 +280,16 @@ def make_at_once(lens: str, area: int, rows: int) -> wp.Kernel:
         setups: wp.array2d(dtype=Setup),
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """Draws all triangles of the blocks block0.. that may be seen: sooner done where there are not many, for
-        nothing waits for a list."""
+        """Draws all triangles of the blocks block0.. that may be seen.
+
+        It is sooner done than by lists where there are not many, for nothing waits for a list.
+
+        Args:
+            workers: threads that share the triangles.
+            env0, envs: first environment and their number; block0, count: the same of the blocks.
+            two_sided, rotation, translation, vertices, triangles: as of `list_triangles`.
+            counters, large, setups, packed: as of `raster`.
+        """
         tid = wp.tid()
         item = tid // BLOCK_THREADS
         while item < envs * count:
@@ -332,7 +367,12 @@ def make_tiles(lens: str, rows: int, together: bool) -> wp.Kernel:
         # out
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """Draws the tiles of large triangles, a thread for each row."""
+        """Draws the tiles of large triangles, a thread for each row.
+
+        Args:
+            workers: threads that share the list.
+            counters, large, setups, packed: as of `raster`.
+        """
         tid = wp.tid()
         region = (tid // wp.static(rows)) % LARGE_REGIONS
         at = tid // (wp.static(rows) * LARGE_REGIONS)

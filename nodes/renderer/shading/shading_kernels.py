@@ -133,7 +133,16 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         # out
         image: Image,
     ):
-        """Shades all pixels of rows from row0 on, or of tiles."""
+        """Shades all pixels of rows from row0 on, or of tiles.
+
+        Args:
+            row0: first row.
+            band: place in the counts of `image`.
+            span: pixels of a row that a thread does.
+            seen: the z-buffer that is shaded.
+            kept: what is remembered of still surfaces.
+            image: what light is written to.
+        """
         env, row, part = wp.tid()
         if wp.static(f.tiled):
             y, x = tile_pixel(view, row, part)
@@ -163,7 +172,16 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         # out
         image: Image,
     ):
-        """Shades count[band] listed pixels, indices into [E, H, W], from pixels[first] on."""
+        """Shades listed pixels.
+
+        Args:
+            workers: threads that share the list.
+            first: of the list.
+            band: place in `count` and in the counts of `image`.
+            pixels: indices into [E, H, W].
+            count: [bands] how many there are.
+            seen, kept, image: as of `shade`.
+        """
         j = wp.tid()
         while j < count[band]:
             pixel = listed_pixel(view, pixels[first + j])

@@ -94,7 +94,13 @@ def make_shadow_rays(
         # out
         hidden: wp.array3d(dtype=wp.uint32),
     ):
-        """Computes the bits of those lights that are in `shadowed`, in every pixel."""
+        """Finds which of the lights on.shadowed are hidden from each pixel.
+
+        Args:
+            on: what the rays start from.
+            casters: what may be in the way; grid: the same by light, if made with grids.
+            hidden: [E, H, W] bit l is set where light l is hidden; all 0 before.
+        """
         n, env, tile, lane = wp.tid()
         y, x = tile_pixel(view, tile, lane)
         if y >= view.height or x >= view.width:
@@ -115,8 +121,14 @@ def make_shadow_rays(
         # out
         hidden: wp.array3d(dtype=wp.uint32),
     ):
-        """Computes the same of count[0] listed pixels, indices into [E, H, W], which `workers` threads share for each
-        light."""
+        """Finds the same of listed pixels.
+
+        Args:
+            workers: threads that share the list, for each light.
+            pixels: indices into [E, H, W].
+            count: [1] how many there are.
+            hidden: as of `shadow_rays`.
+        """
         n, j = wp.tid()
         while j < count[0]:
             pixel = listed_pixel(view, pixels[j])
