@@ -38,7 +38,7 @@ class Slots:
     def begin(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> None:
         """A gap with sub-frames at stamps int64 [K] ns between keyframes a and b; held: bool [E], who is at b all
         along. Raises ValueError where the states do not reach back to the first stamp."""
-        self.before, self.rest = (np.asarray(s.pose[:, -1], np.float64) for s in (a, b))
+        self.before, self.rest = (s.end_pose for s in (a, b))
         self.moved = self._placement.moved(stamps, b)
         if held.any():
             self.moved[:, held] = self.moved[-1, held]

@@ -47,7 +47,7 @@ class SplatForward:
     ) -> Report:
         """See Method."""
         assert a.states is not None and b.states is not None
-        then, now = (np.asarray(view.states.pose[:, -1]) for view in (b, a) if view.states is not None)
+        then, now = (view.states.end_pose for view in (b, a) if view.states is not None)
         # Motion is where a point was before minus where it is; with B as `before` it is the way that lies ahead.
         self._geometry.render(now, then, ("motion",), {"motion": self._motion})
         ahead = self._motion.view(wp.float32).reshape((*self._geometry.shape, 2))
