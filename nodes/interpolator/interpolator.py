@@ -295,8 +295,9 @@ class Interpolator:
         if states is None:
             raise ValueError(f"the {self._name} interpolator needs the bodies' states with every keyframe")
         bodies = len(self._scene.bodies)
-        if states.pose.shape[2] != bodies:
-            raise ValueError(f"the states have {states.pose.shape[2]} bodies, scene {self._scene.name} has {bodies}")
+        given = states.end_pose.shape[1]
+        if given != bodies:
+            raise ValueError(f"the states have {given} bodies, scene {self._scene.name} has {bodies}")
         return states
 
     def _use(self, name: str, image: Image | None) -> wp.array | None:

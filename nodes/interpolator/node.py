@@ -157,7 +157,7 @@ class InterpolatorNode(Node):
                 f"{self.name}: /state has bodies {', '.join(state.names)}, the scene has {', '.join(self._names)}; "
                 "give both nodes the same scene and scene_args"
             )
-        return States(state.t, *state.rows())
+        return States(state.t, state.moving_pose, state.moving_twist, state.moving, state.end_pose)
 
     def _allocate(self, shape: tuple[int, ...]) -> Any:
         device, field = self._device, self._field

@@ -8,7 +8,8 @@ import warp as wp
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.rigid.log_kernels import apart, fused_luminance, radiance_of
 from nodes.interpolator.rigid.look_up_kernels import HARD, SEEN, Sight, make_keyframes, make_look_up
-from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
 

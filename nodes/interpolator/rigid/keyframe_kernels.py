@@ -5,7 +5,7 @@ from typing import Any
 import warp as wp
 
 from nodes.interpolator.rigid.log_kernels import SIX, fused_luminance
-from nodes.renderer.raster.triangle_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 

@@ -7,7 +7,7 @@ import warp as wp
 
 from nodes.interpolator.rigid.log_kernels import LOGS, apart, half_black, least, most, within
 from nodes.renderer.raster.distortion_kernels import angle_of, make_distorted
-from nodes.renderer.raster.triangle_kernels import CameraView
+from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 

@@ -41,7 +41,7 @@ class Slots:
         held: bool [E], environments that are at b all along. Raises ValueError where the states do not reach back to
         the first stamp.
         """
-        self.before, self.rest = (np.asarray(s.pose[:, -1], np.float64) for s in (a, b))
+        self.before, self.rest = (s.end_pose for s in (a, b))
         self.moved = self._placement.moved(stamps, b)
         if held.any():
             self.moved[:, held] = self.moved[-1, held]

@@ -17,8 +17,8 @@ import warp as wp
 from evis.geometry import se3
 from nodes.interpolator.rigid.sampling import pixels_per_radian
 from nodes.renderer.raster import raster_kernels
+from nodes.renderer.raster.depth_kernels import MISS
 from nodes.renderer.raster.raster import RowRaster, make_raster
-from nodes.renderer.raster.triangle_kernels import MISS
 from nodes.renderer.raster.visibility import Visibility
 
 FIELDS: dict[str, Any] = {
