@@ -2,6 +2,6 @@
 
 Each benchmark is a module with `measure(quick) -> dict` of sections; a section is {"title", "command", "rows":
 [{column: value}], "note"}. `evis bench` runs those of `bench.report.SUBJECTS` and writes report.json and index.html;
-every one, those for a GPU too, runs by itself as `python -m bench.ROOM.NAME` (`--help`). The tables of
-docs/performance.md are written from such reports by `bench.documents`.
+every one, those of `bench.report.BY_THEMSELVES` too, of a GPU among them, runs as `python -m bench.ROOM.NAME`
+(`--help`). The tables of docs/performance.md are written from such reports by `bench.documents`.
 """

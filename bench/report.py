@@ -48,6 +48,20 @@ SUBJECTS = {
 }
 """Name -> module with `measure(quick)` and perhaps `plot(sections, folder)`, and what it measures."""
 
+BY_THEMSELVES = {
+    "bench.event_sensor.gpu": "the sensor on a CUDA device, against its memory's bandwidth",
+    "bench.interpolation.gpu": "gaps on a CUDA device, and where their time goes",
+    "bench.renderer.gpu": "the renderer on a CUDA device, stage by stage and kernel by kernel",
+    "bench.renderer.light": "shading by kind of light, material and sky; noise of soft shadows",
+    "bench.measure.disks": "`evis events measure` on disks of known speed",
+    "bench.measure.clips": "`evis events measure` on clips of a real wheel (EVIS_TEST_DATA=DIR)",
+    "bench.measure.long": "`evis events measure` on long streams: memory and CPU time",
+    "bench.event_hashes": "hashes of every scene's events, and whether a change has changed any",
+    "bench.documents": "writes the tables of docs/performance.md from reports",
+    "bench.streams.peers": "other libraries that read event streams, in the Python that has them",
+}
+"""Module that `evis bench` does not run -> what it does; `python -m MODULE`."""
+
 NO_PLOTS = "no plots, for matplotlib is not installed: pip install 'evis[bench]'"
 
 HEAD = """<!doctype html><meta charset=utf-8><title>EVIS report</title><style>

@@ -11,74 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from bench.event_sensor.alignment_kernels import pair_events
 from evis.events.measure.distance import EventStream
 
 UNPAIRED_NS = 4_000_000
 CELLS_AT_ONCE = 1 << 26
 """Cells of the dynamic programme held at a time, one byte each."""
-
-
-@wp.kernel(enable_backward=False)
-def align_kernel(
-    # in
-    first: wp.int32,
-    t_a: wp.array(dtype=wp.int64),
-    offsets_a: wp.array(dtype=wp.int64),
-    t_b: wp.array(dtype=wp.int64),
-    offsets_b: wp.array(dtype=wp.int64),
-    unpaired: wp.int64,
-    cells: wp.array(dtype=wp.int64),
-    rows: wp.array(dtype=wp.int64),
-    # scratch
-    row: wp.array(dtype=wp.int64),
-    choice: wp.array(dtype=wp.uint8),
-    # out
-    partner: wp.array(dtype=wp.int64),
-):
-    """Pairs the events of two streams at least cost, one pixel and polarity per thread.
-
-    choice: 0 = pair, 1 = event of a alone, 2 = event of b alone."""
-    i_group = wp.tid()
-    g = first + i_group
-    a0 = offsets_a[g]
-    b0 = offsets_b[g]
-    n_a = offsets_a[g + 1] - a0
-    n_b = offsets_b[g + 1] - b0
-    one = wp.int64(1)
-    zero = wp.int64(0)
-    c0 = cells[i_group]
-    r0 = rows[i_group]
-    j = wp.int64(0)
-    while j <= n_b:
-        row[r0 + j] = j * unpaired
-        j += one
-    i = wp.int64(0)
-    while i < n_a:
-        ta = t_a[a0 + i]
-        diagonal = row[r0]
-        row[r0] = (i + one) * unpaired
-        j = zero
-        while j < n_b:
-            pair = diagonal + wp.abs(ta - t_b[b0 + j])
-            diagonal = row[r0 + j + one]
-            alone_a = diagonal + unpaired
-            alone_b = row[r0 + j] + unpaired
-            best = wp.min(pair, wp.min(alone_a, alone_b))
-            code = wp.where(best == pair, 0, wp.where(best == alone_a, 1, 2))
-            choice[c0 + i * n_b + j] = wp.uint8(code)
-            row[r0 + j + one] = best
-            j += one
-        i += one
-    i = n_a
-    j = n_b
-    while i > zero and j > zero:
-        code = wp.int32(choice[c0 + (i - one) * n_b + j - one])
-        if code == 0:
-            partner[b0 + j - one] = a0 + i - one
-        if code != 2:
-            i -= one
-        if code != 1:
-            j -= one
 
 
 @dataclass(frozen=True)
@@ -110,9 +48,9 @@ def align(test: EventStream, reference: EventStream, unpaired_ns: int = UNPAIRED
     (ta, offsets_a), (tb, offsets_b) = test.trains(), reference.trains()
     n_a, n_b = np.diff(offsets_a), np.diff(offsets_b)
     partner: wp.array = wp.full(len(tb), -1, dtype=wp.int64, device="cpu")
-    times_a, from_a, times_b, from_b = (
+    trains: list[wp.array] = [
         wp.array(np.ascontiguousarray(a), dtype=wp.int64, device="cpu") for a in (ta, offsets_a, tb, offsets_b)
-    )
+    ]
     cells = np.concatenate([[0], np.cumsum(n_a * n_b)])
     rows = np.concatenate([[0], np.cumsum(n_b + 1)])
     first = 0
@@ -120,11 +58,11 @@ def align(test: EventStream, reference: EventStream, unpaired_ns: int = UNPAIRED
         last = int(np.searchsorted(cells, cells[first] + CELLS_AT_ONCE, "right")) - 1
         last = min(max(last, first + 1), len(n_a))
         part = slice(first, last + 1)
-        starts = [wp.array(a[part] - a[first], dtype=wp.int64, device="cpu") for a in (cells, rows)]
+        starts: list[wp.array] = [wp.array(a[part] - a[first], dtype=wp.int64, device="cpu") for a in (cells, rows)]
         row: wp.array = wp.empty(int(rows[last] - rows[first]), dtype=wp.int64, device="cpu")
         choice: wp.array = wp.empty(max(1, int(cells[last] - cells[first])), dtype=wp.uint8, device="cpu")
-        inputs = [first, times_a, from_a, times_b, from_b, unpaired_ns, *starts, row, choice]
-        wp.launch(align_kernel, last - first, inputs, [partner], device="cpu")
+        given = [first, *trains, unpaired_ns, *starts, row, choice]
+        wp.launch(pair_events, last - first, given, [partner], device="cpu")
         first = last
     matched = partner.numpy()
     paired = matched >= 0

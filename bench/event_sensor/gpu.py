@@ -18,8 +18,12 @@ import warp as wp
 
 from bench import command
 from bench.event_sensor import disk
+from bench.event_sensor.room_kernels import take_room_alone
 from bench.event_sensor.signals import SECOND
+from evis.gpu.append_kernels import take_room
 from nodes.event_sensor.cuda import ideal_kernels
+from nodes.event_sensor.cuda.ideal import IdealPasses
+from nodes.event_sensor.cuda.side import DeviceSide
 from nodes.event_sensor.device_events import CALLS
 from nodes.event_sensor.sensor import EventSensor
 
@@ -71,11 +75,13 @@ class Loop:
 
     def device_time(self, calls: int, kernel: str) -> float:
         """Measures the median time [us] of kernels whose name contains `kernel`, launched one by one."""
-        self._sensor._side.pipeline.records = False
+        side = self._sensor._side
+        assert isinstance(side, DeviceSide)
+        side.pipeline.records = False
         wp.timing_begin(cuda_filter=wp.TIMING_KERNEL)
         self.run(calls, 1)
         found = [r.elapsed for r in wp.timing_end() if kernel in r.name]
-        self._sensor._side.pipeline.records = True
+        side.pipeline.records = True
         return 1e3 * statistics.median(found)
 
 
@@ -98,7 +104,7 @@ def disk_rows(quick: bool, device: str) -> list[dict[str, Any]]:
     frames = disk.record((np.arange(FRAMES, dtype=np.int64) + 1) * PERIOD, soft=1.0).luminance
     rows = []
     for k in (1, 8, 50):
-        images = [wp.array(frames[i : i + k][None], device=device) for i in range(0, FRAMES, k)]
+        images: list[wp.array] = [wp.array(frames[i : i + k][None], device=device) for i in range(0, FRAMES, k)]
         row: dict[str, Any] = {"frames a call": k}
         for label, in_flight in (("one at a time", 1), ("in flight", CALLS)):
             calls = FRAMES // k * (1 if quick else 5)
@@ -144,7 +150,7 @@ def sparse_frames(envs: int, k: int, height: int, width: int, device: str) -> li
     rng = np.random.default_rng(0)
     one = np.exp(rng.normal(0, 1, (1, 1, height, width))).astype(np.float32)
     still = np.broadcast_to(one, (envs, k, height, width))
-    images = []
+    images: list[wp.array] = []
     for _ in range(2):
         frames = still.copy()
         frames.reshape(-1)[rng.integers(0, frames.size, max(int(SPARSE * frames.size), 1))] *= 1.5
@@ -152,22 +158,18 @@ def sparse_frames(envs: int, k: int, height: int, width: int, device: str) -> li
     return images
 
 
-@wp.func
-def alone(counters: wp.array(dtype=wp.int64), place: wp.int32, n: wp.int32):
-    """Takes room for events by one atomic per pixel and step."""
-    return wp.atomic_add(counters, place, wp.int64(n))
-
-
 def atomics_rows(quick: bool, device: str) -> list[dict[str, Any]]:
     """Measures noise in every pixel, with room for events taken by each warp together and by each pixel."""
     rng = np.random.default_rng(0)
     noise = (np.exp(rng.normal(0, 0.5, (1, 8, 480, 640))).astype(np.float32) for _ in range(4))
-    images = [wp.array(frames, device=device) for frames in noise]
+    images: list[wp.array] = [wp.array(frames, device=device) for frames in noise]
     calls = 8 if quick else 40
     rows = []
-    for label, room in (("added up by a warp", ideal_kernels.take_room), ("by each pixel and step", alone)):
+    for label, room in (("added up by a warp", take_room), ("by each pixel and step", take_room_alone)):
         sensor = EventSensor(480, 640, device=device)
-        sensor._engine._kernel = ideal_kernels.sense_kernel(False, room)
+        passes = sensor._engine
+        assert isinstance(passes, IdealPasses)
+        passes._kernel = ideal_kernels.sense_kernel(False, room)
         loop = Loop(sensor, images)
         us, events = loop.timed(calls, CALLS)
         rows.append(

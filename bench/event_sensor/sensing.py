@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from bench.event_sensor.peers import EsimCore
 from bench.event_sensor.signals import Recording
 from evis.events.measure.distance import EventStream
 from nodes.event_sensor.parameters import CROSSINGS
-from nodes.event_sensor.peers import make_model
+from nodes.event_sensor.peers import Model, make_model
+from nodes.event_sensor.readout.packet import Events
 from nodes.event_sensor.sensor import EventSensor
 
 COMMAND = "evis bench event_sensor"
@@ -20,7 +22,7 @@ FRAMES_A_CALL = 8
 QUIET_VOLTMETER = {"k2": 0.0, "k3": 1e-6, "k4": 0.0, "k5": 0.0, "k6": 1e-6}
 """DVS-Voltmeter with hardly any noise and no dark level."""
 MODELS: dict[str, dict[str, Any]] = {"esim": {}, "v2e": {}, "dvs_voltmeter": QUIET_VOLTMETER}
-Make = Callable[[int, int], Any]
+Make = Callable[[int, int], EventSensor | Model]
 
 
 def evis(**params: Any) -> Make:
@@ -40,7 +42,7 @@ def sense(
     _, height, width = frames.luminance.shape
     episodes = np.zeros(1, np.int32)
 
-    def feed(sensor: Any, part: slice) -> Any:
+    def feed(sensor: EventSensor | Model, part: slice) -> Events:
         images, t = frames.luminance[None, part], frames.t[part]
         more = {"dlog_dt": frames.dlog_dt[None, part]} if slopes else {}
         return sensor.process(images, t, episodes, **more)
@@ -63,7 +65,8 @@ def crossings() -> dict[str, tuple[Make, bool]]:
     return {f"evis, {name}": (evis(crossing=name), name == "hermite") for name in CROSSINGS}
 
 
-def run_esim(core: Any, frames: Recording) -> tuple[EventStream, float]:
+def run_esim(core: EsimCore, frames: Recording) -> tuple[EventStream, float]:
+    """Runs ESIM's core on a recording: its events, and CPU seconds."""
     started = time.process_time()
     core.begin(C)
     for image, t in zip(frames.luminance, frames.t.tolist()):
@@ -73,6 +76,7 @@ def run_esim(core: Any, frames: Recording) -> tuple[EventStream, float]:
 
 
 def section(title: str, rows: list[dict[str, Any]], note: str) -> dict[str, Any]:
+    """Makes a section of a report of these rows, CPU times rounded to milliseconds."""
     for row in rows:
         if isinstance(row.get("CPU [s]"), float):
             row["CPU [s]"] = round(row["CPU [s]"], 3)

@@ -16,6 +16,7 @@ import resource
 import statistics
 import tempfile
 from collections.abc import Callable
+from multiprocessing.connection import Connection
 from typing import Any
 
 import msgpack
@@ -44,7 +45,7 @@ def cpu_s() -> float:
     return usage.ru_utime + usage.ru_stime
 
 
-def _read_bus(pipe: Any, endpoints: Endpoints, name: str) -> None:
+def _read_bus(pipe: Connection, endpoints: Endpoints, name: str) -> None:
     context = zmq.Context()
     subscriber = Subscriber(context, TOPIC, name, "in", endpoints, message_type=Depth)
     subscriber.start()
@@ -81,7 +82,7 @@ def _send_bus(endpoints: Endpoints, names: list[str], count: int) -> float:
     return used
 
 
-def _read_plain(pipe: Any, endpoints: Endpoints, name: str) -> None:
+def _read_plain(pipe: Connection, endpoints: Endpoints, name: str) -> None:
     context = zmq.Context()
     sock = context.socket(zmq.SUB)
     sock.setsockopt(zmq.RCVHWM, 4)

@@ -15,6 +15,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bench import command
 from bench.graph.camera_nodes import prepared, turns
 from bench.graph.runs import launch
@@ -87,7 +89,7 @@ def measure(quick: bool = False) -> dict[str, Any]:
     }
 
 
-def _events_in(words: Any) -> int:
+def _events_in(words: np.ndarray) -> int:
     """Events in the prepared bytes, counted by the decoder."""
     from evis.events.codecs.decoder import decoder_for
 

@@ -15,6 +15,7 @@ from evis.config.params import Param
 from evis.events import Events
 from evis.events.codecs.encoder import encoder_for
 from evis.runtime.node import Input, Node
+from msgs.camera import EventPacket
 from msgs.header import Message
 from nodes.camera.node import CameraNode
 from nodes.camera.usb.driver import UsbDriver
@@ -137,7 +138,8 @@ class SinkNode(Node):
     INPUTS: ClassVar[Mapping[str, Input]] = {"events": Input("/{camera}/events")}
 
     def update(self, inputs: Mapping[str, Message]) -> None:
-        packet: Any = inputs["events"]
+        packet = inputs["events"]
+        assert isinstance(packet, EventPacket) and packet.t is not None
         self.count("events", len(packet.t))
         self.count("packets_marked", int(packet.lost > 0))
 

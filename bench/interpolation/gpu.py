@@ -20,6 +20,7 @@ import warp as wp
 
 from bench import command
 from evis.scene import load_scene
+from evis.scene.model import Scene
 from nodes.interpolator.keyframe import KeyframeView, Method, States
 from nodes.interpolator.luminance import luminance_of
 from nodes.interpolator.rigid import Rigid
@@ -34,16 +35,17 @@ STEP = 1_000_000
 """Sub-step of the states [ns]."""
 
 
-def states_at(scene: Any, last: int, envs: int) -> States:
+def states_at(scene: Scene, last: int, envs: int) -> States:
     """Computes the bodies' states in the interval that ends at `last` ns; all environments are alike."""
     first = last - GAP
     inner = np.arange(first // STEP + 1, -(-last // STEP)) * STEP
     t = np.concatenate([[first], inner, [last]])
-    pose, twist = (np.stack([getattr(b.trajectory, n)(t) for b in scene.bodies], 1)[None] for n in ("pose", "twist"))
+    paths = [b.trajectory for b in scene.bodies if b.trajectory is not None]
+    pose, twist = (np.stack(of_all, 1)[None] for of_all in ([p.pose(t) for p in paths], [p.twist(t) for p in paths]))
     return States(t, np.repeat(pose, envs, 0), np.repeat(twist, envs, 0))
 
 
-def keyframes(scene: Any, envs: int, device: str, count: int) -> list[KeyframeView]:
+def keyframes(scene: Scene, envs: int, device: str, count: int) -> list[KeyframeView]:
     """Renders consecutive keyframes of a scene, on the device."""
     renderer, views = Renderer(scene, scene.cameras[0], envs, 0, device), []
     for k in range(count):
@@ -86,7 +88,7 @@ def rows(name: str, envs: int, device: str, count: int, parts: bool) -> list[dic
     views = keyframes(scene, envs, device, count)
     out = wp.empty((envs, UPSAMPLING, HEIGHT, WIDTH), dtype=wp.float32, device=device)
     held, result = [False] * envs, []
-    makers: dict[str, Callable[[], Any]] = {
+    makers: dict[str, Callable[[], Method]] = {
         "rigid": lambda: Rigid(scene, scene.cameras[0], envs, UPSAMPLING, 0, 1, device),
         "splat": lambda: make_splat(HEIGHT, WIDTH, envs, UPSAMPLING, 0, 1, device),
     }

@@ -23,7 +23,6 @@ from bench.interpolation.tables import (
     ALONE_HZ,
     DENSE_HZ,
     MANY,
-    METHODS,
     RATES,
     Row,
     by_method,
@@ -36,6 +35,7 @@ from bench.interpolation.tables import (
 from evis.events.measure.distance import EventStream, count_error, event_frame_error, time_error, victor_purpura
 from evis.runtime.clock import NS
 from evis.scene import load_scene
+from nodes.interpolator.auto.setting import METHODS
 from nodes.interpolator.auto.world import World
 
 __all__ = ["measure", "plot", "run_scene"]
@@ -84,8 +84,7 @@ def errors(stream: EventStream, truth: EventStream) -> dict[str, float]:
 def configurations() -> list[tuple[str, float, int, float | None]]:
     """Lists methods, keyframe rates [Hz], K, and `sample_px` where it is not the default."""
     found: list[tuple[str, float, int, float | None]] = [("none", rate, 1, None) for rate in (*ALONE_HZ, *DENSE_HZ)]
-    found += [(method, rate, k, None) for method in METHODS for rate, k in RATES]
-    found += [(method, rate, k, None) for method in ("splat", "rigid") for rate, k in MANY]
+    found += [(method, rate, k, None) for method in METHODS if method != "none" for rate, k in (*RATES, *MANY)]
     found += [("rigid", rate, k, None) for rate, k in FEW]
     found += [("rigid", *RATES[-1], px) for px in SAMPLE_PX]
     return found + [("rigid", rate, k, SAMPLE_PX[0]) for rate, k in MANY]

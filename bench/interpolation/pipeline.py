@@ -81,8 +81,8 @@ class Sensors:
         result = {}
         for crossing, sensor in self._sensors.items():
             parts = [*self._parts[crossing], sensor.flush()]
-            fields = (np.concatenate([getattr(e, name) for e in parts]) for name in "txyp")
-            result[crossing] = EventStream(*fields, *self._size)
+            t, x, y, p = (np.concatenate([getattr(e, name) for e in parts]) for name in "txyp")
+            result[crossing] = EventStream(t, x, y, p, *self._size)
         return result
 
 
@@ -161,8 +161,7 @@ def _once(
         clock.append(time.process_time())
         image, depth, motion = (_own(images, name) for name in (LIGHT, "depth", "motion"))
         assert image is not None
-        given = {"states": states} if states is not None else {}
-        t, frames = interpolator.push(stamp, episodes, image, depth, motion, **given)
+        t, frames = interpolator.push(stamp, episodes, image, depth, motion, states=states)
         clock.append(time.process_time())
         remembered = memory.of(poses)
         if k > skipped:

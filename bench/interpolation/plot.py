@@ -9,7 +9,6 @@ from typing import Any
 STYLES = {
     "dense": ("o", "tab:blue"),
     "splat": ("s", "tab:orange"),
-    "splat-forward": ("D", "tab:green"),
     "rigid": ("^", "tab:red"),
 }
 """Marker and colour by method."""
@@ -66,8 +65,8 @@ def _panel(axes: Any, rows: Sequence[dict[str, Any]]) -> None:
         if method == "dense":
             _line(axes, points, marker, colour, "-", "full", (6, 5))
             continue
-        # Rigid's labels below its line, splat's above: they never cross. Splat-forward is beside splat.
-        place = None if method == "splat-forward" else (0, -13) if method == "rigid" else (0, 7)
+        # Rigid's labels below its line, splat's above: they never cross.
+        place = (0, -13) if method == "rigid" else (0, 7)
         for frames, (line, fill) in LINES.items():
             # More frames do not help splat.
             if frames == 1000 or method == "rigid":
@@ -116,13 +115,13 @@ def _line(
     colour: str,
     line: str,
     fill: str,
-    place: tuple[float, float] | None,
+    place: tuple[float, float],
 ) -> None:
-    """Points joined in the order of their keyframe rates; the ends are labelled, at an offset [pt] unless None."""
+    """Points joined in the order of their keyframe rates; the ends are labelled, at an offset [pt]."""
     x, y = [p[2] for p in points], [p[3] for p in points]
     axes.plot(x, y, marker + line, color=colour, fillstyle=fill, ms=6, lw=1.2)
     ends = [points[0], points[-1]] if len(points) > 1 else points
-    for rate, _, *at in ends if place is not None else ():
+    for rate, _, *at in ends:
         axes.annotate(
             f"{rate:.0f}", at, fontsize=7, color=colour, xytext=place, textcoords="offset points", ha="center"
         )

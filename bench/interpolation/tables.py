@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.interpolation.pipeline import Run
+from nodes.interpolator.auto.setting import METHODS
 
 DENSE_HZ = (250, 500, 1000, 2000)
 """Rates of dense rendering [Hz]."""
@@ -18,7 +19,6 @@ RATES = ((250, 4), (125, 8), (62.5, 16), (31.25, 32))
 """Keyframe rates [Hz] and K that give 1000 frames per second."""
 MANY = ((250, 16), (125, 32), (62.5, 64), (31.25, 128))
 """The same shading and four times the frames: what shading does not limit."""
-METHODS = ("splat", "splat-forward", "rigid")
 LOST = 0.02
 """Share of the pixels of a hard case, off by more than a threshold, from which on a method fails in it."""
 PAPER = "frame"
@@ -86,7 +86,7 @@ def equal_time(name: str, rows: Sequence[Row], facts: dict[str, Any]) -> list[di
     for cost in (own, *(c for c in SHADING_US if c > own)):
         budget, fits = _within(rows, facts, cost)
         line: dict[str, Any] = {"scene": name, "shading [us/px]": round(cost, 2), "run time [s/s]": round(budget, 2)}
-        for method in ("none", *METHODS):
+        for method in METHODS:
             best = _best(r for r in fits if r.method == method)
             line["dense" if method == "none" else method] = f"{best.error[VP]:.4f} ({best.label})" if best else "-"
         splat, rigid = (_best(r for r in fits if r.method == method) for method in ("splat", "rigid"))

@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 
 from bench import command
+from bench.renderer.scenes import prescribed_poses
 from evis.scene import load_scene
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import GEOMETRIC, LAST, Renderer
@@ -33,13 +34,6 @@ CASES = (
     ("drone", 1, (640, 480)),
 )
 """Scene, environments, size."""
-
-
-def poses_of(scene: Any, count: int, envs: int) -> np.ndarray:
-    """Computes poses [count, E, N, 7] of a scene with prescribed motion, STEP_NS apart."""
-    t = np.arange(count, dtype=np.int64) * STEP_NS
-    one = np.stack([b.trajectory.pose(t) for b in scene.bodies], axis=1)
-    return np.repeat(one[:, None], envs, axis=1)
 
 
 def timed(call: Callable[[int], object], count: int, device: str) -> dict[str, float]:
@@ -90,7 +84,8 @@ def kernels(launch: Callable[[], object], count: int) -> dict[str, float]:
 def rows_of(name: str, envs: int, size: tuple[int, int], count: int, device: str) -> Iterable[dict[str, Any]]:
     """Measures visibility alone, and all outputs with the shadows of all lights, of one light and of none."""
     scene = load_scene(name, {"width": size[0], "height": size[1]})
-    poses = poses_of(scene, count + 5, envs)
+    times = np.arange(count + 5, dtype=np.int64) * STEP_NS
+    poses = np.repeat(prescribed_poses(scene, times), envs, axis=1)
     case = f"{envs} x {name} {size[0]}x{size[1]}"
     visibility = Visibility(scene, scene.cameras[0], envs, 0, device)
     row = {"case": case, "what": "visibility", **timed(lambda i: visibility.update(poses[i]), count, device)}

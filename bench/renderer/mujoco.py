@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -20,10 +22,14 @@ def drawing(scene: Scene, poses: np.ndarray, depth: bool) -> Callable[[], np.nda
 
     The scene's first camera, point lights and plain materials are taken over.
     """
+    earlier = "mujoco" in sys.modules
     os.environ.setdefault("MUJOCO_GL", "egl")
     try:
         import mujoco
 
+        if earlier:
+            # MuJoCo chose its OpenGL when it was imported, by physics perhaps, which draws nothing: it chooses anew.
+            importlib.reload(sys.modules[mujoco.Renderer.__module__].gl_context)
         model = compiled(scene, poses)
         data = mujoco.MjData(model)
         camera = scene.cameras[0]

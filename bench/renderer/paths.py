@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from bench import command
+from bench.renderer.scenes import prescribed_poses
 from evis.geometry import se3
 from evis.scene import load_scene
 from evis.scene.model import Scene
@@ -29,7 +30,7 @@ def room(size: tuple[int, int], plain: bool = True) -> tuple[Scene, np.ndarray]:
     if plain:
         for material in scene.materials:
             material.texture, material.roughness, material.metallic = None, 1.0, 0.0
-    return scene, np.array([[b.trajectory.pose(np.array([0]))[0] for b in scene.bodies if b.trajectory is not None]])
+    return scene, prescribed_poses(scene, np.array([0]))[0]
 
 
 def moved(scene: Scene, poses: np.ndarray, pixels: float) -> np.ndarray:
@@ -108,7 +109,7 @@ def cost(name: str, options: PathOptions | None, size: tuple[int, int], repeats:
     from bench.renderer.stages import milliseconds
 
     scene = load_scene(name, dict(zip(("width", "height"), size)))
-    poses = np.array([[b.trajectory.pose(np.array([0]))[0] for b in scene.bodies if b.trajectory is not None]])
+    poses = prescribed_poses(scene, np.array([0]))[0]
     pair = [moved(scene, poses, 1.0), poses]
     renderer = Renderer(scene, scene.cameras[0], paths=options)
     spent = milliseconds(lambda k: renderer.render(pair[k % 2], None, ("radiance",)), repeats)

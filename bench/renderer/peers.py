@@ -17,7 +17,7 @@ import warp as wp
 
 from bench import command
 from bench.renderer import mitsuba, mujoco, mujoco_warp
-from bench.renderer.scenes import hall
+from bench.renderer.scenes import hall, prescribed_poses
 from evis.scene import load_scene
 from evis.scene.model import Light, Scene
 from nodes.renderer.paths.paths import PathOptions
@@ -39,10 +39,7 @@ def disk(size: tuple[int, int]) -> tuple[Scene, np.ndarray]:
     scene.lights = [
         Light(l.name, l.kind, l.colour, l.vector) for l in scene.lights if l.kind in ("point", "directional")
     ]
-    times = (0, 10**7)
-    return scene, np.array(
-        [[[b.trajectory.pose(np.array([t]))[0] for b in scene.bodies if b.trajectory]] for t in times]
-    )
+    return scene, prescribed_poses(scene, np.array([0, 10**7]))
 
 
 def ours(scene: Scene, poses: np.ndarray, image: str, device: str, paths: PathOptions | None) -> Callable[[], Any]:

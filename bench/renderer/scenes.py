@@ -24,6 +24,11 @@ class Still:
         return True
 
 
+def prescribed_poses(scene: Scene, t_ns: np.ndarray) -> np.ndarray:
+    """Computes poses float64 [T, 1, N, 7] at stamps [T] of a scene whose bodies all have a trajectory."""
+    return np.stack([b.trajectory.pose(t_ns) for b in scene.bodies if b.trajectory is not None], axis=1)[:, None]
+
+
 def ball(radius: float, rings: int) -> Mesh:
     """Makes a sphere of 4 rings (rings - 1) triangles."""
     theta = np.linspace(0, np.pi, rings + 1)[:, None]

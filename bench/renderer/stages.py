@@ -13,11 +13,11 @@ import numpy as np
 import warp as wp
 
 from bench import command
-from bench.renderer.scenes import balls, hall
+from bench.renderer.ray_kernels import cast_rays, differing
+from bench.renderer.scenes import balls, hall, prescribed_poses
 from evis.scene import load_scene
 from evis.scene.model import Scene
 from nodes.interpolator.luminance import luminance_of
-from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.renderer import LIGHT, Renderer
 
@@ -25,40 +25,6 @@ COMMAND = "evis bench renderer"
 SIZES = ((346, 260), (640, 480))
 RATE = 30.0
 """Keyframes per second of the runs."""
-
-
-@wp.kernel(enable_backward=False)
-def cast_rays(
-    # in
-    view: CameraView,
-    mesh: wp.uint64,
-    # out
-    triangle: wp.array3d(dtype=int),
-    depth: wp.array3d(dtype=float),
-):
-    """Casts one primary ray per pixel from the camera, at the origin."""
-    env, y, x = wp.tid()
-    query = wp.mesh_query_ray(mesh, wp.vec3(0.0, 0.0, 0.0), pixel_ray(view, x, y), 1.0e6)
-    triangle[env, y, x] = wp.where(query.result, query.face, MISS)
-    depth[env, y, x] = query.t
-
-
-@wp.kernel(enable_backward=False)
-def differing(
-    # in
-    packed: wp.array3d(dtype=wp.uint64),
-    triangle: wp.array3d(dtype=int),
-    depth: wp.array3d(dtype=float),
-    # out
-    count: wp.array(dtype=int),
-):
-    """Counts pixels where raster and rays disagree: one sees nothing, or the depths are more than 1e-4 apart."""
-    env, y, x = wp.tid()
-    hit = packed[env, y, x]
-    if (triangle_of(hit) == MISS) != (triangle[env, y, x] == MISS):
-        wp.atomic_add(count, 0, 1)
-    elif triangle_of(hit) != MISS and wp.abs(depth_of(hit) / depth[env, y, x] - 1.0) > 1.0e-4:
-        wp.atomic_add(count, 0, 1)
 
 
 def milliseconds(call: Callable[[int], Any], repeats: int) -> float:
@@ -72,13 +38,17 @@ def milliseconds(call: Callable[[int], Any], repeats: int) -> float:
     return 1e3 * float(np.median(times))
 
 
+def keyframe_times(count: int) -> np.ndarray:
+    """Computes the stamps int64 [count] ns of keyframes from 0 on."""
+    return np.rint(np.arange(count) * 1e9 / RATE).astype(np.int64)
+
+
 def stages(name: str, size: tuple[int, int], shadows: bool, repeats: int) -> dict[str, Any]:
     """Measures a keyframe with depth and motion, stage by stage, of a scene of prescribed motion."""
     scene = load_scene(name, dict(zip(("width", "height"), size)))
     for light in scene.lights:
         light.shadows = light.shadows and shadows
-    times = [round(k * 1e9 / RATE) for k in range(repeats + 2)]
-    poses = [np.array([[b.trajectory.pose(np.array([t]))[0] for b in scene.bodies]]) for t in times]
+    poses = list(prescribed_poses(scene, keyframe_times(repeats + 2)))
     return {
         "scene": f"{name} {size[0]} x {size[1]}, {'shadows' if shadows else 'no shadows'}",
         **stage_times(scene, poses, repeats),
@@ -93,7 +63,7 @@ def stage_times(scene: Scene, poses: list[np.ndarray], repeats: int) -> dict[str
     targets = {name: wp.empty(r.shape, dtype=r.types[name], device="cpu") for name in out}
 
     def place(k: int) -> None:
-        v.place(v.frames(poses[k + 1]), poses[k])
+        v.place(v.instance_poses(poses[k + 1]), poses[k])
 
     def geometric(k: int) -> None:
         place(k)
@@ -120,10 +90,7 @@ def stage_times(scene: Scene, poses: list[np.ndarray], repeats: int) -> dict[str
 def luminance_alone(name: str, size: tuple[int, int], repeats: int) -> dict[str, Any]:
     """Measures a keyframe of luminance, and one of radiance with the conversion to luminance; least times."""
     scene = load_scene(name, dict(zip(("width", "height"), size)))
-    poses = [
-        np.array([[b.trajectory.pose(np.array([round(k * 1e9 / RATE)]))[0] for b in scene.bodies]])
-        for k in range(repeats + 2)
-    ]
+    poses = prescribed_poses(scene, keyframe_times(repeats + 2))
     least, taken, image_bytes = dict.fromkeys(LIGHT, np.inf), np.inf, {}
     renderers = {kind: Renderer(scene, scene.cameras[0]) for kind in LIGHT}
     out = {kind: {kind: np.empty(*r.array_shape(kind))} for kind, r in renderers.items()}
@@ -155,7 +122,7 @@ def background(label: str, scene: Scene, poses: list[np.ndarray], repeats: int) 
     """Measures visibility with the still background kept and drawn anew: times, their ratio, pixels that differ."""
     kept = Visibility(scene, scene.cameras[0])
     anew = Visibility(scene, scene.cameras[0], layered=False)
-    frames = [kept.frames(p) for p in poses]
+    frames = [kept.instance_poses(p) for p in poses]
     fast = milliseconds(lambda k: kept.update(frames[k % len(frames)]), repeats)
     slow = milliseconds(lambda k: anew.update(frames[k % len(frames)]), repeats)
     return {
@@ -171,7 +138,7 @@ def background(label: str, scene: Scene, poses: list[np.ndarray], repeats: int) 
 def backgrounds(size: tuple[int, int], repeats: int) -> list[dict[str, Any]]:
     """Measures a kept background on the spinning disk and on the hall."""
     disk = load_scene("spinning_disk", dict(zip(("width", "height"), size)))
-    instants = [np.array([[b.trajectory.pose(np.array([t]))[0] for b in disk.bodies]]) for t in (0, 10**7)]
+    instants = list(prescribed_poses(disk, np.array([0, 10**7])))
     crowd, poses = hall(size)
     return [
         background(f"spinning_disk {size[0]} x {size[1]}", disk, instants, repeats),
@@ -184,9 +151,9 @@ def raster_against_rays(size: tuple[int, int], rings: int, repeats: int) -> dict
     scene, poses = balls(10, rings, size)
     v = Visibility(scene, scene.cameras[0])
     raster = milliseconds(lambda k: v.update(poses), repeats)
-    geometry, frames = v.geometry, v.frames(poses)
+    geometry, frames = v.geometry, v.instance_poses(poses)
     turn, place = frames.rotation[0, geometry.vertex_instance], frames.translation[0, geometry.vertex_instance]
-    vertices = wp.array((turn @ geometry.vertices[..., None])[..., 0] + place, dtype=wp.vec3)
+    vertices: wp.array = wp.array((turn @ geometry.vertices[..., None])[..., 0] + place, dtype=wp.vec3)
     mesh = wp.Mesh(wp.clone(vertices), wp.array(geometry.triangles.reshape(-1), dtype=wp.int32), bvh_constructor="sah")
     triangle, depth = wp.empty(v.shape, dtype=wp.int32), wp.empty(v.shape, dtype=wp.float32)
 

@@ -1,5 +1,7 @@
 """Decoding speed of event streams: the Warp kernels and their numpy twins, and other libraries on the same files.
 
+    evis bench streams [--quick]
+
 Other libraries may live in another Python: `EVIS_PEERS_PYTHON=/path/to/venv/bin/python evis bench streams`.
 """
 

@@ -19,7 +19,7 @@ class Forward:
     """Makes z-buffers of P instants of one environment from those of the keyframes about them.
 
     packed: Warp uint64 [P, H, W] on the device, as Visibility's but for entries without a triangle: SKY where the sky
-    was moved to, HOLE where nothing was, and marks at what is beside a point's own pixel (visibility_kernels).
+    was moved to, HOLE where nothing was, and marks at what is beside a point's own pixel (bench.visibility.kernels).
     """
 
     def __init__(self, visibility: Visibility, instants: int, footprint: str) -> None:

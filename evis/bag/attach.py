@@ -34,7 +34,7 @@ class Taps:
             self._subscribers[topic] = subscriber
 
     def run(self, receive: Callable[[str, Message], None], duration_s: float | None, alive: Callable[[], bool]) -> None:
-        """Hand over messages until `duration_s` is over, the graph is gone or all topics have ended."""
+        """Hands over messages until `duration_s` is over, the graph is gone or all topics have ended."""
         from evis.bus import END
 
         ending = None if duration_s is None else time.monotonic() + duration_s
@@ -50,7 +50,7 @@ class Taps:
                     message.release()
 
     def close(self) -> None:
-        """Close the sockets."""
+        """Closes the sockets."""
         for subscriber in self._subscribers.values():
             subscriber.close()
         self._context.destroy(linger=0)

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 
 def decoded_events(reader: BagReader, topic: str, env: int | None = None) -> Iterator[tuple[EventPacket, Events]]:
-    """(packet, its events); a sensor's own bytes are decoded by one decoder that keeps its state between packets.
+    """Yields (packet, its events); a sensor's own bytes are decoded by one decoder that keeps its state between
+    packets.
 
     env: the environment whose events to give, all of them when None. Raises BagError for an encoding that has no
     decoder here.

@@ -14,7 +14,7 @@ from msgs.header import Message
 
 
 def count(message: Message) -> int:
-    """Environments in a message, 0 where it has no such axis."""
+    """Counts the environments in a message, 0 where it has no such axis."""
     if isinstance(message, EventPacket):
         return max(len(message.env_offsets) - 1, 0)
     specs = array_specs(type(message))
@@ -23,7 +23,7 @@ def count(message: Message) -> int:
 
 
 def tabular(message: Message) -> bool:
-    """True where rows of tables tell their environment."""
+    """Returns True where rows of tables tell their environment."""
     specs = array_specs(type(message))
     return any(_table(name, specs) for name in message.arrays())
 
@@ -35,7 +35,9 @@ def _table(name: str, specs: Any) -> str:
 
 
 def split(message: Message, envs: int) -> list[tuple[Message, dict[str, list[int]]]]:
-    """One message of a single environment each, and for tables whose rows are not sorted by environment their rows."""
+    """Splits a message into one of a single environment each, and for tables whose rows are not sorted by environment
+    their rows.
+    """
     if isinstance(message, EventPacket):
         return [(_events(message, e), {}) for e in range(envs)]
     specs = array_specs(type(message))
@@ -59,7 +61,9 @@ def split(message: Message, envs: int) -> list[tuple[Message, dict[str, list[int
 
 
 def fits(message: Message, envs: int) -> bool:
-    """False where rows or events are not wholly dealt out among the environments: such a message is kept whole."""
+    """Returns False where rows or events are not wholly dealt out among the environments: such a message is kept
+    whole.
+    """
     if isinstance(message, EventPacket):
         offsets = np.asarray(message.env_offsets)
         total = 0 if message.t is None else len(message.t)
@@ -76,7 +80,7 @@ def _events(packet: EventPacket, e: int) -> EventPacket:
 
 
 def join(parts: Sequence[tuple[Message, dict[str, list[int]]]]) -> Message:
-    """Undo `split`."""
+    """Joins what `split` has split."""
     first = parts[0][0]
     if isinstance(first, EventPacket):
         return _join_events([m for m, _ in parts])  # type: ignore[misc]

@@ -37,7 +37,7 @@ class _Topic:
         self.span = [min([log_time, *self.span]), max([log_time, *self.span])]
 
     def add_events(self, count: int, first: int, last: int) -> None:
-        """First and last in the order of the stream."""
+        """Notes the first and last time in the order of the stream."""
         self.events += count
         self.event_span = [self.event_span[0] if self.event_span else first, last]
 
@@ -60,7 +60,7 @@ class _Topic:
 
 
 def describe(path: str | Path) -> dict[str, Any]:
-    """Duration, topics and metadata of a bag, all of it counted, not believed. Raises BagError.
+    """Describes duration, topics and metadata of a bag, all of it counted, not believed. Raises BagError.
 
     {"path", "bytes", "duration_s", "start_ns", "end_ns", "complete", "problem", "topics": {name: {...}}, "parts":
     {name: {...}}, "metadata"}; `parts` are the topics that only complete others (`/cam0/keyframe/meta`).

@@ -19,7 +19,8 @@ def _curve() -> np.ndarray:
 
 
 def exposure(radiance: np.ndarray) -> float:
-    """The gain that brings the image's log-average luminance to middle grey, 0.18 (Reinhard et al. 2002, eq. 1-2).
+    """Computes the gain that brings the image's log-average luminance to middle grey, 0.18 (Reinhard et al. 2002, eq.
+    1-2).
 
     radiance: [..., 3], linear. Black, negative and non-finite pixels do not count; 1.0 where nothing else is there.
     A grid of at most about 10 000 pixels is looked at.
@@ -32,7 +33,8 @@ def exposure(radiance: np.ndarray) -> float:
 
 
 def tone_map(radiance: np.ndarray, gain: float | None = None) -> np.ndarray:
-    """sRGB uint8 [..., 3] of linear radiance [..., 3]: gain, then x/(1+x) per channel (Reinhard et al. 2002, eq. 3).
+    """Maps linear radiance [..., 3] to sRGB uint8 [..., 3]: gain, then x/(1+x) per channel (Reinhard et al. 2002, eq.
+    3).
 
     gain None = `exposure(radiance)`. NaN is black, +inf white.
     """

@@ -18,6 +18,7 @@ from evis.bag.ros import jsonform, mapping
 from evis.bag.ros import messages as ros
 from evis.bag.writer import ENV_KEY, MESSAGE_KEY, SUFFIX_KEY, TOPIC_KEY
 from evis.files.damage import faults_as
+from evis.files.descriptor import DescriptorOwner
 from msgs.header import Message
 from msgs.topics import TOPICS
 
@@ -53,7 +54,7 @@ class _Found:
     raw: memoryview
 
 
-class BagReader:
+class BagReader(DescriptorOwner):
     """Reads a bag. A torn bag (no index, cut anywhere) opens like a whole one; `problem` says what it lacks.
 
     topics: topic -> message type name; environments of one topic are joined. metadata: the tables of texts.
@@ -86,12 +87,6 @@ class BagReader:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def close(self) -> None:
-        """Close the file."""
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
-
     @property
     def start_ns(self) -> int:
         """Earliest log time [ns], 0 in an empty bag."""
@@ -118,7 +113,7 @@ class BagReader:
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[tuple[str, Message]]:
-        """(topic, message) by episode, time, and at one time in data-flow order. Arrays are read-only.
+        """Yields (topic, message) by episode, time, and at one time in data-flow order. Arrays are read-only.
 
         topics: None = all. start_ns, end_ns: inclusive range of log times [ns]. Damaged parts are left out and counted
         in `skipped`. Raises BagError for a topic that the bag does not have.
@@ -140,7 +135,7 @@ class BagReader:
         self.skipped += len(sets)
 
     def skip(self, error: BagError) -> None:
-        """Count something that was left out because it is damaged."""
+        """Counts something that was left out because it is damaged."""
         self.skipped += 1
         self.first_problem = self.first_problem or str(error)
 

@@ -20,6 +20,7 @@ from evis.events.files.rosbag.messages import TYPES, plain_type
 from evis.events.files.rosbag.recording import BagMessage, RosRecording
 from evis.events.recording import OpenOptions, Recording, RecordingError, RecordingInfo
 from evis.files.allowance import Allowance
+from evis.files.descriptor import DescriptorOwner
 
 NAME = "MCAP bag"
 
@@ -27,11 +28,11 @@ _ENCODINGS = ("cdr", "ros1")
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The signature."""
+    """Tells whether a file begins with the signature of MCAP."""
     return head.startswith(b"\x89MCAP")
 
 
-class McapRecording(RosRecording):
+class McapRecording(DescriptorOwner, RosRecording):
     """Reads an MCAP bag of another recorder. Without its index, or cut, it is read record by record."""
 
     def __init__(self, path: Path, options: OpenOptions, descriptor: int, scanner: Scanner) -> None:
@@ -91,14 +92,11 @@ class McapRecording(RosRecording):
     def position(self) -> float:
         return min(1.0, self._place / max(self._scanner.size, 1))
 
-    def close(self) -> None:
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
-
 
 def torn_tail(descriptor: int, size: int, allowance: Allowance) -> bytes:
-    """The records behind the last whole one of a file that ends early: a cut chunk unpacked, or a cut message."""
+    """Returns the records behind the last whole one of a file that ends early: a cut chunk unpacked, or a cut
+    message.
+    """
     at = 8
     while at + 9 <= size:
         head = os.pread(descriptor, 9, at)
@@ -194,7 +192,7 @@ class EvisBagRecording(BlockRecording):
 
 
 def open_file(path: Path, options: OpenOptions) -> Recording:
-    """Open an MCAP bag. Raises RecordingError."""
+    """Opens an MCAP bag. Raises RecordingError."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     ours = False
     try:

@@ -25,7 +25,7 @@ class Recovery:
 
 
 def recover(source: str | Path, target: str | Path | None = None) -> Recovery:
-    """Write the readable part of `source` to `target` (default `<name>.recovered.mcap`). The source is not changed.
+    """Writes the readable part of `source` to `target` (default `<name>.recovered.mcap`). The source is not changed.
 
     Raises BagError where there is no bag to read or the target cannot be written.
     """

@@ -14,7 +14,7 @@ FIRST_ENV = "/env0"
 
 
 def select(available: Iterable[str], globs: Sequence[str] = ()) -> list[str]:
-    """The topics that are recorded: those that the topic table records by default, and those that match a glob.
+    """Selects the topics that are recorded: those that the topic table records by default, and those that match a glob.
 
     Sub-frames (1 GB/s, made again bit for bit by a lock-step replay) only match a glob whose last part names them.
     """
@@ -36,20 +36,20 @@ def _matches(name: str, glob: str) -> bool:
 
 
 def unmatched(available: Iterable[str], globs: Sequence[str]) -> list[str]:
-    """Globs that match no topic of the table: most likely misspelt."""
+    """Returns the globs that match no topic of the table: most likely misspelt."""
     examples = [*available, *(row.pattern.replace("<cam>", "cam0") for row in TOPICS)]
     return [g for g in globs if not any(_matches(name, g) for name in examples)]
 
 
 def preview_sources(available: Iterable[str]) -> list[str]:
-    """Keyframe topics that a preview is made from: those of cameras that have no image of their own."""
+    """Returns the keyframe topics that a preview is made from: those of cameras that have no image of their own."""
     names = list(available)
     stems = [n.rsplit("/", 1)[0] for n in names if n.endswith("/keyframe")]
     return [f"{s}/keyframe" for s in stems if f"{s}/image" not in names and f"{FIRST_ENV}{s}/image" not in names]
 
 
 def subscribed(available: Iterable[str], globs: Sequence[str], preview_hz: float) -> list[str]:
-    """The topics of `available` that a recorder reads: the recorded ones, and keyframes for the preview.
+    """Returns the topics of `available` that a recorder reads: the recorded ones, and keyframes for the preview.
 
     Raises ParamError for a glob that no topic is like.
     """

@@ -80,7 +80,7 @@ class BagWriter:
         self.close()
 
     def write(self, topic: str, message: Message) -> None:
-        """Record one message; its arrays are free when this returns. Raises BagError, for a full disk too."""
+        """Records one message; its arrays are free when this returns. Raises BagError, for a full disk too."""
         message.check()
         wall = message.header.clock == "wall"
         # arrays are the sender's again when this returns: such a message cannot wait
@@ -108,11 +108,11 @@ class BagWriter:
         self.messages[topic] += 1
 
     def flush(self) -> None:
-        """Bring everything to the file now."""
+        """Brings everything to the file now."""
         self.container.flush()
 
     def close(self, metadata: Mapping[str, Mapping[str, str]] | None = None) -> None:
-        """Write what is open, tables of texts that are only known now, and the index. A second call does nothing."""
+        """Writes what is open, tables of texts that are only known now, and the index. A second call does nothing."""
         if not self.container.failure and not self.container.closed:
             early, self._early = self._early, []
             for topic, message in early:
@@ -177,7 +177,8 @@ class BagWriter:
 
 
 def describe_run(launch_text: str, parameters: Mapping[str, Any], **values: Any) -> dict[str, dict[str, str]]:
-    """Metadata of a run: tables `launch` (the resolved launch file), `parameters` (JSON by node), `evis` (seed, ...).
+    """Returns the metadata of a run: tables `launch` (the resolved launch file), `parameters` (JSON by node), `evis`
+    (seed, ...).
 
     `values` (seed, run_id, mode, ...) are kept as text, with the versions of the packages that decide the bits.
     """

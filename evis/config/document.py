@@ -33,11 +33,11 @@ _KEYS = {"launch file": "`nodes:`, `include:`, `args:`", "scene file": "`cameras
 
 
 class LaunchError(ValueError):
-    """A launch file or argument that cannot be carried out. The text starts with file:line where there is one."""
+    """Says that a launch file or argument cannot be carried out. The text starts with file:line where there is one."""
 
 
 class Table(dict[str, Any]):
-    """A YAML map. `lines`: the line of each key."""
+    """Holds a YAML map. `lines`: the line of each key."""
 
     def __init__(self, file: str, line: int) -> None:
         super().__init__()
@@ -46,11 +46,11 @@ class Table(dict[str, Any]):
         self.lines: dict[str, int] = {}
 
     def where(self, key: str | None = None) -> str:
-        """`file:line` of a key, or of the map itself."""
+        """Returns `file:line` of a key, or of the map itself."""
         return f"{self.file}:{self.lines.get(key, self.line) if key is not None else self.line}"
 
     def check_keys(self, known: Iterable[str], what: str) -> None:
-        """Raise LaunchError for a key that `what` does not have."""
+        """Raises LaunchError for a key that `what` does not have."""
         names = list(known)
         for key in self:
             if key not in names:
@@ -58,7 +58,7 @@ class Table(dict[str, Any]):
 
 
 class Row(list[Any]):
-    """A YAML list. `lines`: the line of each item."""
+    """Holds a YAML list. `lines`: the line of each item."""
 
     def __init__(self, file: str, line: int) -> None:
         super().__init__()
@@ -68,7 +68,9 @@ class Row(list[Any]):
 
 
 def read(path: Path, what: str = "launch file") -> Table:
-    """The top-level map of a launch file (or what `what` says). Raises LaunchError with file:line for anything else."""
+    """Reads the top-level map of a launch file (or what `what` says). Raises LaunchError with file:line for anything
+    else.
+    """
     name = _short(path)
     try:
         if path.stat().st_size > MAX_BYTES:
@@ -82,7 +84,7 @@ def read(path: Path, what: str = "launch file") -> Table:
 
 
 def parse(text: str, name: str, what: str = "launch file") -> Table:
-    """As `read`, from text; `name` stands for the file in errors."""
+    """Reads the top-level map of a text as `read` does of a file; `name` stands for the file in errors."""
     value = parse_value(text, name)
     if not isinstance(value, Table):
         raise LaunchError(f"{name}:1: a {what} is a map with {_KEYS.get(what, 'names as keys')}")
@@ -90,7 +92,9 @@ def parse(text: str, name: str, what: str = "launch file") -> Table:
 
 
 def parse_value(text: str, name: str) -> Any:
-    """What a text of YAML says: Table, Row, text, number, true, false or null. Raises LaunchError with name:line."""
+    """Parses a value written in YAML: Table, Row, text, number, true, false or null. Raises LaunchError with
+    name:line.
+    """
     if len(text) > MAX_BYTES:
         raise LaunchError(f"{name}: longer than {MAX_BYTES} characters")
     events: Any = yaml.parse(text, Loader=_LOADER)
@@ -108,7 +112,7 @@ def parse_value(text: str, name: str) -> Any:
 
 
 def submap(table: Table, key: str) -> Table:
-    """The map below `key`, an empty one when there is none. Raises LaunchError when it is something else."""
+    """Returns the map below `key`, an empty one when there is none. Raises LaunchError when it is something else."""
     value = table.get(key)
     if value is None:
         return Table(table.file, table.line)
@@ -125,7 +129,7 @@ class _Scalars(yaml.constructor.SafeConstructor, yaml.resolver.Resolver):
         yaml.resolver.Resolver.__init__(self)
 
     def value(self, event: Any) -> Any:
-        """A value of a plain type; a date in YAML 1.1 is just text here."""
+        """Returns a value of a plain type; a date in YAML 1.1 is just text here."""
         tag = event.tag
         if tag in (None, "!"):
             tag = self.resolve(yaml.ScalarNode, event.value, event.implicit)
@@ -144,7 +148,7 @@ class _Values:
         self._count = 0
 
     def document(self) -> Any:
-        """The only document of the text. Raises LaunchError, yaml.YAMLError."""
+        """Returns the only document of the text. Raises LaunchError, yaml.YAMLError."""
         next(self._events)  # the stream's start
         if isinstance(event := next(self._events), yaml.StreamEndEvent):
             raise LaunchError(f"{self._file}:1: the file is empty")

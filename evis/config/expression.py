@@ -49,11 +49,11 @@ _WORDS = {"true": True, "false": False, "null": None, "none": None}
 
 
 class ExpressionError(ValueError):
-    """An expression that is not one; the caller adds file and line."""
+    """Says that a text is not a valid expression; the caller adds file and line."""
 
 
 def evaluate(text: str, arguments: Mapping[str, Any]) -> Any:
-    """The value of an expression over `arguments`: + - * / // %, comparisons, and/or/not, in, a if c else b, lists.
+    """Evaluates an expression over `arguments`: + - * / // %, comparisons, and/or/not, in, a if c else b, lists.
 
     Raises ExpressionError naming what is not allowed or not known.
     """
@@ -123,7 +123,7 @@ def _value(node: ast.expr, arguments: Mapping[str, Any], text: str) -> Any:
 
 
 class UnknownName(ExpressionError):
-    """A name that is not an argument."""
+    """Says that a name is not an argument."""
 
     def __init__(self, name: str) -> None:
         super().__init__(f"no argument '{name}'")
@@ -159,7 +159,8 @@ def _bounded(value: Any, text: str) -> Any:
 
 
 def substitute(value: Any, arguments: Mapping[str, Any]) -> Any:
-    """`value` with every `${...}` filled in, lists and maps gone through; a text that is one hole keeps its type.
+    """Replaces every `${...}` in a value, in lists and maps too; a text that is one `${...}` alone takes the type of
+    its result.
 
     Raises ExpressionError, also for a text or list that becomes too long.
     """
@@ -209,7 +210,7 @@ def _left(value: Any, most: int, text: str, depth: int = MAX_DEPTH) -> int:
 
 
 def names_in(value: Any) -> set[str]:
-    """The names that the `${...}` of a value of a launch file ask for, lists and maps gone through."""
+    """Collects the names that the `${...}` of a value of a launch file ask for, lists and maps gone through."""
     if isinstance(value, dict):
         return set().union(*map(names_in, value.values()))
     if isinstance(value, list):
@@ -224,7 +225,7 @@ def names_in(value: Any) -> set[str]:
 
 
 def text_of(value: Any) -> str:
-    """A value as it stands inside a text: true, false, empty for null, lists with commas."""
+    """Formats a value as it stands inside a text: true, false, empty for null, lists with commas."""
     if value is None:
         return ""
     if isinstance(value, bool):

@@ -13,12 +13,14 @@ from evis.config.suggestions import did_you_mean, nearest
 
 
 class ParamError(ValueError):
-    """A parameter that a node does not have or cannot take. The text names the node, the key and the remedy."""
+    """Says that a node does not have a parameter or cannot take its value. The text names the node, the key and the
+    remedy.
+    """
 
 
 @dataclass(frozen=True)
 class Param:
-    """One parameter: `type` is int, float, str, bool or list; minimum and maximum are inclusive.
+    """Declares one parameter: `type` is int, float, str, bool or list; minimum and maximum are inclusive.
 
     `default=None` with `optional=True` means "not given". secret: a text that stays out of bags, logs and errors, and
     may be given as `env:NAME` or `file:PATH`, which a list of processes does not show.
@@ -35,7 +37,7 @@ class Param:
     secret: bool = False
 
     def convert(self, owner: str, key: str, value: Any) -> Any:
-        """`value` (from YAML or a command line string) as this parameter's type. Raises ParamError."""
+        """Converts a value (from YAML or a command line) to this parameter's type. Raises ParamError."""
         if value is None and self.optional:
             return None
         if self.secret:
@@ -103,7 +105,7 @@ _NAMES = {int: "a whole number", float: "a number", str: "a text", bool: "true o
 
 
 def resolve(owner: str, declared: Mapping[str, Param], given: Mapping[str, Any]) -> dict[str, Any]:
-    """All parameters of `owner`: the given ones converted and checked, the others at their defaults.
+    """Resolves all parameters of `owner`: the given ones converted and checked, the others at their defaults.
 
     Raises ParamError naming the owner, the key and the nearest valid key.
     """
@@ -116,14 +118,14 @@ def resolve(owner: str, declared: Mapping[str, Param], given: Mapping[str, Any])
 
 
 def describe(param: Param) -> str:
-    """Help, unit, range and default of a parameter, in one line."""
+    """Describes help, unit, range and default of a parameter, in one line."""
     parts = ["one of " + ", ".join(map(str, param.choices)) if param.choices else limits(param)]
     parts.append("" if param.default is None else f"default {describe_value(param.default)}")
     return f"{param.help} ({', '.join(p for p in parts if p)})" if any(parts) else param.help
 
 
 def limits(param: Param) -> str:
-    """Its range in words, with the unit."""
+    """Describes the range in words, with the unit."""
     if param.minimum is None:
         return param.unit
     upwards = f"to {param.maximum:g}" if param.maximum is not None else "or more"
@@ -131,7 +133,7 @@ def limits(param: Param) -> str:
 
 
 def describe_value(value: Any) -> str:
-    """A value as a user would write it: 0.2, true, a,b."""
+    """Formats a value as a user would write it: 0.2, true, a,b."""
     if isinstance(value, (list, tuple)):
         return ",".join(map(describe_value, value)) or "none"
     if isinstance(value, bool):

@@ -12,7 +12,7 @@ MOST_LOOKED_AT = 1 << 20
 
 
 def data_folder(kind: str) -> Path:
-    """The folder `launch` or `scenes`. Raises FileNotFoundError when the installation lacks it."""
+    """Returns the folder `launch` or `scenes`. Raises FileNotFoundError when the installation lacks it."""
     for folder in (_PACKAGE / "data" / kind, _PACKAGE.parent / kind):
         if any(folder.glob("*.yaml")):
             return folder
@@ -28,7 +28,7 @@ def names(kind: str) -> list[str]:
 
 
 def find(kind: str, name: str) -> Path | None:
-    """The file of a launch file or scene by path or by name; None when there is none."""
+    """Finds the file of a launch file or scene by path or by name; None when there is none."""
     path = Path(name)
     if path.suffix in (".yaml", ".yml") or "/" in name:
         if path.is_file():
@@ -51,11 +51,11 @@ def _is_scene(path: Path) -> bool:
 
 
 class UnknownLaunch(FileNotFoundError):
-    """What was named is neither a launch file nor a scene."""
+    """Says that what was named is neither a launch file nor a scene."""
 
 
 def find_launch(name: str) -> tuple[Path, dict[str, str]]:
-    """The launch file for what stands after `evis launch`, and the arguments that go with it.
+    """Finds the launch file for what stands after `evis launch`, and the arguments that go with it.
 
     name: a path or name of a launch file or of a scene, or an MJCF or URDF file (a scene goes with simulator.yaml and
     scene:=NAME). Raises UnknownLaunch naming the nearest one.

@@ -20,7 +20,7 @@ _SOURCES = ("env:", "file:")
 
 
 class SecretError(ValueError):
-    """A secret that cannot be had. The text does not show it."""
+    """Says that a secret cannot be had. The text does not show it."""
 
 
 class Redactor:
@@ -32,7 +32,7 @@ class Redactor:
             self.add(secret)
 
     def add(self, secret: str) -> None:
-        """One secret more."""
+        """Adds one secret."""
         if len(secret) < LEAST:
             return  # Param takes none so short
         forms = {secret, quote(secret), quote(secret, safe=""), json.dumps(secret)[1:-1], repr(secret)[1:-1]}
@@ -40,13 +40,15 @@ class Redactor:
         self._forms = sorted({*self._forms, *forms}, key=len, reverse=True)
 
     def text(self, text: str) -> str:
-        """`text` with HIDDEN for every secret in it."""
+        """Returns `text` with HIDDEN for every secret in it."""
         for form in self._forms:
             text = text.replace(form, HIDDEN)
         return text
 
     def value(self, value: Any) -> Any:
-        """The same for a value: maps (keys too), lists and data classes are gone through, other numbers stay."""
+        """Replaces secrets in a value as `text` does: maps (keys too), lists and data classes are gone through, other
+        numbers stay.
+        """
         if isinstance(value, str):
             return self.text(value)
         if isinstance(value, dict):
@@ -62,14 +64,16 @@ class Redactor:
 
 
 class Veil:
-    """A text stream without secrets: for what libraries and nodes print, piece by piece as it is written."""
+    """Passes text on to a stream without secrets: for what libraries and nodes print, piece by piece as it is
+    written.
+    """
 
     def __init__(self, stream: TextIO, redactor: Redactor) -> None:
         self._stream = stream
         self._redactor = redactor
 
     def write(self, text: str) -> int:
-        """As of the stream behind it."""
+        """Writes the text without secrets to the stream behind."""
         self._stream.write(self._redactor.text(text))
         return len(text)
 
@@ -78,7 +82,7 @@ class Veil:
 
 
 def fetch(given: str) -> str:
-    """The secret that is meant: `given` itself, or what `env:NAME` or `file:PATH` (its first line) hold.
+    """Fetches the secret that is meant: `given` itself, or what `env:NAME` or `file:PATH` (its first line) hold.
 
     Raises SecretError.
     """

@@ -10,19 +10,19 @@ CUTOFF = 0.5
 
 
 def closest(name: str, known: Iterable[str]) -> str | None:
-    """The known name that is most like `name`, None where none is alike."""
+    """Finds the known name that is most like `name`, None where none is alike."""
     near = difflib.get_close_matches(name, list(known), n=1, cutoff=CUTOFF)
     return near[0] if near else None
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """`; did you mean 'x'?`, to stand behind an error, or nothing where no known name is alike."""
+    """Returns `; did you mean 'x'?`, to stand behind an error, or nothing where no known name is alike."""
     near = closest(name, known)
     return f"; did you mean '{near}'?" if near else ""
 
 
 def nearest(name: str, known: Iterable[str], otherwise: str = "there are") -> str:
-    """`did you mean 'x'?`, or `otherwise` and the list of what there is."""
+    """Returns `did you mean 'x'?`, or `otherwise` and the list of what there is."""
     names = list(known)
     near = closest(name, names)
     return f"did you mean '{near}'?" if near else f"{otherwise} {', '.join(names) or 'none'}"

@@ -99,7 +99,9 @@ class Events:
 
     @staticmethod
     def of(t: Any, x: Any, y: Any, p: Any, c: Any = None) -> Events:
-        """From integer sequences of equal length. Raises ValueError where a value does not fit its type."""
+        """Makes events from integer sequences of equal length. Raises ValueError where a value does not fit its
+        type.
+        """
         arrays = [_fit("t", t, np.int64), _fit("x", x, np.uint16), _fit("y", y, np.uint16), _fit("p", p, np.uint8)]
         if len({a.shape for a in arrays}) != 1 or arrays[0].ndim != 1:
             shapes = ", ".join(f"{n} {list(a.shape)}" for n, a in zip("txyp", arrays))
@@ -113,7 +115,7 @@ class Events:
 
     @staticmethod
     def concatenate(parts: Sequence[Events]) -> Events:
-        """All parts one after the other; colour is kept where every part that has events has it.
+        """Returns all parts one after the other; colour is kept where every part that has events has it.
 
         Where one part alone has events, they are not copied. Raises ValueError when only some of the parts have colour.
         """

@@ -105,7 +105,7 @@ class RecordingInfo:
     warnings: list[str] = field(default_factory=list)
 
     def warn(self, text: str) -> None:
-        """Say something once."""
+        """Adds a warning, each text once."""
         if text not in self.warnings:
             self.warnings.append(text)
 
@@ -117,15 +117,15 @@ class Recording(abc.ABC):
 
     @abc.abstractmethod
     def blocks(self) -> Iterator[Events]:
-        """What is left, in blocks of bounded size."""
+        """Yields what is left in blocks of bounded size."""
 
     @abc.abstractmethod
     def read_until(self, t_ns: int) -> Events:
-        """The next events in file order, up to the first one later than t_ns."""
+        """Reads the next events in file order, up to the first one later than t_ns."""
 
     @abc.abstractmethod
     def seek(self, t_ns: int) -> None:
-        """Go on with the first event or trigger, in file order, that is not earlier than t_ns. Backwards too.
+        """Goes on with the first event or trigger, in file order, that is not earlier than t_ns. Backwards too.
 
         By an index or bisection where the format allows it, otherwise by reading up to there.
         """
@@ -141,7 +141,7 @@ class Recording(abc.ABC):
         return None
 
     def counters(self) -> dict[str, int]:
-        """What was dropped so far, by reason; only what is not 0."""
+        """Counts what was dropped so far, by reason; only what is not 0."""
         return {}
 
     @property
@@ -151,10 +151,10 @@ class Recording(abc.ABC):
 
     @abc.abstractmethod
     def close(self) -> None:
-        """Close the file."""
+        """Closes the file."""
 
     def read(self) -> Events:
-        """All that is left at once."""
+        """Reads all that is left at once."""
         return Events.concatenate([Events.empty(), *self.blocks()])
 
     def __enter__(self) -> Recording:
@@ -184,14 +184,14 @@ class Writer(abc.ABC):
 
     @abc.abstractmethod
     def write(self, events: Events) -> None:
-        """Append. Raises ValueError for what the format cannot hold."""
+        """Appends events. Raises ValueError for what the format cannot hold."""
 
     @abc.abstractmethod
     def _finish(self) -> None:
         """Complete and close the partial file."""
 
     def close(self) -> None:
-        """Complete the file and give it its name; what is no regular file (a pipe) gets its bytes."""
+        """Completes the file and gives it its name; what is no regular file (a pipe) gets its bytes."""
         self._finish()
         if self._place.exists() and not self._place.is_file():
             with with_reader(self._place), self.partial.open("rb") as whole, self._place.open("wb") as out:
@@ -202,7 +202,7 @@ class Writer(abc.ABC):
         self._settled = True
 
     def discard(self) -> None:
-        """Leave nothing behind."""
+        """Removes the partial file."""
         self.partial.unlink(missing_ok=True)
         self._settled = True
 
@@ -232,7 +232,7 @@ class Writer(abc.ABC):
 def open_recording(
     path: str | os.PathLike[str], backend: str = "auto", *, size: tuple[int, int] | None = None, topic: str = ""
 ) -> Recording:
-    """Open a recording, whatever its name says: the content decides.
+    """Opens a recording, whatever its name says: the content decides.
 
     backend, size, topic: as in `OpenOptions`. Raises RecordingError with one line that names the file, now and while
     the recording is read, and nothing else whatever is in the file.
@@ -243,7 +243,7 @@ def open_recording(
 
 
 def open_as(path: Path, options: OpenOptions) -> Recording:
-    """Open a recording as `open_recording` does, but by the name that `options` gives it."""
+    """Opens a recording as `open_recording` does, but by the name that `options` gives it."""
     size, topic = options.size, options.topic
     if not path.exists():
         names = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
@@ -290,7 +290,7 @@ def _bags_in(folder: Path) -> list[Path]:
 
 
 def open_writer(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> Writer:
-    """A writer for the format of the path's extension.
+    """Opens a writer for the format of the path's extension.
 
     encoding, where the format has a choice: .raw evt3 (default), evt4, evt21, evt21_legacy, evt2; .aedat4 zstd
     (default), lz4, none; .h5 and .hdf5 ecf (default), plain.
@@ -306,5 +306,5 @@ def open_writer(path: str | os.PathLike[str], width: int, height: int, encoding:
 
 
 def reason(error: OSError) -> str:
-    """What the system says, without what a library wrote around it."""
+    """Tells what the system says, without what a library wrote around it."""
     return os.strerror(error.errno) if error.errno else str(error)

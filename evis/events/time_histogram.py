@@ -37,7 +37,7 @@ class TimeHistogram:
             counts += np.bincount(at if kind is None else at[kind == row], minlength=self.bins)
 
     def counts(self) -> list[int]:
-        """Events of each window, all kinds together, up to the last window that has any."""
+        """Returns the events of each window, all kinds together, up to the last window that has any."""
         both = self.rows.sum(0)
         filled = np.flatnonzero(both)
         return both[: filled[-1] + 1].tolist() if len(filled) else []

@@ -31,7 +31,7 @@ class MessageReader:
             raise error(f"{what} is not little-endian CDR")
 
     def take(self, size: int) -> memoryview:
-        """The next `size` bytes, not copied."""
+        """Takes the next `size` bytes, not copied."""
         end = self.at + size
         if end > len(self.data):
             raise self._error(f"{self.what} ends after {len(self.data)} bytes, {end} are needed")
@@ -39,32 +39,32 @@ class MessageReader:
         return part
 
     def number(self, code: str) -> int | float:
-        """One number; `code` as in `struct` (b B h H i I q Q f d)."""
+        """Reads one number; `code` as in `struct` (b B h H i I q Q f d)."""
         size = struct.calcsize("<" + code)
         self._align(size)
         return struct.unpack("<" + code, self.take(size))[0]
 
     def integer(self, code: str) -> int:
-        """One whole number."""
+        """Reads one whole number."""
         return int(self.number(code))
 
     def string(self) -> str:
-        """Text; bytes that are not UTF-8 are replaced."""
+        """Reads text; bytes that are not UTF-8 are replaced."""
         return bytes(self.take(self.integer("I"))).rstrip(b"\x00").decode(errors="replace")
 
     def doubles(self, count: int) -> np.ndarray:
-        """A fixed-size array of float64."""
+        """Reads a fixed-size array of float64."""
         if count:
             self._align(8)
         return np.frombuffer(self.take(8 * count), "<f8")
 
     def blob(self) -> memoryview:
-        """A sequence of bytes, not copied; of a cut message, what is there."""
+        """Reads a sequence of bytes, not copied; of a cut message, what is there."""
         size = self.integer("I")
         return self.take(min(size, len(self.data) - self.at) if self.cut else size)
 
     def header(self) -> tuple[int, str]:
-        """std_msgs/Header as (stamp [ns], frame); ROS 1 has a sequence number in front of them."""
+        """Reads a std_msgs/Header as (stamp [ns], frame); ROS 1 has a sequence number in front of them."""
         if not self.cdr:
             self.integer("I")
         seconds = self.integer("i")

@@ -50,7 +50,7 @@ class Lens:
         return Lens(model, k, _domain(model, k))
 
     def distort(self, points: np.ndarray) -> np.ndarray:
-        """Image plane (u, v), float64 [..., 2] in focal lengths, of points [..., 3] in the camera frame.
+        """Computes the image plane (u, v), float64 [..., 2] in focal lengths, of points [..., 3] in the camera frame.
 
         NaN for a direction beyond `domain`.
         """
@@ -66,7 +66,8 @@ class Lens:
         return np.where((theta < self.domain)[..., None], uv, np.nan)
 
     def undistort(self, uv: np.ndarray) -> np.ndarray:
-        """Unit directions float64 [..., 3] of image plane positions [..., 2]; NaN where no direction is seen.
+        """Computes the unit directions float64 [..., 3] of image plane positions [..., 2]; NaN where no direction is
+        seen.
 
         Newton's method from the optical axis outwards, with the step halved until the residual falls, so that it
         converges up to the rim of the domain.
@@ -89,7 +90,7 @@ class Lens:
         return rays.reshape(*uv.shape[:-1], 3)
 
     def jacobian(self, xy: np.ndarray) -> np.ndarray:
-        """d(u, v) / d(x, y) of the plumb_bob model, float64 [..., 2, 2]; xy [..., 2] = (X / Z, Y / Z)."""
+        """Returns d(u, v) / d(x, y) of the plumb_bob model, float64 [..., 2, 2]; xy [..., 2] = (X / Z, Y / Z)."""
         k1, k2, p1, p2, k3, k4, k5, k6 = self.k
         x, y = xy[..., 0], xy[..., 1]
         s = x * x + y * y
@@ -102,7 +103,7 @@ class Lens:
         return np.stack([np.stack([uu, cross], -1), np.stack([cross, vv], -1)], -2)
 
     def derivative(self, rays: np.ndarray) -> np.ndarray:
-        """d(u, v) / d(X, Y, Z) at the unit directions `rays` [..., 3], float64 [..., 2, 3], in focal lengths.
+        """Returns d(u, v) / d(X, Y, Z) at the unit directions `rays` [..., 3], float64 [..., 2, 3], in focal lengths.
 
         At a distance d from the camera it is 1 / d of this. NaN where `rays` are.
         """
@@ -211,20 +212,21 @@ def _regular(matrices: np.ndarray) -> np.ndarray:
 
 
 def project(k: np.ndarray, lens: Lens, points: np.ndarray) -> np.ndarray:
-    """Pixels float64 [..., 2] of points [..., 3] in the camera frame; NaN beyond the lens's domain."""
+    """Computes the pixels float64 [..., 2] of points [..., 3] in the camera frame; NaN beyond the lens's domain."""
     uv = lens.distort(points)
     return np.stack((k[0, 0] * uv[..., 0] + k[0, 2], k[1, 1] * uv[..., 1] + k[1, 2]), -1)
 
 
 def unproject(k: np.ndarray, lens: Lens, pixels: np.ndarray) -> np.ndarray:
-    """Unit directions float64 [..., 3] of pixels [..., 2]; NaN where the lens sees nothing."""
+    """Computes the unit directions float64 [..., 3] of pixels [..., 2]; NaN where the lens sees nothing."""
     pixels = np.asarray(pixels, np.float64)
     uv = np.stack(((pixels[..., 0] - k[0, 2]) / k[0, 0], (pixels[..., 1] - k[1, 2]) / k[1, 1]), -1)
     return lens.undistort(uv)
 
 
 def curvature_bound(k: np.ndarray, lens: Lens, angle: float) -> float:
-    """Bound [px/rad^2] on the second derivative of the pixel along any great circle up to `angle` off the axis.
+    """Computes the bound [px/rad^2] on the second derivative of the pixel along any great circle up to `angle` off the
+    axis.
 
     The largest of a fine sampling, times 1.5.
     """

@@ -16,7 +16,7 @@ NS = 1e-9
 
 
 def pose_at(t: np.ndarray | int, times: np.ndarray, poses: np.ndarray, twists: np.ndarray) -> np.ndarray:
-    """Poses at times t.
+    """Computes the poses at times t.
 
     t: int64 [T] or one time, ns, within [times[0], times[-1]]. times: int64 [S], ascending. poses [..., S, N, 7] and
     twists [..., S, N, 6] at those times, world frame. Returns float64 [..., T, N, 7], without the T axis for one time.
@@ -26,14 +26,16 @@ def pose_at(t: np.ndarray | int, times: np.ndarray, poses: np.ndarray, twists: n
 
 
 def twist_at(t: np.ndarray | int, times: np.ndarray, poses: np.ndarray, twists: np.ndarray) -> np.ndarray:
-    """Derivative of `pose_at`: twists float64 [..., T, N, 6], world frame; arguments and errors as there."""
+    """Computes the derivative of `pose_at`: twists float64 [..., T, N, 6], world frame; arguments and errors as
+    there.
+    """
     return state_at(t, times, poses, twists)[1]
 
 
 def state_at(
     t: np.ndarray | int, times: np.ndarray, poses: np.ndarray, twists: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Both `pose_at` and `twist_at`, for the price of one."""
+    """Computes both `pose_at` and `twist_at`, for the price of one."""
     times, poses, twists = np.asarray(times, np.int64), np.asarray(poses), np.asarray(twists)
     wanted = np.atleast_1d(np.asarray(t, np.int64))
     if wanted.size and (wanted.min() < times[0] or wanted.max() > times[-1]):

@@ -14,29 +14,33 @@ from evis.geometry import se3
 
 
 def intrinsics(width: int, height: int, focal: float) -> np.ndarray:
-    """K [3, 3] with square pixels, focal length [px], and the principal point in the middle of the image."""
+    """Makes the matrix K [3, 3] with square pixels, focal length [px], and the principal point in the middle of the
+    image.
+    """
     return np.array([[focal, 0.0, (width - 1) / 2], [0.0, focal, (height - 1) / 2], [0.0, 0.0, 1.0]])
 
 
 def focal_from_fov(height: int, fov: float) -> float:
-    """Focal length [px] that makes the image, edge to edge, `fov` [rad] high."""
+    """Computes the focal length [px] that makes the image, edge to edge, `fov` [rad] high."""
     return 0.5 * height / math.tan(0.5 * fov)
 
 
 def pixel_grid(width: int, height: int) -> np.ndarray:
-    """Pixel centres (x, y), float64 [height, width, 2]."""
+    """Computes the pixel centres (x, y), float64 [height, width, 2]."""
     return np.stack(np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64)), axis=-1)
 
 
 def project(k: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Pixels [..., 2] of points [..., 3] in the camera frame; behind the camera the result means nothing."""
+    """Computes the pixels [..., 2] of points [..., 3] in the camera frame; behind the camera the result means
+    nothing.
+    """
     points = np.asarray(points, np.float64)
     u, v = points[..., 0] / points[..., 2], points[..., 1] / points[..., 2]
     return np.stack((k[0, 0] * u + k[0, 1] * v + k[0, 2], k[1, 1] * v + k[1, 2]), axis=-1)
 
 
 def unproject(k: np.ndarray, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Points [..., 3] in the camera frame of pixels [..., 2] at z-depths [...] [m]."""
+    """Computes the points [..., 3] in the camera frame of pixels [..., 2] at z-depths [...] [m]."""
     pixels, depth = np.asarray(pixels, np.float64), np.asarray(depth, np.float64)
     v = (pixels[..., 1] - k[1, 2]) / k[1, 1]
     u = (pixels[..., 0] - k[0, 2] - k[0, 1] * v) / k[0, 0]
@@ -52,7 +56,7 @@ def backward_motion(
     camera_before: np.ndarray,
     body_before: np.ndarray,
 ) -> np.ndarray:
-    """Where the surface point seen at a pixel was before, minus where it is now [px], [..., 2].
+    """Computes where the surface point seen at a pixel was before, minus where it is now [px], [..., 2].
 
     pixels [..., 2], depth [...] now; poses [..., 7] of the camera and of the body that the point is fixed to, now and
     before (the paper's motion vector).

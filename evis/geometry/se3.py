@@ -15,24 +15,24 @@ Z_UP = np.array([0.0, 0.0, 1.0])
 
 
 def from_mujoco(wxyz: np.ndarray) -> np.ndarray:
-    """MuJoCo's w x y z quaternions as x y z w. The one place where the order is changed."""
+    """Reorders MuJoCo's w x y z quaternions to x y z w. The one place where the order is changed."""
     return np.asarray(wxyz, np.float64)[..., [1, 2, 3, 0]]
 
 
 def to_mujoco(xyzw: np.ndarray) -> np.ndarray:
-    """x y z w quaternions as MuJoCo's w x y z."""
+    """Reorders x y z w quaternions to MuJoCo's w x y z."""
     return np.asarray(xyzw, np.float64)[..., [3, 0, 1, 2]]
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross product of [..., 3] and [..., 3]; several times faster than numpy.cross on small arrays."""
+    """Computes the cross product of [..., 3] and [..., 3]; several times faster than numpy.cross on small arrays."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack((ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx), axis=-1)
 
 
 def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Product of quaternions: first the rotation b, then a."""
+    """Computes the product of quaternions: first the rotation b, then a."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     ax, ay, az, aw = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
     bx, by, bz, bw = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
@@ -48,12 +48,12 @@ def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def conjugate(q: np.ndarray) -> np.ndarray:
-    """The inverse rotation of a unit quaternion."""
+    """Computes the inverse rotation of a unit quaternion."""
     return np.asarray(q, np.float64) * np.array([-1.0, -1.0, -1.0, 1.0])
 
 
 def normalize(q: np.ndarray) -> np.ndarray:
-    """To unit norm. Raises ValueError for a zero or non-finite quaternion."""
+    """Scales quaternions to unit norm. Raises ValueError for a zero or non-finite quaternion."""
     q = np.asarray(q, np.float64)
     norm = np.linalg.norm(q, axis=-1, keepdims=True)
     if not np.all(np.isfinite(norm)) or np.any(norm == 0.0):
@@ -62,7 +62,7 @@ def normalize(q: np.ndarray) -> np.ndarray:
 
 
 def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Vectors [..., 3] turned by unit quaternions: v + 2 w (u x v) + 2 u x (u x v)."""
+    """Computes the vectors [..., 3] turned by unit quaternions: v + 2 w (u x v) + 2 u x (u x v)."""
     q, v = np.asarray(q, np.float64), np.asarray(v, np.float64)
     u, w = q[..., :3], q[..., 3:]
     twice = 2.0 * cross(u, v)
@@ -70,7 +70,7 @@ def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def to_matrix(q: np.ndarray) -> np.ndarray:
-    """Rotation matrices [..., 3, 3] of unit quaternions."""
+    """Computes the rotation matrices [..., 3, 3] of unit quaternions."""
     q = np.asarray(q, np.float64)
     x, y, z, w = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     rows = (
@@ -82,7 +82,7 @@ def to_matrix(q: np.ndarray) -> np.ndarray:
 
 
 def from_matrix(m: np.ndarray) -> np.ndarray:
-    """Unit quaternions (w >= 0) of rotation matrices [..., 3, 3].
+    """Computes the unit quaternions (w >= 0) of rotation matrices [..., 3, 3].
 
     Divides by the largest of the four components, so it is accurate at every angle (Shepperd, 1978).
     """
@@ -107,7 +107,7 @@ def from_matrix(m: np.ndarray) -> np.ndarray:
 
 
 def exp(rotation_vector: np.ndarray) -> np.ndarray:
-    """Unit quaternions of rotation vectors; exact to rounding at any angle."""
+    """Computes the unit quaternions of rotation vectors; exact to rounding at any angle."""
     r = np.asarray(rotation_vector, np.float64)
     half = 0.5 * np.linalg.norm(r, axis=-1, keepdims=True)
     small = half < 1e-8  # there sin(half) / half is 1 to rounding
@@ -116,7 +116,7 @@ def exp(rotation_vector: np.ndarray) -> np.ndarray:
 
 
 def log(q: np.ndarray) -> np.ndarray:
-    """Rotation vectors of unit quaternions, the shorter way round (angle <= pi)."""
+    """Computes the rotation vectors of unit quaternions, the shorter way round (angle <= pi)."""
     q = np.asarray(q, np.float64)
     q = np.where(q[..., 3:] < 0.0, -q, q)
     sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
@@ -126,33 +126,33 @@ def log(q: np.ndarray) -> np.ndarray:
 
 
 def make_pose(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-    """Poses [..., 7] of positions and quaternions, broadcast against each other."""
+    """Returns the poses [..., 7] of positions and quaternions, broadcast against each other."""
     p, q = np.asarray(position, np.float64), np.asarray(quaternion, np.float64)
     lead = np.broadcast_shapes(p.shape[:-1], q.shape[:-1])
     return np.concatenate((np.broadcast_to(p, (*lead, 3)), np.broadcast_to(q, (*lead, 4))), axis=-1)
 
 
 def compose(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Pose a of a frame in the world, pose b given in that frame: b in the world."""
+    """Composes pose a of a frame in the world, pose b given in that frame: b in the world."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     return make_pose(a[..., :3] + rotate(a[..., 3:], b[..., :3]), multiply(a[..., 3:], b[..., 3:]))
 
 
 def inverse(pose: np.ndarray) -> np.ndarray:
-    """The pose that undoes this one."""
+    """Computes the pose that undoes this one."""
     pose = np.asarray(pose, np.float64)
     q = conjugate(pose[..., 3:])
     return make_pose(-rotate(q, pose[..., :3]), q)
 
 
 def transform(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points [..., 3] of the pose's own frame in its parent's frame."""
+    """Computes the points [..., 3] of the pose's own frame in its parent's frame."""
     pose = np.asarray(pose, np.float64)
     return pose[..., :3] + rotate(pose[..., 3:], points)
 
 
 def compose_twist(parent_pose: np.ndarray, parent_twist: np.ndarray, pose: np.ndarray, twist: np.ndarray) -> np.ndarray:
-    """World twist [..., 6] (v, omega) of a frame that moves with `twist` in a parent that moves itself.
+    """Computes the world twist [..., 6] (v, omega) of a frame that moves with `twist` in a parent that moves itself.
 
     pose, twist: of the frame in the parent; parent_*: of the parent in the world.
     """
@@ -162,7 +162,7 @@ def compose_twist(parent_pose: np.ndarray, parent_twist: np.ndarray, pose: np.nd
 
 
 def look_at(eye: np.ndarray, target: np.ndarray, up: np.ndarray = Z_UP) -> np.ndarray:
-    """Pose of a camera at `eye` that looks (+z) at `target`, with `up` upwards in the image (-y).
+    """Computes the pose of a camera at `eye` that looks (+z) at `target`, with `up` upwards in the image (-y).
 
     Raises ValueError where the direction is zero or along `up`.
     """

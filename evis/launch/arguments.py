@@ -21,13 +21,14 @@ OPTIONS = ("duration", "record", "record_topics", "record_sync", "view")
 
 
 class ArgumentError(LaunchError):
-    """What the user gave for an argument is wrong."""
+    """Says that what the user gave for an argument is wrong."""
 
 
 @dataclass(frozen=True)
 class Argument:
-    """One declared argument. required: it has no default. where: file:line. by: another argument, and the defaults that
-    some values of that one bring (`by: {preset: {dvs128: 128}}`)."""
+    """Describes one declared argument. required: it has no default. where: file:line. by: another argument, and the
+    defaults that some values of that one bring (`by: {preset: {dvs128: 128}}`).
+    """
 
     name: str
     param: Param
@@ -37,7 +38,7 @@ class Argument:
 
 
 def declare(table: Table, nodes: Table, inherited: Mapping[str, Argument]) -> dict[str, Argument]:
-    """The `args:` of a file, those of its `nodes:` that it names and the inherited ones. Raises LaunchError.
+    """Collects the `args:` of a file, those of its `nodes:` that it names and the inherited ones. Raises LaunchError.
 
     A name that a node or an included file declares too only changes what it says anew.
     """
@@ -120,7 +121,7 @@ def _limit(entry: Table, key: str, inherited: float | None) -> float | None:
 
 
 def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Every declared argument's value: the given ones converted and checked, the others at their defaults.
+    """Resolves every declared argument's value: the given ones converted and checked, the others at their defaults.
 
     A default may use environment variables and arguments that stand before it. Raises LaunchError naming the nearest
     argument for one that the file does not have.
@@ -150,7 +151,9 @@ def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any
 def brought(
     declared: Mapping[str, Argument], values: Mapping[str, Any], given: Mapping[str, Any]
 ) -> dict[str, tuple[str, Any]]:
-    """Arguments that are not given and whose default another argument's value brings: name -> (other, default)."""
+    """Finds the arguments that are not given and whose default another argument's value brings: name -> (other,
+    default).
+    """
     found: dict[str, tuple[str, Any]] = {}
     for name, argument in declared.items():
         other, table = argument.by
@@ -160,7 +163,7 @@ def brought(
 
 
 def parse_pairs(words: Sequence[str]) -> dict[str, str]:
-    """`key:=value` words of a command line. Raises ArgumentError for any other word."""
+    """Parses the `key:=value` words of a command line. Raises ArgumentError for any other word."""
     pairs: dict[str, str] = {}
     for word in words:
         key, mark, value = word.partition(":=")

@@ -18,12 +18,12 @@ _files: dict[str, list[str]] = {}
 
 
 def types() -> list[str]:
-    """The node types that come with evis."""
+    """Lists the node types that come with evis."""
     return sorted(path.parent.name for path in (ROOT / "nodes").glob("*/node.py"))
 
 
 def comes_with_evis(node_type: str) -> bool:
-    """Whether the code of a type is evis's own; found out without importing anything."""
+    """Tells whether the code of a type is evis's own; found out without importing anything."""
     if ":" not in node_type:
         return True
     top, *rest = node_type.partition(":")[0].split(".")
@@ -31,12 +31,12 @@ def comes_with_evis(node_type: str) -> bool:
 
 
 def files_of(target: str) -> list[str]:
-    """The files outside evis, Python and its packages that were imported for a node; its own module's first."""
+    """Lists the files outside evis, Python and its packages that were imported for a node; its own module's first."""
     return _files.get(target.partition(":")[0], [])
 
 
 def target_of(node_type: str) -> str:
-    """The dotted target of a type, or of a `package.module:Class` as it is."""
+    """Returns the dotted target of a type, or of a `package.module:Class` as it is."""
     if ":" in node_type:
         return node_type
     words = "".join(word.capitalize() for word in node_type.split("_"))
@@ -44,7 +44,9 @@ def target_of(node_type: str) -> str:
 
 
 def load(node_type: str, where: str, folder: Path | None = None) -> tuple[str, type[Node]]:
-    """Target and class of a type. folder: where a launch file's own modules lie. Raises LaunchError."""
+    """Loads the class of a node type and returns its target and itself. folder: where a launch file's own modules lie.
+    Raises LaunchError.
+    """
     if ":" not in node_type and node_type not in types():
         raise LaunchError(f"{where}: no node type '{node_type}'; {nearest(node_type, types())}")
     target = target_of(node_type)

@@ -15,7 +15,8 @@ from evis.launch.wiring import Wired
 
 
 def check_files(node: Wired) -> None:
-    """`scene` with its `scene_args`, `file`, `bag` and `emulate` must exist; a recorder's `path` must be writable.
+    """Checks that `scene` with its `scene_args`, `file`, `bag` and `emulate` exist, and that a recorder's `path` is
+    writable.
 
     Raises LaunchError naming node, file and remedy, ArgumentError for what a user gave.
     """
@@ -53,7 +54,7 @@ def _check_device(node: Wired) -> None:
 
 
 def check_writable(path: Path, where: str) -> None:
-    """Raise LaunchError unless a file can be made at `path`."""
+    """Raises LaunchError unless a file can be made at `path`."""
     place = written_at(path)
     folder = place.parent
     if path.is_dir():

@@ -18,7 +18,7 @@ ABSENT = " <- "
 
 @dataclass
 class Demand:
-    """What is read: wanted output ports and connected inputs (port -> topics) of every node that is needed."""
+    """Holds what is read: wanted output ports and connected inputs (port -> topics) of every node that is needed."""
 
     wanted: dict[str, set[str]] = field(default_factory=dict)
     inputs: dict[str, dict[str, list[str]]] = field(default_factory=dict)
@@ -39,7 +39,9 @@ class Pruner:
         self.demand = Demand()
 
     def run(self) -> Demand:
-        """Sinks and kept outputs first, then those that take what they are told, by name and at last by default."""
+        """Follows sinks and kept outputs first, then those that take what they are told, by name and at last by
+        default.
+        """
         sinks = [n for n in self._nodes if not n.spec.tap and not n.spec.on_demand]
         for node in sinks:
             if node.spec.keep or (not node.outputs and node.any_port is None):
@@ -51,7 +53,7 @@ class Pruner:
         return self.demand
 
     def attached(self, node: Wired) -> Demand:
-        """What one node reads of topics that are there already, whoever publishes them."""
+        """Returns what one node reads of topics that are there already, whoever publishes them."""
         inputs = self.demand.inputs.setdefault(node.name, {})
         for port in node.needs(node.outputs) & node.inputs.keys():
             if node.inputs[port] in self._publishers or node.inputs[port] in SYSTEM_TOPICS:
@@ -129,7 +131,7 @@ class Pruner:
 
 
 def matching(globs: Iterable[str], available: Iterable[str], where: str, *, must: bool = True) -> list[str]:
-    """Topics that match any of the globs. Raises LaunchError for a glob that matches none, if it must."""
+    """Lists the topics that match any of the globs. Raises LaunchError for a glob that matches none, if it must."""
     names = list(available)
     found: set[str] = set()
     for glob in globs:
@@ -141,13 +143,13 @@ def matching(globs: Iterable[str], available: Iterable[str], where: str, *, must
 
 
 def untaken(plan: Plan) -> dict[str, str]:
-    """Topics that nodes of a graph would take and that it was started without -> the node."""
+    """Lists the topics that nodes of a graph would take and that it was started without -> the node."""
     pairs = (item.what.partition(ABSENT) for item in plan.left_out if ABSENT in item.what)
     return {topic: node for node, _, topic in pairs}
 
 
 def left_out(nodes: list[Wired], demand: Demand, absent: Mapping[str, str]) -> list[LeftOut]:
-    """Everything that will not run or not be computed, with the reason."""
+    """Lists everything that will not run or not be computed, with the reason."""
     found = [LeftOut(name, reason) for name, reason in absent.items()]
     published = {topic for node in nodes for topic in node.outputs.values()}
     for node in nodes:

@@ -27,7 +27,7 @@ MAX_NODES = 1000
 
 @dataclass
 class NodeSpec:
-    """One node of a launch file, before it is wired.
+    """Describes one node of a launch file before it is wired.
 
     keep: output ports that are made even when nobody reads them, `*` for all. tap: reads without making anything
     necessary. on_demand: not for the recorder's default, and started late when only a viewer asks. spares: work that
@@ -51,7 +51,8 @@ class NodeSpec:
 
 @dataclass
 class Expanded:
-    """A whole launch file, worked out. absent: nodes whose condition was false, with the reason.
+    """Holds a launch file whose includes, conditions and `${...}` are resolved. absent: nodes whose condition was
+    false, with the reason.
 
     idle: types of those nodes, with the parameters that they would have got. secrets: values of secret arguments.
     """
@@ -69,7 +70,9 @@ class Expanded:
 
 
 def expand(launch: LaunchFile, given: Mapping[str, Any], options: Mapping[str, Any]) -> Expanded:
-    """Work a launch file out. given: its arguments; options: the values behind the names in arguments.OPTIONS."""
+    """Resolves the includes, conditions and `${...}` of a launch file. given: its arguments; options: the values behind
+    the names in arguments.OPTIONS.
+    """
     table = launch.table
     values = resolve(launch.path.name, launch.arguments, given)
     if "recorded" in table:

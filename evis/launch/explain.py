@@ -9,7 +9,7 @@ from evis.runtime.plan import Plan
 
 
 def as_text(plan: Plan) -> str:
-    """What `evis launch --explain` prints."""
+    """Writes what `evis launch --explain` prints."""
     plan = plan.redacted()
     lines = [f"{plan.name}: {plan.mode}" + (f", {plan.duration_s:g} s" if plan.duration_s else "")]
     if plan.args:
@@ -50,7 +50,7 @@ def as_text(plan: Plan) -> str:
 
 
 def as_dict(plan: Plan) -> dict[str, Any]:
-    """The plan as plain values, for --explain --json."""
+    """Returns the plan as plain values, for --explain --json."""
     body = dataclasses.asdict(plan.redacted())
     for key in ("run_id", "directory", "secrets"):
         body.pop(key)

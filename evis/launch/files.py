@@ -21,7 +21,7 @@ MAX_FILES = 100
 
 @dataclass
 class LaunchFile:
-    """A launch file that has been read, with the files that it includes and the arguments that it takes."""
+    """Holds a launch file that has been read, with the files that it includes and the arguments that it takes."""
 
     path: Path
     table: Table
@@ -35,7 +35,7 @@ class LaunchFile:
 
 
 def load(path: Path) -> LaunchFile:
-    """Read a launch file and all that it includes. Raises LaunchError with file:line."""
+    """Reads a launch file and all that it includes. Raises LaunchError with file:line."""
     return _load(path, (), iter(range(MAX_FILES - 1)))
 
 

@@ -26,7 +26,7 @@ FROM = "from"
 
 
 def offered(args: Table, nodes: Table, reserved: tuple[str, ...]) -> dict[str, Param]:
-    """Parameters that `of: [...]` makes arguments; of one that several nodes have, the first node's.
+    """Collects the parameters that `of: [...]` makes arguments; of one that several nodes have, the first node's.
 
     reserved: names that no argument may have. Raises LaunchError.
     """
@@ -43,7 +43,7 @@ def offered(args: Table, nodes: Table, reserved: tuple[str, ...]) -> dict[str, P
 
 
 def source_of(entry: Table, nodes: Table) -> Param | None:
-    """The parameter that an argument's entry names by `of: NODE.PARAMETER`. Raises LaunchError."""
+    """Finds the parameter that an argument's entry names by `of: NODE.PARAMETER`. Raises LaunchError."""
     if OF not in entry:
         return None
     where = entry.where(OF)
@@ -55,14 +55,16 @@ def source_of(entry: Table, nodes: Table) -> Param | None:
 
 
 def brought_by(text: str, argument: str, nodes: Table, where: str) -> tuple[str, dict[Any, Any]]:
-    """Of `by: NODE.PARAMETER`: the parameter, and what its values bring for an argument. Raises LaunchError."""
+    """Returns the parameter of `by: NODE.PARAMETER`, and what its values bring for an argument. Raises LaunchError."""
     node, _, key = text.partition(".")
     table = class_of(_node(nodes, node, where), where).BRINGS.get(key, {})
     return key, {value: defaults[argument] for value, defaults in table.items() if argument in defaults}
 
 
 def passed_on(entry: Table, scope: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Of a node's entry with `params: {from: args}`: the parameters that are in scope and not set there."""
+    """Returns the parameters that a node's entry with `params: {from: args}` takes: those in scope and not set
+    there.
+    """
     params = submap(entry, "params")
     if not takes_arguments(params):
         return {}
@@ -70,12 +72,14 @@ def passed_on(entry: Table, scope: Mapping[str, Any], where: str) -> dict[str, A
 
 
 def takes_arguments(params: Table) -> bool:
-    """Whether a node's `params:` say `from: args`."""
+    """Tells whether a node's `params:` say `from: args`."""
     return bool(params.get(FROM) == "args")
 
 
 def class_of(entry: Table, where: str) -> type[Node]:
-    """The class of a node's entry. Raises LaunchError unless it comes with evis and is named without `${...}`."""
+    """Returns the class of a node's entry. Raises LaunchError unless it comes with evis and is named without
+    `${...}`.
+    """
     kind = str(entry.get("type", ""))
     if not kind or "${" in kind or not catalog.comes_with_evis(kind):
         raise LaunchError(f"{where}: `of` and `from` are for node types that come with evis, not '{kind}'")

@@ -8,7 +8,7 @@ from evis.config.document import LaunchError
 
 
 def data_flow_order(names: Sequence[str], edges: Mapping[str, Sequence[tuple[str, str]]]) -> list[str]:
-    """`names` sorted so that publishers stand before their consumers, otherwise as given.
+    """Sorts `names` so that publishers stand before their consumers, otherwise as given.
 
     edges: publisher -> [(consumer, topic)], lock-step only. Raises LaunchError naming the cycle and its topics.
     """

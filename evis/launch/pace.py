@@ -12,7 +12,7 @@ from msgs.topics import find_topic
 
 
 def check_pace(plan: Plan, nodes: Mapping[str, Wired]) -> None:
-    """Raise LaunchError where a source waits for more messages on a delayed input than its publisher makes.
+    """Raises LaunchError where a source waits for more messages on a delayed input than its publisher makes.
 
     nodes: those of the plan, which is in data-flow order, by name.
     """

@@ -34,7 +34,7 @@ COMPOSED = "graph"
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line says besides arguments. grouping: `default`, `compose` or `split`.
+    """Holds what the command line says besides arguments. grouping: `default`, `compose` or `split`.
 
     no_import: only nodes that come with evis are loaded; the others are shown as unknown, and the plan cannot be run.
     """
@@ -48,7 +48,7 @@ class Options:
     no_import: bool = False
 
     def names(self) -> dict[str, Any]:
-        """The values behind arguments.OPTIONS."""
+        """Returns the values behind arguments.OPTIONS."""
         return {
             "duration": self.duration_s,
             "record": self.record,
@@ -59,12 +59,12 @@ class Options:
 
 
 def plan_file(path: Path, given: Mapping[str, Any], options: Options) -> Plan:
-    """Plan a launch file. Raises LaunchError (file:line, what is wrong, the nearest valid name)."""
+    """Plans a launch file. Raises LaunchError (file:line, what is wrong, the nearest valid name)."""
     return plan_launch(load(path), given, options)
 
 
 def plan_target(name: str, given: Mapping[str, Any], options: Options) -> Plan:
-    """Plan what may stand after `evis launch`, a launch file or a scene. Raises LaunchError, UnknownLaunch."""
+    """Plans what may stand after `evis launch`, a launch file or a scene. Raises LaunchError, UnknownLaunch."""
     target = read_target(name, given)
     plan = plan_launch(target.launch, target.given, options)
     plan.name = target.name
@@ -74,7 +74,9 @@ def plan_target(name: str, given: Mapping[str, Any], options: Options) -> Plan:
 def plan_launch(
     launch: LaunchFile, given: Mapping[str, Any], options: Options, held: Collection[str] | None = None
 ) -> Plan:
-    """As `plan_file`, of a file that has been read. held: the given arguments that must have an effect, all if None."""
+    """Plans a launch file that has been read; see `plan_file`. held: the given arguments that must have an effect, all
+    if None.
+    """
     if options.duration_s is not None and options.duration_s <= 0:
         raise LaunchError(f"--duration is {options.duration_s:g}, it must be longer than 0 s")
     given = with_scene_arguments(launch, given)
@@ -94,7 +96,7 @@ def plan_launch(
 
 
 def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
-    """As `plan_file`, of nodes that stand already. folder: where their own modules may lie."""
+    """Plans nodes that are described already; see `plan_file`. folder: where their own modules may lie."""
     if not expanded.nodes:
         raise LaunchError(f"{expanded.file}: the graph has no node")
     unknown = [spec for spec in expanded.nodes if options.no_import and not comes_with_evis(spec.type)]
@@ -145,7 +147,7 @@ def _folder(node: Wired) -> str:
 
 
 def attach(plan: Plan, spec: NodeSpec, folder: Path) -> None:
-    """Add one node to the plan of a running graph: its inputs are taps, its process is its own.
+    """Adds one node to the plan of a running graph: its inputs are taps, its process is its own.
 
     Raises LaunchError when the graph lacks a topic that it reads, or has one that it would publish.
     """

@@ -15,7 +15,7 @@ NEEDED = ("camera_rate", "cameras", "keyframe_rate", "scene")
 
 
 def with_cameras(file: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """`values` whose `cameras`, where that is None, are the scene's: cam0, or all where none is called so.
+    """Returns `values` whose `cameras`, where that is None, are the scene's: cam0, or all where none is called so.
 
     Raises ArgumentError for a camera that the scene file does not declare.
     """
@@ -40,7 +40,7 @@ def with_cameras(file: str, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def with_camera_rates(file: str, values: Mapping[str, Any]) -> dict[str, Any]:
-    """`values` whose `camera_rate` holds NAME=HZ of every simulated camera that has not the rate of the states.
+    """Returns `values` whose `camera_rate` holds NAME=HZ of every simulated camera that has not the rate of the states.
 
     Raises LaunchError for a camera that is not simulated and for a rate that is no whole fraction of keyframe_rate.
     """
@@ -96,7 +96,7 @@ def _of_the_scene(values: Mapping[str, Any]) -> dict[str, float]:
 
 
 def pairs(words: Sequence[Any]) -> dict[str, str]:
-    """`name=value` words as a map. Raises ArgumentError for another word, and for a name that comes twice."""
+    """Parses `name=value` words into a map. Raises ArgumentError for another word, and for a name that comes twice."""
     found: dict[str, str] = {}
     for word in map(str, words):
         name, mark, value = (part.strip() for part in word.partition("="))

@@ -16,7 +16,7 @@ TABLE, PREFIX = "evis", "arg."
 
 
 def recorded(entry: Table, values: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """`given`, and what the bag tells about the other arguments but those under `except:`.
+    """Returns `given`, and what the bag tells about the other arguments but those under `except:`.
 
     Raises LaunchError for a bag that cannot be read.
     """

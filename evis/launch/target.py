@@ -17,7 +17,9 @@ from evis.scene.load import parse_args, scene_args, scene_values
 
 @dataclass
 class Target:
-    """A launch file and the arguments given to it. preset: those of them that its name stands for, as scene=drone."""
+    """Holds a launch file and the arguments given to it. preset: those of them that its name stands for, as
+    scene=drone.
+    """
 
     launch: LaunchFile
     given: dict[str, Any]
@@ -30,7 +32,9 @@ class Target:
 
 
 def read_target(name: str, given: Mapping[str, Any] | None = None) -> Target:
-    """A FILE|NAME with arguments, those of its scene among its scene_args. Raises LaunchError, UnknownLaunch."""
+    """Reads a FILE|NAME with its arguments, those of its scene among its scene_args. Raises LaunchError,
+    UnknownLaunch.
+    """
     given = dict(given or {})
     path, preset = paths.find_launch(name)
     launch = load(path)
@@ -41,7 +45,7 @@ def read_target(name: str, given: Mapping[str, Any] | None = None) -> Target:
 
 
 def scene_arguments(launch: LaunchFile, given: Mapping[str, Any]) -> dict[str, Param]:
-    """The arguments of the scene that a launch file would run, without those that the file has itself.
+    """Returns the arguments of the scene that a launch file would run, without those that the file has itself.
 
     Raises FileNotFoundError for a scene that there is not, SceneError for one that is wrong.
     """
@@ -51,7 +55,9 @@ def scene_arguments(launch: LaunchFile, given: Mapping[str, Any]) -> dict[str, P
 
 
 def with_scene_arguments(launch: LaunchFile, given: Mapping[str, Any]) -> dict[str, Any]:
-    """`given`, where what the launch file does not know is in the scene's `scene_args`. Raises ArgumentError."""
+    """Returns `given`, where what the launch file does not know is in the scene's `scene_args`. Raises
+    ArgumentError.
+    """
     known = launch.arguments
     scene = _scene(launch, given)
     if not scene or (scene == known["scene"].param.default and all(key in known for key in given)):
@@ -72,8 +78,9 @@ def with_scene_arguments(launch: LaunchFile, given: Mapping[str, Any]) -> dict[s
 
 
 def values_of_scene(launch: LaunchFile, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The scene's own arguments with their values, for a launch file's arguments in full; none where they are wrong,
-    which whoever loads the scene says."""
+    """Returns the scene's own arguments with their values, for a launch file's arguments in full; none where they are
+    wrong, which whoever loads the scene says.
+    """
     scene = _scene(launch, values)
     try:
         found = scene_values(scene, parse_args(values["scene_args"])) if scene else {}

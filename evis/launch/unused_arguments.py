@@ -20,7 +20,7 @@ BESIDE = ("params", "otherwise", "spares")
 
 
 def check_effect(launch: LaunchFile, given: Collection[str], expanded: Expanded, plan: Plan) -> None:
-    """Raise ArgumentError naming the first of the `given` arguments that has no effect, and why.
+    """Raises ArgumentError naming the first of the `given` arguments that has no effect, and why.
 
     One that is off anyway (0, false, an empty text or list) is never held against the user.
     """
@@ -79,7 +79,7 @@ def _idle(spec: NodeSpec, param: str, plan: Plan) -> str:
 
 
 def check_parameters(cls: Any, name: str, given: Mapping[str, Any]) -> None:
-    """The same of one node's parameters by hand. Raises ArgumentError, ParamError."""
+    """Checks in the same way parameters that a user gave to one node. Raises ArgumentError, ParamError."""
     params = resolve(name, cls.PARAMS, given)
     idle = cls.without_effect(params)
     for key in given:

@@ -25,7 +25,7 @@ _PARAMETER = re.compile(r"\{(\w+)\}")
 
 @dataclass
 class Wired:
-    """One node with its class, parameters and topics. inputs, outputs: port -> topic, ports of ANY left out."""
+    """Holds one node with its class, parameters and topics. inputs, outputs: port -> topic, ports of ANY left out."""
 
     spec: NodeSpec
     target: str
@@ -45,7 +45,9 @@ class Wired:
         return secret_values(self.cls, self.params)
 
     def needs(self, wanted: Iterable[str]) -> frozenset[str]:
-        """Input ports that the wanted outputs take. Raises ArgumentError for parameters that do not go together."""
+        """Returns the input ports that the wanted outputs need. Raises ArgumentError for parameters that do not go
+        together.
+        """
         try:
             return self.cls.needs(self.params, frozenset(wanted))
         except ValueError as error:
@@ -66,7 +68,7 @@ class Wired:
 
 
 def wire(spec: NodeSpec, folder: Path) -> Wired:
-    """Load a node's class, check its parameters, name its topics. Raises LaunchError with file:line."""
+    """Loads a node's class, checks its parameters and names its topics. Raises LaunchError with file:line."""
     target, cls = catalog.load(spec.type, spec.where, folder)
     # null stands for "not given": the parameter keeps its default.
     given = {key: _plain(cls, key, value) for key, value in spec.params.items() if value is not None}
@@ -96,7 +98,7 @@ def wire(spec: NodeSpec, folder: Path) -> Wired:
 
 
 def secret_values(cls: type[Node], params: Mapping[str, Any]) -> list[str]:
-    """The values among `params` of what a node's class declares secret."""
+    """Returns the values among `params` of what a node's class declares secret."""
     return [str(params[key]) for key, param in cls.PARAMS.items() if param.secret and params.get(key)]
 
 
@@ -160,7 +162,7 @@ def _topic(node: Wired, port: str, pattern: str) -> str:
 
 
 def row_of(topic: str, where: str) -> Topic:
-    """The topic table's row. Raises LaunchError for a name that no row matches."""
+    """Finds the topic table's row. Raises LaunchError for a name that no row matches."""
     try:
         return find_topic(topic)
     except UnknownTopic as error:
@@ -168,7 +170,9 @@ def row_of(topic: str, where: str) -> Topic:
 
 
 def publishers(nodes: Iterable[Wired]) -> dict[str, tuple[Wired, str]]:
-    """Topic -> (node, port). Raises LaunchError naming both nodes when two publish one topic."""
+    """Maps each topic to the node and port that publish it. Raises LaunchError naming both nodes when two publish one
+    topic.
+    """
     found: dict[str, tuple[Wired, str]] = {}
     for node in nodes:
         for port, topic in node.outputs.items():

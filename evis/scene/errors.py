@@ -2,4 +2,6 @@
 
 
 class SceneError(ValueError):
-    """A scene that cannot be loaded. The text names the file, the line where there is one, the key and the remedy."""
+    """Says that a scene cannot be loaded. The text names the file, the line where there is one, the key and the
+    remedy.
+    """

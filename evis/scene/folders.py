@@ -17,7 +17,7 @@ from evis.scene.errors import SceneError
 
 @dataclass(frozen=True)
 class Folders:
-    """Folders whose files may be read, those below them too.
+    """Holds the folders whose files may be read, those below them too.
 
     home: where the scene file lies. stated: others. bare: the scene is a model by itself, without a scene file.
     """
@@ -27,15 +27,15 @@ class Folders:
     bare: bool = False
 
     def beside(self, file: Path) -> Folders:
-        """These and the folder of `file`, and of what it is a link to."""
+        """Returns these folders and the folder of `file`, and of what it is a link to."""
         return self.also(file.absolute().parent, file.resolve().parent)
 
     def also(self, *folders: Path) -> Folders:
-        """These and others."""
+        """Returns these folders and others."""
         return replace(self, stated=(*self.stated, *folders))
 
     def hold(self, path: Path) -> bool:
-        """Whether a file, links followed, lies in one of them."""
+        """Tells whether a file, links followed, lies in one of them."""
         real = path.resolve()
         return any(real.is_relative_to(folder.resolve()) for folder in (self.home, *self.stated))
 
@@ -52,7 +52,7 @@ class Folders:
 
 
 def first_file(candidates: Iterable[Path]) -> Path | None:
-    """The first that is there."""
+    """Returns the first of these files that is there, None where none is."""
     for path in candidates:
         try:
             if path.is_file():

@@ -25,7 +25,7 @@ _TYPES: dict[str, type] = {"float": float, "int": int, "str": str, "bool": bool,
 def load_scene(
     name_or_path: str, overrides: Mapping[str, Any] | None = None, *, textures: bool = True, visuals: bool = True
 ) -> Scene:
-    """The scene with its arguments at their defaults or as in `overrides` (width, height, and the scene's own).
+    """Loads a scene with its arguments at their defaults or as in `overrides` (width, height, and the scene's own).
 
     name_or_path: a scene that comes with evis, a YAML file, or an MJCF (.xml) or URDF (.urdf) file by itself.
     textures=False: no texture is made. visuals=False: for those who need only bodies and cameras, nothing that is
@@ -40,8 +40,9 @@ def load_scene(
 
 
 def scene_values(name_or_path: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Every argument of a scene with its value, given ones over defaults. Raises ParamError, SceneError,
-    FileNotFoundError as `load_scene`."""
+    """Returns every argument of a scene with its value, given ones over defaults. Raises ParamError, SceneError,
+    FileNotFoundError as `load_scene`.
+    """
     path = find_scene(name_or_path)
     return _values(path, _document(path), overrides)
 
@@ -56,19 +57,19 @@ def _values(path: Path, table: Table, overrides: Mapping[str, Any]) -> dict[str,
 
 
 def scene_args(name_or_path: str) -> dict[str, Param]:
-    """The arguments of a scene, name -> typed parameter; width and height are always among them."""
+    """Returns the arguments of a scene, name -> typed parameter; width and height are always among them."""
     path = find_scene(name_or_path)
     return _arguments(path, _document(path))[0]
 
 
 def is_dynamic(name_or_path: str) -> bool:
-    """True when the scene needs a physics engine. Reads the YAML only, not the model it names."""
+    """Returns True when the scene needs a physics engine. Reads the YAML only, not the model it names."""
     path = find_scene(name_or_path)
     return "mjcf" in _document(path)
 
 
 def starts_at_random(name_or_path: str) -> bool:
-    """True when the seed moves free bodies at the start. Reads the YAML only, as `is_dynamic` does."""
+    """Returns True when the seed moves free bodies at the start. Reads the YAML only, as `is_dynamic` does."""
     spread = _document(find_scene(name_or_path)).get("initial_spread")
     return isinstance(spread, Table) and any(
         str(value).split()[:1] not in (["0"], ["0.0"]) for value in spread.values()
@@ -76,7 +77,7 @@ def starts_at_random(name_or_path: str) -> bool:
 
 
 def camera_rates(name_or_path: str, overrides: Mapping[str, Any] | None = None) -> dict[str, float]:
-    """Keyframes per second [Hz] of the cameras that have a rate of their own. Raises as load_scene does.
+    """Returns the keyframes per second [Hz] of the cameras that have a rate of their own. Raises as load_scene does.
 
     A scene where no camera has one is not loaded for it.
     """
@@ -99,7 +100,7 @@ def camera_names(name_or_path: str) -> list[str] | None:
 
 
 def find_scene(name_or_path: str) -> Path:
-    """The file of a scene by name or path. Raises FileNotFoundError naming the nearest one."""
+    """Finds the file of a scene by name or path. Raises FileNotFoundError naming the nearest one."""
     direct = Path(name_or_path)
     if direct.suffix in MODELS and direct.is_file():
         return direct
@@ -163,7 +164,7 @@ def _parsed(path: Path, mtime_ns: int, size: int) -> Table:
 
 
 def read_part(path: Path) -> Table:
-    """A file for `include:`, which holds what several scenes share. Raises SceneError."""
+    """Reads a file for `include:`, which holds what several scenes share. Raises SceneError."""
     try:
         table = _read(path)
         table.check_keys((*_SECTIONS, "description", "environment", "environment_map"), "an included scene file")
@@ -225,7 +226,8 @@ def _vector(owner: str, key: str, value: list[Any], size: int, component: Param)
 
 
 def parse_args(text: str | Mapping[str, Any] | None) -> dict[str, Any]:
-    """`omega=50,centre=0.1,-0.2` as {"omega": "50", "centre": "0.1,-0.2"}; a map is returned as it is.
+    """Parses arguments written as text: `omega=50,centre=0.1,-0.2` gives {"omega": "50", "centre": "0.1,-0.2"}; a map
+    is returned as it is.
 
     A piece without `=` goes on with the value before it. Raises SceneError.
     """

@@ -20,21 +20,21 @@ WORLD = -1
 
 
 class Trajectory(Protocol):
-    """Prescribed motion in closed form."""
+    """Prescribes a motion in closed form."""
 
     def pose(self, t_ns: np.ndarray) -> np.ndarray:
-        """Poses float64 [S, 7] at times int64 [S] ns."""
+        """Computes the poses float64 [S, 7] at times int64 [S] ns."""
 
     def twist(self, t_ns: np.ndarray) -> np.ndarray:
-        """Linear and angular velocity float64 [S, 6], world frame."""
+        """Computes the linear and angular velocity float64 [S, 6], world frame."""
 
     def is_static(self) -> bool:
-        """True when the pose never changes."""
+        """Returns True when the pose never changes."""
 
 
 @dataclass
 class Body:
-    """Something with a pose. trajectory is None for a body that the physics engine moves."""
+    """Describes something with a pose. trajectory is None for a body that the physics engine moves."""
 
     name: str
     trajectory: Trajectory | None
@@ -46,7 +46,7 @@ class Body:
 
 @dataclass
 class Mesh:
-    """Triangles in the body's frame of one instance.
+    """Holds triangles in the body's frame of one instance.
 
     vertices float32 [V, 3] m; faces int32 [F, 3], counter-clockwise seen from outside; uv float32 [F, 3, 2] per corner
     or None; normals float32 [F, 3, 3] per corner (smooth shading) or None (flat); colours float32 [F, 3, 3] per corner,
@@ -85,7 +85,7 @@ class Material:
 
 @dataclass
 class Instance:
-    """A mesh with a material, rigid on a body. Its id in the ids image is its index in Scene.instances + 1."""
+    """Places a mesh with a material rigidly on a body. Its id in the ids image is its index in Scene.instances + 1."""
 
     name: str
     body: int
@@ -99,7 +99,7 @@ class Instance:
 
 @dataclass(frozen=True)
 class Waveform:
-    """How a light's strength varies in time, with a mean of 1: mains flicker, PWM.
+    """Describes how a light's strength varies in time, with a mean of 1: mains flicker, PWM.
 
     kind `sine`: 1 + depth sin(2 pi (frequency t + phase)). kind `square`: 1 + depth (1 - duty) / duty for the first
     `duty` of each period, 1 - depth after it. phase in periods, frequency in Hz, depth 0 ... 1.
@@ -137,7 +137,7 @@ class Light:
 
 @dataclass
 class Camera:
-    """A pinhole camera; its pose is that of the body of the same name (looking along +z, x right, y down)."""
+    """Describes a pinhole camera; its pose is that of the body of the same name (looking along +z, x right, y down)."""
 
     name: str
     width: int
@@ -157,7 +157,7 @@ class Camera:
 
 @dataclass
 class Scene:
-    """All of it. bodies[n] is entry n of WorldState; every camera has a body of its name among them."""
+    """Holds a whole scene. bodies[n] is entry n of WorldState; every camera has a body of its name among them."""
 
     name: str
     bodies: list[Body]
@@ -191,14 +191,14 @@ class Scene:
         return self.mjcf is not None
 
     def body_index(self, name: str) -> int:
-        """Index of a body by name. Raises KeyError."""
+        """Returns the index of a body by name. Raises KeyError."""
         for index, body in enumerate(self.bodies):
             if body.name == name:
                 return index
         raise KeyError(f"scene {self.name} has no body '{name}'")
 
     def camera(self, name: str) -> Camera:
-        """A camera by name. Raises KeyError naming those there are."""
+        """Returns a camera by name. Raises KeyError naming those there are."""
         for camera in self.cameras:
             if camera.name == name:
                 return camera

@@ -16,25 +16,25 @@ NS = 1e-9
 
 @dataclass(frozen=True)
 class Linear:
-    """Constant velocity [m/s] in the parent's frame."""
+    """Moves at a constant velocity [m/s] in the parent's frame."""
 
     velocity: np.ndarray
 
     def shift(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Displacement and velocity [S, 3] at times [S] s."""
+        """Computes displacement and velocity [S, 3] at times [S] s."""
         return t[:, None] * self.velocity, np.broadcast_to(self.velocity, (len(t), 3))
 
 
 @dataclass(frozen=True)
 class Sinusoid:
-    """amplitude sin(2 pi frequency t + phase) [m] in the parent's frame."""
+    """Moves by amplitude sin(2 pi frequency t + phase) [m] in the parent's frame."""
 
     amplitude: np.ndarray
     frequency: float
     phase: float = 0.0
 
     def shift(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Displacement and velocity [S, 3] at times [S] s."""
+        """Computes displacement and velocity [S, 3] at times [S] s."""
         rate = 2 * np.pi * self.frequency
         angle = rate * t + self.phase
         return np.outer(np.sin(angle), self.amplitude), np.outer(rate * np.cos(angle), self.amplitude)
@@ -42,19 +42,19 @@ class Sinusoid:
 
 @dataclass(frozen=True)
 class Spin:
-    """Constant rate [rad/s] about a unit axis of the body's frame."""
+    """Turns at a constant rate [rad/s] about a unit axis of the body's frame."""
 
     axis: np.ndarray
     rate: float
 
     def turn(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Angle [rad] and angular rate [rad/s], [S], at times [S] s."""
+        """Computes angle [rad] and angular rate [rad/s], [S], at times [S] s."""
         return self.rate * t, np.full(len(t), self.rate)
 
 
 @dataclass(frozen=True)
 class Swing:
-    """amplitude [rad] times sin(2 pi frequency t + phase) about a unit axis of the body's frame."""
+    """Turns by amplitude [rad] times sin(2 pi frequency t + phase) about a unit axis of the body's frame."""
 
     axis: np.ndarray
     amplitude: float
@@ -62,7 +62,7 @@ class Swing:
     phase: float = 0.0
 
     def turn(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Angle [rad] and angular rate [rad/s], [S], at times [S] s."""
+        """Computes angle [rad] and angular rate [rad/s], [S], at times [S] s."""
         rate = 2 * np.pi * self.frequency
         angle = rate * t + self.phase
         return self.amplitude * np.sin(angle), self.amplitude * rate * np.cos(angle)
@@ -70,18 +70,18 @@ class Swing:
 
 @dataclass(frozen=True)
 class Path:
-    """Along a spline through points [m] in the parent's frame; they add to the start position."""
+    """Moves along a spline through points [m] in the parent's frame; they add to the start position."""
 
     spline: Spline
 
     def shift(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Displacement and velocity [S, 3] at times [S] s."""
+        """Computes displacement and velocity [S, 3] at times [S] s."""
         return self.spline(t)
 
 
 @dataclass(frozen=True)
 class Turn:
-    """A spline of angles [rad] about a unit axis of the body's frame.
+    """Turns by a spline of angles [rad] about a unit axis of the body's frame.
 
     Chained, as yaw, pitch and roll say, they are a rotation with smooth angular velocity known in closed form.
     """
@@ -90,7 +90,7 @@ class Turn:
     spline: Spline
 
     def turn(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Angle [rad] and angular rate [rad/s], [S], at times [S] s."""
+        """Computes angle [rad] and angular rate [rad/s], [S], at times [S] s."""
         angle, rate = self.spline(t)
         return angle[:, 0], rate[:, 0]
 
@@ -105,7 +105,8 @@ Known = dict["Prescribed", tuple[np.ndarray, np.ndarray]]
 
 
 class Prescribed:
-    """A start pose, translations that add up in the parent's frame, and rotations that chain in the body's own.
+    """Composes a motion from a start pose, translations that add up in the parent's frame, and rotations that chain in
+    the body's own.
 
     position(t) = p0 + sum of shifts(t); rotation(t) = q0 turn_1(t) turn_2(t) ...; all of it in the frame of `parent`,
     or of the world. Exact at every t, whatever the sub-step.
@@ -125,19 +126,19 @@ class Prescribed:
         self._still: np.ndarray | None = None
 
     def pose(self, t_ns: np.ndarray) -> np.ndarray:
-        """Poses float64 [S, 7] at times int64 [S] ns, in the world."""
+        """Computes the poses float64 [S, 7] at times int64 [S] ns, in the world."""
         return self.state(t_ns)[0]
 
     def twist(self, t_ns: np.ndarray) -> np.ndarray:
-        """Twists float64 [S, 6] (v, omega; world frame) at times int64 [S] ns."""
+        """Computes the twists float64 [S, 6] (v, omega; world frame) at times int64 [S] ns."""
         return self.state(t_ns)[1]
 
     def is_static(self) -> bool:
-        """True when the pose never changes."""
+        """Returns True when the pose never changes."""
         return self._static
 
     def state(self, t_ns: np.ndarray, known: Known | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Pose and twist at once, which costs no more than one of them.
+        """Computes pose and twist at once, which costs no more than one of them.
 
         known: what has been worked out for other bodies at the same times; this one's is added.
         """

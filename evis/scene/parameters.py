@@ -18,7 +18,9 @@ SCENE: dict[str, Param] = {
 
 
 def scene_of(owner: str, params: Mapping[str, Any], *, visuals: bool = True) -> Scene:
-    """The scene that parameters of `owner`, all of SCENE or a part, ask for. Raises ValueError, FileNotFoundError."""
+    """Returns the scene that parameters of `owner`, all of SCENE or a part, ask for. Raises ValueError,
+    FileNotFoundError.
+    """
     if not params.get("scene"):
         raise ValueError(f"{owner} needs scene:=NAME, a world to simulate")
     size = {key: int(params[key]) for key in ("width", "height") if params.get(key)}
@@ -26,7 +28,7 @@ def scene_of(owner: str, params: Mapping[str, Any], *, visuals: bool = True) -> 
 
 
 def camera_of(scene: Scene, name: str) -> Camera:
-    """A camera of the scene by its name. Raises ValueError naming those there are."""
+    """Returns a camera of the scene by its name. Raises ValueError naming those there are."""
     try:
         return scene.camera(name)
     except KeyError as error:

@@ -46,7 +46,7 @@ def check_picture(source: Path | bytes) -> None:
 
 
 def load_picture(source: Path | bytes) -> np.ndarray:
-    """A PNG, JPEG or other 8-bit picture, taken as sRGB: linear float32 [h, w, 3].
+    """Loads a PNG, JPEG or other 8-bit picture, taken as sRGB, as linear float32 [h, w, 3].
 
     Raises SceneError whose text the caller puts the name before.
     """
@@ -55,7 +55,7 @@ def load_picture(source: Path | bytes) -> np.ndarray:
 
 
 def texels_of(picture: Any) -> np.ndarray:
-    """The same of a picture that Pillow has open and `check_picture` has let pass."""
+    """Returns the texels of a picture that Pillow has open and `check_picture` has let pass."""
     try:
         return linear_from_bytes(np.asarray(picture.convert("RGB")))
     except Exception as error:  # Pillow raises OSError, SyntaxError, ValueError and others for damaged files
@@ -83,7 +83,7 @@ def _opened(source: Path | bytes) -> Any:
 
 
 def load_exr(path: Path) -> np.ndarray:
-    """R, G, B (or Y) of an EXR file, float32 [h, w, 3]. Raises SceneError naming it."""
+    """Loads R, G, B (or Y) of an EXR file, float32 [h, w, 3]. Raises SceneError naming it."""
     import OpenEXR
 
     try:

@@ -17,7 +17,7 @@ ENOUGH = 8
 
 
 def undersampled(scene: Scene, frame_rate: float) -> list[str]:
-    """A line for each light and each body of prescribed motion that frames at `frame_rate` [Hz] show falsely.
+    """Returns a line for each light and each body of prescribed motion that frames at `frame_rate` [Hz] show falsely.
 
     Lights need ENOUGH frames per period, and two in the shorter part of a square wave; from two frames per period down
     (Nyquist) the frequency is wrong too. So is a rotation's from a frame per half turn down. What a physics engine

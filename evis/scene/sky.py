@@ -19,7 +19,9 @@ MAX_ROWS = 2048
 
 
 def read_environment_map(fields: Fields, folder: Path) -> np.ndarray:
-    """`environment_map: FILE.exr`, a path relative to the scene file, or `{kind: sky|studio|tunnel, ...}`."""
+    """Reads or makes the map that a scene names: `environment_map: FILE.exr`, a path relative to the scene file, or
+    `{kind: sky|studio|tunnel, ...}`.
+    """
     if not isinstance(fields.table["environment_map"], dict):
         name = fields.text("environment_map")
         path = folder / name
@@ -40,7 +42,7 @@ def read_environment_map(fields: Fields, folder: Path) -> np.ndarray:
 
 
 def directions(rows: int) -> np.ndarray:
-    """Unit vectors float64 [rows, 2 rows, 3] towards the texel centres."""
+    """Computes the unit vectors float64 [rows, 2 rows, 3] towards the texel centres."""
     theta = np.pi * (np.arange(rows) + 0.5) / rows
     phi = np.pi * (np.arange(2 * rows) + 0.5) / rows
     sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
@@ -48,13 +50,13 @@ def directions(rows: int) -> np.ndarray:
 
 
 def solid_angles(rows: int) -> np.ndarray:
-    """Exact solid angle [sr] of a texel of each row, [rows]; times 2 rows their sum is 4 pi."""
+    """Computes the exact solid angle [sr] of a texel of each row, [rows]; times 2 rows their sum is 4 pi."""
     edge = np.cos(np.pi * np.arange(rows + 1) / rows)
     return (edge[:-1] - edge[1:]) * np.pi / rows
 
 
 def mean_radiance(image: np.ndarray) -> np.ndarray:
-    """Average of a map over all directions, float32 [3]."""
+    """Computes the average of a map over all directions, float32 [3]."""
     rows, columns = image.shape[:2]
     edge = np.cos(np.pi * np.arange(rows + 1) / rows)
     weight = (edge[:-1] - edge[1:]) / (2 * columns)

@@ -13,7 +13,7 @@ FINE = 1024
 
 
 def blobs(size: int, seed: int, feature: float, low: float = 0.0, high: float = 1.0) -> np.ndarray:
-    """White noise, blurred with a Gaussian of standard deviation `feature` (of the width), cut at its median.
+    """Makes white noise, blurred with a Gaussian of standard deviation `feature` (of the width), cut at its median.
 
     float32 [size, size], tileable, half of it `low` and half `high` (before the filter).
     """
@@ -22,20 +22,23 @@ def blobs(size: int, seed: int, feature: float, low: float = 0.0, high: float = 
 
 
 def noise(size: int, seed: int, feature: float, low: float = 0.0, high: float = 1.0) -> np.ndarray:
-    """As `blobs` without the cut: smooth grey values with their mean midway and clipped at 2.5 standard deviations."""
+    """Makes blurred white noise as `blobs` does, without the cut: smooth grey values with their mean midway and clipped
+    at 2.5 standard deviations.
+    """
     smooth = _blurred_noise(seed, feature)
     unit = np.clip(0.5 + (smooth - smooth.mean()) / (5.0 * smooth.std()), 0.0, 1.0)
     return _shrink(low + (high - low) * unit, size)
 
 
 def checker(size: int, cells: int, low: float = 0.0, high: float = 1.0) -> np.ndarray:
-    """cells x cells squares, float32 [size, size]; the top left one is `low`."""
+    """Makes cells x cells squares, float32 [size, size]; the top left one is `low`."""
     index = np.arange(FINE) * cells // FINE
     return _shrink(np.where((index[:, None] + index) % 2 == 1, high, low), size)
 
 
 def bricks(size: int, rows: int, low: float, high: float, joint: float, seed: int) -> np.ndarray:
-    """Rows of bricks twice as long as high, every other row shifted by half a brick, between joints of value `low`.
+    """Makes rows of bricks twice as long as high, every other row shifted by half a brick, between joints of value
+    `low`.
 
     float32 [size, size], tileable for an even number of rows. joint: width of a joint as a fraction of a row. Every
     brick has its own value within the upper 40 % of [low, high]. rows: even.
@@ -52,7 +55,19 @@ def bricks(size: int, rows: int, low: float, high: float, joint: float, seed: in
 
 
 def planks(size: int, count: int, low: float, high: float, joint: float, seed: int) -> np.ndarray:
-    """`count` boards side by side with grain along v, each of its own value, between dark joints; tileable."""
+    """Makes boards side by side with grain along v, each of its own value, between dark joints; tileable.
+
+    Args:
+        size: width and height [texels].
+        count: boards.
+        low: value of the joints, and the least of the boards.
+        high: the greatest value of the boards.
+        joint: width of a joint as a fraction of a board.
+        seed: decides grain and values.
+
+    Returns:
+        float32 [size, size].
+    """
     random = np.random.Generator(np.random.Philox(key=[seed, 1]))
     grain = random.standard_normal((FINE, FINE))
     fy, fx = np.fft.fftfreq(FINE)[:, None], np.fft.rfftfreq(FINE)[None, :]
@@ -66,7 +81,7 @@ def planks(size: int, count: int, low: float, high: float, joint: float, seed: i
 
 
 def add_wedge(image: np.ndarray, angle: float, value: float) -> np.ndarray:
-    """A sector of `angle` rad around the upward direction painted with one grey value, its edge one texel soft."""
+    """Adds a sector of `angle` rad around the upward direction painted with one grey value, its edge one texel soft."""
     size = len(image)
     centre = np.arange(size) + 0.5 - 0.5 * size
     x, y = centre[None, :], -centre[:, None]

@@ -51,13 +51,13 @@ class NonIdeal:
     def launch(self, sensor: Sensor, batch: Batch, keys: wp.array, counters: wp.array, resume: int) -> None:
         """Events of a batch to `keys`, as many as fit. In place: from pixel resume - 1 to the first without room."""
         b = batch
-        steps = [b.frames, b.count, b.t, b.t_base, b.t_before]
+        message = [b.images, b.slopes, b.frames, b.count, b.t, b.t_base, b.t_before, b.episodes]
         if self.in_place:
-            frames = [b.images, runs_of(b.images), b.slopes, runs_of(b.slopes)]
-            inputs = [sensor, b.begin, b.episodes, *frames, *steps, resume]
+            runs = [runs_of(b.images), runs_of(b.slopes)]
+            inputs = [sensor, b.begin, *message, *runs, resume]
             outputs = [*self._before, self._active, self._rare, keys, counters]
         else:
-            inputs = [sensor, b.begin, b.episodes, b.images, b.slopes, *steps, *self._before]
+            inputs = [sensor, b.begin, *message, *self._before]
             outputs = [*self._after, self._rare, keys, counters]
         wp.launch(self._kernel, self._size.threads(not self.in_place), inputs, outputs, device=self._device)
 

@@ -45,7 +45,7 @@ class AdaptiveCount:
         self._speed = 0.0
 
     def begin(self) -> None:
-        """An episode begins in all environments: there was no gap before."""
+        """Forgets the gap before, as an episode begins in all environments."""
         self._speed = 0.0
 
     def of(self, view: KeyframeView, gap_ns: int, held: np.ndarray) -> int:
@@ -66,13 +66,13 @@ class AdaptiveCount:
     def _by_states(self, view: KeyframeView, held: np.ndarray) -> float:
         """px/ns over the last sub-step of the states."""
         assert view.states is not None and self._scene is not None and self._camera is not None
-        pose, t = view.states.pose, view.states.t
+        states, t = view.states, view.states.t
         if len(t) < 2:
             return 0.0
         if self._geometry is None or self._motion is None:
-            self._geometry = Renderer(self._scene, self._camera, len(pose), device=self._device)
+            self._geometry = Renderer(self._scene, self._camera, len(states.pose), device=self._device)
             self._motion = wp.empty(self._geometry.shape, dtype=wp.vec2, device=self._device)
-        now, before = (np.asarray(pose[:, n]) for n in (-1, -2))
+        now, before = (states.pose_at_step(n) for n in (-1, -2))
         self._geometry.render(now, before, ("motion",), {"motion": self._motion})
         return _largest(self._motion.numpy()[~held]) / int(t[-1] - t[-2])
 

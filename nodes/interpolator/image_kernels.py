@@ -1,4 +1,4 @@
-"""Kernels on whole images, which every method shares: luminance, the mean of samples, the sign of vectors."""
+"""Kernels on whole images, which every method shares: luminance and the mean of samples."""
 
 from typing import Any
 
@@ -22,18 +22,6 @@ def luminance(
     red = radiance[i, 0]
     value = luminance_of_colour(wp.vec3(wp.float32(red), wp.float32(radiance[i, 1]), wp.float32(radiance[i, 2])))
     image[i] = wp.float32(type(red)(value))
-
-
-@wp.kernel
-def negated(
-    # in
-    values: wp.array(dtype=wp.float32),
-    # out
-    result: wp.array(dtype=wp.float32),
-):
-    """Changes the sign of every value."""
-    i = wp.tid()
-    result[i] = -values[i]
 
 
 @wp.kernel

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import warp as wp
 
+from evis.config.suggestions import nearest
 from evis.geometry import se3
 from evis.gpu.devices import device_named
 from evis.runtime.clock import subframe_stamps
@@ -68,9 +69,10 @@ class Interpolator:
         adaptive_px: displacement per frame that is allowed: a gap has as many frames as that takes, `upsampling` at
         most; 0 = always `upsampling`.
         """
-        if method not in METHODS or upsampling < 1:
-            names = ", ".join(METHODS)
-            raise ValueError(f"interpolator method '{method}' with upsampling {upsampling}: {names}; 1 or more")
+        if method not in METHODS:
+            raise ValueError(f"there is no interpolation method '{method}'; {nearest(method, METHODS)}")
+        if upsampling < 1:
+            raise ValueError(f"upsampling is {upsampling}; it must be 1 or more")
         if "state" in METHODS[method].reads and (scene is None or camera is None):
             raise ValueError(f"the {method} interpolator needs the scene and its camera; without them use splat")
         self._name = method
@@ -293,8 +295,9 @@ class Interpolator:
         if states is None:
             raise ValueError(f"the {self._name} interpolator needs the bodies' states with every keyframe")
         bodies = len(self._scene.bodies)
-        if states.pose.shape[2] != bodies:
-            raise ValueError(f"the states have {states.pose.shape[2]} bodies, scene {self._scene.name} has {bodies}")
+        given = states.end_pose.shape[1]
+        if given != bodies:
+            raise ValueError(f"the states have {given} bodies, scene {self._scene.name} has {bodies}")
         return states
 
     def _use(self, name: str, image: Image | None) -> wp.array | None:
@@ -305,7 +308,7 @@ class Interpolator:
         return scalars(image, self._device)
 
     def _image(self, image: Image) -> wp.array:
-        """What is warped: luminance, or RGB, in float32 on the device. Raises ValueError where there is no RGB."""
+        """Gives what is warped, luminance or RGB, in float32 on the device. Raises ValueError where there is no RGB."""
         if not self._colour:
             return luminance_of(image, self._device)
         if scalars(image, self._device).ndim != 4:

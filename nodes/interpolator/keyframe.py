@@ -16,13 +16,37 @@ wp.config.log_level = wp.LOG_WARNING
 class States:
     """Holds where the bodies are over the interval that ends with a keyframe.
 
-    t: int64 [S] ns, ascending, from the keyframe before to this one. pose: float64 [E, S, N, 7]. twist: float64
-    [E, S, N, 6], world frame.
+    t: int64 [S] ns, ascending, from the keyframe before to this one. pose: float64 [E, S, B, 7]. twist: float64
+    [E, S, B, 6], world frame. Both are of the bodies `moving`, int [B] ascending, and all others are at `rest`, float64
+    [E, N, 7], the poses at t[-1], all along; without these two, of all N bodies.
     """
 
     t: np.ndarray
     pose: np.ndarray
     twist: np.ndarray
+    moving: np.ndarray | None = None
+    rest: np.ndarray | None = None
+
+    @property
+    def end_pose(self) -> np.ndarray:
+        """Gives the poses of all bodies at the keyframe, float64 [E, N, 7]; not to be written to."""
+        return np.asarray(self.pose[:, -1] if self.rest is None else self.rest, np.float64)
+
+    def pose_at_step(self, step: int) -> np.ndarray:
+        """Gives the poses of all bodies at t[step], float64 [E, N, 7]; not to be written to."""
+        if self.rest is None:
+            return np.asarray(self.pose[:, step])
+        poses = np.array(self.rest)
+        poses[:, self.moving] = self.pose[:, step]
+        return poses
+
+    def places(self, bodies: np.ndarray) -> np.ndarray:
+        """Finds which bodies of `pose` and `twist` these of all are, int64, -1 for one that rests."""
+        if self.rest is None or self.moving is None:
+            return bodies
+        place = np.full(self.rest.shape[1], -1)
+        place[self.moving] = np.arange(len(self.moving))
+        return place[bodies]
 
 
 @dataclass

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class Gap:
-    """What a method is made for: the gaps between keyframes of one size.
+    """Describes what a method is made for: the gaps between keyframes of one size.
 
     Args:
         height, width: of the keyframes, margin included [px].
@@ -47,18 +47,19 @@ class Gap:
 
     @property
     def images(self) -> tuple[int, int, int, int, int, int, str, int]:
-        """Arguments of a method that works on images: height, width, envs, K, margin, channels, device, threads."""
+        """Gives the arguments of a method that works on images: height, width and those of `bodies`."""
         return self.height, self.width, *self.bodies
 
     @property
     def bodies(self) -> tuple[int, int, int, int, str, int]:
-        """Arguments of a method that knows the scene's bodies, after scene and camera."""
+        """Gives the arguments, after scene and camera, of a method that knows the scene's bodies: envs, K, margin,
+        channels, device, threads."""
         return self.envs, self.upsampling, self.margin, self.channels, self.device, self.threads
 
 
 @dataclass(frozen=True)
 class Registered:
-    """One method. reads: inputs besides the keyframe, by the names of the node's ports."""
+    """Holds one method. reads: inputs besides the keyframe, by the names of the node's ports."""
 
     help: str
     make: Callable[[Gap], Method]
@@ -78,13 +79,6 @@ def _splat(gap: Gap) -> Method:
     return make_splat(*gap.images)
 
 
-def _splat_forward(gap: Gap) -> Method:
-    from nodes.interpolator.splat.forward import SplatForward
-
-    assert gap.scene is not None and gap.camera is not None
-    return SplatForward(gap.scene, gap.camera, *gap.bodies)
-
-
 def _splat_quadratic(gap: Gap) -> Method:
     from nodes.interpolator.splat.quadratic import Bends, SplatQuadratic
 
@@ -102,9 +96,6 @@ def _none(gap: Gap) -> Method:
 METHODS: Mapping[str, Registered] = {
     "rigid": Registered("by body poses", _rigid, frozenset({"state"})),
     "splat": Registered("by motion vectors", _splat, frozenset({"depth", "motion"})),
-    "splat-forward": Registered(
-        "the same with the true motion of the first keyframe", _splat_forward, frozenset({"depth", "motion", "state"})
-    ),
     "splat-quadratic": Registered(
         "along a parabola through three keyframes", _splat_quadratic, frozenset({"depth", "motion"})
     ),
@@ -114,5 +105,5 @@ HELP = "how the frames between keyframes are made: " + ", ".join(f"{name} = {m.h
 
 
 def reads(method: str) -> frozenset[str]:
-    """Inputs that a method reads besides the keyframe: of depth, motion (images) and state (of the bodies)."""
+    """Gives the inputs that a method reads besides the keyframe: depth and motion (images), state (of the bodies)."""
     return METHODS[method].reads

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def usable(params: Mapping[str, Any]) -> str:
-    """The method asked for, or splat where there is no scene to know the bodies from."""
+    """Gives the method asked for, or splat where it needs a scene and there is none."""
     return "splat" if "state" in reads(params["method"]) and not params.get("scene") else params["method"]
 
 
@@ -69,7 +69,7 @@ class InterpolatorNode(Node):
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """What only `rigid` looks at, for other methods."""
+        """Names the parameters that only `rigid` reads, for other methods."""
         method = usable(params)
         if method == "rigid":
             return parameters.without_effect(params)
@@ -81,12 +81,12 @@ class InterpolatorNode(Node):
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """Depth and motion only for the method that warps by them, states for the one that knows the bodies."""
+        """Gives depth and motion only for methods that warp by them, states for those that know the bodies."""
         return frozenset({"keyframe"}) | reads(usable(params))
 
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
-        """Of keyframes luminance will do, unless frames are in colour."""
+        """Asks for luminance keyframes, or radiance if frames are in colour."""
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
 
     def setup(self) -> None:
@@ -147,7 +147,7 @@ class InterpolatorNode(Node):
         self.publish("frames", message)
 
     def _states(self, state: Message | None) -> States | None:
-        """What the method gets of /state. Raises ValueError where that is of another scene."""
+        """Converts a /state message into what the method gets. Raises ValueError where that is of another scene."""
         if not isinstance(state, WorldState):
             return None
         from nodes.interpolator.keyframe import States
@@ -157,7 +157,7 @@ class InterpolatorNode(Node):
                 f"{self.name}: /state has bodies {', '.join(state.names)}, the scene has {', '.join(self._names)}; "
                 "give both nodes the same scene and scene_args"
             )
-        return States(state.t, *state.rows())
+        return States(state.t, state.moving_pose, state.moving_twist, state.moving, state.end_pose)
 
     def _allocate(self, shape: tuple[int, ...]) -> Any:
         device, field = self._device, self._field

@@ -29,12 +29,12 @@ def images(envs: int, height: int, width: int) -> Images:
 
 
 def stamps(gaps: int) -> Iterator[int]:
-    """Of the keyframes about so many gaps [ns]."""
+    """Gives the stamps of the keyframes about so many gaps [ns]."""
     return iter(range(0, (gaps + 1) * GAP_NS, GAP_NS))
 
 
 def states(scene: Scene, camera: Camera, envs: int, stamp_ns: int) -> States:
-    """Of the bodies in the interval that ends at a stamp: on their paths, or at rest at the origin."""
+    """Gives states of the bodies in the interval that ends at a stamp: on their paths, or at rest at the origin."""
     t = np.array([stamp_ns - GAP_NS, stamp_ns]) if stamp_ns else np.zeros(1, np.int64)
     pose = np.tile(se3.IDENTITY, (envs, len(t), len(scene.bodies), 1))
     for n, body in enumerate(scene.bodies):

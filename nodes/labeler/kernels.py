@@ -18,9 +18,15 @@ def flow_of_pixels(
     # out
     flow: wp.array3d(dtype=wp.float32),
 ):
-    """Image velocity [px/s], NaN where depth is not finite.
+    """Computes the image velocity of every pixel, (5.16) in Ma et al., An Invitation to 3-D Vision.
 
-    rays: points at z = 1. image: d(pixel) / d(X, Y, Z) there, a row for u and one for v. motions: (b, w) of each id.
+    Args:
+        rays: points [H, W] at z = 1.
+        image: d(pixel) / d(X, Y, Z) there [H, W, 2], a row for u and one for v.
+        motions: (b, w) of each id [ids, 2], m/s and rad/s in the camera frame.
+        depth: [H, W] m.
+        ids: [H, W].
+        flow: [H, W, 2] px/s, NaN where depth is not finite.
     """
     i, j = wp.tid()
     z = depth[i, j]
@@ -43,7 +49,7 @@ def extents(
     least: wp.array3d(dtype=wp.int32),
     most: wp.array3d(dtype=wp.int32),
 ):
-    """Column and row, least [E, ids, 2] and most, of the pixels of every id; a thread takes a row of an image."""
+    """Finds the least and the largest column and row [E, ids, 2] of the pixels of every id; a thread takes a row."""
     env, i = wp.tid()
     width = ids.shape[2]
     j = wp.int32(0)

@@ -15,37 +15,40 @@ from nodes.labeler import kernels
 
 start_warp()
 
-KINDS = ("flow", "depth", "segmentation", "semantic", "boxes", "poses", "velocities", "contacts")
-"""What can be asked for."""
-
 
 def crop(image: np.ndarray, margin: int) -> np.ndarray:
-    """[E, H + 2 margin, W + 2 margin, ...] without the over-render margin, as a view."""
+    """Leaves out the over-render margin of images [E, H + 2 margin, W + 2 margin, ...], as a view."""
     return image[:, margin:-margin, margin:-margin] if margin else image
 
 
 def lens_of(model: str, coefficients: np.ndarray) -> Lens | None:
-    """The lens that CameraInfo describes, None for a pinhole. Raises ValueError."""
+    """Makes the lens that CameraInfo describes, None for a pinhole. Raises ValueError for an unknown model."""
     straight = model == "plumb_bob" and not np.any(coefficients)
     return None if straight or model == "none" else Lens.of(model, np.asarray(coefficients).tolist())
 
 
 class FlowField:
-    """Forward optical flow [px/s] of rigid bodies, exact at the stamp.
+    """Computes the forward optical flow [px/s] of rigid bodies, exact at the stamp.
 
     A surface point X (camera frame) of body i moves relative to the camera with X' = b_i + w_i x X, where w_i is the
     body's angular velocity relative to the camera and b_i the velocity that the body, thought to go on, has at the
     camera's centre. The image velocity is the derivative of the projection, (5.16) in Ma et al., An Invitation to 3-D
     Vision; nothing is differenced.
 
-    k: float64 [3, 3] px, of the image without margin; size: (width, height). bodies: for every id, 0 (background)
-    first, the index of its body in the state, -1 for the static world. camera: index of the camera's body. lens: its
-    distortion, None for a pinhole.
     """
 
     def __init__(
         self, k: np.ndarray, size: tuple[int, int], bodies: Sequence[int], camera: int, lens: Lens | None = None
     ) -> None:
+        """Looks at the lens once, for every pixel.
+
+        Args:
+            k: float64 [3, 3] px, of the image without margin.
+            size: (width, height) px.
+            bodies: for every id, 0 (background) first, the index of its body in the state, -1 for the static world.
+            camera: index of the camera's body.
+            lens: its distortion, None for a pinhole.
+        """
         self.k = np.asarray(k, np.float64)
         self.bodies = np.asarray(bodies, np.int64)
         self.camera = camera
@@ -67,7 +70,7 @@ class FlowField:
         self._derivative = _array(np.ascontiguousarray(focal @ plane), wp.vec3d)
 
     def motions(self, pose: np.ndarray, twist: np.ndarray) -> np.ndarray:
-        """(b, w) of every id in the camera frame, float64 [ids, 6], for poses [N, 7] and twists [N, 6]."""
+        """Computes (b, w) of every id in the camera frame, float64 [ids, 6], for poses [N, 7] and twists [N, 6]."""
         centre, turn = pose[self.camera, :3], se3.conjugate(pose[self.camera, 3:])
         pose, twist = (np.concatenate((a, [still])) for a, still in ((pose, se3.IDENTITY), (twist, np.zeros(6))))
         v, omega = twist[self.bodies, :3], twist[self.bodies, 3:]
@@ -78,7 +81,14 @@ class FlowField:
     def __call__(
         self, pose: np.ndarray, twist: np.ndarray, depth: np.ndarray, ids: np.ndarray, out: np.ndarray
     ) -> np.ndarray:
-        """Write float32 [H, W, 2] for depth float32 [H, W] m and ids int32 [H, W]; NaN where depth is not finite.
+        """Writes the flow of an image.
+
+        Args:
+            pose: float64 [N, 7] of the bodies, to the world.
+            twist: float64 [N, 6] of the bodies, m/s and rad/s, world frame.
+            depth: float32 [H, W] m.
+            ids: int32 [H, W].
+            out: float32 [H, W, 2] px/s, which is given back; NaN where depth is not finite.
 
         Raises ValueError for an id that has no body.
         """
@@ -93,7 +103,7 @@ class FlowField:
 
 
 def boxes(ids: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Visible extent of every instance in ids int32 [E, H, W], the background left out.
+    """Finds the visible extent of every instance in ids int32 [E, H, W], the background left out.
 
     Returns float32 [B, 4] (x0, y0, x1, y1, inclusive pixels), int32 [B] environment and int32 [B] id, by environment
     and then id.

@@ -30,14 +30,16 @@ DEFAULT = ("flow", "depth", "segmentation", "boxes")
 
 
 class LabelerNode(Node):
-    """Labels of one camera. The scene is not loaded: CameraInfo tells which body each id belongs to."""
+    """Publishes the labels of one camera. The scene is not loaded: CameraInfo tells which body each id belongs to."""
 
     PARAMS: ClassVar[Mapping[str, Param]] = {
         "camera": Param(str, "cam0", "camera that is labelled"),
         "labels": Param(
-            list, None, f"what to publish, of {', '.join(NEEDS)}; {', '.join(DEFAULT)} if not given", optional=True
+            list, None,
+            f"ground truth to make, of {', '.join(NEEDS)}; not given = {', '.join(DEFAULT)}, once a viewer opens them",
+            optional=True,
         ),
-    }
+    }  # fmt: skip
     INPUTS: ClassVar[Mapping[str, Input]] = {
         "state": Input("/state"),
         "depth": Input("/{camera}/depth"),
@@ -48,12 +50,12 @@ class LabelerNode(Node):
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """The inputs of the labels asked for. Raises ValueError for one that does not exist."""
+        """Names the inputs of the labels asked for. Raises ValueError for one that does not exist."""
         asked = kinds(params.get("labels"))
         return frozenset().union(*(NEEDS[kind] for kind in asked)) if wanted else frozenset()
 
     def setup(self) -> None:
-        """Check the list of labels."""
+        """Checks the list of labels."""
         from nodes.labeler import labels
 
         self.pure = labels
@@ -62,7 +64,7 @@ class LabelerNode(Node):
         self.flow: labels.FlowField | None = None
 
     def receive(self, port: str, message: Message) -> None:
-        """Keep the latched CameraInfo."""
+        """Keeps the latched CameraInfo."""
         if isinstance(message, CameraInfo):
             self.info = message
             self.info.k, self.info.distortion = np.array(message.k), np.array(message.distortion)
@@ -70,7 +72,7 @@ class LabelerNode(Node):
             self.flow = None
 
     def update(self, inputs: Mapping[str, Message]) -> None:
-        """Publish the labels of one stamp."""
+        """Publishes the labels of one stamp."""
         if not self.wants("labels"):
             return
         state, depth, ids = inputs.get("state"), inputs.get("depth"), inputs.get("ids")
@@ -144,7 +146,7 @@ class LabelerNode(Node):
 
 
 def kinds(asked: Any) -> list[str]:
-    """The labels asked for, checked; those of DEFAULT for None. Raises ValueError naming the nearest one."""
+    """Gives the labels asked for, those of DEFAULT for None. Raises ValueError that names the nearest one."""
     names = [n.strip() for n in asked.split(",")] if isinstance(asked, str) else [str(n) for n in asked or DEFAULT]
     for name in names:
         if name not in NEEDS:

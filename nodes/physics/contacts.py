@@ -11,7 +11,7 @@ from nodes.physics.interval import Contacts
 
 
 def contacts_of(model: Any, data: Any, scratch: Any) -> Contacts:
-    """Contacts of `data` at its present state, env = 0 throughout.
+    """Finds the contacts of `data` at its present state, env = 0 throughout.
 
     The forces are worked out on `scratch`, another MjData of the model: asking for contacts must not change the course
     of the simulation (the solver starts from its last solution).
@@ -38,7 +38,7 @@ def contacts_of(model: Any, data: Any, scratch: Any) -> Contacts:
 
 
 def gather(parts: list[Contacts]) -> Contacts:
-    """One list of the contacts of all environments."""
+    """Joins the contacts of all environments, which follow one another, to one list."""
     env = np.repeat(np.arange(len(parts), dtype=np.int32), [len(p.env) for p in parts])
     rest = (np.concatenate([getattr(p, n) for p in parts]) for n in ("body", "position", "normal", "force", "distance"))
     return Contacts(env, *rest)

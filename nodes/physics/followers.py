@@ -21,7 +21,7 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 class Followers:
-    """The frames of one model. follows: (`camera` or `light`, its number in the model) of each."""
+    """Computes the frames of one model. follows: (`camera` or `light`, its number in the model) of each."""
 
     def __init__(self, model: Any, follows: Sequence[tuple[str, int]]) -> None:
         self.model = model
@@ -31,7 +31,7 @@ class Followers:
         return len(self._follows)
 
     def state(self, data: Any, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Poses float64 [F, 7] and twists [F, 6] (v, omega; world frame), in the order given.
+        """Computes poses float64 [F, 7] and twists [F, 6] (v, omega; world frame), in the order given.
 
         data: after mj_kinematics, mj_comPos and mj_comVel. velocity: float64 [nbody, 6], twists of the model's body
         frames, the world's among them. A camera's pose has z forward, a light's turns its direction at rest into the

@@ -12,7 +12,7 @@ from msgs.world import moving_bodies
 
 @dataclass
 class Contacts:
-    """M contacts of all environments, ordered by environment; fields as in WorldState."""
+    """Holds the M contacts of all environments, ordered by environment; fields as in WorldState."""
 
     env: np.ndarray
     body: np.ndarray
@@ -24,7 +24,7 @@ class Contacts:
 
 @dataclass
 class Interval:
-    """States from the previous stamp to the new one, or at one instant (S = 1).
+    """Holds the states from the previous stamp to the new one, or at one instant (S = 1).
 
     t int64 [S] ns; end_pose float64 [E, N, 7]; moving int32 [B], moving_pose float64 [E, S, B, 7] and moving_twist
     [E, S, B, 6] as in WorldState; qpos [E, S, nq], qvel [E, S, nv] where asked for. faults: (environment, text) of
@@ -45,27 +45,27 @@ class Interval:
 
     @classmethod
     def dense(cls, t: np.ndarray, pose: np.ndarray, twist: np.ndarray, **others: Any) -> Interval:
-        """Of all bodies' sub-steps: pose float64 [E, S, N, 7], twist float64 [E, S, N, 6]."""
+        """Makes the interval of all bodies' sub-steps: pose float64 [E, S, N, 7], twist float64 [E, S, N, 6]."""
         moving = moving_bodies(pose, twist)
         return cls(t, pose[:, -1], moving, pose[:, :, moving], twist[:, :, moving], **others)
 
     @property
     def pose(self) -> np.ndarray:
-        """Poses of all bodies at every sub-step, float64 [E, S, N, 7]."""
+        """Gives the poses of all bodies at every sub-step, float64 [E, S, N, 7]."""
         pose = np.repeat(self.end_pose[:, None], len(self.t), axis=1)
         pose[:, :, self.moving] = self.moving_pose
         return pose
 
     @property
     def twist(self) -> np.ndarray:
-        """Velocities of all bodies at every sub-step, float64 [E, S, N, 6]."""
+        """Gives the velocities of all bodies at every sub-step, float64 [E, S, N, 6]."""
         envs, bodies, _ = self.end_pose.shape
         twist = np.zeros((envs, len(self.t), bodies, 6))
         twist[:, :, self.moving] = self.moving_twist
         return twist
 
     def keep_last(self) -> None:
-        """Leave out all sub-steps but the last."""
+        """Leaves out all sub-steps but the last."""
         last = slice(-1, None)
         self.t = self.t[last]
         self.moving_pose, self.moving_twist = self.moving_pose[:, last], self.moving_twist[:, last]
@@ -80,12 +80,12 @@ class Engine(Protocol):
     """Number of actuators."""
 
     def start(self) -> Interval:
-        """The state at stamp 0, S = 1."""
+        """Gives the state at stamp 0, S = 1."""
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
-        """On to stamp `to_ns` [ns] under controls float64 [E, nu] (None: as before, zero at first)."""
+        """Moves on to stamp `to_ns` [ns] under controls float64 [E, nu] (None: as before, zero at first)."""
 
 
 def grid_inside(start_ns: int, end_ns: int, step_ns: int) -> np.ndarray:
-    """Multiples of step_ns strictly between two stamps, int64."""
+    """Gives the multiples of step_ns strictly between two stamps, int64."""
     return np.arange(start_ns // step_ns + 1, -(-end_ns // step_ns), dtype=np.int64) * step_ns

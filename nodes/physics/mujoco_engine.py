@@ -27,7 +27,7 @@ MAX_STEP_NS = 1_000_000
 
 
 def step_length(model_timestep: float, asked: float | None) -> int:
-    """Sub-step [ns] for a model's timestep [s], or the one that was asked for."""
+    """Computes the sub-step [ns] of a model with this timestep [s], unless another was asked for."""
     if asked is not None:
         return max(1, round(asked * 1e9))
     timestep = max(1, round(model_timestep * 1e9))
@@ -35,7 +35,7 @@ def step_length(model_timestep: float, asked: float | None) -> int:
 
 
 class MujocoEngine:
-    """See the module. seed + k is the seed of environment k; faults come back in Interval.faults."""
+    """Steps E environments of one model on a fixed grid of time. Faults come back in Interval.faults."""
 
     def __init__(
         self,
@@ -48,6 +48,17 @@ class MujocoEngine:
         joints: bool = False,
         speed_limit: float = 1000.0,
     ) -> None:
+        """Loads the model and puts every environment to its start.
+
+        Args:
+            scene: with an MJCF model.
+            seed: seed + k is that of environment k: where its free bodies start.
+            envs: E.
+            timestep: sub-step [s], at most 1 ms; None = the model's own, cut into equal parts of at most 1 ms.
+            contacts: whether intervals have contacts with their forces.
+            joints: whether they have positions and velocities of the joints.
+            speed_limit: speed [m/s] of a body beyond which an environment has diverged.
+        """
         # Without a handler MuJoCo writes a log file into the working directory; the watchdog reads the counters.
         mujoco.set_mju_user_warning(lambda text: None)
         self.scene, self.seed, self.envs = scene, seed, envs
@@ -84,11 +95,14 @@ class MujocoEngine:
         """The state at the stamp published last, where the next message begins."""
 
     def start(self) -> Interval:
-        """The state at stamp 0."""
+        """Gives the state at stamp 0."""
         return self._interval(np.zeros(1, np.int64), [self._now], [])
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
-        """On to stamp `to_ns` under controls [E, nu]. Raises ValueError for controls of a wrong shape or not finite."""
+        """Moves on to stamp `to_ns` [ns] under controls [E, nu].
+
+        Raises ValueError for controls of a wrong shape or not finite.
+        """
         if controls is not None:
             self._control(controls)
         times, states = [self._stamp], [self._last]

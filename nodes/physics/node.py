@@ -18,7 +18,7 @@ from nodes.physics.interval import Engine, Interval
 
 
 class PhysicsNode(Node):
-    """Source of the graph: one WorldState per keyframe stamp, k = 0, 1, ... while the stamp is within `duration`."""
+    """Publishes one WorldState per keyframe stamp, k = 0, 1, ... while the stamp is within `duration`."""
 
     SOURCE: ClassVar[bool] = True
     PARAMS: ClassVar[Mapping[str, Param]] = {
@@ -58,7 +58,7 @@ class PhysicsNode(Node):
 
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """MuJoCo is left out where all motion is prescribed."""
+        """Tells that MuJoCo is left out where all motion is prescribed."""
         from evis.scene.load import is_dynamic
 
         scene = params.get("scene")
@@ -68,7 +68,7 @@ class PhysicsNode(Node):
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Where free bodies start, in a scene that says how far from its own start."""
+        """Names what is random: where free bodies start, in a scene that says how far from its own start."""
         from evis.scene.load import starts_at_random
 
         scene = params.get("scene")
@@ -79,7 +79,7 @@ class PhysicsNode(Node):
 
     @classmethod
     def divides(cls, params: Mapping[str, Any]) -> int:
-        """Steps for which an action is held. Raises ValueError where that is no whole number."""
+        """Counts the steps for which an action is held. Raises ValueError where that is no whole number."""
         rate, wanted = params["keyframe_rate"], params["action_rate"]
         try:
             return times_slower(rate, rate if wanted is None else wanted)
@@ -87,7 +87,7 @@ class PhysicsNode(Node):
             raise ValueError(f"action_rate: {error}") from None
 
     def setup(self) -> None:
-        """Load the scene and the engine that it needs."""
+        """Loads the scene and the engine that it needs."""
         p = self.params
         scene = scene_of(self.name, p, visuals=False)
         for note in scene.notes:
@@ -128,13 +128,13 @@ class PhysicsNode(Node):
             self.warn(f"the run ends at {end / NS:.6g} s, {within}")
 
     def due(self) -> Mapping[str, int]:
-        """The action for the step that starts at the stamp published last, where it is time for one."""
+        """Gives the stamp of the action for the next step, that published last, where one is due."""
         if not self.k or (self.k - 1 - self.first) % self.held:
             return {}
         return {"action": keyframe_stamp(self.k - 1, self.params["keyframe_rate"])}
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
-        """Publish the state at the next stamp."""
+        """Publishes the state at the next stamp."""
         stamp = keyframe_stamp(self.k, self.params["keyframe_rate"])
         action = inputs.get("action")
         controls = np.array(action.controls) if isinstance(action, Action) else None

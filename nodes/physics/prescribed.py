@@ -10,7 +10,7 @@ from nodes.physics.interval import Interval, grid_inside
 
 
 class PrescribedEngine:
-    """Closed-form poses on the scene's sub-step grid. All environments are alike: there is nothing random in them."""
+    """Gives closed-form poses on the scene's sub-step grid. All environments are alike: nothing in them is random."""
 
     controls = 0
 
@@ -21,11 +21,11 @@ class PrescribedEngine:
         self._now = 0
 
     def start(self) -> Interval:
-        """The state at stamp 0."""
+        """Gives the state at stamp 0."""
         return self._at(np.zeros(1, np.int64))
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
-        """The states from the previous stamp to `to_ns`; there is nothing to control."""
+        """Gives the states from the previous stamp to `to_ns` [ns]; there is nothing to control."""
         # Where nothing moves nothing happens at sub-steps.
         inner = grid_inside(self._now, to_ns, self.scene.timestep_ns) if len(self._states.moving) else ()
         t = np.array([self._now, *inner, to_ns], np.int64)
@@ -42,7 +42,7 @@ class PrescribedEngine:
 
 
 class PrescribedStates:
-    """Closed-form states of a scene's bodies; those that never move are looked at once.
+    """Computes closed-form states of a scene's bodies; those that never move are looked at once.
 
     moving: int32 [B], bodies on a path along which they move. rest: float64 [N, 7], poses of those that never do, NaN
     for the others.
@@ -64,14 +64,15 @@ class PrescribedStates:
         self._paths = [path for _, path in paths]
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Poses [S, N, 7] and twists [S, N, 6] at times int64 [S] ns; NaN for bodies that the physics engine moves."""
+        """Computes poses [S, N, 7] and twists [S, N, 6] at times int64 [S] ns; NaN for bodies that a physics engine
+        moves."""
         pose, twist = np.tile(self.rest, (len(t), 1, 1)), np.full((len(t), len(self.rest), 6), np.nan)
         twist[:, self._still] = 0.0
         pose[:, self.moving], twist[:, self.moving] = self.of_moving(t)
         return pose, twist
 
     def of_moving(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Poses [S, B, 7] and twists [S, B, 6] of the bodies of `moving` alone."""
+        """Computes poses [S, B, 7] and twists [S, B, 6] of the bodies of `moving` alone."""
         pose, twist = np.empty((len(t), len(self.moving), 7)), np.empty((len(t), len(self.moving), 6))
         known: Known = {}
         for n, path in enumerate(self._paths):
@@ -83,5 +84,5 @@ class PrescribedStates:
 
 
 def prescribed_states(scene: Scene, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """As PrescribedStates.at, for once."""
+    """Computes what PrescribedStates.at gives, for who asks once."""
     return PrescribedStates(scene).at(t)

@@ -21,13 +21,13 @@ _GROWTH = 1e-6
 
 
 def integrator_of(model: Any) -> str:
-    """Its name as in a model; `discrete` is stable for any spring."""
+    """Gives the name of a model's integrator, as in MJCF; `discrete` is stable for any spring."""
     return _NAMES.get(mujoco.mjtIntegrator(model.opt.integrator), "discrete")
 
 
 @dataclass(frozen=True)
 class Mode:
-    """x'' = -stiffness x - (implicit + explicit) x', what one joint or contact does by itself.
+    """Describes what one joint or contact does by itself: x'' = -stiffness x - (implicit + explicit) x'.
 
     source: what it belongs to. stiffness [1/s^2]; implicit, explicit: damping [1/s] that the integrator takes at the
     end and at the beginning of its step. MuJoCo takes that of joints at the end with Euler, that of actuators too with
@@ -42,15 +42,15 @@ class Mode:
 
     @property
     def rate(self) -> float:
-        """The faster of oscillation and decay [1/s]."""
+        """Gives the faster of oscillation and decay [1/s]."""
         return max(np.sqrt(self.stiffness), self.implicit + self.explicit)
 
     def grows(self, dt: float) -> bool:
-        """Whether a step of dt [s] makes a small disturbance larger."""
+        """Tells whether a step of dt [s] makes a small disturbance larger."""
         return self.integrator != "discrete" and _spectral_radius(self._step(dt)) > 1 + _GROWTH
 
     def longest_step(self, dt: float) -> float:
-        """The longest stable step below dt [s], at which it grows."""
+        """Finds the longest stable step [s] below dt [s], at which it grows."""
         low, high = 0.0, dt
         for _ in range(40):
             middle = 0.5 * (low + high)
@@ -69,7 +69,7 @@ class Mode:
 
 
 def modes(model: Any) -> list[Mode]:
-    """Joints with springs, dampers, position and velocity servos, and contacts with a direct solref."""
+    """Finds the joints with springs, dampers, position and velocity servos, and contacts with a direct solref."""
     return [*_joints(model), *_contacts(model)]
 
 
@@ -124,8 +124,10 @@ def _contacts(model: Any) -> Iterator[Mode]:
 
 
 def thicknesses(model: Any) -> np.ndarray:
-    """float64 [geoms], m: how thick a geom is where it is thinnest; inf for what does not collide, and for planes and
-    height fields, which have no other side."""
+    """Finds how thick every geom is where it is thinnest, float64 [geoms] m.
+
+    inf for what does not collide, and for planes and height fields, which have no other side.
+    """
     found = np.full(model.ngeom, np.inf)
     for geom in range(model.ngeom):
         kind, size = model.geom_type[geom], model.geom_size[geom]
@@ -147,7 +149,7 @@ def thicknesses(model: Any) -> np.ndarray:
 
 
 def geom_name(model: Any, geom: int) -> str:
-    """For a message."""
+    """Names a geom in a message."""
     name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom)
     number = int(model.geom_bodyid[geom])
     body = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, number) or f"body{number}"

@@ -32,12 +32,15 @@ class Watchdog:
         self._thickness = float(self._thicknesses[self._thin]) if len(self._thicknesses) else np.inf
 
     def restart(self, data: Any) -> None:
-        """Begin anew from the state of `data`."""
+        """Begins anew from the state of `data`."""
         self._counts = [data.warning[w].number for w in _BAD]
         self._time = -1.0
 
     def check(self, data: Any, twist: np.ndarray) -> str | None:
-        """What is wrong after a step, as one line, or None. twist: float64 [bodies without the world, 6] of `data`."""
+        """Finds what is wrong after a step, as one line, or None.
+
+        twist: float64 [bodies without the world, 6] of `data`.
+        """
         sign = self._sign(data, twist)
         forward = data.time > self._time
         self._time = data.time
@@ -76,7 +79,7 @@ class Watchdog:
         return 0
 
     def risks(self) -> list[str]:
-        """What in the model the integrator cannot follow at this timestep, known before the first step."""
+        """Finds what in the model the integrator cannot follow at this timestep, before the first step."""
         dt = self.model.opt.timestep
         return [
             f"{_growth(mode, dt)}; expect it to diverge, or {_remedy(mode, dt)}"
@@ -85,7 +88,7 @@ class Watchdog:
         ]
 
     def notices(self, data: Any, twist: np.ndarray) -> list[str]:
-        """What is suspicious after a step that has not diverged; each thing once per environment."""
+        """Finds what is suspicious after a step that has not diverged; tells each thing once per environment."""
         found = {str(w): text for w, text in _LOST.items() if data.warning[w].number}
         if len(twist):
             square = (twist[:, :3] ** 2).sum(axis=-1)

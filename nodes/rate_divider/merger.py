@@ -20,7 +20,7 @@ Allocate = Callable[..., Mapping[str, np.ndarray]]
 
 
 class Merger:
-    """Groups of `count` states that follow one another, each given out as one.
+    """Joins each group of `count` states that follow one another to one.
 
     The first state of an episode is given out by itself, and the groups are counted from it. `gaps` counts states
     that did not begin where the one before had ended, within an episode; they start anew too. A group that is left
@@ -37,7 +37,7 @@ class Merger:
         """Episode and stamp [ns] of the last state."""
 
     def push(self, state: WorldState, allocate: Allocate) -> WorldState | None:
-        """One state more; the merged one where that ends a group. `state` need not outlive the call."""
+        """Takes one state more; gives the merged one where that ends a group. `state` need not outlive the call."""
         now = (state.header.episode, state.header.stamp_ns)
         follows = self._end == (state.header.episode, int(state.t[0])) and len(state.t) > 1
         if not follows and self._end is not None and self._end[0] == now[0] and now[1] > self._end[1]:
@@ -61,7 +61,7 @@ class Merger:
 
 
 def merged(parts: Sequence[WorldState], begun: np.ndarray, allocate: Allocate) -> WorldState:
-    """One state over the intervals of `parts`, each of which begins where the one before ends.
+    """Makes one state over the intervals of `parts`, each of which begins where the one before ends.
 
     The time where two meet stands once. Stamp, episodes and contacts are the last one's. begun: bool [E], environments
     whose episode began within. They stand all along where they are at the end, for nothing may be interpolated across

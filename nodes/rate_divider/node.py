@@ -16,7 +16,7 @@ from nodes.rate_divider.merger import Merger
 
 
 class RateDividerNode(Node):
-    """One state per keyframe of a camera whose rate is a whole fraction of the rate of the states.
+    """Publishes one state per keyframe of a camera whose rate is a whole fraction of the rate of the states.
 
     Keyframe k of an episode is at its state k n, n = keyframe_rate / rate, and holds the sub-steps of all n.
     """
@@ -32,15 +32,15 @@ class RateDividerNode(Node):
 
     @classmethod
     def divides(cls, params: Mapping[str, Any]) -> int:
-        """States to each that is published. Raises ValueError for rates that do not go together."""
+        """Counts the states to each that is published. Raises ValueError for rates that do not go together."""
         return times_slower(params["keyframe_rate"], params["rate"])
 
     def setup(self) -> None:
-        """How many states make one."""
+        """Makes the merger for these rates."""
         self._merger = Merger(self.divides(self.params))
 
     def update(self, inputs: Mapping[str, Message]) -> None:
-        """Publish where a keyframe of the camera is due."""
+        """Publishes a state where a keyframe of the camera is due."""
         state = inputs["states"]
         assert isinstance(state, WorldState)
         gaps, unfinished = self._merger.gaps, self._merger.unfinished

@@ -168,7 +168,7 @@ class Shading:
         return self.lights.set_times(t_ns)
 
     def place(self) -> None:
-        """What shading needs of the poses alone: launches only, as in `placed` and `shade`."""
+        """Prepares what shading needs of the poses alone: launches only, as in `placed` and `shade`."""
         self.occluders.launch()
         self.lights.launch()
         self._counts.zero_()
@@ -176,7 +176,7 @@ class Shading:
             self.shadow_pass.clear()
 
     def placed(self) -> None:
-        """What shading needs of the visibility's placed instances."""
+        """Prepares what shading needs of the visibility's placed instances."""
         self.occluders.launch_moving()
         if self.shadow_pass is not None:
             self.shadow_pass.place()

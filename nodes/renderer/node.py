@@ -59,12 +59,12 @@ class RendererNode(Node):
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """What is about paths, where there are none."""
+        """Names the parameters of paths where there are none."""
         return parameters.without_effect(params)
 
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """What a still camera sees of still things is not drawn again."""
+        """Tells that what a still camera sees of still things is not drawn again."""
         from evis.scene.load import is_dynamic
 
         scene, camera = params.get("scene"), params.get("camera")
@@ -84,6 +84,7 @@ class RendererNode(Node):
         return {"static background": f"{camera} never moves: the world{kept} drawn once and kept"}
 
     def setup(self) -> None:
+        """Makes the renderer, compiles what is wanted of it, and publishes the camera's info."""
         from evis.scene.stereo import baseline
         from nodes.renderer.renderer import Renderer
         from nodes.renderer.supersampling import SupersampledRenderer
@@ -134,6 +135,7 @@ class RendererNode(Node):
                 self.warn(line)
 
     def update(self, inputs: Mapping[str, Message]) -> None:
+        """Renders and publishes the wanted images of one state. Raises ValueError for one of another scene."""
         state = inputs["state"]
         assert isinstance(state, WorldState)
         if state.names != self._names:

@@ -20,19 +20,19 @@ PATHS = ("path_samples", "roulette")
 
 
 def by_paths(params: Mapping[str, Any]) -> bool:
-    """Whether any light comes by paths."""
+    """Tells whether any light comes by paths."""
     return bool(params.get("bounces") or params.get("sky_occlusion"))
 
 
 def without_effect(params: Mapping[str, Any]) -> dict[str, str]:
-    """What is about paths, where there are none: name -> why it changes nothing."""
+    """Names the parameters of paths where there are none: name -> why it changes nothing."""
     if by_paths(params):
         return {}
     return dict.fromkeys(PATHS, "no light comes by paths without bounces or sky_occlusion")
 
 
 def light_options(params: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments `light_samples` and `paths` of Renderer and Interpolator, for all of LIGHT or a part of it."""
+    """Gives arguments `light_samples` and `paths` of Renderer and Interpolator, for all of LIGHT or a part of it."""
     found: dict[str, Any] = {"light_samples": params.get("light_samples") or LIGHT["light_samples"].default}
     if by_paths(params):
         from nodes.renderer.paths.paths import PathOptions

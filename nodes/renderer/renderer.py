@@ -248,7 +248,7 @@ class Renderer:
             wp.copy(targets[name], self._still[name])
 
     def displace(self, targets: Mapping[str, wp.array], everything: bool = True) -> None:
-        """What motion needs of the poses; everything: still instances may have moved."""
+        """Computes what motion needs of the poses; everything: still instances may have moved."""
         v = self.visibility
         if "motion" in targets and v.moved:
             v.displace(everything, self._turn, self._shift)
@@ -257,7 +257,7 @@ class Renderer:
             self._shift.zero_()
 
     def geometric(self, targets: Mapping[str, wp.array]) -> None:
-        """Depth, motion, ids and normals of the z-buffer into `targets`, after `displace`."""
+        """Writes depth, motion, ids and normals of the z-buffer into `targets`, after `displace`."""
         if targets.keys().isdisjoint(GEOMETRIC):
             return
         v = self.visibility

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class SupersampledRenderer:
-    """As Renderer, with every pixel's light the mean of samples x samples samples that cover it evenly.
+    """Renders as Renderer does, with every pixel's light the mean of samples x samples samples that cover it evenly.
 
     Depth, ids, normals and motion belong to the pixel's centre: where a pixel covers two surfaces its radiance is a mix
     of both. An interpolator that moves pixels by their motion smears such mixed pixels; for one that moves samples
@@ -67,7 +67,7 @@ class SupersampledRenderer:
         return self._whose(name).array_shape(name)
 
     def buffers(self, outputs: Iterable[str]) -> dict[str, wp.array]:
-        """As Renderer.buffers."""
+        """Gives arrays on the device, as Renderer.buffers does."""
         return {name: self._whose(name).target(name, None) for name in outputs}
 
     def _whose(self, name: str) -> Renderer:
@@ -88,7 +88,7 @@ class SupersampledRenderer:
         out: Mapping[str, Any] | None = None,
         t_ns: int = 0,
     ) -> dict[str, Any]:
-        """As Renderer.render."""
+        """Renders the wanted images, with arguments and results as of Renderer.render."""
         wanted, given = set(outputs), out or {}
         light = wanted.intersection(LIGHT)
         images = self.plain.render(poses, previous, wanted - light, out)

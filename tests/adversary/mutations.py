@@ -75,8 +75,8 @@ def digits(data: bytearray, other: bytes, rng: np.random.Generator) -> None:
 
 
 def edits(data: bytearray, other: bytes, rng: np.random.Generator) -> None:
-    """Those of tests/events/test_fuzz_files.py."""
-    from test_fuzz_files import damage
+    """Those of tests/events/file_damage.py."""
+    from file_damage import damage
 
     data[:] = damage(bytes(data), rng)
 

@@ -182,6 +182,10 @@ def test_misuse_has_one_clear_line():
         Interpolator("splat", 4, device="gpu")
     with pytest.raises(ParamError, match="did you mean 'splat'"):
         InterpolatorNode("interpolator", {"method": "splatt"})
+    with pytest.raises(ValueError, match="no interpolation method 'splatt'; did you mean 'splat'"):
+        Interpolator("splatt", 4)
+    with pytest.raises(ValueError, match="upsampling is 0; it must be 1 or more"):
+        Interpolator("splat", 0)
 
 
 def test_node_module_is_light():
@@ -198,7 +202,7 @@ def test_each_method_asks_for_what_it_reads():
     asked = lambda **given: InterpolatorNode.needs({"method": "rigid", "scene": None, **given}, frames)
     assert asked(scene="spinning_disk") == {"keyframe", "state"}
     assert asked(method="splat", scene="spinning_disk") == {"keyframe", "depth", "motion"}
-    assert asked(method="splat-forward", scene="spinning_disk") == {"keyframe", "depth", "motion", "state"}
+    assert asked(method="splat-quadratic", scene="spinning_disk") == {"keyframe", "depth", "motion"}
     assert asked(method="none") == {"keyframe"}
     assert asked() == {"keyframe", "depth", "motion"}, "without a scene there is only splat"
 

@@ -10,8 +10,8 @@ import OpenEXR
 import pytest
 import zmq
 from mcap.reader import make_reader
+from node_bus import start, state
 from PIL import Image
-from test_renderer_node import start, state
 
 from evis.bag.export.topics import export
 from evis.bag.reader import BagReader

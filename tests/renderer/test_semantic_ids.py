@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_renderer_node import Bus, state
+from node_bus import Bus, state
 
 from evis.scene import load_scene
 from msgs.camera import CameraInfo, Ids

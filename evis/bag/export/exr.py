@@ -15,7 +15,7 @@ HALF_MAX = 65504.0
 
 
 def channels(group: dict[type[Message], Message], env: int, half: bool) -> tuple[dict[str, np.ndarray], int]:
-    """(channel -> array [H,W(,3)] without margin, radiance values clamped to the range of half).
+    """Returns (channel -> array [H,W(,3)] without margin, radiance values clamped to the range of half).
 
     R, G, B (as `RGB`), or Y of a keyframe without colour, in the recorded precision or half; Z and motion.x, motion.y
     float32; id uint32.
@@ -47,7 +47,7 @@ def channels(group: dict[type[Message], Message], env: int, half: bool) -> tuple
 
 
 def write(path: Path, arrays: dict[str, np.ndarray], stamp_ns: int) -> None:
-    """Write scan lines compressed with ZIP, which is lossless and notices damage. The stamp is an attribute.
+    """Writes scan lines compressed with ZIP, which is lossless and notices damage. The stamp is an attribute.
 
     Raises OSError, with nothing left of the file.
     """

@@ -17,8 +17,9 @@ Messages = Callable[[], Iterator[Message]]
 
 
 def write(messages: Messages, topic: str, out: BinaryIO) -> dict[str, Any]:
-    """An .npz of t (int64 [T] ns) and luminance (float32 [T, H, W]) or rgb ([T, H, W, 3]), with dlog_dt (as luminance,
-    1/s) where every message has it. One message is in memory at a time. Raises BagError."""
+    """Writes an .npz of t (int64 [T] ns) and luminance (float32 [T, H, W]) or rgb ([T, H, W, 3]), with dlog_dt (as
+    luminance, 1/s) where every message has it. One message is in memory at a time. Raises BagError.
+    """
     shapes: dict[str, list[tuple[int, ...]]] = {}
     times: list[np.ndarray] = []
     for frames in _each(messages, topic):

@@ -21,7 +21,7 @@ TABLES = {"box": ("box", "box_id"), "contact": ("contact_body", "contact_positio
 
 
 def write(messages: Messages, topic: str, out: BinaryIO) -> dict[str, Any]:
-    """An .npz of what the labels of T messages hold; one message is in memory at a time. Raises BagError.
+    """Writes an .npz of what the labels of T messages hold; one message is in memory at a time. Raises BagError.
 
     `t` int64 [T] ns and `episode` int64 [T]. `flow` [T, H, W, 2] px/s, `depth` [T, H, W] m, `segmentation` and
     `semantic` [T, H, W] ids, `pose` [T, N, 7] (p, q) and `velocity` [T, N, 6] (v, omega) of the N bodies that `names`

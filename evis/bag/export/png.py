@@ -20,7 +20,7 @@ _GREY, _COLOUR = 0, 2
 
 
 def write_folder(messages: Iterable[Message], topic: str, out: Path) -> dict[str, Any]:
-    """One file per image, 000000.png and so on, and times.txt with `name t_ns` lines. Raises BagError.
+    """Writes one file per image, 000000.png and so on, and times.txt with `name t_ns` lines. Raises BagError.
 
     8 and 16 bit, grey and colour, as they were recorded. `other_files` counts PNG files of another export.
     """
@@ -41,7 +41,7 @@ def write_folder(messages: Iterable[Message], topic: str, out: Path) -> dict[str
 
 
 def encoded(pixels: np.ndarray, encoding: str) -> bytes:
-    """A PNG file of pixels uint8 or uint16 [H, W, C]. Raises ValueError for what PNG does not have."""
+    """Encodes a PNG file of pixels uint8 or uint16 [H, W, C]. Raises ValueError for what PNG does not have."""
     height, width, channels = pixels.shape
     if pixels.dtype not in (np.uint8, np.uint16) or channels not in (1, 3) or not pixels.size:
         raise ValueError(f"an image of {width} x {height}, encoding {encoding}, is none that PNG can hold")

@@ -35,7 +35,7 @@ class FormatError(BagError):
 
 
 def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) -> dict[str, Any]:
-    """Write a topic to `out` and tell what was written. `/env<k>/...` takes one environment of several.
+    """Writes a topic to `out` and tells what was written. `/env<k>/...` takes one environment of several.
 
     Events: .npz, .csv, .txt, .raw (by evis.events; times that a format rounds are counted). Keyframes to a folder:
     one EXR each (half: R, G, B as 16-bit floats, clamped and counted). Images to a folder: one PNG each, and times.txt.

@@ -13,7 +13,7 @@ JOINTS = ("qpos", "qvel")
 
 
 def table(states: Iterable[Message]) -> tuple[dict[str, np.ndarray], int]:
-    """Arrays by name, and the number of messages.
+    """Returns the arrays by name, and the number of messages.
 
     `t` int64 [T] ns; `episode` int64 [T]; `pose` float64 [T, E, N, 7] and `twist` [T, E, N, 6] of all bodies; `qpos`,
     `qvel` [T, E, n] where they are in every message; `names` of the N bodies.

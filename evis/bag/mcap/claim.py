@@ -15,7 +15,7 @@ from evis.files.whole_file import written_at
 
 
 def claim(path: Path) -> tuple[int, Path | None]:
-    """Open a new file at `path` and give (descriptor, where what was there is now, or None).
+    """Opens a new file at `path` and gives (descriptor, where what was there is now, or None).
 
     The old file becomes `<name>.bak`, or `<name>.bak2`, ... where there is such a one already, once the new one is
     open. A bag without any message, as a run leaves that failed at its start, is not kept. A symbolic link stays: what

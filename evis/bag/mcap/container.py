@@ -75,14 +75,14 @@ class Container:
     # -- what is written outside of chunks ---------------------------------------------------------------------------
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Write a schema; its id."""
+        """Writes a schema and returns its id."""
         with self._lock:
             schema = Schema(data=data, encoding=encoding, id=len(self._summary.schemas) + 1, name=name)
             self.put(schema)
             return schema.id
 
     def add_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
-        """Write a channel; its id. Not in a chunk, so that no lost chunk takes it away."""
+        """Writes a channel and returns its id. Not in a chunk, so that no lost chunk takes it away."""
         with self._lock:
             channel = Channel(len(self._summary.channels) + 1, topic, encoding, dict(metadata), schema)
             if channel.id > 0xFFFF:
@@ -91,7 +91,7 @@ class Container:
             return channel.id
 
     def put(self, record: Schema | Channel) -> None:
-        """Write a schema or channel under its own id."""
+        """Writes a schema or channel under its own id."""
         with self._lock:
             self._write([record_bytes(record)])
             if isinstance(record, Schema):
@@ -100,7 +100,7 @@ class Container:
                 self._summary.channels[record.id] = record
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Write a named table of texts."""
+        """Writes a named table of texts."""
         with self._lock:
             data = record_bytes(Metadata(name, dict(values)))
             at = self.end
@@ -110,7 +110,7 @@ class Container:
     # -- messages ----------------------------------------------------------------------------------------------------
 
     def add(self, messages: Sequence[tuple[int, int, int, Sequence[Piece]]], compress: bool = True) -> None:
-        """Write messages (channel, sequence, log time [ns], pieces) that belong together into one chunk.
+        """Writes messages (channel, sequence, log time [ns], pieces) that belong together into one chunk.
 
         The pieces are copied or written before this returns. Raises BagError, for a full disk too.
         """
@@ -144,7 +144,7 @@ class Container:
         return result, at
 
     def flush(self) -> None:
-        """Bring the open chunk to the file."""
+        """Brings the open chunk to the file."""
         with self._lock:
             self._raise()
             if self._indexes:
@@ -164,7 +164,7 @@ class Container:
     def put_chunk(
         self, compression: str, size: int, crc: int, stored: Sequence[Piece], indexes: dict[int, list[tuple[int, int]]]
     ) -> None:
-        """Write a chunk: its `stored` bytes, and for each channel the (log time, offset) of its messages."""
+        """Writes a chunk: its `stored` bytes, and for each channel the (log time, offset) of its messages."""
         name = compression.encode()
         count = sum(len(p) for p in stored)
         times = [t for entries in indexes.values() for t, _ in entries]
@@ -254,7 +254,7 @@ class Container:
             )
 
     def close(self) -> None:
-        """Write the open chunk, the index and the end mark. After a failure: the index as far as it goes.
+        """Writes the open chunk, the index and the end mark. After a failure: the index as far as it goes.
 
         Raises BagError for a failure that nobody was told of.
         """

@@ -65,7 +65,7 @@ class Layout:
 
 
 def parse(opcode: int, data: bytes | memoryview) -> Any:
-    """The record of these bytes, None for kinds that are of no interest. Raises BagError."""
+    """Returns the record of these bytes, None for kinds that are of no interest. Raises BagError."""
     kind = _KINDS.get(opcode)
     if kind is None:
         return None
@@ -76,7 +76,7 @@ def parse(opcode: int, data: bytes | memoryview) -> Any:
 
 
 def records(data: memoryview) -> Iterator[tuple[int, int, memoryview]]:
-    """(opcode, offset, body) of each record in the bytes of a chunk. Raises BagError."""
+    """Yields (opcode, offset, body) of each record in the bytes of a chunk. Raises BagError."""
     at = 0
     while at < len(data):
         if at + 9 > len(data):
@@ -89,7 +89,7 @@ def records(data: memoryview) -> Iterator[tuple[int, int, memoryview]]:
 
 
 def message(body: memoryview) -> tuple[int, int, int, memoryview]:
-    """(channel, sequence, log time [ns], payload) of a message record's body. Raises BagError."""
+    """Returns (channel, sequence, log time [ns], payload) of a message record's body. Raises BagError."""
     if len(body) < 22:
         raise BagError("a message record is too short")
     channel, sequence, log_time = struct.unpack_from("<HIQ", body)
@@ -120,7 +120,9 @@ class Scanner:
         return pieces[0] if len(pieces) == 1 else b"".join(pieces)
 
     def chunk_data(self, chunk: Chunk) -> memoryview:
-        """The uncompressed records of a chunk. Raises BagError where they are damaged, TooLargeError for a bomb."""
+        """Returns the uncompressed records of a chunk. Raises BagError where they are damaged, TooLargeError for a
+        bomb.
+        """
         if chunk.full > MAX_CHUNK or chunk.size > MAX_CHUNK:
             raise BagError(f"a chunk claims {max(chunk.full, chunk.size)} bytes, the limit is {MAX_CHUNK}")
         data = self._read(chunk.at, chunk.size)
@@ -141,7 +143,7 @@ class Scanner:
         return memoryview(data)
 
     def stored(self, chunk: Chunk) -> bytes:
-        """The bytes of a chunk as they are in the file."""
+        """Returns the bytes of a chunk as they are in the file."""
         return self._read(chunk.at, chunk.size)
 
     # -- by index ----------------------------------------------------------------------------------------------------

@@ -17,28 +17,30 @@ class CdrWriter:
         self.buffer = bytearray(ENCAPSULATION)
 
     def align(self, size: int) -> None:
-        """Pad to a multiple of `size` bytes."""
+        """Pads to a multiple of `size` bytes."""
         self.buffer += bytes(-(len(self.buffer) - 4) % size)
 
     def number(self, code: str, value: float) -> None:
-        """One number; `code` as in `struct` (b B h H i I q Q f d)."""
+        """Writes one number; `code` as in `struct` (b B h H i I q Q f d)."""
         self.align(struct.calcsize("<" + code))
         self.buffer += struct.pack("<" + code, value)
 
     def string(self, text: str) -> None:
-        """Length with the closing NUL, the UTF-8 bytes, NUL."""
+        """Writes the length with the closing NUL, the UTF-8 bytes, NUL."""
         raw = text.encode()
         self.number("I", len(raw) + 1)
         self.buffer += raw + b"\x00"
 
     def doubles(self, values: np.ndarray) -> None:
-        """A fixed-size array of float64; nothing at all where it is empty."""
+        """Writes a fixed-size array of float64; nothing at all where it is empty."""
         if np.size(values):
             self.align(8)
             self.buffer += np.ascontiguousarray(values, "<f8").tobytes()
 
     def header(self, stamp_ns: int, frame_id: str) -> None:
-        """std_msgs/Header: seconds (int32), nanoseconds (uint32), frame. Raises BagError outside of 0 .. 68 years."""
+        """Writes a std_msgs/Header: seconds (int32), nanoseconds (uint32), frame. Raises BagError outside of 0 .. 68
+        years.
+        """
         seconds, nanoseconds = ros_time(stamp_ns)
         self.number("i", seconds)
         self.number("I", nanoseconds)
@@ -46,7 +48,7 @@ class CdrWriter:
 
 
 def ros_time(stamp_ns: int) -> tuple[int, int]:
-    """Stamp [ns] as ROS's (seconds, nanoseconds)."""
+    """Converts a stamp [ns] to ROS's (seconds, nanoseconds)."""
     seconds, nanoseconds = divmod(int(stamp_ns), 1_000_000_000)
     if not 0 <= seconds < 1 << 31:
         raise BagError(f"stamp {stamp_ns} ns cannot be recorded: a bag's times go from 0 to 2^31 s")

@@ -30,12 +30,14 @@ def _announce(packet: EventPacket, base_ns: int, encoding: str, events: memoryvi
 
 
 def decoded(packet: EventPacket) -> bool:
-    """True when the packet has its events as arrays."""
+    """Returns True when the packet has its events as arrays."""
     return all(getattr(packet, n) is not None for n in NAMES)
 
 
 def evt3_encoder() -> Encoder:
-    """An encoder for the packets of one topic: a stream to a stateful decoder, and yet each packet decodes alone."""
+    """Makes an encoder for the packets of one topic: a stream to a stateful decoder, and yet each packet decodes
+    alone.
+    """
     from evis.events.codecs.prophesee.evt3 import Encoder
 
     return Encoder(resync=True)
@@ -44,7 +46,7 @@ def evt3_encoder() -> Encoder:
 def pack(
     packet: EventPacket, frame_id: str, encoder: Encoder | None = None
 ) -> tuple[list[tuple[str, Buffers]], tuple[str, ...]]:
-    """([(part, bytes)], names of the arrays that the bytes give back).
+    """Returns ([(part, bytes)], names of the arrays that the bytes give back).
 
     A sensor's own bytes stay as they are (part `raw`). Decoded events become `mono`, several packets where their times
     span more than 2^32 ns, or with an `encoder` evt3, whose times are cut to whole us. Raises BagError.
@@ -74,7 +76,7 @@ def pack(
 
 
 def unpack(parts: dict[str, list[memoryview]], t_first_ns: int) -> dict[str, np.ndarray]:
-    """The arrays of `pack`'s parts; `t_first_ns` as in `summary`."""
+    """Unpacks the arrays of `pack`'s parts; `t_first_ns` as in `summary`."""
     arrays: dict[str, np.ndarray] = {}
     for raw in parts.get("raw", []):
         arrays["raw"] = np.frombuffer(messages.read_event_packet(raw).events, np.uint8)
@@ -103,7 +105,7 @@ def _decode_evt3(packet: RosEvents, t_first_ns: int) -> dict[str, np.ndarray]:
 
 
 def foreign(raw: memoryview) -> EventPacket:
-    """A packet that another program recorded: `mono` is decoded, all else stays raw."""
+    """Converts a packet that another program recorded: `mono` is decoded, all else stays raw."""
     packet = messages.read_event_packet(raw)
     header = Header(packet.stamp_ns, packet.seq, "ros")
     fields: dict[str, Any] = {"width": packet.width, "height": packet.height, "t0_ns": packet.stamp_ns}
@@ -115,7 +117,7 @@ def foreign(raw: memoryview) -> EventPacket:
 
 
 def summary(packet: EventPacket) -> dict[str, int]:
-    """Count and first and last time [ns], for the packet's JSON; nothing where it is not decoded."""
+    """Counts and first and last time [ns], for the packet's JSON; nothing where it is not decoded."""
     if packet.t is None:
         return {}
     t = np.asarray(packet.t)

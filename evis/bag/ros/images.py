@@ -29,7 +29,7 @@ NAMED = {"rgb8": ("uint8", 3), "bgr8": ("uint8", 3), "rgba8": ("uint8", 4), "bgr
 
 
 def pack(array: np.ndarray, field: str, encoding: str, stamp_ns: int, frame_id: str) -> Buffers:
-    """An image array [1,H,W(,C)], [1,K,H,W(,C)] (the K frames below each other) or, for Image, [H,W,C].
+    """Packs an image array [1,H,W(,C)], [1,K,H,W(,C)] (the K frames below each other) or, for Image, [H,W,C].
 
     float16 radiance is `16FC3`, a name that ROS lacks: the only one that says what the bytes are.
     """
@@ -46,7 +46,7 @@ def pack(array: np.ndarray, field: str, encoding: str, stamp_ns: int, frame_id: 
 
 
 def unpack(raw: memoryview, dtype: str, shape: list[int], allowed: tuple[str, ...]) -> np.ndarray:
-    """The array of `pack`, a read-only view of `raw`. Raises BagError where size or dtype do not fit."""
+    """Unpacks the array of `pack`, a read-only view of `raw`. Raises BagError where size or dtype do not fit."""
     picture = messages.read_image(raw)
     if dtype not in allowed:
         raise BagError(f"an image of dtype {dtype!r:.40} was announced, {' or '.join(allowed)} is declared")
@@ -57,7 +57,7 @@ def unpack(raw: memoryview, dtype: str, shape: list[int], allowed: tuple[str, ..
 
 
 def foreign(raw: memoryview) -> tuple[np.ndarray, messages.RosImage]:
-    """A sensor_msgs/Image of any origin as [H,W,C]. Raises BagError for encodings that are not plain pixels."""
+    """Reads a sensor_msgs/Image of any origin as [H,W,C]. Raises BagError for encodings that are not plain pixels."""
     picture = messages.read_image(raw)
     if picture.encoding in NAMED:
         dtype, channels = NAMED[picture.encoding]

@@ -27,7 +27,7 @@ _SUFFIX = "_base64"
 
 
 def plain(value: Any) -> Any:
-    """A scalar field as JSON can hold it."""
+    """Converts a scalar field to what JSON can hold."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):
@@ -43,7 +43,7 @@ def plain(value: Any) -> Any:
 
 
 def unplain(value: Any) -> Any:
-    """Undo `plain`."""
+    """Undoes `plain`."""
     if isinstance(value, dict):
         if value.keys() == {"$float"}:
             return float(value["$float"])
@@ -56,7 +56,7 @@ def unplain(value: Any) -> Any:
 
 
 def put_array(body: dict[str, Any], name: str, array: np.ndarray, spec: ArraySpec) -> None:
-    """Add one array to a JSON object."""
+    """Adds one array to a JSON object."""
     listable = 0 < array.size <= LISTED and array.dtype.name == spec.dtypes[0] and bool(np.isfinite(array).all())
     if listable:
         body[name] = array.tolist()
@@ -66,7 +66,7 @@ def put_array(body: dict[str, Any], name: str, array: np.ndarray, spec: ArraySpe
 
 
 def get_array(body: dict[str, Any], name: str, spec: ArraySpec) -> np.ndarray | None:
-    """Take one array from a JSON object; None where it is absent. Raises BagError."""
+    """Takes one array from a JSON object; None where it is absent. Raises BagError."""
     try:
         if name in body:
             return np.array(body[name], dtype=spec.dtypes[0])
@@ -82,7 +82,9 @@ def get_array(body: dict[str, Any], name: str, spec: ArraySpec) -> np.ndarray | 
 
 
 def dump(message: Message, skip: Iterable[str] = (), **extra: Any) -> bytes:
-    """A message as JSON, without the fields of `skip`. `extra`: keys for the bag itself, which begin with `_`."""
+    """Writes a message as JSON, without the fields of `skip`. `extra`: keys for the bag itself, which begin with
+    `_`.
+    """
     h = message.header
     body: dict[str, Any] = {
         "header": {"stamp_ns": int(h.stamp_ns), "seq": int(h.seq), "clock": h.clock, "episode": int(h.episode)},
@@ -97,7 +99,7 @@ def dump(message: Message, skip: Iterable[str] = (), **extra: Any) -> bytes:
 
 
 def parse(raw: bytes | memoryview) -> dict[str, Any]:
-    """The JSON object of `dump`. Raises BagError."""
+    """Parses the JSON object of `dump`. Raises BagError."""
     try:
         body = json.loads(bytes(raw))
     except (ValueError, RecursionError) as error:
@@ -108,7 +110,7 @@ def parse(raw: bytes | memoryview) -> dict[str, Any]:
 
 
 def header_of(body: dict[str, Any]) -> Header:
-    """The header of a parsed message. Raises BagError."""
+    """Reads the header of a parsed message. Raises BagError."""
     h = body["header"]
     values = [h.get(k) for k in ("stamp_ns", "seq", "clock", "episode")]
     if [type(v) for v in values] != [int, int, str, int]:
@@ -117,7 +119,7 @@ def header_of(body: dict[str, Any]) -> Header:
 
 
 def load(message_type: type[Message], body: dict[str, Any], arrays: dict[str, np.ndarray]) -> Message:
-    """The message of a parsed body, `arrays` being those that were kept elsewhere. Raises BagError."""
+    """Makes the message of a parsed body, `arrays` being those that were kept elsewhere. Raises BagError."""
     specs = array_specs(message_type)
     values: dict[str, Any] = dict(arrays)
     for name, spec in specs.items():
@@ -139,7 +141,7 @@ _TYPES = {"int": "integer", "float": "number", "str": "string", "bool": "boolean
 
 
 def schema(message_type: type[Message]) -> str:
-    """JSON Schema of a message's JSON form."""
+    """Makes the JSON Schema of a message's JSON form."""
     specs = array_specs(message_type)
     integer = {"type": "integer"}
     properties: dict[str, Any] = {

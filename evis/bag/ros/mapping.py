@@ -66,7 +66,9 @@ def frame_of(topic: str) -> str:
 
 
 def encode(message: Message, topic: str, encoder: Encoder | None = None, **extra: Any) -> tuple[list[RosPart], bytes]:
-    """Parts and closing JSON of a message of one environment. `extra`: further keys of the JSON, beginning with `_`."""
+    """Encodes parts and closing JSON of a message of one environment. `extra`: further keys of the JSON, beginning with
+    `_`.
+    """
     kind = type(message).__name__
     frame, stamp = frame_of(topic), message.header.stamp_ns
     parts: list[RosPart] = []
@@ -113,7 +115,7 @@ def encode(message: Message, topic: str, encoder: Encoder | None = None, **extra
 
 
 def decode(kind: str, parts: dict[str, list[memoryview]], body: dict[str, Any]) -> Message:
-    """The message of `encode`'s parts (name -> bytes, in order) and parsed JSON. Raises BagError."""
+    """Decodes the message of `encode`'s parts (name -> bytes, in order) and parsed JSON. Raises BagError."""
     message_type = Message.TYPES.get(kind)
     if message_type is None:
         raise BagError(f"the bag holds messages of type {kind!r:.40}, which this release does not know")
@@ -145,7 +147,7 @@ def _one(parts: dict[str, list[memoryview]], name: str) -> memoryview:
 
 
 def decode_foreign(ros_type: str, raw: memoryview, sequence: int) -> Message:
-    """A ROS message that another program recorded. Raises BagError."""
+    """Decodes a ROS message that another program recorded. Raises BagError."""
     if ros_type == schemas.EVENT_PACKET:
         return events.foreign(raw)
     if ros_type == schemas.IMAGE:

@@ -14,7 +14,7 @@ Buffers = list[bytes | bytearray | memoryview]
 
 
 def image(stamp_ns: int, frame_id: str, height: int, width: int, encoding: str, step: int, data: memoryview) -> Buffers:
-    """sensor_msgs/Image of row-major pixels, little endian. `step`: bytes per row."""
+    """Packs a sensor_msgs/Image of row-major pixels, little endian. `step`: bytes per row."""
     w = CdrWriter()
     w.header(stamp_ns, frame_id)
     w.number("I", height)
@@ -27,14 +27,14 @@ def image(stamp_ns: int, frame_id: str, height: int, width: int, encoding: str, 
 
 
 def text(data: bytes) -> Buffers:
-    """std_msgs/String of UTF-8 bytes."""
+    """Packs a std_msgs/String of UTF-8 bytes."""
     w = CdrWriter()
     w.number("I", len(data) + 1)
     return [w.buffer, data, b"\x00"]
 
 
 def read_text(raw: memoryview) -> memoryview:
-    """The bytes of a std_msgs/String, not copied."""
+    """Reads the bytes of a std_msgs/String, not copied."""
     return CdrReader(raw, "std_msgs/String").blob()[:-1]
 
 
@@ -63,7 +63,7 @@ def camera_info(
     stamp_ns: int, frame_id: str, height: int, width: int, model: str, distortion: np.ndarray, k: np.ndarray,
     baseline: float = 0.0,
 ) -> Buffers:  # fmt: skip
-    """sensor_msgs/CameraInfo of an unrectified camera: R = identity, P = [K | T].
+    """Packs a sensor_msgs/CameraInfo of an unrectified camera: R = identity, P = [K | T].
 
     T = (-fx baseline, 0, 0) places the camera in the frame of the first one of its stereo rig, which is to its left by
     the baseline [m].
@@ -85,7 +85,7 @@ def camera_info(
 
 
 def read_camera_info(raw: memoryview) -> tuple[int, int, int, str, np.ndarray, np.ndarray, float]:
-    """(stamp [ns], height, width, distortion model, coefficients, K [3,3], baseline [m])."""
+    """Reads (stamp [ns], height, width, distortion model, coefficients, K [3,3], baseline [m])."""
     r = CdrReader(raw, "sensor_msgs/CameraInfo")
     stamp_ns, _ = r.header()
     height, width, model = r.integer("I"), r.integer("I"), r.string()
@@ -96,7 +96,9 @@ def read_camera_info(raw: memoryview) -> tuple[int, int, int, str, np.ndarray, n
 
 
 def imu(stamp_ns: int, frame_id: str, angular_velocity: np.ndarray, acceleration: np.ndarray) -> Buffers:
-    """sensor_msgs/Imu of one sample; its orientation is marked unknown (covariance[0] = -1, as REP 145 asks)."""
+    """Packs a sensor_msgs/Imu of one sample; its orientation is marked unknown (covariance[0] = -1, as REP 145
+    asks).
+    """
     w = CdrWriter()
     w.header(stamp_ns, frame_id)
     unknown = np.zeros(9)
@@ -111,7 +113,7 @@ def imu(stamp_ns: int, frame_id: str, angular_velocity: np.ndarray, acceleration
 
 
 def read_imu(raw: memoryview) -> tuple[int, np.ndarray, np.ndarray]:
-    """(stamp [ns], angular velocity [3], acceleration [3])."""
+    """Reads (stamp [ns], angular velocity [3], acceleration [3])."""
     r = CdrReader(raw, "sensor_msgs/Imu")
     stamp_ns, _ = r.header()
     r.doubles(4 + 9)
@@ -134,7 +136,7 @@ class RosEvents:
 
 
 def event_packet(packet: RosEvents, frame_id: str) -> Buffers:
-    """event_camera_msgs/EventPacket."""
+    """Packs an event_camera_msgs/EventPacket."""
     w = CdrWriter()
     w.header(packet.stamp_ns, frame_id)
     w.number("I", packet.height)

@@ -22,7 +22,7 @@ OLD = ArraySpec(("float64",), ("E", "S", "N", "?"), False, "all sub-steps of all
 
 
 def pack(state: WorldState) -> bytes:
-    """tf2_msgs/TFMessage of a state of one environment with at least one sub-step."""
+    """Packs a tf2_msgs/TFMessage of a state of one environment with at least one sub-step."""
     names = _named(state.names, state.end_pose.shape[1])
     moving, still = _parted(state.moving, len(names))
     end = np.asarray(state.end_pose)[0, still][None]
@@ -36,8 +36,9 @@ def pack(state: WorldState) -> bytes:
 
 
 def whole(state: WorldState) -> bool:
-    """True where the transforms are all there is to say of PACKED: one environment, whose moving bodies end at their
-    end_pose."""
+    """Returns True where the transforms are all there is to say of PACKED: one environment, whose moving bodies end at
+    their end_pose.
+    """
     if len(state.end_pose) != 1 or not len(state.t):
         return False
     last = np.asarray(state.moving_pose)[:, -1]
@@ -45,7 +46,8 @@ def whole(state: WorldState) -> bool:
 
 
 def unpack(raw: memoryview | None, body: dict[str, Any]) -> dict[str, np.ndarray]:
-    """The arrays that `pack`'s bytes (None: there are none) and the closing JSON `body` hold otherwise than by name.
+    """Returns the arrays that `pack`'s bytes (None: there are none) and the closing JSON `body` hold otherwise than by
+    name.
 
     Bags from before bodies that stand were told apart have all sub-steps of all bodies; they all count as moving.
     Raises BagError.

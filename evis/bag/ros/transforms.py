@@ -50,7 +50,7 @@ Group = tuple[tuple[str, ...], np.ndarray, np.ndarray]
 
 
 def pack(frame_id: str, groups: Sequence[Group]) -> bytes:
-    """TFMessage with the S * N transforms of each group, group by group, sub-step by sub-step."""
+    """Packs a TFMessage with the S * N transforms of each group, group by group, sub-step by sub-step."""
     groups = [group for group in groups if group[2].shape[0] * group[2].shape[1]]
     if not groups:
         return ENCAPSULATION + bytes(4)
@@ -84,7 +84,7 @@ def _block(frame_id: str, names: tuple[str, ...], t: np.ndarray, pose: np.ndarra
 
 
 def unpack(raw: memoryview, frame_id: str, groups: Sequence[tuple[tuple[str, ...], int]]) -> list[np.ndarray]:
-    """The poses float64 [S, N, 7] of each group (names, sub-steps S) of what `pack` made.
+    """Unpacks the poses float64 [S, N, 7] of each group (names, sub-steps S) of what `pack` made.
 
     Raises BagError where the size differs.
     """

@@ -17,9 +17,12 @@ EXAMPLE = "example: evis bench graph --quick --out report"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    from bench.report import SUBJECTS
+    from bench.report import BY_THEMSELVES, SUBJECTS
 
-    parser.epilog = EXAMPLE + "\n\nsubjects:\n" + "\n".join(f"  {k:22}{v}" for k, (_, v) in SUBJECTS.items())
+    subjects = (f"  {name:25}{what}" for name, (_, what) in SUBJECTS.items())
+    others = (f"  {module:25}{what}" for module, what in BY_THEMSELVES.items())
+    alone = "run by themselves, `python -m bench.ROOM.NAME` (--help):"
+    parser.epilog = "\n".join([EXAMPLE, "", "subjects:", *subjects, "", alone, *others])
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("what", nargs="*", metavar="WHAT", help="subjects; all when none is named")
     parser.add_argument("--quick", action="store_true", help="shorter runs: minutes instead of half an hour")

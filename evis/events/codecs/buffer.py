@@ -15,7 +15,7 @@ Allocate = Callable[[int], Columns]
 
 
 def plain(n: int) -> Columns:
-    """Columns in memory of their own."""
+    """Returns the columns in memory of their own."""
     return np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16), np.empty(n, np.uint8)
 
 
@@ -37,14 +37,14 @@ class EventBuffer:
         """Address of the first item and size of an item [bytes], by column."""
 
     def grow(self, room: int = 0) -> None:
-        """Make the buffer twice as large, or larger, for `room` more events; what it holds is copied."""
+        """Makes the buffer twice as large, or larger, for `room` more events; what it holds is copied."""
         filled = self.events()
         self._use(self._allocate(max(2 * self.capacity, self.n + room)))
         for new, old in zip(self.columns, (filled.t, filled.x, filled.y, filled.p)):
             new[: self.n] = old
 
     def append(self, events: Events) -> None:
-        """Add events by copying."""
+        """Adds events by copying."""
         end = self.n + len(events)
         if end > self.capacity:
             self.grow(len(events))
@@ -53,7 +53,7 @@ class EventBuffer:
         self.n = end
 
     def events(self, start: int = 0) -> Events:
-        """The events from `start` on, as views."""
+        """Returns the events from `start` on, as views."""
         t, x, y, p = self.columns
         part = slice(start, self.n)
         return Events(t[part], x[part], y[part], p[part])

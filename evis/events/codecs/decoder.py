@@ -44,12 +44,12 @@ event_camera_msgs (`evt3` is both)."""
 
 
 def backend_for(size: int) -> str:
-    """`numpy` for small amounts of data [bytes], `warp` for large ones; both give the same bits."""
+    """Returns `numpy` for small amounts of data [bytes], `warp` for large ones; both give the same bits."""
     return "numpy" if size <= NUMPY_BYTES else "warp"
 
 
 def decoder_for(encoding: str, width: int = 0, height: int = 0, backend: str = "numpy") -> Decoder:
-    """The decoder for `encoding`. Raises ValueError that lists the known ones."""
+    """Returns the decoder for `encoding`. Raises ValueError that lists the known ones."""
     if encoding not in CODECS:
         raise ValueError(f"the event encoding '{encoding}' is not supported; supported are {', '.join(sorted(CODECS))}")
     return importlib.import_module(CODECS[encoding]).Decoder(width, height, backend)
@@ -59,7 +59,7 @@ make_decoder = decoder_for
 
 
 def count_until(which: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """How many words of a kind there are up to each word `at`. which: bool, for all words.
+    """Tells how many words of a kind there are up to each word `at`. which: bool, for all words.
 
     Two to four times as fast as searchsorted for words that come in blocks.
     """
@@ -108,20 +108,20 @@ class Decoder(abc.ABC):
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything, the turns of the counter and `counts` too."""
+        """Forgets everything, the turns of the counter and `counts` too."""
         self.state = np.zeros(self.state_size, np.int64)
         self._begin()
         self._drop_pending()
 
     def prepare(self) -> None:
-        """Compile and load the kernel now (up to seconds) and not with the first bytes."""
+        """Compiles and loads the kernel now (up to seconds) and not with the first bytes."""
         if self.backend == "warp" and self._launcher is None:
             self._launcher = WarpLauncher(self.kernel, self.has_side)
             self._launcher.load(np.zeros(1, self._words.dtype))
             self._launcher.run(1, FOREVER, self.readout, self.transposed, self.state.copy(), EventBuffer(0))
 
     def resync(self) -> None:
-        """Go on after bytes were lost: what is half read is dropped, and all words up to the next one with a time.
+        """Goes on after bytes were lost: what is half read is dropped, and all words up to the next one with a time.
 
         The turns of the counter are kept, so that times go on; turns inside the gap are missed. `counts` goes on.
         """
@@ -180,7 +180,7 @@ class Decoder(abc.ABC):
     # -- decoding ----------------------------------------------------------------------------------------------------
 
     def feed(self, data: bytes | bytearray | memoryview | np.ndarray) -> None:
-        """Add bytes; what was pending comes first. The buffer must not change until it is decoded."""
+        """Adds bytes; what was pending comes first. The buffer must not change until it is decoded."""
         if isinstance(data, np.ndarray):
             data = np.ascontiguousarray(data).data.cast("B")
         left = self.pending
@@ -200,7 +200,7 @@ class Decoder(abc.ABC):
         return self._decode(FOREVER)
 
     def decode_until(self, t_ns: int) -> Events:
-        """The pending events up to the first one later than t_ns, which stays for the next call.
+        """Returns the pending events up to the first one later than t_ns, which stays for the next call.
 
         Triggers and other samples are cut alike. Afterwards `at_cut` tells whether something later was met
         (`next_t_ns` is its time) or more bytes are needed. A sensor's times may step back by some us, so an event
@@ -209,7 +209,7 @@ class Decoder(abc.ABC):
         return self._decode(t_ns // self.tick_ns)
 
     def decode_into(self, buffer: EventBuffer, t_ns: int | None = None) -> list[Events]:
-        """As `decode_until` (None: all that is pending), the events to the end of `buffer`, which grows as needed.
+        """Decodes as `decode_until` does (None: all that is pending), to the end of `buffer`, which grows as needed.
 
         Returns what else came (triggers, inertial samples, frames), in parts without events; mostly none.
         """
@@ -233,11 +233,11 @@ class Decoder(abc.ABC):
         return others
 
     def feed_packet(self, data: bytes | bytearray | memoryview | np.ndarray, time_base_ns: int = 0) -> None:
-        """Add the payload of one event_camera_msgs/EventPacket. Camera words simply go on; the base is not used."""
+        """Adds the payload of one event_camera_msgs/EventPacket. Camera words simply go on; the base is not used."""
         self.feed(data)
 
     def decode_packet(self, data: bytes | bytearray | memoryview | np.ndarray, time_base_ns: int = 0) -> Events:
-        """All events of one event_camera_msgs/EventPacket."""
+        """Returns all events of one event_camera_msgs/EventPacket."""
         self.feed_packet(data, time_base_ns)
         return self.decode()
 
@@ -267,7 +267,7 @@ class Decoder(abc.ABC):
 
     @abc.abstractmethod
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """Reference in numpy: events, words used, and the time [ticks] of the event at the cut or -1.
+        """Decodes words with numpy: gives events, words used, and the time [ticks] of the event at the cut or -1.
 
         Updates `state`.
         """

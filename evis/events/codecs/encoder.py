@@ -28,7 +28,7 @@ class Item:
 
 
 def merge(events: Events) -> Item:
-    """Each trigger before the first event that is later; the order within events and within triggers is kept."""
+    """Puts each trigger before the first event that is later; the order within events and within triggers is kept."""
     n, edges = len(events), events.triggers
     columns = [c.astype(np.int64) for c in (events.t // 1000, events.x, events.y, events.p)]
     if not len(edges):
@@ -41,13 +41,13 @@ def merge(events: Events) -> Item:
 
 
 def scatter(out: np.ndarray, at: np.ndarray, where: np.ndarray, words: np.ndarray) -> np.ndarray:
-    """Write words[i] at out[at[i]] where `where`, and give the places behind them."""
+    """Writes words[i] at out[at[i]] where `where`, and returns the places behind them."""
     out[at[where]] = words[where]
     return at + where
 
 
 def find_groups(t_us: np.ndarray, events: Events) -> tuple[np.ndarray, np.ndarray]:
-    """First events of the runs that one mask of eight rows can hold in their order, and the masks."""
+    """Finds the first events of the runs that one mask of eight rows can hold in their order, and the masks."""
     x, y, p = events.x, events.y.astype(np.int64), events.p
     joins = np.zeros(len(x), bool)
     joins[1:] = (t_us[1:] == t_us[:-1]) & (x[1:] == x[:-1]) & (p[1:] == p[:-1])
@@ -57,7 +57,7 @@ def find_groups(t_us: np.ndarray, events: Events) -> tuple[np.ndarray, np.ndarra
 
 
 def encoder_for(encoding: str, width: int = 0, height: int = 0, resync: bool = False) -> Encoder:
-    """The encoder for `encoding`. Raises ValueError that lists the known ones.
+    """Returns the encoder for `encoding`. Raises ValueError that lists the known ones.
 
     width, height: the sensor, where the words depend on it (0 = the device's own).
     """
@@ -88,18 +88,20 @@ class Encoder(abc.ABC):
 
     @abc.abstractmethod
     def encode(self, events: Events) -> bytes:
-        """The bytes of these events and triggers.
+        """Returns the bytes of these events and triggers.
 
         Raises ValueError for what the words cannot hold: colour, addresses outside the range, frames and inertial
         samples that the device has not, times that are negative, that start far beyond 0 or step back too far.
         """
 
     def advance(self, t_ns: int) -> bytes:
-        """Time words alone, as a sensor that sees nothing sends them, up to t_ns; nothing where there are none."""
+        """Returns time words alone, as a sensor that sees nothing sends them, up to t_ns; nothing where there are
+        none.
+        """
         return b""
 
     def encode_packets(self, events: Events) -> list[tuple[int, bytes]]:
-        """Payloads of event_camera_msgs/EventPacket, as (time_base_ns, bytes)."""
+        """Encodes payloads of event_camera_msgs/EventPacket, as (time_base_ns, bytes)."""
         return [(int(events.t[0]) if len(events) else 0, self.encode(events))]
 
     def _check(self, events: Events) -> None:
@@ -135,7 +137,7 @@ class PropheseeEncoder(Encoder):
         self._row = -1
 
     def encode(self, events: Events) -> bytes:
-        """The bytes of these events and triggers; see `Encoder.encode`."""
+        """Returns the bytes of these events and triggers; see `Encoder.encode`."""
         self._check(events)
         if not len(events) and not len(events.triggers):
             return b""
@@ -190,7 +192,7 @@ class PropheseeEncoder(Encoder):
         return (1 << self.high_bits + self.low_bits) / 1e6
 
     def advance(self, t_ns: int) -> bytes:
-        """The TIME_HIGH words up to t_ns, as a sensor that sees nothing sends them."""
+        """Returns the TIME_HIGH words up to t_ns, as a sensor that sees nothing sends them."""
         high = t_ns // 1000 >> self.low_bits
         before = -1 if self._high is None else self._high
         if high <= before:
@@ -202,7 +204,7 @@ class PropheseeEncoder(Encoder):
 
     @abc.abstractmethod
     def time_high_words(self, high: np.ndarray) -> np.ndarray:
-        """TIME_HIGH words for the given counts of high units."""
+        """Makes the TIME_HIGH words for the given counts of high units."""
 
     @abc.abstractmethod
     def _write(self, item: Item, new_high: np.ndarray, steps: dict[int, np.ndarray]) -> np.ndarray:

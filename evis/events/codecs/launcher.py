@@ -26,7 +26,7 @@ def _point(array: Any, address: int, length: int) -> None:
 
 
 class WarpLauncher:
-    """One kernel with its scratch: at most `_TRIGGERS` triggers and `_SIDE` side words a launch.
+    """Launches one kernel with its scratch memory: at most `_TRIGGERS` triggers and `_SIDE` side words a launch.
 
     kernel: `module:function`. side: the kernel also takes side arrays (time int64 [us], word uint16). The launch is
     recorded once; after that only addresses and lengths change, for packing arguments anew costs 0.1 ms.
@@ -45,7 +45,7 @@ class WarpLauncher:
         self._state: np.ndarray | None = None
 
     def load(self, words: np.ndarray) -> None:
-        """The buffer that the next runs read; kept alive here. Unaligned buffers are copied."""
+        """Sets the buffer that the next runs read, and keeps it alive. Unaligned buffers are copied."""
         self._words = np.require(words, requirements=["C", "A"])
         if self._command is not None:
             _point(self._command.params[1 + _WORDS], self._words.__array_interface__["data"][0], len(self._words))
@@ -59,7 +59,7 @@ class WarpLauncher:
     def run(
         self, at: int, limit: int, readout: tuple[int, int], transposed: bool, state: np.ndarray, buffer: EventBuffer
     ) -> tuple[Triggers | None, tuple[np.ndarray, np.ndarray] | None, int, int]:
-        """Decode from word `at` to the end of `buffer`, as far as it has room. readout: columns and rows of the words.
+        """Decodes from word `at` to the end of `buffer`, as far as it has room. readout: columns and rows of the words.
 
         Returns triggers and side words (time, word) where there are any, the word to go on with, and the time at the
         cut or -1.

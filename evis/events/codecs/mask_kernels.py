@@ -21,7 +21,20 @@ def put_vector(
     # out
     to: Sink,
 ) -> wp.int32:
-    """Writes the pixels of a mask of 12 from `column` on; uses 12 places from n on. Returns the next place."""
+    """Writes an event for each pixel of a mask of 12 in a row; places n to n + 11 are overwritten.
+
+    Args:
+        n: place of the first event.
+        time_ns: time of the events [ns].
+        column: column of the first pixel.
+        row: row of the pixels.
+        polarity: 1 = ON.
+        mask: bit i stands for pixel column + i.
+        to: where the events are written.
+
+    Returns:
+        the place behind the last event.
+    """
     ...
 
 
@@ -36,7 +49,20 @@ def put_mask(
     # out
     to: Sink,
 ) -> wp.int32:
-    """Writes the pixels of a mask of 32 from `column` on. Returns the next place."""
+    """Writes an event for each pixel of a mask of 32 in a row.
+
+    Args:
+        n: place of the first event.
+        time_ns: time of the events [ns].
+        column: column of the first pixel.
+        row: row of the pixels.
+        polarity: 1 = ON.
+        mask: bit i stands for pixel column + i.
+        to: where the events are written.
+
+    Returns:
+        the place behind the last event.
+    """
     ...
 
 
@@ -53,7 +79,22 @@ def put_rows(
     # out
     to: Sink,
 ) -> wp.int32:
-    """Writes the pixels of a mask, one below the other from `row` on, that are inside. Returns the next place."""
+    """Writes an event for each pixel of a mask in a column that lies inside the sensor.
+
+    Args:
+        n: place of the first event.
+        time_ns: time of the events [ns].
+        column: column of the pixels.
+        row: row of the first pixel.
+        polarity: 1 = ON.
+        mask: bit i stands for pixel row + i.
+        columns: width of the sensor [px].
+        rows: height of the sensor [px].
+        to: where the events are written.
+
+    Returns:
+        the place behind the last event.
+    """
     ...
 
 

@@ -17,12 +17,12 @@ __all__ = ["Span", "record", "run", "sink", "view"]
 
 
 def view(array: np.ndarray) -> wp.array:
-    """The same memory as a Warp array on the CPU."""
+    """Views the same memory as a Warp array on the CPU."""
     return wp.array(array, dtype=wp.dtype_from_numpy(array.dtype), device="cpu", copy=False)
 
 
 def sink(*columns: np.ndarray) -> Sink:
-    """Where a kernel writes, from arrays in the order of the fields of `Sink`."""
+    """Makes the `Sink` that a kernel writes to from arrays in the order of the fields of `Sink`."""
     result = Sink()
     for name, column in zip(Sink.vars, columns, strict=True):  # type: ignore[attr-defined]
         setattr(result, name, view(column))
@@ -30,13 +30,13 @@ def sink(*columns: np.ndarray) -> Sink:
 
 
 def record(kernel: wp.Kernel, inputs: list, outputs: list) -> wp.Launch:
-    """A launch of one thread, to be run again and again with its parameters changed in between."""
+    """Records a launch of one thread, to be run again and again with its parameters changed in between."""
     command: wp.Launch = wp.launch(kernel, dim=1, inputs=inputs, outputs=outputs, device="cpu", record_cmd=True)
     return command
 
 
 def run(kernel: wp.Kernel, inputs: list, outputs: list[np.ndarray]) -> None:
-    """Run a kernel once, with one thread, on whole buffers; numpy arrays are read and written in place."""
+    """Runs a kernel once, with one thread, on whole buffers; numpy arrays are read and written in place."""
 
     def viewed(value):
         return view(value) if isinstance(value, np.ndarray) else value

@@ -11,7 +11,7 @@ _WRITING = [Path(__file__).with_name("writing.h")]
 
 @wp.struct
 class Span:
-    """What one launch decodes.
+    """Says what one launch decodes.
 
     start: first word. limit_us: events up to this time [us]. width, height: columns and rows of the words, 0 = unknown.
     """
@@ -24,7 +24,7 @@ class Span:
 
 @wp.struct
 class Sink:
-    """What a decoder's kernel goes on from, and where it writes. All arrays are contiguous.
+    """Holds the state that a decoder's kernel continues from and the arrays it writes. All arrays are contiguous.
 
     state: see the codec's `Decoder`. out: next word, events, triggers, time [us] of the event at the cut or -1, side
     words. t [ns], x, y, p: events. trigger_t [ns], trigger_id, trigger_value. side_t [us], side_word: words of other
@@ -54,7 +54,16 @@ def put_event(
     # out
     to: Sink,
 ):
-    """Writes event n."""
+    """Writes one event.
+
+    Args:
+        n: place of the event.
+        time_ns: its time [ns].
+        column: its pixel's column.
+        row: its pixel's row.
+        polarity: 1 = ON.
+        to: where the event is written.
+    """
     ...
 
 
@@ -68,7 +77,18 @@ def keep_inside(
     # out
     to: Sink,
 ) -> wp.int32:
-    """Closes the gaps that events outside leave in first..last-1. Returns the place behind the last that is kept."""
+    """Removes the events outside the sensor from places first..last-1.
+
+    Args:
+        first: place of the first event.
+        last: place behind the last event.
+        columns: width of the sensor [px].
+        rows: height of the sensor [px].
+        to: where the events stand.
+
+    Returns:
+        the place behind the last event that is kept.
+    """
     ...
 
 

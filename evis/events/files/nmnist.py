@@ -23,7 +23,9 @@ _SURE = 32
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """No signature: the times of the first events must run forward; a file of another name must show many."""
+    """Tells whether the events make sense, as there is no signature: the times of the first events must run forward; a
+    file of another name must show many.
+    """
     records = np.frombuffer(head, _RECORD, len(head) // _RECORD.itemsize)
     named = name.lower().endswith(".bin")
     if len(records) < (1 if named else _SURE):
@@ -81,5 +83,5 @@ class NmnistRecording(RecordFile):
 
 
 def open_file(path: Path, options: OpenOptions) -> NmnistRecording:
-    """Open a `.bin` file. Raises RecordingError."""
+    """Opens a `.bin` file. Raises RecordingError."""
     return NmnistRecording(path, options)

@@ -6,7 +6,6 @@ from __future__ import annotations
 import bz2
 import lzma
 import threading
-import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,6 +22,7 @@ from evis.events.files.reading.unpacked_file import UnpackedFile
 from evis.events.files.reading.zip_archive import RECORDINGS, open_archive
 from evis.events.recording import HEAD, OpenOptions, Recording, RecordingError, open_as
 from evis.files.allowance import Allowance
+from evis.files.zip_faults import ZIP_FAULTS
 
 NAME = "any of these in Zstandard, gzip, bzip2, xz or zip"
 
@@ -60,15 +60,16 @@ _UNPACKERS: dict[bytes, Callable[[], Any]] = {
 }
 _SUFFIXES = (".zst", ".zstd", ".gz", ".bz2", ".xz", ".zip", ".npz")
 _MOST_LAYERS = 3
-_ERRORS = (OSError, EOFError, zlib.error, lzma.LZMAError, zipfile.BadZipFile, NotImplementedError, RuntimeError)
+_ERRORS = (*ZIP_FAULTS, lzma.LZMAError)
 _STEP = 1 << 20
 _open = threading.local()
 """How many packed files around each other are being opened, and what all of them together may unpack."""
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The first bytes of a compression, or an archive with a recording in it (but those of text, and of arrays by the
-    names of events, are read as they are)."""
+    """Tells whether a file begins as a compressed one, or is an archive with a recording in it (but those of text, and
+    of arrays by the names of events, are read as they are).
+    """
     return head.startswith((ZSTD, *_UNPACKERS)) or (head.startswith(ZIP) and bool(_members(path)))
 
 
@@ -248,5 +249,5 @@ def _unpack_zstd(path: Path, copy: UnpackedFile) -> bool:
 
 
 def open_file(path: Path, options: OpenOptions) -> PackedRecording:
-    """Open what is in a compressed file. Raises RecordingError."""
+    """Opens what is in a compressed file. Raises RecordingError."""
     return PackedRecording(path, options)

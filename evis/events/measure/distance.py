@@ -26,7 +26,9 @@ class EventStream:
     height: int
 
     def trains(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times grouped by pixel and polarity, and offsets int64 [2 H W + 1] of the groups ((y W + x) 2 + p)."""
+        """Returns the times grouped by pixel and polarity, and offsets int64 [2 H W + 1] of the groups ((y W + x) 2 +
+        p).
+        """
         return self._trains
 
     @cached_property
@@ -38,13 +40,14 @@ class EventStream:
 
 
 def count_error(test: EventStream, reference: EventStream) -> float:
-    """Sum over pixels and polarities of |n_test - n_ref|, over the number of reference events."""
+    """Computes the sum over pixels and polarities of |n_test - n_ref|, over the number of reference events."""
     a, b = np.diff(test.trains()[1]), np.diff(reference.trains()[1])
     return float(np.abs(a - b).sum() / max(len(reference.t), 1))
 
 
 def victor_purpura(test: EventStream, reference: EventStream, q_per_ms: float) -> float:
-    """Victor-Purpura distance summed over pixels and polarities, over the number of events of both; 0 ... 1.
+    """Computes the Victor-Purpura distance summed over pixels and polarities, over the number of events of both
+    (0 to 1).
 
     Edit distance between spike trains: an insertion or deletion costs 1, a shift q |dt| (Victor and Purpura, "Nature
     and precision of temporal coding in visual cortex", 1996).
@@ -68,7 +71,7 @@ def victor_purpura(test: EventStream, reference: EventStream, q_per_ms: float) -
 
 
 def event_frame_error(test: EventStream, reference: EventStream, bin_ns: int = 1_000_000) -> float:
-    """Norm of the difference of signed event frames of bin_ns, over the norm of the reference's."""
+    """Computes the norm of the difference of signed event frames of bin_ns, over the norm of the reference's."""
     start = min((int(s.t[0]) for s in (test, reference) if len(s.t)), default=0)
     size = reference.height * reference.width
     cells, signs = zip(*(_cells(s, start, bin_ns) for s in (test, reference)))
@@ -92,7 +95,8 @@ def _cells(s: EventStream, start: int, bin_ns: int) -> tuple[np.ndarray, np.ndar
 
 
 def time_error(test: EventStream, reference: EventStream) -> tuple[float, float]:
-    """Median and 90 % quantile of the time from a reference event to the nearest of its pixel and polarity [us].
+    """Computes the median and 90 % quantile of the time from a reference event to the nearest of its pixel and polarity
+    [us].
 
     Reference events whose pixel has none in the test stream do not count here; count_error shows them.
     """
@@ -115,7 +119,8 @@ def time_error(test: EventStream, reference: EventStream) -> tuple[float, float]
 
 
 def log_error(frames: np.ndarray, reference: np.ndarray, threshold: float) -> float:
-    """Root mean square of ln I - ln I_ref over the pixels of both where the reference is lit, in thresholds.
+    """Computes the root mean square of ln I - ln I_ref over the pixels of both where the reference is lit, in
+    thresholds.
 
     frames and reference: linear luminance of one shape. A pixel that is dark (0, negative, not finite) in the frames
     alone has no finite error and makes the whole not finite.

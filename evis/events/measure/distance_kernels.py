@@ -17,8 +17,16 @@ def victor_purpura_kernel(
     # out
     distance: wp.array(dtype=wp.float64),
 ):
-    """Computes the Victor-Purpura distance of one pair of spike trains per thread; `row` is the dynamic programme's
-    current line, n_b + 1 entries per pair.
+    """Computes the Victor-Purpura distance of one pair of spike trains per thread (Victor & Purpura 1996).
+
+    Args:
+        t_a: times of the first trains, one train behind the other [ns].
+        offsets_a: where each of them begins, and the end of the last [pairs + 1].
+        t_b: times of the second trains [ns].
+        offsets_b: where each of them begins, and the end of the last [pairs + 1].
+        q_per_ns: cost of moving a spike by 1 ns.
+        row: scratch, the dynamic programme's current line, n_b + 1 entries per pair.
+        distance: gets the distance of each pair [pairs].
     """
     g = wp.tid()
     a0 = offsets_a[g]

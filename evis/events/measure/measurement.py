@@ -55,7 +55,7 @@ class Measurement:
         self.outside = self.backwards = 0
 
     def add(self, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> None:
-        """Events: t int64 [n, ns], x, y uint16 [n], p uint8 [n]. They are copied where they are kept."""
+        """Adds events: t int64 [n, ns], x, y uint16 [n], p uint8 [n]. They are copied where they are kept."""
         inside = (x < self._size[0]) & (y < self._size[1])
         if not inside.all():
             self.outside += int((~inside).sum())
@@ -74,7 +74,7 @@ class Measurement:
             self._add_rotation(sorted_t, x, y, p)
 
     def report(self) -> dict[str, Any]:
-        """The measures of all that was added; ends the measurement."""
+        """Reports the measures of all that was added; ends the measurement."""
         if self._held:
             self._close_window(self._latest - self._window_start(self._latest))
         if self._rotating:
@@ -152,7 +152,7 @@ def _thin(t: np.ndarray) -> np.ndarray:
 
 
 def usual_pixels(x: np.ndarray, y: np.ndarray, width: int) -> np.ndarray:
-    """Which events are not of hot pixels: pixels with over 20 times the mean of the active ones (bool [n])."""
+    """Tells which events are not of hot pixels: pixels with over 20 times the mean of the active ones (bool [n])."""
     if not len(x):
         return np.ones(0, bool)
     _, which, counts = np.unique(y.astype(np.int64) * width + x, return_inverse=True, return_counts=True)

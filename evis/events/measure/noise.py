@@ -30,7 +30,7 @@ class Noise:
         self._span_ns = 0
 
     def add(self, x: np.ndarray, y: np.ndarray, p: np.ndarray, length_ns: int) -> None:
-        """The events of one window (each [n]), of the given length [ns]."""
+        """Adds the events of one window (each [n]), of the given length [ns]."""
         height, width = self._size
         self._span_ns += length_ns
         at = y.astype(np.int64) * width + x
@@ -54,11 +54,12 @@ class Noise:
         self._quiet += counts * ~busy
 
     def idle(self, length_ns: int) -> None:
-        """Time without any event."""
+        """Adds time without any event [ns]."""
         self._span_ns += length_ns
 
     def report(self) -> dict[str, Any]:
-        """rate_hz: noise events per pixel and second, hot pixels left out; None where nothing was ever observed.
+        """Reports the noise. rate_hz: noise events per pixel and second, hot pixels left out; None where nothing was
+        ever observed.
 
         A hot pixel has more than 10 times the mean rate of the others while all around is quiet, and so many events
         that chance does not explain it (five standard deviations of a Poisson count).
@@ -111,7 +112,7 @@ def _around(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def neighbours_active(active: np.ndarray) -> np.ndarray:
-    """Whether any of the eight neighbours is active: bool [H, W] -> bool [H, W]."""
+    """Tells whether any of the eight neighbours is active: bool [H, W] -> bool [H, W]."""
     padded = np.pad(active, 1)
     rows = padded[:-2] | padded[1:-1] | padded[2:]
     sides = padded[:-2, 1:-1] | padded[2:, 1:-1]

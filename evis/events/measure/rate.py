@@ -25,7 +25,7 @@ class Rate:
         self._histogram.add(t, p)
 
     def report(self) -> dict[str, Any]:
-        """Rates in events per second; `series` holds [start of the window in ns, rate]."""
+        """Reports rates in events per second; `series` holds [start of the window in ns, rate]."""
         histogram = self._histogram
         first, last, window = histogram.first_ns, histogram.last_ns, histogram.bin_ns
         off, on = (int(row.sum()) for row in histogram.rows)

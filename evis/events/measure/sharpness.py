@@ -12,7 +12,7 @@ import numpy as np
 
 
 def dispersion(x: np.ndarray, y: np.ndarray, width: int, height: int) -> float:
-    """Variance over mean of the counts per pixel; x, y: [n] whole pixels inside the image."""
+    """Computes the variance over mean of the counts per pixel; x, y: [n] whole pixels inside the image."""
     n, pixels = len(x), width * height
     if not n:
         return float("nan")
@@ -32,11 +32,11 @@ class Sharpness:
         self._events = 0
 
     def add(self, x: np.ndarray, y: np.ndarray) -> None:
-        """The events of one window."""
+        """Adds the events of one window."""
         if len(x):
             self._sum += len(x) * dispersion(x, y, *self._size)
             self._events += len(x)
 
     def report(self) -> dict[str, Any]:
-        """dispersion: variance of the count image over its mean, None without events."""
+        """Reports the mean dispersion: variance of the count image over its mean, None without events."""
         return {"dispersion": self._sum / self._events if self._events else None}

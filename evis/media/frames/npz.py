@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import zipfile
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
@@ -17,10 +16,11 @@ import numpy as np
 from evis.events.files.numpy_files.npy import read_header
 from evis.files.allowance import Allowance
 from evis.files.damage import faults_as
+from evis.files.zip_faults import UNREADABLE, ZIP_FAULTS
 from evis.media.colour import luminance_of
 from evis.media.frames.source import INT64_MAX, FrameBlock, FrameOptions, FramesError, FrameSource
 
-_DAMAGE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError, ValueError)
+_DAMAGE = (*ZIP_FAULTS, ValueError)
 
 
 class NpzFrames(FrameSource):
@@ -33,7 +33,7 @@ class NpzFrames(FrameSource):
         self._path, self.about = path, {}
         try:
             self._zip = zipfile.ZipFile(path)
-        except (zipfile.BadZipFile, OSError, NotImplementedError) as error:
+        except UNREADABLE as error:
             raise FramesError(f"{path}: not an .npz archive of frames, or a damaged one ({error})") from None
         try:
             self._open(options)
@@ -121,14 +121,14 @@ class _Array:
             raise FramesError(f"{path}: {name} is stored column by column; save np.ascontiguousarray({name})")
 
     def check(self, fits: bool, expected: str) -> None:
-        """Raise unless the array is of floats and its shape fits."""
+        """Raises unless the array is of floats and its shape fits."""
         if not fits or self.dtype.kind != "f":
             hint = "; 8 or 16 bit images go into a folder of PNG" if self.dtype.kind in "iu" else ""
             got = f"{self.dtype} {list(self.shape)}"
             raise FramesError(f"{self._path}: {self._name} is {got}, must be float32 {expected}, linear{hint}")
 
     def read(self, n: int) -> np.ndarray:
-        """The next n entries of the first axis."""
+        """Reads the next n entries of the first axis."""
         rest = self.shape[1:]
         want = n * self.dtype.itemsize * math.prod(rest)
         Allowance(self._path.stat().st_size).check(want)

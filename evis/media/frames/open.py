@@ -15,7 +15,7 @@ from evis.media.frames.video import VideoFrames
 
 
 def open_frames(path: str | os.PathLike[str], options: FrameOptions | None = None) -> FrameSource:
-    """Open frames: an .npz, a folder of EXR or PNG, or a video. Raises FramesError with one line naming the file."""
+    """Opens frames: an .npz, a folder of EXR or PNG, or a video. Raises FramesError with one line naming the file."""
     path, options = Path(path), options or FrameOptions()
     options.check()
     options.make_tone()

@@ -53,21 +53,21 @@ class FrameOptions:
     white: float | None = None
 
     def check(self) -> None:
-        """Raise ValueError for a value out of range."""
+        """Raises ValueError for a value out of range."""
         if self.fps is not None and not 1e-6 <= self.fps <= 1e9:
             raise FramesError(f"fps is {self.fps:g}, must be 1e-6 to 1e9 frames per second")
 
     def make_tone(self) -> Tone:
-        """The inverse tone curve, sRGB unless given."""
+        """Makes the inverse tone curve, sRGB unless given."""
         return Tone(self.tone or "srgb", 1.0 if self.white is None else self.white)
 
     def refuse_tone(self, path: Path, what: str) -> None:
-        """Raise where a tone curve is given for frames that are linear already."""
+        """Raises where a tone curve is given for frames that are linear already."""
         if self.tone is not None or self.white is not None:
             raise FramesError(f"{path}: {what} is linear; a tone curve and white are for PNG and video")
 
     def stamp(self, index: int) -> int:
-        """Time of a frame at `fps` [ns], rounded once, so that it does not drift."""
+        """Returns the time of a frame at `fps` [ns], rounded once, so that it does not drift."""
         assert self.fps is not None
         return round(index * 1_000_000_000 / Fraction(self.fps))
 
@@ -87,14 +87,16 @@ class FrameSource(abc.ABC):
 
     @abc.abstractmethod
     def blocks(self) -> Iterator[FrameBlock]:
-        """All frames, in blocks of bounded size. Raises FramesError after the last good frame before a bad one."""
+        """Yields all frames, in blocks of bounded size. Raises FramesError after the last good frame before a bad
+        one.
+        """
 
     def close(self) -> None:
-        """Close the file."""
+        """Closes the file."""
         return
 
     def block_frames(self) -> int:
-        """Frames of one block."""
+        """Returns the frames of one block."""
         size = 4 * self.width * self.height * self.channels * (2 if self.has_slopes else 1)
         return max(1, min(BLOCK_FRAMES, BLOCK_BYTES // size))
 

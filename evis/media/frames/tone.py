@@ -36,7 +36,7 @@ class Tone:
         self._tables: dict[int, np.ndarray] = {}
 
     def decode(self, code: np.ndarray) -> np.ndarray:
-        """Radiance of codes in 0 to 1, float64."""
+        """Computes the radiance of codes in 0 to 1, float64."""
         if self._gamma:
             return self.white * np.power(code, self._gamma)
         return self.white * linear_from_srgb(code)
@@ -50,11 +50,11 @@ class Tone:
         return self._tables[codes]
 
     def radiance(self, image: np.ndarray) -> np.ndarray:
-        """uint8 or uint16 [...] -> float32 of the same shape."""
+        """Converts codes, uint8 or uint16 [...], to linear light, float32 of the same shape."""
         return self._table(image.dtype)[0][image]
 
     def luminance(self, image: np.ndarray) -> np.ndarray:
-        """uint8 or uint16 [H, W] or [H, W, 3] -> float32 [H, W]."""
+        """Converts codes, uint8 or uint16 [H, W] or [H, W, 3], to linear luminance, float32 [H, W]."""
         if image.ndim == 2:
             return self.radiance(image)
         _, r, g, b = self._table(image.dtype)
@@ -62,7 +62,7 @@ class Tone:
 
 
 def shaped(image: np.ndarray, tone: Tone, colour: bool) -> np.ndarray:
-    """Codes [H, W] or [H, W, 3] as linear luminance [H, W] or RGB [H, W, 3]."""
+    """Converts codes [H, W] or [H, W, 3] as linear luminance [H, W] or RGB [H, W, 3]."""
     if not colour:
         return tone.luminance(image)
     radiance = tone.radiance(image)

@@ -72,7 +72,9 @@ class TimeSurface:
         self._shades = np.round(colours * shares + np.array(ON_WHITE.ground, float) * (1 - shares)).astype(np.uint8)
 
     def draw(self, events: Events, now_ns: int) -> np.ndarray:
-        """uint8 [height, width, 3] at a time, with these events added. Events outside the picture are left out."""
+        """Returns uint8 [height, width, 3] at a time, with these events added. Events outside the picture are left
+        out.
+        """
         height, width = self._last.shape
         inside = (events.x < width) & (events.y < height)
         x, y = events.x[inside], events.y[inside]
@@ -83,7 +85,9 @@ class TimeSurface:
 
 
 def windows(recording: Recording, dt_ns: int, from_ns: int, to_ns: int | None) -> Iterator[tuple[int, Events]]:
-    """(start, events) of consecutive windows of dt_ns from from_ns to to_ns, [ns] after the first event or trigger."""
+    """Yields (start, events) of consecutive windows of dt_ns from from_ns to to_ns, [ns] after the first event or
+    trigger.
+    """
     first = recording.next_t_ns
     if first is None:
         return

@@ -35,7 +35,7 @@ class Footage:
     height: int
 
     def frame_at(self, time_ns: int) -> np.ndarray:
-        """The newest frame at a time, as a camera would show it; the first one before that."""
+        """Returns the newest frame at a time, as a camera would show it; the first one before that."""
         return self.frames[max(0, int(np.searchsorted(self.frame_t, time_ns, side="right")) - 1)]
 
     @property

@@ -14,7 +14,7 @@ _MUTED = (141, 149, 168)
 
 
 def beside(left: np.ndarray, right: np.ndarray, captions: tuple[str, str], note: str, scale: int = 1) -> Any:
-    """A Pillow image of two pictures (uint8 [H, W, 3]) with a caption under each and a note at the right.
+    """Draws a Pillow image of two pictures (uint8 [H, W, 3]) with a caption under each and a note at the right.
 
     `scale` repeats every pixel that often.
     """
@@ -36,7 +36,7 @@ def beside(left: np.ndarray, right: np.ndarray, captions: tuple[str, str], note:
 
 
 def palette(frames: np.ndarray, colours: int = 96) -> Any:
-    """A Pillow palette image for `beside`: the fading event colours, the captions', and `colours` for the frames.
+    """Makes a Pillow palette image for `beside`: the fading event colours, the captions', and `colours` for the frames.
 
     frames: uint8 [n, H, W, 3]. The events have colours of their own, since they cover too few pixels to be given any
     by their number.

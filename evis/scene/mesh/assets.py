@@ -25,7 +25,7 @@ class Assets(Resolver):  # type: ignore[misc]
         self.parent, self.file_name = str(path.parent), path.name
 
     def get(self, key: Any) -> bytes:
-        """The content of a file. Raises SceneError, or FileNotFoundError where there is none."""
+        """Returns the content of a file. Raises SceneError, or FileNotFoundError where there is none."""
         name = str(key).strip()
         try:
             path = self.find(name)
@@ -39,7 +39,7 @@ class Assets(Resolver):  # type: ignore[misc]
             raise
 
     def find(self, name: str) -> Path | None:
-        """The file that is called so: as it is written, percent-decoded, or by its last part beside the mesh.
+        """Finds the file that a mesh names: as it is written, percent-decoded, or by its last part beside the mesh.
 
         Raises SceneError for one outside of the folders.
         """
@@ -62,13 +62,13 @@ class Assets(Resolver):  # type: ignore[misc]
             raise SceneError(f"{self.path.name} names {name}, {error}") from None
 
     def keys(self) -> list[str]:
-        """Nothing: what there is is not listed."""
+        """Returns an empty list: the files are not listed."""
         return []
 
     def write(self, name: str, data: Any) -> None:
-        """Nothing is written."""
+        """Refuses to write. Raises NotImplementedError."""
         raise NotImplementedError
 
     def namespaced(self, namespace: str) -> Assets:
-        """No part of it is used."""
+        """Refuses to give a part of the assets, which nothing asks for. Raises NotImplementedError."""
         raise NotImplementedError

@@ -26,7 +26,7 @@ CREASE = float(np.radians(40.0))
 
 @dataclass
 class Part:
-    """One mesh of a file and its material, None where the file says nothing of it."""
+    """Holds one mesh of a file and its material, None where the file says nothing of it."""
 
     mesh: Mesh
     material: Material | None
@@ -40,7 +40,7 @@ def load_parts(
     textures: bool = True,
     folders: Folders | None = None,
 ) -> list[Part]:
-    """All meshes of a file in the frame of its scene, in the order of its nodes' names.
+    """Loads all meshes of a file in the frame of its scene, in the order of its nodes' names.
 
     scale: [3], applied to the file's axes. y_up: the file's vertical axis is y (turned to z here); None: as the format
     has it. crease: edges sharper than this [rad] stay sharp, the others are smoothed. textures=False leaves images out.

@@ -21,7 +21,7 @@ ELEMENT = 8
 
 
 def read_header(path: Path) -> tuple[dict[str, Any], bytes]:
-    """The JSON, and of a GLB the binary chunk. Raises ValueError for what is neither."""
+    """Reads the JSON of a glTF or GLB file, and of a GLB the binary chunk. Raises ValueError for what is neither."""
     data = path.read_bytes()
     binary = b""
     if data[:4] == b"glTF":
@@ -35,7 +35,7 @@ def read_header(path: Path) -> tuple[dict[str, Any], bytes]:
 
 
 def materials_of(tree: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
-    """The materials as the JSON has them, by name, which several may share."""
+    """Lists the materials as the JSON has them, by name, which several may share."""
     found: dict[str, list[dict[str, Any]]] = {}
     for material in tree.get("materials", []):
         if "name" in material:
@@ -44,7 +44,7 @@ def materials_of(tree: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
 
 
 def buffer_names(tree: dict[str, Any]) -> set[str]:
-    """The uris of its buffers, which are no pictures."""
+    """Returns the URIs of a file's buffers, which are no pictures."""
     return {str(buffer["uri"]).strip() for buffer in tree.get("buffers", []) if "uri" in buffer}
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 
 def crease_normals(vertices: np.ndarray, faces: np.ndarray, crease: float) -> np.ndarray:
-    """Unit normals float32 [F, 3, 3] per corner.
+    """Computes a unit normal per corner, float32 [F, 3, 3].
 
     The mean of the normals, weighted by area, of the faces that meet at the corner's position within `crease` [rad] of
     the corner's own face. So edges sharper than `crease` stay sharp. A face without area has normal 0.

@@ -18,7 +18,7 @@ SEGMENTS = 64
 
 
 def box(size: np.ndarray, tile: float = 0.0) -> Mesh:
-    """Box with edge lengths size [3]; every face shows the whole texture, or repeats it every `tile` m."""
+    """Makes a box with edge lengths size [3]; every face shows the whole texture, or repeats it every `tile` m."""
     corners, uv = [], []
     for axis in range(3):
         for sign in (-1.0, 1.0):
@@ -34,7 +34,8 @@ def box(size: np.ndarray, tile: float = 0.0) -> Mesh:
 
 
 def rounded_box(size: np.ndarray, radius: float, segments: int = 3) -> Mesh:
-    """Box with edge lengths size [3], its edges quarter circles of `radius` [m] in 2 `segments` steps, smooth normals.
+    """Makes a box with edge lengths size [3], its edges quarter circles of `radius` [m] in 2 `segments` steps, smooth
+    normals.
 
     Every face shows the whole texture, bent over half of its round edges. Raises ValueError for a radius beyond half of
     the shortest edge.
@@ -72,7 +73,9 @@ def rounded_box(size: np.ndarray, radius: float, segments: int = 3) -> Mesh:
 
 
 def plane(size: np.ndarray, repeat: Sequence[float] | np.ndarray = (1.0, 1.0), cells: int = 8) -> Mesh:
-    """Rectangle size [2] in x, y, facing +z, cut into cells x cells quads (a z-buffer likes no huge triangles)."""
+    """Makes a rectangle of size [2] in x, y, facing +z, cut into cells x cells quads (a z-buffer likes no huge
+    triangles).
+    """
     line = np.linspace(-0.5, 0.5, cells + 1)
     y, x = np.meshgrid(line, line, indexing="ij")
     vertices = np.stack((x * size[0], y * size[1], 0 * x), axis=-1).reshape(-1, 3)
@@ -81,12 +84,12 @@ def plane(size: np.ndarray, repeat: Sequence[float] | np.ndarray = (1.0, 1.0), c
 
 
 def grid(points: np.ndarray, uv: np.ndarray) -> Mesh:
-    """Surface through points [rows, columns, 3] (rows along y, columns along x) with uv [rows, columns, 2]."""
+    """Makes a surface through points [rows, columns, 3] (rows along y, columns along x) with uv [rows, columns, 2]."""
     return _mesh(points.reshape(-1, 3), _grid_faces(*points.shape[:2]), uv.reshape(-1, 2))
 
 
 def disk(radius: float, segments: int = 2 * SEGMENTS) -> Mesh:
-    """Flat disk facing +z; the texture lies over its bounding square, upright along +y."""
+    """Makes a flat disk facing +z; the texture lies over its bounding square, upright along +y."""
     rim = _circle(segments)
     vertices = np.concatenate((np.zeros((1, 3)), np.c_[radius * rim, np.zeros(segments)]))
     around = np.arange(segments)
@@ -95,12 +98,12 @@ def disk(radius: float, segments: int = 2 * SEGMENTS) -> Mesh:
 
 
 def sphere(radius: float) -> Mesh:
-    """Latitude-longitude sphere of 528 triangles with smooth normals."""
+    """Makes a latitude-longitude sphere of 528 triangles with smooth normals."""
     return ellipsoid(np.full(3, radius))
 
 
 def ellipsoid(radii: np.ndarray) -> Mesh:
-    """Ellipsoid with semi-axes radii [3], smooth normals."""
+    """Makes an ellipsoid with semi-axes radii [3], smooth normals."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 13)
     profile = np.stack((np.cos(angle), np.sin(angle)), axis=-1)
     mesh = _revolve(profile, profile, np.linspace(0, 1, 13), 24)
@@ -113,7 +116,7 @@ def ellipsoid(radii: np.ndarray) -> Mesh:
 
 
 def cylinder(radius: float, height: float) -> Mesh:
-    """Closed cylinder along z: smooth side, flat caps (each with the texture over its bounding square)."""
+    """Makes a closed cylinder along z: smooth side, flat caps (each with the texture over its bounding square)."""
     h = 0.5 * height
     side = _revolve(
         np.array([[radius, -h], [radius, h]]), np.array([[1.0, 0.0], [1.0, 0.0]]), np.array([0.0, 1.0]), SEGMENTS
@@ -128,7 +131,7 @@ def cylinder(radius: float, height: float) -> Mesh:
 
 
 def capsule(radius: float, height: float) -> Mesh:
-    """Cylinder of `height` along z with a hemisphere on each end, smooth normals."""
+    """Makes a cylinder of `height` along z with a hemisphere on each end, smooth normals."""
     low = np.linspace(-np.pi / 2, 0, 6)
     high = np.linspace(0, np.pi / 2, 6)
     angle = np.concatenate((low, high))
@@ -140,12 +143,12 @@ def capsule(radius: float, height: float) -> Mesh:
 
 
 def triangles(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-    """A mesh given by its vertices [V, 3] and faces [F, 3], shaded flat, without uv."""
+    """Makes a mesh of its vertices [V, 3] and faces [F, 3], shaded flat, without uv."""
     return Mesh(np.asarray(vertices, np.float32), np.asarray(faces, np.int32))
 
 
 def join(*parts: Mesh) -> Mesh:
-    """One mesh of several; all must have uv and normals."""
+    """Joins several meshes into one; all must have uv and normals."""
     offsets = np.cumsum([0] + [len(p.vertices) for p in parts[:-1]])
     return Mesh(
         np.concatenate([p.vertices for p in parts]),

@@ -18,7 +18,9 @@ FLIP = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def add_cameras(scene: Scene, model: Any, data: Any, size: tuple[int, int]) -> None:
-    """All that can be simulated, each with a body; of the others a note. size: width and height [px]."""
+    """Adds all cameras that can be simulated, each with a body, and a note of each of the others. size: width and
+    height [px].
+    """
     for i in range(model.ncam):
         name = name_of(model, mujoco.mjtObj.mjOBJ_CAMERA, i, "camera")
         if model.cam_projection[i] != mujoco.mjtProjection.mjPROJ_PERSPECTIVE:
@@ -31,7 +33,7 @@ def add_cameras(scene: Scene, model: Any, data: Any, size: tuple[int, int]) -> N
 
 
 def add_default(scene: Scene, model: Any, size: tuple[int, int]) -> None:
-    """A camera that sees the whole model, for one that has none."""
+    """Adds a camera that sees the whole model, for one that has none."""
     width, height = size
     focal = pinhole.focal_from_fov(height, np.radians(model.vis.global_.fovy))
     centre, distance = np.array(model.stat.center), 2.5 * model.stat.extent

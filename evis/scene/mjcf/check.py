@@ -56,7 +56,7 @@ class _Checker:
         self.sizes: dict[Path, int] = {}
 
     def model(self, path: Path, above: tuple[Path, ...]) -> int:
-        """Check a model file with all that it includes and attaches. Returns how many elements it makes.
+        """Checks a model file with all that it includes and attaches. Returns how many elements it makes.
 
         above: the models that lead to this one.
         """

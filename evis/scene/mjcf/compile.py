@@ -14,13 +14,15 @@ from evis.scene.mjcf.check import check_model
 
 
 def compile_mjcf(path: Path, folders: Folders) -> Any:
-    """The MjModel of an MJCF file. Raises SceneError in one line that names the file."""
+    """Compiles an MJCF file to its MjModel. Raises SceneError in one line that names the file."""
     check_model(path, folders)
     return compiled(path, lambda: mujoco.MjModel.from_xml_path(str(path)))
 
 
 def compiled(path: Path, compile_it: Callable[[], Any]) -> Any:
-    """What `compile_it` returns; what MuJoCo raises, as SceneError in one line that names the file."""
+    """Returns what `compile_it` returns, and turns what MuJoCo raises into a SceneError of one line that names the
+    file.
+    """
     try:
         return compile_it()
     except (ValueError, RuntimeError, MemoryError) as error:

@@ -11,13 +11,17 @@ from evis.scene.model import Scene
 
 
 def folders_of(scene: Scene) -> Folders:
-    """Where the files of the scene's model may lie: its own folder unless the scene says more."""
+    """Returns the folders in which the files of the scene's model may lie: its own folder unless the scene says
+    more.
+    """
     assert scene.mjcf is not None
     return scene.folders or Folders(scene.mjcf.parent)
 
 
 def compile_model(scene: Scene) -> Any:
-    """The MjModel that moves a scene's bodies: the visual geometry of a URDF is left out. Raises SceneError."""
+    """Compiles the MjModel that moves a scene's bodies: the visual geometry of a URDF is left out. Raises
+    SceneError.
+    """
     assert scene.mjcf is not None
     if scene.mjcf.suffix.lower() == ".urdf":
         return mujoco_model(scene.mjcf, folders_of(scene))

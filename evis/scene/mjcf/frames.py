@@ -18,12 +18,12 @@ TARGETS = (MODE.mjCAMLIGHT_TARGETBODY, MODE.mjCAMLIGHT_TARGETBODYCOM)
 
 
 def name_of(model: Any, kind: Any, i: int, default: str) -> str:
-    """Name of a model's element, or `default` with its number."""
+    """Returns the name of a model's element, or `default` with its number."""
     return mujoco.mj_id2name(model, kind, i) or f"{default}{i}"
 
 
 def free_name(scene: Scene, name: str, ending: str) -> str:
-    """`name`, with `ending` as often as it takes for no body of the scene to have it."""
+    """Returns `name`, with `ending` as often as it takes for no body of the scene to have it."""
     taken = {body.name for body in scene.bodies}
     while name in taken:
         name = f"{name}_{ending}"
@@ -31,7 +31,7 @@ def free_name(scene: Scene, name: str, ending: str) -> str:
 
 
 def rigid_frame(scene: Scene, name: str, body: int, offset: np.ndarray) -> Body:
-    """A frame at a pose, float64 [7], in that of body number `body` of the scene."""
+    """Makes a frame at a pose, float64 [7], in that of body number `body` of the scene."""
     outer = scene.bodies[body].trajectory if body != WORLD else None
     if body == WORLD or outer is not None:
         assert outer is None or isinstance(outer, Prescribed)
@@ -40,14 +40,16 @@ def rigid_frame(scene: Scene, name: str, body: int, offset: np.ndarray) -> Body:
 
 
 def stays(model: Any, mode: int, body: int, target: int) -> bool:
-    """Whether a frame of this mode never moves. body, target: the model's numbers of its own and its target body."""
+    """Tells whether a frame of this mode never moves. body, target: the model's numbers of its own and its target
+    body.
+    """
     if model.body_weldid[body] != 0 or mode == MODE.mjCAMLIGHT_TRACKCOM:
         return False
     return mode not in TARGETS or (mode == MODE.mjCAMLIGHT_TARGETBODY and model.body_weldid[target] == 0)
 
 
 def at_rest(model: Any) -> Any:
-    """MjData in the model's reference pose, with the places of bodies, cameras and lights."""
+    """Makes MjData in the model's reference pose, with the places of bodies, cameras and lights."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)

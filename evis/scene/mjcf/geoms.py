@@ -19,7 +19,7 @@ _TYPE = mujoco.mjtGeom
 
 
 def add_geom(scene: Scene, model: Any, geom: int, textures: dict[int, np.ndarray] | None = None) -> int:
-    """Add geom number `geom`, its material too where the scene lacks it; nothing for one that is invisible.
+    """Adds geom number `geom` and its material too where the scene lacks it; nothing for one that is invisible.
 
     textures: of materials made before, by MuJoCo's number. Returns the bytes of what was made.
     """

@@ -22,7 +22,7 @@ _TYPE = mujoco.mjtLightType
 
 
 def add_lights(scene: Scene, model: Any) -> np.ndarray:
-    """The model's lights, or its headlight if it has none; returns their ambient radiance, float32 [3]."""
+    """Adds the model's lights, or its headlight if it has none; returns their ambient radiance, float32 [3]."""
     head = model.vis.headlight
     ambient = np.array(head.ambient, np.float32) if head.active else np.zeros(3, np.float32)
     data = at_rest(model)

@@ -22,7 +22,8 @@ _DEFAULT = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 
 
 def material_of(scene: Scene, model: Any, geom: int, textures: dict[int, np.ndarray]) -> int | None:
-    """Index in scene.materials of a geom's material, made where it is not there yet; None for an invisible geom.
+    """Returns the index in scene.materials of a geom's material, made where it is not there yet; None for an invisible
+    geom.
 
     textures: made before, by MuJoCo's number; materials share them.
     """

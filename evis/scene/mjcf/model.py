@@ -35,7 +35,8 @@ DRAWN = 2 << 30
 
 
 def add_model(scene: Scene, size: tuple[int, int], *, own_cameras: bool, visuals: bool = True) -> Any:
-    """Compile scene.mjcf and add what it has to the scene; its cameras only where the scene file lists none of its own.
+    """Compiles scene.mjcf and adds what it has to the scene; its cameras only where the scene file lists none of its
+    own.
 
     size: width and height of cameras [px]. visuals=False: no geoms. Returns the MjModel. Raises SceneError.
     """
@@ -66,7 +67,7 @@ def add_model(scene: Scene, size: tuple[int, int], *, own_cameras: bool, visuals
 def complete(
     scene: Scene, model: Any, arguments: Mapping[str, Any], *, lit: bool, sky: bool, visuals: bool = True
 ) -> None:
-    """A default camera, the model's lights, its ambient light and skybox, each unless the scene file gave its own.
+    """Adds a default camera, the model's lights, its ambient light and skybox, each unless the scene file gave its own.
 
     visuals=False: no skybox.
     """
@@ -84,7 +85,8 @@ def complete(
 
 
 def keyframe_of(model: Any, wanted: str) -> int:
-    """Number of the keyframe with this name or number; of `home`, if there is one, for `auto`; -1 for `none`.
+    """Returns the number of the keyframe with this name or number; of `home`, if there is one, for `auto`; -1 for
+    `none`.
 
     Raises ValueError with what there is.
     """

@@ -15,7 +15,8 @@ MAX_FACE = 512
 
 
 def skybox(model: Any) -> np.ndarray | None:
-    """Radiance float32 [h, 2h, 3] of the model's first skybox texture, as `evis.scene.sky` has maps; None without.
+    """Computes the radiance float32 [h, 2h, 3] of the model's first skybox texture, as `evis.scene.sky` has maps; None
+    without.
 
     As fine as the texture up to MAX_FACE; the texels of a finer one are averaged. Displayed 1 is the radiance 1, as of
     a white surface under a light of diffuse 1.

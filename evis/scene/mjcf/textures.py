@@ -25,7 +25,7 @@ _UNSCALED = (_TYPE.mjGEOM_MESH, _TYPE.mjGEOM_SDF, _TYPE.mjGEOM_HFIELD, _TYPE.mjG
 
 
 def texture_of(model: Any, geom: int) -> int:
-    """Number of the colour texture of a geom, -1 for none."""
+    """Returns the number of the colour texture of a geom, -1 for none."""
     material = int(model.geom_matid[geom])
     if material < 0:
         return -1
@@ -33,7 +33,9 @@ def texture_of(model: Any, geom: int) -> int:
 
 
 def pixels(model: Any, texture: int) -> np.ndarray:
-    """float32 [h, w, 3], linear; of a cube or sky the six faces one below the other, a single one six times."""
+    """Returns the pixels of a texture, linear float32 [h, w, 3]; of a cube or sky the six faces one below the other, a
+    single one six times.
+    """
     height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
     channels, start = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
     data = np.array(model.tex_data[start : start + height * width * channels]).reshape(height, width, channels)
@@ -48,7 +50,7 @@ def pixels(model: Any, texture: int) -> np.ndarray:
 
 
 def add_coordinates(model: Any, geom: int, mesh: Mesh) -> None:
-    """Give the mesh of a geom its texture coordinates, float32 [F, 3, 2]; what has no texture needs none."""
+    """Gives the mesh of a geom its texture coordinates, float32 [F, 3, 2]; what has no texture needs none."""
     texture = texture_of(model, geom)
     if texture < 0:
         mesh.uv = None
@@ -64,7 +66,7 @@ def _has_own(model: Any, geom: int) -> bool:
 
 
 def half_size(model: Any, geom: int) -> np.ndarray:
-    """Of a geom along its axes, float64 [3] m; 0 for a plane without end."""
+    """Returns half a geom's size along its axes, float64 [3] m; 0 for a plane without end."""
     kind, size = _TYPE(model.geom_type[geom]), np.array(model.geom_size[geom], np.float64)
     if kind == _TYPE.mjGEOM_SPHERE:
         return np.full(3, size[0])

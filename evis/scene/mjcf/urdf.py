@@ -22,7 +22,8 @@ VISUAL_GROUP = 1
 
 
 def compile_urdf(path: Path, folders: Folders) -> tuple[Any, Any, str | None]:
-    """The MjModel of a URDF by itself, the same with its visual geometry, and a note where that was not possible.
+    """Compiles a URDF: its MjModel by itself, the same with its visual geometry, and a note where that was not
+    possible.
 
     MuJoCo leaves visual geometry out unless the file asks for it in <mujoco><compiler discardvisual="false"/></mujoco>;
     here that is the default. Bodies and joints are the same either way. folders: where its meshes may lie. Raises
@@ -40,7 +41,7 @@ def compile_urdf(path: Path, folders: Folders) -> tuple[Any, Any, str | None]:
 
 
 def mujoco_model(path: Path, folders: Folders) -> Any:
-    """The MjModel of a URDF without its visual geometry. Raises SceneError in one line that names the file."""
+    """Compiles the MjModel of a URDF without its visual geometry. Raises SceneError in one line that names the file."""
     check_model(path, folders.also(*_own_package(path)))
     try:
         text = _text(path, folders, visuals=False)
@@ -50,7 +51,7 @@ def mujoco_model(path: Path, folders: Folders) -> Any:
 
 
 def drawn(model: Any) -> np.ndarray:
-    """Which geoms are seen, bool [ngeom]: the visual ones of bodies that have any, else the collision ones."""
+    """Tells which geoms are seen, bool [ngeom]: the visual ones of bodies that have any, else the collision ones."""
     visual = model.geom_group == VISUAL_GROUP
     return visual | ~np.isin(model.geom_bodyid, model.geom_bodyid[visual])
 
@@ -78,7 +79,7 @@ def _text(path: Path, folders: Folders, visuals: bool) -> str:
 
 
 def mesh_file(name: str, urdf: Path, folder: Path, folders: Folders) -> Path:
-    """The file that a URDF calls by a path from `folder`, a `file://` or a `package://`. Raises ValueError.
+    """Finds the file that a URDF calls by a path from `folder`, a `file://` or a `package://`. Raises ValueError.
 
     A ROS package is looked for among the folders above the URDF and beside them, then in ROS_PACKAGE_PATH and
     AMENT_PREFIX_PATH. Above and beside, it counts as a folder of the scene only with a package.xml that names it; of

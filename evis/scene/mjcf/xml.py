@@ -21,7 +21,9 @@ _ATTRIBUTE = re.compile(r"([^\s=/\"']+)(?:\s*=\s*(?:\"([^\"]*)\"|'([^']*)'))?")
 
 @dataclass
 class Element:
-    """One element, with the file and line where it begins. tag: in small letters, as MuJoCo compares some of them."""
+    """Holds one element, with the file and line where it begins. tag: in small letters, as MuJoCo compares some of
+    them.
+    """
 
     tag: str
     attributes: dict[str, str]
@@ -36,7 +38,7 @@ class Element:
 
 
 def read_xml(path: Path) -> Element:
-    """All of a file below one element without a tag. What is not well formed is for MuJoCo to say.
+    """Reads all of a file below one element without a tag. What is not well formed is for MuJoCo to say.
 
     Raises SceneError for elements deeper than MAX_DEPTH, and for entities, which only serve to make a text grow.
     """

@@ -74,7 +74,7 @@ MADE = 2 << 30
 
 
 def build(table: Table, path: Path, arguments: Mapping[str, Any], textures: bool = True, visuals: bool = True) -> Scene:
-    """The Scene of a checked argument set. textures, visuals: as in `load_scene`. Raises SceneError."""
+    """Builds the Scene of a checked argument set. textures, visuals: as in `load_scene`. Raises SceneError."""
     return _Builder(table, path, arguments, textures, visuals).scene
 
 

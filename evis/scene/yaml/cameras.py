@@ -16,7 +16,8 @@ COEFFICIENTS = {"plumb_bob": (4, 5, 8), "equidistant": (4,)}
 
 
 def read_camera(name: str, fields: Fields, arguments: Mapping[str, Any]) -> Camera:
-    """One entry of `cameras:` but for its place; width and height are the scene's arguments unless it has its own.
+    """Reads one entry of `cameras:` but for its place; width and height are the scene's arguments unless it has its
+    own.
 
     fov: the vertical one, without the distortion of plumb_bob; under `equidistant` the image height is focal times fov.
     """

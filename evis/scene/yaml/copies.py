@@ -18,7 +18,7 @@ MAX_VALUES = 1_000_000
 
 
 def copies(fields: Fields) -> list[tuple[str, Fields]]:
-    """What an entry stands for: (ending of the name, fields with the variables of `copies` filled in).
+    """Lists what an entry stands for: (ending of the name, fields with the variables of `copies` filled in).
 
         copies:
           over:   {row: 4, side: [-1, 1]}         every combination; a number n counts 0 ... n - 1; the last is fastest

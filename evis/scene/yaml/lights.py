@@ -13,7 +13,7 @@ KINDS = ("directional", "point", "spot", "area")
 
 
 def read_light(name: str, fields: Fields, body: int = WORLD) -> Light:
-    """One entry of `lights:` but for `body`, which the caller has looked up."""
+    """Reads one entry of `lights:` but for `body`, which the caller has looked up."""
     kind = fields.text("kind", choices=KINDS)
     shadows = fields.flag("shadows", True)
     if kind == "directional":

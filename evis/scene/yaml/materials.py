@@ -16,7 +16,7 @@ KINDS = ("blobs", "noise", "checker", "bricks", "planks", "image")
 
 
 def read_material(name: str, fields: Fields, folder: Path, textures: bool = True) -> Material:
-    """One entry of `materials:`; albedo, emission [W/(sr m^2)], roughness, metallic, two_sided, texture.
+    """Reads one entry of `materials:`; albedo, emission [W/(sr m^2)], roughness, metallic, two_sided, texture.
 
     folder: where image files are looked for. textures=False: no texture is made.
     """

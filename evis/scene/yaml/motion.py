@@ -16,7 +16,7 @@ KINDS = ("linear", "sinusoid", "path", "spin", "swing", "turn")
 
 
 def read_motion(fields: Fields) -> motion.Motion:
-    """One entry of `motion:`."""
+    """Reads one entry of `motion:`."""
     kind = fields.text("kind", choices=KINDS)
     result: motion.Motion
     if kind == "linear":

@@ -26,7 +26,7 @@ _ANGLE = re.compile(r"\s*(.+?)\s*(deg|rad)\s*\Z")
 
 
 class Fields:
-    """One map of a scene file with its `${...}` filled in; `done` refuses the keys that nothing asked for.
+    """Reads one map of a scene file with its `${...}` filled in; `done` refuses the keys that nothing asked for.
 
     what: for error texts, such as "body 'disk'".
     """
@@ -38,18 +38,18 @@ class Fields:
         self._asked: list[str] = []
 
     def error(self, key: str | None, text: str) -> SceneError:
-        """A SceneError at the line of `key`; of a text with a long value in it the middle is left out."""
+        """Makes a SceneError at the line of `key`; of a text with a long value in it the middle is left out."""
         text = text if len(text) <= MAX_ERROR else f"{text[: MAX_ERROR // 2]} ... {text[-MAX_ERROR // 2 :]}"
         place = f"{self.what}: {key}" if key else self.what
         return SceneError(f"{self.table.where(key if key in self.table else None)}: {place} {text}")
 
     def has(self, key: str) -> bool:
-        """True where the file gives this key."""
+        """Returns True where the file gives this key."""
         self._asked.append(key)
         return self.table.get(key) is not None
 
     def raw(self, key: str, default: Any = _REQUIRED) -> Any:
-        """The value as YAML has it, arguments filled in."""
+        """Reads the value as YAML has it, arguments filled in."""
         if not self.has(key):
             if default is _REQUIRED:
                 raise self.error(None, f"needs '{key}'")
@@ -60,7 +60,7 @@ class Fields:
         return self._filled(key, value)
 
     def plain(self, key: str, default: Any = _REQUIRED) -> Any:
-        """The value with `${...}` filled in at every depth of its lists."""
+        """Reads the value with `${...}` filled in at every depth of its lists."""
         return self._filled(key, self.raw(key, default))
 
     def _filled(self, key: str, value: Any) -> Any:
@@ -72,7 +72,7 @@ class Fields:
             raise self.error(key, f"cannot be worked out: {error}") from None
 
     def fraction(self, key: str, default: Any = _REQUIRED) -> float:
-        """A number from 0 to 1."""
+        """Reads a number from 0 to 1."""
         value = self.number(key, default, minimum=0.0)
         if value > 1.0:
             raise self.error(key, f"is {value:g}; the most is 1")
@@ -87,7 +87,7 @@ class Fields:
         above: float | None = None,
         maximum: float = LARGEST,
     ) -> float:
-        """A finite number, at least `minimum`, greater than `above`, of a size of at most `maximum`."""
+        """Reads a finite number, at least `minimum`, greater than `above`, of a size of at most `maximum`."""
         return self.number_of(key, self.raw(key, default), minimum, above, maximum)
 
     def number_of(
@@ -98,7 +98,18 @@ class Fields:
         above: float | None = None,
         maximum: float = LARGEST,
     ) -> float:
-        """As `number`, of a value found under `key`."""
+        """Reads a value found under `key` as `number` does.
+
+        Args:
+            key: named in errors.
+            value: what the file has there, a number or a text of one.
+            minimum: the least that is allowed.
+            above: what the number must exceed.
+            maximum: the greatest size that is allowed.
+
+        Raises:
+            SceneError: for what is no finite number, or out of range.
+        """
         try:
             number = math.nan if isinstance(value, bool) else float(value)
         except (TypeError, ValueError, OverflowError):
@@ -114,18 +125,18 @@ class Fields:
         return number
 
     def whole(self, key: str, default: Any = _REQUIRED, *, minimum: int = 0, maximum: int = 1 << 16) -> int:
-        """A whole number within [minimum, maximum]."""
+        """Reads a whole number within [minimum, maximum]."""
         number = self.number(key, default)
         if number != int(number) or not minimum <= number <= maximum:
             raise self.error(key, f"is {number:g}; it must be a whole number from {minimum} to {maximum}")
         return int(number)
 
     def angle(self, key: str, default: Any = _REQUIRED) -> float:
-        """An angle [rad]: a number is radians, a text may end in `deg` or `rad`."""
+        """Reads an angle [rad]: a number is radians, a text may end in `deg` or `rad`."""
         return self.angle_of(key, self.raw(key, default))
 
     def angle_of(self, key: str, value: Any) -> float:
-        """As `angle`, of a value found under `key`."""
+        """Reads a value found under `key` as `angle` does."""
         unit = _ANGLE.match(value) if isinstance(value, str) else None
         if unit is None:
             return self.number_of(key, value)
@@ -133,13 +144,24 @@ class Fields:
         return math.radians(number) if unit[2] == "deg" else number
 
     def vector(self, key: str, length: int = 3, default: Any = _REQUIRED, *, above: float | None = None) -> np.ndarray:
-        """A float64 vector; `a, b, c` as text will do."""
+        """Reads a float64 vector; `a, b, c` as text will do."""
         return self.vector_of(key, self.raw(key, default), length, above=above)
 
     def vector_of(
         self, key: str, value: Any, length: int, *, above: float | None = None, maximum: float = LARGEST
     ) -> np.ndarray:
-        """As `vector`, of a value found under `key`."""
+        """Reads a value found under `key` as `vector` does.
+
+        Args:
+            key: named in errors.
+            value: what the file has there, a list or a text `a, b, c`.
+            length: numbers that it must have.
+            above: what every number must exceed.
+            maximum: the greatest size of a number that is allowed.
+
+        Raises:
+            SceneError: for another length, and for numbers out of range.
+        """
         if isinstance(value, str):
             value = value.split(",")
         if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != length:
@@ -147,11 +169,11 @@ class Fields:
         return np.array([self.number_of(key, v, above=above, maximum=maximum) for v in value])
 
     def place(self, key: str) -> np.ndarray:
-        """A position [m], float64 [3], at the origin unless given; at most FARTHEST along each axis."""
+        """Reads a position [m], float64 [3], at the origin unless given; at most FARTHEST along each axis."""
         return self.vector_of(key, self.raw(key, [0, 0, 0]), 3, maximum=FARTHEST)
 
     def direction(self, key: str, default: Any = _REQUIRED) -> np.ndarray:
-        """A vector scaled to unit length."""
+        """Reads a vector scaled to unit length."""
         value = self.vector(key, 3, default)
         length = float(np.linalg.norm(value))
         if length < 1e-12:
@@ -159,7 +181,7 @@ class Fields:
         return value / length
 
     def colour(self, key: str, default: Any = _REQUIRED, maximum: float | None = None) -> np.ndarray:
-        """Three linear components, none negative; a single number is a grey."""
+        """Reads three linear components, none negative; a single number is a grey."""
         value = self.raw(key, default)
         if not isinstance(value, (list, tuple, np.ndarray, str)):
             value = [value] * 3
@@ -173,7 +195,7 @@ class Fields:
         return colour
 
     def text(self, key: str, default: Any = _REQUIRED, choices: Sequence[str] = ()) -> str:
-        """A text, one of `choices` where given."""
+        """Reads a text, one of `choices` where given."""
         value = self.raw(key, default)
         if not isinstance(value, (str, int, float)) or isinstance(value, bool):
             raise self.error(key, f"is {value!r}; it must be a text")
@@ -182,20 +204,20 @@ class Fields:
         return str(value)
 
     def flag(self, key: str, default: bool) -> bool:
-        """true or false."""
+        """Reads true or false."""
         value = self.raw(key, default)
         if not isinstance(value, bool):
             raise self.error(key, f"is {value!r}; it must be true or false")
         return value
 
     def section(self, key: str, what: str) -> Fields | None:
-        """The map under `key`, or None."""
+        """Returns the map under `key`, or None."""
         if not self.has(key):
             return None
         return self._as_fields(key, self.table[key], what)
 
     def sections(self, key: str, what: str) -> dict[str, Fields]:
-        """The map of maps under `key`: name -> its fields, empty where there is none."""
+        """Returns the map of maps under `key`: name -> its fields, empty where there is none."""
         if not self.has(key):
             return {}
         table = self.table[key]
@@ -204,7 +226,7 @@ class Fields:
         return {n: Fields(table, self.what, self.arguments)._as_fields(n, v, f"{what} '{n}'") for n, v in table.items()}
 
     def items(self, key: str, what: str) -> list[Fields]:
-        """The list of maps under `key`, empty where there is none; a single map counts as a list of one."""
+        """Returns the list of maps under `key`, empty where there is none; a single map counts as a list of one."""
         if not self.has(key):
             return []
         value = self.table[key]
@@ -217,7 +239,8 @@ class Fields:
         return Fields(value, what if self.what.startswith("scene") else f"{self.what}, {what}", self.arguments)
 
     def rotation(self) -> np.ndarray:
-        """Quaternion from `quaternion: [x, y, z, w]` or `rotation: {axis, angle}` (a list of them: one after another).
+        """Reads a quaternion from `quaternion: [x, y, z, w]` or `rotation: {axis, angle}` (a list of them: one after
+        another).
 
         Later entries of the list turn about axes of the frame that the earlier ones left.
         """
@@ -233,7 +256,7 @@ class Fields:
         return result
 
     def done(self) -> None:
-        """Raise SceneError for a key that nothing asked for."""
+        """Raises SceneError for a key that nothing asked for."""
         for key in self.table:
             if key not in self._asked:
                 raise self.error(key, f"is not known here; {nearest(key, sorted(set(self._asked)))}")

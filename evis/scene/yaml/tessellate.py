@@ -18,7 +18,7 @@ Recipe = tuple[Callable[..., Mesh], tuple[Any, ...]]
 
 
 def read_shape(fields: Fields, made: dict[Any, Mesh] | None = None) -> Mesh:
-    """The mesh of one entry of `shapes:`; lengths in metres, full sizes and not halves.
+    """Makes the mesh of one entry of `shapes:`; lengths in metres, full sizes and not halves.
 
     made: meshes of shapes read before; the same shape is the same Mesh, so that readers may work on it once.
     """
@@ -82,7 +82,7 @@ def _triples(fields: Fields, key: str) -> np.ndarray:
 
 
 def read_parts(fields: Fields, folders: Folders, textures: bool, made: dict[Any, Any]) -> list[Any]:
-    """The meshes of the file that an entry of `shapes:` names, each with its material.
+    """Loads the meshes of the file that an entry of `shapes:` names, each with its material.
 
     folders: where the scene file lies, and from where the files that the mesh names may come.
     """

@@ -14,9 +14,10 @@ from nodes.event_sensor.cpu.active_kernels import list_active_row
 from nodes.event_sensor.cpu.crossings_simd_kernels import crossings_at_once
 from nodes.event_sensor.cpu.run_kernels import passed, run_margins
 from nodes.event_sensor.model.features import Features
-from nodes.event_sensor.model.pixel_kernels import sense_pixel
+from nodes.event_sensor.model.pixel_kernels import place_of, sense_pixel
 from nodes.event_sensor.model.sensor_kernels import EVENTS, LEFT, Sensor
 from nodes.event_sensor.model.state_kernels import RUN, FrequentState, Rare, Run
+from nodes.event_sensor.model.step_kernels import message_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -59,16 +60,16 @@ def rows_kernel(features: Features) -> Any:
         # in
         sensor: Sensor,
         begin: wp.array(dtype=wp.int32),
-        episodes: wp.array2d(dtype=wp.int32),
         luminance: wp.array(dtype=wp.float32),
-        luminance_runs: wp.array(dtype=Run),
         dlog_dt: wp.array(dtype=wp.float32),
-        slope_runs: wp.array(dtype=Run),
         frames: wp.int32,
         count: wp.int32,
         t: wp.array(dtype=wp.int64),
         t_base: wp.int64,
         t_before: wp.int64,
+        episodes: wp.array2d(dtype=wp.int32),
+        luminance_runs: wp.array(dtype=Run),
+        slope_runs: wp.array(dtype=Run),
         resume: wp.int32,
         # in and out
         state: FrequentState,
@@ -83,6 +84,7 @@ def rows_kernel(features: Features) -> Any:
         env, y = wp.tid()
         if counters[LEFT] != wp.int64(0):
             return
+        message = message_of(luminance, dlog_dt, frames, count, t, t_base, t_before, episodes)
         row = sensor.width * sensor.channels
         size = sensor.height * row
         start = env * size + y * row
@@ -126,9 +128,9 @@ def rows_kernel(features: Features) -> Any:
                             )  # fmt: skip
                             i += wp.static(RUN)
                             continue
-                place = int(0)
-                while place < many:
-                    if margins[place] >= 0.0:
+                place_in_run = int(0)
+                while place_in_run < many:
+                    if margins[place_in_run] >= 0.0:
                         pixel_passes(
                             sensor, luminance, dlog_dt, start + i, at_end + wp.int64(i), wp.int64(size), count, state
                         )  # fmt: skip
@@ -137,15 +139,12 @@ def rows_kernel(features: Features) -> Any:
                         active[active[0]] = i
                         fetch(rare, start + i)
                     i += 1
-                    place += 1
+                    place_in_run += 1
         while j < active[0]:
             i = active[j + 1]
             kept = saved(counters)
-            sense(
-                sensor, env, y, i // sensor.channels, i % sensor.channels, begin[env], episodes, luminance,
-                dlog_dt, frames, count, t, t_base, t_before,
-                state, side, state, side, rare, keys, counters,
-            )  # fmt: skip
+            place = place_of(sensor, env, y, i // sensor.channels, i % sensor.channels)
+            sense(sensor, place, begin[env], message, state, side, state, side, rare, keys, counters)
             if left_over(sensor, kept, start + i, counters):
                 return
             j += 1

@@ -9,9 +9,10 @@ from typing import Any
 import warp as wp
 
 from nodes.event_sensor.model.features import Features
-from nodes.event_sensor.model.pixel_kernels import sense_pixel
+from nodes.event_sensor.model.pixel_kernels import place_of, sense_pixel
 from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.model.state_kernels import FrequentState, Rare
+from nodes.event_sensor.model.step_kernels import message_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -26,7 +27,6 @@ def pixels_kernel(features: Features) -> Any:
         # in
         sensor: Sensor,
         begin: wp.array(dtype=wp.int32),
-        episodes: wp.array2d(dtype=wp.int32),
         luminance: wp.array(dtype=wp.float32),
         dlog_dt: wp.array(dtype=wp.float32),
         frames: wp.int32,
@@ -34,6 +34,7 @@ def pixels_kernel(features: Features) -> Any:
         t: wp.array(dtype=wp.int64),
         t_base: wp.int64,
         t_before: wp.int64,
+        episodes: wp.array2d(dtype=wp.int32),
         before: FrequentState,
         side_before: wp.array(dtype=wp.int32),
         # out
@@ -45,10 +46,10 @@ def pixels_kernel(features: Features) -> Any:
     ):
         """Senses a pixel and channel per thread; keys come out in any order and are sorted afterwards."""
         env, y, column = wp.tid()
+        message = message_of(luminance, dlog_dt, frames, count, t, t_base, t_before, episodes)
+        place = place_of(sensor, env, y, column // sensor.channels, column % sensor.channels)
         sense(
-            sensor, env, y, column // sensor.channels, column % sensor.channels, begin[env], episodes, luminance,
-            dlog_dt, frames, count, t, t_base, t_before,
-            before, side_before, after, side_after, rare, keys, counters,
+            sensor, place, begin[env], message, before, side_before, after, side_after, rare, keys, counters
         )  # fmt: skip
 
     return sense_pixels

@@ -14,6 +14,7 @@ import warp as wp
 from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.sensor_kernels import UNKNOWN_SLOPES, Sensor, has_level, log_level
 from nodes.event_sensor.model.state_kernels import NOWHERE, Frequent
+from nodes.event_sensor.model.step_kernels import Levels, Sample
 
 wp.set_module_options({"enable_backward": False})
 
@@ -126,36 +127,34 @@ def step_curve(features: Features) -> Any:
     cubic, hermite = features.crossing == "cubic", features.crossing == "hermite"
     ahead = features.ahead
 
-    @wp.func
+    @wp.func(inline=True)
     def curve(
         # in
         sensor: Sensor,
         frequent: Frequent,
-        l_earlier: wp.float64,
-        l_early: wp.float64,
-        l0: wp.float64,
+        sample: Sample,
         l1: wp.float64,
-        slope: wp.float32,
-        following: wp.float32,
-        has_next: wp.bool,
         h: wp.float64,
         h_before: wp.float64,
         h_after: wp.float64,
+        # in and out
+        levels: Levels,
         # out
         counters: wp.array(dtype=wp.int64),
     ):
         """Computes the coefficients of the curve, and L of the samples beside it.
 
-        l0, l1: L at both ends. h, h_before, h_after: lengths of the step and of its neighbours [ns].
+        levels.last, l1: L at both ends. h, h_before, h_after: lengths of the step and of its neighbours [ns].
         """
         zero = wp.float64(0.0)
-        l_next = NOWHERE
+        l0 = wp.float64(levels.last)
+        levels.next = NOWHERE
         d = l1 - l0
         s = wp.vec4d(l0, d, zero, zero)
         m = wp.vec2d(d, d)
         if wp.static(hermite):
             g0 = wp.float64(frequent.early) * h * wp.float64(1.0e-9)
-            g1 = wp.float64(slope) * h * wp.float64(1.0e-9)
+            g1 = wp.float64(sample.slope) * h * wp.float64(1.0e-9)
             g_before = wp.float64(frequent.earlier) * h * wp.float64(1.0e-9)
             if not wp.isfinite(g1):
                 wp.atomic_add(counters, UNKNOWN_SLOPES, wp.int64(1))
@@ -167,37 +166,37 @@ def step_curve(features: Features) -> Any:
             has_early = frequent.early >= 0.0
             d_before = zero
             if has_early:
-                if l_early == NOWHERE:
-                    l_early = log_level(sensor, frequent.early)
-                d_before = l0 - l_early
+                if levels.early == NOWHERE:
+                    levels.early = log_level(sensor, frequent.early)
+                d_before = l0 - levels.early
             d_after = zero
-            if has_next:
-                l_next = l1
-                if has_level(sensor, following):
-                    l_next = log_level(sensor, following)
-                d_after = l_next - l1
+            if sample.has_next:
+                levels.next = l1
+                if has_level(sensor, sample.following):
+                    levels.next = log_level(sensor, sample.following)
+                d_after = levels.next - l1
             if has_early:
                 m[0] = h * butland(d_before, d, h_before, h)
-            if has_next:
+            if sample.has_next:
                 m[1] = h * butland(d, d_after, h, h_after)
             if wp.static(cubic):
                 sharp = SHARPNESS * m + (wp.float64(1.0) - SHARPNESS) * wp.vec2d(d, d)
-                if has_early and has_next:
+                if has_early and sample.has_next:
                     bend0 = parabola_bend(d_before, d, h_before, h)
                     # What came before is unknown at an episode's start; take it for a corner.
                     bend_before = -bend0
                     if frequent.earlier >= 0.0:
-                        if l_earlier == NOWHERE:
-                            l_earlier = log_level(sensor, frequent.earlier)
-                        bend_before = d_before - (l_early - l_earlier)
+                        if levels.earlier == NOWHERE:
+                            levels.earlier = log_level(sensor, frequent.earlier)
+                        bend_before = d_before - (levels.early - levels.earlier)
                     m = cubic_slopes(bend_before, bend0, parabola_bend(-d_after, -d, h_after, h), d_before, d, sharp)
                 elif has_early:
                     m = end_slopes(parabola_bend(d_before, d, h_before, h), d, sharp)
-                elif has_next:
+                elif sample.has_next:
                     m = end_slopes(parabola_bend(-d_after, -d, h_after, h), d, sharp)
         s[1] = m[0]
         s[2] = wp.float64(3.0) * d - wp.float64(2.0) * m[0] - m[1]
         s[3] = m[0] + m[1] - wp.float64(2.0) * d
-        return s, l_earlier, l_early, l_next
+        return s, levels
 
     return curve

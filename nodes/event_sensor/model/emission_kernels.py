@@ -10,6 +10,7 @@ from nodes.event_sensor.model.crossing_kernels import polynomial, root_of_cubic,
 from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.key_kernels import key_time
 from nodes.event_sensor.model.sensor_kernels import DROPPED, EVENTS, Sensor
+from nodes.event_sensor.model.step_kernels import Step, Walk
 
 wp.set_module_options({"enable_backward": False})
 
@@ -53,55 +54,52 @@ def curve_value(features: Features) -> Any:
 def crossings_fired(features: Features, at_once: Any = None) -> Any:
     """Makes the function that writes the events of n crossings in one monotone piece of a step.
 
-    It returns the time of the last, and how many there are then. at_once: the same for all n together, see
+    It returns the time of the last. at_once: the same for all n together, see
     cpu.crossings_simd_kernels.
     """
     curved, cap = features.curved, features.cap
     together = at_once is not None and not features.refractory
 
-    @wp.func
+    @wp.func(inline=True)
     def fire(
         # in
         sensor: Sensor,
+        t_base: wp.int64,
+        step: Step,
         s: wp.vec4d,
-        reference: wp.float64,
+        walk: Walk,
         signed: wp.float64,
         n: wp.int32,
-        u: wp.float64,
         piece: wp.float64,
-        start: wp.int64,
         until: wp.int64,
-        h: wp.float64,
-        t_base: wp.int64,
-        place: wp.int64,
-        here: wp.int64,
-        fired: wp.int32,
+        key: wp.int64,
         # out
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """Writes the events of n crossings.
+        """Writes the events of the n levels beyond walk.reference that the curve s has between walk.u and `piece`.
 
-        signed: threshold with its sign. u, piece: the piece's ends; start, h: of the step [ns]. place: key but t.
+        t_base: the message's start [ns]. signed: threshold with its sign. until: no event is later [ns]. key: but t.
         """
-        time = here
+        time = wp.int64(walk.here)
         j = int(0)
         if wp.static(together):
             time = at_once(
-                sensor, s, reference, signed, n, u, piece, start, until, h, t_base, place, here, fired, wp.static(cap),
-                keys, counters,
+                sensor, s, walk.reference, signed, n, walk.u, piece, step.start, until, step.h, t_base, key,
+                time, walk.fired, wp.static(cap), keys, counters,
             )  # fmt: skip
             j = n
+        u = wp.float64(walk.u)
         while j < n:
-            level = reference + wp.float64(j + 1) * signed
+            level = walk.reference + wp.float64(j + 1) * signed
             if wp.static(curved):
                 root = root_of_cubic(s, level, u, piece)
                 u = root
             else:
                 root = root_of_line(s, level, u, piece)
-            time = wp.clamp(stamp_of(root, h, start), time, until)
-            emit(sensor, key_time(sensor, time - t_base) | place, fired + j, wp.static(cap), keys, counters)
+            time = wp.clamp(stamp_of(root, step.h, step.start), time, until)
+            emit(sensor, key_time(sensor, time - t_base) | key, walk.fired + j, wp.static(cap), keys, counters)
             j += 1
-        return time, fired + n
+        return time
 
     return fire

@@ -8,8 +8,9 @@ import warp as wp
 from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.random_kernels import LONGEST, NEVER
 from nodes.event_sensor.model.sensor_kernels import LARGEST, Sensor, has_level
-from nodes.event_sensor.model.state_kernels import Frequent
-from nodes.event_sensor.model.threshold_kernels import inactive_range, least_intensity
+from nodes.event_sensor.model.state_kernels import Frequent, Rare
+from nodes.event_sensor.model.step_kernels import Levels, Own, Sample, Step
+from nodes.event_sensor.model.threshold_kernels import inactive_range, least_intensity, reference_level
 
 wp.set_module_options({"enable_backward": False})
 
@@ -25,9 +26,11 @@ def surely_inactive(features: Features) -> Any:
     cubic, hermite = features.crossing == "cubic", features.crossing == "hermite"
 
     @wp.func
-    def curve_inactive(
-        sensor: Sensor, frequent: Frequent, v: wp.float32, slope: wp.float32, following: wp.float32, length: wp.int64
-    ):
+    def curve_inactive(sensor: Sensor, frequent: Frequent, sample: Sample, length: wp.int64):
+        """Tells it for a step of `length` ns."""
+        v = sample.light
+        slope = sample.slope
+        following = sample.following
         dark = wp.float32(sensor.dark_level)
         inside = bool(True)
         if wp.static(cubic):
@@ -54,49 +57,40 @@ def range_left(features: Features) -> Any:
     """Makes the function of the range in which nothing can happen before `wake`."""
     leak, noise, refractory = features.leak, features.noise, features.refractory
 
-    @wp.func
-    def rest(
-        sensor: Sensor,
-        reference: wp.float64,
-        c_on: wp.float64,
-        c_off: wp.float64,
-        drift: wp.float64,
-        now: wp.int64,
-        length: wp.int64,
-        l_last: wp.float64,
-        moved: wp.float64,
-        following: wp.int64,
-        dead: wp.int64,
-    ):
-        """Computes low, high and wake of the inactive range after a step.
-
-        reference: less the drift up to now. length, moved: of the step [ns, ln I]. following: next noise candidate.
-        """
-        zero = wp.float64(0.0)
-        top = reference + c_on
-        wake = NEVER
-        if wp.static(leak):
-            gap = top - l_last
-            if drift > zero and gap > zero:
-                # Some of the way to the threshold is left to the drift, the rest to the signal: half of it where the
-                # signal rests, as much as the drift does until the signal is there where it moves on.
-                step = drift * wp.float64(length)
-                share = UNKNOWN * gap
-                if step > zero:
-                    share = wp.max(gap * step / (moved + wp.float64(2.0) * step), REST * step)
-                    share = wp.min(share, wp.float64(0.5) * gap)
-                wake = now + wp.int64(wp.min(share / drift, LONGEST))
-                top = top - share
-        if wp.static(noise):
-            wake = wp.min(wake, following)
-        limits = inactive_range(sensor, wp.exp(wp.float32(reference - c_off)), wp.exp(wp.float32(top)))
-        low = limits[0]
-        high = limits[1]
+    @wp.func(inline=True)
+    def rest(sensor: Sensor, step: Step, own: Own, levels: Levels, looked_at: wp.bool, state: Rare, frequent: Frequent):
+        """Sets low, high and wake of a pixel that was looked at in a step, if it has a reference."""
+        dead = bool(False)
         if wp.static(refractory):
-            if dead > now:
-                low = least_intensity(sensor)
-                high = LARGEST
-                wake = dead
-        return low, high, wake
+            dead = looked_at and frequent.low <= LARGEST and state.dead > step.now
+            if dead:
+                frequent.low = least_intensity(sensor)
+                frequent.high = LARGEST
+                frequent.wake = state.dead
+        if looked_at and frequent.low <= LARGEST and not dead:
+            zero = wp.float64(0.0)
+            reference = reference_level(state.base, state.net, state.n_off, own.c_on, own.c_off)
+            reference = reference - own.drift * wp.float64(step.now - state.origin)
+            top = reference + own.c_on
+            wake = NEVER
+            if wp.static(leak):
+                gap = top - levels.last
+                if own.drift > zero and gap > zero:
+                    # Some of the way to the threshold is left to the drift, the rest to the signal: half of it where
+                    # the signal rests, as much as the drift does until the signal is there where it moves on.
+                    moves = own.drift * wp.float64(step.now - step.start)
+                    share = UNKNOWN * gap
+                    if moves > zero:
+                        share = wp.max(gap * moves / (levels.moved + wp.float64(2.0) * moves), REST * moves)
+                        share = wp.min(share, wp.float64(0.5) * gap)
+                    wake = step.now + wp.int64(wp.min(share / own.drift, LONGEST))
+                    top = top - share
+            if wp.static(noise):
+                wake = wp.min(wake, state.next)
+            limits = inactive_range(sensor, wp.exp(wp.float32(reference - own.c_off)), wp.exp(wp.float32(top)))
+            frequent.low = limits[0]
+            frequent.high = limits[1]
+            frequent.wake = wake
+        return frequent
 
     return rest

@@ -11,12 +11,13 @@ from typing import Any
 import warp as wp
 
 from nodes.event_sensor.model.curve_kernels import slope_of, step_curve
+from nodes.event_sensor.model.episode_kernels import episode_start, own_parameters
 from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.inactive_kernels import range_left, surely_inactive
-from nodes.event_sensor.model.leak_kernels import coin_time, leak_origin
+from nodes.event_sensor.model.leak_kernels import coin_time
 from nodes.event_sensor.model.noise_kernels import stream_here
 from nodes.event_sensor.model.pixel_step_kernels import pixel_step
-from nodes.event_sensor.model.random_kernels import NEVER, draw, waiting_time
+from nodes.event_sensor.model.random_kernels import NEVER
 from nodes.event_sensor.model.sensor_kernels import (
     EVENTS,
     LARGEST,
@@ -27,45 +28,240 @@ from nodes.event_sensor.model.sensor_kernels import (
     log_level,
 )
 from nodes.event_sensor.model.state_kernels import (
-    ALIVE,
     NOWHERE,
+    Frequent,
     FrequentState,
     Rare,
-    rare_of,
     read_frequent,
     write_frequent,
 )
-from nodes.event_sensor.model.threshold_kernels import reference_level
+from nodes.event_sensor.model.step_kernels import Levels, Message, Own, Place, Sample, Signal, Step
 
 wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def place_of(sensor: Sensor, env: wp.int32, y: wp.int32, x: wp.int32, c: wp.int32):
+    """Returns the Place of a pixel and channel."""
+    place = Place()
+    place.env = env
+    place.y = y
+    place.x = x
+    place.c = c
+    place.inner = (y * sensor.width + x) * sensor.channels + c
+    place.index = env * (sensor.height * sensor.width * sensor.channels) + place.inner
+    return place
+
+
+@wp.func
+def no_levels():
+    """Returns Levels of which none is known."""
+    levels = Levels()
+    levels.earlier = NOWHERE
+    levels.early = NOWHERE
+    levels.last = NOWHERE
+    levels.next = NOWHERE
+    return levels
+
+
+@lru_cache
+def frames_at_rest(features: Features) -> Any:
+    """Makes the function of how many frames of a message a pixel is inactive for."""
+    timed = features.timed
+
+    @wp.func(inline=True)
+    def inactive_frames(message: Message, frequent: Frequent, first: wp.int64, stride: wp.int64):
+        """Counts the frames before the first that may do something; returns the last sample of them too.
+
+        first: of the pixel's sample in the first frame; stride: from frame to frame.
+        """
+        last = frequent.last
+        k = int(0)
+        while k < message.count:
+            sample = message.luminance[first + wp.int64(k) * stride]
+            if not (sample >= frequent.low and sample <= frequent.high):
+                break
+            if wp.static(timed):
+                if message.t[k] >= frequent.wake:
+                    break
+            last = sample
+            k += 1
+        return k, last
+
+    return inactive_frames
+
+
+@lru_cache
+def sample_read(features: Features) -> Any:
+    """Makes the function of what a step reads of the frames at its end and after it."""
+    ahead, hermite = features.ahead, features.crossing == "hermite"
+
+    @wp.func(inline=True)
+    def sample_at(
+        sensor: Sensor, message: Message, begin: wp.int32, k: wp.int32, first: wp.int64, stride: wp.int64
+    ):  # fmt: skip
+        """Reads the sample of frame k; see frames_at_rest."""
+        sample = Sample()
+        sample.light = message.luminance[first + wp.int64(k) * stride]
+        sample.following = sample.light
+        if wp.static(ahead):
+            sample.has_next = k + 1 < message.frames and not (k == 0 and (begin & 2) != 0)
+            if sample.has_next:
+                sample.following = message.luminance[first + wp.int64(k + 1) * stride]
+        if wp.static(hermite):
+            sample.slope = slope_of(sensor, message.dlog_dt[first + wp.int64(k) * stride], sample.light)
+        return sample
+
+    return sample_at
+
+
+@lru_cache
+def step_signal(features: Features) -> Any:
+    """Makes the function of what a pixel sees in a step."""
+    frame, leak, curved = features.crossing == "frame", features.leak, features.curved
+    curve = step_curve(features)
+
+    @wp.func(inline=True)
+    def signal_of(
+        # in
+        sensor: Sensor,
+        message: Message,
+        step: Step,
+        start_before: wp.int64,
+        frequent: Frequent,
+        sample: Sample,
+        own: Own,
+        origin: wp.int64,
+        # in and out
+        levels: Levels,
+        # out
+        counters: wp.array(dtype=wp.int64),
+    ):
+        """Computes the curve S(u) of a step, and L of the samples that it needed.
+
+        start_before: when the step before began. origin: where the leak's drift is zero [ns].
+        """
+        zero = wp.float64(0.0)
+        if levels.last == NOWHERE:
+            levels.last = log_level(sensor, frequent.last)
+        l1 = wp.float64(levels.next)
+        if l1 == NOWHERE:
+            l1 = log_level(sensor, sample.light)
+        s = wp.vec4d(levels.last, wp.where(wp.static(frame), zero, l1 - levels.last), zero, zero)
+        if wp.static(curved):
+            h_before = wp.float64(step.start - start_before)
+            h_after = wp.float64(1.0)
+            if sample.has_next:
+                h_after = wp.float64(message.t[step.k + 1] - step.now)
+            s, levels = curve(sensor, frequent, sample, l1, step.h, h_before, h_after, levels, counters)
+        s[0] = s[0] + own.drift * wp.float64(step.start - origin)
+        if wp.static(leak):
+            s[1] = s[1] + own.drift * step.h
+        signal = Signal()
+        signal.s = s
+        signal.l1 = l1
+        signal.last = frequent.last
+        signal.light = sample.light
+        return signal, levels
+
+    return signal_of
+
+
+@lru_cache
+def passed_step(features: Features) -> Any:
+    """Makes the function of what the next step looks back at after one in which a pixel was inactive."""
+    curved, hermite = features.curved, features.crossing == "hermite"
+
+    @wp.func(inline=True)
+    def passed(inactive: wp.bool, frequent: Frequent, sample: Sample, levels: Levels):
+        """Moves samples on by a step, if the pixel was inactive in it; nobody computed its levels."""
+        if inactive:
+            if wp.static(curved):
+                frequent.earlier = frequent.early
+                frequent.early = wp.where(wp.static(hermite), sample.slope, frequent.last)
+            frequent.last = sample.light
+            levels.earlier = NOWHERE
+            levels.early = NOWHERE
+            levels.last = NOWHERE
+            levels.next = NOWHERE
+        return frequent, levels
+
+    return passed
+
+
+@lru_cache
+def active_step(features: Features, at_once: Any = None) -> Any:
+    """Makes the function of a step in which something may happen."""
+    ahead, hermite = features.ahead, features.crossing == "hermite"
+    signal_of, take_step = step_signal(features), pixel_step(features, at_once)
+
+    @wp.func(inline=True)
+    def sense_step(
+        # in
+        sensor: Sensor,
+        place: Place,
+        message: Message,
+        step: Step,
+        start_before: wp.int64,
+        sample: Sample,
+        own: Own,
+        coin_at: wp.int64,
+        active: wp.bool,
+        # in and out
+        state: Rare,
+        frequent: Frequent,
+        levels: Levels,
+        # out
+        keys: wp.array(dtype=wp.int64),
+        counters: wp.array(dtype=wp.int64),
+    ):
+        """Takes a pixel that has a reference through a step, if it is active in it; see pixel_step."""
+        if active:
+            count_clipped(sensor, sample.light, counters)
+            signal, known = signal_of(
+                sensor, message, step, start_before, frequent, sample, own, state.origin, levels, counters
+            )
+            after = take_step(sensor, place, message, step, signal, own, coin_at, state, keys, counters)
+            state.base = after.base
+            state.net = after.net
+            state.n_off = after.n_off
+            state.dead = after.dead
+            state.next = after.next
+            state.draws = after.draws
+            if wp.static(ahead):
+                frequent.earlier = frequent.early
+                frequent.early = frequent.last
+                levels.earlier = known.early
+                levels.early = known.last
+                levels.next = known.next
+            if wp.static(hermite):
+                frequent.earlier = frequent.early
+                frequent.early = sample.slope
+            frequent.last = sample.light
+            levels.moved = wp.abs(signal.l1 - known.last)
+            levels.last = signal.l1
+        return state, frequent, levels
+
+    return sense_step
 
 
 @lru_cache
 def sense_pixel(features: Features, at_once: Any = None) -> Any:
     """Makes the function of all steps of one pixel in a message. at_once: see emission_kernels.crossings_fired."""
-    frame, hermite = features.crossing == "frame", features.crossing == "hermite"
-    ahead, curved, timed, hasty = features.ahead, features.curved, features.timed, features.hasty
-    leak, coin, noise, mismatch = features.leak, features.coin, features.noise, features.mismatch
-    step = pixel_step(features, at_once)
-    curve, curve_inactive, rest = step_curve(features), surely_inactive(features), range_left(features)
+    surely_active = features.hasty or at_once is not None
+    curved, timed, hasty, coin = features.curved, features.timed, features.hasty, features.coin
+    inactive_frames, sample_at = frames_at_rest(features), sample_read(features)
+    curve_inactive, rest = surely_inactive(features), range_left(features)
+    read_own, begin_episode, passed = own_parameters(features), episode_start(features), passed_step(features)
+    sense_step = active_step(features, at_once)
 
-    @wp.func
+    @wp.func(inline=True)
     def sense(
         # in
         sensor: Sensor,
-        env: wp.int32,
-        y: wp.int32,
-        x: wp.int32,
-        c: wp.int32,
+        place: Place,
         begin: wp.int32,
-        episodes: wp.array2d(dtype=wp.int32),
-        luminance: wp.array(dtype=wp.float32),
-        dlog_dt: wp.array(dtype=wp.float32),
-        frames: wp.int32,
-        count: wp.int32,
-        t: wp.array(dtype=wp.int64),
-        t_base: wp.int64,
-        t_before: wp.int64,
+        message: Message,
         before: FrequentState,
         side_before: wp.array(dtype=wp.int32),
         # out
@@ -76,222 +272,88 @@ def sense_pixel(features: Features, at_once: Any = None) -> Any:
         counters: wp.array(dtype=wp.int64),
     ):
         """Takes a pixel through the frames of a message; writes its events as keys, and counts."""
-        zero = wp.float64(0.0)
-        one = wp.float64(1.0)
-        size = sensor.height * sensor.width * sensor.channels
-        inner = (y * sensor.width + x) * sensor.channels + c
-        index = env * size + inner
-        first = wp.int64(env) * wp.int64(frames) * wp.int64(size) + wp.int64(inner)
-        stride = wp.int64(size)
+        index = place.index
+        stride = wp.int64(sensor.height * sensor.width * sensor.channels)
+        first = wp.int64(place.env) * wp.int64(message.frames) * stride + wp.int64(place.inner)
         two_sided = rare.shape[0] == 2
         side = int(0)
         if two_sided:
             side = side_before[index]
         frequent = read_frequent(before, index)
-        start = t_base
-        start_before = t_before
+        step = Step()
+        step.start = message.t_base
+        start_before = wp.int64(message.t_before)
         k = int(0)
         if wp.static(hasty):
             # Most pixels are inactive through the whole message: the short way.
             if begin == 0:
-                last = frequent.last
-                while k < count:
-                    sample = luminance[first + wp.int64(k) * stride]
-                    if not (sample >= frequent.low and sample <= frequent.high):
-                        break
-                    if wp.static(timed):
-                        if t[k] >= frequent.wake:
-                            break
-                    last = sample
-                    k += 1
+                at_rest, last = inactive_frames(message, frequent, first, stride)
+                k = at_rest
                 frequent.last = last
-                if k == count:
+                if k == message.count:
                     write_frequent(after, index, frequent)
                     if two_sided:
                         side_after[index] = side
                     return
                 if k > 0:
-                    start = t[k - 1]
-        # Field by field: a struct that is set in a branch would go through memory.
-        loaded = bool(False)
-        base = wp.float64(0.0)
-        net = wp.int32(0)
-        n_off = wp.int32(0)
-        origin = wp.int64(0)
-        dead = wp.int64(0)
-        candidate = wp.int64(0)
-        draws = wp.int64(0)
-        own_on = wp.float32(0.0)
-        own_off = wp.float32(0.0)
-        own_leak = wp.float32(0.0)
-        own_hot = wp.float32(0.0)
-        c_on = sensor.threshold_on
-        c_off = sensor.threshold_off
-        drift = wp.float64(0.0)  # of S [1/ns]
-        rate = sensor.shot_rate
-        hot_share = wp.float64(0.0)
+                    step.start = message.t[k - 1]
+        # A pixel that a CPU has listed, or that is hasty and here, is active; of others most are not.
+        loaded = bool(surely_active)
+        state, own = read_own(sensor, rare, side, index, loaded, Rare(), Own())
+        levels = no_levels()
         stream = wp.uint64(0)
         named = bool(False)  # the stream is known
-        # L of the samples earlier, early, last and next, where known.
-        l_earlier = NOWHERE + zero
-        l_early = NOWHERE + zero
-        l_last = NOWHERE + zero
-        l_next = NOWHERE + zero
-        moved = wp.float64(0.0)
-        while k < count:
-            v = luminance[first + wp.int64(k) * stride]
-            now = t[k]
+        while k < message.count:
+            step.k = k
+            step.now = message.t[k]
+            sample = sample_at(sensor, message, begin, k, first, stride)
             begins = k < 2 and ((begin >> k) & 1) != 0
             if begins:
                 frequent.low = float(wp.inf)
                 named = False
-            following = v
-            has_next = bool(False)
-            if wp.static(ahead):
-                has_next = k + 1 < frames and not (k == 0 and (begin & 2) != 0)
-                if has_next:
-                    following = luminance[first + wp.int64(k + 1) * stride]
-            slope = wp.float32(0.0)
-            if wp.static(hermite):
-                slope = slope_of(sensor, dlog_dt[first + wp.int64(k) * stride], v)
-            inactive = v >= frequent.low and v <= frequent.high
+            inactive = sample.light >= frequent.low and sample.light <= frequent.high
             if wp.static(timed):
-                inactive = inactive and now < frequent.wake
+                inactive = inactive and step.now < frequent.wake
             if wp.static(curved):
-                inactive = inactive and curve_inactive(sensor, frequent, v, slope, following, now - start)
+                inactive = inactive and curve_inactive(sensor, frequent, sample, step.now - step.start)
             coin_at = NEVER
             if wp.static(coin):
                 if not begins and frequent.low <= LARGEST:
                     if not named:
-                        stream = stream_here(sensor, env, inner, episodes, k)
+                        stream = stream_here(sensor, place.env, place.inner, message.episodes, k)
                         named = True
-                    coin_at = coin_time(stream, rare[side, index].leak, start, now)
+                    coin_at = coin_time(stream, rare[side, index].leak, step.start, step.now)
                     inactive = inactive and coin_at == NEVER
-            if not inactive:
-                held = not has_level(sensor, v)
-                if held:
-                    wp.atomic_add(counters, NONFINITE, wp.int64(1))
-                if not loaded:
-                    loaded = True
-                    base = rare[side, index].base
-                    net = rare[side, index].net
-                    n_off = rare[side, index].n_off
-                    origin = rare[side, index].origin
-                    dead = rare[side, index].dead
-                    candidate = rare[side, index].next
-                    draws = rare[side, index].draws
-                    own_on = rare[side, index].c_on
-                    own_off = rare[side, index].c_off
-                    own_leak = rare[side, index].leak
-                    own_hot = rare[side, index].hot
-                    if wp.static(mismatch):
-                        c_on = wp.float64(own_on)
-                        c_off = wp.float64(own_off)
-                    if wp.static(leak):
-                        drift = wp.float64(own_leak) * c_on * wp.float64(1.0e-9)
-                    if wp.static(noise):
-                        rate = rate + wp.float64(own_hot)
-                        hot_share = wp.float64(own_hot) / wp.max(rate, wp.float64(1.0e-300))
-                if frequent.low > LARGEST:
-                    if not held:
-                        count_clipped(sensor, v, counters)
-                        base = log_level(sensor, v)
-                        net = 0
-                        n_off = 0
-                        origin = now
-                        dead = ALIVE
-                        candidate = NEVER
-                        draws = wp.int64(0)
-                        if wp.static(leak or noise):
-                            stream = stream_here(sensor, env, inner, episodes, k)
-                            named = True
-                        if wp.static(leak):
-                            origin = leak_origin(stream, own_leak, now)
-                        if wp.static(noise):
-                            if rate > zero:
-                                candidate = now + waiting_time(draw(stream, wp.int64(0)), rate)
-                        l_earlier = NOWHERE
-                        l_early = NOWHERE
-                        l_last = base
-                        l_next = NOWHERE
-                        frequent.last = v
-                        frequent.low = 0.0
-                        if wp.static(ahead):
-                            frequent.early = -1.0
-                            frequent.earlier = -1.0
-                        if wp.static(hermite):
-                            frequent.early = slope
-                            frequent.earlier = float(wp.nan)
-                else:
-                    if held:
-                        v = frequent.last
-                        slope = 0.0
-                    count_clipped(sensor, v, counters)
-                    h = wp.float64(now - start)
-                    # The curve S(u), u in [0, 1].
-                    if l_last == NOWHERE:
-                        l_last = log_level(sensor, frequent.last)
-                    l1 = l_next
-                    if l1 == NOWHERE:
-                        l1 = log_level(sensor, v)
-                    s = wp.vec4d(l_last, wp.where(wp.static(frame), zero, l1 - l_last), zero, zero)
-                    if wp.static(curved):
-                        h_before = wp.float64(start - start_before)
-                        h_after = one
-                        if has_next:
-                            h_after = wp.float64(t[k + 1] - now)
-                        s, l_earlier, l_early, l_next = curve(
-                            sensor, frequent, l_earlier, l_early, l_last, l1, slope, following, has_next, h, h_before,
-                            h_after, counters,
-                        )  # fmt: skip
-                    s[0] = s[0] + drift * wp.float64(start - origin)
-                    if wp.static(leak):
-                        s[1] = s[1] + drift * h
-                    base, net, n_off, dead, candidate, draws = step(
-                        sensor, env, inner, episodes, k, y, x, c, s, l1, h, start, now, t_base, frequent.last, v,
-                        c_on, c_off, drift, origin, rate, hot_share, coin_at,
-                        base, net, n_off, dead, candidate, draws, keys, counters,
-                    )  # fmt: skip
-                    if wp.static(ahead):
-                        frequent.earlier = frequent.early
-                        frequent.early = frequent.last
-                        l_earlier = l_early
-                        l_early = l_last
-                    if wp.static(hermite):
-                        frequent.earlier = frequent.early
-                        frequent.early = slope
-                    frequent.last = v
-                    moved = wp.abs(l1 - l_last)
-                    l_last = l1
-                # -- the range in which nothing can happen before frequent.wake ----------------------------------------
-                if frequent.low <= LARGEST:
-                    reference = reference_level(base, net, n_off, c_on, c_off)
-                    reference = reference - drift * wp.float64(now - origin)
-                    low, high, wake = rest(
-                        sensor, reference, c_on, c_off, drift, now, now - start, l_last, moved, candidate, dead
-                    )
-                    frequent.low = low
-                    frequent.high = high
-                    frequent.wake = wake
-            else:
-                if wp.static(curved):
-                    frequent.earlier = frequent.early
-                    frequent.early = wp.where(wp.static(hermite), slope, frequent.last)
-                frequent.last = v
-                l_earlier = NOWHERE
-                l_early = NOWHERE
-                l_last = NOWHERE
-                l_next = NOWHERE
-            start_before = start
-            start = now
+            frequent, levels = passed(inactive, frequent, sample, levels)
+            held = not inactive and not has_level(sensor, sample.light)
+            if wp.static(not surely_active):
+                state, own = read_own(sensor, rare, side, index, not inactive and not loaded, state, own)
+                loaded = loaded or not inactive
+            fresh = frequent.low > LARGEST
+            if held:
+                wp.atomic_add(counters, NONFINITE, wp.int64(1))
+                sample.light = frequent.last
+                sample.slope = 0.0
+            starts = fresh and not inactive and not held
+            active = not fresh and not inactive
+            state, frequent, levels = begin_episode(
+                sensor, place, message, step, sample, own, starts, state, frequent, levels, counters
+            )
+            step.h = wp.float64(step.now - step.start)
+            step.per_h = wp.float64(1.0) / step.h
+            state, frequent, levels = sense_step(
+                sensor, place, message, step, start_before, sample, own, coin_at, active,
+                state, frequent, levels, keys, counters,
+            )  # fmt: skip
+            frequent = rest(sensor, step, own, levels, not inactive, state, frequent)
+            start_before = step.start
+            step.start = step.now
             k += 1
         if counters[EVENTS] <= sensor.capacity:
             if loaded:
                 if two_sided:
                     side = 1 - side
-                rare[side, index] = rare_of(
-                    base, net, n_off, origin, dead, candidate, draws, own_on, own_off, own_leak, own_hot
-                )
+                rare[side, index] = state
             write_frequent(after, index, frequent)
             if two_sided:
                 side_after[index] = side

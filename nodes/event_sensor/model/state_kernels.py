@@ -100,27 +100,6 @@ class Rare:
 
 
 @wp.func
-def rare_of(
-    base: wp.float64, net: wp.int32, n_off: wp.int32, origin: wp.int64, dead: wp.int64, following: wp.int64,
-    draws: wp.int64, c_on: wp.float32, c_off: wp.float32, leak: wp.float32, hot: wp.float32,
-):  # fmt: skip
-    """Makes a Rare of its fields."""
-    rare = Rare()
-    rare.base = base
-    rare.net = net
-    rare.n_off = n_off
-    rare.origin = origin
-    rare.dead = dead
-    rare.next = following
-    rare.draws = draws
-    rare.c_on = c_on
-    rare.c_off = c_off
-    rare.leak = leak
-    rare.hot = hot
-    return rare
-
-
-@wp.func
 def read_frequent(state: FrequentState, index: wp.int32):
     """Reads what every step needs of a pixel."""
     frequent = Frequent()

@@ -27,7 +27,7 @@ CODE = {
 
 
 def read(setting: Setting) -> Measured | None:
-    """What is known of a setting, None where nothing is."""
+    """Reads what was measured of a setting; None where nothing is kept."""
     try:
         return Measured.of_json(json.loads(path_of(setting).read_text()))
     except (OSError, ValueError, TypeError, KeyError):
@@ -35,7 +35,7 @@ def read(setting: Setting) -> Measured | None:
 
 
 def write(setting: Setting, found: Measured) -> None:
-    """Keep what was measured for the next time. Raises OSError where that cannot be written."""
+    """Keeps what was measured for the next time. Raises OSError where that cannot be written."""
     path = path_of(setting)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(f".{os.getpid()}")
@@ -44,17 +44,17 @@ def write(setting: Setting, found: Measured) -> None:
 
 
 def path_of(setting: Setting) -> Path:
-    """File of what was measured of a setting."""
+    """Gives the file in which the measurements of a setting are kept."""
     return cache_folder() / f"{fingerprint(setting)}.json"
 
 
 def cache_folder() -> Path:
-    """Where what was measured is kept."""
+    """Gives the folder in which measurements are kept."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "evis" / "auto"
 
 
 def fingerprint(setting: Setting) -> str:
-    """Of all that cost and error depend on."""
+    """Computes a hash, 32 hexadecimal digits, of all that cost and error depend on."""
     import evis
 
     found = hashlib.sha256(code_digest())
@@ -71,7 +71,7 @@ def fingerprint(setting: Setting) -> str:
 
 @functools.cache
 def code_digest() -> bytes:
-    """Of the code that is measured and of what measures it, as it was when first asked for."""
+    """Computes a hash of the code that is measured and of the code that measures it, as it was at the first call."""
     from evis.neighbours import ROOT
 
     found = hashlib.sha256()
@@ -84,7 +84,7 @@ def code_digest() -> bytes:
 
 
 def _digest(found: Any, value: Any) -> None:
-    """Add a value to a hash: what it holds, whatever it is made of."""
+    """Adds a value to a hash: its fields and elements, whatever its type."""
     found.update(type(value).__name__.encode())
     if isinstance(value, np.ndarray):
         found.update(repr((value.shape, value.dtype.str)).encode())

@@ -35,9 +35,9 @@ ROUNDS = 4
 
 
 class Chain:
-    """Renderer, interpolator and sensor in a row, as a graph has them, on the scene itself.
+    """Runs renderer, interpolator and sensor one after the other, as a graph does, on the scene itself, and times them.
 
-    On a CPU environments cost the same each, so that one is run; on a GPU all at once.
+    On a CPU every environment costs the same, so only one is run; on a GPU all run at once.
     """
 
     def __init__(self, setting: Setting, world: World | None = None) -> None:
@@ -50,32 +50,34 @@ class Chain:
         self._episode = 0
 
     def gaps(self, way: Way, seconds: float) -> int:
-        """How many to count in a round of a way that takes so many seconds per simulated second; 0 where the run has
-        too few."""
+        """Finds how many gaps of a way are timed in a round; 0 where the run has too few.
+
+        seconds: its expected run time [s per simulated s].
+        """
         rate, _ = self._rate(way)
         wanted = math.ceil(LONG_S * rate / max(seconds, 1e-9))
         return max(min(wanted, MOST, keyframe_count(self._setting.duration_ns, rate) - 2), 0)
 
     def rounds(self, way: Way, seconds: float) -> int:
-        """How often it is done."""
+        """Finds how many rounds a way is timed for; the shortest one counts. seconds: as of gaps."""
         counted = self.gaps(way, seconds) * seconds / self._rate(way)[0]
         return min(math.ceil(2 * LONG_S / max(counted, 1e-9)), ROUNDS)
 
     def takes(self, way: Way, seconds: float) -> float:
-        """About how long a trial takes [s]: about two gaps before those that count in every round, and one at first."""
+        """Estimates how long a trial takes [s]: the gaps that count, two more in every round, and one at first."""
         gaps, rounds = self.gaps(way, seconds), self.rounds(way, seconds)
         return (rounds * (gaps + 2) + 1) * seconds / self._rate(way)[0]
 
     def seconds(self, way: Way, seconds: float) -> float:
-        """Run time of a way [s per simulated s] that was taken to be `seconds`, physics not included."""
+        """Measures the run time of a way [s per simulated s], physics not included. seconds: its expected run time."""
         found = [self.gap(way, self.gaps(way, seconds)) for _ in range(self.rounds(way, seconds))]
         # Trials differ in K, and the frames of many environments are large.
         self._interpolators.clear()
         return min(found) * self._rate(way)[0] * self._setting.envs
 
     def gap(self, way: Way, gaps: int) -> float:
-        """Mean time of a gap [s] of one environment, its keyframe and its events included, over the last ones of the
-        run; the one before them is left out. gaps = 0: of a run's only gap."""
+        """Measures the mean time of a gap [s] of one environment, with its keyframe and its events, over the last gaps
+        of the run; the one before them is left out. gaps: how many; 0 = the run's only one."""
         s = self._setting
         method, (rate, k) = way[0], self._rate(way)
         if self._world is None:
@@ -89,7 +91,7 @@ class Chain:
         return float(np.mean(took[min(gaps, 1) + 1 :])) / self._envs
 
     def _interpolator(self, method: str, k: int, samples: int) -> Interpolator:
-        """One that has everything: what is made in the first gap is no part of a run's cost."""
+        """Gives an interpolator that is warmed up: what is built in the first gap is not counted as cost of a run."""
         if (method, k) not in self._interpolators:
             s, margin = self._setting, self._setting.margin * samples
             made = self._interpolators[method, k] = make_interpolator(s, s.scene, s.camera, method, k)
@@ -106,7 +108,7 @@ class Chain:
         stamps: list[int],
         episode: int,
     ) -> list[float]:
-        """Times [s] of the keyframes at these stamps, all but the first one with the gap before it."""
+        """Measures the time [s] of each keyframe at these stamps; all but the first include the gap before it."""
         s, envs, world = self._setting, self._envs, self._world
         assert world is not None
         sensor = EventSensor(s.camera.height, s.camera.width, envs, device=s.device, **s.sensor)
@@ -130,7 +132,7 @@ class Chain:
         return took
 
     def _rate(self, way: Way) -> tuple[float, int]:
-        """Keyframes per second and K; dense rendering has a keyframe for every frame."""
+        """Gives keyframes per second and K; dense rendering has a keyframe for every frame."""
         method, rate, k = way
         return (rate * k, 1) if method == "none" else (rate, k)
 

@@ -25,7 +25,7 @@ EVEN = 1.02
 
 @dataclass(frozen=True)
 class Candidate:
-    """One way to run a scene and what was found about it.
+    """Holds one way to run a scene, and the error and cost that were found for it.
 
     error: of the events, spike-train distance to dense rendering (0 ... 1). seconds: run time per simulated second.
     """
@@ -38,7 +38,7 @@ class Candidate:
 
     @property
     def frame_rate(self) -> float:
-        """Frames per second that the sensor sees [Hz]."""
+        """Gives the frames per second that the sensor sees [Hz]."""
         return self.keyframe_rate * self.upsampling
 
     def __str__(self) -> str:
@@ -47,7 +47,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Choice:
-    """What was chosen, the reason in one line, and whether it keeps what was wanted."""
+    """Holds what was chosen, the reason in one line, and whether the user's wishes are kept."""
 
     candidate: Candidate
     why: str
@@ -55,8 +55,8 @@ class Choice:
 
 
 def with_steps_between(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates, and between two of one method that differ by a factor of two in K or, of dense rendering, in rate
-    three more: cost linear, error as a power of the frame rate."""
+    """Adds three candidates between every two of one method whose K (of dense rendering: whose rate) differs twofold;
+    their cost is linear in the frame rate, their error a power of it."""
     found = list(candidates)
     for low in candidates:
         for high in candidates:
@@ -81,7 +81,7 @@ def with_steps_between(candidates: Sequence[Candidate]) -> list[Candidate]:
 def choose(
     candidates: Sequence[Candidate], wanted_error: float | None = None, wanted_rtf: float | None = None
 ) -> Choice:
-    """The best of the candidates by the module's rule. Raises ValueError where there are none."""
+    """Chooses the best candidate by the rule that the module states. Raises ValueError where there are none."""
     if not candidates:
         raise ValueError("interpolator auto has nothing to choose from: no keyframe rate and K fit the run")
     for name, value in (("wanted_error", wanted_error), ("wanted_rtf", wanted_rtf)):
@@ -130,6 +130,7 @@ def _error(candidate: Candidate) -> float:
 def _least(
     candidates: Sequence[Candidate], first: Callable[[Candidate], float], then: Callable[[Candidate], float]
 ) -> Candidate:
-    """The least by `first`; among those that are as good within EVEN, by `then`, and at last by rate and method."""
+    """Finds the least by `first`; those within a factor of EVEN count as equal, and are compared by `then`, at last by
+    keyframe rate and method."""
     bound = min(first(c) for c in candidates) * EVEN
     return min((c for c in candidates if first(c) <= bound), key=lambda c: (then(c), c.keyframe_rate, c.method))

@@ -48,17 +48,17 @@ SLOW_S = 0.03
 
 @dataclass(frozen=True)
 class GapCost:
-    """Seconds of a gap: fixed + K x per frame."""
+    """Holds the cost of a gap with K frames, fixed + K frame [s]."""
 
     fixed: float
     frame: float
 
 
 class FullSize:
-    """What keyframes, sub-frames and the sensor's frames cost at the true size, and where in the image events are.
+    """Measures what keyframes, sub-frames and the sensor's frames cost at full size, and where in the image change is.
 
-    Stages are timed one by one, as on a CPU they follow each other. There environments cost the same each, so that one
-    is measured; on a GPU all at once (`overlap`).
+    Stages are timed one by one, as they follow each other on a CPU. There every environment costs the same, so one is
+    measured; on a GPU all are measured at once (`overlap`).
     """
 
     def __init__(self, setting: Setting, world: World, starts: list[int]) -> None:
@@ -73,7 +73,7 @@ class FullSize:
         self._renderers: dict[bool, Any] = {}
         self._methods: dict[str, list[Interpolator]] = {}
         self._shares: dict[str, float] = {}
-        """Of a method: what does not grow with K, in frames."""
+        """By method: the cost of a gap that does not grow with K, in units of a frame's cost."""
         self.keyframe: dict[str, float] = {}
         """Seconds per keyframe and environment, by the method that reads it."""
         self.pass_on = 0.0
@@ -84,7 +84,7 @@ class FullSize:
         """By method and keyframe rate, of an environment."""
 
     def measure_keyframes(self) -> None:
-        """Sets `keyframe`, `pass_on`, `call`, `sense` and `events`."""
+        """Measures keyframes and the sensor: sets `keyframe`, `pass_on`, `call`, `sense` and `events`."""
         s, m = self._setting, self._setting.margin
         inner = (..., slice(m, m + s.camera.height), slice(m, m + s.camera.width))
         frames: list[np.ndarray] = []
@@ -115,20 +115,20 @@ class FullSize:
         self._measure_others(pairs)
 
     def _measure_others(self, pairs: list[tuple[np.ndarray, np.ndarray]]) -> None:
-        """What dense rendering costs beside its keyframes. pairs: frames [E, h, w] a step apart."""
+        """Measures what dense rendering costs beside its keyframes. pairs: frames [E, h, w] a step apart."""
         again = self._starts[-1:] * 3
         self.pass_on = min(self._push(self._interpolator("none", 1), "none", again, STEP_NS, 0)) / self._envs
         self._measure_sensor(pairs)
 
     def _measure_sensor(self, pairs: list[tuple[np.ndarray, np.ndarray]]) -> None:
-        """Cost of a call, of a frame, and of the events per simulated second: a change has as many of them in one frame
-        as in several."""
+        """Measures the sensor's cost of a call, of a frame, and of the events per simulated second. pairs: as of
+        _measure_others; a change makes as many events in one frame as in several."""
         s, envs = self._setting, self._envs
         sensor = EventSensor(s.camera.height, s.camera.width, envs, device=s.device, **s.sensor)
         stamp = 0
 
         def spent(given: np.ndarray) -> float:
-            """Of a call with frames [E, K, H, W], a millisecond apart."""
+            """Measures the time [s] of a call with frames [E, K, H, W], a millisecond apart."""
             nonlocal stamp
             t = stamp + STEP_NS * np.arange(1, given.shape[1] + 1)
             stamp = int(t[-1])
@@ -155,7 +155,7 @@ class FullSize:
         self.events = max(jump - call - self.sense, 0.0) * 1000
 
     def measure_gap(self, method: str, rate: float) -> None:
-        """Sets `gaps` of a method and keyframe rate [Hz]."""
+        """Measures a gap of a method at a keyframe rate [Hz] and keeps it in `gaps`."""
         counts = self._counts()
         if method not in self._methods:
             made = self._methods[method] = [self._interpolator(method, k) for k in counts]
@@ -173,7 +173,7 @@ class FullSize:
         self.gaps[method, rate] = GapCost(share * frame, frame)
 
     def _counts(self) -> tuple[int, ...]:
-        """K of the gaps to be measured: the user's own, if it is given and not too long."""
+        """Gives the K of the gaps to be measured: the user's own, if it is given and not too large."""
         s = self._setting
         if s.upsampling and s.upsampling <= LONGEST:
             return (s.upsampling,)
@@ -181,7 +181,8 @@ class FullSize:
         return GAP_FRAMES if samples * GAP_FRAMES[1] <= MOST_SAMPLES else GAP_FRAMES[:1]
 
     def seconds(self, way: Way) -> float | None:
-        """Run time per simulated second of one environment, physics not included; None as long as it is not known."""
+        """Predicts the run time of a way [s per simulated s] of one environment, physics not included; None where no
+        gap of its method has been measured."""
         method, rate, k = way
         frames = rate * k
         keyframes = frames if method == "none" else rate
@@ -192,7 +193,7 @@ class FullSize:
         return None if gaps is None else seconds + gaps
 
     def _of_gaps(self, way: Way) -> float | None:
-        """What gaps alone cost per simulated second; None as long as it is not known.
+        """Predicts what gaps alone cost [s per simulated s]; None where none of the method has been measured.
 
         A keyframe rate that was not measured costs what lies between those of the method that were, frame by frame,
         or what the nearest one does.
@@ -209,9 +210,10 @@ class FullSize:
         return rate * (fixed + k * frame)
 
     def cuts(self, size: tuple[int, int], count: int) -> list[tuple[int, int, int, int]]:
-        """Left, top, width and height of so many cut-outs no larger than `size`, side by side where the change is: each
-        stands for a part of the columns with the same share of all change, and has half of its part's on either side
-        of its middle, and above and below."""
+        """Places cut-outs of the image where it changes, and gives left, top, width and height of each [px].
+
+        The columns are divided into `count` parts with equal shares of all change. A cut-out is centred on the median
+        of its part's change in x and in y. size: largest width and height [px]."""
         change = np.sum(self._changes, axis=0)
         height, width = change.shape
         w, h = min(size[0], width), min(size[1], height)
@@ -237,18 +239,18 @@ class FullSize:
         return self._renderers[apart]
 
     def _interpolator(self, method: str, k: int) -> Interpolator:
-        """One that has everything: what is made in the first gap is no part of a run's cost."""
+        """Gives an interpolator that is warmed up: what is built in the first gap is not counted as cost of a run."""
         interpolator = make_interpolator(self._setting, self._shifted, self._setting.camera, method, k)
         camera, n, m = self._setting.camera, self._samples(method), self._setting.margin
         interpolator.warm_up_for(self._envs, (camera.height + 2 * m) * n, (camera.width + 2 * m) * n, m * n)
         return interpolator
 
     def _samples(self, method: str) -> int:
-        """Samples per pixel and axis that keyframes have when the method gets them."""
+        """Gives the samples per pixel and axis that keyframes have when the method gets them."""
         return self._setting.camera.supersampling if method == "rigid" else 1
 
     def _gap(self, method: str, interpolator: Interpolator, rate: float) -> float:
-        """Seconds of a gap, the less of there and back, the mean over the windows."""
+        """Measures the time of a gap [s]: the lesser of forth and back, averaged over the windows."""
         end = int(self._world.t[-1])
         gap = min(round(NS / rate), end)
         found = []
@@ -260,8 +262,14 @@ class FullSize:
         return float(np.mean(found)) / self._envs
 
     def _push(self, interpolator: Interpolator, method: str, times: list[int], gap: int, episode: int) -> list[float]:
-        """Seconds of every gap between keyframes at these times of the world, which the method takes for `gap` ns
-        apart, in an episode of their own."""
+        """Measures the time [s] of every gap between keyframes of the world at `times` [ns].
+
+        Args:
+            interpolator, method: what makes the frames.
+            times: of the keyframes in the world [ns].
+            gap: how far apart they are, as the method is told [ns].
+            episode: number of the episode that they form.
+        """
         s, took = self._setting, []
         outputs, renderer = self._outputs(method), self._renderer(method)
         for n, now in enumerate(times):
@@ -278,7 +286,7 @@ class FullSize:
         return took
 
     def _states(self, before: int, now: int, stamp: int, gap: int) -> States:
-        """From one time of the world to another, which may be the earlier one or the same, as if `gap` ns apart."""
+        """Gives the states from one time of the world to another, earlier or the same perhaps, as if `gap` ns apart."""
         if before == now:
             t, pose, twist = np.array([0, gap]), self._poses(now)[:, None].repeat(2, 1), None
             twist = np.zeros((self._envs, 2, pose.shape[2], 6))
@@ -294,11 +302,11 @@ class FullSize:
 
 
 def on_host(image: Any) -> np.ndarray:
-    """As numpy."""
+    """Gives an image as a numpy array."""
     return image.numpy() if isinstance(image, wp.array) else image
 
 
 def _middle(values: np.ndarray) -> int:
-    """Where half of them are summed up; the middle one where there is nothing."""
+    """Finds the index at which half of the sum is reached; the middle index where all values are zero."""
     summed = np.cumsum(values)
     return int(np.searchsorted(summed, summed[-1] / 2)) if summed[-1] > 0 else len(values) // 2

@@ -24,7 +24,7 @@ SUBSTEP_NS = 1_000_000
 
 
 class Window:
-    """A cut-out of the image over a short time: dense frames, and what each method makes.
+    """Renders a cut-out of the image over a short time: dense frames, and the frames of each method.
 
     All windows have the stamps of one that starts at ORIGIN.
     """
@@ -42,12 +42,12 @@ class Window:
         self._renderers: dict[bool, Any] = {}
 
     def frame(self, step_ns: int, stamp: int) -> np.ndarray:
-        """Dense rendering [1, h, w] so long after the start; stamp: of the windows' common time [ns]."""
+        """Renders the cut-out [1, h, w] at step_ns after the start. stamp: in the windows' common time [ns]."""
         image = self._render("none", self._poses(self._start + step_ns), None, {LIGHT}, stamp)[LIGHT]
         return image[:, MARGIN:-MARGIN, MARGIN:-MARGIN].copy()
 
     def warped(self, grid: Grid, method: str, rate: float, k: int) -> dict[int, np.ndarray]:
-        """Frames [1, h, w] of a method by step of the reference."""
+        """Makes the frames [1, h, w] of a method, by step of the reference. rate: keyframes [Hz]."""
         s, apart = self._setting, round(grid.base / rate)
         interpolator = make_interpolator(s, s.scene, self._camera, method, k)
         outputs = {LIGHT} | (reads(method) & {"depth", "motion"})
@@ -67,7 +67,7 @@ class Window:
         return frames
 
     def _render(self, method: str, poses: np.ndarray, before: Any, outputs: set[str], stamp: int) -> dict[str, Any]:
-        """Images, margin included."""
+        """Renders images, margin included."""
         s = self._setting
         apart = method == "rigid" and s.camera.supersampling > 1
         if apart not in self._renderers:
@@ -75,11 +75,11 @@ class Window:
         return self._renderers[apart].render(poses, before, outputs, {}, stamp)
 
     def _poses(self, time: int) -> np.ndarray:
-        """Float64 [1, N, 7] at a time of the world [ns]: before it begins as in its first moment, and so at its end."""
+        """Gives poses float64 [1, N, 7] at a time of the world [ns], clamped to its first and last moment."""
         return self._world.poses(min(max(time, 0), int(self._world.t[-1])))
 
     def _states(self, grid: Grid, first: int, last: int) -> States:
-        """From one step to another, every millisecond or so."""
+        """Gives the states from one step to another, about every millisecond."""
         start, end = (grid.stamp(ORIGIN, step) for step in (first, last))
         t = np.linspace(start, end, 2 + (end - start) // SUBSTEP_NS).round().astype(np.int64)
         world = self._world
@@ -88,7 +88,7 @@ class Window:
 
 
 class Windows:
-    """All windows at once: their events are those of one sensor that has their images below each other."""
+    """Holds all windows at once: one sensor sees their images below each other."""
 
     def __init__(self, s: Setting, world: World, starts: list[int], cuts: list[tuple[int, int, int, int]]) -> None:
         """starts and cuts: of each window; cuts are of one size."""
@@ -97,7 +97,8 @@ class Windows:
         self._size = cuts[0][2:]
 
     def seconds_per_step(self) -> float:
-        """What a frame of all windows takes to render; the first two compile and place what stands still."""
+        """Measures how long a frame of all windows takes to render [s]; the first two are left out, as they compile
+        kernels and place what stands still."""
         took = []
         for step in range(4):
             began = self._setting.clock()
@@ -107,7 +108,7 @@ class Windows:
         return min(took[2:])
 
     def draw(self, grid: Grid) -> None:
-        """The reference, at the stamps of the grid."""
+        """Renders the reference at the stamps of the grid."""
         self._grid = grid
         self._dense = {
             step: np.concatenate([w.frame(grid.stamp(0, step), grid.stamp(ORIGIN, step)) for w in self._windows])
@@ -116,7 +117,8 @@ class Windows:
         self._truth = self._events(self._dense, 1)
 
     def errors(self, ways: list[Way]) -> list[float]:
-        """Spike-train distances to the reference of ways with one method and, unless dense, one keyframe rate."""
+        """Computes the spike-train distance to the reference of each way; all have one method and, unless dense, one
+        keyframe rate."""
         method, rate, _ = ways[0]
         frames = self._dense
         if method != "none":

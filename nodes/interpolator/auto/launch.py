@@ -31,13 +31,13 @@ LONGEST_S = 2.0
 
 
 Say = Callable[[str], None]
-"""Told what is being measured, for a terminal."""
+"""Is called with a line about what is being measured, for a terminal."""
 
 
 def replace_auto(
     launch: LaunchFile, given: Mapping[str, Any], options: Options, say: Say, warn: Say
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The arguments with auto replaced, and what was chosen and why, for people and for the bag.
+    """Replaces auto in the arguments of a launch file; gives them, and what was chosen and why, for people and the bag.
 
     Args:
         launch: a launch file whose interpolator is auto.
@@ -87,8 +87,8 @@ def replace_auto(
 
 
 def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapping[str, Any]) -> Setting:
-    """What is measured: the first renderer of the graph and what follows it. wishes: the user's keyframe_rate and
-    upsampling, or None."""
+    """Collects from a graph what is to be measured: its first renderer and what follows it. wishes: the user's
+    keyframe_rate and upsampling, or None."""
     by_type = {node.type: node.params for node in reversed(nodes)}
     if not {"renderer", "event_sensor"} <= by_type.keys():
         raise ValueError("interpolator auto needs a graph with a renderer and an event sensor to measure")
@@ -115,7 +115,7 @@ def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapp
 
 
 def measured(setting: Setting, say: Say) -> tuple[Measured, bool]:
-    """What every candidate costs and how far off it is, and whether that was known."""
+    """Gives cost and error of every candidate, read from the cache or measured, and whether they were in the cache."""
     device_named(setting.device)
     known = cache.read(setting)
     return (known, True) if known is not None else (probe(setting, say), False)

@@ -24,7 +24,7 @@ DENSE_HZ = (250.0, 1000.0)
 
 
 class Overlapped(FullSize):
-    """Gaps at the true size, from the keyframe to the events; `gaps` holds the whole of them."""
+    """Measures whole gaps at full size, from the keyframe to the events; their whole cost is in `gaps`."""
 
     def __init__(self, setting: Setting, world: World, starts: list[int]) -> None:
         super().__init__(setting, world, starts)
@@ -33,7 +33,7 @@ class Overlapped(FullSize):
         """Seconds of dense rendering per simulated second, for what changes in it, and per frame, of an environment."""
 
     def measure_gap(self, method: str, rate: float) -> None:
-        """Sets `gaps` of a method and keyframe rate [Hz]: two of them tell what grows with K."""
+        """Measures gaps of a method at a keyframe rate [Hz], of two K where it can, to tell what grows with K."""
         counts = self._counts()
         spent = [self._timed((method, rate, k)) for k in counts]
         frame = spent[0] / counts[0]
@@ -42,18 +42,18 @@ class Overlapped(FullSize):
         self.gaps[method, rate] = GapCost(spent[0] - counts[0] * frame, frame)
 
     def seconds(self, way: Way) -> float | None:
-        """As of FullSize."""
+        """Predicts the run time of a way, as FullSize does."""
         method, rate, k = way
         return self.dense.fixed + rate * k * self.dense.frame if method == "none" else self._of_gaps(way)
 
     def _measure_others(self, pairs: list[tuple[np.ndarray, np.ndarray]]) -> None:
-        """All of dense rendering."""
+        """Measures dense rendering as a whole. pairs: not needed."""
         few, many = (self._timed(("none", rate, 1)) for rate in DENSE_HZ)
         change = max(few - many, 0.0) / (1 / DENSE_HZ[0] - 1 / DENSE_HZ[1])
         self.dense = GapCost(change, max(many - change / DENSE_HZ[1], 0.0))
 
     def _timed(self, way: Way) -> float:
-        """Seconds of a gap of an environment; of dense rendering, of a frame."""
+        """Measures the time [s] of a gap of one environment; of dense rendering, of a frame."""
         gaps = int(np.clip(keyframe_count(int(self._world.t[-1]), way[1]) - 2, 0, GAPS))
         rounds = 1 + COUNTED // (2 * max(gaps, 4))
         return min(self._chain.gap(way, gaps) for _ in range(rounds))

@@ -47,7 +47,7 @@ Say = Callable[[str], None]
 
 
 def probe(setting: Setting, say: Say = lambda line: None) -> Measured:
-    """All candidates with their cost and error, before any trial. say: told what is being done, for a terminal."""
+    """Finds all candidates with their cost and error, before any trial. say: called with what is being done."""
     length = Grid.of(setting).length
     end = max(setting.duration_ns, length)
     say("moving the scene")
@@ -67,13 +67,13 @@ def probe(setting: Setting, say: Say = lambda line: None) -> Measured:
 
 
 def starts_of(setting: Setting, last: int) -> list[int]:
-    """Where windows begin, evenly from 0 to `last` [ns]: at sub-steps, for an impact lies between two of them."""
+    """Gives the start times of the windows [ns], evenly from 0 to `last`, at sub-steps: an impact lies between two."""
     step = setting.scene.timestep_ns
     return sorted({round(t) // step * step for t in np.linspace(0, last, WINDOWS)})
 
 
 def _reference(setting: Setting, world: World, starts: list[int], full: FullSize, say: Say) -> tuple[Windows, Grid]:
-    """The windows with their reference drawn, as finely as there is time for."""
+    """Renders the reference in all windows, as finely as there is time for."""
     grids = {Grid.of(setting, hz): allowed for hz, allowed in REFERENCE_HZ.items()}
     least, allowed = list(grids.items())[-1]
     pixel_s = full.keyframe["none"] / (setting.camera.width * setting.camera.height)
@@ -91,7 +91,7 @@ def _reference(setting: Setting, world: World, starts: list[int], full: FullSize
 
 
 class Search:
-    """Candidates, found one method and keyframe rate after another."""
+    """Finds candidates, one method and keyframe rate after another."""
 
     def __init__(self, setting: Setting, grid: Grid, full: FullSize, windows: Windows, moving: float, say: Say) -> None:
         """moving: the physics engine's seconds per simulated second, of all environments."""
@@ -102,7 +102,7 @@ class Search:
         self.found: list[Candidate] = []
 
     def run(self) -> None:
-        """Sets `found`."""
+        """Measures the candidates, the most promising first, and puts them into `found`."""
         dense = [way for way in self._grid.ways if way[0] == "none"]
         self._say("errors of dense rendering")
         self._add(dense)
@@ -139,7 +139,7 @@ class Search:
             self.found.append(Candidate(*way, round(error, 6), round(seconds, 6)))
 
     def _look_at(self, own: list[Way]) -> None:
-        """Cost and error of ways of one method and keyframe rate, as far as they are worth it."""
+        """Measures cost and error of ways of one method and keyframe rate, of those that could be chosen."""
         useful = [way for way in own if self._useful(way)]
         if not useful:
             return
@@ -164,18 +164,18 @@ class Search:
             self._looked_at[method, rate] = min(above)
 
     def _seconds(self, way: Way) -> float | None:
-        """Run time per simulated second, physics included."""
+        """Predicts the run time of a way [s per simulated s], physics included."""
         seconds = self._full.seconds(way)
         return None if seconds is None else self._moving + seconds * self._setting.envs
 
     def _dense(self, frame_rate: float) -> float:
-        """Error of dense rendering, a power of the rate between those that were looked at."""
+        """Interpolates the error of dense rendering, as a power of the rate between the measured ones."""
         dense = sorted((c.frame_rate, c.error) for c in self.found if c.method == "none")
         rates, errors = (np.log([max(v, 1e-9) for v in values]) for values in zip(*dense))
         return float(np.exp(np.interp(np.log(frame_rate), rates, errors)))
 
     def _useful(self, way: Way) -> bool:
-        """Whether its error may be well below that of everything that was found and costs no more."""
+        """Tells whether the error of a way may be well below that of everything found so far that costs no more."""
         method, rate, k = way
         seconds = self._seconds(way)
         if seconds is None:

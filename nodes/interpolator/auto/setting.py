@@ -30,7 +30,7 @@ Way = tuple[str, float, int]
 
 @dataclass
 class Setting:
-    """How a scene is going to be run: what of it decides cost and error.
+    """Holds how a scene is going to be run, as far as it decides cost and error.
 
     keyframe_rate, upsampling: the user's own, or None. sensor: parameters of EventSensor without noise. light: options
     of the renderer (light_samples, paths). warp: options of the interpolator (tolerance, sample_px).
@@ -51,18 +51,20 @@ class Setting:
     warp: dict[str, Any] = field(default_factory=dict)
 
     def shifted(self) -> Setting:
-        """The same with bodies that are placed by their states alone and not by paths, for times that are not true."""
+        """Gives the same setting with moving bodies placed by states alone, not by their paths, so that the probe may
+        use stamps other than the world's times."""
         still = [b.trajectory is not None and b.trajectory.is_static() for b in self.scene.bodies]
         bodies = [b if fixed else replace(b, trajectory=None) for b, fixed in zip(self.scene.bodies, still)]
         return replace(self, scene=replace(self.scene, bodies=bodies))
 
     @property
     def on_gpu(self) -> bool:
-        """Whether images stay on a GPU."""
+        """Tells whether images stay on a GPU."""
         return self.device.startswith("cuda")
 
     def clock(self) -> float:
-        """CPU time where one thread does all the work, for others may be at work here; else wall time [s]."""
+        """Reads a clock [s]: CPU time where one thread does all the work, as other programs may be running; else wall
+        time."""
         if self.on_gpu:
             wp.init()
             wp.synchronize_device(self.device)
@@ -72,7 +74,7 @@ class Setting:
 
 @dataclass(eq=False)
 class Grid:
-    """Rates that fit each other: every frame of a candidate is at a stamp of the reference.
+    """Holds rates that fit each other: every frame of a candidate is at a stamp of the reference.
 
     base: reference [Hz]. ways: (method, keyframe rate, K).
     """
@@ -82,7 +84,8 @@ class Grid:
 
     @staticmethod
     def of(setting: Setting, reference_hz: float = max(REFERENCE_HZ)) -> Grid:
-        """What the user's keyframe rate and K leave. reference_hz: rate of the reference, about."""
+        """Makes the grid of the rates that the user's keyframe rate and K leave. reference_hz: about that of the
+        reference."""
         rates = [f for f in FRAME_RATES if 2 * f <= reference_hz]
         rate, given = setting.keyframe_rate, setting.upsampling
         odd = given // (given & -given) if given else 1
@@ -110,27 +113,27 @@ class Grid:
 
     @property
     def gap(self) -> int:
-        """Steps of the reference in the longest gap between keyframes."""
+        """Counts the steps of the reference in the longest gap between keyframes."""
         return max(round(self.base / r) for _, r, k in self.ways)
 
     @property
     def length(self) -> int:
-        """Time of that gap [ns]."""
+        """Gives the duration of that gap [ns]."""
         return self.stamp(0, self.gap)
 
     def stamp(self, start_ns: int, step: int) -> int:
-        """Time of a step of the reference after the start of a window [ns]."""
+        """Gives the time of a step of the reference in a window that starts at start_ns [ns]."""
         return start_ns + round(step * NS / self.base)
 
 
 def make_interpolator(s: Setting, scene: Scene, camera: Camera, method: str, k: int) -> Interpolator:
-    """The interpolator as the graph would have it."""
+    """Makes the interpolator as the graph would. camera: of the image or a cut-out of it; k: frames per gap K."""
     how: dict[str, Any] = {"device": s.device, "threads": s.threads, **s.light, **s.warp}
     return Interpolator(method, k, scene=scene, camera=camera, **how)
 
 
 def make_renderer(s: Setting, camera: Camera, method: str, **how: Any) -> Renderer | SupersampledRenderer:
-    """The renderer as the graph would have it before a method."""
+    """Makes the renderer as the graph would before a method. how: further arguments of Renderer."""
     if camera.supersampling > 1:
         apart = method == "rigid"
         return SupersampledRenderer(s.scene, camera, camera.supersampling, **how, **s.light, apart=apart)
@@ -138,17 +141,25 @@ def make_renderer(s: Setting, camera: Camera, method: str, **how: Any) -> Render
 
 
 def draw(s: Setting, renderer: Any, poses: np.ndarray, before: Any, outputs: set[str], stamp: int) -> dict[str, Any]:
-    """Images in the renderer's own memory: of numpy, or on a GPU where they are, as the graph hands them on."""
+    """Renders images into the renderer's own memory, of numpy or on a GPU, as the graph hands them on.
+
+    Args:
+        s, renderer: of make_renderer.
+        poses: of the bodies, float64 [E, N, 7].
+        before: poses at the keyframe before, LAST (those of the last call) or None.
+        outputs: names of the images.
+        stamp: time of the images [ns].
+    """
     return renderer.render(poses, before, outputs, renderer.buffers(outputs) if s.on_gpu else {}, stamp)
 
 
 def kept(s: Setting, images: dict[str, Any]) -> dict[str, Any]:
-    """Copies of such images, for the interpolator remembers them."""
+    """Copies images of `draw`, since the interpolator remembers them."""
     return {name: wp.clone(image) if s.on_gpu else image.copy() for name, image in images.items()}
 
 
 def frames_for(s: Setting) -> Allocate:
-    """Where the interpolator puts its frames, as in the graph."""
+    """Gives the function that allocates memory for frames, as in the graph."""
     if not s.on_gpu:
         return new_frames
     return lambda shape: wp.empty(shape[:4], dtype=wp.float32, device=s.device)

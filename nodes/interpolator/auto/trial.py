@@ -30,7 +30,7 @@ NEAR = 2.0
 
 @dataclass(frozen=True)
 class Trial:
-    """Run time of a way that was run [s per simulated s], physics and all environments included."""
+    """Holds the run time of a way that was run [s per simulated s], physics and all environments included."""
 
     method: str
     keyframe_rate: float
@@ -40,19 +40,20 @@ class Trial:
 
 @dataclass
 class Measured:
-    """What is known of a setting: candidates as predicted, the physics engine's share [s/s], and trials so far."""
+    """Holds what is known of a setting: candidates as predicted, the physics engine's share [s per simulated s], and
+    trials so far."""
 
     candidates: list[Candidate]
     moving: float = 0.0
     trials: list[Trial] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
-        """Of plain types."""
+        """Converts to a dictionary of plain types."""
         return asdict(self)
 
     @staticmethod
     def of_json(found: dict[str, Any]) -> Measured:
-        """The reverse. Raises TypeError or KeyError for anything else."""
+        """Converts back from `as_json`. Raises TypeError or KeyError for anything else."""
         candidates, trials = ([kind(**row) for row in found[name]] for kind, name in KINDS)
         return Measured(candidates, float(found["moving"]), trials)
 
@@ -61,12 +62,12 @@ KINDS: tuple[tuple[Any, str], ...] = ((Candidate, "candidates"), (Trial, "trials
 
 
 def way_of(given: Candidate | Trial) -> Way:
-    """Method, keyframe rate [Hz] and K."""
+    """Gives method, keyframe rate [Hz] and K of a candidate or trial."""
     return given.method, given.keyframe_rate, given.upsampling
 
 
 def near(a: Way, b: Way) -> bool:
-    """Whether a trial of one tells of the other all but a few percent."""
+    """Tells whether a trial of one way predicts the other to a few percent."""
     more = max(a[1] * a[2], b[1] * b[2]) / min(a[1] * a[2], b[1] * b[2])
     return a[0] == b[0] and (a[0] == "none" or a[1] == b[1]) and more <= NEAR * 1.001
 
@@ -74,7 +75,7 @@ def near(a: Way, b: Way) -> bool:
 def believed(
     candidates: Sequence[Candidate], trials: Sequence[Trial], on_gpu: bool = False
 ) -> list[tuple[Candidate, float]]:
-    """Candidates with what they are taken to cost, and by what share that may be off: 0 for what was run.
+    """Corrects the cost of candidates by trials; gives each with the share by which its cost may be off, 0 if run.
 
     The prediction of what was not run is corrected as those were that are most like it: at the same keyframe rate and
     about the same K, of the same method, or all.
@@ -98,8 +99,10 @@ def believed(
 
 
 def in_doubt(known: Sequence[tuple[Candidate, float]], rule: Callable[[list[Candidate]], Choice]) -> list[Candidate]:
-    """Candidates on whose cost the choice depends, the most in doubt first: the one chosen, if it would not be at the
-    highest cost that it may have, and those that would be at their lowest."""
+    """Finds the candidates on whose cost the choice depends, the most in doubt first.
+
+    These are the one chosen, if it would not be chosen at the highest cost that it may have, and those that would be
+    chosen at their lowest."""
     costs = [c for c, _ in known]
     best = rule(costs).candidate
     found: list[tuple[float, int]] = []
@@ -122,7 +125,14 @@ def settle(
     wanted_rtf: float | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Choice:
-    """The choice, after trials of what it depends on; they are added to `measured`. say: as of probe."""
+    """Chooses, after trials of the candidates that the choice depends on.
+
+    Args:
+        setting: how the scene is run.
+        measured: candidates of the probe; trials are added to it.
+        wanted_error, wanted_rtf: the user's wishes, see `choice`.
+        say: called with what is being done.
+    """
 
     def rule(candidates: list[Candidate]) -> Choice:
         return choose(candidates, wanted_error, wanted_rtf)

@@ -13,7 +13,8 @@ STEP_NS = 1_000_000
 
 
 class World:
-    """States of one environment from t = 0 to duration_ns: exact for prescribed motion, sub-steps for dynamics."""
+    """Computes the states of one environment from t = 0 to duration_ns: exact for prescribed motion, at sub-steps for
+    dynamics."""
 
     def __init__(self, scene: Scene, duration_ns: int, seed: int = 0) -> None:
         engine: Engine
@@ -38,12 +39,12 @@ class World:
             raise ValueError(f"scene {scene.name} diverged within {duration_ns * 1e-9:g} s")
 
     def states(self, start_ns: int, end_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What a /state message holds of the interval: t int64 [S] ns, pose [1, S, N, 7], twist [1, S, N, 6]."""
+        """Gives what a /state message holds of an interval: t int64 [S] ns, pose [1, S, N, 7], twist [1, S, N, 6]."""
         inner = np.array([start_ns, *grid_inside(start_ns, end_ns, self.scene.timestep_ns), end_ns])
         t = np.unique(inner)
         pose, twist = state_at(t, self.t, self.pose, self.twist)
         return t, pose, twist
 
     def poses(self, stamp_ns: int) -> np.ndarray:
-        """Body poses float64 [1, N, 7] at one stamp."""
+        """Gives body poses float64 [1, N, 7] at one stamp."""
         return state_at(stamp_ns, self.t, self.pose, self.twist)[0]

@@ -16,7 +16,7 @@ from nodes.interpolator.relight.boxes_kernels import Swept, crossed, make_cast
 from nodes.interpolator.relight.features import LightChanges
 from nodes.renderer.lights.light_kernels import AREA, Lights, make_directions
 from nodes.renderer.lights.sky_kernels import Sky, make_sky
-from nodes.renderer.raster.triangle_kernels import triangle_of
+from nodes.renderer.raster.depth_kernels import triangle_of
 from nodes.renderer.shadows.ray_kernels import CONVEX, PLANAR, Casters
 
 wp.set_module_options({"enable_backward": False})
@@ -38,8 +38,8 @@ class Change:
 
     eye_then: cameras to world. flags int32 [E, N + 1]: of bodies and the world, see MOVED. instance, normals: of
     triangles; alpha: of an instance's material, -1 for a plain one; half: of its box [m]; weight: luminance of lights.
-    carried: 1 for instances whose radiance goes as what falls on them. even: change of ln I that still counts as none; bend: by how much
-    a line may be off; turned: angle, of alpha, up to which a highlight changes evenly.
+    carried: 1 for instances whose radiance goes as what falls on them. even: change of ln I that still counts as none;
+    bend: by how much a line may be off; turned: angle, of alpha, up to which a highlight changes evenly.
     """
 
     now: Lights

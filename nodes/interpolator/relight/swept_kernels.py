@@ -1,10 +1,11 @@
-"""Where casters sweep in a gap, and pixels that would be taken to show the same all through it although a shadow passes."""
+"""Where casters sweep in a gap, and pixels that seem to show the same all through it although a shadow passes."""
 
 import warp as wp
 
 from nodes.interpolator.relight.boxes_kernels import crossed
 from nodes.interpolator.relight.change_kernels import LIT_ANEW, SHADED, Change
-from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
 
@@ -36,10 +37,9 @@ def disquiet(
     # in and out
     quiet: wp.array3d(dtype=wp.uint64),
 ):
-    """Writes NEVER over entries [E, H, W] of pixels whose light something that moves may cross in the gap; keyframe B is
-    in the first slot.
+    """Writes NEVER over entries [E, H, W] of pixels whose light something that moves may cross in the gap.
 
-    pieces: body and patch of each triangle.
+    Keyframe B is in the first slot. pieces: body and patch of each triangle.
     """
     env, y, part = wp.tid()
     for x in range(part * span, wp.min(part * span + span, quiet.shape[2])):

@@ -10,7 +10,8 @@ from nodes.interpolator.relight.change_kernels import Change, make_relit, moved_
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.log_kernels import apart, brighter, fused_luminance, radiance_of
 from nodes.interpolator.rigid.look_up_kernels import HARD, SEEN, Sight, make_keyframes, make_look_up
-from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
 
@@ -61,8 +62,12 @@ def sight_of(view: CameraView, hit: wp.uint64, y: int, x: int, pieces: wp.array(
 
 @cache
 def make_gather(lens: str, channels: int, flicker: bool, listed: bool, changes: LightChanges) -> wp.Kernel:
-    """lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. listed: does what it
-    is told to do, with care; otherwise all, and leaves the hard ones to one that is. changes: of light in the scene."""
+    """Makes the kernel that looks up the pixels of sub-frames in both keyframes.
+
+    lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. listed: the kernel
+    looks up listed pixels, also at silhouettes; otherwise it goes through all and lists those at silhouettes. changes:
+    of light in the scene.
+    """
     relit = make_relit(changes) if changes.any else None
     Keyframes: Any = make_keyframes(channels, flicker)
     pixel = wp.float32 if channels == 1 else wp.vec3

@@ -5,7 +5,7 @@ from typing import Any
 import warp as wp
 
 from nodes.interpolator.rigid.log_kernels import SIX, fused_luminance
-from nodes.renderer.raster.triangle_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -123,7 +123,7 @@ def take_in_lights(
     texels: wp.array3d(dtype=wp.vec4),
     nonfinite: wp.array(dtype=int),
 ):
-    """As take_in, of the radiance with the lights at their mean and of that without the lights that flicker."""
+    """Computes what take_in does, of the radiance with lights at their mean and of that without flickering lights."""
     env, y, part = wp.tid()
     for x in range(part * span, wp.min(part * span + span, packed.shape[2])):
         p, w = patch_at(packed[env, y, x], pieces)

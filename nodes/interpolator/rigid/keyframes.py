@@ -40,11 +40,11 @@ class Pair:
         self.a, self.b = keyframes
 
     def swap(self) -> None:
-        """A gap begins: what was B is A, and the other is to be filled."""
+        """Begins a gap: B becomes A, and the other keyframe is to be filled."""
         self.a, self.b = self.b, self.a
 
     def displace(self, camera: int, poses: wp.array) -> None:
-        """`turn` and `shift`, for poses transformd [P E, N] of the sub-frames: launches only."""
+        """Computes `turn` and `shift` for poses transformd [P E, N] of the sub-frames: launches only."""
         rows = poses.shape[0]
         for k, then in enumerate((self.a, self.b)):
             out = [array[k * rows : (k + 1) * rows] for array in (self.turn, self.shift)]
@@ -94,20 +94,21 @@ class Prepared:
             self.poses = wp.empty((shape[0], bodies), dtype=wp.transformd)
 
     def take(self, image: wp.array) -> None:
-        """The keyframe's image, float32 [E, H, W] or [E, H, W, 3]."""
+        """Takes the keyframe's image, float32 [E, H, W] or [E, H, W, 3]."""
         wp.copy(self.image, image.view(wp.vec3).reshape(self._shape) if image.ndim == 4 else image)
 
     def take_poses(self, visibility: Visibility, envs: int) -> None:
-        """Where the bodies are, from the first `envs` environments: a launch only."""
+        """Takes the bodies' poses, from the first `envs` environments: a launch only."""
         wp.copy(self.poses, visibility.poses[:envs])
 
     def take_lights(self, shade: Callable[[str], wp.array]) -> None:
-        """What `fill` needs where lights flicker. shade: gives radiance [>= E, H, W] of vec3, under LightSet.select."""
+        """Computes what `fill` needs where lights flicker. shade: gives radiance [>= E, H, W] of vec3, under
+        LightSet.select."""
         for which, image in zip(("mean", "steady"), self._lights):
             wp.copy(image, shade(which)[: self._shape[0]])
 
     def fill(self, visibility: Visibility, envs: int, pieces: wp.array, moving: wp.array, nonfinite: wp.array) -> None:
-        """The rest, from the image and the first `envs` environments of what is visible: launches only.
+        """Fills the other arrays from the image and the z-buffer of the first `envs` environments: launches only.
 
         pieces: body and patch [T]; moving int32 of each patch: whether it may move. nonfinite int32 [1]: has the number
         of pixels added whose radiance is not finite; they are not used.

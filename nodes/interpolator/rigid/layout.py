@@ -70,7 +70,7 @@ class Layout:
 
     @property
     def ratio(self) -> float:
-        """Of the radiance of two samples, up to which there is a line between them."""
+        """Gives the ratio of the radiance of two samples up to which a line is drawn between them."""
         return float(np.exp(self.tolerance / 2))
 
     @property

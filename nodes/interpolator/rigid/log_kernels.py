@@ -115,7 +115,7 @@ def half_black(low: wp.float32, high: wp.float32):
 
 @wp.func
 def half_black(low: Any, high: Any):  # noqa: F811 - overloaded by its type
-    """Tells the same of channels, any of which counts."""
+    """Tells whether any channel is black in part."""
     result = wp.bool(False)
     for i in range(len(low)):
         result = result or (low[i] <= BLACK and high[i] > BLACK)

@@ -7,7 +7,7 @@ import warp as wp
 
 from nodes.interpolator.rigid.log_kernels import LOGS, apart, half_black, least, most, within
 from nodes.renderer.raster.distortion_kernels import angle_of, make_distorted
-from nodes.renderer.raster.triangle_kernels import CameraView
+from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
@@ -106,7 +106,7 @@ def number(values: wp.array(dtype=wp.float32), at: wp.int32) -> wp.float32:
 
 @wp.func_native(ELEMENT)
 def whole_number(values: wp.array(dtype=wp.int32), at: wp.int32) -> wp.int32:
-    """Reads an element in the same way."""
+    """Reads an element of an integer array as `number` does."""
     ...
 
 
@@ -124,7 +124,7 @@ def shows(t: wp.vec4, p: int, w: float):
 
 @wp.func
 def in_column(r0: Any, r1: Any, r2: Any, r3: Any, wy: wp.vec4):
-    """Weights four rows."""
+    """Combines four rows by their weights."""
     value = wy[0] * r0 + wy[1] * r1
     value += wy[2] * r2
     value += wy[3] * r3
@@ -133,7 +133,7 @@ def in_column(r0: Any, r1: Any, r2: Any, r3: Any, wy: wp.vec4):
 
 @cache
 def make_displacement(lens: str) -> wp.Function:
-    """lens: `none` or a distortion model."""
+    """Makes the function `displacement`. lens: `none` or a distortion model."""
     distorted = make_distorted(lens) if lens != "none" else None
 
     @wp.func
@@ -259,8 +259,11 @@ def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function
 
 @cache
 def make_look_up(lens: str, channels: int, flicker: bool, careful: bool) -> wp.Function:
-    """lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. careful: also where
-    a patch is not seen in full."""
+    """Makes the function `look_up`, which finds the light of a point in a keyframe.
+
+    lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. careful: also where a
+    patch is not seen in full.
+    """
     bent = lens != "none"
     Keyframes: Any = make_keyframes(channels, flicker)
     pixel = LOGS[channels, flicker]
@@ -277,7 +280,7 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool) -> wp.F
 
     @wp.func
     def where_it_was(keys: Keyframes, s: Sight, at: int):
-        """Of a point that has not moved: the very pixel, if nothing hid it."""
+        """Looks up a point that has not moved: at the same pixel, if nothing hid it."""
         if whole_number(keys.patch, at) == s.patch:
             w = nearness(s, s.point)
             if wp.abs(number(keys.inverse, at) - w) <= SAME_POINT * w:
@@ -286,7 +289,7 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool) -> wp.F
 
     @wp.func
     def about(view: CameraView, keys: Keyframes, s: Sight, at: int, fx: float, fy: float, w: float, tolerance: float):
-        """At the fraction (fx, fy) of the pixel `at` and the next ones; w: the point's inverse distance."""
+        """Looks up a point at the fraction (fx, fy) between the pixel `at` and the next; w: its inverse distance."""
         width = view.width
         below = at + width
         seen = wp.int32(HIDDEN)

@@ -37,13 +37,13 @@ class Placement:
 
         Raises ValueError where the states do not reach back to the first stamp.
         """
-        poses = np.repeat(np.asarray(states.pose[:, -1], np.float64)[None], len(stamps), axis=0)
+        poses = np.repeat(states.end_pose[None], len(stamps), axis=0)
         poses[:, :, self.movers] = self.moved(stamps, states)
         return poses
 
     def moved(self, stamps: np.ndarray, states: States) -> np.ndarray:
-        """Gives the same of the `movers` alone, float64 [K, E, M, 7]."""
-        last = np.asarray(states.pose[:, -1], np.float64).take(self.movers, axis=1)
+        """Gives poses of the `movers` alone, as `at` does, float64 [K, E, M, 7]."""
+        last = states.end_pose.take(self.movers, axis=1)
         poses = np.repeat(last[None], len(stamps), axis=0)
         if len(stamps) == 1:
             return poses
@@ -58,7 +58,7 @@ class Placement:
         return poses
 
     def expect(self, stamps: np.ndarray) -> None:
-        """After the gap with these stamps int64 [K], while a device is at work on it: the poses of one of the same
+        """Computes ahead, while a device works on the gap with these stamps int64 [K], the poses of one of the same
         length that comes right after it, and of those a nanosecond shorter or longer, for stamps are rounded. Many
         times take hardly longer than a few."""
         if len(self._together) and len(stamps) > 1:
@@ -72,12 +72,12 @@ class Placement:
 
     def _drive(self, stamps: np.ndarray, states: States, poses: np.ndarray) -> None:
         """Those that physics moves in this interval, between the sub-steps about the stamps; poses [.., E, M, 7]."""
-        columns = self._driven
-        bodies = self.movers[columns]
-        pose, twist = np.asarray(states.pose), np.asarray(states.twist)
-        if pose.shape[1] > 1 and stamps.size and states.t[0] <= stamps.min() and stamps.max() <= states.t[-1]:
-            rests = (pose == pose[:, -1:]).all(axis=(0, 1, 3)) & ~twist.any(axis=(0, 1, 3))
-            columns, bodies = columns[~rests[bodies]], bodies[~rests[bodies]]
-        if len(bodies):
-            pose, twist = pose[:, :, bodies], twist[:, :, bodies]
-            poses[:, :, columns] = np.swapaxes(pose_at(stamps, states.t, pose, twist), 0, 1)
+        place = states.places(self.movers[self._driven])
+        columns, place = self._driven[place >= 0], place[place >= 0]
+        pose, twist = np.asarray(states.pose)[:, :, place], np.asarray(states.twist)[:, :, place]
+        if len(states.t) > 1 and states.t[0] <= stamps.min() and stamps.max() <= states.t[-1]:
+            moves = (pose != pose[:, -1:]).any(axis=(0, 1, 3)) | twist.any(axis=(0, 1, 3))
+            columns, pose, twist = columns[moves], pose[:, :, moves], twist[:, :, moves]
+            if not len(columns):
+                return
+        poses[:, :, columns] = np.swapaxes(pose_at(stamps, states.t, pose, twist), 0, 1)

@@ -16,16 +16,18 @@ from nodes.interpolator.relight.change_kernels import Change, make_level, point_
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.look_up_kernels import SAME_SHEET
 from nodes.interpolator.rigid.walk_kernels import Walk
-from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
 
 KEYFRAME = wp.constant(wp.uint8(0))
-"""What a pixel is at a sub-frame: as it is in keyframe B, a sample, on the line between two of them, or a sample that is
-shaded at its own time for its light may have changed."""
+"""What a pixel is at a sub-frame: as it is in keyframe B."""
 SAMPLE = wp.constant(wp.uint8(1))
 BETWEEN = wp.constant(wp.uint8(2))
+"""On the line between two samples."""
 ANEW = wp.constant(wp.uint8(3))
+"""A sample that is shaded at its own time, for something may come between it and a light."""
 NONE = wp.constant(-2)
 """No triangle, and not the sky either."""
 MOST_SKIPPED = wp.constant(7.0)
@@ -75,7 +77,7 @@ def joined(a: wp.uint64, b: wp.uint64, pieces: wp.array(dtype=wp.vec2i)):
 
 @wp.func
 def body_at(t: int, env: int, pieces: wp.array(dtype=wp.vec2i), walk: Walk):
-    """Under which index `walk` has a triangle."""
+    """Gives the index under which `walk` has the body of a triangle."""
     if t == MISS:
         return walk.as_world.shape[1] - 1
     return walk.as_world[env, pieces[t][0]]
@@ -83,7 +85,7 @@ def body_at(t: int, env: int, pieces: wp.array(dtype=wp.vec2i), walk: Walk):
 
 @wp.func
 def flow(view: CameraView, gain: float, row: int, body: int, d: wp.vec3, away: float, walk: Walk):
-    """Gives pixels that the point away d has come by since the position before."""
+    """Computes by how many pixels the point at d has moved since the position before."""
     m = wp.cross(walk.spin[row, body], away * d) + walk.shift[row, body]
     if view.distorted == 1:
         return gain * wp.length(m - wp.dot(m, d) * d) / away
@@ -119,7 +121,8 @@ class Lit:
 
 @cache
 def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
-    """channels: 1 (luminance) or 3 (RGB). changes: of light in the scene."""
+    """Makes the kernel that plans at which sub-frames pixels are sampled. channels: 1 (luminance) or 3 (RGB). changes:
+    of light in the scene."""
     pixel = wp.float32 if channels == 1 else wp.vec3
     level_of = make_level(changes) if changes.any else None
 
@@ -302,7 +305,7 @@ def alike(a: wp.vec3, b: wp.vec3, ratio: float):  # noqa: F811 - overloaded by i
 
 @cache
 def make_refine(channels: int) -> wp.Kernel:
-    """channels: 1 (luminance) or 3 (RGB)."""
+    """Makes the kernel that refines the plan where samples differ. channels: 1 (luminance) or 3 (RGB)."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
 
     @wp.kernel(module="unique", enable_backward=False)

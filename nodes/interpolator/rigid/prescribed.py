@@ -27,7 +27,7 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 class PrescribedPoses:
-    """`Prescribed.pose` of several bodies, to rounding."""
+    """Computes `Prescribed.pose` of several bodies at once, equal to it but for rounding."""
 
     def __init__(self, paths: Sequence[Prescribed]) -> None:
         nodes = _with_parents(paths)

@@ -25,7 +25,9 @@ CARE_WORKERS = 1 << 18
 
 
 class Reprojection:
-    """Of the slots of a shading's visibility, each of `envs` environments; launches only, but for a CPU's lists.
+    """Makes the sub-frames in the slots of a shading's visibility, each of `envs` environments, from two keyframes.
+
+    It only launches kernels, but for the lists of a CPU.
 
     strength float32 [slots]: of lights that flicker. counted: int32 on the device, pixels that were shaded anew by list
     and, as the last number, what `nonfinite` has been added to; and pixels that were looked up by list.
@@ -67,7 +69,7 @@ class Reprojection:
 
     @property
     def nonfinite(self) -> wp.array:
-        """Gives pixels of keyframes that are not used, int32 [1]."""
+        """Counts the pixels of keyframes that are not used, as they are not finite, int32 [1]."""
         return self._count[-1:]
 
     @property
@@ -76,12 +78,13 @@ class Reprojection:
         return self._count, self._sampling.counts
 
     def clear(self) -> None:
-        """A gap begins."""
+        """Begins a gap."""
         self._count.zero_()
         self._sampling.clear()
 
     def place(self, pair: Pair) -> None:
-        """For poses that have arrived: where bodies were at the keyframes, and on a GPU lights and what shades them."""
+        """Places, for poses that have arrived, bodies as they were at the keyframes, and on a GPU lights and their
+        shadow casters."""
         v = self._v
         self._lit = None
         pair.displace(v.camera_body, v.poses)

@@ -104,7 +104,7 @@ class Sampling:
             self._all: wp.array = wp.array(np.arange(inner if self._on_device else 0, dtype=np.int32))
 
     def clear(self) -> None:
-        """A gap begins."""
+        """Begins a gap."""
         self.counts.zero_()
         self._span_counts.zero_()
 
@@ -179,7 +179,7 @@ class Sampling:
         return [count * k // self.bands for k in range(self.bands + 1)]
 
     def launch(self, launches: list[tuple[wp.Kernel, int, list[Any]]]) -> None:
-        """(kernel, threads, arguments) of each band, on a CPU."""
+        """Launches kernels, on a CPU for each band: (kernel, threads, arguments)."""
         if self._pool is None:
             for kernel, dim, given in launches:
                 wp.launch(kernel, dim, given, device="cpu")
@@ -217,7 +217,7 @@ class Sampling:
 
 
 def pixels_per_radian(v: Visibility) -> float:
-    """Of a lens, between neighbouring rays, at most; 0 for a pinhole."""
+    """Computes the most pixels per radian between neighbouring rays of a lens; 0 for a pinhole."""
     if not v.view.distorted:
         return 0.0
     rays = v.view.rays.numpy().astype(np.float64)

@@ -36,9 +36,12 @@ class Slots:
         self.moved, self.before, self.rest = (np.zeros((0, 0, 0, 7)) for _ in range(3))
 
     def begin(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> None:
-        """A gap with sub-frames at stamps int64 [K] ns between keyframes a and b; held: bool [E], who is at b all
-        along. Raises ValueError where the states do not reach back to the first stamp."""
-        self.before, self.rest = (np.asarray(s.pose[:, -1], np.float64) for s in (a, b))
+        """Begins a gap with sub-frames at stamps int64 [K] ns between keyframes a and b.
+
+        held: bool [E], environments that are at b all along. Raises ValueError where the states do not reach back to
+        the first stamp.
+        """
+        self.before, self.rest = (s.end_pose for s in (a, b))
         self.moved = self._placement.moved(stamps, b)
         if held.any():
             self.moved[:, held] = self.moved[-1, held]
@@ -50,7 +53,7 @@ class Slots:
         return np.repeat(self.rest[None, :, self._v.camera_body], len(self.moved), 0)
 
     def camera_path(self) -> np.ndarray:
-        """Gives the same and keyframe a's before, float64 [K + 1, E, 7]."""
+        """Gives poses of the camera at keyframe a and at the sub-frames, float64 [K + 1, E, 7]."""
         return np.concatenate([self.before[None, :, self._v.camera_body], self.camera()])
 
     def still(self, flicker: bool, held: np.ndarray) -> np.ndarray:

@@ -17,8 +17,8 @@ import warp as wp
 from evis.geometry import se3
 from nodes.interpolator.rigid.sampling import pixels_per_radian
 from nodes.renderer.raster import raster_kernels
+from nodes.renderer.raster.depth_kernels import MISS
 from nodes.renderer.raster.raster import RowRaster, make_raster
-from nodes.renderer.raster.triangle_kernels import MISS
 from nodes.renderer.raster.visibility import Visibility
 
 FIELDS: dict[str, Any] = {
@@ -97,7 +97,8 @@ class SparseRaster:
         return strides
 
     def draw(self, first: int, count: int, strides: list[int], closed: bool) -> None:
-        """Slots 0 .. first + count - 1; before `first` is keyframe B, or nothing. closed: B comes right after them."""
+        """Draws the slots 0 .. first + count - 1; before `first` is keyframe B, or nothing. closed: B comes right after
+        them."""
         v, envs = self._v, self._envs
         v.packed.view(wp.int64).fill_(-1)
         v.place_instances()

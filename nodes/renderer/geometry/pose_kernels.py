@@ -49,7 +49,7 @@ def instance_seen(
     rotation: wp.mat33d,
     translation: wp.vec3d,
 ):
-    """Gives the same of an instance, which has a place in its body's frame."""
+    """Gives the rotation and translation of an instance, which has a place in its body's frame."""
     turn, place = seen_from(poses, env, body, camera)
     return turn * rotation, place + turn * translation
 
@@ -69,8 +69,20 @@ def place_instances(
     translation: wp.array2d(dtype=wp.vec3),
     eye: wp.array(dtype=wp.mat33),
 ):
-    """Places instances order[start ...] in the camera frame; the entry after the last instance stands for the camera
-    itself."""
+    """Places instances order[start ...] in the camera frame.
+
+    Args:
+        poses: [E, N] of the bodies, to the world.
+        camera: body of the camera.
+        start: first entry of `order`.
+        order: [I + 1] instances; the entry after the last instance, I, stands for the camera itself.
+        body: [I] of each instance, -1 = the world.
+        rest_rotation: [I] instance to its body.
+        rest_translation: [I] m, the same.
+        rotation: [E, I] instance to camera.
+        translation: [E, I] m, the same.
+        eye: [E] camera to world.
+    """
     env, k = wp.tid()
     i = order[start + k]
     if i == body.shape[0]:
@@ -99,6 +111,13 @@ def displace_instances(
     """Computes D - 1 of the map D from a thing's point in this camera frame to the same point in that of `before`.
 
     The entry after the last instance is the sky, which only turns. Exactly zero for what is where it was.
+
+    Args:
+        poses: [E, N] of the bodies, to the world.
+        before: [E, N] the same at the instant before.
+        camera, start, order, body, rest_rotation, rest_translation: as of `place_instances`.
+        turn_out: [E, I + 1] linear part of D - 1.
+        shift_out: [E, I + 1] m, constant part.
     """
     env, k = wp.tid()
     i = order[start + k]

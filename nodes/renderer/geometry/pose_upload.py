@@ -103,18 +103,18 @@ class PoseUpload:
             self.last = view
 
     def latest(self) -> np.ndarray:
-        """Of `last`, the bodies `sent`, float64 [E, M, 7]."""
+        """Gives the poses float64 [E, M, 7] in `last` of the bodies `sent`."""
         assert self.last is not None
         return self.last.take(self.sent, axis=1) if self._latest is None else self._latest
 
     def arrive(self) -> None:
-        """A launch only, where something is `coming`; then `arrived`, also after what was recorded of it."""
+        """Moves what is `coming` into `now`: a launch only; then call `arrived`, also after what was recorded of it."""
         if self.coming:
             fresh = self._fresh[self.coming - 1]
             wp.launch(move_bodies, dim=fresh.shape, inputs=[fresh, self._which, *self._poses], device=self._device)
 
     def arrived(self) -> None:
-        """What was `coming` is there for all that is launched from now on."""
+        """Notes that what was `coming` is there for all that is launched from now on."""
         if self.coming and self._read:
             self._device.stream.record_event(self._read[self.coming - 1][2])
         self.coming = 0

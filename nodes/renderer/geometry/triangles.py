@@ -118,7 +118,7 @@ def flatten(scene: Scene) -> Geometry:
 
 
 def is_static(scene: Scene, body: int) -> bool:
-    """True for the world and for a body whose prescribed motion is none."""
+    """Tells whether a body never moves: the world, or one whose prescribed motion is none."""
     if body == WORLD:
         return True
     trajectory = scene.bodies[body].trajectory

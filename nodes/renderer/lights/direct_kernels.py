@@ -15,28 +15,10 @@ wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def make_lighting(f: Features) -> Any:
-    """Makes the function `gather` with only what a scene has."""
-    area = make_area(f.soft, f.trees, f.gloss, f.cached, f.joined) if f.area else None
+def make_delta(f: Features) -> tuple[Any, Any]:
+    """Makes the functions `idle` and `of_delta` of lights without size."""
     occluded, _ = make_occlusion(f.trees, f.joined)
     towards, idle = make_directions(f.directional, f.point, f.spot)
-
-    @wp.func
-    def of_area(lights: Lights, casters: Casters, env: int, l: int, s: SurfacePoint, known: bool, sum: DirectLight):
-        """Gives the sum with an area light's, unless it is known that still casters hide it."""
-        r = sum
-        bit = wp.uint32(1) << wp.uint32(l)
-        if not known or (r.bits & bit) != wp.uint32(0) or lights.shadow[l] == 0:
-            light = area(lights, casters, env, l, s)
-            colour = lights.colour[env, l]
-            r.irradiance += light.full * colour
-            r.still_irradiance += light.still * colour
-            if wp.static(f.gloss):
-                r.shine += wp.cw_mul(light.full_shine, colour)
-                r.still_shine += wp.cw_mul(light.still_shine, colour)
-            if light.passes and lights.shadow[l] == 1:
-                r.bits = r.bits | bit
-        return r
 
     @wp.func
     def reaches(
@@ -106,6 +88,32 @@ def make_lighting(f: Features) -> Any:
                 r.irradiance += share
                 if wp.static(f.gloss):
                     r.shine += glint
+        return r
+
+    return idle, of_delta
+
+
+@cache
+def make_lighting(f: Features) -> Any:
+    """Makes the function `gather` with only what a scene has."""
+    area = make_area(f.soft, f.trees, f.gloss, f.cached, f.joined) if f.area else None
+    idle, of_delta = make_delta(f)
+
+    @wp.func
+    def of_area(lights: Lights, casters: Casters, env: int, l: int, s: SurfacePoint, known: bool, sum: DirectLight):
+        """Gives the sum with an area light's, unless it is known that still casters hide it."""
+        r = sum
+        bit = wp.uint32(1) << wp.uint32(l)
+        if not known or (r.bits & bit) != wp.uint32(0) or lights.shadow[l] == 0:
+            light = area(lights, casters, env, l, s)
+            colour = lights.colour[env, l]
+            r.irradiance += light.full * colour
+            r.still_irradiance += light.still * colour
+            if wp.static(f.gloss):
+                r.shine += wp.cw_mul(light.full_shine, colour)
+                r.still_shine += wp.cw_mul(light.still_shine, colour)
+            if light.passes and lights.shadow[l] == 1:
+                r.bits = r.bits | bit
         return r
 
     @wp.func

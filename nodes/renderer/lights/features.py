@@ -41,7 +41,7 @@ class Features:
     masked: bool = False
     """Rays to lights that are points have been traced before, by shading/shadow_kernels."""
     tiled: bool = False
-    """Threads that run together have a tile of pixels (triangle_kernels.tile_pixel)."""
+    """Threads that run together have a tile of pixels (view_kernels.tile_pixel)."""
     half: bool = False
     """Light is written as float16."""
 

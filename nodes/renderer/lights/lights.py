@@ -25,7 +25,7 @@ PLACED = ("vector", "axis", "half_u", "half_v")
 
 
 class LightSet:
-    """The lights of a scene on the device, for the kernels as `kernel`.
+    """Holds the lights of a scene on the device, for the kernels as `kernel`.
 
     samples: shadow rays of an area light for a surface point whose view of it may be blocked, a square number; as many
     for the gloss of a surface that is not plain diffuse, twice. Raises ValueError naming a light that is not usable.
@@ -77,8 +77,10 @@ class LightSet:
         return True
 
     def select(self, which: str) -> None:
-        """How strong the lights are in launches from now on: `now`, as `set_times` says; `mean`, every waveform at its
-        mean; `steady`, flickering lights off."""
+        """Chooses how strong the lights are in launches from now on.
+
+        which: `now`, as `set_times` says; `mean`, every waveform at its mean; `steady`, flickering lights off.
+        """
         if not self._chosen:
             strengths = {"mean": np.ones(len(self.lights)), "steady": [l.waveform is None for l in self.lights]}
             tall = np.ones((self._visibility.envs, 1, 1))
@@ -152,7 +154,7 @@ def fixed_vectors(lights: list[Light]) -> np.ndarray:
 
 
 def check_colour(scene: Scene, what: str, colour: Any) -> None:
-    """Raise ValueError unless `colour` is three finite numbers of at least 0."""
+    """Raises ValueError unless `colour` is three finite numbers of at least 0."""
     values = np.asarray(colour, np.float64)
     if values.shape != (3,) or not np.isfinite(values).all() or (values < 0).any():
         raise ValueError(f"scene {scene.name}: {what} is {values.tolist()}; it must be three numbers of at least 0")

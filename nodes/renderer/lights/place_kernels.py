@@ -21,7 +21,16 @@ def place_lights(
     half_u: wp.array2d(dtype=wp.vec3),
     half_v: wp.array2d(dtype=wp.vec3),
 ):
-    """Computes fixed [4, L]: the four of lights.fixed_vectors."""
+    """Brings the lights from their bodies' frames to the camera's.
+
+    Args:
+        poses: [E, N] of the bodies, to the world.
+        camera: body of the camera.
+        body: [L] of each light, -1 = the world.
+        positional: [L] 1 where the vector is a place, 0 where it is a direction.
+        fixed: [4, L] the four of lights.fixed_vectors, in the frames of the bodies.
+        vector: [E, L] of `Lights`, as `axis`, `half_u` and `half_v`.
+    """
     env, l = wp.tid()
     turn, place = seen_from(poses, env, body[l], camera)
     at = turn * fixed[0, l]

@@ -15,7 +15,7 @@ COSINES, ROUGHNESSES = 32, 32
 
 
 def is_plain(material: Material) -> bool:
-    """True for a material without gloss: fully rough and not metallic. It is Lambert's, with no reflectance of 4 %."""
+    """Tells whether a material has no gloss: fully rough and not metallic; it is Lambert's."""
     return material.roughness >= 1 and material.metallic == 0
 
 

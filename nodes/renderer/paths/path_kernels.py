@@ -16,6 +16,7 @@ from nodes.renderer.lights.sky_kernels import Sky
 from nodes.renderer.paths.sampling_kernels import Sources, frozen_shift
 from nodes.renderer.paths.surface_kernels import Bodies
 from nodes.renderer.paths.walk_kernels import PathLimits, make_vertices, make_walk
+from nodes.renderer.raster.depth_kernels import MISS
 from nodes.renderer.raster.surface_kernels import (
     Pixel,
     Seen,
@@ -25,7 +26,7 @@ from nodes.renderer.raster.surface_kernels import (
     seen_face,
     seen_triangle,
 )
-from nodes.renderer.raster.triangle_kernels import MISS, CameraView
+from nodes.renderer.raster.view_kernels import CameraView
 from nodes.renderer.shading.radiance_kernels import make_image, make_write
 from nodes.renderer.shadows.ray_kernels import Casters
 
@@ -86,7 +87,14 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
         # out
         image: Image,
     ):
-        """Adds to every pixel the light that comes by paths, and writes it."""
+        """Adds to every pixel the light that comes by paths, and writes it.
+
+        Args:
+            row0, band, span, image: as of shading_kernels' `shade`.
+            bodies: what a path has to know of what it meets.
+            sources: what it aims at.
+            direct: [E, H, W] radiance without paths.
+        """
         env, row, part = wp.tid()
         y = row0 + row
         for x in range(part * span, wp.min(part * span + span, view.width)):
@@ -115,7 +123,12 @@ def make_paths(f: Features, glowing: bool, dark: bool, half: bool) -> tuple[wp.K
         # out
         image: Image,
     ):
-        """Does the same with listed pixels."""
+        """Adds the light that comes by paths to listed pixels, and writes them.
+
+        Args:
+            workers, first, band, pixels, count, image: as of shading_kernels' `shade_list`.
+            bodies, sources, direct: as of `add_paths`.
+        """
         j = wp.tid()
         while j < count[band]:
             pixel = listed_pixel(view, pixels[first + j])

@@ -30,9 +30,10 @@ make_paths = cache(path_kernels.make_paths)
 
 @dataclass(frozen=True)
 class PathOptions:
-    """bounces: surfaces, after the one that is seen, over which light may come. samples: paths for each pixel.
+    """Holds how far light is followed, and by how many paths.
 
-    roulette: from the second bounce on a path goes on with the chance of its weight, and counts for more then.
+    bounces: surfaces, after the one that is seen, over which light may come. samples: paths for each pixel. roulette:
+    from the second bounce on a path goes on with the chance of its weight, and counts for more then.
     """
 
     bounces: int = 0

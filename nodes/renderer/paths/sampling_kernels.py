@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from nodes.renderer.lights.area_kernels import LATTICE, cell_key
+from nodes.renderer.lights.area_sample_kernels import LATTICE, cell_key
 
 wp.set_module_options({"enable_backward": False})
 

@@ -18,9 +18,10 @@ from nodes.renderer.raster.surface_kernels import (
     Seen,
     Surfaces,
     make_surface,
+    side_of,
     smooth_normal,
 )
-from nodes.renderer.raster.triangle_kernels import CameraView
+from nodes.renderer.raster.view_kernels import CameraView
 from nodes.renderer.shading.radiance_kernels import luminance
 from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion
 
@@ -51,7 +52,7 @@ def met_face(surfaces: Surfaces, bodies: Bodies, casters: Casters, env: int, sta
     t = bodies.first[i] + hit.face
     turn = casters.rotation[env, i]
     normal = turn * surfaces.normals[t]
-    side = wp.where(wp.dot(normal, ray) > 0.0, -1.0, 1.0)
+    side = side_of(normal, ray)
     face.triangle = t
     face.instance = i
     face.ray = ray

@@ -11,7 +11,7 @@ import warp as wp
 from evis.geometry import pinhole
 from evis.geometry.distortion import Lens, curvature_bound, unproject
 from evis.scene.model import Camera
-from nodes.renderer.raster.triangle_kernels import CameraView
+from nodes.renderer.raster.view_kernels import CameraView
 
 BEYOND = 0.05
 """How far outside the field of view [rad] the bounds of triangles are still taken from their corners."""

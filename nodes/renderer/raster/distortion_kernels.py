@@ -8,7 +8,10 @@ from functools import cache
 
 import warp as wp
 
-from nodes.renderer.raster.triangle_kernels import CameraView, Setup, outside
+from nodes.renderer.raster.bounds_kernels import outside
+from nodes.renderer.raster.depth_kernels import put_depth
+from nodes.renderer.raster.triangle_kernels import Setup
+from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
@@ -122,8 +125,7 @@ def walk_rays(
     triangle: int,
     packed: wp.array3d(dtype=wp.uint64),
 ):
-    """As kernels.walk, by the rays of the table: distance along the ray in place of depth."""
-    low = wp.uint64(triangle)
+    """Writes the same pixels as `walk` by the rays of the table: distance along the ray in place of depth."""
     for y in range(y0, y1 + 1):
         for x in range(x0, x1 + 1):
             d = view.rays[y, x]
@@ -133,6 +135,4 @@ def walk_rays(
                     if along != 0.0:
                         z = s.offset / along
                         if z >= view.near:
-                            z = wp.clamp(z, s.z_min, s.z_max)
-                            bits = wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)
-                            wp.atomic_min(packed, env, y, x, bits | low)
+                            put_depth(packed, env, y, x, wp.clamp(z, s.z_min, s.z_max), triangle)

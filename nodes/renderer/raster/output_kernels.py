@@ -2,8 +2,9 @@
 
 import warp as wp
 
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.distortion_kernels import angle_of, make_distorted
-from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, triangle_of
+from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
 
@@ -36,7 +37,20 @@ def make_outputs(depth: bool, motion: bool, ids: bool, normal: bool, lens: str) 
         ids_out: wp.array3d(dtype=int),
         normal_out: wp.array3d(dtype=wp.vec3),
     ):
-        """Writes the geometric images of every pixel from the z-buffer."""
+        """Writes the geometric images of every pixel from the z-buffer.
+
+        Args:
+            row0: first row; span: pixels of a row that a thread does.
+            packed: z-buffer [E, H, W].
+            instance, normals: of each triangle [T]; normals in the instance's frame.
+            rotation: [E, I] instance to camera.
+            camera: [E] camera to world.
+            turn, shift: [E, I + 1] of pose_kernels.displace_instances.
+            depth_out: m along the optical axis, inf = sky.
+            motion_out: px.
+            ids_out: 0 = background, else instance + 1.
+            normal_out: world frame, towards the camera, 0 = sky.
+        """
         env, row, part = wp.tid()
         y = row0 + row
         for x in range(part * span, wp.min(part * span + span, view.width)):
@@ -107,7 +121,16 @@ def body_points(
     instance_out: wp.array3d(dtype=int),
     point_out: wp.array3d(dtype=wp.vec3),
 ):
-    """Finds who is hit, and where in the frame of the body that carries it."""
+    """Finds who is hit, and where in the frame of the body that carries it.
+
+    Args:
+        packed: z-buffer [E, H, W].
+        instance: of each triangle [T].
+        rotation, translation: [E, I] instance to camera.
+        rest_rotation, rest_translation: [I] instance to its body.
+        triangle_out: [E, H, W], MISS = nothing; likewise instance_out.
+        point_out: [E, H, W] m.
+    """
     env, y, x = wp.tid()
     hit = packed[env, y, x]
     t = triangle_of(hit)

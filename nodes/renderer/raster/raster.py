@@ -41,11 +41,13 @@ MOST_TILES = 1 << 22
 """Tiles that there is room for in all; more environments than have room take turns."""
 
 make_raster = cache(raster_kernels.make_raster)
-make_tiled = cache(tiled_kernels.make_tiled)
+make_listed = cache(tiled_kernels.make_listed)
+make_at_once = cache(tiled_kernels.make_at_once)
+make_tiles = cache(tiled_kernels.make_tiles)
 
 
 class RowRaster:
-    """Corners are turned to the camera once; then every thread draws all triangles into the rows that it owns."""
+    """Turns corners to the camera once; then every thread draws all triangles into the rows that it owns."""
 
     local = False
 
@@ -59,7 +61,7 @@ class RowRaster:
         self._raster = make_raster(v.lens)
 
     def clear(self) -> None:
-        """As TiledRaster.clear: nothing."""
+        """Does nothing: there are no lists to empty."""
 
     def draw(self, packed: wp.array, still: bool, moving: bool, cleared: Callable[[], None] = lambda: None) -> None:
         """Adds the still blocks, the others, or both to a z-buffer, after `cleared` has been called."""
@@ -77,7 +79,7 @@ class RowRaster:
 
 
 class TiledRaster:
-    """What may be seen is listed step by step, and threads share the lists; see tiled_kernels."""
+    """Draws by lists of what may be seen, made step by step, which threads share; see tiled_kernels."""
 
     local = True
 
@@ -107,11 +109,15 @@ class TiledRaster:
         self._large, self._setups = v.empty((regions, places), wp.vec4i), v.empty((regions, places), Setup)
         together = v.device.is_cuda and v.lens == "none" and not self._few and pixels > LARGE_IMAGE
         area = SHARED_AREA if together else SPLIT_AREA[self._few]
-        self._list, self._raster, self._at_once, self._tiles = make_tiled(v.lens, area, rows, together)
+        if self._few:
+            self._at_once = make_at_once(v.lens, area, rows)
+        else:
+            self._list, self._raster = make_listed(v.lens, area, rows)
+        self._tiles = make_tiles(v.lens, rows, together)
         self._cleared = False
 
     def clear(self) -> None:
-        """What may be done before `draw`, beside other things."""
+        """Empties the lists, which may be done before `draw`, beside other things."""
         self._counters.zero_()
         self._cleared = True
 

@@ -6,17 +6,10 @@ normals. Culling leaves out only what covers no pixel, so it changes no bit of t
 
 import warp as wp
 
+from nodes.renderer.raster.bounds_kernels import bounds, facing, outside, turned_away
 from nodes.renderer.raster.distortion_kernels import make_bounds, walk_rays
-from nodes.renderer.raster.triangle_kernels import (
-    CameraView,
-    bounds,
-    corners_of,
-    facing,
-    outside,
-    set_up,
-    turned_away,
-    walk,
-)
+from nodes.renderer.raster.triangle_kernels import corners_of, set_up, walk
+from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
@@ -70,7 +63,14 @@ def to_camera(
     # out
     vertices: wp.array2d(dtype=wp.vec3),
 ):
-    """Computes vertices of the instances that may be seen."""
+    """Turns the vertices of the instances that may be seen to the camera.
+
+    Args:
+        block0: first of the blocks of vertices.
+        points: [V] in the frames of their instances.
+        rotation, translation: [E, I] instance to camera.
+        vertices: [E, V] in the camera's frame.
+    """
     env, block = wp.tid()
     b = block0 + block
     i = blocks.instance[b]
@@ -102,7 +102,16 @@ def make_raster(lens: str) -> wp.Kernel:
         # out
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """Draws the triangles of a block that may be seen into the z-buffer, rows row0..row1 - 1."""
+        """Draws the triangles of a block that may be seen into the z-buffer, rows row0..row1 - 1.
+
+        Args:
+            block0: first of the blocks of triangles.
+            two_sided: [I] whether an instance shows its back.
+            rotation, translation: [E, I] instance to camera.
+            vertices: [E, V] of `to_camera`.
+            triangles: [T] vertices of each.
+            packed: z-buffer [E, H, W].
+        """
         env, block = wp.tid()
         n = block0 + block
         i = blocks.instance[n]

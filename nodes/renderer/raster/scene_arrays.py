@@ -29,7 +29,7 @@ class SceneArrays:
         self.view, self.lens = make_view(camera, margin, self.device), lens_of(camera)
         # Pixels that one thread of a gather kernel does; on the CPU a row, for starting one costs more.
         self.span = self.shape[2] if self.device.is_cpu else 1
-        # Tiles of pixels and threads of each, see triangle_kernels.tile_pixel.
+        # Tiles of pixels and threads of each, see view_kernels.tile_pixel.
         self.tiles = (envs, -(-self.shape[1] // 4) * -(-self.shape[2] // 8), 32)
         self.geometry = geometry = flatten(scene)
         self.names = [b.name for b in scene.bodies]

@@ -5,15 +5,9 @@ from typing import Any
 
 import warp as wp
 
-from nodes.renderer.raster.triangle_kernels import (
-    CameraView,
-    corners_of,
-    depth_of,
-    edge_normal,
-    pixel_ray,
-    ray_steps,
-    triangle_of,
-)
+from nodes.renderer.raster.depth_kernels import depth_of, triangle_of
+from nodes.renderer.raster.triangle_kernels import corners_of, edge_normal
+from nodes.renderer.raster.view_kernels import CameraView, pixel_ray, ray_steps
 from nodes.renderer.textures.texture_kernels import Textures, filtered
 
 wp.set_module_options({"enable_backward": False})
@@ -114,6 +108,12 @@ def seen_triangle(seen: Seen, pixel: Pixel):
 
 
 @wp.func
+def side_of(normal: wp.vec3, ray: wp.vec3):
+    """Tells which side of a face a ray meets: 1 for the one that its normal points to, -1 for its back."""
+    return wp.where(wp.dot(normal, ray) > 0.0, -1.0, 1.0)
+
+
+@wp.func
 def seen_face(view: CameraView, seen: Seen, surfaces: Surfaces, pixel: Pixel):
     """Finds where a pixel's ray meets the triangle that it sees; there must be one."""
     face = Face()
@@ -123,7 +123,7 @@ def seen_face(view: CameraView, seen: Seen, surfaces: Surfaces, pixel: Pixel):
     d = pixel_ray(view, pixel.x, pixel.y)
     turn = seen.rotation[pixel.env, i]
     normal = turn * surfaces.normals[t]
-    side = wp.where(wp.dot(normal, d) > 0.0, -1.0, 1.0)
+    side = side_of(normal, d)
     face.triangle = t
     face.instance = i
     face.ray = d

@@ -11,24 +11,22 @@ from functools import cache
 
 import warp as wp
 
+from nodes.renderer.raster.bounds_kernels import bounds, facing, holds_pixel
 from nodes.renderer.raster.distortion_kernels import make_bounds, walk_rays
 from nodes.renderer.raster.raster_kernels import Blocks, before_near, unseen
 from nodes.renderer.raster.shuffle_kernels import first_above, running_sum, shuffle_from
 from nodes.renderer.raster.triangle_kernels import (
-    CameraView,
     Setup,
-    bounds,
     columns_of,
     corners_of,
     cover,
-    facing,
-    holds_pixel,
     row_share,
     runs_of,
     set_up,
     walk,
     walk_all,
 )
+from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
@@ -72,7 +70,14 @@ def list_blocks(
     counters: wp.array(dtype=int),
     listed: wp.array(dtype=wp.vec4i),
 ):
-    """Computes (environment, instance, first and last triangle) of the blocks that may be seen, in any order."""
+    """Lists the blocks that may be seen, in any order.
+
+    Args:
+        env0: first environment; block0: first block.
+        rotation, translation: [E, I] instance to camera.
+        counters: the first one counts what is listed.
+        listed: (environment, instance, first and last triangle) of each block.
+    """
     index, block = wp.tid()
     env = env0 + index
     n = block0 + block
@@ -106,8 +111,11 @@ def missed(view: CameraView, s: Setup, x0: int, x1: int, y0: int, y1: int):
 
 
 @cache
-def make_steps(lens: str, area: int, rows: int) -> tuple[wp.Function, wp.Function, wp.Function]:
-    """Makes the functions `shows`, `draw` and `walk_tile` of the kernels; arguments as of `make_tiled`."""
+def make_steps(lens: str, area: int, rows: int) -> tuple[wp.Function, wp.Function]:
+    """Makes the functions `shows` and `draw`.
+
+    area: bounding box [px] above which a triangle is cut into tiles. rows: of a tile.
+    """
     bounds_of = make_bounds(lens) if lens != "none" else bounds
     walk_over = walk_rays if lens != "none" else walk_all
 
@@ -151,49 +159,13 @@ def make_steps(lens: str, area: int, rows: int) -> tuple[wp.Function, wp.Functio
         if mine:
             walk_over(view, s, s.x0, s.x1, s.y0, s.y1, env, t, packed)
 
-    @wp.func
-    def walk_tile(
-        view: CameraView,
-        s: Setup,
-        x0: int,
-        x1: int,
-        y0: int,
-        y1: int,
-        lane: int,
-        env: int,
-        t: int,
-        packed: wp.array3d(dtype=wp.uint64),
-    ):
-        """Walks a tile by a group of threads: each finds the columns of its row, then all share the pixels of all
-        rows."""
-        columns = wp.vec2i(0, -1)
-        if y0 + lane <= y1:
-            r = row_share(view, s, y0 + lane)
-            columns = columns_of(runs_of(view, s, x0, x1), r, view.cx + float(view.margin), x0, x1)
-        length = columns[1] - columns[0] + 1
-        end = running_sum(length, wp.static(rows))
-        # Where a row's pixel 0 would be if it began with the first pixel of all.
-        origin = columns[0] - (end - length)
-        total = shuffle_from(end, wp.static(rows) - 1, wp.static(rows))
-        for start in range(0, total, wp.static(rows)):
-            pixel = start + lane
-            row = first_above(pixel, end, wp.static(rows))
-            x = pixel + shuffle_from(origin, row, wp.static(rows))
-            if pixel < total:
-                cover(view, s, row_share(view, s, y0 + row), x, y0 + row, env, t, packed)
-
-    return shows, draw, walk_tile
+    return shows, draw
 
 
-def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel, wp.Kernel]:
-    """Makes the kernels `list_triangles`, `raster`, `raster_at_once` in place of both, and `raster_tiles`.
-
-    area: bounding box [px] above which a triangle is cut into tiles. rows: of a tile, and threads that share it, 8, 16
-    or 32. together: these run together and share its pixels; for a pinhole on a GPU.
-    """
+def make_listed(lens: str, area: int, rows: int) -> tuple[wp.Kernel, wp.Kernel]:
+    """Makes the kernels `list_triangles` and `raster`; arguments as of `make_steps`."""
     bounds_of = make_bounds(lens) if lens != "none" else bounds
-    walk_row = walk_rays if lens != "none" else walk
-    shows, draw, walk_tile = make_steps(lens, area, rows)
+    shows, draw = make_steps(lens, area, rows)
 
     @wp.kernel(module="unique", enable_backward=False)
     def list_triangles(
@@ -211,7 +183,18 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
         # out
         small: wp.array2d(dtype=wp.vec2i),
     ):
-        """Computes (environment, triangle) of what faces the camera and has a pixel centre in its bounds."""
+        """Lists the triangles that face the camera and have a pixel centre in their bounds.
+
+        Args:
+            workers: threads that share the list of blocks.
+            two_sided: [I] whether an instance shows its back.
+            rotation, translation: [E, I] instance to camera.
+            vertices: [1, V] in the frames of their instances.
+            triangles: [T] vertices of each.
+            listed: of `list_blocks`.
+            counters: one for each region of `small`, LINE apart.
+            small: (environment, triangle) of each, by region.
+        """
         tid = wp.tid()
         item = tid // BLOCK_THREADS
         count = counters[0]
@@ -246,7 +229,16 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
         setups: wp.array2d(dtype=Setup),
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """Draws the listed triangles; large ones are listed in turn."""
+        """Draws the listed triangles; large ones are listed in turn.
+
+        Args:
+            workers: threads that share the list.
+            instance: of each triangle [T].
+            rotation, translation, vertices, triangles, small: as of `list_triangles`.
+            large: (environment, triangle, tile, place in `setups`) of each tile, by region.
+            setups: of the large triangles.
+            packed: z-buffer [E, H, W].
+        """
         tid = wp.tid()
         region = (tid // GROUP) % SMALL_REGIONS
         at = tid // (GROUP * SMALL_REGIONS) * GROUP + tid % GROUP
@@ -258,6 +250,13 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
             a, b, c = corners_of(view, vertices, triangles, rotation[env, i], translation[env, i], env, t)
             draw(view, env, t, a, b, c, bounds_of(view, a, b, c), counters, large, setups, packed)
             at += workers // SMALL_REGIONS
+
+    return list_triangles, raster
+
+
+def make_at_once(lens: str, area: int, rows: int) -> wp.Kernel:
+    """Makes the kernel `raster_at_once`, in place of those of `make_listed`; arguments as of `make_steps`."""
+    shows, draw = make_steps(lens, area, rows)
 
     @wp.kernel(module="unique", enable_backward=False)
     def raster_at_once(
@@ -281,8 +280,16 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
         setups: wp.array2d(dtype=Setup),
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """Draws all triangles of the blocks block0.. that may be seen: sooner done where there are not many, for
-        nothing waits for a list."""
+        """Draws all triangles of the blocks block0.. that may be seen.
+
+        It is sooner done than by lists where there are not many, for nothing waits for a list.
+
+        Args:
+            workers: threads that share the triangles.
+            env0, envs: first environment and their number; block0, count: the same of the blocks.
+            two_sided, rotation, translation, vertices, triangles: as of `list_triangles`.
+            counters, large, setups, packed: as of `raster`.
+        """
         tid = wp.tid()
         item = tid // BLOCK_THREADS
         while item < envs * count:
@@ -299,6 +306,56 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
                     draw(view, env, t, a, b, c, box, counters, large, setups, packed)
             item += workers // BLOCK_THREADS
 
+    return raster_at_once
+
+
+@cache
+def make_walk_tile(rows: int) -> wp.Function:
+    """Makes the function `walk_tile` for tiles of so many rows, 8, 16 or 32."""
+
+    @wp.func
+    def walk_tile(
+        view: CameraView,
+        s: Setup,
+        x0: int,
+        x1: int,
+        y0: int,
+        y1: int,
+        lane: int,
+        env: int,
+        t: int,
+        packed: wp.array3d(dtype=wp.uint64),
+    ):
+        """Walks a tile by a group of threads: each finds the columns of its row, then all share the pixels of all
+        rows."""
+        columns = wp.vec2i(0, -1)
+        if y0 + lane <= y1:
+            r = row_share(view, s, y0 + lane)
+            columns = columns_of(runs_of(view, s, x0, x1), r, view.cx + float(view.margin), x0, x1)
+        length = columns[1] - columns[0] + 1
+        end = running_sum(length, wp.static(rows))
+        # Where a row's pixel 0 would be if it began with the first pixel of all.
+        origin = columns[0] - (end - length)
+        total = shuffle_from(end, wp.static(rows) - 1, wp.static(rows))
+        for start in range(0, total, wp.static(rows)):
+            pixel = start + lane
+            row = first_above(pixel, end, wp.static(rows))
+            x = pixel + shuffle_from(origin, row, wp.static(rows))
+            if pixel < total:
+                cover(view, s, row_share(view, s, y0 + row), x, y0 + row, env, t, packed)
+
+    return walk_tile
+
+
+def make_tiles(lens: str, rows: int, together: bool) -> wp.Kernel:
+    """Makes the kernel `raster_tiles`.
+
+    rows: of a tile, and threads that share it, 8, 16 or 32. together: these run together and share its pixels; for a
+    pinhole on a GPU.
+    """
+    walk_row = walk_rays if lens != "none" else walk
+    walk_tile = make_walk_tile(rows)
+
     @wp.kernel(module="unique", enable_backward=False)
     def raster_tiles(
         # in
@@ -310,7 +367,12 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
         # out
         packed: wp.array3d(dtype=wp.uint64),
     ):
-        """Draws the tiles of large triangles, a thread for each row."""
+        """Draws the tiles of large triangles, a thread for each row.
+
+        Args:
+            workers: threads that share the list.
+            counters, large, setups, packed: as of `raster`.
+        """
         tid = wp.tid()
         region = (tid // wp.static(rows)) % LARGE_REGIONS
         at = tid // (wp.static(rows) * LARGE_REGIONS)
@@ -333,4 +395,4 @@ def make_tiled(lens: str, area: int, rows: int, together: bool) -> tuple[wp.Kern
                     walk_row(view, s, x0, x1, y, y, env, t, packed)
             at += workers // (wp.static(rows) * LARGE_REGIONS)
 
-    return list_triangles, raster, raster_at_once, raster_tiles
+    return raster_tiles

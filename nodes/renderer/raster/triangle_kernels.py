@@ -1,4 +1,4 @@
-"""Visibility by z-buffer: one triangle to packed depth and triangle index. The kernels are in raster_kernels.py.
+"""One triangle into the z-buffer: its edges and plane, and a walk over the pixels that it may cover.
 
 Everything is camera-relative (x right, y down, z forward). A pixel's ray is d = ((x - cx) / fx, (y - cy) / fy, 1), so a
 point on it is z d; through a distorting lens d is a unit vector from a table, and the point is its distance times d.
@@ -11,51 +11,13 @@ or a vertex belongs to all its triangles and is never missed by all.
 
 import warp as wp
 
-wp.set_module_options({"enable_backward": False})
+from nodes.renderer.raster.depth_kernels import put_depth
+from nodes.renderer.raster.view_kernels import CameraView
 
-MISS = wp.constant(-1)
-"""Triangle index of a pixel that sees no triangle."""
+wp.set_module_options({"enable_backward": False})
 
 NARROW = wp.constant(6)
 """Columns from which on each row of a triangle is narrowed to what its edges leave."""
-
-Lens = wp.types.vector(length=8, dtype=wp.float64)
-"""Distortion coefficients, in the order of evis.geometry.distortion, padded with zeros."""
-
-
-@wp.struct
-class CameraView:
-    """Holds camera and image size; width and height include the margin, cx and cy do not."""
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    near: float
-    reach: float
-    """Length of the longest ray d of the image."""
-    width: int
-    height: int
-    margin: int
-    distorted: int
-    """1: rays come from the table, `near` is a distance from the camera, and `lens` bends directions."""
-    local: int
-    """1: vertices are [1, V] in the frames of their instances; 0: [E, V] in the camera's, of what may be seen."""
-    columns: wp.array(dtype=float)
-    rows: wp.array(dtype=float)
-    """x of a pinhole's rays in every column and y in every row: loaded sooner than divided for; empty for a lens."""
-    rays: wp.array2d(dtype=wp.vec3)
-    """[height, width] unit rays, 0 where the lens sees nothing; empty for a pinhole."""
-    lens: Lens
-    cos_field: float
-    sin_field: float
-    """Angle about the optical axis that holds all rays of the table."""
-    domain: float
-    """Angle up to which the lens maps directions one to one [rad]."""
-    bounded: float
-    """Angle up to which `bulge` holds [rad]."""
-    bulge: float
-    """Bound on the second derivative of a pixel's position by the angle along any great circle [px/rad^2]."""
 
 
 @wp.struct
@@ -75,48 +37,6 @@ class Setup:
     x1: int
     y0: int
     y1: int
-
-
-@wp.func
-def pixel_ray(view: CameraView, x: int, y: int):
-    """Gives the ray d of a pixel; the branch goes one way for a whole launch and costs nothing that could be
-    measured."""
-    if view.distorted == 1:
-        return view.rays[y, x]
-    return wp.vec3(view.columns[x], view.rows[y], 1.0)
-
-
-@wp.func
-def ray_steps(view: CameraView, x: int, y: int):
-    """Finds how the ray d of a pixel changes from one column and one row to the next."""
-    if view.distorted == 1:
-        left = wp.max(x - 1, 0)
-        right = wp.min(x + 1, view.width - 1)
-        above = wp.max(y - 1, 0)
-        below = wp.min(y + 1, view.height - 1)
-        across = (view.rays[y, right] - view.rays[y, left]) / float(wp.max(right - left, 1))
-        return across, (view.rays[below, x] - view.rays[above, x]) / float(wp.max(below - above, 1))
-    return wp.vec3(1.0 / view.fx, 0.0, 0.0), wp.vec3(0.0, 1.0 / view.fy, 0.0)
-
-
-@wp.func
-def tile_pixel(view: CameraView, tile: int, lane: int):
-    """Gives the row and column of a thread's pixel where 32 threads do 8 x 4 of them; some may lie outside the
-    image."""
-    across = (view.width + 7) // 8
-    return tile // across * 4 + lane // 8, tile % across * 8 + lane % 8
-
-
-@wp.func
-def triangle_of(packed: wp.uint64):
-    """Unpacks the triangle of a z-buffer entry, or MISS."""
-    return int(wp.uint32(packed & wp.uint64(0xFFFFFFFF)))
-
-
-@wp.func
-def depth_of(packed: wp.uint64):
-    """Unpacks the depth of a z-buffer entry [m]."""
-    return wp.cast(wp.uint32(packed >> wp.uint64(32)), wp.float32)
 
 
 @wp.func
@@ -154,107 +74,6 @@ def edge_normal(a: wp.vec3, b: wp.vec3):
 def edge_slack(view: CameraView, a: wp.vec3, b: wp.vec3):
     """Gives the bound of the rounding of edge_normal(a, b) . d over the image; it widens a triangle by some 1e-4 px."""
     return 6.0e-7 * wp.sqrt(wp.dot(a, a) * wp.dot(b - a, b - a)) * view.reach
-
-
-@wp.func
-def grow(view: CameraView, box: wp.vec4, p: wp.vec3, slack: float):
-    """Gives the image bounds (x min, x max, y min, y max) with the projection of p, kept inside what an int can
-    hold."""
-    m = float(view.margin)
-    nearness = 1.0 / p[2]
-    x = view.fx * p[0] * nearness + view.cx + m
-    y = view.fy * p[1] * nearness + view.cy + m
-    w = float(view.width)
-    h = float(view.height)
-    return wp.vec4(
-        wp.min(box[0], wp.clamp(x - slack, -1.0, w)),
-        wp.max(box[1], wp.clamp(x + slack, -1.0, w)),
-        wp.min(box[2], wp.clamp(y - slack, -1.0, h)),
-        wp.max(box[3], wp.clamp(y + slack, -1.0, h)),
-    )
-
-
-@wp.func
-def grow_crossing(view: CameraView, box: wp.vec4, a: wp.vec3, b: wp.vec3):
-    """Bounds with the point where the edge a b meets the near plane, if it does; the slack covers its rounding."""
-    if (a[2] >= view.near) == (b[2] >= view.near):
-        return box
-    q = a + (view.near - a[2]) / (b[2] - a[2]) * (b - a)
-    slack = 1.0 + 1.0e-6 * wp.max(wp.length(a), wp.length(b)) * wp.max(view.fx, view.fy) / view.near
-    return grow(view, box, wp.vec3(q[0], q[1], view.near), slack)
-
-
-@wp.func
-def beyond(slope: float, across: float, z: float, radius: float):
-    """Tells whether a sphere lies wholly on the far side of the plane across = slope z through the camera."""
-    return across - slope * z > radius * wp.sqrt(1.0 + slope * slope)
-
-
-@wp.func
-def outside(view: CameraView, row0: int, row1: int, c: wp.vec3, radius: float):
-    """Tells whether a sphere about c covers no pixel centre of rows row0..row1 - 1; the sphere is widened by its
-    rounding."""
-    r = radius + 1.0e-5 * (wp.length(c) + radius)
-    if view.distorted == 1:
-        # Distance from the cone about the optical axis that holds every ray.
-        return wp.sqrt(c[0] * c[0] + c[1] * c[1]) * view.cos_field - c[2] * view.sin_field > r
-    if c[2] + r < view.near:
-        return True
-    m = float(view.margin)
-    # One pixel more than the outermost centres, for triangles are widened by less.
-    left = (-1.0 - m - view.cx) / view.fx
-    right = (float(view.width) - m - view.cx) / view.fx
-    top = (float(row0) - 1.0 - m - view.cy) / view.fy
-    bottom = (float(row1) - m - view.cy) / view.fy
-    return (
-        beyond(right, c[0], c[2], r)
-        or beyond(-left, -c[0], c[2], r)
-        or beyond(bottom, c[1], c[2], r)
-        or beyond(-top, -c[1], c[2], r)
-    )
-
-
-@wp.func
-def turned_away(axis: wp.vec3, cosine: float, c: wp.vec3, radius: float):
-    """Tells whether every triangle in a sphere about c with normals in a cone shows its back to the camera."""
-    if cosine <= 0.0:
-        return False
-    along = wp.dot(axis, c)
-    across = wp.sqrt(wp.max(wp.dot(c, c) - along * along, 0.0))
-    sine = wp.sqrt(wp.max(1.0 - cosine * cosine, 0.0))
-    return along * cosine - across * sine > radius + 1.0e-4 * (wp.length(c) + radius)
-
-
-@wp.func
-def facing(a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
-    """False for a triangle that is edge-on, or shows its back without having one."""
-    offset = wp.dot(wp.cross(b - a, c - a), a)
-    return offset < 0.0 or (offset > 0.0 and two_sided == 1)
-
-
-@wp.func
-def bounds(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3):
-    """Gives what of the image a triangle before the near plane may cover: (x min, x max, y min, y max)."""
-    big = 1.0e9
-    box = wp.vec4(big, -big, big, -big)
-    if a[2] >= view.near:
-        box = grow(view, box, a, 0.01)
-    if b[2] >= view.near:
-        box = grow(view, box, b, 0.01)
-    if c[2] >= view.near:
-        box = grow(view, box, c, 0.01)
-    if wp.min(a[2], wp.min(b[2], c[2])) < view.near:
-        box = grow_crossing(view, box, a, b)
-        box = grow_crossing(view, box, b, c)
-        box = grow_crossing(view, box, c, a)
-    return box
-
-
-@wp.func
-def holds_pixel(view: CameraView, box: wp.vec4):
-    """Tells whether any pixel centre of the image lies in these bounds."""
-    wide = wp.max(wp.ceil(box[0]), 0.0) <= wp.min(wp.floor(box[1]), float(view.width - 1))
-    return wide and wp.max(wp.ceil(box[2]), 0.0) <= wp.min(wp.floor(box[3]), float(view.height - 1))
 
 
 @wp.func
@@ -323,9 +142,7 @@ def cover(
         z = s.offset / (s.normal[0] * dx + r[3])
         # The depth range bounds what rounding can do to a triangle seen almost edge-on.
         if z >= view.near:
-            z = wp.clamp(z, s.z_min, s.z_max)
-            bits = wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)
-            wp.atomic_min(packed, env, y, x, bits | wp.uint64(triangle))
+            put_depth(packed, env, y, x, wp.clamp(z, s.z_min, s.z_max), triangle)
 
 
 @wp.func

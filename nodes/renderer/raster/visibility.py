@@ -82,8 +82,9 @@ class Visibility(SceneArrays):
         return self._instance_poses_of(check_poses(poses, self.envs, self.names))
 
     def advance(self, poses: np.ndarray, displaced: bool) -> InstancePoses | None:
-        """As `place`, from the last instant on; what is sent is there after `settle`, or `arrive` in a recording.
+        """Places the next instant, from the last one on.
 
+        What is sent is there after `settle`, or `arrive` in a recording.
         Where few of many bodies may move, the others are taken to stay: whether so, `as_placed` tells later.
         displaced: whether the last instant is the previous keyframe. None, and nothing done, where there is no last one
         or nothing has moved since. Raises ValueError naming a body whose pose is not finite.
@@ -118,16 +119,16 @@ class Visibility(SceneArrays):
         return self._instance_poses_of(last)
 
     def arrive(self) -> None:
-        """What `advance` or `send` sent becomes `poses`: a launch only, if `coming`."""
+        """Moves what `advance` or `send` sent into `poses`: a launch only, if `coming`."""
         self._upload.arrive()
 
     def settle(self) -> None:
-        """The same at once."""
+        """Moves it there at once."""
         self._upload.settle()
 
     @property
     def coming(self) -> int:
-        """Not 0 where `poses` are not there yet: a number that tells launches of `arrive` apart."""
+        """Gives 0 where `poses` are there, else a number that tells launches of `arrive` apart."""
         return self._upload.coming
 
     def as_placed(self, poses: np.ndarray) -> bool:
@@ -138,7 +139,7 @@ class Visibility(SceneArrays):
         )
 
     def place_others(self, frames: InstancePoses) -> None:
-        """The instant of `advance` once more, for other bodies have moved too."""
+        """Places the instant of `advance` once more, where other bodies have moved too."""
         self.still_place += 1
         self.still_displaced = self.moved
         self._upload.put(frames.bodies)
@@ -197,7 +198,7 @@ class Visibility(SceneArrays):
         return self._upload.last
 
     def same(self, frames: InstancePoses) -> bool:
-        """True when every body is where it was at the last update, to the last bit."""
+        """Tells whether every body is where it was at the last update, to the last bit."""
         return self._upload.last is not None and same_bytes(self._upload.last, frames.bodies)
 
     @property
@@ -211,7 +212,7 @@ class Visibility(SceneArrays):
         return self._still_drawn != self.still_place
 
     def drawn(self) -> None:
-        """To be called after `arrive` and `draw`, or what was recorded of them."""
+        """Notes that all is drawn: to be called after `arrive` and `draw`, or what was recorded of them."""
         self._upload.arrived()
         self._still_drawn = self.still_place
 
@@ -240,7 +241,7 @@ class Visibility(SceneArrays):
         cleared.join()
 
     def place_instances(self) -> None:
-        """`rotation`, `translation` and `eye` for what is in `poses`."""
+        """Computes `rotation`, `translation` and `eye` for what is in `poses`."""
         start = 0 if self.still_moved or not self._layered else self._still_count
         first = [self.poses, self.camera_body, start, *self._instances]
         dim = (self.envs, len(self.geometry.body) + 1 - start)
@@ -256,8 +257,10 @@ class Visibility(SceneArrays):
         wp.launch(pose_kernels.place_instances, dim=dim, inputs=given, outputs=outputs, device=self.device)
 
     def displace(self, everything: bool, turn: wp.array, shift: wp.array) -> None:
-        """Displacements [E, I + 1] since the previous keyframe (pose_kernels.displace_instances), of all instances or
-        of the moving ones."""
+        """Computes displacements [E, I + 1] since the previous keyframe (pose_kernels.displace_instances).
+
+        everything: of all instances, not of the moving ones alone.
+        """
         start = 0 if everything or not self._layered else self._still_count
         first = [self.poses, self._upload.before, self.camera_body, start, *self._instances]
         dim = (self.envs, len(self.geometry.body) + 1 - start)

@@ -12,8 +12,8 @@ import warp as wp
 
 from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import AREA, Lights, SurfacePoint, make_directions
+from nodes.renderer.raster.depth_kernels import MISS
 from nodes.renderer.raster.surface_kernels import Face, Pixel
-from nodes.renderer.raster.triangle_kernels import MISS
 from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion
 
 wp.set_module_options({"enable_backward": False})

@@ -10,7 +10,7 @@ from nodes.renderer.lights.light_kernels import SurfacePoint
 from nodes.renderer.lights.sky_kernels import Sky, make_sky, reflectances
 from nodes.renderer.materials.ggx_kernels import diffuse_share, normal_reflectance
 from nodes.renderer.raster.surface_kernels import Face, Pixel, Seen, Surfaces, make_surface
-from nodes.renderer.raster.triangle_kernels import CameraView
+from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
@@ -42,10 +42,9 @@ def make_look(f: Features) -> Any:
                 if wp.static(f.ambience):
                     mirrored, r = sky_gloss(sky, pixel.env, facing, s.view, s.alpha, s.f0)
                     glow = mirrored + diffuse_share(r, metallic) * glow
-                    albedo = diffuse_share(r, metallic) * albedo
                 else:
                     r = reflectances(sky, s.alpha, wp.dot(facing, s.view))
-                    albedo = diffuse_share(r, metallic) * albedo
+                albedo = diffuse_share(r, metallic) * albedo
         return s, albedo, surfaces.emission[m] + glow
 
     return look

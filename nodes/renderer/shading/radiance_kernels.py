@@ -36,7 +36,7 @@ def luminance(colour: wp.vec3) -> float:
 
 @wp.func
 def finite(value: float, largest: float):
-    """An infinite value becomes the largest one; what is not a number becomes dark."""
+    """Replaces an infinite value by the largest one, and what is not a number by 0."""
     if wp.isfinite(value):
         return value
     return wp.where(value > 0.0, largest, 0.0)

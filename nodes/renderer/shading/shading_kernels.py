@@ -5,15 +5,17 @@ material and the sky's light on it (material_kernels), the light of lights (ligh
 far as nothing is in the way (shadows/ray_kernels), and out (radiance_kernels).
 """
 
+from functools import cache
 from typing import Any
 
 import warp as wp
 
-from nodes.renderer.lights.area_kernels import frozen_key
+from nodes.renderer.lights.area_sample_kernels import frozen_key
 from nodes.renderer.lights.direct_kernels import make_lighting
 from nodes.renderer.lights.features import Features
 from nodes.renderer.lights.light_kernels import DirectLight, Lights, SurfacePoint
 from nodes.renderer.lights.sky_kernels import Sky, make_sky
+from nodes.renderer.raster.depth_kernels import MISS
 from nodes.renderer.raster.surface_kernels import (
     Face,
     Pixel,
@@ -24,7 +26,7 @@ from nodes.renderer.raster.surface_kernels import (
     seen_face,
     seen_triangle,
 )
-from nodes.renderer.raster.triangle_kernels import MISS, CameraView, pixel_ray, tile_pixel
+from nodes.renderer.raster.view_kernels import CameraView, pixel_ray, tile_pixel
 from nodes.renderer.shading.cache_kernels import ShadingCache, make_cache
 from nodes.renderer.shading.material_kernels import make_look
 from nodes.renderer.shading.radiance_kernels import make_image, make_write
@@ -35,8 +37,9 @@ wp.set_module_options({"enable_backward": False})
 INVERSE_PI = wp.constant(1.0 / wp.pi)
 
 
-def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
-    """Makes the shading kernels, of all pixels and of a list of them."""
+@cache
+def make_shade_pixel(f: Features) -> Any:
+    """Makes the function `shade_pixel` with only what a scene has."""
     Image: Any = make_image(f.half)
     write = make_write(f.half)
     look, gather = make_look(f), make_lighting(f)
@@ -104,6 +107,14 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
                         remember(casters, kept, pixel, face, light.bits, unhidden)
         write(pixel.env, pixel.y, pixel.x, band, colour, image)
 
+    return shade_pixel
+
+
+def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
+    """Makes the shading kernels, of all pixels and of a list of them."""
+    Image: Any = make_image(f.half)
+    shade_pixel = make_shade_pixel(f)
+
     # Kernels name their parameters one by one; these two share what they do, and so most of their names.
     @wp.kernel(module="unique", enable_backward=False)
     def shade(
@@ -122,7 +133,16 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         # out
         image: Image,
     ):
-        """Shades all pixels of rows from row0 on, or of tiles."""
+        """Shades all pixels of rows from row0 on, or of tiles.
+
+        Args:
+            row0: first row.
+            band: place in the counts of `image`.
+            span: pixels of a row that a thread does.
+            seen: the z-buffer that is shaded.
+            kept: what is remembered of still surfaces.
+            image: what light is written to.
+        """
         env, row, part = wp.tid()
         if wp.static(f.tiled):
             y, x = tile_pixel(view, row, part)
@@ -152,7 +172,16 @@ def make_shade(f: Features) -> tuple[wp.Kernel, wp.Kernel]:
         # out
         image: Image,
     ):
-        """Shades count[band] listed pixels, indices into [E, H, W], from pixels[first] on."""
+        """Shades listed pixels.
+
+        Args:
+            workers: threads that share the list.
+            first: of the list.
+            band: place in `count` and in the counts of `image`.
+            pixels: indices into [E, H, W].
+            count: [bands] how many there are.
+            seen, kept, image: as of `shade`.
+        """
         j = wp.tid()
         while j < count[band]:
             pixel = listed_pixel(view, pixels[first + j])

@@ -9,7 +9,9 @@ from functools import cache
 import warp as wp
 
 from nodes.renderer.lights.light_kernels import Lights, SurfacePoint, make_directions
-from nodes.renderer.raster.triangle_kernels import MISS, CameraView, depth_of, pixel_ray, tile_pixel, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.surface_kernels import listed_pixel, side_of
+from nodes.renderer.raster.view_kernels import CameraView, pixel_ray, tile_pixel
 from nodes.renderer.shadows.grid_kernels import Grid, hidden_from
 from nodes.renderer.shadows.ray_kernels import Casters, make_occlusion, shadow_start
 
@@ -61,7 +63,7 @@ def make_shadow_rays(
         s = SurfacePoint()
         s.position = depth_of(hit) * d
         normal = on.rotation[env, i] * on.normals[t]
-        side = wp.where(wp.dot(normal, d) > 0.0, -1.0, 1.0)
+        side = side_of(normal, d)
         s.normal = side * normal
         # The shading normal is not known here; it can only spare more rays.
         s.facing = s.normal
@@ -92,7 +94,13 @@ def make_shadow_rays(
         # out
         hidden: wp.array3d(dtype=wp.uint32),
     ):
-        """Computes the bits of those lights that are in `shadowed`, in every pixel."""
+        """Finds which of the lights on.shadowed are hidden from each pixel.
+
+        Args:
+            on: what the rays start from.
+            casters: what may be in the way; grid: the same by light, if made with grids.
+            hidden: [E, H, W] bit l is set where light l is hidden; all 0 before.
+        """
         n, env, tile, lane = wp.tid()
         y, x = tile_pixel(view, tile, lane)
         if y >= view.height or x >= view.width:
@@ -113,14 +121,18 @@ def make_shadow_rays(
         # out
         hidden: wp.array3d(dtype=wp.uint32),
     ):
-        """Computes the same of count[0] listed pixels, indices into [E, H, W], which `workers` threads share for each
-        light."""
+        """Finds the same of listed pixels.
+
+        Args:
+            workers: threads that share the list, for each light.
+            pixels: indices into [E, H, W].
+            count: [1] how many there are.
+            hidden: as of `shadow_rays`.
+        """
         n, j = wp.tid()
         while j < count[0]:
-            env = pixels[j] // (view.width * view.height)
-            y = pixels[j] // view.width % view.height
-            x = pixels[j] % view.width
-            trace(view, env, y, x, n, on, lights, casters, grid, hidden)
+            pixel = listed_pixel(view, pixels[j])
+            trace(view, pixel.env, pixel.y, pixel.x, n, on, lights, casters, grid, hidden)
             j += workers
 
     return shadow_rays, listed_shadow_rays

@@ -52,7 +52,7 @@ class ShadowPass:
         self.hidden.zero_()
 
     def place(self) -> None:
-        """What the rays need of the visibility's placed instances, if called for every instant; else they do it."""
+        """Places the grid for the visibility's placed instances; who never calls it has that done by each launch."""
         self._placed = True
         if self._grid is not None:
             self._grid.place()

@@ -29,7 +29,7 @@ SIGNS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)],
 
 
 class ShadowGrid:
-    """`kernel` (grid_kernels.Grid) of some lights; `place` it for every new instant."""
+    """Makes `kernel` (grid_kernels.Grid) of some lights; `place` it for every new instant."""
 
     def __init__(self, visibility: Visibility, occluders: Occluders, lights: list[int]) -> None:
         """lights: those that `suits` is true of."""
@@ -54,7 +54,7 @@ class ShadowGrid:
         return many and given.kind == "spot" and given.cone[1] <= WIDEST and is_static(visibility.scene, given.body)
 
     def place(self) -> None:
-        """For the visibility's poses and placed instances: launches only, but after the occluders' tree was built."""
+        """Places the grid for the visibility's poses: launches only, after the occluders' tree is built."""
         v, grid = self._v, self.kernel
         if self._built != self._occluders.builds:
             self._built = self._occluders.builds

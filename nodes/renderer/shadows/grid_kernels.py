@@ -26,13 +26,13 @@ EVERYBODY = wp.constant(1.0e30)
 
 @wp.struct
 class Grid:
-    """Of lights [G], in a frame with the world's axes: place, unit vectors to the right, down and ahead, 1 / tan of the
-    cone's half angle.
+    """Holds which casters may lie in the cone of each of the lights [G], by cells of its field of view.
 
-    turn, shift [E]: camera to that frame; pad [E]: rounding of a place in it [m]. cells [G SIDE^2 + 2]: where the
-    entries of each cell begin; the last one has all still instances. entries: index into casters.order, and the bits of
-    the least distance ahead of the light, ascending. lower, upper [still]: boxes, wider by `slack` [m] or more. masks
-    [E, G, COARSE^2]: bits of casters.order[still ...].
+    In a frame with the world's axes: place, unit vectors to the right, down and ahead; scale: 1 / tan of the cone's
+    half angle. turn, shift [E]: camera to that frame; pad [E]: rounding of a place in it [m]. cells [G SIDE^2 + 2]:
+    where the entries of each cell begin; the last one has all still instances. entries: index into casters.order, and
+    the bits of the least distance ahead of the light, ascending. lower, upper [still]: boxes, wider by `slack` [m] or
+    more. masks [E, G, COARSE^2]: bits of casters.order[still ...].
     """
 
     place: wp.array(dtype=wp.vec3)

@@ -14,7 +14,7 @@ MOST_TRIANGLES = 4_000_000
 
 
 class MergedMesh:
-    """The triangles of instances `chosen` as one `mesh`, and for each the instance and its face there, on the device.
+    """Joins the triangles of instances `chosen` to one `mesh` on the device, with each one's instance and face there.
 
     turn float64 [C, 3, 3] and centre float64 [C, 3] take an instance's frame to the mesh's.
     """

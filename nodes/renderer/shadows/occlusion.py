@@ -25,7 +25,7 @@ CHECKED = 8
 
 
 class Occluders:
-    """`casters`, for ray_kernels, of a visibility's instances; `update` and `launch` for every new image.
+    """Makes `casters`, for ray_kernels, of a visibility's instances; `update` and `launch` for every new image.
 
     still: bool [I]. active: False leaves all meshes out. trees: None for trees from TREE_FROM instances on. merged:
     whether the triangles under the tree of still instances are joined too, which on a GPU is faster for paths.
@@ -104,7 +104,7 @@ class Occluders:
             wp.launch(occlusion_kernels.place_trees, v.envs, inputs, outputs, device=v.device)
 
     def launch_moving(self) -> None:
-        """After `launch`, place the moving tree for the visibility's placed instances: launches only."""
+        """Places, after `launch`, the moving tree for the visibility's placed instances: launches only."""
         if self._moving_tree is not None:
             self._place_boxes()
             self._moving_tree.refit()

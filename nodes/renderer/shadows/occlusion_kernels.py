@@ -38,8 +38,15 @@ def place_boxes(
     upper: wp.array2d(dtype=wp.vec3),
     pad_bits: wp.array(dtype=int),
 ):
-    """Computes boxes [E, M] of moving instances in the camera's frame. pad as bits, which sort as floats of at least 0
-    do."""
+    """Computes the boxes of the moving instances in the camera's frame.
+
+    Args:
+        instances: [M] those that move.
+        half: [I] half the size of each box in its instance's frame [m].
+        rotation, translation: [E, I] instance to camera.
+        lower, upper: [E, M] m.
+        pad_bits: [E] rounding of a place, as bits, which sort as floats of at least 0 do.
+    """
     env, m = wp.tid()
     i = instances[m]
     turn = rotation[env, i]

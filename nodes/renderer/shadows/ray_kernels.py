@@ -160,7 +160,7 @@ def make_search(test: Any, trees: bool) -> tuple[Any, Any]:
         length: float,
         extent: float,
     ):
-        """Of order[begin..last), by the tree of moving ones where they have one."""
+        """Tells whether a caster of order[begin..last) fulfils the test, of moving ones by their tree."""
         end = int(last)
         if wp.static(trees):
             if casters.moving_tree != wp.uint64(0) and last > casters.still:

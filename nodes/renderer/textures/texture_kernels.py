@@ -10,7 +10,7 @@ TAPS = wp.constant(8)
 
 @wp.struct
 class Textures:
-    """texels: the levels of all textures one after another, row by row from v = 1 downwards.
+    """Holds all textures. texels: the levels of all textures one after another, row by row from v = 1 downwards.
 
     levels: (first texel, width, height) of each level. place [I]: (first level, number of levels) of an instance's
     texture; 0 levels = none.

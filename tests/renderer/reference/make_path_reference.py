@@ -2,7 +2,7 @@
 
 `pip install mitsuba==3.9.1 numpy` in an environment of its own, then `python make_path_reference.py` writes
 path_reference.npz: for each scene, the mean [16, 24, 3] and its standard error. The scenes are those of
-tests/renderer/test_path_reference.py; camera and conventions are those of make_reference.py beside this file.
+tests/renderer/paths/test_path_reference.py; camera and conventions are those of make_reference.py beside this file.
 """
 
 import sys

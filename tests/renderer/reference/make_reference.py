@@ -2,7 +2,7 @@
 
 `pip install mitsuba==3.9.1 numpy` in an environment of its own, then `python make_reference.py` writes reference.npz:
 for each scene, the mean [16, 24, 3] and its standard error. Everything is in the camera's frame: x right, y down,
-z forward. The scenes are those of tests/renderer/test_light_reference.py.
+z forward. The scenes are those of tests/renderer/shading/test_light_reference.py.
 """
 
 import sys

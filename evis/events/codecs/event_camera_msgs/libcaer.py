@@ -27,7 +27,7 @@ class Decoder(ecm.RecordDecoder):
         self.state[[_TURNS, _LAST]] = 0
 
     def decode_words(self, words: np.ndarray, limit: int) -> tuple[Events, int, int]:
-        """As every codec of records; keeps the turns up to the cut."""
+        """Decodes as every codec of records does; keeps the turns up to the cut."""
         events, cut, following = super().decode_words(words, limit)
         if cut:
             turns, low = self._count(words[:cut])

@@ -14,7 +14,7 @@ MAX_Y = 0x7FFF
 
 
 def pack(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, base_ns: int) -> np.ndarray:
-    """Events as uint64 [n]. t int64 [ns] in [base, base + 2^32); y is cut to 15 bits, p to its lowest."""
+    """Packs events as uint64 [n]. t int64 [ns] in [base, base + 2^32); y is cut to 15 bits, p to its lowest."""
     words = (t - np.int64(base_ns)).astype("<u8")
     words |= x.astype("<u8") << np.uint64(32)
     words |= (y & np.uint16(MAX_Y)).astype("<u8") << np.uint64(48)
@@ -23,7 +23,7 @@ def pack(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, base_ns: in
 
 
 def unpack(words: np.ndarray, base_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(t int64 [ns], x uint16, y uint16, p uint8) of uint64 [n]."""
+    """Unpacks uint64 [n] to (t int64 [ns], x uint16, y uint16, p uint8)."""
     t = (words & np.uint64(0xFFFFFFFF)).astype(np.int64) + np.int64(base_ns)
     x = ((words >> np.uint64(32)) & np.uint64(0xFFFF)).astype(np.uint16)
     y = ((words >> np.uint64(48)) & np.uint64(MAX_Y)).astype(np.uint16)

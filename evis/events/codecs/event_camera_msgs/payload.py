@@ -26,7 +26,7 @@ class Decoder(decoder.Decoder):
     counters = {"outside": OUTSIDE, "cut_words": CUT}
 
     def feed_packet(self, data: bytes | bytearray | memoryview | np.ndarray, time_base_ns: int = 0) -> None:
-        """Begin a message. Raises ValueError when the one before has words left, or for an impossible base."""
+        """Begins a message. Raises ValueError when the one before has words left, or for an impossible base."""
         if self.at_cut:
             raise ValueError(f"{self.encoding}: decode the rest of a message before feeding the next one")
         if not 0 <= time_base_ns < MAX_BASE_NS:
@@ -84,12 +84,12 @@ class Encoder(_Encoder):
     """Bases are multiples of this."""
 
     def encode(self, events: Events) -> bytes:
-        """The payload of one message whose time base is 0. Raises ValueError where the times do not fit."""
+        """Encodes the payload of one message whose time base is 0. Raises ValueError where the times do not fit."""
         self._check(events)
         return self._message(events, 0)
 
     def encode_packets(self, events: Events) -> list[tuple[int, bytes]]:
-        """Messages as (time_base_ns, bytes), each as long as its times allow."""
+        """Encodes messages as (time_base_ns, bytes), each as long as its times allow."""
         self._check(events)
         t = self._sequence(events)
         packets: list[tuple[int, bytes]] = []

@@ -31,7 +31,9 @@ class FrameReader:
         self._limit = 2 * width * height + 4 * max(width, height) + 64
 
     def feed(self, t_us: np.ndarray, words: np.ndarray) -> tuple[list[Frame], int]:
-        """(frames completed, frames damaged). t_us int64 [n]; words uint16 [n], others than of frames are skipped."""
+        """Takes words and returns (frames completed, number of frames damaged). t_us int64 [n]; words uint16 [n],
+        others than of frames are skipped.
+        """
         kind = _KIND[words]
         if not kind.all():
             mine = np.flatnonzero(kind)
@@ -106,7 +108,7 @@ def _region(words: np.ndarray, width: int, height: int) -> tuple[int, int, int, 
 
 
 def check_frame(frame: Frame, width: int, height: int) -> None:
-    """Raise ValueError for a frame that a DAVIS of this size cannot send."""
+    """Raises ValueError for a frame that a DAVIS of this size cannot send."""
     if frame.pixels.ndim != 2 or frame.pixels.dtype not in (np.uint8, np.uint16):
         raise ValueError("a DAVIS frame must be grey, uint8 or uint16 [h, w]")
     h, w = frame.pixels.shape
@@ -122,7 +124,8 @@ def _times(frame: Frame) -> list[int]:
 
 
 def frame_blocks(frame: Frame, width: int, height: int) -> list[tuple[int, np.ndarray]]:
-    """(time [us], words) of a frame: start and region, exposure, then all columns at its end. Raises ValueError.
+    """Encodes a frame as (time [us], words): start and region, exposure, then all columns at its end. Raises
+    ValueError.
 
     The reset level is 1023 everywhere; pixels are cut to 10 bits.
     """

@@ -82,7 +82,7 @@ class Encoder(_Encoder):
         self._turn = 0
 
     def encode(self, events: Events) -> bytes:
-        """The words, with a wrap word for every turn of 16.4 ms."""
+        """Encodes events as words, with a wrap word for every turn of 16.4 ms."""
         self._check(events)
         if len(events.triggers) and not events.triggers.value.all():
             raise ValueError("dvs128 has rising triggers only")
@@ -102,7 +102,7 @@ class Encoder(_Encoder):
         return np.insert(words, np.repeat(np.arange(len(words)), steps), WRAP).astype(self.word).tobytes()
 
     def advance(self, t_ns: int) -> bytes:
-        """The wrap words up to t_ns, as a device that sees nothing sends them."""
+        """Returns the wrap words up to t_ns, as a device that sees nothing sends them."""
         steps = max((t_ns // 1000 >> TURN_BITS) - self._turn, 0)
         self._limit(steps)
         self._turn += steps

@@ -38,7 +38,7 @@ SIDE_PIECES = (0, 3)
 
 
 def folded(address: np.ndarray, size: int) -> np.ndarray:
-    """Addresses of a binned sensor, whose far half is the near one."""
+    """Maps the addresses of a binned sensor, whose far half stands for the near one."""
     return np.where(address >= size, address - size, address)
 
 

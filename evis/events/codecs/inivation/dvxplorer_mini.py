@@ -145,7 +145,9 @@ class Encoder(_Encoder):
         self._ms: int | None = None
 
     def encode(self, events: Events) -> bytes:
-        """The words. Each call starts a new readout: its first time must be later than the last of the call before."""
+        """Encodes events as words. Each call starts a new readout: its first time must be later than the last of the
+        call before.
+        """
         self._check(events)
         if not len(events):
             return b""
@@ -178,7 +180,7 @@ class Encoder(_Encoder):
         return flat.astype(self.word).tobytes()
 
     def advance(self, t_ns: int) -> bytes:
-        """The reference up to t_ns."""
+        """Returns the reference up to t_ns."""
         ms = t_ns // 1_000_000
         if self._ms is not None and ms <= self._ms:
             return b""

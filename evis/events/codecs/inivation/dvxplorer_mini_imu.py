@@ -30,7 +30,9 @@ class MiniImu:
         self._signs = np.array([-1.0 if orientation & bit else 1.0 for bit in (4, 2, 1)])
 
     def sample(self, packet: bytes) -> np.ndarray | None:
-        """[7] acceleration [m/s^2], angular velocity [rad/s], temperature [deg C]; NaN: absent. None if damaged."""
+        """Reads [7] acceleration [m/s^2], angular velocity [rad/s], temperature [deg C]; NaN: absent. None if
+        damaged.
+        """
         if len(packet) != PACKET or packet[0] != SAMPLE:
             return None
         scales = packet[1]
@@ -45,14 +47,16 @@ class MiniImu:
         return values
 
     def packet(self, acceleration: np.ndarray, angular_velocity: np.ndarray, temperature: float) -> bytes:
-        """A sample of a camera whose chip is not turned (orientation 0), NaN: absent. Raises ValueError beyond 16 g and
-        2000 deg/s."""
+        """Encodes a sample of a camera whose chip is not turned (orientation 0), NaN: absent.
+
+        Raises ValueError beyond 16 g and 2000 deg/s.
+        """
         wire, scales = self.chip.on_wire(acceleration, angular_velocity, temperature)
         return bytes([SAMPLE, scales]) + np.nan_to_num(wire).astype("<i2").tobytes()
 
 
 def message_of(packet: bytes) -> str | None:
-    """The text of a message of the firmware; None for anything else."""
+    """Returns the text of a message of the firmware; None for anything else."""
     if len(packet) < 7 or packet[0] != MESSAGE:
         return None
     return packet[6:].split(b"\0")[0].decode("ascii", "replace") + f" (code {packet[1]})"

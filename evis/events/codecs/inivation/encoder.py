@@ -34,7 +34,7 @@ class Encoder(_Encoder):
         """No address has been sent yet."""
 
     def encode(self, events: Events) -> bytes:
-        """The words, in stream order; triggers and samples before the first event that is later."""
+        """Encodes events as words in stream order; triggers and samples before the first event that is later."""
         self._check(events)
         blocks = sorted(self._blocks(events), key=lambda block: block[0])
         if not len(events) and not blocks:
@@ -84,7 +84,7 @@ class Encoder(_Encoder):
         return flat.astype(self.word).tobytes()
 
     def advance(self, t_ns: int) -> bytes:
-        """The wrap words up to t_ns, as a device that sees nothing sends them."""
+        """Returns the wrap words up to t_ns, as a device that sees nothing sends them."""
         turns = (t_ns // 1000 >> 15) - ((self._t_us or 0) >> 15)
         if turns <= 0:
             return b""

@@ -32,7 +32,7 @@ class ImuChip:
     order: tuple[int, ...]
 
     def sample(self, words: np.ndarray) -> np.ndarray | None:
-        """[7] acceleration, angular velocity, temperature of the words between start and end; None if damaged."""
+        """Reads [7] acceleration, angular velocity, temperature of the words between start and end; None if damaged."""
         data = words & 0xFF
         is_scale = words >> 8 == 0x53
         if np.count_nonzero(is_scale) != 1 or not is_scale[0]:
@@ -49,7 +49,9 @@ class ImuChip:
         return self.in_units(wire, scales)
 
     def in_units(self, wire: np.ndarray, scales: int) -> np.ndarray:
-        """[7] acceleration [m/s^2], angular velocity [rad/s], temperature [deg C] of the wire's seven values."""
+        """Converts the wire's seven values to [7] acceleration [m/s^2], angular velocity [rad/s], temperature [deg
+        C].
+        """
         per_g, per_dps = self._units(scales >> self.accelerometer_shift & 3, scales & self.gyroscope_mask)
         wire = wire[list(self.order)]
         values = np.empty(7)
@@ -59,7 +61,9 @@ class ImuChip:
         return values
 
     def words(self, acceleration: np.ndarray, angular_velocity: np.ndarray, temperature: float) -> np.ndarray:
-        """The words of one sample, in the finest scales that hold it, without vectors with NaN. Raises ValueError."""
+        """Encodes the words of one sample, in the finest scales that hold it, without vectors with NaN. Raises
+        ValueError.
+        """
         wire, scales = self.on_wire(acceleration, angular_velocity, temperature)
         raw = wire[~np.isnan(wire)].astype(">i2").tobytes()
         body = 0x5000 | np.frombuffer(raw, np.uint8).astype(np.int64)
@@ -68,8 +72,9 @@ class ImuChip:
     def on_wire(
         self, acceleration: np.ndarray, angular_velocity: np.ndarray, temperature: float
     ) -> tuple[np.ndarray, int]:
-        """The seven whole numbers of a sample as float64 (NaN: absent), and the byte of kinds and scales. ValueError as
-        `words`."""
+        """Returns the seven whole numbers of a sample as float64 (NaN: absent), and the byte of kinds and scales.
+        ValueError as `words`.
+        """
         g, dps = (
             np.asarray(v, np.float64) + (0 if np.isfinite(v).all() else np.nan)
             for v in (acceleration, angular_velocity)
@@ -118,7 +123,9 @@ class ImuReader:
         self._open: np.ndarray | None = None
 
     def feed(self, t_us: np.ndarray, words: np.ndarray) -> tuple[Imu, int]:
-        """(samples completed, samples damaged). t_us int64 [n]; words uint16 [n], others than inertial are skipped."""
+        """Takes words and returns (samples completed, number of samples damaged). t_us int64 [n]; words uint16 [n],
+        others than inertial are skipped.
+        """
         mine = np.flatnonzero(_MINE[words])
         if not len(mine):
             return Imu(), 0

@@ -50,7 +50,7 @@ for _word, (_id, _value) in TRIGGERS.items():
 
 
 def classes(codes: dict[int, int], specials: dict[int, int], pieces: dict[int, int]) -> np.ndarray:
-    """Class of each of the 65536 words: by code, by special word, and by sub-code of the 8-bit pieces."""
+    """Tabulates the class of each of the 65536 words: by code, by special word, and by sub-code of the 8-bit pieces."""
     words = np.arange(1 << 16)
     code, data = words >> CODE_SHIFT, words & DATA_MASK
     table = np.full(1 << 16, UNKNOWN, np.uint8)

@@ -144,13 +144,13 @@ class _Clock:
         self.any = state[TIMED] > 0
 
     def at(self, words: np.ndarray) -> np.ndarray:
-        """Time [us] at the given word positions, int64."""
+        """Returns the time [us] at the given word positions, int64."""
         h, l = decoder.count_until(self.kind == TIME_HIGH, words), decoder.count_until(self.kind == TIME_LOW, words)
         low = np.where(self.changed[h] > self.set[l], 0, self.low[l])
         return (self.loop[h] << 24) + (self.high[h] << 12) + low
 
     def store(self, state: np.ndarray, cut: int) -> None:
-        """The state before word `cut`."""
+        """Stores the state before word `cut`."""
         h, l = int(np.searchsorted(self.highs, cut)), int(np.searchsorted(self.lows, cut))
         state[TIMED] = int(self.any or h > 0)
         state[HIGH], state[LOOP] = self.high[h], self.loop[h]

@@ -37,8 +37,19 @@ def evt3_run(
 ) -> wp.int32:
     """Decodes rows, pixels and low times from word `at` up to the first other word, or a low time behind `latest`.
 
-    Events go to place `first` on. Changes low time and row in its state; out[1] = events. Returns the word to go on
-    with.
+    Args:
+        words: words of EVT3 [n].
+        at: first word to decode.
+        end: word behind the last.
+        since: time of the TIME_HIGH in force [us].
+        high: its value, 12 bits.
+        latest: last low time that is not later than the limit.
+        first: place of the first event.
+        to: where events are written; low time and row in its state go on, and out[1] gets the place behind the last
+            event.
+
+    Returns:
+        the word to go on with.
     """
     ...
 
@@ -54,5 +65,17 @@ def evt2_run(
     # out
     to: Sink,
 ) -> wp.int32:
-    """Decodes events from word `at` up to the first other word, to place `first` on. Returns the word to go on with."""
+    """Decodes events from word `at` up to the first other word.
+
+    Args:
+        words: words of EVT2 [n].
+        at: first word to decode.
+        end: word behind the last.
+        since: time of the TIME_HIGH in force [us].
+        first: place of the first event.
+        to: where events are written.
+
+    Returns:
+        the word to go on with.
+    """
     ...

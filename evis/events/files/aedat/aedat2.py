@@ -29,7 +29,7 @@ _SHORT = np.dtype([("address", ">u2"), ("t", ">i4")])
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The signature; files without a version are not told apart from others."""
+    """Tells whether a file begins with the signature; files without a version are not told apart from others."""
     return head.startswith((b"#!AER-DAT2", b"#!AER-DAT1"))
 
 
@@ -119,7 +119,9 @@ def _triggers(t: np.ndarray, value: np.ndarray) -> Triggers:
 
 
 def read_header(path: Path) -> tuple[dict[str, str], int]:
-    """`# Key: value` lines, and the position of the first record: behind the last line that begins with `#`."""
+    """Reads the `# Key: value` lines, and the position of the first record: behind the last line that begins with
+    `#`.
+    """
     header: dict[str, str] = {}
     position = 0
     with path.open("rb") as file:
@@ -137,5 +139,5 @@ def read_header(path: Path) -> tuple[dict[str, str], int]:
 
 
 def open_file(path: Path, options: OpenOptions) -> Aedat2Recording:
-    """Open an AEDAT 2.0 file. Raises RecordingError."""
+    """Opens an AEDAT 2.0 file. Raises RecordingError."""
     return Aedat2Recording(path, options)

@@ -36,7 +36,7 @@ class DavisSamples:
         self._damaged = 0
 
     def take_damaged(self) -> int:
-        """Frames without a signal for each reset read since the last call."""
+        """Returns the frames without a signal for each reset read since the last call."""
         n, self._damaged = self._damaged, 0
         return n
 

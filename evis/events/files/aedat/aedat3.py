@@ -12,6 +12,7 @@ import numpy as np
 from evis.events.arrays import Events, Frame, Imu, Triggers
 from evis.events.files.reading.block_recording import BlockRecording, take_size
 from evis.events.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
+from evis.files.descriptor import DescriptorOwner
 
 NAME = "AEDAT 1.0, 2.0, 3.1 and 4"
 
@@ -32,11 +33,11 @@ _MAX_FRAME = 64 << 20
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The signature."""
+    """Tells whether a file begins with the signature."""
     return head.startswith(b"#!AER-DAT3")
 
 
-class Aedat3Recording(BlockRecording):
+class Aedat3Recording(DescriptorOwner, BlockRecording):
     """An AEDAT 3.1 file: polarity events, special events, frames, IMU 6 and 9 of one source.
 
     The topic is the number of a source; by default the one of the first polarity events.
@@ -191,12 +192,7 @@ class Aedat3Recording(BlockRecording):
     def position(self) -> float:
         return min(1.0, self._place / max(self.info.size_bytes, 1))
 
-    def close(self) -> None:
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
-
 
 def open_file(path: Path, options: OpenOptions) -> Aedat3Recording:
-    """Open an AEDAT 3.1 file. Raises RecordingError."""
+    """Opens an AEDAT 3.1 file. Raises RecordingError."""
     return Aedat3Recording(path, options)

@@ -19,6 +19,7 @@ from evis.events.files.reading.block_recording import BlockRecording, take_size
 from evis.events.files.reading.decompress import DamagedError, inflate
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
 from evis.files.allowance import Allowance
+from evis.files.descriptor import DescriptorOwner
 
 NAME = "AEDAT 1.0, 2.0, 3.1 and 4"
 
@@ -39,11 +40,11 @@ class Packet(NamedTuple):
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The signature, or the part of it that a cut left."""
+    """Tells whether a file begins with the signature, or the part of it that a cut left."""
     return head.startswith(b"#!AER-DAT4")
 
 
-class Aedat4Recording(BlockRecording):
+class Aedat4Recording(DescriptorOwner, BlockRecording):
     """An AEDAT 4 file: events, triggers, IMU samples and frames in the order of its packets.
 
     A damaged packet is left out alone: it is counted as `packets_damaged` and named in the warnings. Packets of other
@@ -244,11 +245,6 @@ class Aedat4Recording(BlockRecording):
     def position(self) -> float:
         return min(1.0, self._place / max(self._end if self._begin < self._size else 1, 1))
 
-    def close(self) -> None:
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
-
 
 def _streams(text: str) -> dict[int, dict[str, str]]:
     """The streams that the header's XML describes: number -> attributes of it and of its `info`."""
@@ -268,5 +264,5 @@ def _streams(text: str) -> dict[int, dict[str, str]]:
 
 
 def open_file(path: Path, options: OpenOptions) -> Aedat4Recording:
-    """Open an AEDAT 4 file. Raises RecordingError."""
+    """Opens an AEDAT 4 file. Raises RecordingError."""
     return Aedat4Recording(path, options)

@@ -46,7 +46,7 @@ class Packets:
         self.full = False
 
     def add(self, data: bytes, cut: bool = False) -> None:
-        """One more. cut: it may end early. Raises DamagedError and is as before."""
+        """Adds one packet. cut: it may end early. Raises DamagedError and is as before."""
         kind = data[8:12]
         if kind not in KINDS:
             raise DamagedError("it holds nothing that is known")
@@ -83,7 +83,7 @@ class Packets:
             events.t[first:last] = t
 
     def take(self) -> Events:
-        """What they hold, each kind in the order of the packets; none is left."""
+        """Takes what the packets hold, each kind in the order of the packets; none is left."""
         events = self._events[: self._n]
         if self._imu:
             events.imu = _imu(self._imu)

@@ -12,7 +12,8 @@ from evis.events.arrays import Events, Frame, Imu, Triggers
 from evis.events.files.aedat.aedat4 import MAGIC
 from evis.events.files.aedat.aedat4_packets import EVENT, GRAVITY, SOURCES
 from evis.events.files.aedat.flat_builder import single_table, vector_of_structs, vector_of_tables
-from evis.events.recording import RecordingError, Writer
+from evis.events.files.file_writer import FileWriter, check_size
+from evis.events.recording import RecordingError
 
 COMPRESSIONS = {"none": 0, "lz4": 1, "zstd": 3}
 _STREAMS = (("events", "EVTS"), ("frames", "FRME"), ("imu", "IMUS"), ("triggers", "TRIG"))
@@ -28,7 +29,7 @@ _TRIGGER_FIELDS = [8, 4]
 _CODES = {v: k for k, v in reversed(SOURCES.items())}
 
 
-class Aedat4Writer(Writer):
+class Aedat4Writer(FileWriter):
     """Writes .aedat4. Times are rounded down to whole us; coordinates go up to 32767."""
 
     keeps = frozenset({"triggers", "imu", "frames"})
@@ -96,10 +97,6 @@ class Aedat4Writer(Writer):
         self._file.write(struct.pack("<q", position))
         self._file.close()
 
-    def discard(self) -> None:
-        self._file.close()
-        super().discard()
-
 
 def _squeezer(compression: str, path: str):  # type: ignore[no-untyped-def]
     if compression == "none":
@@ -134,10 +131,9 @@ def _description(width: int, height: int, compression: str) -> str:
 
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> Aedat4Writer:
-    """An AEDAT 4 writer. encoding: the compression, zstd (default), lz4 or none. Raises RecordingError."""
+    """Returns an AEDAT 4 writer. encoding: the compression, zstd (default), lz4 or none. Raises RecordingError."""
     encoding = encoding or "zstd"
     if encoding not in COMPRESSIONS:
         raise RecordingError(f"{path}: cannot write the compression '{encoding}'; known are {', '.join(COMPRESSIONS)}")
-    if not (0 < width <= 32767 and 0 < height <= 32767):
-        raise RecordingError(f"{path}: AEDAT 4 holds sensors of 1 to 32767 pixels a side, not {width}x{height}")
+    check_size(path, "AEDAT 4", width, height, 32767)
     return Aedat4Writer(path, width, height, encoding)

@@ -11,13 +11,16 @@ _VECTOR = 28
 
 
 def vector_of_structs(identifier: bytes, rows: np.ndarray) -> bytes:
-    """A size-prefixed root table whose only field is a vector of structs (8-byte aligned)."""
+    """Builds a size-prefixed root table whose only field is a vector of structs (8-byte aligned)."""
     return _prefixed(_head(identifier, len(rows)) + rows.tobytes())
 
 
 def vector_of_tables(identifier: bytes, rows: np.ndarray, fields: list[int]) -> bytes:
-    """As `vector_of_structs`, of tables. rows: structs that begin with an int32 `table`, filled here; their size is a
-    multiple of 8. fields: where each field of the schema is in such a row, 0 = not there."""
+    """Builds a vector as `vector_of_structs` does, of tables.
+
+    rows: structs that begin with an int32 `table`, filled here; their size is a multiple of 8. fields: where each
+    field of the schema is in such a row, 0 = not there.
+    """
     n, size = len(rows), rows.dtype.itemsize
     vtable = struct.pack(f"<{2 + len(fields)}H", 4 + 2 * len(fields), size, *fields)
     vtable_at = _VECTOR + 4 + 4 * n
@@ -33,8 +36,9 @@ def vector_of_tables(identifier: bytes, rows: np.ndarray, fields: list[int]) -> 
 def single_table(
     identifier: bytes, fields: list[tuple[str, float]], tail: bytes, align: int = 1
 ) -> tuple[bytes, list[int]]:
-    """(a size-prefixed root table, where each field is). fields: (code as in `struct`, value); after them a vector of
-    bytes, or a string where `tail` ends with a NUL that is not counted."""
+    """Builds a size-prefixed root table, and returns it with the place of each field. fields: (code as in `struct`,
+    value); after them a vector of bytes, or a string where `tail` ends with a NUL that is not counted.
+    """
     codes = sorted(range(len(fields)), key=lambda i: -struct.calcsize(fields[i][0]))
     vtable_at = 12
     table = -(-(vtable_at + 4 + 2 * (len(fields) + 1)) // 8) * 8 + 4

@@ -34,28 +34,28 @@ class Table:
 
     @staticmethod
     def root(data: bytes | memoryview, identifier: bytes, prefixed: bool = True) -> Table:
-        """The root table of a buffer with this identifier, size-prefixed or not."""
+        """Returns the root table of a buffer with this identifier, size-prefixed or not."""
         at = 4 if prefixed else 0
         if bytes(data[at + 4 : at + 8]) != identifier:
             raise DamagedError(f"it does not hold {identifier.decode()}")
         return Table(data, at + _get("<I", data, at))
 
     def place(self, field: int) -> int:
-        """Where a field's bytes begin, 0 where the table does not have it."""
+        """Tells where a field's bytes begin, 0 where the table does not have it."""
         offset = self._fields[field] if field < len(self._fields) else 0
         return self.at + offset if offset else 0
 
     def number(self, field: int, code: str, default: float = 0) -> int | float:
-        """A number; code as in `struct`."""
+        """Reads a number; code as in `struct`."""
         place = self.place(field)
         return _get("<" + code, self.data, place) if place else default
 
     def integer(self, field: int, code: str, default: int = 0) -> int:
-        """A whole number."""
+        """Reads a whole number."""
         return int(self.number(field, code, default))
 
     def vector(self, field: int, dtype: np.dtype, cut: bool = False) -> np.ndarray:
-        """A vector of numbers or structs, not copied. cut: of a buffer that ends early, what is there."""
+        """Reads a vector of numbers or structs, not copied. cut: of a buffer that ends early, what is there."""
         place = self.place(field)
         if not place:
             return np.empty(0, dtype)
@@ -68,11 +68,11 @@ class Table:
         return np.frombuffer(self.data, dtype, n, place + 4)
 
     def text(self, field: int) -> str:
-        """A string."""
+        """Reads a string."""
         return self.vector(field, np.dtype(np.uint8)).tobytes().decode(errors="replace")
 
     def tables(self, field: int, cut: bool = False) -> list[Table]:
-        """A vector of tables. cut: of a buffer that ends early, those that are there."""
+        """Reads a vector of tables. cut: of a buffer that ends early, those that are there."""
         place = self.place(field)
         if not place:
             return []
@@ -88,7 +88,9 @@ class Table:
         return tables
 
     def rows(self, field: int, wanted: Wanted, cut: bool = False) -> Rows:
-        """Numbers of a vector of tables, a row for each table; fields that no table has are not in the rows' type."""
+        """Returns the numbers of a vector of tables, a row for each table; fields that no table has are not in the
+        rows' type.
+        """
         place = self.place(field)
         start = place + _get("<I", self.data, place) + 4 if place else 0
         offsets = self.vector(field, _OFFSET, cut)
@@ -132,7 +134,7 @@ class Table:
 
 
 def columns(parts: Sequence[Rows], wanted: Wanted) -> list[np.ndarray]:
-    """One array for each wanted field, of the rows of many tables in a row; 0 where a field is absent."""
+    """Returns one array for each wanted field, of the rows of many tables in a row; 0 where a field is absent."""
     tables = []
     for kind, alike in itertools.groupby(parts, operator.itemgetter(0)):
         tables.append(np.frombuffer(b"".join([data for _, data in alike]), kind))

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from evis.events.arrays import Events
+from evis.events.files.es.layout import EVENT_BYTES, TIME_SHIFT, longest_time
 
-SIZES = {"dvs": 5, "atis": 5}
-"""Bytes of an event, by type of stream."""
 LOOP_BYTES = 1 << 20
 """Below this size the plain loop is done before Warp would have been imported."""
 
@@ -32,10 +31,10 @@ class EsDecoder:
         return len(self._rest)
 
     def decode(self, data: bytes) -> tuple[Events, int]:
-        """(events, ATIS exposure measurements left out)."""
+        """Decodes bytes to (events, number of ATIS exposure measurements left out)."""
         data = self._rest + data
         run = _launch if self.backend == "warp" else _loop
-        (t, x, y, p), exposures, used, self._t = run(data, self.kind == "atis", self._t)
+        (t, x, y, p), exposures, used, self._t = run(data, TIME_SHIFT[self.kind], self._t)
         self._rest = data[used:]
         return Events(t * 1000, x, y, p), exposures
 
@@ -43,42 +42,43 @@ class EsDecoder:
 Result = tuple[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], int, int, int]
 
 
-def _loop(data: bytes, atis: bool, t: int) -> Result:
+def _loop(data: bytes, shift: int, t: int) -> Result:
     at, end, exposures = 0, len(data), 0
+    size, longest = EVENT_BYTES, longest_time(shift)
+    pause = longest << shift
+    below = (1 << shift) - 1
+    marked = below >> 1
     places: list[int] = []
     times: list[int] = []
     while at < end:
         first = data[at]
-        if atis and first & 0xFC == 0xFC:
-            t += 63 * (first & 3)
+        if first >= pause:
+            t += longest * (first & below)
             at += 1
-        elif not atis and first >= 0xFE:
-            t += 127 * (first & 1)
-            at += 1
-        elif at + 5 > end:
+        elif at + size > end:
             break
         else:
-            t += first >> 2 if atis else first >> 1
-            if atis and first & 1:
+            t += first >> shift
+            if first & marked:
                 exposures += 1
             else:
                 places.append(at)
                 times.append(t)
-            at += 5
+            at += size
     raw = np.frombuffer(data, np.uint8)
     place = np.array(places, np.int64)
     x = raw[place + 1] | raw[place + 2].astype(np.uint16) << 8
     y = raw[place + 3] | raw[place + 4].astype(np.uint16) << 8
-    return (np.array(times, np.int64), x, y, raw[place] >> (1 if atis else 0) & 1), exposures, at, t
+    return (np.array(times, np.int64), x, y, raw[place] >> (shift - 1) & 1), exposures, at, t
 
 
-def _launch(data: bytes, atis: bool, t: int) -> Result:
+def _launch(data: bytes, shift: int, t: int) -> Result:
     from evis.events.codecs.warp_calls import run
     from evis.events.files.es.kernels import decode_es
 
-    n = len(data) // 5
+    n = len(data) // EVENT_BYTES
     columns = [np.empty(n, d) for d in (np.int64, np.uint16, np.uint16, np.uint8)]
     out = np.array([0, 0, 0, t], np.int64)
-    run(decode_es, [np.frombuffer(data, np.uint8), int(atis)], [out, *columns])
+    run(decode_es, [np.frombuffer(data, np.uint8), shift, longest_time(shift)], [out, *columns])
     used, count, exposures, t = (int(v) for v in out)
     return tuple(c[:count].copy() for c in columns), exposures, used, t  # type: ignore[return-value]

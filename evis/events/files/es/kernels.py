@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from evis.events.files.es.layout import EVENT_BYTES
 from evis.warp_start import start_warp
 
 start_warp()
@@ -11,7 +12,8 @@ start_warp()
 def decode_es(
     # in
     data: wp.array(dtype=wp.uint8),
-    atis: int,
+    shift: int,
+    longest: int,
     # out
     out: wp.array(dtype=wp.int64),
     t: wp.array(dtype=wp.int64),
@@ -19,38 +21,44 @@ def decode_es(
     y: wp.array(dtype=wp.uint16),
     p: wp.array(dtype=wp.uint8),
 ):
-    """Decodes the bytes of an Event Stream to events; out = bytes used, events, exposures, time [us]."""
+    """Decodes the bytes of an Event Stream to events.
+
+    Args:
+        data: bytes of the stream, from the first byte of an event on [n].
+        shift: bits below the time in the first byte of an event; see `layout`.
+        longest: time of a first byte that stands for a pause [us].
+        out: the time before the first byte [us] in place 3; gets bytes used, events, exposures and the time [us].
+        t: times [us], with room for n / 5 events, as the other columns.
+        x: pixel columns.
+        y: pixel rows.
+        p: polarities, 1 = ON.
+    """
     now = out[3]
     at = wp.int32(0)
     n = wp.int32(0)
     exposures = wp.int64(0)
     end = data.shape[0]
+    pause = longest << shift
+    below = (1 << shift) - 1
+    marked = below >> 1
     while at < end:
         first = int(data[at])
-        if atis == 1 and first >= 252:
-            now += wp.int64(63 * (first & 3))
+        if first >= pause:
+            now += wp.int64(longest * (first & below))
             at += 1
-        elif atis == 0 and first >= 254:
-            now += wp.int64(127 * (first & 1))
-            at += 1
-        elif at + 5 > end:
+        elif at + EVENT_BYTES > end:
             break
         else:
-            if atis == 1:
-                now += wp.int64(first >> 2)
-                sign = (first >> 1) & 1
-            else:
-                now += wp.int64(first >> 1)
-                sign = first & 1
-            if atis == 1 and (first & 1) == 1:
+            now += wp.int64(first >> shift)
+            if (first & marked) != 0:
                 exposures += wp.int64(1)
             else:
                 t[n] = now
                 x[n] = wp.uint16(int(data[at + 1]) | (int(data[at + 2]) << 8))
                 y[n] = wp.uint16(int(data[at + 3]) | (int(data[at + 4]) << 8))
-                p[n] = wp.uint8(sign)
+                p[n] = wp.uint8((first >> (shift - 1)) & 1)
                 n += 1
-            at += 5
+            at += EVENT_BYTES
     out[0] = wp.int64(at)
     out[1] = wp.int64(n)
     out[2] = exposures

@@ -6,19 +6,18 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from evis.events.arrays import Events
-from evis.events.files.es.decoder import SIZES, EsDecoder
+from evis.events.files.es.decoder import EsDecoder
+from evis.events.files.es.layout import HEADER_BYTES, MAGIC, TIME_SHIFT, TYPES, VERSION
 from evis.events.files.reading.block_recording import BlockRecording, take_size
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
 
 NAME = "Event Stream (.es)"
 
-MAGIC = b"Event Stream"
-TYPES = {0: "generic", 1: "dvs", 2: "atis", 4: "color"}
 _BLOCK = 1 << 20
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The signature."""
+    """Tells whether a file begins with the signature."""
     return head.startswith(MAGIC)
 
 
@@ -28,17 +27,17 @@ class EsRecording(BlockRecording):
     def __init__(self, path: Path, options: OpenOptions) -> None:
         size = path.stat().st_size
         with path.open("rb") as file:
-            head = file.read(20)
+            head = file.read(HEADER_BYTES)
         if len(head) < 16:
             raise RecordingError(f"{path}: cut inside its header of 16 bytes; there is no event")
         version = ".".join(map(str, head[12:15]))
-        if head[12] != 2:
-            raise RecordingError(f"{path}: Event Stream of version {version}; known is version 2")
+        if head[12] != VERSION[0]:
+            raise RecordingError(f"{path}: Event Stream of version {version}; known is version {VERSION[0]}")
         kind = TYPES.get(head[15], f"{head[15]}")
-        if kind not in SIZES:
+        if kind not in TIME_SHIFT:
             raise RecordingError(f"{path}: an Event Stream of type {kind}, which holds no polarity events")
         self.info = RecordingInfo(str(path), "es", kind, 0, 0, "header", size, header={"version": version})
-        if len(head) < 20:
+        if len(head) < HEADER_BYTES:
             self.info.truncated = True
             self.info.warn("cut inside the header: there is no event")
         self._backend = options.backend
@@ -56,7 +55,7 @@ class EsRecording(BlockRecording):
 
     def _load(self) -> Iterator[Events]:
         decoder = EsDecoder(self.info.encoding, self._backend, self.info.size_bytes)
-        self._file.seek(20)
+        self._file.seek(HEADER_BYTES)
         while data := self._file.read(_BLOCK):
             events, exposures = decoder.decode(data)
             self.count("exposures_left_out", exposures)
@@ -74,5 +73,5 @@ class EsRecording(BlockRecording):
 
 
 def open_file(path: Path, options: OpenOptions) -> EsRecording:
-    """Open an Event Stream. Raises RecordingError."""
+    """Opens an Event Stream. Raises RecordingError."""
     return EsRecording(path, options)

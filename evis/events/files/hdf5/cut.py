@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from evis.events.files.hdf5 import ecf
+from evis.events.files.hdf5.ecf_layout import COUNT_SHIFT, MAX_SIDE, PACKED_COLUMNS, PACKED_EVENTS
 from evis.events.files.hdf5.table import Table
 from evis.events.files.reading.decompress import DamagedError
 
@@ -20,7 +21,7 @@ Parts = list[tuple[int, int]]
 
 
 def rows_there(table: Table, end: int, first: int, last: int) -> Parts:
-    """The rows of first..last-1 whose bytes all lie before byte `end` of the file.
+    """Finds the rows of first..last-1 whose bytes all lie before byte `end` of the file.
 
     A compressed chunk counts as a whole. A chunk of which the index is lost counts as not there.
     """
@@ -66,19 +67,23 @@ def _joined(parts: Parts) -> Parts:
 
 
 def common(one: Parts, other: Parts) -> Parts:
-    """What is in both."""
+    """Intersects two lists of parts."""
     both = [(max(a, c), min(b, d)) for a, b in one for c, d in other]
     return [(a, b) for a, b in sorted(both) if a < b]
 
 
 def carve_ecf(path: Path, at: int, length: int, t_us: int | None, size: tuple[int, int]) -> Iterator[ecf.Columns]:
-    """Chunks of ECF that stand in a file from byte `at` on, found by their first words: for a lost index.
+    """Yields the chunks of ECF that stand in a file from byte `at` on, found by their first words: for a lost index.
 
     length: events in a chunk. t_us: time of the event before, None where there is none. size: of the sensor, 0 where it
     is unknown. A chunk counts when it can be decoded, no time steps back or leaps by more than an hour, and every pixel
     is on the sensor; of the one at the end of the file, what is there.
     """
-    head = re.compile(b"|".join(re.escape(struct.pack("<I", length << 2 | mode)) for mode in range(3)))
+    head = re.compile(
+        b"|".join(
+            re.escape(struct.pack("<I", length << COUNT_SHIFT | mode)) for mode in (0, PACKED_COLUMNS, PACKED_EVENTS)
+        )
+    )
     cut: ecf.Columns | None = None
     with path.open("rb") as file:
         while True:
@@ -111,6 +116,6 @@ def carve_ecf(path: Path, at: int, length: int, t_us: int | None, size: tuple[in
 
 def _plausible(columns: ecf.Columns, start: int, size: tuple[int, int]) -> bool:
     t, x, y, _ = columns
-    width, height = size[0] or 2048, size[1] or 2048
+    width, height = size[0] or MAX_SIDE, size[1] or MAX_SIDE
     in_time = len(t) > 0 and 0 <= start < 1 << 56 and int(t[-1]) - start <= _LONGEST_PAUSE_US
     return in_time and int(x.max()) < width and int(y.max()) < height

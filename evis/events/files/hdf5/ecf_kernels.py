@@ -6,12 +6,28 @@ returns the byte behind the part, or -1 where the data end early. The columns ha
 
 import warp as wp
 
+from evis.events.files.hdf5.ecf_layout import (
+    COLUMN_GROUP_BYTES,
+    EVENT_GROUP_BYTES,
+    GROUP,
+    HEAD_BYTES,
+    LAST_SHIFT,
+    MASK_BITS,
+    POLARITY_COUNT_BITS,
+    ROW_COUNT_BITS,
+    SIDE_MASK,
+    STEP_BITS,
+    STEP_MAX,
+    X_SHIFT,
+    Y_SHIFT,
+)
 from evis.warp_start import start_warp
 
 start_warp()
 
 Bytes = wp.array(dtype=wp.uint8)
 U16 = wp.array(dtype=wp.uint16)
+ROW_COUNT_MAX, POLARITY_COUNT_MAX = (1 << ROW_COUNT_BITS) - 1, (1 << POLARITY_COUNT_BITS) - 1
 
 
 @wp.func
@@ -38,16 +54,16 @@ def read_times(data: Bytes, at: int, n: int, t0: wp.int64, t: wp.array(dtype=wp.
     while i < n:
         if at >= data.shape[0]:
             return -1
-        step = int(data[at]) >> 4
-        count = int(data[at]) & 15
+        step = int(data[at]) >> STEP_BITS
+        count = int(data[at]) & STEP_MAX
         at += 1
-        if step == 15:
-            if shift > 56:
+        if step == STEP_MAX:
+            if shift > LAST_SHIFT:
                 return -1
             jump = jump | (wp.int64(count) << wp.int64(shift))
-            shift += 4
+            shift += STEP_BITS
         else:
-            if count == 15:
+            if count == STEP_MAX:
                 if at + 2 > data.shape[0]:
                     return -1
                 count = half(data, at)
@@ -64,16 +80,28 @@ def read_times(data: Bytes, at: int, n: int, t0: wp.int64, t: wp.array(dtype=wp.
 
 @wp.func
 def read_packed_events(data: Bytes, at: int, n: int, x: U16, y: U16, p: Bytes):
-    """Reads four events of 24 bits in three words."""
+    """Reads row, column and polarity of n events, packed by four into three words of 32 bits.
+
+    Args:
+        data: bytes of the chunk.
+        at: place of the first word.
+        n: events.
+        x: gets pixel columns.
+        y: gets pixel rows.
+        p: gets polarities, 1 = ON.
+
+    Returns:
+        the place behind the words, -1 where the data end early.
+    """
     i = wp.int32(0)
     while i < n:
-        if at + 12 > data.shape[0]:
+        if at + EVENT_GROUP_BYTES > data.shape[0]:
             return -1
         a = word(data, at)
         b = word(data, at + 4)
         c = word(data, at + 8)
-        at += 12
-        for k in range(4):
+        at += EVENT_GROUP_BYTES
+        for k in range(GROUP):
             v = (a >> 8) & 0xFFFFFF
             if k == 1:
                 v = (a & 0xFF) | (((b >> 16) & 0xFFFF) << 8)
@@ -81,10 +109,10 @@ def read_packed_events(data: Bytes, at: int, n: int, x: U16, y: U16, p: Bytes):
                 v = (b & 0xFFFF) | (((c >> 24) & 0xFF) << 16)
             elif k == 3:
                 v = c & 0xFFFFFF
-            y[i + k] = wp.uint16((v >> 12) & 0x7FF)
-            x[i + k] = wp.uint16((v >> 1) & 0x7FF)
+            y[i + k] = wp.uint16((v >> Y_SHIFT) & SIDE_MASK)
+            x[i + k] = wp.uint16((v >> X_SHIFT) & SIDE_MASK)
             p[i + k] = wp.uint8(v & 1)
-        i += 4
+        i += GROUP
     return at
 
 
@@ -97,15 +125,15 @@ def read_rows(data: Bytes, at: int, n: int, y: U16):
             return -1
         run = half(data, at)
         at += 2
-        count = run & 31
-        if count == 31:
+        count = run & ROW_COUNT_MAX
+        if count == ROW_COUNT_MAX:
             if at + 2 > data.shape[0]:
                 return -1
             count = half(data, at)
             at += 2
         last = wp.min(i + count, n)
         for j in range(i, last):
-            y[j] = wp.uint16(run >> 5)
+            y[j] = wp.uint16(run >> ROW_COUNT_BITS)
         i = last
     return at
 
@@ -115,13 +143,13 @@ def read_packed_columns(data: Bytes, at: int, n: int, x: U16, p: Bytes):
     """Reads column and polarity of four events, of 12 bits each, in three half words."""
     i = wp.int32(0)
     while i < n:
-        if at + 6 > data.shape[0]:
+        if at + COLUMN_GROUP_BYTES > data.shape[0]:
             return -1
         a = half(data, at)
         b = half(data, at + 2)
         c = half(data, at + 4)
-        at += 6
-        for k in range(4):
+        at += COLUMN_GROUP_BYTES
+        for k in range(GROUP):
             v = a >> 4
             if k == 1:
                 v = (a & 15) | ((b >> 8) << 4)
@@ -129,9 +157,9 @@ def read_packed_columns(data: Bytes, at: int, n: int, x: U16, p: Bytes):
                 v = (b & 0xFF) | ((c >> 12) << 8)
             elif k == 3:
                 v = c & 0xFFF
-            x[i + k] = wp.uint16(v >> 1)
+            x[i + k] = wp.uint16(v >> X_SHIFT)
             p[i + k] = wp.uint8(v & 1)
-        i += 4
+        i += GROUP
     return at
 
 
@@ -144,11 +172,11 @@ def read_masked_columns(data: Bytes, at: int, n: int, x: U16):
             return -1
         masked = half(data, at)
         at += 2
-        x[i] = wp.uint16(masked >> 5)
+        x[i] = wp.uint16(masked >> MASK_BITS)
         i += 1
-        for k in range(5):
-            if ((masked >> (4 - k)) & 1) == 1:
-                x[i] = wp.uint16((masked >> 5) + k + 1)
+        for k in range(MASK_BITS):
+            if ((masked >> (MASK_BITS - 1 - k)) & 1) == 1:
+                x[i] = wp.uint16((masked >> MASK_BITS) + k + 1)
                 i += 1
     return at
 
@@ -162,15 +190,15 @@ def read_polarities(data: Bytes, at: int, n: int, p: Bytes):
             return -1
         run = int(data[at])
         at += 1
-        count = run & 127
-        if count == 127:
+        count = run & POLARITY_COUNT_MAX
+        if count == POLARITY_COUNT_MAX:
             if at + 2 > data.shape[0]:
                 return -1
             count = half(data, at)
             at += 2
         last = wp.min(i + count, n)
         for j in range(i, last):
-            p[j] = wp.uint8(run >> 7)
+            p[j] = wp.uint8(run >> POLARITY_COUNT_BITS)
         i = last
     return at
 
@@ -190,8 +218,21 @@ def decode_ecf(
     y: U16,
     p: Bytes,
 ):
-    """Decodes a chunk of n events that begins at t0 [us]; out = 1 where the data end early."""
-    at = read_times(data, 12, n, t0, t)
+    """Decodes one chunk of ECF to events.
+
+    Args:
+        data: the chunk, its head included.
+        n: events in the chunk.
+        t0: time of the first event [us].
+        yxp: 1 where row, column and polarity are packed together.
+        xp: 1 where column and polarity are packed together, behind the rows.
+        out: gets 1 where the data end early, else 0.
+        t: times [us], with five places more than events, as the other columns.
+        x: pixel columns.
+        y: pixel rows.
+        p: polarities, 1 = ON.
+    """
+    at = read_times(data, HEAD_BYTES, n, t0, t)
     if at >= 0 and yxp == 1:
         at = read_packed_events(data, at, n, x, y, p)
     elif at >= 0:

@@ -14,6 +14,7 @@ import numpy as np
 from evis.events.arrays import Events, Triggers
 from evis.events.files.hdf5 import ecf
 from evis.events.files.hdf5.cut import Parts, common, rows_there
+from evis.events.files.hdf5.ecf_layout import FILTER
 from evis.events.files.hdf5.table import Table, member
 from evis.events.files.numpy_files.npy import NAMES, is_whole, seconds_in_ns
 from evis.events.files.reading.decompress import DamagedError
@@ -48,7 +49,7 @@ class Layout:
     read_cut: Callable[[int, bytes], Events] | None = None
 
     def there(self, end: int, first: int, last: int) -> Parts:
-        """Which of the events first..last-1 lie before byte `end` of the file."""
+        """Tells which of the events first..last-1 lie before byte `end` of the file."""
         parts = [(first, last)]
         for table in self.tables:
             parts = common(parts, rows_there(table, end, first, last))
@@ -56,7 +57,7 @@ class Layout:
 
 
 def find_layout(file: h5py.File, topic: str, info: RecordingInfo, backend: str) -> Layout:
-    """The layout of an open file. topic: the group with the events, where there are several.
+    """Finds the layout of an open file. topic: the group with the events, where there are several.
 
     Raises RecordingError, and ValueError where there are no events.
     """
@@ -128,19 +129,19 @@ def _prophesee(file: h5py.File, table: Table, info: RecordingInfo, backend: str)
         raise RecordingError(f"{info.path}: CD/events has the fields {', '.join(sorted(names))}, not x, y, p, t")
     filters = table.filters
     chunk = table.chunks[0] if table.chunks else 0
-    if filters and ecf.FILTER in filters and (filters != [ecf.FILTER] or not 0 < chunk <= _MAX_CHUNK):
+    if filters and FILTER in filters and (filters != [FILTER] or not 0 < chunk <= _MAX_CHUNK):
         raise RecordingError(f"{info.path}: CD/events has ECF among other filters or in chunks of {chunk} events")
     if backend == "auto":
         backend = "warp" if table.shape[0] > 1 << 20 else "numpy"
 
     def whole(a: int, b: int) -> Events:
-        if ecf.FILTER in filters:
+        if FILTER in filters:
             return _ecf_chunk(table, a, b, backend)
         rows = table[a:b]
         return _events(rows["t"], rows["x"], rows["y"], rows["p"], 1000)
 
     def time_at(i: int) -> int:
-        a = i - i % chunk if ecf.FILTER in filters else i
+        a = i - i % chunk if FILTER in filters else i
         return int(whole(a, min(a + (chunk or 1), table.shape[0])).t[i - a])
 
     def size() -> tuple[int, int, str]:
@@ -171,7 +172,7 @@ def _prophesee(file: h5py.File, table: Table, info: RecordingInfo, backend: str)
         return Events(t * 1000, x, y, p)
 
     _check_claim(info, table.shape[0], [table])
-    if ecf.FILTER not in filters:
+    if FILTER not in filters:
         return Layout("compound", table.shape[0], [table], whole, time_at, size, triggers)
     return Layout("ecf", table.shape[0], [table], whole, time_at, size, triggers, chunk, read_cut)
 

@@ -32,7 +32,7 @@ _MOST_MISSED = 10_000
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The signature, at the start or behind a user block."""
+    """Tells whether the signature stands at the start or behind a user block."""
     return any(head[at : at + 8] == MAGIC for at in (0, 512, 1024, 2048))
 
 
@@ -211,7 +211,7 @@ class Hdf5Recording(BlockRecording):
         return self._load_at(low)
 
     def try_ends(self) -> None:
-        """Read something of the first and the last block."""
+        """Reads something of the first and the last block."""
         next(self._load_at(0), None)
         next(self._load_at(max(self._layout.count - 1, 0)), None)
 
@@ -261,7 +261,7 @@ class _Padded(io.RawIOBase):
 
 
 def end_of_file(path: Path) -> int:
-    """Where the file should end by its superblock (HDF5 file format 3.0, II.A); 0 where that cannot be told."""
+    """Tells where the file should end by its superblock (HDF5 file format 3.0, II.A); 0 where that cannot be told."""
     with path.open("rb") as file:
         head = file.read(4096)
     at = next((a for a in (0, 512, 1024, 2048) if head[a : a + 8] == MAGIC), -1)
@@ -280,7 +280,7 @@ def _short(error: BaseException) -> str:
 
 
 def open_file(path: Path, options: OpenOptions) -> Hdf5Recording:
-    """Open an HDF5 recording. Raises RecordingError.
+    """Opens an HDF5 recording. Raises RecordingError.
 
     The library checks little and can hang or crash on a damaged file: what may is first done in a process of its own,
     all of the reading for files up to 1 MB, opening and the first and last events for larger ones.

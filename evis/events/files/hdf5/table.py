@@ -26,7 +26,7 @@ _STEP = 1 << 20
 
 
 def outside(info: RecordingInfo, name: str, what: str) -> None:
-    """Raise RecordingError, unless other files may be read, for data that are not in the recording's own file."""
+    """Raises RecordingError, unless other files may be read, for data that are not in the recording's own file."""
     if os.environ.get(VARIABLE, "") != "1":
         text = f"{name} is {what}, which is read only with {VARIABLE}=1 in the environment"
         raise RecordingError(f"{info.path}: {text}: a recording could name any file of yours")
@@ -88,7 +88,9 @@ class Table:
 
 
 def member(group: Any, name: str, info: RecordingInfo, links: int = 0) -> Table | h5py.Group | None:
-    """The object at a path from a group, None where there is none. Raises RecordingError for one of another file."""
+    """Finds the object at a path from a group, None where there is none. Raises RecordingError for one of another
+    file.
+    """
     at = group["/"] if name.startswith("/") else group
     for part in name.split("/"):
         if part in ("", "."):

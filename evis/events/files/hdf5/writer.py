@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from evis.events.arrays import Events, Triggers
+from evis.events.files.file_writer import FileWriter, check_size
 from evis.events.files.hdf5 import ecf
-from evis.events.recording import RecordingError, Writer
+from evis.events.files.hdf5.ecf_layout import FILTER, MAX_SIDE
+from evis.events.recording import RecordingError
 
 _CHUNK = 1 << 14
 _EVENT = np.dtype(
@@ -20,7 +22,7 @@ _INDEX = np.dtype([("id", "<u8"), ("ts", "<i8")])
 _INDEX_US = 2000
 
 
-class Hdf5Writer(Writer):
+class Hdf5Writer(FileWriter):
     """Writes .hdf5. Times are rounded down to whole us.
 
     encoding `ecf`: a chunk that ECF cannot hold exactly (times that step back, coordinates beyond 2047) is stored as it
@@ -39,7 +41,7 @@ class Hdf5Writer(Writer):
         creation.set_chunk((_CHUNK,))
         creation.set_obj_track_times(False)
         if not plain:
-            creation.set_filter(ecf.FILTER, h5py.h5z.FLAG_OPTIONAL)
+            creation.set_filter(FILTER, h5py.h5z.FLAG_OPTIONAL)
         space = h5py.h5s.create_simple((0,), (h5py.h5s.UNLIMITED,))
         group = self._file.create_group("CD")
         kind = h5py.h5t.py_create(_EVENT, logical=True)
@@ -61,7 +63,7 @@ class Hdf5Writer(Writer):
         self._events.resize((self._n + n,))
         rows = np.zeros(_CHUNK, _EVENT)
         rows["t"][:n], rows["x"][:n], rows["y"][:n], rows["p"][:n] = t, events.x, events.y, events.p
-        whole = int(max(events.x.max(), events.y.max())) < 2048 and (np.diff(t) >= 0).all()
+        whole = int(max(events.x.max(), events.y.max())) < MAX_SIDE and (np.diff(t) >= 0).all()
         if self._plain:
             self._events[self._n :] = rows[:n]
         elif whole:
@@ -95,16 +97,11 @@ class Hdf5Writer(Writer):
         self._file.create_group("EXT_TRIGGER").create_dataset("events", data=rows)
         self._file.close()
 
-    def discard(self) -> None:
-        self._file.close()
-        super().discard()
-
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> Hdf5Writer:
-    """An HDF5 writer. encoding: ecf (default) or plain. Raises RecordingError."""
+    """Returns an HDF5 writer. encoding: ecf (default) or plain. Raises RecordingError."""
     encoding = encoding or "ecf"
     if encoding not in ("ecf", "plain"):
         raise RecordingError(f"{path}: cannot write the encoding '{encoding}'; known are ecf and plain")
-    if not (0 < width <= 65535 and 0 < height <= 65535):
-        raise RecordingError(f"{path}: HDF5 holds sensors of 1 to 65535 pixels a side, not {width}x{height}")
+    check_size(path, "HDF5", width, height, 65535)
     return Hdf5Writer(path, width, height, encoding == "plain")

@@ -39,7 +39,7 @@ _NS_FROM = 1e17
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The signature of NumPy."""
+    """Tells whether a file begins with the signature of NumPy."""
     return head.startswith(MAGIC)
 
 
@@ -198,12 +198,12 @@ def read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
 
 
 def is_whole(values: np.ndarray) -> bool:
-    """Whether all of them are whole numbers, and there are at least two different ones."""
+    """Tells whether all of them are whole numbers, and there are at least two different ones."""
     return bool((values == np.floor(values)).all()) and bool((values != values[:1]).any())
 
 
 def seconds_in_ns(seconds: np.ndarray) -> np.ndarray:
-    """Times [s] as int64 [ns]. Raises ValueError where they are no times."""
+    """Converts times [s] to int64 [ns]. Raises ValueError where they are no times."""
     values = seconds.astype(np.float64)
     if not (np.isfinite(values).all() and (np.abs(values) < 9e9).all()):
         raise ValueError("values that are no times in s")
@@ -213,5 +213,5 @@ def seconds_in_ns(seconds: np.ndarray) -> np.ndarray:
 
 
 def open_file(path: Path, options: OpenOptions) -> NpyRecording:
-    """Open an array. Raises RecordingError."""
+    """Opens an array. Raises RecordingError."""
     return NpyRecording(path, options)

@@ -11,7 +11,6 @@ import os
 import shutil
 import tempfile
 import zipfile
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -20,25 +19,25 @@ import numpy as np
 from numpy.lib import format as npy
 
 from evis.events.arrays import Events
+from evis.events.files.file_writer import refuse_encoding
 from evis.events.files.numpy_files.npy import NAMES, read_header, seconds_in_ns
 from evis.events.files.reading.block_recording import BlockRecording
 from evis.events.files.reading.zip_archive import Archive, CutArchive, open_archive, salvaged
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo, Writer
 from evis.files.allowance import Allowance
+from evis.files.zip_faults import UNREADABLE, ZIP_FAULTS
 
 NAME = "NumPy .npz of t, x, y, p"
 
 _BLOCK, _LOOK = 1 << 20, 4096
 _TYPES: dict[str, Any] = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.uint8, "c": np.uint8}
-# what zipfile raises; RuntimeError for members that need a password
-_DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError)
-_BROKEN = (KeyError, ValueError, *_DAMAGED)
+_BROKEN = (KeyError, ValueError, *ZIP_FAULTS)
 # the same archive from the same events: no date in it
 _DATE = (1980, 1, 1, 0, 0, 0)
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """A zip archive."""
+    """Tells whether a file is a zip archive."""
     return head.startswith((b"PK\x03\x04", b"PK\x05\x06"))
 
 
@@ -52,7 +51,7 @@ class NpzRecording(BlockRecording):
         self._path, self._read = path, 0
         try:
             self._zip: Archive = open_archive(path)
-        except (zipfile.BadZipFile, OSError, NotImplementedError) as e:
+        except UNREADABLE as e:
             raise RecordingError(f"{path}: damaged or truncated .npz archive ({e})") from None
         try:
             self._check(options)
@@ -158,7 +157,7 @@ class NpzRecording(BlockRecording):
         begin = file.tell()
         try:
             return file.read(size)
-        except _DAMAGED as error:
+        except ZIP_FAULTS as error:
             self.info.warn(f"damaged: the array {name} ({' '.join(str(error).split())[:80]})")
         if isinstance(self._zip, CutArchive):
             return b""
@@ -226,7 +225,7 @@ class _Member:
             try:
                 self._file = self._zip.open(name)
                 shape, _, dtype = read_header(self._file)
-            except _DAMAGED as error:
+            except ZIP_FAULTS as error:
                 if isinstance(self._zip, CutArchive):
                     raise
                 # a small array is checked as a whole with its first byte
@@ -242,7 +241,7 @@ class _Member:
 
 
 def open_file(path: Path, options: OpenOptions) -> NpzRecording:
-    """Open an archive. Raises RecordingError."""
+    """Opens an archive. Raises RecordingError."""
     return NpzRecording(path, options)
 
 
@@ -283,7 +282,6 @@ class NpzWriter(Writer):
 
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> NpzWriter:
-    """An archive writer. Raises RecordingError."""
-    if encoding:
-        raise RecordingError(f"{path}: an encoding ('{encoding}') is for .raw files; leave it out for .npz")
+    """Returns an archive writer. Raises RecordingError."""
+    refuse_encoding(path, encoding, ".npz")
     return NpzWriter(path, width, height)

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from evis.events.arrays import Events, Triggers
+from evis.events.files.file_writer import FileWriter, check_size, refuse_encoding
 from evis.events.files.reading.block_recording import take_size
 from evis.events.files.reading.record_file import RecordFile
-from evis.events.recording import HEAD, OpenOptions, RecordingError, RecordingInfo, Writer
+from evis.events.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
 
 NAME = "Prophesee DAT"
 
@@ -28,7 +29,9 @@ _LARGEST_SENSOR = 2048
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The first header line names the format; older files have the extension alone, and perhaps no header."""
+    """Tells whether a file is a DAT file: the first header line names the format; older files have the extension alone,
+    and perhaps no header.
+    """
     if head.startswith(b"% Data file"):
         return True
     return name.lower().endswith(".dat") and (head.startswith(b"% ") or _bare(head))
@@ -107,7 +110,7 @@ class DatRecording(RecordFile):
 
 
 def read_header(path: Path) -> tuple[dict[str, str], int, bytes]:
-    """Keys in lower case, the position behind the text, and the two bytes there."""
+    """Reads the header: keys in lower case, the position behind the text, and the two bytes there."""
     header: dict[str, str] = {}
     with path.open("rb") as file:
         position = 0
@@ -128,11 +131,11 @@ def _number(text: str) -> int:
 
 
 def open_file(path: Path, options: OpenOptions) -> DatRecording:
-    """Open a DAT file. Raises RecordingError."""
+    """Opens a DAT file. Raises RecordingError."""
     return DatRecording(path, options)
 
 
-class DatWriter(Writer):
+class DatWriter(FileWriter):
     """Writes CD events. Times are rounded down to whole us, of which the format holds the low 32 bits."""
 
     def __init__(self, path: str | os.PathLike[str], width: int, height: int) -> None:
@@ -161,18 +164,9 @@ class DatWriter(Writer):
         self._file.write(records.tobytes())
         self._last = int(t[-1])
 
-    def _finish(self) -> None:
-        self._file.close()
-
-    def discard(self) -> None:
-        self._file.close()
-        super().discard()
-
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> DatWriter:
-    """A DAT writer. Raises RecordingError."""
-    if encoding:
-        raise RecordingError(f"{path}: an encoding ('{encoding}') is for .raw files; leave it out for .dat")
-    if not (0 < width <= _SIDE and 0 < height <= _SIDE):
-        raise RecordingError(f"{path}: DAT holds sensors of 1 to {_SIDE} pixels a side, not {width}x{height}")
+    """Returns a DAT writer. Raises RecordingError."""
+    refuse_encoding(path, encoding, ".dat")
+    check_size(path, "DAT", width, height, _SIDE)
     return DatWriter(path, width, height)

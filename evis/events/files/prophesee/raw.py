@@ -12,6 +12,7 @@ import numpy as np
 from evis.events.arrays import Events
 from evis.events.codecs.decoder import backend_for, decoder_for
 from evis.events.codecs.encoder import Encoder, encoder_for
+from evis.events.files.file_writer import FileWriter, check_size
 from evis.events.files.prophesee.raw_header import (
     KEYS,
     SYSTEMS,
@@ -22,7 +23,7 @@ from evis.events.files.prophesee.raw_header import (
     value_in_format,
 )
 from evis.events.files.reading.block_recording import take_size
-from evis.events.recording import OpenOptions, Recording, RecordingError, RecordingInfo, Writer
+from evis.events.recording import OpenOptions, Recording, RecordingError, RecordingInfo
 
 NAME = "Prophesee RAW (EVT2, EVT2.1, EVT3, EVT4)"
 
@@ -50,7 +51,9 @@ _WINDOW_BLOCK = {"numpy": 1 << 15, "warp": 1 << 22}
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """A header line; DAT files, which have such too, come before. Or words without a header, in a file named .raw."""
+    """Tells whether a file has a header line (DAT files, which have one too, are asked first), or, named .raw, words
+    alone.
+    """
     if head.startswith(b"% ") or not name.lower().endswith(".raw"):
         return head.startswith(b"% ")
     with path.open("rb") as file:
@@ -258,12 +261,14 @@ class RawRecording(Recording):
 
 
 def open_file(path: Path, options: OpenOptions) -> RawRecording:
-    """Open a RAW file. Raises RecordingError."""
+    """Opens a RAW file. Raises RecordingError."""
     return RawRecording(path, options)
 
 
 def fit(data: bytes, encoding: str) -> tuple[float, float]:
-    """Shares of the words that the encoding has, and of the steps of the time that go forward; 1 without any."""
+    """Computes the shares of the words that the encoding has, and of the steps of the time that go forward; 1 without
+    any.
+    """
     word, legal, shift, low = _LEGAL[encoding]
     words = np.frombuffer(data, word, len(data) // np.dtype(word).itemsize)
     kind = words >> shift
@@ -281,7 +286,7 @@ def fit(data: bytes, encoding: str) -> tuple[float, float]:
 
 
 def guess_encoding(data: bytes) -> str:
-    """The encoding whose word types are there and whose time runs forward; empty when none fits."""
+    """Finds the encoding whose word types are there and whose time runs forward; empty when none fits."""
     best, result = 0.9, ""
     for encoding, (word, _, shift, _) in _LEGAL.items():
         words = np.frombuffer(data, word, len(data) // np.dtype(word).itemsize)
@@ -290,7 +295,7 @@ def guess_encoding(data: bytes) -> str:
     return result
 
 
-class RawWriter(Writer):
+class RawWriter(FileWriter):
     """Writes RAW with a header that openeb and the other readers know."""
 
     keeps = frozenset({"triggers"})
@@ -311,19 +316,11 @@ class RawWriter(Writer):
         kept = Events(events.t, events.x, events.y, events.p, events.c, events.triggers)
         self._file.write(self._encoder.encode(kept))
 
-    def _finish(self) -> None:
-        self._file.close()
-
-    def discard(self) -> None:
-        self._file.close()
-        super().discard()
-
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> RawWriter:
-    """A RAW file of the given encoding (evt3 unless given). Raises RecordingError."""
+    """Makes a writer of RAW in the given encoding (evt3 unless given). Raises RecordingError."""
     encoding = encoding or "evt3"
     if encoding not in _NAMES:
         raise RecordingError(f"{path}: cannot write the encoding '{encoding}'; known are {', '.join(_NAMES)}")
-    if not (0 < width <= 2048 and 0 < height <= 2048):
-        raise RecordingError(f"{path}: RAW holds sensors of 1 to 2048 pixels a side, not {width}x{height}")
+    check_size(path, "RAW", width, height, 2048)
     return RawWriter(path, width, height, encoder_for(encoding, width, height))

@@ -35,7 +35,7 @@ _PRINTABLE = re.compile(r"[^\x00-\x08\x0a-\x1f\x7f-\x9f]*")
 
 
 def read_header(file: BinaryIO) -> tuple[dict[str, str], int]:
-    """Header keys in lower case, and the position of the first word.
+    """Reads the header: keys in lower case, and the position of the first word.
 
     The header ends with `% end`, or before the first line that does not start with `% ` and is not `%` alone (old
     files).
@@ -63,7 +63,7 @@ def read_header(file: BinaryIO) -> tuple[dict[str, str], int]:
 
 
 def encoding_of(header: dict[str, str]) -> str:
-    """`evt3`, ... from `format EVT3;...` or `evt 3.0`; empty where the header does not say."""
+    """Returns `evt3`, ... from `format EVT3;...` or `evt 3.0`; empty where the header does not say."""
     name = header.get("format", "").partition(";")[0].strip().lower().replace(".", "")
     name = name or _EVT.get(header.get("evt", ""), "evt" + header["evt"] if header.get("evt") else "")
     order = header.get("endianness", "") or value_in_format(header, "endianness")
@@ -71,12 +71,14 @@ def encoding_of(header: dict[str, str]) -> str:
 
 
 def value_in_format(header: dict[str, str], name: str) -> str:
-    """What `format EVT21;endianness=legacy;...` says of one name."""
+    """Tells what `format EVT21;endianness=legacy;...` says of one name."""
     return dict(re.findall(r";(\w+)=(\w+)", header.get("format", ""))).get(name, "")
 
 
 def geometry_of(header: dict[str, str], warnings: list[str]) -> tuple[int, int]:
-    """Width and height from `geometry 640x480` or `format ...;height=480;width=640`; 0, 0 where there is none."""
+    """Returns the width and height from `geometry 640x480` or `format ...;height=480;width=640`; 0, 0 where there is
+    none.
+    """
     found = re.fullmatch(r"(\d{1,9})x(\d{1,9})", header.get("geometry", ""))
     width, height = (int(found[1]), int(found[2])) if found else (0, 0)
     if not found:
@@ -91,7 +93,9 @@ def geometry_of(header: dict[str, str], warnings: list[str]) -> tuple[int, int]:
 
 
 def family_of(header: dict[str, str]) -> tuple[int, int]:
-    """Width and height of the sensor that the header names by plug-in, name or generation; 0, 0 where it does not."""
+    """Returns the width and height of the sensor that the header names by plug-in, name or generation; 0, 0 where it
+    does not.
+    """
     generation = header.get("sensor_generation", header.get("generation", ""))
     names = f"{header.get('plugin_name', '')} {header.get('sensor_name', '')} gen{generation}".lower()
     return next(((w, h) for pattern, w, h in _FAMILIES if re.search(pattern, names)), (0, 0))

@@ -37,7 +37,7 @@ class BlockRecording(Recording):
         return self._load()
 
     def count(self, what: str, n: int = 1) -> None:
-        """Count something that was dropped or damaged."""
+        """Counts something that was dropped or damaged."""
         self._counts[what] = self._counts.get(what, 0) + n
 
     def counters(self) -> dict[str, int]:
@@ -158,14 +158,14 @@ class BlockRecording(Recording):
 
 
 def take_size(info: RecordingInfo, options: OpenOptions) -> bool:
-    """Use the size that the user gives, if so."""
+    """Uses the size that the user gives, if so."""
     if options.size:
         (info.width, info.height), info.geometry_from = options.size, "option"
     return options.size is not None
 
 
 def has_aside(events: Events) -> bool:
-    """Whether there is anything but events."""
+    """Tells whether there is anything but events."""
     return bool(len(events.triggers) or len(events.imu) or events.frames)
 
 

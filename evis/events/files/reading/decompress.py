@@ -20,7 +20,7 @@ class DamagedError(ValueError):
 
 
 def inflate(kind: str, data: bytes | memoryview, allowance: Allowance, partial: bool = False) -> bytes:
-    """Unpack `data`. kind: "" or none, lz4 (frame format), zstd, bz2. allowance: what the whole file may unpack to.
+    """Unpacks `data`. kind: "" or none, lz4 (frame format), zstd, bz2. allowance: what the whole file may unpack to.
 
     partial: data that ends early, or is damaged, gives what comes before; otherwise it raises DamagedError. So does
     what unpacks to more than LIMIT bytes. Raises AllowanceError.

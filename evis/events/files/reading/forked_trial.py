@@ -21,7 +21,7 @@ _KILLED_FOR_TIME = (signal.SIGXCPU, signal.SIGKILL)
 
 
 def fate(work: Callable[[], object], cpu_s: int = CPU_S) -> str:
-    """How `work` ends in a copy of this process: empty where it ends by itself, `hangs` or `crashes`.
+    """Tells how `work` ends in a copy of this process: empty where it ends by itself, `hangs` or `crashes`.
 
     Exceptions are an end like any other, and nothing that `work` does is seen here. Where the system has no fork, or
     the copy waits for what its other threads hold (it has only this one), nothing is tried and the result is empty.

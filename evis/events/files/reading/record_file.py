@@ -13,6 +13,7 @@ import numpy as np
 from evis.events.arrays import Events
 from evis.events.files.reading.block_recording import BlockRecording
 from evis.events.recording import RecordingError
+from evis.files.descriptor import DescriptorOwner
 
 BLOCK = 1 << 18
 """Records in a block."""
@@ -21,7 +22,7 @@ SCAN_RECORDS = 8 << 20
 """Files with more records than this are bisected by time, where their times allow it."""
 
 
-class RecordFile(BlockRecording):
+class RecordFile(DescriptorOwner, BlockRecording):
     """Reads records of one size from byte `start` on, in blocks at their place in the file.
 
     A subclass sets `info` (with the path) and calls `_open_records`.
@@ -100,8 +101,3 @@ class RecordFile(BlockRecording):
     @property
     def position(self) -> float:
         return self._done / self._total if self._total else 1.0
-
-    def close(self) -> None:
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1

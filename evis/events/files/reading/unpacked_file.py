@@ -34,7 +34,7 @@ class UnpackedFile:
         self.size = 0
 
     def put(self, part: bytes) -> None:
-        """Append. Raises RecordingError where it is more than allowed, or than there is room for."""
+        """Appends. Raises RecordingError where it is more than allowed, or than there is room for."""
         self._allowance.take(len(part))
         try:
             room = os.fstatvfs(self._file.fileno())
@@ -50,7 +50,7 @@ class UnpackedFile:
         return RecordingError(f"{self._source}: {where}: {why}; make room, or name another folder with TMPDIR")
 
     def close(self) -> None:
-        """Give its room back."""
+        """Gives its room back."""
         self._file.close()
 
 

@@ -67,23 +67,25 @@ class CutArchive:
         return list(self._members)
 
     def infolist(self) -> list[Member]:
-        """The members in the order of the file."""
+        """Returns the members in the order of the file."""
         return list(self._members.values())
 
     def open(self, member: str | Member) -> IO[bytes]:
-        """What is there of a member. Raises KeyError."""
+        """Opens what is there of a member. Raises KeyError."""
         found = self._members[member] if isinstance(member, str) else member
         return io.BufferedReader(_Unpacked(self._path, found))
 
     def close(self) -> None:
-        """Nothing is open between calls."""
+        """Does nothing: no file is open between calls."""
 
 
 Archive = zipfile.ZipFile | CutArchive
 
 
 def open_archive(path: Path) -> Archive:
-    """The archive, or what is there of it. Raises zipfile.BadZipFile and OSError where there is no member at all."""
+    """Opens an archive, or what is there of it. Raises zipfile.BadZipFile and OSError where there is no member at
+    all.
+    """
     try:
         return zipfile.ZipFile(path)
     except (zipfile.BadZipFile, ValueError):
@@ -94,7 +96,7 @@ def open_archive(path: Path) -> Archive:
 
 
 def salvaged(path: Path, member: zipfile.ZipInfo) -> IO[bytes]:
-    """What can be read of a damaged member of an archive that has its list. Raises zipfile.BadZipFile."""
+    """Opens what can be read of a damaged member of an archive that has its list. Raises zipfile.BadZipFile."""
     with path.open("rb") as file:
         file.seek(member.header_offset)
         head = file.read(_LOCAL.size)

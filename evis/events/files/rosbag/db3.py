@@ -21,7 +21,7 @@ _LEAST_LENGTH = 1 << 20
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The signature."""
+    """Tells whether a file begins with the signature of SQLite."""
     return head.startswith(MAGIC)
 
 
@@ -106,5 +106,5 @@ class Db3Recording(RosRecording):
 
 
 def open_file(path: Path, options: OpenOptions) -> Db3Recording:
-    """Open a .db3 bag. Raises RecordingError."""
+    """Opens a .db3 bag. Raises RecordingError."""
     return Db3Recording(path, options)

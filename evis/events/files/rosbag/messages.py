@@ -23,7 +23,7 @@ _CDR = np.dtype({**_FIELDS, "offsets": [0, 2, 6, 10, 14], "itemsize": 16})  # ty
 
 
 def plain_type(name: str) -> str:
-    """`dvs_msgs/msg/EventArray` -> `dvs_msgs/EventArray`."""
+    """Removes `/msg/` from a type: `dvs_msgs/msg/EventArray` gives `dvs_msgs/EventArray`."""
     return name.replace("/msg/", "/")
 
 
@@ -41,7 +41,7 @@ class Packet:
 
 
 def read_packet(data: bytes | memoryview, cdr: bool, cut: bool = False) -> Packet:
-    """An EventPacket. Raises DamagedError."""
+    """Reads an EventPacket. Raises DamagedError."""
     reader = MessageReader(data, "a message", DamagedError, cdr, cut)
     reader.header()
     height, width, seq, base = (reader.integer(c) for c in "IIQQ")
@@ -50,7 +50,7 @@ def read_packet(data: bytes | memoryview, cdr: bool, cut: bool = False) -> Packe
 
 
 def read_array(data: bytes | memoryview, cdr: bool, cut: bool = False) -> tuple[int, int, Events]:
-    """(width, height, events) of an EventArray. Raises DamagedError."""
+    """Reads (width, height, events) of an EventArray. Raises DamagedError."""
     reader = MessageReader(data, "a message", DamagedError, cdr, cut)
     reader.header()
     height, width, n = (reader.integer("I") for _ in range(3))

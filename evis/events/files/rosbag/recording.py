@@ -39,7 +39,9 @@ _ZSTD = b"\x28\xb5\x2f\xfd"
 
 
 def unpacked(message: BagMessage, allowance: Allowance) -> BagMessage:
-    """rosbag2 can compress each message; no CDR begins as Zstandard does. Raises DamagedError and AllowanceError."""
+    """Unpacks a message that rosbag2 has compressed, known by its first bytes: no CDR begins as Zstandard does. Raises
+    DamagedError and AllowanceError.
+    """
     if not message.cdr or bytes(message.data[:4]) != _ZSTD:
         return message
     return replace(message, data=inflate("zstd", bytes(message.data), allowance, message.cut))
@@ -144,7 +146,9 @@ class _Reader:
         self._bytes = 0
 
     def events(self, message: BagMessage) -> Iterator[Events]:
-        """The events of one message, or later. Raises DamagedError, and RecordingError for an unknown encoding."""
+        """Yields the events of one message, or later. Raises DamagedError, and RecordingError for an unknown
+        encoding.
+        """
         if message.type not in PACKETS:
             yield read_array(message.data, message.cdr, message.cut)[2]
             return
@@ -170,7 +174,7 @@ class _Reader:
             yield events
 
     def flush(self) -> Iterator[Events]:
-        """The events of the messages that wait."""
+        """Yields the events of the messages that wait."""
         if self._waiting and self._decoder is not None:
             data, self._waiting, self._bytes = b"".join(self._waiting), [], 0
             events = self._decoder.decode(data)

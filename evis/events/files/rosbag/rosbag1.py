@@ -12,6 +12,7 @@ from evis.events.files.rosbag.messages import plain_type
 from evis.events.files.rosbag.recording import BagMessage, RosRecording
 from evis.events.recording import OpenOptions, RecordingError, RecordingInfo
 from evis.files.allowance import Allowance
+from evis.files.descriptor import DescriptorOwner
 
 NAME = "ROS 1 bag"
 
@@ -22,11 +23,11 @@ _MAX_DATA = 1 << 30
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """The signature of any version."""
+    """Tells whether a file begins with the signature, of any version."""
     return head.startswith(b"#ROSBAG V")
 
 
-class Rosbag1Recording(RosRecording):
+class Rosbag1Recording(DescriptorOwner, RosRecording):
     """Reads a ROS 1 bag. Chunks may be compressed with bz2 or lz4; a chunk that is cut is read up to the cut."""
 
     def __init__(self, path: Path, options: OpenOptions) -> None:
@@ -148,11 +149,6 @@ class Rosbag1Recording(RosRecording):
     def position(self) -> float:
         return min(1.0, self._place / max(self.info.size_bytes, 1))
 
-    def close(self) -> None:
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
-
 
 def _fields(data: bytes | memoryview) -> dict[bytes, bytes] | None:
     """The fields `name=value` of a record header; None where they do not add up."""
@@ -170,5 +166,5 @@ def _fields(data: bytes | memoryview) -> dict[bytes, bytes] | None:
 
 
 def open_file(path: Path, options: OpenOptions) -> Rosbag1Recording:
-    """Open a ROS 1 bag. Raises RecordingError."""
+    """Opens a ROS 1 bag. Raises RecordingError."""
     return Rosbag1Recording(path, options)

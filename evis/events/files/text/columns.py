@@ -26,8 +26,9 @@ _LOOK = 64
 
 @dataclass(frozen=True)
 class Format:
-    """columns: what each column is, _ for one that is left out. unit: ns of one unit of time. begin: byte of the first
-    event."""
+    """Describes the lines of a file. columns: what each column is, _ for one that is left out. unit: ns of one unit of
+    time. begin: byte of the first event.
+    """
 
     columns: str
     unit: int
@@ -47,7 +48,7 @@ class Format:
 
 
 def find_format(head: bytes) -> Format | None:
-    """The format of a file with this beginning; None where it is not events as text.
+    """Finds the format of a file with this beginning; None where it is not events as text.
 
     Without names of columns there are four, and polarity is the one that is -1, 0 or 1; behind it may come the time
     (`x,y,p,t`). Times with a decimal point are seconds; whole numbers are us, but ns behind EVIS' own line of names,
@@ -93,12 +94,12 @@ def find_format(head: bytes) -> Format | None:
 
 
 def plain(data: bytes) -> bytes:
-    """True and false as 1 and 0."""
+    """Replaces true and false by 1 and 0."""
     return _TRUTH.sub(lambda found: b"1" if found[1] else b"0", data)
 
 
 def numbers_in(line: bytes) -> list[bytes]:
-    """The numbers of a line that holds nothing else; else none."""
+    """Returns the numbers of a line that holds nothing else; else none."""
     words = re.split(rb"[ \t,;]+", plain(line).strip(b" \t\r,;"), maxsplit=_MOST_COLUMNS)
     return words if all(map(_NUMBER.fullmatch, words)) else []
 

@@ -23,7 +23,7 @@ _POWERS = 10 ** np.arange(19, dtype=np.int64)
 
 
 def parse_lines(data: bytes, form: Format) -> Columns:
-    """(t int64 [ns], x uint16, y uint16, p uint8, lines left out) of whole lines.
+    """Parses whole lines to (t int64 [ns], x uint16, y uint16, p uint8, lines left out) of whole lines.
 
     Numbers of plain digits are read all at once; a block with anything else (exponents, comments) line by line.
     """

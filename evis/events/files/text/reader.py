@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import zipfile
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -16,6 +14,7 @@ from evis.events.files.text.columns import Format, find_format
 from evis.events.files.text.numbers import parse_lines
 from evis.events.recording import HEAD, OpenOptions, RecordingError, RecordingInfo
 from evis.files.allowance import Allowance
+from evis.files.zip_faults import ZIP_FAULTS
 
 NAME = "text (t x y p)"
 
@@ -23,11 +22,12 @@ _ZIP = b"PK\x03\x04"
 _BLOCK = 1 << 20
 _MOST_TRIED = 32
 """Members of an archive that are looked into."""
-_ARCHIVE_ERRORS = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError)
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """Lines of four numbers, perhaps behind a line with the size or the names of the columns."""
+    """Tells whether a file holds lines of four numbers, perhaps behind a line with the size or the names of the
+    columns.
+    """
     return find_format(head) is not None
 
 
@@ -47,7 +47,7 @@ class TextRecording(BlockRecording):
                 self._zip = open_archive(path) if packed else None
                 self._file, size = self._open(options.topic)
                 head = self._file.read(HEAD)
-            except _ARCHIVE_ERRORS as error:
+            except ZIP_FAULTS as error:
                 raise RecordingError(f"{path}: cannot be read ({error})") from None
             form = find_format(head)
             if form is None:
@@ -109,7 +109,7 @@ class TextRecording(BlockRecording):
                     yield self._events(lines)
             if rest:
                 yield self._last(rest)
-        except _ARCHIVE_ERRORS as error:
+        except ZIP_FAULTS as error:
             self.info.truncated = True
             self.info.warn(f"cut or damaged: what follows cannot be read ({error})")
 
@@ -159,23 +159,25 @@ class TextRecording(BlockRecording):
 
 
 def open_file(path: Path, options: OpenOptions) -> TextRecording:
-    """Open a text file. Raises RecordingError."""
+    """Opens a text file. Raises RecordingError."""
     return TextRecording(path, options)
 
 
 def is_text_archive(path: Path) -> bool:
-    """A zip archive with a text file and no arrays."""
+    """Tells whether a file is a zip archive with a text file and no arrays."""
     try:
         archive = open_archive(path)
         found = text_members(archive)
         archive.close()
-    except (*_ARCHIVE_ERRORS, ValueError):
+    except (*ZIP_FAULTS, ValueError):
         return False
     return bool(found)
 
 
 def text_members(archive: Archive) -> list[str]:
-    """Files named as text; where there is none and no other recording, those with events as text under any name."""
+    """Returns the files named as text; where there is none and no other recording, those with events as text under any
+    name.
+    """
     names = [n for n in archive.namelist() if not n.startswith("__MACOSX/") and not n.endswith("/")]
     if any(n.lower().endswith(".npy") for n in names):
         return []

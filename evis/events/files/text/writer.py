@@ -8,12 +8,12 @@ from __future__ import annotations
 import os
 
 from evis.events.arrays import Events
-from evis.events.recording import RecordingError, Writer
+from evis.events.files.file_writer import FileWriter, refuse_encoding
 
 _ROWS = 1 << 16
 
 
-class TextWriter(Writer):
+class TextWriter(FileWriter):
     """Writes one line per event. Seconds have nine digits, so that they are exact."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -32,13 +32,6 @@ class TextWriter(Writer):
             else:
                 self._file.writelines(f"{_seconds(t)} {x} {y} {p}\n" for t, x, y, p in rows)
 
-    def _finish(self) -> None:
-        self._file.close()
-
-    def discard(self) -> None:
-        self._file.close()
-        super().discard()
-
 
 def _seconds(t: int) -> str:
     """[ns] as seconds, exactly."""
@@ -47,7 +40,6 @@ def _seconds(t: int) -> str:
 
 
 def create(path: str | os.PathLike[str], width: int, height: int, encoding: str = "") -> TextWriter:
-    """A text writer. Raises RecordingError."""
-    if encoding:
-        raise RecordingError(f"{path}: an encoding ('{encoding}') is for .raw files; leave it out for text")
+    """Returns a text writer. Raises RecordingError."""
+    refuse_encoding(path, encoding, "text")
     return TextWriter(path)

@@ -11,10 +11,10 @@ NAME = "text in a zip archive"
 
 
 def matches(head: bytes, path: Path, name: str) -> bool:
-    """A zip archive with a text file in it."""
+    """Tells whether a file is a zip archive with a text file in it."""
     return head.startswith(b"PK\x03\x04") and is_text_archive(path)
 
 
 def open_file(path: Path, options: OpenOptions) -> TextRecording:
-    """Open the text file of an archive. Raises RecordingError."""
+    """Opens the text file of an archive. Raises RecordingError."""
     return TextRecording(path, options)

@@ -29,7 +29,7 @@ _SIDE = 128
 def align(
     tau: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, half_s: float, omega: float
 ) -> tuple[float, float]:
-    """Speed [rad/s, positive from x to y], starting from `omega`, and the share of events that were gathered.
+    """Finds the speed [rad/s, positive from x to y], starting from `omega`, and the share of events that were gathered.
 
     tau: float [n, s] within +-half_s of the middle; x, y: in the plane of the rotation, from its pivot [px]; p 0 or 1.
     NaN with fewer than 40 events.
@@ -53,7 +53,7 @@ def align(
 def in_view(
     tau: np.ndarray, u: np.ndarray, v: np.ndarray, half_s: float, omega: float, plane: Plane, view: np.ndarray
 ) -> np.ndarray:
-    """Which events [n] turn about the pivot at `omega` [rad/s] for the whole window without leaving the view.
+    """Tells which events [n] turn about the pivot at `omega` [rad/s] for the whole window without leaving the view.
 
     tau: float [n, s] within +-half_s; u, v: in the plane, from the pivot [px]; view: [4, px] least and greatest x,
     least and greatest y of the image.

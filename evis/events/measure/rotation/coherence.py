@@ -19,7 +19,8 @@ _WIDTH = 4.0
 
 
 def coherence(coefficients: np.ndarray, angle: np.ndarray) -> float:
-    """Mean correlation of the turned back pattern with itself, 1 = the same; NaN where less than 1 rad was seen.
+    """Computes the mean correlation of the turned back pattern with itself, 1 = the same; NaN where less than 1 rad was
+    seen.
 
     coefficients: complex64 [HARMONICS, steps, columns] of `polar.harmonics_of`; angle: float [steps, rad], NaN in steps
     to be left out.

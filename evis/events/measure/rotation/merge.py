@@ -13,7 +13,9 @@ _SAME = 0.03
 
 
 def merge(segments: list[dict[str, Any]]) -> dict[str, Any]:
-    """One report: speeds averaged by the length of the stretches that have one, series joined."""
+    """Merges the reports of stretches into one: speeds averaged by the length of the stretches that have one, series
+    joined.
+    """
     with_speed = [s for s in segments if s["omega_rad_s"] is not None]
     if not segments:
         return nothing("no events")

@@ -28,7 +28,19 @@ _PEER = 0.7
 def descriptors(
     t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, first_ns: int, steps: int
 ) -> np.ndarray:  # fmt: skip
-    """Events per cell of a 12 x 12 grid over the events, polarity and millisecond: float32 [steps, 2 * 144]."""
+    """Counts the events per millisecond, polarity and cell of a 12 x 12 grid over the events.
+
+    Args:
+        t: times, int64 [n] ns.
+        x: pixel columns [n].
+        y: pixel rows [n].
+        p: polarities, 0 or 1 [n].
+        first_ns: time at which the first millisecond begins.
+        steps: milliseconds.
+
+    Returns:
+        counts, float32 [steps, 2 * 144].
+    """
 
     def cells(v: np.ndarray) -> np.ndarray:
         return np.minimum((v - v.min()) * CELLS // (np.ptp(v) + 1), CELLS - 1).astype(np.int64)
@@ -40,7 +52,7 @@ def descriptors(
 
 
 def candidates(table: np.ndarray, omega: float | None) -> list[dict[str, Any]]:
-    """The strongest peaks of the power spectrum, strongest first.
+    """Finds the strongest peaks of the power spectrum, strongest first.
 
     table: [steps, columns], 1 ms apart. omega: the followed speed [rad/s], by which `order` is told: how many times
     per revolution that frequency passes; `omega_rad_s` is 2 pi f / order then, and 2 pi f without.
@@ -79,7 +91,7 @@ def candidates(table: np.ndarray, omega: float | None) -> list[dict[str, Any]]:
 
 
 def off_orders(listed: list[dict[str, Any]], omega: float) -> float:
-    """How far the strong peaks are from whole multiples of a steady speed [rad/s]: 0 = on them, 0.25 = by chance.
+    """Tells how far the strong peaks are from whole multiples of a steady speed [rad/s]: 0 = on them, 0.25 = by chance.
 
     Peaks that belong to another speed, or to a wrong pivot, lie anywhere.
     """
@@ -92,7 +104,9 @@ def off_orders(listed: list[dict[str, Any]], omega: float) -> float:
 
 @dataclass(frozen=True)
 class Recurrence:
-    """period_s: time of one revolution; correlation of the descriptors at that distance, -1 to 1; revolutions seen."""
+    """Holds a period found. period_s: time of one revolution; correlation of the descriptors at that distance, -1 to 1;
+    revolutions seen.
+    """
 
     period_s: float
     correlation: float
@@ -100,7 +114,8 @@ class Recurrence:
 
 
 def recurrence(table: np.ndarray, period_s: float) -> Recurrence | None:
-    """The period near `period_s` after which the descriptors come again; None if the recording is shorter than that.
+    """Finds the period near `period_s` after which the descriptors come again; None if the recording is shorter than
+    that.
 
     Near is 4 %: the tracked speed is that good, and a pattern of twelve spokes comes again 8 % before a revolution.
 

@@ -40,7 +40,7 @@ _BENT = 0.1
 
 @dataclass(frozen=True)
 class Window:
-    """Events about t_ns: tau [n, s] from there, x, y [px], p, and the descriptor that each belongs to."""
+    """Holds the events about t_ns: tau [n, s] from there, x, y [px], p, and the descriptor that each belongs to."""
 
     tau: np.ndarray
     x: np.ndarray
@@ -51,7 +51,9 @@ class Window:
 
 @dataclass(frozen=True)
 class Found:
-    """plane; omegas [windows, rad/s]; pairs of events that share a pixel, per window and model [windows]."""
+    """Holds a plane and the speeds that were found. plane; omegas [windows, rad/s]; pairs of events that share a pixel,
+    per window and model [windows].
+    """
 
     plane: Plane
     omegas: np.ndarray
@@ -67,7 +69,7 @@ class Found:
 
 
 def pick_windows(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> list[Window]:
-    """Windows of 25 ms at equal shares of the events; t int64 [n, ns] ascending."""
+    """Picks windows of 25 ms at equal shares of the events; t int64 [n, ns] ascending."""
     half = STEPS * STEP_NS // 2
     if t[-1] - t[0] < 2 * half:
         return []
@@ -83,7 +85,8 @@ def pick_windows(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> 
 
 
 def find_planes(windows: list[Window], working: Callable[[str], None] = lambda text: None) -> list[Found]:
-    """The pivot inside (or a little outside) the events and the plane in which turning about it gathers them best.
+    """Finds the pivot inside (or a little outside) the events and the plane in which turning about it gathers them
+    best.
 
     A grid of pivots that is refined around the best; from the best few of the coarse grid, tilted planes too. A tilted
     plane that explains the events clearly better comes first, and the one seen from the front is always there.
@@ -143,7 +146,7 @@ class _Search:
         self._turns = turns(self._omegas, STEPS, len(self._orders))
 
     def slower(self, tried: _Tried) -> _Search:
-        """A finer search of the speeds that were found, and of somewhat greater ones."""
+        """Makes a finer search of the speeds that were found, and of somewhat greater ones."""
         fastest = 1.4 * float(np.abs(tried.omegas).max()) + 20
         return _Search(self._windows, fastest, max(1.0, fastest / 60))
 

@@ -17,7 +17,9 @@ FRONT = (0.0, 0.0)
 
 @dataclass(frozen=True)
 class Plane:
-    """pivot: float [2, px]; stretch: (a, b), the logarithm of the map from the image to the plane."""
+    """Describes the plane of a rotation. pivot: float [2, px]; stretch: (a, b), the logarithm of the map from the image
+    to the plane.
+    """
 
     pivot: np.ndarray
     stretch: tuple[float, float] = FRONT
@@ -28,11 +30,11 @@ class Plane:
         return float(np.arccos(np.exp(-2 * np.hypot(*self.stretch))))
 
     def from_image(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates in the plane from the pivot [n, px] of places in the image [n, px]."""
+        """Returns the coordinates in the plane from the pivot [n, px] of places in the image [n, px]."""
         return self._map(x - self.pivot[0], y - self.pivot[1], 1.0)
 
     def to_image(self, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The reverse of `from_image`."""
+        """Reverses `from_image`."""
         x, y = self._map(u, v, -1.0)
         return x + self.pivot[0], y + self.pivot[1]
 

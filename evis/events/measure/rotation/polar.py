@@ -12,7 +12,7 @@ RINGS = 5
 
 
 def rings_of(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Edges [RINGS + 1, px] that share the events out equally, without the 4 px next to the pivot.
+    """Computes the edges [RINGS + 1, px] that share the events out equally, without the 4 px next to the pivot.
 
     u, v: places in the plane of the rotation, from its pivot [n, px].
     """
@@ -28,7 +28,7 @@ def rings_of(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 def harmonics_of(
     step: np.ndarray, steps: int, u: np.ndarray, v: np.ndarray, p: np.ndarray, edges: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Fourier coefficients of the angle histograms of each step, and the events in each.
+    """Computes the Fourier coefficients of the angle histograms of each step, and the events in each.
 
     step: int [n], which of the `steps` descriptors an event belongs to. u, v: from the pivot [px], p: [n]. Returns
     complex64 [HARMONICS, steps, 2 RINGS], orders 1 to HARMONICS, and float [steps]. A turn by a multiplies order m by
@@ -45,12 +45,14 @@ def harmonics_of(
 
 
 def order_weights(width: float) -> np.ndarray:
-    """Weights of the orders, a Gaussian of `width` about 0: [HARMONICS]. Narrow is coarse and sure, wide is fine."""
+    """Computes the weights of the orders, a Gaussian of `width` about 0: [HARMONICS]. Narrow is coarse and sure, wide
+    is fine.
+    """
     return np.exp(-0.5 * (np.arange(1, HARMONICS + 1) / width) ** 2)
 
 
 def time_weights(counts: np.ndarray) -> np.ndarray:
-    """Hann taper over the steps of a window; busy steps weigh little more than quiet ones.
+    """Computes a Hann taper over the steps of a window; busy steps weigh little more than quiet ones.
 
     Without that, a window in which the rotation gathers speed measures its faster end, where most events are.
     """
@@ -59,14 +61,17 @@ def time_weights(counts: np.ndarray) -> np.ndarray:
 
 
 def turns(omegas: np.ndarray, steps: int, orders: int) -> np.ndarray:
-    """Factors that turn each step of a window back at each speed [rad/s]: complex64 [orders, speeds, steps]."""
+    """Computes the factors that turn each step of a window back at each speed [rad/s]: complex64 [orders, speeds,
+    steps].
+    """
     tau = (np.arange(steps) - (steps - 1) / 2) * (STEP_NS * 1e-9)
     m = np.arange(1, orders + 1)
     return np.exp(1j * m[:, None, None] * omegas[None, :, None] * tau).astype(np.complex64)
 
 
 def contrast(coefficients: np.ndarray, weights: np.ndarray, turned: np.ndarray, orders: np.ndarray) -> np.ndarray:
-    """Energy of the angle histograms of a window when its steps are turned back at each speed: float [speeds].
+    """Computes the energy of the angle histograms of a window when its steps are turned back at each speed: float
+    [speeds].
 
     coefficients: [HARMONICS, steps, columns]; weights: [steps]; turned: of `turns`; orders: weights [HARMONICS].
     """
@@ -75,7 +80,7 @@ def contrast(coefficients: np.ndarray, weights: np.ndarray, turned: np.ndarray, 
 
 
 def peak(at: np.ndarray, values: np.ndarray) -> float:
-    """Place of the largest value, between the samples by a parabola through three; at: equally spaced [n]."""
+    """Finds the place of the largest value, between the samples by a parabola through three; at: equally spaced [n]."""
     i = int(values.argmax())
     if not 0 < i < len(values) - 1:
         return float(at[i])

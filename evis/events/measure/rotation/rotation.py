@@ -32,7 +32,7 @@ _STEADY = 0.03
 def measure_rotation(
     t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, working: Callable[[str], None] = lambda text: None
 ) -> dict[str, Any]:
-    """Rotation of one stretch of events: t int64 [n, ns] ascending, x, y [n, px], p [n].
+    """Measures the rotation of one stretch of events: t int64 [n, ns] ascending, x, y [n, px], p [n].
 
     Keys as `evis events measure` reports them; `omega_rad_s` is None where `confidence` is below 0.5. What is too slow
     to be seen in windows of 25 ms is looked for in windows _SLOW times as long.
@@ -94,7 +94,7 @@ def _stretched(report: dict[str, Any], first_ns: int) -> dict[str, Any]:
 
 
 def nothing(why: str) -> dict[str, Any]:
-    """The report of a stream without a rotation."""
+    """Returns the report of a stream without a rotation."""
     return {
         "omega_rad_s": None, "confidence": 0.0, "steady": None, "direction": None, "reverses": None, "method": None,
         "pivot_px": None, "tilt_deg": None, "period_s": None, "revolutions": 0.0, "candidates": [], "ambiguity": None,
@@ -150,7 +150,9 @@ def _way(series: Track, angle: np.ndarray, span: tuple[int, int]) -> float:
 
 
 def mean_speed(series: Track, angle: np.ndarray) -> float:
-    """Way over time [rad/s]; of whole revolutions where there are any, which is free of the sway that a tilt makes."""
+    """Computes the angle covered over time [rad/s]; of whole revolutions where there are any, which is free of the sway
+    that a tilt makes.
+    """
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(angle)))])
     whole = 2 * np.pi * np.floor(way[-1] / (2 * np.pi))
     end = float(np.interp(whole, way, series.t_ns - series.t_ns[0])) if whole else float(np.ptp(series.t_ns))
@@ -158,7 +160,7 @@ def mean_speed(series: Track, angle: np.ndarray) -> float:
 
 
 def is_steady(series: Track, angle: np.ndarray) -> bool:
-    """Whether the revolutions (or what there is of one) all take equally long."""
+    """Tells whether the revolutions (or what there is of one) all take equally long."""
     way = np.abs(angle - angle[0])
     turns = int(way[-1] // (2 * np.pi))
     if turns < 2 or (np.diff(angle) * np.sign(angle[-1]) < 0).mean() > 0.02:

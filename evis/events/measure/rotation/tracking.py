@@ -40,7 +40,9 @@ _SMOOTH_NS = 6_000_000
 
 @dataclass(frozen=True)
 class Track:
-    """t_ns int64 [n] and omega [n, rad/s, positive from x to y], the speed of the image about the pivot."""
+    """Holds a speed over time: t_ns int64 [n] and omega [n, rad/s, positive from x to y], the speed of the image about
+    the pivot.
+    """
 
     t_ns: np.ndarray
     omega: np.ndarray
@@ -59,7 +61,7 @@ class Track:
 
 @dataclass(frozen=True)
 class Tracked:
-    """A track, and what speaks for it or against it.
+    """Holds a track, and what speaks for it or against it.
 
     covered: share of the events that it covers; torn: share of windows that another speed explains as well, as of a
     pattern that moves by about half its own period within a descriptor; coherence: see there, NaN where too little
@@ -76,7 +78,7 @@ def track(
     t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, plane: Plane, fastest: float,
     working: Callable[[str], None] = lambda text: None,
 ) -> Tracked:  # fmt: skip
-    """Speeds over the events: t int64 [n, ns] ascending, x, y float [px], p; fastest: largest speed [rad/s].
+    """Follows the speed over the events: t int64 [n, ns] ascending, x, y float [px], p; fastest: largest speed [rad/s].
 
     working: is told what goes on.
     """
@@ -125,14 +127,14 @@ def track(
 
 
 def rival(energy: np.ndarray) -> float:
-    """The second highest peak of a window's contrast over the highest, 0 to 1."""
+    """Computes the second highest peak of a window's contrast over the highest, 0 to 1."""
     inner = energy[1:-1]
     tops = np.sort(inner[(inner > energy[:-2]) & (inner >= energy[2:])])
     return float(tops[-2] / energy.max()) if len(tops) > 1 else 0.0
 
 
 def smooth(series: Track, reach_ns: int) -> Track:
-    """Median of five against outliers, then a straight line through all within reach."""
+    """Smooths a track by a median of five against outliers, then a straight line through all within reach."""
     if len(series) < 3:
         return series
     t, omega = series.t_ns, series.omega
@@ -149,7 +151,9 @@ def smooth(series: Track, reach_ns: int) -> Track:
 
 
 def consistency(series: Track) -> float:
-    """Share of points that agree with the median of their five neighbours within 20 % and 1 rad/s, 0 to 1."""
+    """Computes the share of points that agree with the median of their five neighbours within 20 % and 1 rad/s, 0
+    to 1.
+    """
     if len(series) < 5:
         return 0.0
     windows = np.lib.stride_tricks.sliding_window_view(series.omega, 5)

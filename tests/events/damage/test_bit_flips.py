@@ -1,6 +1,7 @@
 """Single flipped bits in every real recording and in the made formats: events, or a RecordingError; nothing else.
 
-`pytest -m slow tests/events/test_bit_flips.py` flips EVIS_FUZZ (300) bits in each file, in a process with limits.
+`pytest -m slow tests/events/damage/test_bit_flips.py` flips EVIS_FUZZ (300) bits in each file, in a process with
+limits.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import DATA
 from file_cases import save
+from real_recordings import DATA
 from small_files import CASES, EVENTS, OTHERS
 
 from evis.events import RecordingError, open_recording

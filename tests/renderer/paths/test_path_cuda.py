@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import warp as wp
+from reference_scenes import cube
 from renderer_scenes import at, camera, poses, scene, sphere
-from test_light_reference import cube
 
 from evis.scene.model import WORLD, Light, Material
 from nodes.renderer.paths.paths import PathOptions

@@ -10,6 +10,7 @@ from evis.scene import load_scene
 from evis.scene.model import Body, Scene
 from evis.scene.motion import Linear, Path, Prescribed, Sinusoid, Spin, Swing, Turn
 from evis.scene.spline import Spline
+from msgs.world import moving_bodies
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.rigid.placement import Placement
 
@@ -88,3 +89,23 @@ def test_states_that_do_not_reach_back_are_refused():
     paths = every_kind(np.random.default_rng(0))
     with pytest.raises(ValueError, match="poses are known from"):
         Placement(scene_of([None] * len(paths))).at(T - 20_000_000, states_of(paths))
+
+
+def test_states_of_what_moves_alone_give_the_same_bits():
+    paths = every_kind(np.random.default_rng(7))
+    t = np.linspace(T[0], T[-1], 6).astype(np.int64)
+    dense = states_of(paths, t, envs=2)
+    dense.pose[:, :, 2], dense.twist[:, :, 2] = dense.pose[:, -1:, 2], 0.0
+    moving = moving_bodies(dense.pose, dense.twist)
+    assert 0 < len(moving) < len(paths)
+    rows = dense.pose[:, :, moving], dense.twist[:, :, moving]
+    sparse = States(t, *rows, moving, dense.pose[:, -1])
+    placement = Placement(scene_of([None] * len(paths)))
+    stamps = np.array([1_003_000_000, 1_007_100_000, T[-1]])
+    assert placement.at(stamps, sparse).tobytes() == placement.at(stamps, dense).tobytes()
+    for step in range(len(t)):
+        np.testing.assert_array_equal(sparse.pose_at_step(step), dense.pose[:, step])
+    resting = States(t, rows[0][:, :, :0], rows[1][:, :, :0], moving[:0], dense.pose[:, -1])
+    assert (placement.at(stamps, resting) == dense.pose[:, -1]).all()
+    with pytest.raises(ValueError, match="poses are known from"):
+        placement.at(stamps - 20_000_000, resting)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import atheris
 
-sys.path[:0] = [str(Path(__file__).parents[2]), str(Path(__file__).parent)]
+sys.path[:0] = [str(Path(__file__).parents[at]) for at in (3, 1, 0)]
 with atheris.instrument_imports(include=["evis.events"]):
     import test_fuzz_codec
 

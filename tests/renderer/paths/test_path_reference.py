@@ -3,19 +3,17 @@
 reference/make_path_reference.py says how the values were made; their standard errors are stored with them.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from light_scenes import render, world
+from reference_scenes import REFERENCE, cube, light, rectangle, sky, view
 from renderer_scenes import at, sphere
-from test_light_reference import cube, light, rectangle, sky, view
 
 from evis.geometry import se3
 from evis.scene.model import WORLD, Material
 from nodes.renderer.paths.paths import PathOptions
 
-REFERENCE = np.load(Path(__file__).parent / "reference" / "path_reference.npz")
+VALUES = np.load(REFERENCE / "path_reference.npz")
 WALLS = {
     "floor": ((0, 1, 2.5), (1.2, 0, 0), (0, 0, 1.5), (0.7, 0.7, 0.7)),
     "ceiling": ((0, -1, 2.5), (1.2, 0, 0), (0, 0, 1.5), (0.7, 0.7, 0.7)),
@@ -47,7 +45,7 @@ def box(walls, mesh, place, material, lights):
 
 def compare(name, image, tolerance, part, where=True):
     """`part` of the pixels agree within the tolerance and four standard errors; so does the mean, within a fifth."""
-    expected, error = REFERENCE[name], REFERENCE[f"{name}_error"]
+    expected, error = VALUES[name], VALUES[f"{name}_error"]
     seen = np.broadcast_to(where, expected.shape[:2]) & (expected.max(-1) > 1e-3)
     assert seen.sum() > 60
     difference = np.abs(image - expected)[seen]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import warp as wp
 from light_scenes import lamp
+from reference_scenes import cube
 from renderer_scenes import at, camera, poses, quad, scene, sphere
-from test_light_reference import cube
 
 from evis.geometry import se3
 from evis.scene.model import WORLD, Light, Material

@@ -1,56 +1,21 @@
 """Small scenes against Mitsuba 3; reference/make_reference.py says how its values were made."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from light_scenes import lamp, render, world
+from light_scenes import render, world
+from reference_scenes import REFERENCE, cube, light, rectangle, sky, view
 from renderer_scenes import at, sphere
 
 from evis.geometry import se3
-from evis.scene.model import WORLD, Camera, Light, Material, Mesh
+from evis.scene.model import WORLD, Light, Material
 
-REFERENCE = np.load(Path(__file__).parent / "reference" / "reference.npz")
+VALUES = np.load(REFERENCE / "reference.npz")
 METAL = Material("metal", np.ones(3), roughness=0.2**0.5, metallic=1.0, two_sided=True)
-
-
-def view():
-    return Camera("cam0", 24, 16, np.array([[20.0, 0, 11.5], [0, 20.0, 7.5], [0, 0, 1]]))
-
-
-def rectangle(centre, half_u, half_v):
-    c, u, v = (np.array(a, float) for a in (centre, half_u, half_v))
-    points = np.array([c - u - v, c + u - v, c + u + v, c - u + v], np.float32)
-    return Mesh(points, np.array([(0, 1, 2), (0, 2, 3)], np.int32))
-
-
-def cube(half):
-    """Six faces about the origin."""
-    axes = half * np.eye(3)
-    meshes = [rectangle(s * axes[k], axes[k - 2], axes[k - 1]) for k in range(3) for s in (-1, 1)]
-    faces = np.concatenate([m.faces + 4 * k for k, m in enumerate(meshes)])
-    return Mesh(np.concatenate([m.vertices for m in meshes]), faces)
-
-
-def light(centre, half_u, half_v, radiance):
-    area = lamp(centre, half_u, half_v)
-    area.colour = np.array(radiance)
-    return area
-
-
-def sky():
-    """The function of make_reference.py on this map's directions."""
-    h, w = 256, 512
-    theta, phi = np.meshgrid((np.arange(h) + 0.5) / h * np.pi, (np.arange(w) + 0.5) / w * 2 * np.pi, indexing="ij")
-    d = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
-    lobe = np.exp(12 * (d @ (np.array([2.0, -2.0, -1.0]) / 3) - 1))
-    plain = np.stack([0.5 + 0.3 * d[..., 0], 0.5 - 0.3 * d[..., 1], 0.6 + 0.4 * d[..., 1] * d[..., 2]], -1)
-    return (plain + lobe[..., None] * [4.0, 3.0, 2.0]).astype(np.float32)
 
 
 def compare(name, image, tolerance, part=1.0, where=True):
     """`part` of the pixels agree within the tolerance and four standard errors; so does the mean, within a quarter."""
-    expected, error = REFERENCE[name], REFERENCE[f"{name}_error"]
+    expected, error = VALUES[name], VALUES[f"{name}_error"]
     seen = np.broadcast_to(where, expected.shape[:2]) & (expected.max(-1) > 1e-3)
     assert seen.sum() > 60
     difference = np.abs(image - expected)[seen]
@@ -78,7 +43,7 @@ def test_box_with_an_area_light_and_soft_shadows():
     scene_.materials[2:4] = [Material(str(k), np.array(colours[k]), two_sided=True) for k in (2, 3)]
     scene_.instances[5].pose = se3.make_pose(np.array([0.35, 0.7, 2.9]), se3.exp(np.radians([0.0, 30.0, 0.0])))
     # The lamp itself is not seen here; in the reference it is.
-    expected = REFERENCE["box"]
+    expected = VALUES["box"]
     compare("box", render(scene_, light_samples=576), 0.02, 0.99, expected.max(-1) < 6.9)
 
 

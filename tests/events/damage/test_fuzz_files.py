@@ -1,6 +1,6 @@
 """Damaged, spliced and invented files: events of the right types and range, or a RecordingError; never anything else.
 
-`pytest -m slow tests/events/test_fuzz_files.py` runs EVIS_FUZZ (20000) inputs for each format.
+`pytest -m slow tests/events/damage/test_fuzz_files.py` runs EVIS_FUZZ (20000) inputs for each format.
 """
 
 from __future__ import annotations
@@ -9,19 +9,18 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 from file_cases import save
+from file_damage import check, damage
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from small_files import CASES, OTHERS
 
-from evis.events import RecordingError, open_recording
-
 FILES = CASES | OTHERS
 LONG = int(os.environ.get("EVIS_FUZZ", "20000"))
-HOSTILE = [b"\xff" * 4, b"\xff" * 8, b"\x00" * 4, b"\xff\xff\xff\x7f", b"\x00\x00\x00\x80", b"\n", b"\x01\x00\x00\x00"]
 MAGICS = [
     b"% ", b"% Data file", b"PK\x03\x04", b"#!AER-DAT2.0\r\n", b"#!AER-DAT3.1\r\n", b"#!AER-DAT4.0\r\n",
     b"Event Stream\x02\x00\x00\x01", b"#ROSBAG V2.0\n", b"SQLite format 3\x00", b"\x89MCAP0\r\n", b"0.1 1 1 1\n", b"",
@@ -39,46 +38,6 @@ def whole(tmp_path_factory):
         return made[name]
 
     return get
-
-
-def check(path) -> int:
-    """Read all, or fail with one line. The number of events."""
-    try:
-        with open_recording(path) as recording:
-            events, info = recording.read(), recording.info
-            assert recording.next_t_ns is None
-            recording.seek(int(events.t[len(events) // 2]) if len(events) else 0)
-            recording.read_until(2**61)
-    except RecordingError as error:
-        assert str(path) in str(error) and "\n" not in str(error), error
-        return 0
-    dtypes = [np.int64, np.uint16, np.uint16, np.uint8]
-    assert [getattr(events, n).dtype for n in "txyp"] == dtypes
-    assert len({len(getattr(events, n)) for n in "txyp"}) == 1
-    if len(events):
-        assert int(events.x.max()) < info.width and int(events.y.max()) < info.height and int(events.p.max()) <= 1
-    assert len(events) < 1_000_000
-    return len(events)
-
-
-def damage(data: bytes, rng: np.random.Generator) -> bytes:
-    """One to four edits: bytes, hostile numbers, cuts, repeats, swaps."""
-    out = bytearray(data)
-    for _ in range(rng.integers(1, 5)):
-        at = int(rng.integers(0, max(len(out), 1)))
-        kind = rng.integers(0, 6)
-        if kind <= 1 and out:
-            out[at % len(out)] = rng.integers(0, 256)
-        elif kind == 2:
-            word = HOSTILE[rng.integers(0, len(HOSTILE))]
-            out[at : at + len(word)] = word
-        elif kind == 3:
-            del out[at : at + int(rng.integers(1, 60))]
-        elif kind == 4:
-            out[at:at] = out[at : at + int(rng.integers(1, 200))]
-        elif rng.random() < 0.3:
-            del out[at:]
-    return bytes(out) or b"\0"
 
 
 @pytest.mark.parametrize("name", [n for n in FILES if not n.startswith("hdf5")])
@@ -124,7 +83,7 @@ def test_damaged_hdf5_at_length(name, whole, tmp_path):
     code = (
         "import sys, pathlib, numpy as np\n"
         "sys.path.insert(0, sys.argv[1])\n"
-        "from test_fuzz_files import check, damage\n"
+        "from file_damage import check, damage\n"
         "folder, first, last = pathlib.Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])\n"
         "data = (folder / 'whole.h5').read_bytes()\n"
         "for seed in range(first, last):\n"
@@ -135,7 +94,7 @@ def test_damaged_hdf5_at_length(name, whole, tmp_path):
     first, deaths = 0, 0
     while first < LONG // 10:
         last = min(first + 200, LONG // 10)
-        arguments = [sys.executable, "-c", code, os.path.dirname(__file__), str(tmp_path), str(first), str(last)]
+        arguments = [sys.executable, "-c", code, str(Path(__file__).parents[1]), str(tmp_path), str(first), str(last)]
         try:
             done = subprocess.run(arguments, capture_output=True, text=True, timeout=1200)
             assert done.returncode <= 0, done.stderr

@@ -283,7 +283,7 @@ def test_what_is_missing_is_said_in_one_line():
         Interpolator("rigid", 4, scene=scene, camera=view).push(0, episodes, radiance[:, 4:], None, None, states=now)
 
 
-@pytest.mark.parametrize("method", ["rigid", "splat-forward"])
+@pytest.mark.parametrize("method", ["rigid", "splat"])
 def test_samples_are_moved_before_they_are_averaged(method):
     """A plain square on its way: a pixel at its edge has the share of its samples, at the sub-frame's own time."""
     scene = world([wall(), (quad(0.3), plain(0.1), across(13.0))])

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from ggx_reference import reflected
 from light_scenes import facing, world
+from node_bus import start, state
+from reference_scenes import cube
 from renderer_scenes import at, camera, poses, quad, scene, sphere
-from test_light_ggx import reflected
-from test_light_reference import cube
-from test_renderer_node import start, state
 
 from evis.scene.model import WORLD, Light, Material, Mesh
 from nodes.renderer.paths.paths import PathOptions, glowing

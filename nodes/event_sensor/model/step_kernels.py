@@ -1,0 +1,133 @@
+"""What the functions of a pixel hand to each other: where it is, the step, the light in it, how far it has come."""
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Message:
+    """The frames of a message, see batch.Batch; [E, frames, H, W, C] flat. The first `count` settle now."""
+
+    luminance: wp.array(dtype=wp.float32)
+    dlog_dt: wp.array(dtype=wp.float32)  # d ln I/dt [1/s]; empty but for crossing=hermite
+    frames: wp.int32
+    count: wp.int32
+    t: wp.array(dtype=wp.int64)
+    t_base: wp.int64
+    t_before: wp.int64
+    episodes: wp.array2d(dtype=wp.int32)
+
+
+@wp.func
+def message_of(
+    luminance: wp.array(dtype=wp.float32),
+    dlog_dt: wp.array(dtype=wp.float32),
+    frames: wp.int32,
+    count: wp.int32,
+    t: wp.array(dtype=wp.int64),
+    t_base: wp.int64,
+    t_before: wp.int64,
+    episodes: wp.array2d(dtype=wp.int32),
+):
+    """Makes a Message in a kernel: the host takes 3 us to fill in a field of a struct, as long as a row of pixels."""
+    message = Message()
+    message.luminance = luminance
+    message.dlog_dt = dlog_dt
+    message.frames = frames
+    message.count = count
+    message.t = t
+    message.t_base = t_base
+    message.t_before = t_before
+    message.episodes = episodes
+    return message
+
+
+@wp.struct
+class Place:
+    """A pixel and channel: its number in its environment (inner) and among all (index)."""
+
+    env: wp.int32
+    y: wp.int32
+    x: wp.int32
+    c: wp.int32
+    inner: wp.int32
+    index: wp.int32
+
+
+@wp.struct
+class Sample:
+    """What a step reads of the frame at its end and, where its curve needs it, of the one after (following)."""
+
+    light: wp.float32
+    slope: wp.float32  # dL/dt [1/s], of hermite
+    following: wp.float32
+    has_next: wp.bool
+
+
+@wp.struct
+class Step:
+    """The time between two frames: from `start` to `now`, h ns, to frame k of the message; per_h = 1 / h."""
+
+    k: wp.int32
+    start: wp.int64
+    now: wp.int64
+    h: wp.float64
+    per_h: wp.float64
+
+
+@wp.struct
+class Levels:
+    """L of the samples earlier, early, last and next of a curve, NOWHERE where not known.
+
+    moved: |dL| of the last step.
+    """
+
+    earlier: wp.float64
+    early: wp.float64
+    last: wp.float64
+    next: wp.float64
+    moved: wp.float64
+
+
+@wp.struct
+class Signal:
+    """What a pixel sees in a step: the curve S(u), u in [0, 1], L at the step's end, and the light at both ends."""
+
+    s: wp.vec4d
+    l1: wp.float64
+    last: wp.float32
+    light: wp.float32
+
+
+@wp.struct
+class Own:
+    """What differs from pixel to pixel: thresholds, drift of S by its leak [1/ns], and its noise.
+
+    rate: of the candidates of the noise [Hz]; hot_share: how many of them are those of a hot pixel.
+    """
+
+    c_on: wp.float64
+    c_off: wp.float64
+    drift: wp.float64
+    rate: wp.float64
+    hot_share: wp.float64
+
+
+@wp.struct
+class Walk:
+    """How far a pixel has come in a step: at place u in [0, 1], with the last happening at time `here` [ns].
+
+    reference: L_ref there. fired: events so far. coin_at: when a leak's coin falls, NEVER where it does not or has.
+    stream: of the pixel's random numbers, where `named`. key_on, key_off: of its events, but for their time.
+    """
+
+    u: wp.float64
+    here: wp.int64
+    reference: wp.float64
+    fired: wp.int32
+    coin_at: wp.int64
+    stream: wp.uint64
+    named: wp.bool
+    key_on: wp.int64
+    key_off: wp.int64

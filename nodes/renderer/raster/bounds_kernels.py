@@ -1,0 +1,108 @@
+"""What of the image a triangle or a sphere may cover, and what shows the camera its back."""
+
+import warp as wp
+
+from nodes.renderer.raster.view_kernels import CameraView
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def grow(view: CameraView, box: wp.vec4, p: wp.vec3, slack: float):
+    """Gives the image bounds (x min, x max, y min, y max) with the projection of p, kept inside what an int can
+    hold."""
+    m = float(view.margin)
+    nearness = 1.0 / p[2]
+    x = view.fx * p[0] * nearness + view.cx + m
+    y = view.fy * p[1] * nearness + view.cy + m
+    w = float(view.width)
+    h = float(view.height)
+    return wp.vec4(
+        wp.min(box[0], wp.clamp(x - slack, -1.0, w)),
+        wp.max(box[1], wp.clamp(x + slack, -1.0, w)),
+        wp.min(box[2], wp.clamp(y - slack, -1.0, h)),
+        wp.max(box[3], wp.clamp(y + slack, -1.0, h)),
+    )
+
+
+@wp.func
+def grow_crossing(view: CameraView, box: wp.vec4, a: wp.vec3, b: wp.vec3):
+    """Widens bounds by the point where the edge a b meets the near plane, if it does; the slack covers its rounding."""
+    if (a[2] >= view.near) == (b[2] >= view.near):
+        return box
+    q = a + (view.near - a[2]) / (b[2] - a[2]) * (b - a)
+    slack = 1.0 + 1.0e-6 * wp.max(wp.length(a), wp.length(b)) * wp.max(view.fx, view.fy) / view.near
+    return grow(view, box, wp.vec3(q[0], q[1], view.near), slack)
+
+
+@wp.func
+def beyond(slope: float, across: float, z: float, radius: float):
+    """Tells whether a sphere lies wholly on the far side of the plane across = slope z through the camera."""
+    return across - slope * z > radius * wp.sqrt(1.0 + slope * slope)
+
+
+@wp.func
+def outside(view: CameraView, row0: int, row1: int, c: wp.vec3, radius: float):
+    """Tells whether a sphere about c covers no pixel centre of rows row0..row1 - 1; the sphere is widened by its
+    rounding."""
+    r = radius + 1.0e-5 * (wp.length(c) + radius)
+    if view.distorted == 1:
+        # Distance from the cone about the optical axis that holds every ray.
+        return wp.sqrt(c[0] * c[0] + c[1] * c[1]) * view.cos_field - c[2] * view.sin_field > r
+    if c[2] + r < view.near:
+        return True
+    m = float(view.margin)
+    # One pixel more than the outermost centres, for triangles are widened by less.
+    left = (-1.0 - m - view.cx) / view.fx
+    right = (float(view.width) - m - view.cx) / view.fx
+    top = (float(row0) - 1.0 - m - view.cy) / view.fy
+    bottom = (float(row1) - m - view.cy) / view.fy
+    return (
+        beyond(right, c[0], c[2], r)
+        or beyond(-left, -c[0], c[2], r)
+        or beyond(bottom, c[1], c[2], r)
+        or beyond(-top, -c[1], c[2], r)
+    )
+
+
+@wp.func
+def turned_away(axis: wp.vec3, cosine: float, c: wp.vec3, radius: float):
+    """Tells whether every triangle in a sphere about c with normals in a cone shows its back to the camera."""
+    if cosine <= 0.0:
+        return False
+    along = wp.dot(axis, c)
+    across = wp.sqrt(wp.max(wp.dot(c, c) - along * along, 0.0))
+    sine = wp.sqrt(wp.max(1.0 - cosine * cosine, 0.0))
+    return along * cosine - across * sine > radius + 1.0e-4 * (wp.length(c) + radius)
+
+
+@wp.func
+def facing(a: wp.vec3, b: wp.vec3, c: wp.vec3, two_sided: int):
+    """Tells whether a triangle shows its front or, if two-sided, its back; not so where it is edge-on."""
+    offset = wp.dot(wp.cross(b - a, c - a), a)
+    return offset < 0.0 or (offset > 0.0 and two_sided == 1)
+
+
+@wp.func
+def bounds(view: CameraView, a: wp.vec3, b: wp.vec3, c: wp.vec3):
+    """Gives what of the image a triangle before the near plane may cover: (x min, x max, y min, y max)."""
+    big = 1.0e9
+    box = wp.vec4(big, -big, big, -big)
+    if a[2] >= view.near:
+        box = grow(view, box, a, 0.01)
+    if b[2] >= view.near:
+        box = grow(view, box, b, 0.01)
+    if c[2] >= view.near:
+        box = grow(view, box, c, 0.01)
+    if wp.min(a[2], wp.min(b[2], c[2])) < view.near:
+        box = grow_crossing(view, box, a, b)
+        box = grow_crossing(view, box, b, c)
+        box = grow_crossing(view, box, c, a)
+    return box
+
+
+@wp.func
+def holds_pixel(view: CameraView, box: wp.vec4):
+    """Tells whether any pixel centre of the image lies in these bounds."""
+    wide = wp.max(wp.ceil(box[0]), 0.0) <= wp.min(wp.floor(box[1]), float(view.width - 1))
+    return wide and wp.max(wp.ceil(box[2]), 0.0) <= wp.min(wp.floor(box[3]), float(view.height - 1))

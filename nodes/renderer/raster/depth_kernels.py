@@ -1,0 +1,27 @@
+"""The z-buffer: depth and triangle of a pixel in one uint64, so that the nearest of all threads wins by its value."""
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+MISS = wp.constant(-1)
+"""Triangle index of a pixel that sees no triangle."""
+
+
+@wp.func
+def triangle_of(packed: wp.uint64):
+    """Unpacks the triangle of a z-buffer entry, or MISS."""
+    return int(wp.uint32(packed & wp.uint64(0xFFFFFFFF)))
+
+
+@wp.func
+def depth_of(packed: wp.uint64):
+    """Unpacks the depth of a z-buffer entry [m]."""
+    return wp.cast(wp.uint32(packed >> wp.uint64(32)), wp.float32)
+
+
+@wp.func
+def put_depth(packed: wp.array3d(dtype=wp.uint64), env: int, y: int, x: int, z: float, triangle: int):
+    """Writes a triangle at depth z >= 0 [m] into a pixel of the z-buffer, unless a nearer one is there."""
+    bits = wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)
+    wp.atomic_min(packed, env, y, x, bits | wp.uint64(triangle))

@@ -1,0 +1,73 @@
+"""The camera in a kernel, and the ray of each of its pixels."""
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+Lens = wp.types.vector(length=8, dtype=wp.float64)
+"""Distortion coefficients, in the order of evis.geometry.distortion, padded with zeros."""
+
+
+@wp.struct
+class CameraView:
+    """Holds camera and image size; width and height include the margin, cx and cy do not."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    near: float
+    reach: float
+    """Length of the longest ray d of the image."""
+    width: int
+    height: int
+    margin: int
+    distorted: int
+    """1: rays come from the table, `near` is a distance from the camera, and `lens` bends directions."""
+    local: int
+    """1: vertices are [1, V] in the frames of their instances; 0: [E, V] in the camera's, of what may be seen."""
+    columns: wp.array(dtype=float)
+    rows: wp.array(dtype=float)
+    """x of a pinhole's rays in every column and y in every row: loaded sooner than divided for; empty for a lens."""
+    rays: wp.array2d(dtype=wp.vec3)
+    """[height, width] unit rays, 0 where the lens sees nothing; empty for a pinhole."""
+    lens: Lens
+    cos_field: float
+    sin_field: float
+    """Angle about the optical axis that holds all rays of the table."""
+    domain: float
+    """Angle up to which the lens maps directions one to one [rad]."""
+    bounded: float
+    """Angle up to which `bulge` holds [rad]."""
+    bulge: float
+    """Bound on the second derivative of a pixel's position by the angle along any great circle [px/rad^2]."""
+
+
+@wp.func
+def pixel_ray(view: CameraView, x: int, y: int):
+    """Gives the ray d of a pixel; the branch goes one way for a whole launch and costs nothing that could be
+    measured."""
+    if view.distorted == 1:
+        return view.rays[y, x]
+    return wp.vec3(view.columns[x], view.rows[y], 1.0)
+
+
+@wp.func
+def ray_steps(view: CameraView, x: int, y: int):
+    """Finds how the ray d of a pixel changes from one column and one row to the next."""
+    if view.distorted == 1:
+        left = wp.max(x - 1, 0)
+        right = wp.min(x + 1, view.width - 1)
+        above = wp.max(y - 1, 0)
+        below = wp.min(y + 1, view.height - 1)
+        across = (view.rays[y, right] - view.rays[y, left]) / float(wp.max(right - left, 1))
+        return across, (view.rays[below, x] - view.rays[above, x]) / float(wp.max(below - above, 1))
+    return wp.vec3(1.0 / view.fx, 0.0, 0.0), wp.vec3(0.0, 1.0 / view.fy, 0.0)
+
+
+@wp.func
+def tile_pixel(view: CameraView, tile: int, lane: int):
+    """Gives the row and column of a thread's pixel where 32 threads do 8 x 4 of them; some may lie outside the
+    image."""
+    across = (view.width + 7) // 8
+    return tile // across * 4 + lane // 8, tile % across * 8 + lane % 8
