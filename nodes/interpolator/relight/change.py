@@ -9,7 +9,7 @@ import warp as wp
 
 from evis.geometry import se3
 from evis.media.colour import REC709
-from evis.scene.model import Scene
+from evis.scene.model import Light, Scene
 from nodes.interpolator.relight import change_kernels, swept_kernels
 from nodes.interpolator.relight.boxes_kernels import Swept
 from nodes.interpolator.relight.features import LightChanges, light_changes
@@ -159,8 +159,7 @@ class LightChange:
         lamps = self._still_lamps()
         lamps[self._positional] -= self._origin_of()
         swept.lamp = v.put(lamps, wp.vec3)
-        extents = [(l.half_u, l.half_v) if l.kind == "area" else (np.zeros(3),) for l in lights]
-        swept.radius = v.put(np.array([np.linalg.norm(e, axis=1).sum() for e in extents]), wp.float32)
+        swept.radius = v.put(np.array([_extent(light) for light in lights]), wp.float32)
         swept.kind, swept.shadow = self._lights.kernel.kind, self._lights.kernel.shadow
         return swept
 
@@ -183,6 +182,13 @@ class LightChange:
             setattr(then, name, getattr(now, name))
         then.rotation, then.translation = self._v.empty((rows, count), wp.mat33), self._v.empty((rows, count), wp.vec3)
         return then
+
+
+def _extent(light: Light) -> float:
+    """Radius of a ball about an area light's middle that holds it [m], 0 of other lights."""
+    if light.kind != "area" or light.half_u is None or light.half_v is None:
+        return 0.0
+    return float(np.linalg.norm(light.half_u) + np.linalg.norm(light.half_v))
 
 
 def make_light_change(

@@ -6,8 +6,8 @@ assumption on the motion between. There log radiance is interpolated by cubic co
 surface, which the keyframe's depth says is this one; where some of the 4 x 4 pixels about the place show another piece,
 only if what is left is so even that it cannot be far off. The values of both keyframes are blended in time,
 log L = (1 - f) log L_A + f log L_B, or that of the one which shows the point is taken. What neither shows well enough
-(it is uncovered, or at a silhouette) and what they disagree about (its light changes) is shaded anew at its own time.
-A shadow that comes and goes between two keyframes leaves no trace in either and is missed.
+(it is uncovered, at a silhouette, or too fine for the keyframe's pixels) and what they disagree about is shaded anew at
+its own time. So is what they agree about although its light changes in between: see `relight`, which computes that.
 
 Where a pixel hardly moves over the surface that it shows, this is done at some of the sub-frames, and the others are
 lines between them: see plan_kernels. Where the whole image hardly moves, not all triangles are drawn at each: see
