@@ -29,6 +29,8 @@ LIT_ANEW = wp.constant(4)
 """Flag of one that a light reaches over other surfaces which move or whose light changes."""
 MANY = wp.constant(8)
 """Casters from which on a shadow ray costs less than asking all their boxes."""
+CARRIED = wp.constant(20.0)
+"""How much ln I may change, of `even`, where the change is added to what the keyframes show."""
 BRIGHTNESS = wp.constant(wp.vec3(*REC709))
 
 
@@ -186,8 +188,8 @@ def make_relit(f: LightChanges) -> Any:
         share: float,
     ):
         """Tells whether a point must be shaded at its own time, where keyframe A (row_a), B or both show it and are
-        blended by `share`; and otherwise by how much ln of its radiance is above what they show."""
-        above = float(0.0)
+        blended by `share`; and otherwise by how much ln of its radiance is above what each shows."""
+        above = wp.vec2(0.0, 0.0)
         moved = (flag & MOVED) != 0
         if wp.static(f.indirect):
             if (flag & LIT_ANEW) != 0:
@@ -204,17 +206,19 @@ def make_relit(f: LightChanges) -> Any:
                     return True, above
         if wp.static(f.relative):
             if moved:
-                expected = float(0.0)
-                if seen_a:
-                    expected += wp.where(seen_b, 1.0 - share, 1.0) * level_then(change, row, row_a, a)
-                if seen_b:
-                    expected += wp.where(seen_a, share, 1.0) * level_then(change, row, row_b, b)
                 level = wp.log(wp.max(irradiance(change, change.now, row, row, s, s.normal), 1.0e-30))
-                above = level - expected
-                if wp.abs(above) > change.even:
-                    return True, above
-                if change.carried[s.instance] == 0:
-                    above = float(0.0)
+                if seen_a:
+                    above[0] = level - level_then(change, row, row_a, a)
+                if seen_b:
+                    above[1] = level - level_then(change, row, row_b, b)
+                if change.carried[s.instance] == 1:
+                    if wp.max(wp.abs(above)) > CARRIED * change.even:
+                        return True, above
+                else:
+                    expected = wp.where(seen_b, 1.0 - share, 1.0) * above[0] + wp.where(seen_a, share, 1.0) * above[1]
+                    if wp.abs(expected) > change.even:
+                        return True, above
+                    above = wp.vec2(0.0, 0.0)
         if wp.static(f.shadows):
             first = wp.where(moved, 0, change.casters.still)
             if moved and change.casters.order.shape[0] > MANY:

@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.relight.change_kernels import Change, make_relit, moved_point, point_of
+from nodes.interpolator.relight.change_kernels import MOVED, Change, make_relit, moved_point, point_of
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.log_kernels import apart, brighter, fused_luminance, radiance_of
 from nodes.interpolator.rigid.look_up_kernels import HARD, SEEN, Sight, make_keyframes, make_look_up
@@ -92,7 +92,7 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool, changes: 
         share: float,
     ):
         """Tells whether light on the point that slot n shows changes otherwise than the keyframes tell, and otherwise
-        how much above them ln of its radiance is."""
+        how much above each of them ln of its radiance is."""
         if wp.static(changes.any):
             env = n % portion.envs
             flag = change.flags[env, body]
@@ -111,7 +111,7 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool, changes: 
                 row_a = portion.keyframes[0] * portion.envs + env
                 row_b = portion.keyframes[1] * portion.envs + env
                 return relit(change, flag, env, n, row_a, row_b, s, a, b, seen_a, seen_b, share)
-        return False, 0.0
+        return False, wp.vec2(0.0, 0.0)
 
     @wp.func
     def moved(keys: Keyframes, row: int, body: int, point: wp.vec3):
@@ -203,29 +203,35 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool, changes: 
                 state_b, other = look_up(view, keys, keys.first[1] + base, s, m_b, portion.tolerance)
                 seen_a = state_a == SEEN
                 seen_b = state_b == SEEN
-                difference = wp.float32(0.0)
-                if seen_a and seen_b:
-                    difference = apart(value, other)
-                unchanged = wp.bool(False)
-                if wp.static(not flicker):
-                    unchanged = seen_b and difference == 0.0 and m_b[0] == 0.0 and m_b[1] == 0.0 and m_b[2] == 0.0
                 share = float(i) / float(portion.upsampling)
                 hard = wp.bool(False)
                 if wp.static(not listed):
                     hard = state_a == HARD or state_b == HARD
-                above = wp.float32(0.0)
-                told = (seen_a or seen_b) and difference <= portion.tolerance
+                told = seen_a or seen_b
                 if s.sky == 0 and not hard:
                     if portion.relight == 1:
                         told = False
-                    elif told:
-                        anew, above = lit_otherwise(
-                            change, portion, keys, n, hit, body, s.point, m_a, m_b, seen_a, seen_b, share
-                        )
-                        told = not anew
+                    elif wp.static(changes.any):
+                        if told:
+                            anew, above = lit_otherwise(
+                                change, portion, keys, n, hit, body, s.point, m_a, m_b, seen_a, seen_b, share
+                            )
+                            told = not anew
+                            if wp.static(changes.relative):
+                                value = brighter(value, above[0])
+                                other = brighter(other, above[1])
+                difference = wp.float32(0.0)
+                if seen_a and seen_b:
+                    difference = apart(value, other)
+                told = told and difference <= portion.tolerance
+                unchanged = wp.bool(False)
+                if wp.static(not flicker):
+                    unchanged = seen_b and difference == 0.0 and m_b[0] == 0.0 and m_b[1] == 0.0 and m_b[2] == 0.0
+                    if wp.static(changes.relative):
+                        unchanged = unchanged and change.flags[env, wp.min(body, change.flags.shape[1] - 1)] != MOVED
                 if hard:
                     todo[take_place(todo_count, band)] = at
-                elif told and unchanged and above == 0.0:
+                elif told and unchanged:
                     # The keyframe's own pixel, to the last bit: nothing has changed.
                     frames[frame, y - m, x - m] = keys.image[env, y, x]
                 elif told:
@@ -233,8 +239,6 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool, changes: 
                         value = other
                     elif seen_b:
                         value += share * (other - value)
-                    if wp.static(changes.relative):
-                        value = brighter(value, above)
                     frames[frame, y - m, x - m] = radiance_of(value, portion.strength[n // envs])
                 else:
                     pixels[first + take_place(count, band)] = (n * view.height + y) * view.width + x
