@@ -14,8 +14,8 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Swept:
-    """Holds boxes lower, upper [E, M + 1] of all places that casters take in the gap, the first one around all others,
-    in the world's axes about a fixed origin [m].
+    """Holds boxes lower, upper [E, M + 1] of all places that moving bodies take in the gap, the first one around all
+    others, in the world's axes about a fixed origin [m].
 
     place [P E]: of the slots' cameras. lamp [L]: positions of lights that stand still, or unit vectors towards those of
     kind 0; radius [L]: of their extents; shadow [L]: 1 where they have shadows.

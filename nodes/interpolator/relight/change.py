@@ -130,6 +130,7 @@ class LightChange:
         """Of the instances on movers: which mover, turn float64 [I, 3, 3] and place [I, 3] on it, half sides [I, 3]."""
         geometry = self._v.geometry
         which = np.flatnonzero(np.isin(geometry.body, self._movers))
+        which = which[np.argsort(geometry.body[which], kind="stable")]
         mover = np.searchsorted(self._movers, geometry.body[which])
         return mover, geometry.rotation[which], geometry.translation[which], half[which]
 
@@ -153,7 +154,7 @@ class LightChange:
 
     def _make_swept(self) -> Any:
         v, lights, swept = self._v, self._scene.lights, Swept()
-        shape = (self._envs, len(self._casting[0]) + 1)
+        shape = (self._envs, len(np.unique(self._casting[0])) + 1)
         swept.lower, swept.upper = v.empty(shape, wp.vec3), v.empty(shape, wp.vec3)
         swept.place = v.empty(v.envs, wp.vec3)
         lamps = self._still_lamps()
@@ -171,6 +172,9 @@ class LightChange:
         centre = poses[..., :3] + np.einsum("keixy,iy->keix", rotation, place) - self._origin_of()
         sides = np.einsum("keixy,iy->keix", np.abs(rotation @ turn), half)
         lower, upper = (centre - sides).min(0), (centre + sides).max(0)
+        # One for each body, of whose parts there may be many.
+        starts = np.flatnonzero(np.diff(mover, prepend=-1))
+        lower, upper = np.minimum.reduceat(lower, starts, 1), np.maximum.reduceat(upper, starts, 1)
         swept = self.kernel.swept
         swept.lower.assign(np.concatenate([lower.min(1, keepdims=True), lower], 1).astype(np.float32))
         swept.upper.assign(np.concatenate([upper.max(1, keepdims=True), upper], 1).astype(np.float32))

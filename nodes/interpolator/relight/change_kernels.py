@@ -27,6 +27,8 @@ SHADED = wp.constant(2)
 """Flag of one that does not, and on which shadows of others may move."""
 LIT_ANEW = wp.constant(4)
 """Flag of one that a light reaches over other surfaces which move or whose light changes."""
+VIEWED = wp.constant(8)
+"""Flag of a point, if glossy, that the view may have turned against by more than its lobe is wide."""
 MANY = wp.constant(8)
 """Casters from which on a shadow ray costs less than asking all their boxes."""
 CARRIED = wp.constant(20.0)
@@ -194,9 +196,12 @@ def make_relit(f: LightChanges) -> Any:
         if wp.static(f.indirect):
             if (flag & LIT_ANEW) != 0:
                 return True, above
+        if wp.static(f.shadows):
+            if moved and change.casters.order.shape[0] > MANY:
+                return True, above
         if wp.static(f.view):
             alpha = change.alpha[s.instance]
-            if alpha >= 0.0:
+            if alpha >= 0.0 and (flag & VIEWED) != 0:
                 angle = float(0.0)
                 if seen_a:
                     angle += turned(change, row, row_a, s, a, moved)
@@ -221,10 +226,8 @@ def make_relit(f: LightChanges) -> Any:
                     above = wp.vec2(0.0, 0.0)
         if wp.static(f.shadows):
             first = wp.where(moved, 0, change.casters.still)
-            if moved and change.casters.order.shape[0] > MANY:
-                return True, above
             near = moved
-            if not moved and flag != 0:
+            if (flag & SHADED) != 0:
                 near = crossed(change.swept, env, change.casters.turn[row], row, s.position)
             if near:
                 if shaded(change, change.now, change.casters, row, s, first):
@@ -251,16 +254,16 @@ def make_level(f: LightChanges) -> Any:
         light."""
         level = float(0.0)
         moved = (flag & MOVED) != 0
-        if wp.static(f.relative):
-            if moved:
-                level = wp.log(wp.max(irradiance(change, change.now, row, row, s, s.normal), 1.0e-30))
         hidden = (flag & LIT_ANEW) != 0
         if wp.static(f.shadows):
-            if moved and change.casters.order.shape[0] > MANY:
-                hidden = True
-            elif moved or crossed(change.swept, env, change.casters.turn[row], row, s.position):
+            hidden = hidden or (moved and change.casters.order.shape[0] > MANY)
+        if wp.static(f.relative):
+            if moved and not hidden:
+                level = wp.log(wp.max(irradiance(change, change.now, row, row, s, s.normal), 1.0e-30))
+        if wp.static(f.shadows):
+            if not hidden and (moved or crossed(change.swept, env, change.casters.turn[row], row, s.position)):
                 first = wp.where(moved, 0, change.casters.still)
-                hidden = hidden or shaded(change, change.now, change.casters, row, s, first)
+                hidden = shaded(change, change.now, change.casters, row, s, first)
         return level, hidden
 
     return level_of

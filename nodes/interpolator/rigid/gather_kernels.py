@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.relight.change_kernels import MOVED, Change, make_relit, moved_point, point_of
+from nodes.interpolator.relight.change_kernels import MOVED, VIEWED, Change, make_relit, moved_point, point_of
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.log_kernels import apart, brighter, fused_luminance, radiance_of
 from nodes.interpolator.rigid.look_up_kernels import HARD, SEEN, Sight, make_keyframes, make_look_up
@@ -96,15 +96,17 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool, changes: 
         if wp.static(changes.any):
             env = n % portion.envs
             flag = change.flags[env, body]
-            looked_at = flag != 0
             if wp.static(changes.view):
-                if not looked_at:
+                if (flag & MOVED) == 0:
                     # Of what does not move the view turns by no more than the cameras are apart.
                     apart_a = wp.length(keys.shift[n, body])
                     apart_b = wp.length(keys.shift[n + keys.turn.shape[0] / 2, body])
                     alpha = change.alpha[change.instance[triangle_of(hit)]]
-                    looked_at = alpha >= 0.0 and apart_a + apart_b > 2.0 * alpha * change.turned * wp.length(position)
-            if looked_at:
+                    if alpha >= 0.0 and apart_a + apart_b > 2.0 * alpha * change.turned * wp.length(position):
+                        flag = flag | VIEWED
+                else:
+                    flag = flag | VIEWED
+            if flag != 0:
                 s = point_of(change, n, hit, position)
                 a = moved_point(s, keys.turn[n, body], m_a)
                 b = moved_point(s, keys.turn[n + keys.turn.shape[0] / 2, body], m_b)
