@@ -18,7 +18,7 @@ SAME_SHEET = wp.constant(3.0e-2)
 """The same, for the pixels about it: a surface seen at a slant is as much nearer from one to the next."""
 STEEP = wp.constant(3.0)
 """Differences of log radiance, in tolerances, between neighbours beside which a patch must be seen in full."""
-FINE = wp.constant(100.0)
+FINE = wp.constant(0.03)
 """Difference of cubic and linear interpolation, in tolerances, above which what a surface shows is too fine for its
 keyframes: interpolation would dull it by about as much."""
 ENOUGH = wp.constant(5)
