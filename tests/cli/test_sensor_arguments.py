@@ -43,7 +43,9 @@ def test_what_is_not_given_is_the_presets() -> None:
         params = sensor_params("spinning_disk", preset=preset)
         given = {key: params[key] for key in SENSOR}
         assert resolve_sensor("it", preset, given) == resolve_sensor("it", preset, {})
-    assert sensor_params("spinning_disk")["threshold"] == 0.2
+    target = read_target("spinning_disk", {})
+    plan = plan_launch(target.launch, target.given, Options(), held=())
+    assert plan.sensors["/cam0"]["threshold"] == 0.2
 
 
 @pytest.mark.parametrize("key", SENSOR)

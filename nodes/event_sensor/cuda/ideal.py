@@ -16,7 +16,7 @@ THREADS = 1 << 18
 
 
 class IdealPasses:
-    """State of `total` pixels and channels, `size` in each environment, and the list of the active ones.
+    """Keeps the state of `total` pixels and channels, `size` in each environment, and lists the active ones.
 
     28 bytes of state per pixel and channel, and 8 of list.
     """
@@ -36,14 +36,14 @@ class IdealPasses:
         self._active: wp.array = wp.empty(total, dtype=wp.vec2i, device=device)
 
     def arrays(self) -> tuple[wp.array, ...]:
-        """Everything that there is per pixel, the list with it."""
+        """Returns everything that there is per pixel, the list with it."""
         s = self._state
         return s.last, s.low, s.high, s.counts, s.base, self._active
 
     def find(
         self, sensor: Sensor, call: wp.array, frames: int, filled: wp.array, counters: wp.array, before: wp.array
     ) -> None:
-        """Empty the buckets and list the active pixels."""
+        """Empties the buckets and lists the active pixels. Args: see pipeline.Source."""
         threads = -(-self._active.size // SHARE) * ideal_kernels.BLOCK
         wp.launch(
             ideal_kernels.find_active,
@@ -54,7 +54,10 @@ class IdealPasses:
         )
 
     def sense(self, sensor: Sensor, call: wp.array, frames: int, keys: wp.array, counters: wp.array) -> None:
-        """Events of the active pixels, from where they were left; those that fit."""
+        """Lists the events of the active pixels, from where they were left, as many as fit.
+
+        Args: see pipeline.Source.
+        """
         threads = min(self._active.size, THREADS)
         wp.launch(
             self._kernel,
@@ -66,4 +69,4 @@ class IdealPasses:
         )
 
     def done(self) -> None:
-        """Nothing to do: the state is changed in place."""
+        """Does nothing: the state is changed in place."""

@@ -40,7 +40,7 @@ EACH = 4
 
 @wp.struct
 class IdealState:
-    """Of every pixel and channel, as in nodes.event_sensor.model.state_kernels.Pixel; the reference's base apart."""
+    """Keeps of every pixel and channel what model.state_kernels.Pixel names; the reference's base apart."""
 
     last: wp.array(dtype=wp.float32)
     low: wp.array(dtype=wp.float32)
@@ -76,7 +76,17 @@ def find_active(
     filled: wp.array(dtype=wp.int32),
     counters: wp.array(dtype=wp.int64),
 ):
-    """Lists the active pixels, each with the frame to go on from. A thread is EACH pixels and channels."""
+    """Lists the active pixels, each with the frame to go on from. A thread is EACH pixels and channels.
+
+    Args:
+        sensor, call, frames: as in pipeline.Source.
+        size: pixels and channels of an environment.
+        before: counters of the call before.
+        state: the last sample of inactive pixels is kept in it.
+        active: number of a pixel, and of the frame to go on from, which is 0.
+        filled: events in each bucket, set to 0.
+        counters: of this call, int64 [COUNTS].
+    """
     thread = wp.tid()
     if thread < filled.shape[0]:
         filled[thread] = 0
@@ -145,7 +155,16 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """Takes a pixel through the frames from `first` on; returns the frame whose events found no room, or -1."""
+        """Takes a pixel through the frames from `first` on; returns the frame whose events found no room, or -1.
+
+        Args:
+            sensor, call, frames: as in pipeline.Source.
+            size: pixels and channels of an environment.
+            index: the pixel among all.
+            first: frame to go on from.
+            state: of all pixels.
+            keys, counters: the list of events, and how many there are.
+        """
         env = index // size
         inner = index - env * size
         c = inner % sensor.channels
@@ -254,7 +273,16 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """Senses the listed pixels; a thread takes every `threads`-th."""
+        """Senses the listed pixels; a thread takes every `threads`-th.
+
+        Args:
+            sensor, call, frames: as in pipeline.Source.
+            size: pixels and channels of an environment.
+            threads: how many there are.
+            state: of all pixels.
+            active: as of find_active; -1 for a pixel that is done, else the frame whose events found no room.
+            keys, counters: the list of events, and how many there are.
+        """
         if counters[BLOCKED] != wp.int64(0):
             return
         listed = wp.int32(counters[ACTIVE])

@@ -44,7 +44,17 @@ def pixels_kernel(features: Features) -> Any:
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """Senses a pixel and channel per thread; keys come out in any order and are sorted afterwards."""
+        """Senses a pixel and channel per thread; keys come out in any order and are sorted afterwards.
+
+        Args:
+            sensor: its parameters.
+            begin: per environment, bits of the frames (0 and 1) at which an episode begins.
+            luminance, dlog_dt, frames, count, t, t_base, t_before, episodes: see step_kernels.Message.
+            before, after: state of every pixel before and after the message.
+            side_before, side_after: which of both rows of `rare` is a pixel's, before and after.
+            rare: state that few steps need, [2, pixels and channels of all environments].
+            keys, counters: the list of events, int64 [capacity], and sensor_kernels.COUNTERS.
+        """
         env, y, column = wp.tid()
         message = message_of(luminance, dlog_dt, frames, count, t, t_base, t_before, episodes)
         place = place_of(sensor, env, y, column // sensor.channels, column % sensor.channels)

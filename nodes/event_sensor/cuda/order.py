@@ -40,9 +40,14 @@ class Order:
         self, sensor: Sensor, call: wp.array, frames: int, keys: wp.array, counters: wp.array, following: wp.array,
         head: wp.array, columns: Any, side: int,
     ) -> None:  # fmt: skip
-        """Put the listed events in order, write the columns, and the head.
+        """Puts the listed events in order, writes the columns, and the head.
 
-        following: counters that are made ready. side: which buckets, 0 or 1.
+        Args:
+            sensor, call, frames, keys, counters: as in pipeline.Source.
+            following: counters that are made ready for a later call, int64 [COUNTS].
+            head: what the host wants to know, int64, see call_kernels.
+            columns: key_kernels.Columns.
+            side: which buckets, 0 or 1.
         """
         filled, buckets = self.filled[side], self._buckets[side]
         threads = min(THREADS, max(keys.size, 1))
@@ -65,7 +70,16 @@ class Order:
     def sort(
         self, sensor: Sensor, layout: KeyLayout, span: tuple[int, int], keys: wp.array, count: int, columns: Any
     ) -> None:
-        """The same by a radix sort of the list, whose length the host knows: for times that crowd together."""
+        """Does the same by a radix sort of the list, whose length the host knows: for times that crowd together.
+
+        Args:
+            sensor: its parameters.
+            layout: of the keys.
+            span: the call's start and last stamp [ns].
+            keys: the list, int64 [capacity].
+            count: events in it.
+            columns: key_kernels.Columns, written.
+        """
         pairs: wp.array = wp.empty(2 * count, dtype=wp.int64, device=self._device)
         wp.copy(pairs, keys, count=count)
         nothing: wp.array = wp.empty(2 * count, dtype=wp.int32, device=self._device)
@@ -77,7 +91,10 @@ class Order:
         wp.launch(order_kernels.unpack_all, count, inputs, [columns], device=self._device)
 
     def widen(self, count: int) -> bool:
-        """Told the events of a call: more buckets where they were many, often. True when their arrays are new."""
+        """Makes more buckets where calls had many events, often; returns True when their arrays are new.
+
+        count: events of the call that is done.
+        """
         self._crowds = self._crowds + 1 if count > self._length * CROWD else 0
         if self._crowds < OFTEN or 2 * self._length > MOST_BUCKETS:
             return False

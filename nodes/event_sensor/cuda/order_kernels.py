@@ -86,7 +86,7 @@ def sort_bucket(bucket: wp.array(dtype=wp.int64), first: wp.int32, count: wp.int
 
 @wp.func
 def place_in_time(call: wp.array(dtype=wp.int64), t: wp.int64, of_env: wp.int32):
-    """Returns which of the `of_env` parts of a call's time."""
+    """Returns in which of the `of_env` equal parts of a call's time t lies. t: from the call's start [ns]."""
     place = wp.float64(t) * (wp.float64(of_env) / wp.float64(call[SPAN] + wp.int64(1)))
     return wp.min(wp.int32(place), of_env - 1)
 
@@ -95,7 +95,14 @@ def place_in_time(call: wp.array(dtype=wp.int64), t: wp.int64, of_env: wp.int32)
 def place_at_stamp(
     call: wp.array(dtype=wp.int64), frames: wp.int32, t: wp.int64, pixel: wp.int64, pixels: wp.int64, of_env: wp.int32
 ):
-    """Returns it where most events have a frame's stamp: half of a frame's parts are for these, by their pixel."""
+    """Returns the bucket of an event where most have a frame's stamp: half of a frame's are for these, by their pixel.
+
+    Args:
+        call, frames: as in pipeline.Source.
+        t: time of the event from the call's start [ns].
+        pixel, pixels: which one it is, and how many there are.
+        of_env: buckets of an environment.
+    """
     base = call[T_BASE]
     low = int(0)
     high = frames - 1
@@ -138,7 +145,14 @@ def to_buckets(
 ):
     """Puts events into buckets; a thread takes every `threads`-th.
 
-    of_env: buckets of an environment. stamped: most times are those of frames.
+    Args:
+        sensor, call, frames: as in pipeline.Source.
+        stamped: most times are those of frames.
+        of_env: buckets of an environment.
+        threads: how many there are.
+        keys, counters: the list of events, and how many there are.
+        filled: events in each bucket, those too that found no room.
+        buckets: keys, int64 [E of_env BUCKET].
     """
     if counters[BLOCKED] != wp.int64(0) or counters[EVENTS] > sensor.capacity:
         return
@@ -175,8 +189,17 @@ def in_order(
 ):
     """Puts the events of each bucket in order; a block is a bucket.
 
-    Equal keys are equal events, whose order does not matter. The last block writes what
-    the host wants to know, and the counters that a later call begins with.
+    Equal keys are equal events, whose order does not matter. The last block writes what the host wants to know, and the
+    counters that a later call begins with.
+
+    Args:
+        sensor, call: as in pipeline.Source.
+        of_env: buckets of an environment.
+        filled, buckets: as of to_buckets.
+        counters: of this call, int64 [COUNTS].
+        following: of a later call, made ready.
+        head: what the host wants to know, int64, see call_kernels.
+        columns: where the events go.
     """
     b, lane = wp.tid()
     length = filled.shape[0]

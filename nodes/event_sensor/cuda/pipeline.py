@@ -35,29 +35,47 @@ class Source(Protocol):
     def find(
         self, sensor: Sensor, call: wp.array, frames: int, filled: wp.array, counters: wp.array, before: wp.array
     ) -> None:
-        """What comes once, and empties the buckets. before: the counters of the call before."""
+        """Does what comes once in a call, and empties the buckets.
+
+        Args:
+            sensor: its parameters, with the room that there is for events.
+            call: parameters of the call, int64 [3 + K + E], see call_kernels.
+            frames: K.
+            filled: events in each bucket, int32.
+            counters: of this call, int64 [COUNTS].
+            before: the counters of the call before.
+        """
 
     def sense(self, sensor: Sensor, call: wp.array, frames: int, keys: wp.array, counters: wp.array) -> None:
-        """List the events; and again, with more room, where they did not fit."""
+        """Lists the events; and again, with more room, where they did not fit.
+
+        Args:
+            sensor, call, frames: as in `find`.
+            keys: the list, int64 [capacity], see model.keys.
+            counters: of this call, int64 [COUNTS].
+        """
 
     def done(self) -> None:
-        """All events of the call are listed."""
+        """Takes note that all events of the call are listed."""
 
 
 @dataclass(eq=False)
-class Lane:
-    """A call's parameters of one length: on the host (pinned), on the device, and the graphs that read them."""
+class CallParameters:
+    """The parameters of calls of one number of frames, and the graphs that read them.
+
+    host: where they are filled in, in the pinned memory of `staging`; device: where the kernels read them.
+    """
 
     frames: int
     host: np.ndarray
     staging: wp.array
-    call: wp.array
+    device: wp.array
     graphs: dict[Any, Any] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
 class Slot:
-    """Where one call's results go. number: its place among the slots."""
+    """Holds one call: its parameters and its results. number: its place among the slots."""
 
     number: int
     counters: wp.array
@@ -68,27 +86,41 @@ class Slot:
     keys: Any = None
     columns: Any = None
     named: dict[str, wp.array] = field(default_factory=dict)
-    lanes: dict[int, Lane] = field(default_factory=dict)
+    by_frames: dict[int, CallParameters] = field(default_factory=dict)
     pending: Pending | None = None
     serial: int = -1
 
     @property
-    def lane(self) -> Lane:
-        """Of the call that it holds."""
+    def call(self) -> CallParameters:
+        """Returns the parameters of the call that it holds."""
         assert self.pending is not None
-        return self.lanes[self.pending.frames]
+        return self.by_frames[self.pending.frames]
 
 
 class Pipeline:
-    """`calls` calls in flight at most. found: called with the counters of every completed call, in order.
+    """Sends calls to a device, several in flight, and gives their events in order.
 
-    records: a call of a length that was there before launches a graph.
+    records: a call of a number of frames that was there before launches a graph.
     """
 
     def __init__(
         self, source: Source, sensor: Sensor, layout: KeyLayout, total: int, envs: int, colour: bool, stamped: bool,
         calls: int, device: Any, found: Callable[[np.ndarray], None],
     ) -> None:  # fmt: skip
+        """Makes the buffers.
+
+        Args:
+            source: what lists the events of a call.
+            sensor: its parameters; `capacity` is set here.
+            layout: of the keys.
+            total: pixels and channels of all environments.
+            envs: number of environments.
+            colour: events have a channel.
+            stamped: most events have the stamp of their frame.
+            calls: most calls in flight.
+            device: Warp's.
+            found: called with the counters of every completed call, in order.
+        """
         self._source, self._sensor, self._layout, self._found = source, sensor, layout, found
         self._envs, self._colour, self._device, self._calls = envs, colour, device, calls
         self._order = Order(envs, stamped, device)
@@ -110,7 +142,7 @@ class Pipeline:
         return Slot(number, counters, head, host, host.numpy(), wp.Event(self._device) if cuda else None)
 
     def grow(self, capacity: int) -> None:
-        """Room for so many events in a call. Events given out keep the arrays that they have."""
+        """Makes room for so many events in a call. Events given out keep the arrays that they have."""
         if capacity >= 1 << 31:
             raise ValueError(f"{capacity} events in one message; raise the contrast threshold or keyframe_rate")
         self._sensor.capacity = wp.int64(capacity)
@@ -132,31 +164,31 @@ class Pipeline:
         return columns, named
 
     def _forget(self) -> None:
-        """The graphs, whose arrays are not the present ones any more."""
+        """Forgets the graphs, whose arrays are not the present ones any more."""
         for slot in self._slots:
-            for lane in slot.lanes.values():
-                lane.graphs.clear()
+            for call in slot.by_frames.values():
+                call.graphs.clear()
 
     def parameters(self, frames: int) -> np.ndarray:
-        """int64 [3 + K + E] of the next call, to be filled: see nodes.event_sensor.cuda.call_kernels.
+        """Returns the int64 [3 + K + E] of the next call, to be filled: see nodes.event_sensor.cuda.call_kernels.
 
         Raises ValueError where too many calls are in flight.
         """
         slot = self._slots[self._serial % self._calls]
         if slot.pending is not None and slot.pending.events is None:
             raise ValueError(f"{self._calls} calls are in flight; take the result() of the first before the next")
-        lane = slot.lanes.get(frames)
-        if lane is None:
-            if len(slot.lanes) >= GRAPHS:
-                slot.lanes.clear()
+        call = slot.by_frames.get(frames)
+        if call is None:
+            if len(slot.by_frames) >= GRAPHS:
+                slot.by_frames.clear()
             length = call_kernels.STAMPS + frames + self._envs
             staging: wp.array = wp.zeros(length, dtype=wp.int64, device="cpu", pinned=self._device.is_cuda)
-            call: wp.array = wp.zeros(length, dtype=wp.int64, device=self._device)
-            lane = slot.lanes[frames] = Lane(frames, staging.numpy(), staging, call)
-        return lane.host
+            device: wp.array = wp.zeros(length, dtype=wp.int64, device=self._device)
+            call = slot.by_frames[frames] = CallParameters(frames, staging.numpy(), staging, device)
+        return call.host
 
     def submit(self, frames: int, span: tuple[int, int], keep: Any = None, defer: bool = False) -> Pending:
-        """Launch the call whose `parameters` are filled. keep: what must live until it is done.
+        """Launches the call whose `parameters` are filled. keep: what must live until it is done.
 
         defer: its events are put in order beside the listing of the next call's, or when somebody wants them.
         """
@@ -171,55 +203,55 @@ class Pipeline:
         slot.view[call_kernels.STATUS] = call_kernels.DONE
         before, self._unordered = self._unordered, slot
         if before is None:
-            self._replay(slot.lane, "list", lambda: self._list(slot))
+            self._replay(slot.call, "list", lambda: self._list(slot))
         else:
             other = before
-            self._replay(slot.lane, other.lane, lambda: self._list_beside(slot, other))
+            self._replay(slot.call, other.call, lambda: self._list_beside(slot, other))
             self._mark(other)
         return pending
 
     def _launch(self, slot: Slot) -> None:
-        """All of a call."""
+        """Launches all of a call."""
         slot.view[call_kernels.STATUS] = call_kernels.DONE
-        self._replay(slot.lane, "all", lambda: self._list_and_order(slot))
+        self._replay(slot.call, "all", lambda: self._list_and_order(slot))
         self._mark(slot)
 
     def _put_in_order(self) -> None:
-        """What is still to be done of the last call."""
+        """Launches what is still to be done of the last call."""
         slot, self._unordered = self._unordered, None
         if slot is not None:
-            self._replay(slot.lane, "order", lambda: self._order_events(slot))
+            self._replay(slot.call, "order", lambda: self._order_events(slot))
             self._mark(slot)
 
     def _mark(self, slot: Slot) -> None:
-        """Behind what has been launched, its events are in order."""
+        """Records that behind what has been launched its events are in order."""
         if slot.event is not None:
             self._device.stream.record_event(slot.event)
 
-    def _replay(self, lane: Lane, name: Any, enqueue: Callable[[], Any]) -> None:
-        """Enqueue it the first time, record it the second, and launch the graph from then on."""
-        if not self.records or name not in lane.graphs:
+    def _replay(self, call: CallParameters, name: Any, enqueue: Callable[[], Any]) -> None:
+        """Enqueues it the first time, records it the second, and launches the graph from then on."""
+        if not self.records or name not in call.graphs:
             enqueue()
-            lane.graphs[name] = None
+            call.graphs[name] = None
             return
-        if lane.graphs[name] is None:
+        if call.graphs[name] is None:
             with wp.ScopedCapture(self._device) as capture:
                 enqueue()
-            lane.graphs[name] = capture.graph
-        wp.capture_launch(lane.graphs[name], self._device.stream)
+            call.graphs[name] = capture.graph
+        wp.capture_launch(call.graphs[name], self._device.stream)
 
     def _list(self, slot: Slot) -> None:
-        lane, filled = slot.lane, self._order.filled[slot.number % 2]
+        call, filled = slot.call, self._order.filled[slot.number % 2]
         before = self._slots[slot.number - 1].counters
-        wp.copy(lane.call, lane.staging)
-        self._source.find(self._sensor, lane.call, lane.frames, filled, slot.counters, before)
-        self._source.sense(self._sensor, lane.call, lane.frames, slot.keys, slot.counters)
+        wp.copy(call.device, call.staging)
+        self._source.find(self._sensor, call.device, call.frames, filled, slot.counters, before)
+        self._source.sense(self._sensor, call.device, call.frames, slot.keys, slot.counters)
 
     def _order_events(self, slot: Slot) -> None:
         # The next call's counters are in use where its events are listed already.
         following = self._slots[(slot.number + 2) % self._calls].counters
         self._order.launch(
-            self._sensor, slot.lane.call, slot.lane.frames, slot.keys, slot.counters, following, slot.head,
+            self._sensor, slot.call.device, slot.call.frames, slot.keys, slot.counters, following, slot.head,
             slot.columns, slot.number % 2,
         )  # fmt: skip
 
@@ -228,7 +260,7 @@ class Pipeline:
         self._order_events(slot)
 
     def _list_beside(self, slot: Slot, other: Slot) -> None:
-        """The events of one call are listed while those of another are put in order."""
+        """Lists the events of one call while those of another are put in order."""
         if self._aside is None:
             self._order_events(other)
             self._list(slot)
@@ -241,7 +273,7 @@ class Pipeline:
         stream.wait_event(self._aside.record_event(self._join))
 
     def _collect(self, pending: Pending) -> DeviceEvents:
-        """Complete every call up to this one."""
+        """Completes every call up to this one."""
         while self._collected <= pending.serial:
             slot = self._slots[self._collected % self._calls]
             assert slot.pending is not None
@@ -269,7 +301,7 @@ class Pipeline:
         pending.keep = None
 
     def _mend(self, slot: Slot, pending: Pending) -> None:
-        """A call that did not end on the device: more room, or another sort."""
+        """Completes a call that did not end on the device, by more room or another sort."""
         outgrown = slot.view[call_kernels.STATUS] == call_kernels.OUTGROWN
         if outgrown:
             self._put_in_order()
@@ -284,7 +316,7 @@ class Pipeline:
                 self._launch(self._slots[serial % self._calls])
 
     def _make_room(self, slot: Slot) -> None:
-        """A longer list, and the call gone on with."""
+        """Makes a longer list, and goes on with the call."""
         wp.synchronize_device(self._device)
         # A call after it, in doing nothing, may have written over the counters themselves.
         counters, keys = slot.view[: call_kernels.COUNTS].copy(), slot.keys
@@ -297,13 +329,13 @@ class Pipeline:
         slot.counters.assign(counters)
         slot.view[call_kernels.STATUS] = call_kernels.DONE
         self._order.filled[slot.number % 2].zero_()
-        self._source.sense(self._sensor, slot.lane.call, slot.lane.frames, slot.keys, slot.counters)
+        self._source.sense(self._sensor, slot.call.device, slot.call.frames, slot.keys, slot.counters)
         self._order_events(slot)
         wp.synchronize_device(self._device)
 
 
 def fresh_counters() -> np.ndarray:
-    """What a call begins with."""
+    """Makes the counters that a call begins with."""
     counters = np.zeros(call_kernels.COUNTS, np.int64)
     counters[call_kernels.FULL_FROM] = call_kernels.NOWHERE
     return counters

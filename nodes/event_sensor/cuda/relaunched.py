@@ -10,7 +10,7 @@ from nodes.event_sensor.model.sensor_kernels import Sensor
 
 
 class Relaunched:
-    """An engine that keeps the state before a call apart, so that the call can be made again with more room."""
+    """Runs an engine that keeps the state before a call apart, so that the call can be made again with more room."""
 
     repeats = True
     records = False
@@ -22,14 +22,14 @@ class Relaunched:
     def find(
         self, sensor: Sensor, call: wp.array, frames: int, filled: wp.array, counters: wp.array, before: wp.array
     ) -> None:
-        """Empty the buckets."""
+        """Empties the buckets. Args: see pipeline.Source."""
         filled.zero_()
 
     def sense(self, sensor: Sensor, call: wp.array, frames: int, keys: wp.array, counters: wp.array) -> None:
-        """List all events of `batch`."""
+        """Lists all events of `batch`. Args: see pipeline.Source."""
         self._engine.launch(sensor, self.batch, keys, counters, 0)
 
     def done(self) -> None:
-        """The state after the call is the present one."""
+        """Makes the state after the call the present one."""
         self._engine.swap()
         self.batch = None

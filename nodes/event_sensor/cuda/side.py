@@ -18,13 +18,23 @@ from nodes.event_sensor.model.sensor_kernels import Sensor
 
 
 class DeviceSide:
-    """Of the last call. stamped: most events have their frame's stamp. found: called with the counters of each call."""
+    """Gives the events of a sensor on a device: those of the last call, or of calls in flight."""
 
     def __init__(
         self, engine: Any, sensor: Sensor, layout: KeyLayout, shape: tuple[int, int, bool], stamped: bool, device: Any,
         found: Callable[[np.ndarray], None],
     ) -> None:  # fmt: skip
-        """shape: environments, pixels of all of them, colour."""
+        """Makes the pipeline.
+
+        Args:
+            engine: see engines.
+            sensor: its parameters.
+            layout: of the keys.
+            shape: environments, pixels of all of them, colour.
+            stamped: most events have their frame's stamp.
+            device: Warp's.
+            found: called with the counters of each call.
+        """
         envs, total, colour = shape
         self._relaunched = None if isinstance(engine, IdealPasses) else Relaunched(engine)
         self._device, self._found = device, found
@@ -41,11 +51,11 @@ class DeviceSide:
 
     @property
     def pipelined(self) -> bool:
-        """Several calls may be in flight."""
+        """Tells whether several calls may be in flight."""
         return self._relaunched is None
 
     def submit(self, batch: Any, stamp: int, defer: bool = False) -> Pending:
-        """Launch a batch that ends at `stamp`; its frames must stay as they are until the result is there."""
+        """Launches a batch that ends at `stamp`; its frames must stay as they are until the result is there."""
         count = batch.count
         call = self.pipeline.parameters(count)
         call[IMAGES], call[T_BASE], call[SPAN] = batch.images.ptr, batch.t_base, stamp - batch.t_base
@@ -56,20 +66,20 @@ class DeviceSide:
         return self.pipeline.submit(count, (batch.t_base, stamp), batch.images, defer)
 
     def fill(self, batch: Any, stamp: int) -> None:
-        """`submit`, and wait for the events."""
+        """Launches a batch as `submit` does, and waits for the events."""
         self.events = self.submit(batch, stamp).result() if batch.count else self._none
 
     def clear(self) -> None:
-        """No events."""
+        """Forgets the events."""
         self.events = self._none
 
     def __len__(self) -> int:
         return self.events.count
 
     def read(self, out: Mapping[str, np.ndarray | wp.array]) -> None:
-        """Write the events to columns of their length, of numpy or on the device."""
+        """Writes the events to columns of their length, of numpy or on the device."""
         self.events.read(out)
 
     def env_offsets(self) -> np.ndarray:
-        """int64 [E + 1]: where each environment's events begin."""
+        """Returns int64 [E + 1]: where each environment's events begin."""
         return self.events.env_offsets

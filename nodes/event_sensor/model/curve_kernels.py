@@ -127,7 +127,7 @@ def step_curve(features: Features) -> Any:
     cubic, hermite = features.crossing == "cubic", features.crossing == "hermite"
     ahead = features.ahead
 
-    @wp.func(inline=True)
+    @wp.func
     def curve(
         # in
         sensor: Sensor,

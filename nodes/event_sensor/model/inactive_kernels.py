@@ -7,6 +7,7 @@ import warp as wp
 
 from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.random_kernels import LONGEST, NEVER
+from nodes.event_sensor.model.refractory_kernels import dead_beyond
 from nodes.event_sensor.model.sensor_kernels import LARGEST, Sensor, has_level
 from nodes.event_sensor.model.state_kernels import Frequent, Rare
 from nodes.event_sensor.model.step_kernels import Levels, Own, Sample, Step
@@ -62,7 +63,7 @@ def range_left(features: Features) -> Any:
         """Sets low, high and wake of a pixel that was looked at in a step, if it has a reference."""
         dead = bool(False)
         if wp.static(refractory):
-            dead = looked_at and frequent.low <= LARGEST and state.dead > step.now
+            dead = looked_at and frequent.low <= LARGEST and dead_beyond(state.dead, step.now)
             if dead:
                 frequent.low = least_intensity(sensor)
                 frequent.high = LARGEST

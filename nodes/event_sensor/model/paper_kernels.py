@@ -15,7 +15,15 @@ import warp as wp
 
 from nodes.event_sensor.model.key_kernels import key_head, key_tail, key_time
 from nodes.event_sensor.model.random_kernels import draw, mix, stream_of, uniform
-from nodes.event_sensor.model.sensor_kernels import DROPPED, EVENTS, NONFINITE, Sensor, count_clipped, has_level
+from nodes.event_sensor.model.sensor_kernels import (
+    DROPPED,
+    EVENTS,
+    NONFINITE,
+    Sensor,
+    count_clipped,
+    has_level,
+    light_seen,
+)
 from nodes.event_sensor.model.threshold_kernels import thresholds_crossed
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -41,12 +49,12 @@ class PaperPixel:
 
 
 @wp.func
-def log_level(sensor: Sensor, intensity: wp.float32):
-    """Computes L = ln(I + I_dark) = e ln 2 + 2 artanh((m - 1) / (m + 1)) with I + I_dark = m 2^e.
+def ln_as_prescribed(x: wp.float64):
+    """Computes ln x = e ln 2 + 2 artanh((m - 1) / (m + 1)) with x = m 2^e, of a positive, normal number.
 
-    To 2 units in the last place: the series of artanh(s), |s| < 0.172, is cut where it is below 1e-19.
+    To 2 units in the last place: the series of artanh(s), |s| < 0.172, is cut where it is below 1e-19. Why it is not
+    the logarithm of sensor_kernels.log_level stands there.
     """
-    x = wp.max(wp.float64(intensity) + sensor.dark_level, wp.float64(sensor.floor))
     bits = wp.cast(x, wp.int64)
     e = (bits >> wp.int64(52)) - wp.int64(1023)
     m = wp.cast((bits & MANTISSA) | ONE, wp.float64)
@@ -149,7 +157,7 @@ def sense_paper(
             wp.atomic_add(counters, NONFINITE, wp.int64(1))
         if wp.isnan(pixel.reference):
             if ok:
-                pixel.reference = log_level(sensor, v)
+                pixel.reference = ln_as_prescribed(light_seen(sensor, v))
                 pixel.last = v
                 count_clipped(sensor, v, counters)
         else:
@@ -158,7 +166,7 @@ def sense_paper(
             if ok:
                 pixel.last = v
                 count_clipped(sensor, v, counters)
-                delta = log_level(sensor, v) - pixel.reference
+                delta = ln_as_prescribed(light_seen(sensor, v)) - pixel.reference
                 on = delta > wp.float64(0.0)
                 n, signed = thresholds_crossed(delta, c_on, c_off, wp.float64(0.0))
                 pixel.reference = pixel.reference + signed * wp.float64(n)

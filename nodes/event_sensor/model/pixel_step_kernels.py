@@ -19,6 +19,7 @@ from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.key_kernels import key_head, key_tail, key_time
 from nodes.event_sensor.model.noise_kernels import candidate_after, noise_candidate, stream_here
 from nodes.event_sensor.model.random_kernels import NEVER
+from nodes.event_sensor.model.refractory_kernels import dead_beyond, dead_until
 from nodes.event_sensor.model.sensor_kernels import TOLERANCE, Sensor
 from nodes.event_sensor.model.state_kernels import ALIVE, Rare
 from nodes.event_sensor.model.step_kernels import Message, Own, Place, Signal, Step, Walk
@@ -171,7 +172,7 @@ def noise_event(features: Features) -> Any:
                 state.n_off = 0
                 walk.reference = state.base
                 if wp.static(refractory):
-                    state.dead = when + sensor.dead_ns
+                    state.dead = dead_until(sensor, when)
         return state, walk
 
     return fire_by_noise
@@ -227,7 +228,7 @@ def signal_crossings(features: Features, at_once: Any = None) -> Any:
                 state.n_off = state.n_off + wp.where(on, 0, n)
                 walk.reference = walk.reference + wp.float64(n) * signed
                 if wp.static(refractory):
-                    state.dead = last + sensor.dead_ns
+                    state.dead = dead_until(sensor, last)
                     died = True
             walk.u = piece
         return died, state, walk
@@ -256,7 +257,7 @@ def jump_at_stamp(features: Features, at_once: Any = None) -> Any:
         counters: wp.array(dtype=wp.int64),
     ):
         """Fires the crossings of a jump to the level of the frame at the step's end, unless the pixel is dead then."""
-        if state.dead <= step.now:
+        if not dead_beyond(state.dead, step.now):
             zero = wp.float64(0.0)
             delta = signal.l1 + own.drift * wp.float64(step.now - state.origin) - walk.reference
             on = delta > zero
@@ -270,7 +271,7 @@ def jump_at_stamp(features: Features, at_once: Any = None) -> Any:
             state.n_off = state.n_off + wp.where(on, 0, n)
             if wp.static(refractory):
                 if n > 0:
-                    state.dead = step.now + sensor.dead_ns
+                    state.dead = dead_until(sensor, step.now)
         return state
 
     return jump
@@ -311,7 +312,7 @@ def pixel_step(features: Features, at_once: Any = None) -> Any:
         going = bool(True)
         while going:
             if wp.static(refractory):
-                if state.dead > step.now:
+                if dead_beyond(state.dead, step.now):
                     break
                 state, walk = release(sensor, place, message, step, signal, own, state, walk)
             until = wp.int64(step.now)

@@ -19,10 +19,17 @@ __all__ = ["MODELS", "Model", "make_model"]
 
 
 def make_model(name: str, height: int, width: int, envs: int = 1, *, seed: int = 0, **params: Any) -> Model:
-    """An event model with `process(luminance [E, K, H, W], t [K], episodes [E]) -> Events`.
+    """Makes an event model with `process(luminance [E, K, H, W], t [K], episodes [E]) -> Events`.
 
-    params: those of nodes.event_sensor.parameters.SENSOR that the model has, and its own (`Model.OWN`). A parameter of
-    the sensor that the model lacks is accepted at its default only. Raises ValueError naming what is wrong.
+    Args:
+        name: one of MODELS.
+        height, width: pixels.
+        envs: cameras, E.
+        seed: of the random numbers.
+        params: those of nodes.event_sensor.parameters.SENSOR that the model has, and its own (`Model.OWN`). A parameter
+            of the sensor that the model lacks is accepted at its default only.
+
+    Raises ValueError naming what is wrong.
     """
     Param(str, "esim", "", choices=tuple(MODELS)).convert("event sensor", "model", name)
     module = importlib.import_module(f"nodes.event_sensor.peers.{name}")

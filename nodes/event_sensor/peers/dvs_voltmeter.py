@@ -26,7 +26,9 @@ from nodes.event_sensor.peers.model import Model, filled
 
 
 class DvsVoltmeter(Model):
-    """k1 not given is 1 / threshold_on; k2 to k6 default to the paper's DAVIS346. shot_white: luminance of 255 DN.
+    """Simulates DVS-Voltmeter. k1 not given is 1 / threshold_on; shot_white is the luminance of 255 DN.
+
+    k2 to k6 default to the paper's DAVIS346.
 
     The paper's k1 of the DAVIS346 is 5.265, which is a threshold of 0.19.
     """

@@ -9,7 +9,10 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class VoltPixel:
-    """light: luminance of the frame before [DN]; residual: voltage since the last event; begun: as in EsimPixel."""
+    """Keeps what DVS-Voltmeter knows of a pixel.
+
+    light: luminance of the frame before [DN]. residual: voltage since the last event. begun: as in EsimPixel.
+    """
 
     light: wp.float64
     residual: wp.float64
@@ -18,7 +21,7 @@ class VoltPixel:
 
 @wp.struct
 class VoltSensor:
-    """Parameters k1 to k6 (times in us, luminance in DN), the OFF threshold in units of the ON threshold."""
+    """Holds k1 to k6 (times in us, luminance in DN), `off`, the OFF threshold in units of ON, and DN per luminance."""
 
     k1: wp.float64
     k2: wp.float64
@@ -32,14 +35,14 @@ class VoltSensor:
 
 @wp.func
 def expm1(x: wp.float64):
-    """exp(x) - 1 without cancellation."""
+    """Computes exp(x) - 1 without cancellation."""
     small = x * (wp.float64(1.0) + x * (wp.float64(0.5) + x * (wp.float64(1.0 / 6.0) + x * wp.float64(1.0 / 24.0))))
     return wp.where(wp.abs(x) < wp.float64(1.0e-3), small, wp.exp(x) - wp.float64(1.0))
 
 
 @wp.func
 def first_on(drift: wp.float64, sigma: wp.float64, up: wp.float64, down: wp.float64):
-    """Probability that Brownian motion from 0 reaches `up` before `-down`."""
+    """Computes the probability that Brownian motion from 0 reaches `up` before `-down`."""
     x = wp.float64(2.0) * drift / (sigma * sigma)
     result = down / (up + down)
     if x > wp.float64(0.0):
@@ -51,7 +54,17 @@ def first_on(drift: wp.float64, sigma: wp.float64, up: wp.float64, down: wp.floa
 
 @wp.func
 def passage(distance: wp.float64, drift: wp.float64, sigma: wp.float64, z: wp.float64, u: wp.float64):
-    """A sample of the first passage time: inverse Gaussian of mean distance / drift and shape (distance / sigma)^2."""
+    """Draws a first passage time [us]: inverse Gaussian of mean distance / drift and shape (distance / sigma)^2.
+
+    Michael, Schucany, Haas 1976.
+
+    Args:
+        distance: to the threshold, positive.
+        drift: of the voltage towards it [1/us]; 0 gives Levy's law.
+        sigma: of the Brownian motion [us^-0.5], positive.
+        z: a standard normal number.
+        u: a uniform number in [0, 1).
+    """
     scale = distance / sigma
     result = scale * scale / wp.max(z * z, wp.float64(1.0e-12))
     if drift > wp.float64(0.0):
@@ -73,7 +86,16 @@ def voltmeter_events(
     keys: wp.array(dtype=wp.int64),
     counters: wp.array(dtype=wp.int64),
 ):
-    """A pixel's events of a frame; see each_pixel."""
+    """Writes a pixel's events of a frame; returns its state after it. Equations (10), (11), algorithm 1.
+
+    Args:
+        frame: which frame.
+        sensor: parameters of the model.
+        env, pixel: the pixel's environment, and its number there.
+        v: luminance, finite and not negative.
+        p: state of the pixel before the frame; begun is 0 at an episode's first sample.
+        keys, counters: the list of events, and how many there are.
+    """
     zero = wp.float64(0.0)
     one = wp.float64(1.0)
     light = wp.float64(v) * sensor.dn

@@ -20,7 +20,7 @@ from nodes.event_sensor.peers.model import Model, filled
 
 
 class Esim(Model):
-    """dark_level is ESIM's log_eps."""
+    """Simulates ESIM. dark_level is ESIM's log_eps."""
 
     NAME: ClassVar[str] = "esim"
     USES: ClassVar[tuple[str, ...]] = ("threshold_mismatch", "threshold_floor", "dark_level", "refractory_us")

@@ -2,14 +2,17 @@
 
 import warp as wp
 
-from nodes.event_sensor.peers.kernels import NEVER, TINY, Frame, put, random_state
+from nodes.event_sensor.peers.kernels import NEVER, Frame, light_seen, put, random_state
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.struct
 class EsimPixel:
-    """log: ln I of the frame before. fired: stamp of the last event [ns]. begun: 0 before an episode's first sample."""
+    """Keeps what ESIM knows of a pixel.
+
+    log: ln I of the frame before. fired: stamp of the last event [ns]. begun: 0 before an episode's first sample.
+    """
 
     log: wp.float32
     reference: wp.float32
@@ -19,7 +22,7 @@ class EsimPixel:
 
 @wp.struct
 class EsimSensor:
-    """Parameters."""
+    """Holds ESIM's parameters: thresholds and their spread in ln I, dark in units of luminance, refractory in ns."""
 
     threshold_on: wp.float32
     threshold_off: wp.float32
@@ -40,8 +43,17 @@ def esim_events(
     keys: wp.array(dtype=wp.int64),
     counters: wp.array(dtype=wp.int64),
 ):
-    """A pixel's events of a frame; see each_pixel."""
-    now = wp.log(wp.max(v + sensor.dark, TINY))
+    """Writes a pixel's events of a frame; returns its state after it. The rules are those of esim.py.
+
+    Args:
+        frame: which frame.
+        sensor: parameters of the model.
+        env, pixel: the pixel's environment, and its number there.
+        v: luminance, finite and not negative.
+        p: state of the pixel before the frame; begun is 0 at an episode's first sample.
+        keys, counters: the list of events, and how many there are.
+    """
+    now = wp.log(light_seen(v, sensor.dark))
     if p.begun == 0:
         p.reference = now
         p.fired = NEVER

@@ -17,7 +17,12 @@ NEVER = wp.constant(wp.int64(-(1 << 62)))
 
 @wp.struct
 class Frame:
-    """Which frame of which call: `before` is the stamp of the frame before it, `span` the time since [ns]."""
+    """Says which frame of which call it is.
+
+    k, count: its place among the frames of the call, and their number. pixels: of an environment. number: of the frame
+    since the start. before: stamp of the frame before; span: the time since [ns]. t_base: the call's start [ns].
+    shift_t, shift_env: where time and environment begin in a key.
+    """
 
     k: wp.int32
     count: wp.int32
@@ -48,6 +53,12 @@ def usable(intensity: wp.float32, counters: wp.array(dtype=wp.int64)):
 
 
 @wp.func
+def light_seen(intensity: wp.float32, dark: wp.float32):
+    """Computes I + I_dark, of which a model takes the logarithm, or TINY if that is more."""
+    return wp.max(intensity + dark, TINY)
+
+
+@wp.func
 def random_state(frame: Frame, env: wp.int32, pixel: wp.int32, purpose: wp.int32):
     """Starts the stream of (seed + env, pixel, frame, purpose); purpose < 4."""
     mine = wp.rand_init(frame.seed + env, pixel)
@@ -64,7 +75,15 @@ def put(
     keys: wp.array(dtype=wp.int64),
     counters: wp.array(dtype=wp.int64),
 ):
-    """Writes one event, `offset` ns after the frame before; counted even where it does not fit."""
+    """Writes one event; counts it even where it does not fit.
+
+    Args:
+        frame: which frame.
+        env, pixel: the pixel's environment, and its number there.
+        on: polarity.
+        offset: time after the frame before [ns].
+        keys, counters: the list of events, and how many there are.
+    """
     slot = wp.atomic_add(counters, EVENTS, wp.int64(1))
     if slot < wp.int64(keys.shape[0]):
         t = frame.before - frame.t_base + wp.clamp(offset, wp.int64(1), frame.span)
@@ -93,6 +112,16 @@ def each_pixel(step: Any, sensor_type: Any, pixel_type: Any) -> Any:
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
+        """Senses a pixel per thread.
+
+        Args:
+            frame: which frame.
+            sensor: parameters of the model.
+            images: luminance, float32 [E, K, H, W] flat.
+            fresh: int32 [E], not 0 where an episode begins.
+            before, after: state of every pixel before and after the frame.
+            keys, counters: the list of events, and how many there are.
+        """
         index = wp.tid()
         env = index // frame.pixels
         pixel = index % frame.pixels

@@ -18,14 +18,14 @@ THRESHOLDS = ("threshold", "threshold_on", "threshold_off")
 
 
 def filled(struct: Any, **values: Any) -> Any:
-    """A Warp struct with these values."""
+    """Returns a Warp struct with these values."""
     for name, value in values.items():
         setattr(struct, name, value)
     return struct
 
 
 class Model:
-    """E event cameras of the same size, on the CPU; luminance only.
+    """Simulates E event cameras of the same size, on the CPU; luminance only.
 
     Events of a call are sorted by environment, t, y, x and lie in (previous stamp, last stamp]. The first frame of an
     episode sets the reference and fires nothing. A sample that is NaN, infinite or negative leaves its pixel as it was
@@ -58,13 +58,13 @@ class Model:
         self._keys: wp.array = wp.empty(max(4096, envs * self._pixels), dtype=wp.int64, device="cpu")
 
     def _keep(self, sensor: Any, pixel: Any, kernel: Any = None) -> None:
-        """The model's parameters and its state per pixel, as structs; kernel: from each_pixel, where that is all."""
+        """Keeps the model's parameters and makes its state, structs both; kernel: of each_pixel, where that is all."""
         self._sensor, self._kernel = sensor, kernel
         self._before: wp.array = wp.zeros(self.envs * self._pixels, dtype=pixel, device="cpu")
         self._after: wp.array = wp.zeros_like(self._before)
 
     def _resolve(self, given: dict[str, Any]) -> dict[str, Any]:
-        """All parameters of the model, threshold_on and threshold_off filled in."""
+        """Returns all parameters of the model, threshold_on and threshold_off filled in."""
         declared = {name: SENSOR[name] for name in (*THRESHOLDS, *self.USES)} | dict(self.OWN)
         for name in sorted(set(given) & set(SENSOR) - set(declared) - {"model"}):
             if given[name] is not None and SENSOR[name].convert(self.NAME, name, given[name]) != SENSOR[name].default:
@@ -78,20 +78,29 @@ class Model:
         return params
 
     def prepare(self, frame: kernels.Frame, images: wp.array, fresh: wp.array) -> None:
-        """What comes before the events of a frame and happens once."""
+        """Does what comes before the events of a frame and happens once. Parameters as in `emit`."""
 
     def emit(self, frame: kernels.Frame, images: wp.array, fresh: wp.array, keys: wp.array, counters: wp.array) -> None:
-        """Events of a frame; may be called again with a longer buffer, so it leaves the state alone."""
+        """Writes the events of a frame; may be called again with a longer buffer, so it leaves the state alone.
+
+        Args:
+            frame: which frame.
+            images: luminance, float32 [E, K, H, W] flat.
+            fresh: int32 [E], not 0 where an episode begins.
+            keys: the list of events, int64.
+            counters: how many there are, and samples that are not usable.
+        """
         inputs = [frame, self._sensor, images, fresh, self._before]
         wp.launch(self._kernel, len(self._before), inputs, [self._after, keys, counters], device="cpu")
 
     def commit(self) -> None:
-        """Make the state after `emit` the state before the next frame."""
+        """Makes the state after `emit` the state before the next frame."""
         self._before, self._after = self._after, self._before
 
     def process(self, luminance: np.ndarray, t: np.ndarray, episodes: np.ndarray) -> Events:
-        """Events of K frames. luminance float32 [E, K, H, W], linear; t int64 [K] ns, ascending; episodes int [E].
+        """Returns the events of K frames.
 
+        luminance float32 [E, K, H, W], linear; t int64 [K] ns, ascending; episodes int [E].
         Raises ValueError for shapes that do not fit and stamps that do not ascend.
         """
         t = np.ascontiguousarray(t, dtype=np.int64)
@@ -138,7 +147,7 @@ class Model:
         )  # fmt: skip
 
     def _advance(self, frame: kernels.Frame, images: wp.array, fresh: wp.array) -> None:
-        """One frame; its events are made again when they did not fit."""
+        """Senses one frame; its events are made again when they did not fit."""
         self.prepare(frame, images, fresh)
         counters = self._counters.numpy()
         so_far = counters.copy()
@@ -168,9 +177,9 @@ class Model:
         return Events(t, x.astype(np.uint16), y.astype(np.uint16), (keys & 1).astype(np.uint8), None, offsets)
 
     def counts(self) -> dict[str, int]:
-        """Samples so far that were not finite or negative."""
+        """Returns how many samples so far were not finite or negative."""
         return {"nonfinite": self.nonfinite}
 
     def flush(self) -> Events:
-        """No event is held back: none of these models looks ahead."""
+        """Returns no events: none of these models looks ahead, so nothing is held back."""
         return self._sorted(0)

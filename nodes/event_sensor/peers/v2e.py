@@ -39,7 +39,7 @@ NOISY = {
 
 
 class V2e(Model):
-    """shot_white is the luminance of 255 DN. lin-log input takes DN = min(255, 255 I / shot_white)."""
+    """Simulates v2e. shot_white is the luminance of 255 DN; lin-log input takes DN = min(255, 255 I / shot_white)."""
 
     NAME: ClassVar[str] = "v2e"
     USES: ClassVar[tuple[str, ...]] = (
@@ -67,7 +67,7 @@ class V2e(Model):
         self._busiest = wp.zeros(envs, dtype=wp.int32, device="cpu")
 
     def _fixed_pattern(self) -> list[wp.array]:
-        """Per pixel: ON threshold, OFF threshold, factor of the leak rate; each environment has its own."""
+        """Draws per pixel: ON threshold, OFF threshold, factor of the leak rate; each environment has its own."""
         p = self.params
         draws = np.stack([np.random.default_rng(self.seed + e).standard_normal((3, self._pixels))
                           for e in range(self.envs)], 1)  # fmt: skip

@@ -3,14 +3,18 @@
 
 import warp as wp
 
-from nodes.event_sensor.peers.kernels import NEVER, TINY, Frame, put, random_state, sample_at, usable
+from nodes.event_sensor.peers.kernels import NEVER, Frame, light_seen, put, random_state, sample_at, usable
 
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.struct
 class V2ePixel:
-    """photo: output of the photoreceptor, NaN before the first frame; base: what the change detector remembers."""
+    """Keeps what v2e knows of a pixel.
+
+    photo: output of the photoreceptor, NaN before the first frame. base: what the change detector remembers. fired:
+    stamp of the last event [ns].
+    """
 
     photo: wp.float32
     base: wp.float32
@@ -19,7 +23,7 @@ class V2ePixel:
 
 @wp.struct
 class V2eSensor:
-    """Parameters. Rates in Hz, times in s unless named ns; dn: 8-bit numbers per unit of luminance."""
+    """Holds v2e's parameters. Rates in Hz, tau in s, refractory in ns; dn: 8-bit numbers per unit of luminance."""
 
     threshold_on: wp.float32
     threshold_off: wp.float32
@@ -35,7 +39,7 @@ class V2eSensor:
 
 @wp.func
 def linlog(dn: wp.float64):
-    """Linear up to 20, logarithmic above, rounded to 1e-8."""
+    """Computes the lin-log of an 8-bit number: linear up to 20, logarithmic above, rounded to 1e-8."""
     knee = wp.float64(20.0)
     y = wp.where(dn <= knee, dn * wp.log(knee) / knee, wp.log(wp.max(dn, knee)))
     return wp.float32(wp.round(y * wp.float64(1.0e8)) / wp.float64(1.0e8))
@@ -59,7 +63,21 @@ def v2e_levels(
     busiest: wp.array(dtype=wp.int32),
     counters: wp.array(dtype=wp.int64),
 ):
-    """Photoreceptor, leak, signed number of thresholds crossed, noise events; the most crossings of any pixel."""
+    """Computes photoreceptor, leak, and how many thresholds each pixel crosses; draws its noise events.
+
+    Args:
+        frame: which frame.
+        sensor: parameters of the model.
+        images: luminance, float32 [E, K, H, W] flat.
+        fresh: int32 [E], not 0 where an episode begins.
+        on, off: thresholds per pixel [ln I].
+        spread: factor of the leak rate per pixel.
+        state: of every pixel; changed in place.
+        crossings: thresholds crossed, with their sign, per pixel.
+        shots: noise events per pixel: 1 for ON, 2 for OFF, 3 for both.
+        busiest: the most crossings of a pixel, per environment.
+        counters: samples that are not usable are counted.
+    """
     index = wp.tid()
     env = index // frame.pixels
     pixel = index % frame.pixels
@@ -77,7 +95,7 @@ def v2e_levels(
         if sensor.linlog != 0:
             level = linlog(wp.float64(dn))
         else:
-            level = wp.float32(wp.log(wp.float64(wp.max(v + sensor.dark, TINY))))
+            level = wp.float32(wp.log(wp.float64(light_seen(v, sensor.dark))))
         if wp.isnan(p.photo):
             p.photo = level
             p.base = level
@@ -121,6 +139,13 @@ def v2e_emit(
     keys: wp.array(dtype=wp.int64),
     counters: wp.array(dtype=wp.int64),
 ):
+    """Writes the events of every pixel, on the grid of the busiest one, and its state after them.
+
+    Args:
+        frame, sensor, on, off, crossings, shots, busiest: as in v2e_levels.
+        before, after: state of every pixel before and after the events.
+        keys, counters: the list of events, and how many there are.
+    """
     index = wp.tid()
     env = index // frame.pixels
     pixel = index % frame.pixels

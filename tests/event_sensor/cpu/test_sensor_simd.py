@@ -2,44 +2,11 @@
 
 import numpy as np
 import pytest
-import warp as wp
 
-from evis.native_code import native_code
-from nodes.event_sensor.cpu.simd_kernels import LOGARITHM
 from nodes.event_sensor.sensor import FLOOR, EventSensor
 
 TOLERANCE = 2.0**-23
 ONE = np.zeros(1, np.int32)
-
-
-@wp.func_native(native_code([LOGARITHM], "return log_of(x);"))
-def log_of(x: wp.float64) -> wp.float64: ...
-
-
-@wp.kernel(enable_backward=False)
-def logs(
-    # in
-    x: wp.array(dtype=wp.float64),
-    # out
-    y: wp.array(dtype=wp.float64),
-):
-    i = wp.tid()
-    y[i] = log_of(x[i])
-
-
-def test_the_logarithm_is_within_one_unit_in_the_last_place():
-    rng = np.random.default_rng(2)
-    x = np.exp(rng.uniform(np.log(FLOOR), 88.7, 200_000))
-    powers = 2.0 ** np.arange(-24, 128)
-    around_one = 1 + np.concatenate([2.0**-k * np.array([-1.0, 1.0]) for k in range(1, 53)])
-    x = np.concatenate([x, powers, powers * np.sqrt(0.5), np.nextafter(powers, 0), around_one, [1.0]])
-    y = np.empty_like(x)
-    wp.launch(
-        logs, len(x), [wp.array(x, device="cpu", copy=False)], [wp.array(y, device="cpu", copy=False)], device="cpu"
-    )
-    exact = np.log(x.astype(np.longdouble))
-    assert y[-1] == 0
-    assert (np.abs(y - exact)[:-1] / np.spacing(np.abs(exact[:-1]).astype(np.float64))).max() < 1
 
 
 def truth(frames, t, on, off, dark):

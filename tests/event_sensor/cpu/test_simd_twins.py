@@ -32,7 +32,7 @@ from nodes.event_sensor.model.key_kernels import (
     unpack_to,
 )
 from nodes.event_sensor.model.keys import KeyLayout
-from nodes.event_sensor.model.sensor_kernels import TOLERANCE, Sensor, has_level
+from nodes.event_sensor.model.sensor_kernels import TOLERANCE, Sensor, has_level, light_seen
 from nodes.event_sensor.model.state_kernels import Reference
 from nodes.event_sensor.model.threshold_kernels import range_around, reference_level, thresholds_crossed
 from nodes.event_sensor.parameters import resolve_sensor
@@ -102,11 +102,10 @@ def crossed_one_by_one(
     v = after[i]
     good = has_level(sensor, v)
     fresh = low[i] > 3.0e38
-    floor = wp.float64(sensor.floor)
-    l0 = log_of(wp.max(wp.float64(before[i]) + sensor.dark_level, floor))
+    l0 = log_of(light_seen(sensor, before[i]))
     l1 = wp.float64(0.0)
     if good:
-        l1 = log_of(wp.max(wp.float64(v) + sensor.dark_level, floor))
+        l1 = log_of(light_seen(sensor, v))
     here = level[i]
     reference = reference_level(here.base, here.net, here.n_off, sensor.threshold_on, sensor.threshold_off)
     n, signed = thresholds_crossed(l1 - reference, sensor.threshold_on, sensor.threshold_off, TOLERANCE)
