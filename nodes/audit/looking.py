@@ -1,0 +1,52 @@
+"""Looks at pixels of several environments at many instants, as many at once as there are slots."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from evis.scene.model import Camera, Scene
+from nodes.audit.brute_force import BruteForce
+from nodes.audit.motion import Motion
+
+
+class Looking:
+    """Asks brute force for luminance of pixels numbered over all environments: number = env x (pixels of each) + i."""
+
+    def __init__(self, scene: Scene, camera: Camera, envs: int, each: int, motion: Motion, **how: Any) -> None:
+        """envs: environments; each: pixels of each; how: options of BruteForce."""
+        self._force = BruteForce(scene, camera, each, envs, **how)
+        self._each, self._motion = each, motion
+        self.looks = 0
+        """Looks so far."""
+
+    @property
+    def nonfinite(self) -> int:
+        """Gives how many samples were not finite."""
+        return self._force.nonfinite
+
+    def choose(self, pixels: np.ndarray) -> None:
+        """Takes pixels int64 [A, n, 2] (x, y) of the environments."""
+        self._force.choose(pixels)
+
+    def __call__(self, pixel: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gives luminance float32 [Q] and instances int32 [Q] of pixels int64 [Q] at times int64 [Q] ns."""
+        luminance, instance = np.zeros(len(t), np.float32), np.zeros(len(t), np.int32)
+        if not len(t):
+            return luminance, instance
+        self.looks += len(t)
+        env, start = pixel // self._each, int(t.min())
+        envs = int(env.max()) + 1
+        instants, which = np.unique((t - start) * envs + env, return_inverse=True)
+        times, of = instants // envs + start, instants % envs
+        poses = self._motion.poses(times, of)
+        order, slots = np.argsort(which, kind="stable"), self._force.slots
+        edges = np.searchsorted(which[order], np.arange(0, len(instants) + slots, slots))
+        for first, (a, b) in zip(range(0, len(instants), slots), pairwise(edges.tolist())):
+            part, some = order[a:b], slice(first, first + slots)
+            luminance[part], instance[part] = self._force.look(
+                poses[some], times[some], which[part] - first, env[part], pixel[part] % self._each
+            )
+        return luminance, instance
