@@ -24,7 +24,7 @@ from nodes.event_sensor.sensor import EventSensor
 if TYPE_CHECKING:
     from nodes.renderer.paths.paths import PathOptions
 
-BATCH_NS = 250_000_000
+BATCH_NS = 1_000_000_000
 """Time that is worked on at once: many instants cost little more than a few."""
 
 
@@ -34,7 +34,8 @@ class AuditOptions:
 
     pixels: N, over all environments. seed: of environment 0. sensor: resolved parameters of the run's sensor, of which
     thresholds, dark level and crossing count. horizon_ns: how far ahead motion in closed form is looked at before
-    pixels are drawn. samples, light_samples, paths, device: those of the renderer.
+    pixels are drawn. samples, light_samples, paths, device: those of the renderer. slots:
+    instants that are placed at once, None: as many as the scene makes room for.
     """
 
     pixels: int
@@ -46,7 +47,7 @@ class AuditOptions:
     light_samples: int = 16
     paths: PathOptions | None = None
     device: str = "cpu"
-    slots: int = 64
+    slots: int | None = None
     sampling: Sampling = Sampling()
 
 

@@ -10,13 +10,19 @@ import warp as wp
 from evis.scene.model import Camera, Scene
 from nodes.audit.first_surface_kernels import make_first_surface
 from nodes.audit.rays import PixelRays
+from nodes.renderer.geometry.pose_kernels import place_instances
 from nodes.renderer.geometry.poses import InstancePoses
+from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.lighting import Shading, ShadingOptions
 from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.occlusion import Occluders
 
 if TYPE_CHECKING:
     from nodes.renderer.paths.paths import PathOptions
+
+
+LEAST_SLOTS, MOST_SLOTS, ROOM = 32, 4096, 1 << 16
+"""Instants that are worked on at once, and things that are placed for all of them together, if nobody says."""
 
 
 class BruteForce:
@@ -32,7 +38,7 @@ class BruteForce:
         camera: Camera,
         pixels: int,
         groups: int = 1,
-        slots: int = 32,
+        slots: int | None = None,
         device: str = "cpu",
         samples: int = 1,
         light_samples: int = 16,
@@ -41,10 +47,15 @@ class BruteForce:
         """pixels: in each of `groups` (environments have their own). slots: instants at once. samples: n, for n x n
         samples of a pixel. light_samples, paths: as of the renderer."""
         self._rays = PixelRays(camera, samples)
+        if slots is None:
+            slots = min(MOST_SLOTS, max(LEAST_SLOTS, ROOM // (len(scene.instances) + len(scene.bodies))))
         self.slots = slots
         self._shape = (groups, pixels)
+        moving = not all(is_static(scene, n) for n in range(len(scene.bodies)))
         compact = self._rays.compact(pixels, groups)
-        v = self._visibility = Visibility(scene, compact, slots, 0, device, tiled=True, layered=False, sparse=False)
+        v = self._visibility = Visibility(
+            scene, compact, slots, 0, device, tiled=True, layered=False, sparse=True if moving else None
+        )
         v.view.distorted = 1
         if self._rays.lens:
             v.view.near = self._rays.view.near
@@ -52,10 +63,20 @@ class BruteForce:
         self._shading = Shading(v, options)
         self._occluders = Occluders(v, v.geometry.static, len(v.geometry.triangles) > 0)
         self._kernel = make_first_surface(self._occluders.trees)
+        # In the order of their numbers; the one after the last stands for the camera.
+        order = np.arange(len(v.geometry.body) + 1)
+        self._places = [v.put(order, wp.int32), v.put(v.geometry.body, wp.int32)]
+        self._places += [v.put(v.geometry.rotation, wp.mat33d), v.put(v.geometry.translation, wp.vec3d)]
+        v.rotation.zero_()
+        v.translation.zero_()
+        v.eye.zero_()
         self._first = v.put(v.geometry.first[:-1], wp.int32)
         self._luminance = wp.zeros(v.shape, dtype=wp.float32, device=v.device)
         self._cells = self._rays.cells(pixels, groups)
         self._instance = np.append(v.geometry.triangle_instance, -1)
+        self._others: np.ndarray | None = None
+        self._rest = np.zeros((0, 7))
+        self._frames: InstancePoses | None = None
         self.nonfinite = 0
         """Samples so far whose light was not finite."""
 
@@ -65,16 +86,17 @@ class BruteForce:
         self._visibility.view.rays = wp.array(table, dtype=wp.vec3, device=self._visibility.device)
 
     def look(
-        self, poses: np.ndarray, t_ns: np.ndarray, slot: np.ndarray, group: np.ndarray, pixel: np.ndarray
+        self, moved: np.ndarray, t_ns: np.ndarray, slot: np.ndarray, group: np.ndarray, pixel: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Gives luminance float32 [Q] of pixels at instants, and the instance int32 [Q] that each shows, -1 for none.
 
-        poses: of all bodies float64 [T, N, 7] and t_ns: int64 [T], of the instants, slots at most. slot, group, pixel:
+        moved: poses of the movers float64 [T, M, 7] and t_ns: int64 [T], of the instants, slots at most, after
+        `rest`. slot, group, pixel:
         int64 [Q], which instant and which pixel is asked for.
         """
         if not len(slot):
             return np.zeros(0, np.float32), np.zeros(0, np.int32)
-        frames = self._place(poses, t_ns)
+        frames = self._place(moved, t_ns)
         at = slot[:, None] * self._visibility.view.width * self._visibility.view.height + self._cells[group, pixel]
         listed = self._put(at.reshape(-1))
         triangle = self._see(listed, frames)
@@ -86,16 +108,29 @@ class BruteForce:
         seen = self._instance[triangle.numpy().reshape(at.shape)[:, at.shape[1] // 2]]
         return light, seen.astype(np.int32)
 
-    def _place(self, poses: np.ndarray, t_ns: np.ndarray) -> InstancePoses:
+    def rest(self, poses: np.ndarray, movers: np.ndarray) -> None:
+        """Takes the poses float64 [N, 7] of all bodies, of which `look` gives the movers int64 [M] anew."""
+        others = np.delete(poses, movers, 0)
+        if self._others is None or not np.array_equal(others, self._others):
+            self._others, self._rest = others, poses
+            self._frames = None
+
+    def _place(self, moved: np.ndarray, t_ns: np.ndarray) -> InstancePoses:
         """Brings the bodies of all instants to the device; slots that are not used repeat the last one."""
         v, last = self._visibility, len(t_ns) - 1
         which = np.minimum(np.arange(self.slots), last)
-        frames = v.instance_poses(np.ascontiguousarray(poses[which]))
-        v.place(frames)
-        v.settle()
-        v.place_instances()
+        if self._frames is None:
+            self._frames = v.instance_poses(np.tile(self._rest, (self.slots, 1, 1)))
+            v.place(self._frames)
+        if moved.shape[1]:
+            self._frames = v.send(moved[which])
+            v.settle()
+        # Not those of slots that are not used.
+        inputs = [v.poses, v.camera_body, 0, *self._places]
+        dim = (last + 1, len(v.geometry.body) + 1)
+        wp.launch(place_instances, dim, inputs, [v.rotation, v.translation, v.eye], device=v.device)
         self._shading.set_times(np.asarray(t_ns, np.int64)[which])
-        return frames
+        return self._frames
 
     def _see(self, listed: wp.array, frames: InstancePoses) -> wp.array:
         """The triangle that each listed ray meets, in the z-buffer too."""

@@ -1,8 +1,8 @@
 """The instants at which a pixel is looked at: close together where its light changes, and nowhere else.
 
 Every pixel is looked at `BASE` times a second. An interval over which ln I changes by more than a part of the
-threshold, or at whose ends different bodies are seen, is halved. The halves are halved in turn where ln I in the middle
-is not on the line between the ends, until they are `FINEST` long: a silhouette is then placed to within 31 us.
+threshold, or at whose ends different bodies are seen, is cut into four. Where ln I is not on the line between the ends
+then, parts over which it changes are cut in turn, until they are `FINEST` long: a silhouette is placed to within 31 us.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ CHANGE = 0.1
 
 BEND = 0.05
 """Part of a contrast threshold by which the middle of an interval may be off the line."""
+
+PARTS = 4
+"""Parts that an interval is cut into at once."""
 
 Look = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Gives luminance float32 [Q] and instance int32 [Q] of pixels int64 [Q] at times int64 [Q] ns."""
@@ -76,28 +79,55 @@ def sample(look: Look, start: Samples, stamps: np.ndarray, how: Sampling, thresh
     ]
     levels = _log(rows[1])
     found = [at]
-    pixel = np.repeat(start.pixel, length)
-    ends = [values.reshape(-1) for row in (rows[0], levels, rows[2]) for values in (row[:, :-1], row[:, 1:])]
-    t_a, t_b, l_a, l_b, i_a, i_b = ends
-    chosen = (np.abs(l_b - l_a) > how.change * threshold) | (i_a != i_b)
-    while True:
-        chosen &= t_b - t_a > how.finest
-        if not chosen.any():
-            break
-        pixel, t_a, t_b, l_a, l_b, i_a, i_b = (v[chosen] for v in (pixel, t_a, t_b, l_a, l_b, i_a, i_b))
-        t_m = (t_a + t_b) // 2
-        light, i_m = look(pixel, t_m)
-        found.append(Samples(pixel, t_m, light, i_m))
-        l_m = _log(light)
-        bent = np.abs(l_m - (l_a + l_b) / 2) > how.bend * threshold
-        bent = np.concatenate([bent, bent])
-        pixel, t_a, t_b = np.concatenate([pixel, pixel]), np.concatenate([t_a, t_m]), np.concatenate([t_m, t_b])
-        l_a, l_b = np.concatenate([l_a, l_m]), np.concatenate([l_m, l_b])
-        i_a, i_b = np.concatenate([i_a, i_m]), np.concatenate([i_m, i_b])
-        changes = np.abs(l_b - l_a) > how.change * threshold
-        chosen = bent & (changes | (i_a != i_b))
+    part = _Intervals(
+        np.repeat(start.pixel, length),
+        *(v.reshape(-1) for row in (rows[0], levels, rows[2]) for v in (row[:, :-1], row[:, 1:])),
+    )
+    part = part.only((np.abs(part.l_b - part.l_a) > how.change * threshold) | (part.i_a != part.i_b))
+    while len(part := part.only(part.t_b - part.t_a > how.finest)):
+        inner = part.inner()
+        pixel = np.repeat(part.pixel, PARTS - 1)
+        light, instance = look(pixel, inner.reshape(-1))
+        found.append(Samples(pixel, inner.reshape(-1), light, instance))
+        level = _log(light).reshape(inner.shape)
+        line = part.l_a[:, None] + (part.l_b - part.l_a)[:, None] * np.arange(1, PARTS) / PARTS
+        bent = (np.abs(level - line) > how.bend * threshold).any(1)
+        part = part.parts(inner, level, instance.reshape(inner.shape)).only(np.repeat(bent, PARTS))
+        part = part.only((np.abs(part.l_b - part.l_a) > how.change * threshold) | (part.i_a != part.i_b))
     names = ("pixel", "t", "luminance", "instance")
     return Samples(*(np.concatenate([getattr(f, name) for f in found]) for name in names)).ordered()
+
+
+@dataclass
+class _Intervals:
+    """Intervals of pixels, with time, ln I and instance at both ends, each [Q]."""
+
+    pixel: np.ndarray
+    t_a: np.ndarray
+    t_b: np.ndarray
+    l_a: np.ndarray
+    l_b: np.ndarray
+    i_a: np.ndarray
+    i_b: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.pixel)
+
+    def only(self, chosen: np.ndarray) -> _Intervals:
+        """Those that are chosen, bool [Q]."""
+        return _Intervals(*(values[chosen] for values in vars(self).values()))
+
+    def inner(self) -> np.ndarray:
+        """Times int64 [Q, PARTS - 1] that cut them into equal parts."""
+        return self.t_a[:, None] + (self.t_b - self.t_a)[:, None] * np.arange(1, PARTS) // PARTS
+
+    def parts(self, t: np.ndarray, level: np.ndarray, instance: np.ndarray) -> _Intervals:
+        """The parts, with what was seen at the inner times [Q, PARTS - 1]."""
+        ends = [np.repeat(self.pixel, PARTS)]
+        for a, middle, b in ((self.t_a, t, self.t_b), (self.l_a, level, self.l_b), (self.i_a, instance, self.i_b)):
+            row = np.concatenate([a[:, None], middle, b[:, None]], 1)
+            ends += [row[:, :-1].reshape(-1), row[:, 1:].reshape(-1)]
+        return _Intervals(*ends)
 
 
 def _log(luminance: np.ndarray) -> np.ndarray:

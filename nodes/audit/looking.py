@@ -41,12 +41,13 @@ class Looking:
         envs = int(env.max()) + 1
         instants, which = np.unique((t - start) * envs + env, return_inverse=True)
         times, of = instants // envs + start, instants % envs
-        poses = self._motion.poses(times, of)
+        moved = self._motion.moved(times, of)
+        self._force.rest(self._motion.rest(), self._motion.movers)
         order, slots = np.argsort(which, kind="stable"), self._force.slots
         edges = np.searchsorted(which[order], np.arange(0, len(instants) + slots, slots))
         for first, (a, b) in zip(range(0, len(instants), slots), pairwise(edges.tolist())):
             part, some = order[a:b], slice(first, first + slots)
             luminance[part], instance[part] = self._force.look(
-                poses[some], times[some], which[part] - first, env[part], pixel[part] % self._each
+                moved[some], times[some], which[part] - first, env[part], pixel[part] % self._each
             )
         return luminance, instance

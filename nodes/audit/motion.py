@@ -44,18 +44,24 @@ class Motion:
         if self._t:
             self._t[0], self._pose[0], self._twist[0] = self._t[0][-1:], self._pose[0][:, -1:], self._twist[0][:, -1:]
 
-    def poses(self, t: np.ndarray, env: np.ndarray) -> np.ndarray:
-        """Gives poses float64 [T, N, 7] at times int64 [T] ns in the environments int64 [T], counted among `envs`.
+    @property
+    def movers(self) -> np.ndarray:
+        """Gives the bodies that may move, int64 [M]."""
+        return self._placement.movers
+
+    def rest(self) -> np.ndarray:
+        """Gives poses float64 [N, 7] of all bodies at the end of the last state, in the first environment."""
+        return np.array(self._pose[-1][0, -1])
+
+    def moved(self, t: np.ndarray, env: np.ndarray) -> np.ndarray:
+        """Gives poses float64 [T, M, 7] of the movers at times int64 [T] ns in environments int64 [T] among `envs`.
 
         Of bodies that physics moves, a time beyond the states counts as the nearest one within.
         """
         states = States(np.concatenate(self._t), np.concatenate(self._pose, 1), np.concatenate(self._twist, 1))
-        poses = states.pose[env, -1].copy()
-        movers = self._placement.movers
-        if not len(movers):
-            return poses
+        if not len(self.movers):
+            return np.zeros((len(t), 0, 7))
         times, which = np.unique(t, return_inverse=True)
         inside = np.clip(times, states.t[0], states.t[-1]) if self._driven else times
         moved = self._placement.moved(np.append(inside, states.t[-1]), states)
-        poses[:, movers] = moved[which, env]
-        return poses
+        return moved[which, env]
