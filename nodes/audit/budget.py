@@ -13,7 +13,7 @@ from evis.scene.model import Camera, Scene
 SHARE = 0.03
 """Part of a run's cost that an audit may add."""
 
-LEAST, MOST = 4, 64
+LEAST, MOST = 6, 64
 """Pixels in any case, and at most."""
 
 
@@ -45,7 +45,7 @@ def look_cost(scene: Scene, samples: int, light_samples: int, paths: int) -> flo
 RAY_NS, INSTANCE_NS, LIGHT_NS = 400.0, 15.0, 60.0
 """Of a ray, of each instance that it is tried against, and of a light that a point is lit by."""
 
-LOOKS = 1400.0
+LOOKS = 800.0
 """Looks at a pixel in a second where something moves."""
 
 INSTANT_NS, PLACE_NS = 6_000.0, 60.0

@@ -71,6 +71,12 @@ class Drawing:
             taken = red + green + blue
         return np.ascontiguousarray(taken, np.float32)
 
+    @property
+    def score(self) -> np.ndarray:
+        """Gives what the chances follow, float64 [H, W], after a scan."""
+        assert self._score is not None
+        return self._score
+
     def forget(self) -> None:
         """Has the image scanned anew before pixels are drawn."""
         self._score = None
