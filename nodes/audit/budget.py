@@ -9,12 +9,28 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from evis.scene.model import Camera, Scene
+from nodes.audit.causes import is_still
 
 SHARE = 0.03
 """Part of a run's cost that an audit may add."""
 
-LEAST, MOST = 6, 64
+LEAST, MOST = 4, 64
 """Pixels in any case, and at most."""
+
+KEYFRAME_NS = 120.0
+"""Of a pixel of a keyframe."""
+
+FRAME_NS = {False: 15.0, True: 150.0}
+"""Of a pixel of a frame with its share of the sensor, before a camera that stands still and one that moves."""
+
+RAY_NS, INSTANCE_NS, LIGHT_NS = 900.0, 15.0, 100.0
+"""Of a ray, of each instance that it is tried against, and of a light that a point is lit by."""
+
+BASE_LOOKS, OWN_LOOKS = 500.0, 1500.0
+"""Looks in a second that all pixels have together at the same instants, and those that a pixel has of its own."""
+
+INSTANT_NS, PLACE_NS = 2_000.0, 60.0
+"""Of an instant at which anything is looked at, and of each instance that is placed then."""
 
 
 @dataclass(frozen=True)
@@ -25,14 +41,10 @@ class Rates:
     upsampling: int
 
 
-def run_cost(camera: Camera, samples: int, envs: int, rates: Rates) -> float:
-    """Estimates the cost of a second of a run without its audit [ns]."""
+def run_cost(camera: Camera, moving: bool, samples: int, envs: int, rates: Rates) -> float:
+    """Estimates the cost of a second of a run without its audit [ns]. moving: whether the camera ever does."""
     pixels = camera.width * camera.height * samples**2
-    return envs * rates.keyframes * pixels * (KEYFRAME_NS + FRAME_NS * rates.upsampling)
-
-
-KEYFRAME_NS, FRAME_NS = 120.0, 15.0
-"""Of a pixel of a keyframe, and of a frame with its share of the sensor."""
+    return envs * rates.keyframes * pixels * (KEYFRAME_NS + FRAME_NS[moving] * rates.upsampling)
 
 
 def look_cost(scene: Scene, samples: int, light_samples: int, paths: int) -> float:
@@ -42,23 +54,13 @@ def look_cost(scene: Scene, samples: int, light_samples: int, paths: int) -> flo
     return samples**2 * (trace * (1 + 0.5 * shadows + paths) + LIGHT_NS * len(scene.lights))
 
 
-RAY_NS, INSTANCE_NS, LIGHT_NS = 400.0, 15.0, 60.0
-"""Of a ray, of each instance that it is tried against, and of a light that a point is lit by."""
-
-LOOKS = 800.0
-"""Looks at a pixel in a second where something moves."""
-
-INSTANT_NS, PLACE_NS = 6_000.0, 60.0
-"""Of an instant at which anything is looked at, and of placing an instance then."""
-
-
 def pixels_for(
     scene: Scene, camera: Camera, rates: Rates, envs: int = 1, samples: int = 1, light_samples: int = 16, paths: int = 0
 ) -> int:
-    """Chooses how many pixels to audit."""
-    allowed = SHARE * run_cost(camera, samples, envs, rates)
+    """Chooses how many pixels to audit, of all environments together."""
+    moving = not is_still(scene, scene.body_index(camera.name))
+    allowed = SHARE * run_cost(camera, moving, samples, envs, rates)
     look = look_cost(scene, samples, light_samples, paths)
     instant = INSTANT_NS + PLACE_NS * len(scene.instances)
-    # A thousand instants serve all pixels, and each pixel has some of its own.
-    shared, own = 1000 * instant, LOOKS * look + (LOOKS - 1000) * instant
-    return int(max(LEAST, min(MOST, (allowed - shared) // own)))
+    own = BASE_LOOKS * look + OWN_LOOKS * (look + instant)
+    return int(max(LEAST, min(MOST, (allowed - BASE_LOOKS * instant) // own)))

@@ -18,10 +18,10 @@ BASE = 500.0
 FINEST = 62_500
 """Length of the shortest interval [ns]: 16 kHz."""
 
-CHANGE = 0.1
+CHANGE = 0.2
 """Part of a contrast threshold up to which a change over an interval makes no events that a line would not."""
 
-BEND = 0.05
+BEND = 0.1
 """Part of a contrast threshold by which the middle of an interval may be off the line."""
 
 PARTS = 4
