@@ -8,7 +8,7 @@ import numpy as np
 
 CONFIDENCE = 0.95
 
-UNSEEN = 0.4
+UNSEEN = 0.7
 """Chance that is allowed for a pixel of the largest weight that has events and was not drawn."""
 
 
