@@ -10,7 +10,7 @@ import warp as wp
 from evis.media.colour import REC709
 from evis.scene.model import Camera, Scene
 from nodes.audit.gather_kernels import gather
-from nodes.audit.pixels import INSTANTS, Blocks, chances, draw, scan_times, scores_of
+from nodes.audit.pixels import Blocks, chances, draw, scan_times, scores_of
 
 _ENVS = 3
 """Part of the key of the random numbers that choose environments."""
@@ -85,17 +85,9 @@ class Drawing:
         """Finds where the picture will change from `stamp` on: a score for every pixel."""
         pixels = self.blocks.one_each(self._seed)
         times = scan_times(self._seed, stamp, horizon_ns)
-        light = np.zeros((INSTANTS, len(pixels)))
-        moving = np.zeros(len(pixels), bool)
-        shape = self.pixels.shape
-        for first in range(0, len(pixels), shape[0] * shape[1]):
-            some = pixels[first : first + shape[0] * shape[1]]
-            table = np.zeros((shape[0] * shape[1], 2), np.int64)
-            table[: len(some)] = some
-            look.choose(np.repeat(table[None], 1, 0).reshape(shape))
-            which = np.tile(np.arange(len(some)), INSTANTS)
-            seen, instance = look(which, np.repeat(times, len(some)))
-            light[:, first : first + len(some)] = seen.reshape(INSTANTS, -1)
-            shown = (instance >= 0) & self._driven[np.maximum(instance, 0)] if len(self._driven) else instance > 0
-            moving[first : first + len(some)] = shown.reshape(INSTANTS, -1).any(0)
+        if self._driven.any():
+            # Where bodies will be is not known, so it is of little use to look often.
+            times = times[::6]
+        light, instance = look.scan(pixels, times)
+        moving = ((instance >= 0) & np.append(self._driven, False)[instance]).any(0)
         self._score = self.blocks.spread(scores_of(light, moving, self.blocks, threshold))
