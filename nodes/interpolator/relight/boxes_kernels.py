@@ -17,12 +17,14 @@ class Swept:
     """Holds boxes lower, upper [E, M + 1] of all places that moving bodies take in the gap, the first one around all
     others, in the world's axes about a fixed origin [m].
 
-    place [P E]: of the slots' cameras. lamp [L]: positions of lights that stand still, or unit vectors towards those of
-    kind 0; radius [L]: of their extents; shadow [L]: 1 where they have shadows.
+    size [M]: radius of a ball about each of these bodies [m]. place [P E]: of the slots' cameras. lamp [L]: positions of
+    lights that stand still, or unit vectors towards those of kind 0; radius [L]: of their extents; shadow [L]: 1 where
+    they have shadows.
     """
 
     lower: wp.array2d(dtype=wp.vec3)
     upper: wp.array2d(dtype=wp.vec3)
+    size: wp.array(dtype=float)
     place: wp.array(dtype=wp.vec3)
     lamp: wp.array(dtype=wp.vec3)
     radius: wp.array(dtype=float)
@@ -67,6 +69,20 @@ def crossed(swept: Swept, env: int, eye: wp.mat33, row: int, position: wp.vec3):
                     if box_met(swept.lower[env, k] - at - wide, swept.upper[env, k] - at + wide, way, length):
                         return True
     return False
+
+
+@wp.func
+def nearby(swept: Swept, env: int, eye: wp.mat33, row: int, position: wp.vec3):
+    """Bounds the share of the sky over a point that moving bodies fill at any time of the gap: the sum of the squares
+    of their size over their distance, each 1 at most. Arguments as of `crossed`."""
+    at = eye * position + swept.place[row]
+    share = float(0.0)
+    for k in range(swept.size.shape[0]):
+        below = wp.max(swept.lower[env, k + 1] - at, wp.vec3(0.0, 0.0, 0.0))
+        beyond = wp.max(at - swept.upper[env, k + 1], wp.vec3(0.0, 0.0, 0.0))
+        away = wp.length(below + beyond)
+        share += wp.pow(swept.size[k] / wp.max(away, swept.size[k]), 2.0)
+    return share
 
 
 @cache

@@ -20,7 +20,8 @@ from nodes.renderer.raster.visibility import Visibility
 from nodes.renderer.shadows.occlusion import half_extents
 from nodes.renderer.shadows.ray_kernels import Casters
 
-MOVED, SHADED, LIT_ANEW = (int(n) for n in (change_kernels.MOVED, change_kernels.SHADED, change_kernels.LIT_ANEW))
+MOVED, SHADED = int(change_kernels.MOVED), int(change_kernels.SHADED)
+LIT_ANEW, AROUND = int(change_kernels.LIT_ANEW), int(change_kernels.AROUND)
 
 
 class LightChange:
@@ -59,6 +60,8 @@ class LightChange:
         change.carried = v.put(np.logical_and(plain, dark).astype(np.int32), wp.int32)
         change.even, change.bend, change.turned = 0.25 * tolerance, 0.03 * tolerance, 2.0 * float(np.sqrt(tolerance))
         self._flags = np.zeros(change.flags.shape, np.int32)
+        on_movers = {i.material for i in scene.instances if i.body in movers}
+        self._glows = any(np.any(scene.materials[m].emission) for m in on_movers)
         self._positional = np.array([l.kind != "directional" for l in scene.lights], bool)
         self._casting = self._casters_on_movers(half)
         self._origin: np.ndarray | None = None
@@ -87,7 +90,7 @@ class LightChange:
         if not np.array_equal(flags, self._flags):
             self.kernel.flags.assign(flags)
             self._flags = flags
-        if self.features.shadows and (flags & SHADED).any():
+        if (flags & (SHADED | AROUND)).any():
             self._send_boxes(moved, before)
         changed = (flags & (MOVED | LIT_ANEW)) != 0
         if not changed.any():
@@ -123,7 +126,8 @@ class LightChange:
         if self.features.shadows:
             flags = np.where(relative, flags, np.where(anything[:, None], SHADED, 0))
         if self.features.indirect:
-            flags = flags | np.where(relative | anything[:, None], LIT_ANEW, 0)
+            lit = relative | (anything & self._glows)[:, None]
+            flags = flags | np.where(lit, LIT_ANEW, np.where(anything[:, None], AROUND, 0))
         return flags.astype(np.int32)
 
     def _casters_on_movers(self, half: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -157,6 +161,9 @@ class LightChange:
         shape = (self._envs, len(np.unique(self._casting[0])) + 1)
         swept.lower, swept.upper = v.empty(shape, wp.vec3), v.empty(shape, wp.vec3)
         swept.place = v.empty(v.envs, wp.vec3)
+        mover, _, place, half = self._casting
+        reach = np.linalg.norm(place, axis=1) + np.linalg.norm(half, axis=1)
+        swept.size = v.put(np.array([reach[mover == m].max() for m in np.unique(mover)]), wp.float32)
         lamps = self._still_lamps()
         lamps[self._positional] -= self._origin_of()
         swept.lamp = v.put(lamps, wp.vec3)

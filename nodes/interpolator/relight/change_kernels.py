@@ -12,7 +12,7 @@ from typing import Any
 import warp as wp
 
 from evis.media.colour import REC709
-from nodes.interpolator.relight.boxes_kernels import Swept, crossed, make_cast
+from nodes.interpolator.relight.boxes_kernels import Swept, crossed, make_cast, nearby
 from nodes.interpolator.relight.features import LightChanges
 from nodes.renderer.lights.light_kernels import AREA, Lights, make_directions
 from nodes.renderer.lights.sky_kernels import Sky, make_sky
@@ -26,10 +26,12 @@ MOVED = wp.constant(1)
 SHADED = wp.constant(2)
 """Flag of one that does not, and on which shadows of others may move."""
 LIT_ANEW = wp.constant(4)
-"""Flag of one that a light reaches over other surfaces which move or whose light changes."""
+"""Flag of one that light reaches over other surfaces and that moves, or whose light comes from something that does."""
 VIEWED = wp.constant(8)
 """Flag of a point, if glossy, that the view may have turned against by more than its lobe is wide."""
-MANY = wp.constant(8)
+AROUND = wp.constant(16)
+"""Flag of one that stands still and is lit over other surfaces, some of which move."""
+MANY = wp.constant(32)
 """Casters from which on a shadow ray costs less than asking all their boxes."""
 CARRIED = wp.constant(20.0)
 """How much ln I may change, of `even`, where the change is added to what the keyframes show."""
@@ -139,6 +141,8 @@ def make_light(f: LightChanges) -> tuple[Any, Any, Any]:
                     if lights.kind[l] == AREA:
                         wide = wp.length(lights.half_u[row, l]) + wp.length(lights.half_v[row, l])
                 if wp.dot(s.normal, ray) * length > -wide and strength > 0.0:
+                    if casters.order.shape[0] - first > MANY:
+                        return True
                     if cast(casters, change.half, row, first, s.skip, s.position, ray, length, wide):
                         return True
         return False
@@ -196,9 +200,9 @@ def make_relit(f: LightChanges) -> Any:
         if wp.static(f.indirect):
             if (flag & LIT_ANEW) != 0:
                 return True, above
-        if wp.static(f.shadows):
-            if moved and change.casters.order.shape[0] > MANY:
-                return True, above
+            if (flag & AROUND) != 0:
+                if nearby(change.swept, env, change.casters.turn[row], row, s.position) > 2.0 * change.even:
+                    return True, above
         if wp.static(f.view):
             alpha = change.alpha[s.instance]
             if alpha >= 0.0 and (flag & VIEWED) != 0:
@@ -255,8 +259,9 @@ def make_level(f: LightChanges) -> Any:
         level = float(0.0)
         moved = (flag & MOVED) != 0
         hidden = (flag & LIT_ANEW) != 0
-        if wp.static(f.shadows):
-            hidden = hidden or (moved and change.casters.order.shape[0] > MANY)
+        if wp.static(f.indirect):
+            if (flag & AROUND) != 0:
+                hidden = nearby(change.swept, env, change.casters.turn[row], row, s.position) > 2.0 * change.even
         if wp.static(f.relative):
             if moved and not hidden:
                 level = wp.log(wp.max(irradiance(change, change.now, row, row, s, s.normal), 1.0e-30))

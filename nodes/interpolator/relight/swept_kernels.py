@@ -2,8 +2,8 @@
 
 import warp as wp
 
-from nodes.interpolator.relight.boxes_kernels import crossed
-from nodes.interpolator.relight.change_kernels import LIT_ANEW, SHADED, Change
+from nodes.interpolator.relight.boxes_kernels import crossed, nearby
+from nodes.interpolator.relight.change_kernels import AROUND, LIT_ANEW, SHADED, Change
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 
@@ -48,8 +48,11 @@ def disquiet(
         if entry != NEVER and t != MISS:
             flag = change.flags[env, pieces[t][0]]
             touched = (flag & LIT_ANEW) != 0
+            position = depth_of(entry) * pixel_ray(view, x, y)
+            eye = change.casters.turn[env]
+            if (flag & AROUND) != 0 and not touched:
+                touched = nearby(change.swept, env, eye, env, position) > 2.0 * change.even
             if (flag & SHADED) != 0 and not touched:
-                position = depth_of(entry) * pixel_ray(view, x, y)
-                touched = crossed(change.swept, env, change.casters.turn[env], env, position)
+                touched = crossed(change.swept, env, eye, env, position)
             if touched:
                 quiet[env, y, x] = NEVER
