@@ -17,7 +17,7 @@ class Swept:
     """Holds boxes lower, upper [E, M + 1] of all places that moving bodies take in the gap, the first one around all
     others, in the world's axes about a fixed origin [m].
 
-    size [M]: radius of a ball about each of these bodies [m]. place [P E]: of the slots' cameras. lamp [L]: positions of
+    size [M]: radius of a ball about each of these bodies [m]. place [P E]: of the cameras. lamp [L]: positions of
     lights that stand still, or unit vectors towards those of kind 0; radius [L]: of their extents; shadow [L]: 1 where
     they have shadows.
     """
