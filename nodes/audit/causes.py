@@ -24,7 +24,7 @@ def cause_of(scene: Scene, camera: str, report: AuditReport) -> str:
     if report.own < OWN:
         what = f"things come before '{instance.name}' and go within a step"
     elif still:
-        what = f"light or shadow on '{instance.name}', which stands still before the camera, changes between keyframes"
+        what = f"light or shadow on '{instance.name}', which stands still before the camera, changes between frames"
     else:
         what = f"what is seen of '{instance.name}' changes otherwise than its keyframes tell"
     return f"{what}; a higher upsampling or keyframe_rate makes it less, interpolator:=none reuses nothing"
