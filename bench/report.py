@@ -38,6 +38,10 @@ SUBJECTS = {
         "bench.visibility.subframes",
         "what sub-frames see: the raster beside points moved from keyframes, time and error",
     ),
+    "light": (
+        "bench.interpolation.light",
+        "error and run time where light changes between keyframes, against dense rendering",
+    ),
     "interpolation_speed": (
         "bench.interpolation.speed",
         "nanoseconds per pixel and sub-frame of interpolator and sensor",
@@ -137,8 +141,8 @@ def page(report: dict[str, Any]) -> str:
 
 
 OMISSIONS = (
-    "Between keyframes the rigid interpolator is exact in geometry only: its shading is that of the keyframes. The "
-    "splat interpolators know no more of the motion than the keyframes' own vectors tell.",
+    "Between keyframes the rigid interpolator shades anew where a bound on the change of light asks for it, and no "
+    "finer than the frames. The splat interpolators know no more of the motion than the keyframes' own vectors tell.",
     "The USB drivers have been run against emulated devices and on recorded streams, not on cameras.",
     "Light is direct unless bounces or sky_occlusion ask for paths: no reflections between surfaces, no shadow from "
     "the sky, no emissive surface as a light.",

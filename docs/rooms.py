@@ -16,7 +16,15 @@ LAYERS: tuple[tuple[str, str, tuple[tuple[str, ...], ...]], ...] = (
         "#e6f1ea",
         (
             ("nodes/physics", "nodes/renderer", "nodes/interpolator", "nodes/event_sensor", "nodes/recorder"),
-            ("nodes/camera", "nodes/rate_divider", "nodes/labeler", "nodes/imu", "nodes/replayer", "nodes/visualizer"),
+            (
+                "nodes/camera",
+                "nodes/rate_divider",
+                "nodes/labeler",
+                "nodes/imu",
+                "nodes/audit",
+                "nodes/replayer",
+                "nodes/visualizer",
+            ),
         ),
     ),
     (
@@ -39,6 +47,7 @@ TELLS = {
     "nodes/rate_divider": "every n-th state",
     "nodes/labeler": "/labels",
     "nodes/imu": "/imu",
+    "nodes/audit": "error of a run",
     "nodes/replayer": "a bag again",
     "nodes/visualizer": "web page",
     "nodes/camera": "a real camera: /events",

@@ -6,6 +6,7 @@ import difflib
 import re
 from dataclasses import dataclass
 
+from msgs.audit import Audit
 from msgs.camera import (
     CameraInfo,
     Depth,
@@ -62,6 +63,7 @@ TOPICS: tuple[Topic, ...] = (
     Topic("/<cam>/frames", Frames, True, False, 2, False, "luminance between keyframes"),
     Topic("/<cam>/events", EventPacket, True, False, 16, True, "events of one interval"),
     Topic("/<cam>/labels", Labels, True, False, 2, True, "ground truth at the event packet's stamp"),
+    Topic("/<cam>/audit", Audit, True, False, 16, True, "error of the events so far, by an audit of some pixels"),
     Topic("/<cam>/imu", Imu, True, False, 16, True, "inertial samples"),
     Topic("/<cam>/trigger", Trigger, True, False, 16, True, "external trigger edges"),
     Topic("/<cam>/image", Image, True, False, 2, True, "8-bit image: preview, or a real sensor's frame"),

@@ -100,7 +100,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     if not expanded.nodes:
         raise LaunchError(f"{expanded.file}: the graph has no node")
     unknown = [spec for spec in expanded.nodes if options.no_import and not comes_with_evis(spec.type)]
-    nodes = [wire(spec, folder) for spec in expanded.nodes if spec not in unknown]
+    nodes = _with_work(expanded, [wire(spec, folder) for spec in expanded.nodes if spec not in unknown])
     published = publishers(nodes)
     demand = Pruner(nodes, published, partial=bool(unknown)).run()
     for node in nodes:
@@ -139,6 +139,14 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     plan.sensors = {_folder(node): dict(told) for node in nodes if (told := node.cls.sensor(node.params))}
     plan.launch_text = _resolved(expanded, nodes, Redactor(plan.secrets))
     return plan
+
+
+def _with_work(expanded: Expanded, nodes: list[Wired]) -> list[Wired]:
+    """The nodes that have something to do; the others become absent ones."""
+    reasons = {node.name: why for node in nodes if (why := node.cls.pointless(node.params))}
+    expanded.absent.update(reasons)
+    expanded.nodes[:] = [spec for spec in expanded.nodes if spec.name not in reasons]
+    return [node for node in nodes if node.name not in reasons]
 
 
 def _folder(node: Wired) -> str:

@@ -144,6 +144,11 @@ class Node:
         return {}
 
     @classmethod
+    def pointless(cls, params: Mapping[str, Any]) -> str:
+        """Says why a node with these parameters would have nothing to do, so that it is left out; "" where it has."""
+        return ""
+
+    @classmethod
     def divides(cls, params: Mapping[str, Any]) -> int:
         """Returns how many updates there are to each message published; of a source, how many steps to a delayed input.
 

@@ -6,9 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from evis.runtime.plan import Plan
+from evis.supervisor import audits
 
 DROP_COUNTERS = ("drops", "dropped", "lost")
 """Counters that stand for data that did not arrive."""
+AUDITED = "which pixels are audited"
+"""What the seed decides of a run's audit; no event depends on it."""
 _BUS_KEYS = ("bus", "idle")
 
 
@@ -65,6 +68,8 @@ def summarise(
         "args": plan.args,
         "random": plan.random,
     }
+    if (audit := audits.joined(nodes)) is not None:
+        summary["audit"] = audit
     if plan.chosen:
         summary["chosen"] = plan.chosen
     if failure is not None:
@@ -79,12 +84,12 @@ def _total(nodes: dict[str, Any], key: str) -> int:
 def as_table(report: Report) -> str:
     """Writes the summary as text for a person."""
     s = report.summary
-    unused = s["args"].get("seed") and s["random"] and not any(s["random"].values())
     lines = [
         f"{s['sim_s']:.3f} s in {s['wall_s']:.2f} s (real-time factor {s['rtf']:.3f}), start-up {s['startup_s']:.2f} s",
         f"{s['events']:,} events, {s['keyframes']:,} keyframes, {s['frames']:,} frames, "
         f"{s['drops']:,} messages and {s['dropped_events']:,} events dropped",
-        *([f"nothing in this run is random: seed {s['args']['seed']} changes nothing"] if unused else []),
+        *([audits.line(s["audit"], s["sim_s"], s["wall_s"])] if "audit" in s else []),
+        *_seed_unused(s),
         "",
         f"{'node':<20}{'updates':>10}{'ms/update':>12}{'busy s':>10}  counters",
     ]
@@ -97,3 +102,13 @@ def as_table(report: Report) -> str:
             f"{node.get('busy_s', 0.0):>10.3f}  {counters}".rstrip()
         )
     return "\n".join(lines)
+
+
+def _seed_unused(summary: dict[str, Any]) -> list[str]:
+    """A line that says so where a seed was given and decides nothing, or only what is audited."""
+    seed, drawn = summary["args"].get("seed"), {what for parts in summary["random"].values() for what in parts}
+    if not seed or not summary["random"] or not drawn <= {AUDITED}:
+        return []
+    if drawn:
+        return [f"nothing in this run is random but the choice of audited pixels: seed {seed} changes no event"]
+    return [f"nothing in this run is random: seed {seed} changes nothing"]

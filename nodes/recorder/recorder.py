@@ -12,6 +12,7 @@ from evis.runtime.plan import Plan
 from msgs.camera import Keyframe
 from msgs.header import Message
 from msgs.topics import SYSTEM_TOPICS
+from nodes.recorder.outcome import Outcome
 from nodes.recorder.preview import PreviewMaker
 
 
@@ -35,6 +36,7 @@ class Recorder:
         self._globs = globs
         self._seen: dict[str, int] = {}
         self._lost: Counter[str] = Counter()
+        self._outcome = Outcome()
         self._selected: dict[str, bool] = {}
         sources = preview_sources(plan.topics) if preview_hz else []
         self._previews = {topic: PreviewMaker(topic, preview_hz) for topic in sources}
@@ -51,6 +53,7 @@ class Recorder:
     def receive(self, topic: str, message: Message) -> None:
         """Write one message; its arrays are free when this returns. Raises BagError."""
         self._notice_loss(topic, message.header.seq)
+        self._outcome.take(topic, message)
         if topic not in self._selected:
             self._selected[topic] = bool(select([topic], self._globs))
         if self._selected[topic]:
@@ -80,5 +83,5 @@ class Recorder:
         """Make the bag whole. A second call does nothing."""
         self.counters["bytes"] = sum(self.writer.bytes.values())
         lost = {topic: str(count) for topic, count in self._lost.items()}
-        self.writer.close({"lost": lost} if lost else None)
+        self.writer.close(({"lost": lost} if lost else {}) | self._outcome.metadata())
         self._count_late()

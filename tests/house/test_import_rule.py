@@ -13,6 +13,7 @@ MAY_USE = {
     "interpolator": {"renderer"},
     "event_sensor": {"interpolator", "renderer"},
     "labeler": {"renderer"},
+    "audit": {"event_sensor", "interpolator", "renderer"},
 }
 WHOLE_CHAIN = ("nodes", "interpolator", "auto")
 """What measures the whole chain may use all of it, and no node uses that."""

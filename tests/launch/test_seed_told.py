@@ -28,6 +28,9 @@ def table(made: Plan) -> str:
 def test_nothing_random_is_said() -> None:
     """The ideal sensor on prescribed motion; the IMU that nobody has opened does not count."""
     made = plan("spinning_disk", seed=5)
+    assert made.random == {"physics": [], "event_sensor": [], "audit": ["which pixels are audited"]}
+    assert "but the choice of audited pixels: seed 5 changes no event" in table(made)
+    made = plan("spinning_disk", seed=5, audit=0)
     assert made.random == {"physics": [], "event_sensor": []}
     assert "random, by seed 5\n  nothing: every seed gives the same run\n" in as_text(made)
     assert "nothing in this run is random: seed 5 changes nothing" in table(made)

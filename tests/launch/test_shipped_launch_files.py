@@ -66,7 +66,7 @@ def test_the_disk_leaves_out_what_it_does_not_need() -> None:
     assert all(out.values()), "every omission has a reason"
     assert made.nodes["labeler"].dormant
     groups = {process: [n.name for n in nodes] for process, nodes in made.processes().items()}
-    assert groups.pop("sensor") == ["interpolator", "event_sensor"]
+    assert groups.pop("sensor") == ["interpolator", "event_sensor", "audit"]
     assert groups == {name: [name] for name in ("physics", "renderer", "visualizer")}
     kinds = {(e.node, t.name): e.kind for t in made.topics.values() for e in t.edges}
     assert kinds[("interpolator", "/state")] == "lockstep"
@@ -228,7 +228,7 @@ def test_two_worlds_run_side_by_side_in_namespaces(tmp_path: Path) -> None:
     )
     made = plan(str(path))
     assert [e.node for e in made.topics["/two/state"].edges] == [
-        "two/renderer", "two/interpolator", "two/labeler", "two/imu",
+        "two/renderer", "two/interpolator", "two/audit", "two/labeler", "two/imu",
     ]  # fmt: skip
     assert {n.process for n in made.nodes.values()} >= {"one.physics", "two.physics", "one.sensor", "two.sensor"}
 

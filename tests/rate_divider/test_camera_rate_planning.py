@@ -39,7 +39,7 @@ def readers(made: Plan, topic: str) -> list[str]:
 
 def test_everything_of_a_slower_camera_reads_its_own_states() -> None:
     made = plan("stereo_room", camera_rate="right=10", labels="poses", imu="true")
-    parts = ("imu", "interpolator", "labeler", "renderer")
+    parts = ("audit", "imu", "interpolator", "labeler", "renderer")
     assert readers(made, "/right/state") == [f"{part}_right" for part in parts]
     assert readers(made, "/state") == sorted([*(f"{part}_left" for part in parts), "rate_divider_right"])
     assert made.nodes["rate_divider_right"].process == made.nodes["physics"].process
@@ -94,7 +94,7 @@ def test_in_a_namespace_the_states_are_below_it(tmp_path: Path) -> None:
             for n, a in (("one", "camera_rate: [left=15]"), ("two", "camera_rate: []")))
     )  # fmt: skip
     made = plan_file(path, {}, Options(view=False))
-    assert readers(made, "/one/left/state")[:2] == ["one/imu_left", "one/interpolator_left"]
+    assert readers(made, "/one/left/state")[:3] == ["one/audit_left", "one/imu_left", "one/interpolator_left"]
     assert "one/rate_divider_left" in readers(made, "/one/state") and "/two/left/state" not in made.topics
 
 

@@ -28,6 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="shorter runs: minutes instead of half an hour")
     parser.add_argument("--out", default="report", metavar="DIR", help="where report.json and index.html go")
     parser.add_argument("--docs", metavar="PAGE", help="write the report's figures into the tables of this page")
+    parser.add_argument(
+        "--from", nargs="+", dest="bags", metavar="BAG", help="measure nothing: error against run time from these bags"
+    )
     parser.add_argument("--json", action="store_true", help="print the report as JSON")
 
 
@@ -40,6 +43,8 @@ def run(args: argparse.Namespace) -> int:
         if sys.stderr.isatty():
             print(text, file=sys.stderr)
 
+    if args.bags:
+        return _own_runs(args)
     for subject in args.what:
         if subject not in SUBJECTS:
             raise UsageError(f"no subject '{subject}'; {nearest(subject, SUBJECTS)}")
@@ -59,3 +64,21 @@ def run(args: argparse.Namespace) -> int:
     for failure in report["failures"]:
         print(f"evis bench: {failure['subject']} failed: {printable(failure['error'])}", file=sys.stderr)
     return 1 if report["failures"] else 0
+
+
+def _own_runs(args: argparse.Namespace) -> int:
+    """Plots error against run time of recorded runs, from what their bags say."""
+    from bench.interpolation.own_runs import plot, read
+    from bench.sections import as_text
+
+    if args.what or args.docs:
+        raise UsageError("--from measures nothing: leave out subjects and --docs")
+    rows = read(args.bags)
+    out = Path(args.out)
+    out.mkdir(parents=True, exist_ok=True)
+    plot(rows, out / "own_runs.png")
+    (out / "own_runs.json").write_text(json.dumps(rows, indent=1) + "\n")
+    print(json.dumps(rows) if args.json else as_text({"title": "error against run time", "rows": rows}))
+    if not args.json:
+        print(f"plot: {out / 'own_runs.png'}")
+    return 0

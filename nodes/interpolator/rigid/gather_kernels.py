@@ -6,7 +6,9 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.rigid.log_kernels import apart, fused_luminance, radiance_of
+from nodes.interpolator.relight.change_kernels import MOVED, VIEWED, Change, make_relit, moved_point, point_of
+from nodes.interpolator.relight.features import LightChanges
+from nodes.interpolator.rigid.log_kernels import apart, brighter, fused_luminance, radiance_of
 from nodes.interpolator.rigid.look_up_kernels import HARD, SEEN, Sight, make_keyframes, make_look_up
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
@@ -21,7 +23,7 @@ class Portion:
 
     quiet [E, H, W]: z-buffer entries with which nothing has changed. pieces: of each triangle, its body (the world's
     index being their number) and its patch. tolerance: difference of the keyframes' log radiance up to which it is
-    blended; relight: 1 where all but the sky is to be shaded anew.
+    blended; relight: 1 where all but the sky is to be shaded anew. keyframes: numbers of A and B in their pair.
     """
 
     slot0: int
@@ -30,6 +32,7 @@ class Portion:
     tolerance: float
     relight: int
     count: int
+    keyframes: wp.vec2i
     index: wp.array(dtype=int)
     strength: wp.array(dtype=float)
     packed: wp.array3d(dtype=wp.uint64)
@@ -58,18 +61,59 @@ def sight_of(view: CameraView, hit: wp.uint64, y: int, x: int, pieces: wp.array(
 
 
 @cache
-def make_gather(lens: str, channels: int, flicker: bool, listed: bool) -> wp.Kernel:
+def make_gather(lens: str, channels: int, flicker: bool, listed: bool, changes: LightChanges) -> wp.Kernel:
     """Makes the kernel that looks up the pixels of sub-frames in both keyframes.
 
     lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. listed: the kernel
-    looks up listed pixels, also at silhouettes; otherwise it goes through all and lists those at silhouettes.
+    looks up listed pixels, also at silhouettes; otherwise it goes through all and lists those at silhouettes. changes:
+    of light in the scene.
     """
+    relit = make_relit(changes) if changes.any else None
     Keyframes: Any = make_keyframes(channels, flicker)
     pixel = wp.float32 if channels == 1 else wp.vec3
     look_up = make_look_up(lens, channels, flicker, listed)
     # Fewer than it would take: while some threads wait for memory there must be others. With care, and of RGB, all of
     # them are worth more.
-    registers = 64 if channels == 1 and not flicker and not listed else None
+    registers = 64 if channels == 1 and not flicker and not listed and not changes.any else None
+
+    @wp.func
+    def lit_otherwise(
+        change: Change,
+        portion: Portion,
+        keys: Keyframes,
+        n: int,
+        hit: wp.uint64,
+        body: int,
+        position: wp.vec3,
+        m_a: wp.vec3,
+        m_b: wp.vec3,
+        seen_a: bool,
+        seen_b: bool,
+        share: float,
+    ):
+        """Tells whether light on the point that slot n shows changes otherwise than the keyframes tell, and otherwise
+        how much above each of them ln of its radiance is."""
+        if wp.static(changes.any):
+            env = n % portion.envs
+            flag = change.flags[env, body]
+            if wp.static(changes.view):
+                if (flag & MOVED) == 0:
+                    # Of what does not move the view turns by no more than the cameras are apart.
+                    apart_a = wp.length(keys.shift[n, body])
+                    apart_b = wp.length(keys.shift[n + keys.turn.shape[0] / 2, body])
+                    alpha = change.alpha[change.instance[triangle_of(hit)]]
+                    if alpha >= 0.0 and apart_a + apart_b > 2.0 * alpha * change.turned * wp.length(position):
+                        flag = flag | VIEWED
+                else:
+                    flag = flag | VIEWED
+            if flag != 0:
+                s = point_of(change, n, hit, position)
+                a = moved_point(s, keys.turn[n, body], m_a)
+                b = moved_point(s, keys.turn[n + keys.turn.shape[0] / 2, body], m_b)
+                row_a = portion.keyframes[0] * portion.envs + env
+                row_b = portion.keyframes[1] * portion.envs + env
+                return relit(change, flag, env, n, row_a, row_b, s, a, b, seen_a, seen_b, share)
+        return False, wp.vec2(0.0, 0.0)
 
     @wp.func
     def moved(keys: Keyframes, row: int, body: int, point: wp.vec3):
@@ -86,6 +130,7 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool) -> wp.Ker
         band: int,
         portion: Portion,
         keys: Keyframes,
+        change: Change,
         # in or out
         todo: wp.array(dtype=int),
         todo_count: wp.array(dtype=int),
@@ -118,8 +163,12 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool) -> wp.Ker
         while j < end:
             at = j
             x = wp.int32(0)
+            anew = wp.bool(False)
             if wp.static(listed):
                 at = todo[j]
+                if at < 0:
+                    at = -1 - at
+                    anew = True
                 if row < 0 or at < left or at - left >= width:
                     row = at // width
                     left = row * width
@@ -145,7 +194,9 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool) -> wp.Ker
             changed = wp.bool(True)
             if wp.static(not listed):
                 changed = hit != portion.quiet[env, y, x]
-            if changed:
+            if anew:
+                pixels[first + take_place(count, band)] = (n * view.height + y) * view.width + x
+            elif changed:
                 s, body = sight_of(view, hit, y, x, portion.pieces, keys.turn.shape[1] - 1)
                 base = env * view.height * view.width
                 m_a = moved(keys, n, body, s.point)
@@ -154,27 +205,42 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool) -> wp.Ker
                 state_b, other = look_up(view, keys, keys.first[1] + base, s, m_b, portion.tolerance)
                 seen_a = state_a == SEEN
                 seen_b = state_b == SEEN
-                difference = wp.float32(0.0)
-                if seen_a and seen_b:
-                    difference = apart(value, other)
-                unchanged = wp.bool(False)
-                if wp.static(not flicker):
-                    unchanged = seen_b and difference == 0.0 and m_b[0] == 0.0 and m_b[1] == 0.0 and m_b[2] == 0.0
+                share = float(i) / float(portion.upsampling)
                 hard = wp.bool(False)
                 if wp.static(not listed):
                     hard = state_a == HARD or state_b == HARD
+                told = seen_a or seen_b
+                if s.sky == 0 and not hard:
+                    if portion.relight == 1:
+                        told = False
+                    elif wp.static(changes.any):
+                        if told:
+                            anew, above = lit_otherwise(
+                                change, portion, keys, n, hit, body, s.point, m_a, m_b, seen_a, seen_b, share
+                            )
+                            told = not anew
+                            if wp.static(changes.relative):
+                                value = brighter(value, above[0])
+                                other = brighter(other, above[1])
+                difference = wp.float32(0.0)
+                if seen_a and seen_b:
+                    difference = apart(value, other)
+                told = told and difference <= portion.tolerance
+                unchanged = wp.bool(False)
+                if wp.static(not flicker):
+                    unchanged = seen_b and difference == 0.0 and m_b[0] == 0.0 and m_b[1] == 0.0 and m_b[2] == 0.0
+                    if wp.static(changes.relative):
+                        unchanged = unchanged and change.flags[env, wp.min(body, change.flags.shape[1] - 1)] != MOVED
                 if hard:
                     todo[take_place(todo_count, band)] = at
-                elif portion.relight == 1 and s.sky == 0:
-                    pixels[first + take_place(count, band)] = (n * view.height + y) * view.width + x
-                elif unchanged:
+                elif told and unchanged:
                     # The keyframe's own pixel, to the last bit: nothing has changed.
                     frames[frame, y - m, x - m] = keys.image[env, y, x]
-                elif (seen_a or seen_b) and difference <= portion.tolerance:
+                elif told:
                     if not seen_a:
                         value = other
                     elif seen_b:
-                        value += float(i) / float(portion.upsampling) * (other - value)
+                        value += share * (other - value)
                     frames[frame, y - m, x - m] = radiance_of(value, portion.strength[n // envs])
                 else:
                     pixels[first + take_place(count, band)] = (n * view.height + y) * view.width + x

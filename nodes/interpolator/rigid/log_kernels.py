@@ -70,6 +70,23 @@ def radiance_of(value: SIX, strength: float):  # noqa: F811 - overloaded by its 
 
 
 @wp.func
+def brighter(value: wp.float32, by: float):
+    """Adds to a logarithm, but to that of black; in RGB to each channel."""
+    return wp.where(value <= BLACK, value, value + by)
+
+
+@wp.func
+def brighter(value: wp.vec3, by: float):  # noqa: F811 - overloaded by its type
+    return wp.vec3(brighter(value[0], by), brighter(value[1], by), brighter(value[2], by))
+
+
+@wp.func
+def brighter(value: Any, by: float):  # noqa: F811 - overloaded by its type
+    """Leaves radiance under two kinds of light as it is, for only some of it changes."""
+    return value
+
+
+@wp.func
 def apart(a: wp.float32, b: wp.float32):
     """Computes the largest difference of two logarithms among their channels."""
     return wp.abs(a - b)

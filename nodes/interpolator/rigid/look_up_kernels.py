@@ -18,6 +18,9 @@ SAME_SHEET = wp.constant(3.0e-2)
 """The same, for the pixels about it: a surface seen at a slant is as much nearer from one to the next."""
 STEEP = wp.constant(3.0)
 """Differences of log radiance, in tolerances, between neighbours beside which a patch must be seen in full."""
+FINE = wp.constant(0.03)
+"""Difference of cubic and linear interpolation, in tolerances, above which what a surface shows is too fine for its
+keyframes: interpolation would dull it by about as much."""
 ENOUGH = wp.constant(5)
 """Pixels about a place, of 16, that tell how even a patch is there."""
 HIDDEN = wp.constant(0)
@@ -314,6 +317,10 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool) -> wp.F
                 if wp.static(careful):
                     seen = wp.int32(SEEN)
                     value = masked(keys, width, at, s.patch, w, weights(fx), weights(fy))
+            if seen == SEEN:
+                straight = (1.0 - fy) * ((1.0 - fx) * a + fx * b) + fy * ((1.0 - fx) * c + fx * d)
+                if apart(value, straight) > FINE * tolerance:
+                    seen = wp.int32(HIDDEN)
             # A step into the black, of many thresholds, must not overshoot by one.
             beyond = pixel(tolerance)
             value = within(value, low - beyond, high + beyond)

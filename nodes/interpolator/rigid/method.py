@@ -6,8 +6,8 @@ assumption on the motion between. There log radiance is interpolated by cubic co
 surface, which the keyframe's depth says is this one; where some of the 4 x 4 pixels about the place show another piece,
 only if what is left is so even that it cannot be far off. The values of both keyframes are blended in time,
 log L = (1 - f) log L_A + f log L_B, or that of the one which shows the point is taken. What neither shows well enough
-(it is uncovered, or at a silhouette) and what they disagree about (its light changes) is shaded anew at its own time.
-A shadow that comes and goes between two keyframes leaves no trace in either and is missed.
+(it is uncovered, at a silhouette, or too fine for the keyframe's pixels) and what they disagree about is shaded anew at
+its own time. So is what they agree about although its light changes in between: see `relight`, which computes that.
 
 Where a pixel hardly moves over the surface that it shows, this is done at some of the sub-frames, and the others are
 lines between them: see plan_kernels. Where the whole image hardly moves, not all triangles are drawn at each: see
@@ -33,6 +33,7 @@ from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
 from nodes.interpolator.keyframe import KeyframeView, Report
+from nodes.interpolator.relight.change import make_light_change
 from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.keyframes import Pair
 from nodes.interpolator.rigid.layout import RigidOptions, layout_of
@@ -92,8 +93,10 @@ class Rigid:
         # As many threads as share the visibility's rows, for these shade the lists.
         tiles = len(v.row_tiles.rows)
         pool = ThreadPoolExecutor(tiles) if tiles > 1 else None
-        self._sampling = Sampling(v, self._pieces, self._layout, pool)
-        self._reprojection = Reprojection(self.shading, self._sampling, self._pieces, self._layout)
+        lit_by_paths = asked.paths is not None
+        self._change = make_light_change(self.shading, envs, self._placement.movers, asked.tolerance, lit_by_paths)
+        self._sampling = Sampling(v, self._pieces, self._layout, pool, self._change)
+        self._reprojection = Reprojection(self.shading, self._sampling, self._pieces, self._layout, self._change)
         self._sparse = SparseRaster(v, envs, step) if step > 0 and SparseRaster.pays(v) else None
         self._strides = [1] * envs
         # What the report needs, where the host reads it.
@@ -153,6 +156,8 @@ class Rigid:
         """What does not depend on the sub-frames: the later keyframe, and what stands still before it."""
         self._pair.b.take(b.image)
         flags = self._places.still(self._layout.flicker, held)
+        if self._change is not None:
+            flags = self._change.begin(self._places.moved, self._places.before, self._places.rest, flags)
         if flags is not self._flags and not np.array_equal(flags, self._flags):
             self._still.assign(flags)
         self._flags = flags
@@ -184,6 +189,8 @@ class Rigid:
                 )
             if first:
                 self._find_quiet()
+                if self._change is not None:
+                    self._change.disquiet(self._pieces, self._quiet)
         if first:
             if self._layout.waveform is not None:
                 self._pair.b.take_lights(partial(self._reprojection.light, placed=True))
@@ -206,8 +213,10 @@ class Rigid:
         with self._beside.aside():
             if portion == 0:
                 self._reprojection.clear()
-                self._pair.b.take_poses(self.visibility, self._layout.envs)
+                self._take_poses()
             self._reprojection.place(self._pair)
+            if self._change is not None:
+                self._change.place()
 
     def _report(self) -> Report:
         if self._device.is_cuda:
@@ -234,11 +243,18 @@ class Rigid:
             v.draw()
         v.drawn()
         self._pair.b.take(view.image)
-        self._pair.b.take_poses(v, self._layout.envs)
+        self._take_poses()
         if self._layout.waveform is not None:
             self.shading.update(placed)
             self._pair.b.take_lights(partial(self._reprojection.light, placed=False))
         self._pair.b.fill(self.visibility, self._layout.envs, self._pieces, self._moving, self._reprojection.nonfinite)
+
+    def _take_poses(self) -> None:
+        """Where bodies, lights and casters are at keyframe B: launches only."""
+        b = self._pair.b
+        b.take_poses(self.visibility, self._layout.envs)
+        if self._change is not None:
+            self._change.take(b.number, b.poses)
 
     def _target(self, out: np.ndarray | wp.array) -> wp.array:
         """The output on a CPU, a buffer in its place on a GPU, as [E K, h, w] pixels."""

@@ -12,6 +12,8 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
+from nodes.interpolator.relight.change_kernels import Change, make_level, point_of
+from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.look_up_kernels import SAME_SHEET
 from nodes.interpolator.rigid.walk_kernels import Walk
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
@@ -20,9 +22,12 @@ from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 wp.set_module_options({"enable_backward": False})
 
 KEYFRAME = wp.constant(wp.uint8(0))
-"""What a pixel is at a sub-frame: as it is in keyframe B, a sample, or on the line between two of them."""
+"""What a pixel is at a sub-frame: as it is in keyframe B."""
 SAMPLE = wp.constant(wp.uint8(1))
 BETWEEN = wp.constant(wp.uint8(2))
+"""On the line between two samples."""
+ANEW = wp.constant(wp.uint8(3))
+"""A sample that is shaded at its own time, for something may come between it and a light."""
 NONE = wp.constant(-2)
 """No triangle, and not the sky either."""
 MOST_SKIPPED = wp.constant(7.0)
@@ -98,10 +103,49 @@ def put_span(
         spans[room + take_place(n, band)] = wp.vec2i(pixel, start * LENGTHS + length)
 
 
+@wp.struct
+class Lit:
+    """Holds how a pixel's light is at a sub-frame: how many before it are known, ln of what falls on it with nothing in
+    the way, by how much that has grown, and whether anything may be in the way.
+
+    kink: by how much the growth differs from the one before; jump: whether a line may not end here.
+    """
+
+    known: int
+    level: float
+    growth: float
+    kink: float
+    hidden: bool
+    jump: bool
+
+
 @cache
-def make_plan(channels: int) -> wp.Kernel:
-    """Makes the kernel that plans at which sub-frames pixels are sampled. channels: 1 (luminance) or 3 (RGB)."""
+def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
+    """Makes the kernel that plans at which sub-frames pixels are sampled. channels: 1 (luminance) or 3 (RGB). changes:
+    of light in the scene."""
     pixel = wp.float32 if channels == 1 else wp.vec3
+    level_of = make_level(changes) if changes.any else None
+
+    @wp.func
+    def light_in(change: Change, given: Stretch, env: int, slot: int, hit: wp.uint64, d: wp.vec3, before: Lit):
+        """Gives how the light of a pixel is in a slot, and whether it may have jumped since the sub-frame before."""
+        lit = Lit()
+        lit.known = 2
+        t = triangle_of(hit)
+        if wp.static(changes.relative or changes.shadows or changes.indirect):
+            if t != MISS:
+                flag = change.flags[env, given.pieces[t][0]]
+                if flag != 0:
+                    row = slot * given.envs + env
+                    level, hidden = level_of(change, flag, env, row, point_of(change, row, hit, depth_of(hit) * d))
+                    lit.level = level
+                    lit.hidden = hidden
+                    lit.known = wp.min(before.known + 1, 2)
+                    lit.growth = level - before.level
+                    if before.known == 2:
+                        lit.kink = wp.abs(lit.growth - before.growth)
+                    lit.jump = hidden or before.hidden or before.known == 0
+        return lit
 
     @wp.kernel(module="unique", enable_backward=False)
     def plan(
@@ -116,6 +160,7 @@ def make_plan(channels: int) -> wp.Kernel:
         todo0: int,
         spans0: int,
         given: Stretch,
+        change: Change,
         active: wp.array(dtype=int),
         image: wp.array3d(dtype=pixel),
         # out
@@ -153,6 +198,8 @@ def make_plan(channels: int) -> wp.Kernel:
             skip = wp.int32(0)
             t = triangle_of(hit)
             body = body_at(t, env, given.pieces, given.walk)
+            lit = Lit()
+            bend = wp.float32(0.0)
             for k in range(1, given.count + given.closed + 1):
                 now = given.after[env, y, x]
                 known = wp.bool(True)
@@ -163,10 +210,19 @@ def make_plan(channels: int) -> wp.Kernel:
                 if skip > 0:
                     skip -= 1
                     t = wp.int32(NONE)
+                    lit.known = 0
+                    lit.hidden = False
                 elif given.step > 0.0:
                     u = triangle_of(now)
                     if u != t:
                         body = body_at(u, env, given.pieces, given.walk)
+                    if wp.static(changes.any):
+                        if k <= given.count:
+                            lit = light_in(change, given, env, given.slot0 + k - 1, now, d, lit)
+                        else:
+                            lit.jump = lit.hidden
+                            lit.kink = 0.0
+                        bend += lit.kink
                     if u == t or joined(hit, now, given.pieces):
                         far = flow(
                             view,
@@ -179,12 +235,18 @@ def make_plan(channels: int) -> wp.Kernel:
                         )
                         path += far
                         reaches = path <= given.step
-                        if not reaches and start < k - 1 and far <= given.step:
+                        alone = far <= given.step
+                        if wp.static(changes.any):
+                            # A line over n sub-frames is off by no more than n / 4 of all its kinks.
+                            reaches = reaches and not lit.jump and 0.25 * float(k - start) * bend <= change.bend
+                            alone = alone and not lit.jump
+                        if not reaches and start < k - 1 and alone:
                             # From the sub-frame before it does reach.
                             codes[k - 2, column + j] = SAMPLE
                             put_span(at, given.start0 + start, k - 1 - start, spans0, band, spans, span_count)
                             start = k - 1
                             path = far
+                            bend = 0.0
                             reaches = wp.bool(True)
                         if far > given.step:
                             skip = int(wp.min(2.0 * far / given.step, MOST_SKIPPED))
@@ -197,8 +259,12 @@ def make_plan(channels: int) -> wp.Kernel:
                     if reaches:
                         put_span(at, given.start0 + start, k - start, spans0, band, spans, span_count)
                     code = wp.where(known, KEYFRAME, SAMPLE)
+                    if wp.static(changes.any):
+                        if lit.hidden and not known:
+                            code = ANEW
                     start = k
                     path = 0.0
+                    bend = 0.0
                 if k <= given.count:
                     codes[k - 1, column + j] = code
                 hit = now
@@ -211,7 +277,9 @@ def make_plan(channels: int) -> wp.Kernel:
             for j in range(begin, end):
                 code = codes[k, column + j]
                 at = active[j]
-                if code == SAMPLE:
+                if code == ANEW:
+                    todo[todo0 + take_place(todo_count, band)] = -1 - (k * inner + at)
+                elif code == SAMPLE:
                     todo[todo0 + take_place(todo_count, band)] = k * inner + at
                 elif code == KEYFRAME:
                     env = at // (width * height)

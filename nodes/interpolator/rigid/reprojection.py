@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from nodes.interpolator.relight.change import LightChange
+from nodes.interpolator.relight.change_kernels import Change
+from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.gather_kernels import Portion, make_gather, make_place
 from nodes.interpolator.rigid.keyframes import Pair
 from nodes.interpolator.rigid.layout import Layout
@@ -30,8 +33,13 @@ class Reprojection:
     and, as the last number, what `nonfinite` has been added to; and pixels that were looked up by list.
     """
 
-    def __init__(self, shading: Shading, sampling: Sampling, pieces: wp.array, layout: Layout) -> None:
-        """pieces: body and patch of each triangle. Of exact flicker, `strength` tells how the lights are."""
+    def __init__(
+        self, shading: Shading, sampling: Sampling, pieces: wp.array, layout: Layout, change: LightChange | None
+    ) -> None:
+        """pieces: body and patch of each triangle. Of exact flicker, `strength` tells how the lights are. change: tells
+        where light changes, if it can."""
+        self._change: Any = change.kernel if change else Change()
+        changes = change.features if change else LightChanges()
         v = self._v = shading.visibility
         self._shading, self._sampling, self._pieces = shading, sampling, pieces
         envs, channels, exact = layout.envs, layout.channels, layout.exact_flicker
@@ -51,12 +59,13 @@ class Reprojection:
             self._all: wp.array = wp.array(np.arange(whole, dtype=np.int32))
             self._all_count: wp.array = wp.array(np.diff(starts).astype(np.int32))
         self._all_starts = starts[:-1]
-        self._first_look = make_gather(v.lens, channels, exact, listed=False)
-        self._gather = make_gather(v.lens, channels, exact, listed=True)
+        self._first_look = make_gather(v.lens, channels, exact, False, changes)
+        self._gather = make_gather(v.lens, channels, exact, True, changes)
         self._place = make_place(channels)
         # The portion that lights and what casts shadows are placed for, on a CPU.
         self._lit: int | None = None
-        self._loaded = False
+        self._loaded = self._placed = False
+        self._changes = changes
 
     @property
     def nonfinite(self) -> wp.array:
@@ -79,7 +88,8 @@ class Reprojection:
         v = self._v
         self._lit = None
         pair.displace(v.camera_body, v.poses)
-        if v.device.is_cuda:
+        self._placed = v.device.is_cuda or self._changes.any
+        if self._placed:
             self._shading.place()
             self._shading.placed()
 
@@ -88,7 +98,7 @@ class Reprojection:
         `place`."""
         shading = self._shading
         shading.lights.select(which)
-        ready = placed and self._device.is_cuda
+        ready = placed and self._placed
         shading.shade_list(self._radiance, self._all, self._all_count, self._all_starts, ready)
         shading.lights.select("now")
         return self._radiance
@@ -96,7 +106,7 @@ class Reprojection:
     def reproject(self, part: SubframeRange, pair: Pair, quiet: wp.array, frames: wp.array) -> None:
         """Looks up what may have changed, shades what no keyframe shows, and again where samples are too far apart."""
         todo: Todo | None
-        how: list[Any] = [self._portion(part, quiet), pair.kernel()]
+        how: list[Any] = [self._portion(part, pair, quiet), pair.kernel(), self._change]
         if self._two_pass:
             todo = self._first_pixels(part, how, frames)
         else:
@@ -105,11 +115,12 @@ class Reprojection:
             self._shade(part, todo, self._look_up(todo, how, frames), frames)
             todo = self._sampling.refine(pair.a)
 
-    def _portion(self, part: SubframeRange, quiet: wp.array) -> Any:
+    def _portion(self, part: SubframeRange, pair: Pair, quiet: wp.array) -> Any:
         """What the gather reads of a portion and of the scene."""
         portion: Any = Portion()
         portion.slot0, portion.count, portion.envs = part.slot0, part.count, self._envs
         portion.upsampling, portion.tolerance, portion.relight = self._upsampling, self._tolerance, self._relight
+        portion.keyframes = wp.vec2i(pair.a.number, pair.b.number)
         portion.index, portion.strength = self._index[part.number], self.strength
         portion.packed, portion.quiet, portion.pieces = self._v.packed, quiet, self._pieces
         return portion
@@ -144,7 +155,7 @@ class Reprojection:
         if self._loaded and todo.starts is not None and not count.numpy().any():
             return
         self._loaded = True
-        ready = self._device.is_cuda or self._lit == part.number
+        ready = self._placed or self._lit == part.number
         self._shading.shade_list(self._radiance, self._pixels, count, firsts, ready)
         self._lit = part.number
         workers = 1 if self._device.is_cpu else LIST_WORKERS

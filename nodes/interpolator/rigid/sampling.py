@@ -14,6 +14,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from nodes.interpolator.relight.change import LightChange
+from nodes.interpolator.relight.change_kernels import Change
+from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid import plan_kernels
 from nodes.interpolator.rigid.keyframes import Prepared
 from nodes.interpolator.rigid.layout import Layout
@@ -62,9 +65,11 @@ class Sampling:
         pieces: wp.array,
         layout: Layout,
         pool: ThreadPoolExecutor | None,
+        change: LightChange | None = None,
     ) -> None:
         """visibility: of the layout's environments x slots. pieces: body and patch of each triangle. pool: as many
-        threads as share the visibility's rows."""
+        threads as share the visibility's rows. change: tells where light changes, if it can."""
+        self._change: Any = change.kernel if change else Change()
         v = self._v = visibility
         envs, slots, step = layout.envs, layout.slots, layout.step
         self._pieces, self._envs, self._upsampling, self._pool = pieces, envs, layout.upsampling, pool
@@ -74,7 +79,10 @@ class Sampling:
         self._size = (v.shape[1] - 2 * v.margin, v.shape[2] - 2 * v.margin)
         inner = self._inner = envs * self._size[0] * self._size[1]
         self._gain = pixels_per_radian(v)
-        self._plan, self._refine = make_plan(layout.channels), make_refine(layout.channels)
+        self._plan, self._refine = (
+            make_plan(layout.channels, change.features if change else LightChanges()),
+            make_refine(layout.channels),
+        )
         # Each round halves the spans, but for short ones, which it ends; the longest has all slots between its ends.
         self.rounds, longest = 1, slots + 1 if step > 0 else 0
         while longest > 1:
@@ -115,7 +123,7 @@ class Sampling:
         stretch.step, stretch.gain, stretch.walk = self._step, self._gain, self._walk
         stretch.before, stretch.packed, stretch.after = packed, v.packed, b.packed
         stretch.quiet, stretch.pieces = quiet, self._pieces
-        how: list[Any] = [stretch, active, b.image]
+        how: list[Any] = [stretch, self._change, active, b.image]
         how += [self._codes, self._todo, self.counts, self._spans[0], self._span_counts, frames]
         at = self._at()
         if self._on_device:

@@ -20,6 +20,9 @@ KINDS = {
     "area": int(light_kernels.AREA),
 }
 
+PLACED = ("vector", "axis", "half_u", "half_v")
+"""What of the lights depends on where their bodies and the camera are."""
+
 
 class LightSet:
     """Holds the lights of a scene on the device, for the kernels as `kernel`.
@@ -53,7 +56,7 @@ class LightSet:
         self.kernel.colour = put(self._colour * self._strength[..., None], wp.vec3)
         self.kernel.shadow = put(np.array([l.shadows for l in scene.lights], np.int32), wp.int32)
         self.kernel.cone = put(np.array([_cone(l) for l in scene.lights]).reshape(-1, 2), wp.vec2)
-        for name in ("vector", "axis", "half_u", "half_v"):
+        for name in PLACED:
             setattr(self.kernel, name, visibility.empty(shape, wp.vec3))
         self.kernel.side = self.side
         self._now = self.kernel.colour
@@ -89,12 +92,25 @@ class LightSet:
 
     def launch(self) -> None:
         """Writes where the lights are, for the poses that the visibility has on the device: a launch only."""
+        self.place(self._visibility.poses, self.kernel, slice(None))
+
+    def elsewhere(self, rows: int) -> Any:
+        """Makes the kernels' struct of the same lights with places of their own, [rows, L], for `place`."""
+        other: Any = light_kernels.Lights()
+        for name in ("kind", "colour", "shadow", "cone", "side"):
+            setattr(other, name, getattr(self.kernel, name))
+        for name in PLACED:
+            setattr(other, name, self._visibility.empty((rows, len(self.lights)), wp.vec3))
+        return other
+
+    def place(self, poses: wp.array, kernel: Any, rows: slice) -> None:
+        """Writes where the lights are into rows of a struct, for poses transformd [rows, N]: a launch only."""
         if not self.lights:
             return
-        v, k = self._visibility, self.kernel
-        inputs = [v.poses, v.camera_body, *self._fixed]
-        outputs = [k.vector, k.axis, k.half_u, k.half_v]
-        dim = (v.envs, len(self.lights))
+        v = self._visibility
+        inputs = [poses, v.camera_body, *self._fixed]
+        outputs = [getattr(kernel, name)[rows] for name in PLACED]
+        dim = (poses.shape[0], len(self.lights))
         wp.launch(place_kernels.place_lights, dim=dim, inputs=inputs, outputs=outputs, device=v.device)
 
 

@@ -248,6 +248,14 @@ class Visibility(SceneArrays):
         outputs = [self.rotation, self.translation, self.eye]
         wp.launch(pose_kernels.place_instances, dim=dim, inputs=first, outputs=outputs, device=self.device)
 
+    def place_at(self, poses: wp.array, rotation: wp.array, translation: wp.array, eye: wp.array) -> None:
+        """Writes where all instances are, for other poses transformd [R, N], to rotation and translation [R, I] and eye
+        [R]: a launch only."""
+        given = [poses, self.camera_body, 0, *self._instances]
+        dim = (poses.shape[0], len(self.geometry.body) + 1)
+        outputs = [rotation, translation, eye]
+        wp.launch(pose_kernels.place_instances, dim=dim, inputs=given, outputs=outputs, device=self.device)
+
     def displace(self, everything: bool, turn: wp.array, shift: wp.array) -> None:
         """Computes displacements [E, I + 1] since the previous keyframe (pose_kernels.displace_instances).
 

@@ -88,7 +88,9 @@ def test_the_edge_of_a_shadow_is_found_to_the_sub_frame():
     each, some = (cross(scene, 32, sample_px=step) for step in (0.0, 1.0))
     wrong = [(gap.error() > 2 * TOLERANCE).mean() for gap in (each, some)]
     assert wrong[1] < wrong[0] + 0.001
-    assert some.report.reshaded < 0.5 * each.report.reshaded
+    # Where the shadow may be, every frame is shaded in both; what is looked up is what lines spare.
+    assert some.report.reshaded <= each.report.reshaded
+    assert some.report.sampled < 0.5 * each.report.sampled
 
 
 def test_through_a_lens_as_through_a_pinhole():

@@ -1,0 +1,250 @@
+"""The audit of one camera without bus and files: frames and states in, an estimate of the events' error out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from evis.geometry import se3
+from evis.scene.model import Camera, Scene
+from msgs.header import Header
+from msgs.world import WorldState
+from nodes.audit.comparison import Comparison, Train
+from nodes.audit.drawing import Drawing
+from nodes.audit.instants import Samples, Sampling, base_stamps, sample
+from nodes.audit.looking import Looking
+from nodes.audit.motion import Motion
+from nodes.audit.report import AuditReport, Units
+from nodes.audit.sampled_sensor import SampledSensor
+from nodes.event_sensor.sensor import EventSensor
+
+if TYPE_CHECKING:
+    from nodes.renderer.paths.paths import PathOptions
+
+BATCH_NS = 1_000_000_000
+"""Time that is worked on at once: many instants cost little more than a few."""
+
+
+@dataclass(frozen=True)
+class AuditOptions:
+    """Holds what an audit is to do.
+
+    pixels: N, over all environments. seed: of environment 0. sensor: resolved parameters of the run's sensor, of which
+    thresholds, dark level and crossing count. horizon_ns: how far ahead motion in closed form is looked at before
+    pixels are drawn. samples, light_samples, paths, device: those of the renderer. slots:
+    instants that are placed at once, None: as many as the scene makes room for.
+    """
+
+    pixels: int
+    envs: int = 1
+    seed: int = 0
+    sensor: Mapping[str, Any] = field(default_factory=dict)
+    horizon_ns: int = 1_000_000_000
+    samples: int = 1
+    light_samples: int = 16
+    paths: PathOptions | None = None
+    device: str = "cpu"
+    slots: int | None = None
+    sampling: Sampling = Sampling()
+
+
+class Audit:
+    """Keeps pixels for an episode and compares the events of the run's luminance there with those of brute force."""
+
+    def __init__(self, scene: Scene, camera: Camera, options: AuditOptions) -> None:
+        self._options, self._scene, o = options, scene, options
+        self.drawing = Drawing(scene, camera, o.pixels, o.envs, o.seed)
+        envs, each = self.drawing.envs, self.drawing.each
+        self._motion = Motion(scene, envs)
+        how = {"samples": o.samples, "light_samples": o.light_samples, "paths": o.paths, "device": o.device}
+        self._look = Looking(scene, camera, len(envs), each, self._motion, slots=o.slots, **how)
+        p = {"threshold_on": None, "threshold_off": None, "dark_level": 0.0, "threshold": 0.2, **o.sensor}
+        on, off = (p["threshold"] if p[side] is None else p[side] for side in ("threshold_on", "threshold_off"))
+        crossing = p.get("crossing", "linear")
+        ideal: dict[str, Any] = {"threshold_on": on, "threshold_off": off, "dark_level": p["dark_level"]}
+        ideal["crossing"] = "linear" if crossing == "hermite" else crossing
+        self._ideal = ideal
+        self._run = EventSensor(1, each, len(envs), **ideal)
+        self._truth = SampledSensor(len(envs) * each, self._run.parameters)
+        self._threshold = min(on, off)
+        self._comparison = Comparison(len(envs) * each)
+        self._change = np.zeros((2, len(envs) * each))
+        self._largest = np.zeros(len(envs) * each)
+        self._instance = np.full(len(envs) * each, -1)
+        self._last = Samples(*(np.zeros(0, t) for t in (np.int64, np.int64, np.float32, np.int32)))
+        self._episodes: np.ndarray | None = None
+        self._stamps: list[int] = []
+        self._values: list[np.ndarray] = []
+        self._times: list[np.ndarray] = []
+        self._units: list[Units] = []
+
+    @property
+    def looks(self) -> int:
+        """Gives how often brute force has looked at a pixel."""
+        return self._look.looks
+
+    def push(self, luminance: Any, t: np.ndarray, episodes: np.ndarray, state: WorldState, margin: int = 0) -> bool:
+        """Takes the frames of a gap and the states within it; True when there is something new to report.
+
+        luminance: [E, K, h, w(, 3)], numpy or an array of a device. t: int64 [K] ns. episodes: int [E]. margin: pixels
+        beyond the image on every side.
+        """
+        mine = np.asarray(episodes)[self.drawing.envs]
+        fresh = np.ones(len(mine), bool) if self._episodes is None else mine != self._episodes
+        if fresh.any():
+            self._work(None)
+            self._end(fresh)
+        self._motion.add(state)
+        if fresh.any():
+            self._begin(fresh, mine, int(t[-1]))
+        self._values.append(self.drawing.values(luminance, margin))
+        self._times.append(np.array(t, np.int64))
+        self._stamps.append(int(t[-1]))
+        if fresh.any():
+            self._work(fresh)
+        elif self._stamps[-1] - self._stamps[0] >= BATCH_NS:
+            self._work(None)
+        else:
+            return False
+        return True
+
+    def prepare(self) -> None:
+        """Compiles and loads all kernels; where all motion is in closed form, finds where the picture will change."""
+        envs, bodies = self._options.envs, self._scene.bodies
+        start = np.zeros(1, np.int64)
+        pose = [se3.IDENTITY if body.trajectory is None else body.trajectory.pose(start)[0] for body in bodies]
+        poses = np.tile(np.array(pose, np.float64), (envs, 1, 1, 1))
+        twists, episodes = np.zeros((*poses.shape[:3], 6)), np.zeros(envs, np.int32)
+        self._motion.add(WorldState.dense(Header(0), start, poses, twists, episodes))
+        self.drawing.scan(self._look, 0, self._options.horizon_ns, self._threshold)
+        if any(body.trajectory is None for body in bodies):
+            self.drawing.forget()
+        self._motion.clear()
+        two = np.arange(2)
+        events = SampledSensor(1, self._run.parameters).sense(two * 0, two, np.array([1, 9], np.float32))
+        Comparison(1).add(events, events, 1 << 60)
+        sensor = EventSensor(1, self.drawing.each, len(self.drawing.envs), **self._ideal)
+        light = np.ones((len(self.drawing.envs), 2, 1, self.drawing.each), np.float32)
+        sensor.process(light, two, np.zeros(len(self.drawing.envs), np.int32))
+
+    def finish(self) -> None:
+        """Works on what is left, at the end of a run; `push` may begin another episode."""
+        self._work(None)
+        self._end(np.ones(len(self.drawing.envs), bool))
+        self._episodes = None
+
+    def units(self) -> Units:
+        """Gives what is known of each pixel of each episode so far."""
+        parts = [*self._units, *([] if self._episodes is None else [self._present(self.drawing.valid)])]
+        return Units.joined(parts)
+
+    def report(self) -> AuditReport:
+        """Gives the estimate so far; before any frame there is none."""
+        return AuditReport.of(self.units(), self.drawing.count, self._look.nonfinite)
+
+    def _begin(self, fresh: np.ndarray, episodes: np.ndarray, stamp: int) -> None:
+        """Draws pixels of environments that begin an episode."""
+        self._episodes = episodes.copy()
+        self.drawing.begin(fresh, episodes, self._look, stamp, self._options.horizon_ns, self._threshold)
+        self._look.choose(self.drawing.pixels)
+
+    def _work(self, fresh: np.ndarray | None) -> None:
+        """Compares what has come since the last time; fresh: bool [A], environments whose first frame is the last."""
+        if not self._values or self._episodes is None:
+            return
+        each, valid = self.drawing.each, self.drawing.valid
+        begins = np.zeros(len(valid), bool) if fresh is None else np.repeat(fresh, each) & valid
+        going = valid & ~begins & (np.isin(np.arange(len(valid)), self._last.pixel))
+        t = np.concatenate(self._times)
+        run = self._events(np.concatenate(self._values, 1), t)
+        start = self._take(going, self._last)
+        if len(start.pixel):
+            stamps = base_stamps(
+                np.array([int(start.t[0]), *[s for s in self._stamps if s > start.t[0]]]), self._options.sampling.base
+            )
+            found = sample(self._look, start, stamps, self._options.sampling, self._threshold)
+            truth = self._truth.sense(found.pixel, found.t, found.luminance)
+            self._explain(start, found)
+            self._comparison.add(self._only(run, going), truth, min(self._run.stamp, int(t[-1])))
+            self._last = _last_of(found)
+        if begins.any():
+            which = np.flatnonzero(begins)
+            at = np.full(len(which), t[-1])
+            first = Samples(which, at, *self._look(which, at))
+            self._truth.begin(begins)
+            self._truth.sense(which, at, first.luminance)
+            self._last = Samples(
+                *(np.concatenate(pair) for pair in zip(vars(self._last).values(), vars(first).values()))
+            ).ordered()
+        self._values, self._times, self._stamps = [], [], self._stamps[-1:]
+        self._motion.forget()
+
+    def _events(self, values: np.ndarray, t: np.ndarray) -> Train:
+        """Events of the run's luminance float32 [A, K, n], by pixel and time."""
+        made = self._run.process(values[:, :, None], t, np.asarray(self._episodes, np.int32))
+        env = np.repeat(np.arange(len(values)), np.diff(made.env_offsets))
+        pixel = env * self.drawing.each + made.x.astype(np.int64)
+        order = np.lexsort((made.t, pixel))
+        return pixel[order], made.t[order], made.p[order]
+
+    def _only(self, train: Train, which: np.ndarray) -> Train:
+        kept = which[train[0]]
+        return train[0][kept], train[1][kept], train[2][kept]
+
+    def _take(self, which: np.ndarray, samples: Samples) -> Samples:
+        kept = which[samples.pixel]
+        return Samples(samples.pixel[kept], samples.t[kept], samples.luminance[kept], samples.instance[kept])
+
+    def _explain(self, start: Samples, found: Samples) -> None:
+        """Notes how much of the change of a pixel happened while one thing was seen, and of what the most was seen."""
+        both = Samples(*(np.concatenate(p) for p in zip(vars(start).values(), vars(found).values()))).ordered()
+        level = np.log(np.fmax(both.luminance.astype(np.float64), 2.0**-24))
+        same = np.diff(both.pixel) == 0
+        step = np.abs(np.diff(level)) * same
+        other = np.diff(both.instance) != 0
+        pixel = both.pixel[1:]
+        np.add.at(self._change[0], pixel[~other], step[~other])
+        np.add.at(self._change[1], pixel[other], step[other])
+        for n in np.argsort(step, kind="stable")[-len(self._largest) :].tolist():
+            if step[n] > self._largest[pixel[n]]:
+                self._largest[pixel[n]], self._instance[pixel[n]] = step[n], both.instance[1:][n]
+
+    def _end(self, fresh: np.ndarray) -> None:
+        """Keeps what was found of pixels whose episode has ended."""
+        if self._episodes is None:
+            return
+        ended = np.repeat(fresh, self.drawing.each) & self.drawing.valid
+        if fresh.all() and self._run.stamp:
+            rest = self._run.flush()
+            env = np.repeat(np.arange(len(fresh)), np.diff(rest.env_offsets))
+            pixel = env * self.drawing.each + rest.x.astype(np.int64)
+            none = np.zeros(0, np.int64)
+            self._comparison.add(
+                self._only((pixel, rest.t, rest.p), ended), (none, none, none.astype(np.uint8)), self._run.stamp
+            )
+        self._comparison.finish(ended)
+        self._units.append(self._present(ended))
+        self._comparison.clear(ended)
+        self._change[:, ended], self._largest[ended], self._instance[ended] = 0.0, 0.0, -1
+        self._last = self._take(~np.repeat(fresh, self.drawing.each), self._last)
+        self._motion.clear()
+
+    def _present(self, which: np.ndarray) -> Units:
+        """What is known of the pixels of the present episodes."""
+        d, c = self.drawing, self._comparison
+        x, y = d.pixels.reshape(-1, 2)[which].T
+        env = np.repeat(d.envs, d.each)[which]
+        own = self._change[0] / np.maximum(self._change.sum(0), 1e-300)
+        return Units(
+            env, x, y, d.chance[which], c.vp[which].copy(), c.unpaired[which].copy(), c.events[which].copy(),
+            self._instance[which].copy(), own[which],
+        )  # fmt: skip
+
+
+def _last_of(samples: Samples) -> Samples:
+    """The last sample of each pixel."""
+    ends = np.append(np.diff(samples.pixel) != 0, True)
+    return Samples(*(a[ends] for a in (samples.pixel, samples.t, samples.luminance, samples.instance)))

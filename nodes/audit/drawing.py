@@ -1,0 +1,93 @@
+"""The pixels of every environment: drawn at the begin of an episode, and their values in the run's frames."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from evis.media.colour import REC709
+from evis.scene.model import Camera, Scene
+from nodes.audit.gather_kernels import gather
+from nodes.audit.pixels import Blocks, chances, draw, scan_times, scores_of
+
+_ENVS = 3
+"""Part of the key of the random numbers that choose environments."""
+
+
+class Drawing:
+    """Draws `count` pixels over E environments, `each` in each of the chosen ones, `envs` int64 [A].
+
+    pixels: int64 [A, n, 2] (x, y). chance: float64 [A n] of each to be drawn. valid: bool [A n], False for places that
+    are left over.
+    """
+
+    def __init__(self, scene: Scene, camera: Camera, count: int, envs: int, seed: int) -> None:
+        """count: pixels asked for; seed: of environment 0."""
+        self.blocks = Blocks.of(camera.height, camera.width)
+        chosen = min(envs, count)
+        rng = np.random.default_rng([_ENVS, seed % 2**64])
+        self.envs = np.sort(rng.choice(envs, chosen, replace=False)) if chosen < envs else np.arange(envs)
+        self._share, self._seed = chosen / envs, seed
+        size = camera.height * camera.width
+        self._counts = np.array([min(size, count // chosen + (e < count % chosen)) for e in range(chosen)])
+        self.each, self.count = int(self._counts.max()), int(self._counts.sum())
+        self.valid = (np.arange(self.each)[None] < self._counts[:, None]).reshape(-1)
+        self.pixels = np.zeros((chosen, self.each, 2), np.int64)
+        self.chance = np.ones(chosen * self.each)
+        self._driven = np.array(
+            [i.body >= 0 and scene.bodies[i.body].trajectory is None for i in scene.instances], bool
+        )
+        self._score: np.ndarray | None = None
+
+    def begin(
+        self, fresh: np.ndarray, episodes: np.ndarray, look: Any, stamp: int, horizon_ns: int, threshold: float
+    ) -> None:
+        """Draws pixels anew for environments `fresh`, bool [A].
+
+        look: a `Looking`, by which the image is scanned once from `stamp` on, as far as motion is known beforehand.
+        """
+        if self._score is None:
+            self.scan(look, stamp, horizon_ns, threshold)
+        assert self._score is not None
+        for e in np.flatnonzero(fresh).tolist():
+            count, places = int(self._counts[e]), slice(e * self.each, (e + 1) * self.each)
+            chance = chances(self._score, count)
+            pixels, own = draw(chance, self.blocks, self._seed + int(self.envs[e]), int(episodes[e]))
+            self.pixels[e, :count], self.pixels[e, count:] = pixels, pixels[0]
+            self.chance[places][:count] = own * self._share
+
+    def values(self, luminance: Any, margin: int) -> np.ndarray:
+        """Gives float32 [A, K, n] of frames [E, K, h, w(, 3)], numpy or of a device."""
+        where = self.envs[:, None], self.pixels[..., 1] + margin, self.pixels[..., 0] + margin
+        if isinstance(luminance, wp.array) and wp.get_device(luminance.device).is_cuda:
+            taken = gather(luminance, *where)
+        else:
+            image = luminance.numpy() if isinstance(luminance, wp.array) else luminance
+            taken = np.moveaxis(image[where[0], :, where[1], where[2]], 2, 1)
+        if taken.ndim == 4:
+            red, green, blue = (np.float32(w) * taken[..., k].astype(np.float32) for k, w in enumerate(REC709))
+            taken = red + green + blue
+        return np.ascontiguousarray(taken, np.float32)
+
+    @property
+    def score(self) -> np.ndarray:
+        """Gives what the chances follow, float64 [H, W], after a scan."""
+        assert self._score is not None
+        return self._score
+
+    def forget(self) -> None:
+        """Has the image scanned anew before pixels are drawn."""
+        self._score = None
+
+    def scan(self, look: Any, stamp: int, horizon_ns: int, threshold: float) -> None:
+        """Finds where the picture will change from `stamp` on: a score for every pixel."""
+        pixels = self.blocks.one_each(self._seed)
+        times = scan_times(self._seed, stamp, horizon_ns)
+        if self._driven.any():
+            # Where bodies will be is not known, so it is of little use to look often.
+            times = times[::6]
+        light, instance = look.scan(pixels, times)
+        moving = ((instance >= 0) & np.append(self._driven, False)[instance]).any(0)
+        self._score = self.blocks.spread(scores_of(light, moving, self.blocks, threshold))

@@ -1,0 +1,177 @@
+"""The audit node: frames and states of a camera in, the error of its events so far out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from evis.config.params import Param
+from evis.runtime.node import Input, Node, Output
+from evis.scene.parameters import SCENE, camera_of, scene_of
+from msgs.audit import Audit as AuditMessage
+from msgs.camera import Frames, Keyframe
+from msgs.header import Header, Message
+from msgs.world import WorldState
+from nodes.event_sensor.parameters import NODE, resolve_sensor
+from nodes.event_sensor.presets import PRESETS
+from nodes.renderer import parameters
+from nodes.renderer.parameters import LIGHT
+
+if TYPE_CHECKING:
+    from nodes.audit.audit import Audit
+
+SENSOR = ("model", "threshold", "threshold_on", "threshold_off", "dark_level", "crossing")
+"""Parameters of the run's sensor that an audit shares with it."""
+
+HORIZON_S = 1.0
+"""How far ahead motion is looked at before pixels are drawn, if the run is longer [s]."""
+
+
+class AuditNode(Node):
+    """Keeps some pixels for an episode, and compares what is made of them with brute force."""
+
+    PARAMS: ClassVar[Mapping[str, Param]] = {
+        "audit": Param(
+            int, None, "pixels that are also computed by brute force, for the error of the events in the summary; "
+            "0 = none; not given = as many as cost about 3 % of the run", "", 0, 1 << 20, optional=True,
+        ),
+        "audit_limit": Param(
+            float, 0.5, "error (Victor-Purpura, 1/ms) above which the audit warns, with the cause", "", 0, 1
+        ),
+        "camera": Param(str, "cam0", "which camera of the scene"),
+        "source": Param(str, "frames", "frames (interpolator) or keyframe (K = 1)", choices=("frames", "keyframe")),
+        "seed": Param(int, 0, "seed of the choice of pixels; environment k has seed + k", "", 0, 2**63 - 1),
+        "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
+        "envs": Param(int, 1, "parallel environments that are expected", minimum=1, maximum=65536),
+        "keyframe_rate": Param(float, 30.0, "rate of the states, for how many pixels there are", "Hz", 1e-3, 1e6),
+        "upsampling": Param(int, 8, "frames per keyframe interval (K), for the same", "", 1, 4096),
+        "duration": Param(float, None, "of the run, if it is known", "s", 0, 1e9, optional=True),
+        "preset": Param(str, "ideal", "sensor whose thresholds to take", choices=tuple(PRESETS)),
+        **{name: NODE[name] for name in SENSOR},
+        **{name: replace(param) for name, param in SCENE.items()},
+        **LIGHT,
+    }  # fmt: skip
+    INPUTS: ClassVar[Mapping[str, Input]] = {
+        "frames": Input("/{camera}/frames", on_device=True),
+        "keyframe": Input("/{camera}/keyframe", on_device=True),
+        "state": Input("/state"),
+    }
+    OUTPUTS: ClassVar[Mapping[str, Output]] = {"audit": Output("/{camera}/audit")}
+
+    @classmethod
+    def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
+        """The states, and frames or keyframes."""
+        return frozenset({"state", params["source"]})
+
+    @classmethod
+    def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
+        """Of keyframes luminance will do."""
+        return frozenset({"luminance"}) if port == "keyframe" else None
+
+    @classmethod
+    def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """What is about paths, where there are none, and of the sensor what it has no use for either."""
+        from nodes.event_sensor.effects import without_effect
+
+        idle = without_effect(resolve_sensor("audit", params["preset"], {name: params[name] for name in SENSOR}))
+        return dict(parameters.without_effect(params)) | {name: why for name, why in idle.items() if name in SENSOR}
+
+    @classmethod
+    def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
+        """Says what is drawn."""
+        return ("which pixels are audited",)
+
+    @classmethod
+    def pointless(cls, params: Mapping[str, Any]) -> str:
+        """Says so where every picture is the same."""
+        from evis.scene.load import is_dynamic, load_scene, parse_args
+        from nodes.audit.causes import nothing_changes
+
+        scene = params.get("scene")
+        try:
+            if not scene or is_dynamic(scene) or not nothing_changes(scene_of("audit", params, visuals=False)):
+                return ""
+            still = nothing_changes(load_scene(scene, parse_args(params.get("scene_args")), textures=False))
+        except (ValueError, OSError):
+            # Whoever loads the scene says what is wrong with it.
+            return ""
+        return "nothing moves and no light flickers, so there are no events to be wrong" if still else ""
+
+    def setup(self) -> None:
+        """Makes the audit, and compiles what it needs."""
+        from nodes.audit.audit import Audit, AuditOptions
+        from nodes.audit.budget import Rates, pixels_for
+
+        p = self.params
+        self._scene = scene_of(self.name, p)
+        camera = camera_of(self._scene, p["camera"])
+        samples = p["supersampling"] or camera.supersampling
+        light = parameters.light_options(p)
+        sensor = resolve_sensor(self.name, p["preset"], {name: p[name] for name in SENSOR})
+        pixels = p["audit"]
+        if pixels is None:
+            rates = Rates(camera.rate or p["keyframe_rate"], p["upsampling"])
+            paths = light["paths"].samples * (1 + light["paths"].bounces) if "paths" in light else 0
+            pixels = pixels_for(self._scene, camera, rates, p["envs"], samples, light["light_samples"], paths)
+        horizon = round(1e9 * min(p["duration"] or HORIZON_S, HORIZON_S))
+        options = AuditOptions(
+            pixels, p["envs"], p["seed"], sensor, horizon, samples, device=p["device"], **light
+        )  # fmt: skip
+        self._audit: Audit = Audit(self._scene, camera, options)
+        self._audit.prepare()
+        self._header = Header(0)
+        self._warned = False
+
+    def update(self, inputs: Mapping[str, Message]) -> None:
+        """Takes the frames of a gap."""
+        message, state = inputs[self.params["source"]], inputs["state"]
+        assert isinstance(message, Keyframe | Frames) and isinstance(state, WorldState)
+        image: Any
+        if isinstance(message, Keyframe):
+            image, t, margin = message.image, np.array([message.header.stamp_ns]), message.margin
+            image = (
+                image[:, None]
+                if isinstance(image, np.ndarray)
+                else image.reshape((image.shape[0], 1, *image.shape[1:]))
+            )
+        else:
+            image, t, margin = (message.rgb if message.luminance is None else message.luminance), message.t, 0
+        header = message.header
+        if header.stamp_ns <= self._header.stamp_ns:
+            self._audit.finish()  # time has gone back to begin an episode
+        self._header = Header(header.stamp_ns, clock=header.clock, episode=header.episode)
+        if self._audit.push(image, t, message.episodes, state, margin):
+            self._publish()
+
+    def finish(self) -> None:
+        """Says how it ended."""
+        self._audit.finish()
+        if self._header.stamp_ns:
+            self._publish()
+
+    def _publish(self) -> None:
+        from nodes.audit.causes import cause_of
+
+        report = self._audit.report()
+        cause = cause_of(self._scene, self.params["camera"], report)
+        worst = np.array([w[:3] for w in report.worst], np.int32).reshape(-1, 3)
+        message = AuditMessage(self._header, worst, np.array([w[3] for w in report.worst], np.float64))
+        message.pixels, message.events, message.cause = report.pixels, report.total, cause
+        message.vp, message.vp_low, message.vp_high = report.vp.value, report.vp.low, report.vp.high
+        message.events_wrong = report.wrong.value
+        self.publish("audit", message)
+        totals = {"audit_pixels": report.pixels, "audit_events": report.total, "nonfinite_looks": report.nonfinite}
+        if report.events:
+            totals |= {"vp": message.vp, "vp_low": message.vp_low, "vp_high": message.vp_high}
+            totals["events_wrong"] = message.events_wrong
+        for name, total in totals.items():
+            self.count_total(name, total)
+        if report.events and message.vp_low > self.params["audit_limit"] and not self._warned:
+            self._warned = True
+            self.warn(
+                f"error {message.vp:.2f} ({message.vp_low:.2f} to {message.vp_high:.2f}) is above audit_limit "
+                f"{self.params['audit_limit']:g}: {cause}"
+            )

@@ -1,0 +1,1 @@
+"""Where the light on a surface changes between two keyframes, so that what they show there must not be carried over."""

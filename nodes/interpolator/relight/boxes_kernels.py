@@ -1,0 +1,130 @@
+"""What may be in the way of light, by the casters' boxes: never missed, and cheaper than a ray against triangles."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from nodes.interpolator.relight.features import LightChanges
+from nodes.renderer.lights.light_kernels import DIRECTIONAL, FAR
+from nodes.renderer.shadows.ray_kernels import Casters, sphere_met
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Swept:
+    """Holds boxes lower, upper [E, M + 1] of all places that moving bodies take in the gap, the first one around all
+    others, in the world's axes about a fixed origin [m].
+
+    size [M]: radius of a ball about each of these bodies [m]. place [P E]: of the cameras. lamp [L]: positions of
+    lights that stand still, or unit vectors towards those of kind 0; radius [L]: of their extents; shadow [L]: 1 where
+    they have shadows.
+    """
+
+    lower: wp.array2d(dtype=wp.vec3)
+    upper: wp.array2d(dtype=wp.vec3)
+    size: wp.array(dtype=float)
+    place: wp.array(dtype=wp.vec3)
+    lamp: wp.array(dtype=wp.vec3)
+    radius: wp.array(dtype=float)
+    shadow: wp.array(dtype=int)
+    kind: wp.array(dtype=int)
+
+
+@wp.func
+def box_met(lower: wp.vec3, upper: wp.vec3, direction: wp.vec3, length: float):
+    """Tells whether a ray from the origin meets a box within `length` (the slab test; Kay and Kajiya, 1986)."""
+    near = float(0.0)
+    far = float(length)
+    for k in range(3):
+        if wp.abs(direction[k]) < 1.0e-12:
+            if lower[k] > 0.0 or upper[k] < 0.0:
+                return False
+        else:
+            inverse = 1.0 / direction[k]
+            t0 = lower[k] * inverse
+            t1 = upper[k] * inverse
+            near = wp.max(near, wp.min(t0, t1))
+            far = wp.min(far, wp.max(t0, t1))
+    return near <= far
+
+
+@wp.func
+def crossed(swept: Swept, env: int, eye: wp.mat33, row: int, position: wp.vec3):
+    """Tells whether anything that moves may come between a light that stands still and a point, which the camera of a
+    slot's row sees there, at any time of the gap. eye: that camera to world."""
+    at = eye * position + swept.place[row]
+    pad = 1.0e-5 * (wp.length(position) + wp.length(at))
+    for l in range(swept.lamp.shape[0]):
+        if swept.shadow[l] == 1:
+            way = swept.lamp[l]
+            length = FAR
+            if swept.kind[l] != DIRECTIONAL:
+                way = way - at
+                length = 1.0
+            wide = (pad + swept.radius[l]) * wp.vec3(1.0, 1.0, 1.0)
+            if box_met(swept.lower[env, 0] - at - wide, swept.upper[env, 0] - at + wide, way, length):
+                for k in range(1, swept.lower.shape[1]):
+                    if box_met(swept.lower[env, k] - at - wide, swept.upper[env, k] - at + wide, way, length):
+                        return True
+    return False
+
+
+@wp.func
+def nearby(swept: Swept, env: int, eye: wp.mat33, row: int, position: wp.vec3):
+    """Bounds the share of the sky over a point that moving bodies fill at any time of the gap: the sum of the squares
+    of their size over their distance, each 1 at most. Arguments as of `crossed`."""
+    at = eye * position + swept.place[row]
+    share = float(0.0)
+    for k in range(swept.size.shape[0]):
+        below = wp.max(swept.lower[env, k + 1] - at, wp.vec3(0.0, 0.0, 0.0))
+        beyond = wp.max(at - swept.upper[env, k + 1], wp.vec3(0.0, 0.0, 0.0))
+        away = wp.length(below + beyond)
+        share += wp.pow(swept.size[k] / wp.max(away, swept.size[k]), 2.0)
+    return share
+
+
+@cache
+def make_cast(f: LightChanges) -> Any:
+    """Makes the function `cast`."""
+
+    @wp.func
+    def cast(
+        casters: Casters,
+        half: wp.array(dtype=wp.vec3),
+        row: int,
+        first: int,
+        skip: int,
+        origin: wp.vec3,
+        ray: wp.vec3,
+        length: float,
+        wide: float,
+    ):
+        """Tells whether the box of a caster order[first ..] but `skip` may hide a light from a point.
+
+        Args:
+            half: half the sides of the instances' boxes, in their frames [m].
+            row: of the casters' places.
+            origin, ray, length: point, unit vector towards the light's middle, and its distance [m].
+            wide: radius of the light, 0 for one without size [m].
+        """
+        for k in range(first, casters.order.shape[0]):
+            i = casters.order[k]
+            if i != skip:
+                centre = casters.translation[row, i] - origin
+                # Seen from the point, the light is a cone that is as wide as that at the caster's far side.
+                reach = wp.dot(centre, ray) + casters.radius[i]
+                around = wide * wp.clamp(reach / length, 0.0, 1.0)
+                if sphere_met(centre, casters.radius[i] + around, ray, length):
+                    inverse = wp.transpose(casters.rotation[row, i])
+                    at = inverse * centre
+                    # A ray that grazes a face must not be missed for its rounding.
+                    sides = half[i] + (around + 1.0e-5 * (wp.length(centre) + casters.radius[i])) * wp.vec3(
+                        1.0, 1.0, 1.0
+                    )
+                    if box_met(at - sides, at + sides, inverse * ray, length):
+                        return True
+        return False
+
+    return cast

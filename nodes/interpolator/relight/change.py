@@ -1,0 +1,211 @@
+"""Lights and casters at the keyframes and in between, and which bodies of a scene they may change the light on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from evis.geometry import se3
+from evis.media.colour import REC709
+from evis.scene.model import Light, Scene
+from nodes.interpolator.relight import change_kernels, swept_kernels
+from nodes.interpolator.relight.boxes_kernels import Swept
+from nodes.interpolator.relight.features import LightChanges, light_changes
+from nodes.renderer.lighting import Shading
+from nodes.renderer.lights.lights import fixed_vectors
+from nodes.renderer.materials.ggx import alpha_of, is_plain
+from nodes.renderer.raster.visibility import Visibility
+from nodes.renderer.shadows.occlusion import half_extents
+from nodes.renderer.shadows.ray_kernels import Casters
+
+MOVED, SHADED = int(change_kernels.MOVED), int(change_kernels.SHADED)
+LIT_ANEW, AROUND = int(change_kernels.LIT_ANEW), int(change_kernels.AROUND)
+
+
+class LightChange:
+    """Holds what kernels need to tell where light changes in a gap: `kernel`, of `features`.
+
+    For E environments of a visibility with E x slots; keyframes have rows number E ... of 2 E.
+    """
+
+    def __init__(
+        self, shading: Shading, envs: int, movers: np.ndarray, features: LightChanges, tolerance: float
+    ) -> None:
+        """movers: bodies that may move, int64 [M]. tolerance: of ln I."""
+        v = self._v = shading.visibility
+        scene: Scene = shading.scene
+        self.features, self._envs, self._movers, self._scene = features, envs, movers, scene
+        self._bodies = len(scene.bodies)
+        self._lamps = np.array(sorted({l.body for l in scene.lights} & set(movers.tolist())), np.int64)
+        turning_only = {l.kind for l in scene.lights} <= {"directional"} and not any(l.shadows for l in scene.lights)
+        # A body that moves without turning keeps the light of a lamp far away.
+        self._columns = slice(3, 7) if turning_only and scene.environment_map is None else slice(0, 7)
+        self._lights = shading.lights
+        rows = 2 * envs
+        change = self.kernel = change_kernels.Change()
+        change.now, change.then = shading.lights.kernel, shading.lights.elsewhere(rows)
+        change.sky, change.casters = shading.sky, shading.occluders.casters
+        change.casters_then = self._casters_then(change.casters, rows)
+        change.eye_then = v.empty(rows, wp.mat33)
+        change.flags = wp.zeros((envs, self._bodies + 1), dtype=wp.int32, device=v.device)
+        change.instance, change.normals = shading.surfaces.instance, shading.normals
+        change.alpha = v.put(np.array([alpha_of(scene.materials[i.material]) for i in scene.instances]), wp.float32)
+        half = half_extents(v)
+        change.half = v.put(half, wp.vec3)
+        change.weight = v.put(np.array([l.colour for l in scene.lights]).reshape(-1, 3) @ REC709, wp.float32)
+        plain = [is_plain(scene.materials[i.material]) for i in scene.instances]
+        dark = [not np.any(scene.materials[i.material].emission) for i in scene.instances]
+        change.carried = v.put(np.logical_and(plain, dark).astype(np.int32), wp.int32)
+        change.even, change.bend, change.turned = 0.25 * tolerance, 0.03 * tolerance, 2.0 * float(np.sqrt(tolerance))
+        self._flags = np.zeros(change.flags.shape, np.int32)
+        on_movers = {i.material for i in scene.instances if i.body in movers}
+        self._glows = any(np.any(scene.materials[m].emission) for m in on_movers)
+        self._positional = np.array([l.kind != "directional" for l in scene.lights], bool)
+        self._casting = self._casters_on_movers(half)
+        self._origin: np.ndarray | None = None
+        change.swept = self._make_swept()
+
+    def take(self, number: int, poses: wp.array) -> None:
+        """Notes where lights and casters are at keyframe `number` of a pair, for poses transformd [E, N]: launches
+        only."""
+        mine, change = slice(number * self._envs, (number + 1) * self._envs), self.kernel
+        self._lights.place(poses, change.then, mine)
+        casters = change.casters_then
+        self._v.place_at(poses, casters.rotation[mine], casters.translation[mine], change.eye_then[mine])
+
+    def begin(self, moved: np.ndarray, before: np.ndarray, rest: np.ndarray, still: np.ndarray) -> np.ndarray:
+        """Finds which bodies' light may change in a gap, and sends that to the device.
+
+        Args:
+            moved: poses of the movers at the sub-frames, float64 [K, E, M, 7].
+            before, rest: poses of all bodies at both keyframes, float64 [E, N, 7].
+            still: flags of `keyframe_kernels.find_quiet`, int32 [E, N + 2].
+
+        Returns:
+            `still` without those whose light a lamp may change at any pixel.
+        """
+        flags = self._flags_of(moved, before)
+        if not np.array_equal(flags, self._flags):
+            self.kernel.flags.assign(flags)
+            self._flags = flags
+        if (flags & (SHADED | AROUND)).any():
+            self._send_boxes(moved, before)
+        changed = (flags & (MOVED | LIT_ANEW)) != 0
+        if not changed.any():
+            return still
+        result = still.copy()
+        result[:, :-1][changed & (still[:, :-1] == 1)] = 0
+        return result
+
+    def place(self) -> None:
+        """Notes where the cameras of the slots are: a launch only."""
+        v = self._v
+        given = [v.poses, v.camera_body, wp.vec3d(*self._origin_of())]
+        wp.launch(swept_kernels.place_cameras, v.envs, given, [self.kernel.swept.place], device=v.device)
+
+    def disquiet(self, pieces: wp.array, quiet: wp.array) -> None:
+        """Takes from what is quiet [E, H, W] where a shadow may pass, keyframe B being in the first slot: a launch
+        only."""
+        v = self._v
+        dim = (self._envs, v.shape[1], v.shape[2] // v.span)
+        wp.launch(swept_kernels.disquiet, dim, [v.view, v.span, self.kernel, pieces, quiet], device=v.device)
+
+    def _flags_of(self, moved: np.ndarray, before: np.ndarray) -> np.ndarray:
+        """Flags int32 [E, N + 1] of bodies and the world."""
+        at = before.take(self._movers, axis=1)
+        gone = (moved != at).any(axis=0)
+        relative = np.zeros((self._envs, self._bodies + 1), bool)
+        relative[:, self._movers] = gone[..., self._columns].any(-1)
+        lamps = np.isin(self._movers, self._lamps)
+        anything = gone.any(axis=(1, 2))
+        # Also while a lamp on something that may move rests: sweeps are told for those alone that never move.
+        relative[anything & bool(lamps.any())] = True
+        flags = np.where(relative, MOVED, 0) if self.features.relative else np.zeros(relative.shape, np.int64)
+        if self.features.shadows:
+            flags = np.where(relative, flags, np.where(anything[:, None], SHADED, 0))
+        if self.features.indirect:
+            lit = relative | (anything & self._glows)[:, None]
+            flags = flags | np.where(lit, LIT_ANEW, np.where(anything[:, None], AROUND, 0))
+        return flags.astype(np.int32)
+
+    def _casters_on_movers(self, half: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Of the instances on movers: which mover, turn float64 [I, 3, 3] and place [I, 3] on it, half sides [I, 3]."""
+        geometry = self._v.geometry
+        which = np.flatnonzero(np.isin(geometry.body, self._movers))
+        which = which[np.argsort(geometry.body[which], kind="stable")]
+        mover = np.searchsorted(self._movers, geometry.body[which])
+        return mover, geometry.rotation[which], geometry.translation[which], half[which]
+
+    def _still_lamps(self) -> np.ndarray:
+        """Places of lights that stand still, float64 [L, 3] in the world, or unit vectors towards those far away."""
+        vectors = fixed_vectors(self._scene.lights)[0]
+        for k, light in enumerate(self._scene.lights):
+            path = self._scene.bodies[light.body].trajectory if light.body >= 0 else None
+            if path is not None:
+                pose = path.pose(np.zeros(1, np.int64))[0]
+                vectors[k] = se3.to_matrix(se3.normalize(pose[3:])) @ vectors[k]
+                vectors[k] += pose[:3] if self._positional[k] else 0.0
+        return vectors
+
+    def _origin_of(self) -> np.ndarray:
+        """The point that sweeps are told about, float64 [3] m: where lights and things that stand still are not far."""
+        if self._origin is None:
+            places = self._still_lamps()[self._positional]
+            self._origin = places.mean(0) if len(places) else np.zeros(3)
+        return self._origin
+
+    def _make_swept(self) -> Any:
+        v, lights, swept = self._v, self._scene.lights, Swept()
+        shape = (self._envs, len(np.unique(self._casting[0])) + 1)
+        swept.lower, swept.upper = v.empty(shape, wp.vec3), v.empty(shape, wp.vec3)
+        swept.place = v.empty(v.envs, wp.vec3)
+        mover, _, place, half = self._casting
+        reach = np.linalg.norm(place, axis=1) + np.linalg.norm(half, axis=1)
+        swept.size = v.put(np.array([reach[mover == m].max() for m in np.unique(mover)]), wp.float32)
+        lamps = self._still_lamps()
+        lamps[self._positional] -= self._origin_of()
+        swept.lamp = v.put(lamps, wp.vec3)
+        swept.radius = v.put(np.array([_extent(light) for light in lights]), wp.float32)
+        swept.kind, swept.shadow = self._lights.kernel.kind, self._lights.kernel.shadow
+        return swept
+
+    def _send_boxes(self, moved: np.ndarray, before: np.ndarray) -> None:
+        """Boxes that hold all places of the casters in the gap, the first one around the others."""
+        mover, turn, place, half = self._casting
+        poses = np.concatenate([before.take(self._movers, axis=1)[None], moved])[:, :, mover]
+        rotation = se3.to_matrix(se3.normalize(poses[..., 3:]))
+        centre = poses[..., :3] + np.einsum("keixy,iy->keix", rotation, place) - self._origin_of()
+        sides = np.einsum("keixy,iy->keix", np.abs(rotation @ turn), half)
+        lower, upper = (centre - sides).min(0), (centre + sides).max(0)
+        # One for each body, of whose parts there may be many.
+        starts = np.flatnonzero(np.diff(mover, prepend=-1))
+        lower, upper = np.minimum.reduceat(lower, starts, 1), np.maximum.reduceat(upper, starts, 1)
+        swept = self.kernel.swept
+        swept.lower.assign(np.concatenate([lower.min(1, keepdims=True), lower], 1).astype(np.float32))
+        swept.upper.assign(np.concatenate([upper.max(1, keepdims=True), upper], 1).astype(np.float32))
+
+    def _casters_then(self, now: Any, rows: int) -> Any:
+        """The casters with places of their own, for the keyframes."""
+        then, count = Casters(), len(self._v.geometry.body)
+        for name in ("mesh", "radius", "shell", "order", "still", "is_still"):
+            setattr(then, name, getattr(now, name))
+        then.rotation, then.translation = self._v.empty((rows, count), wp.mat33), self._v.empty((rows, count), wp.vec3)
+        return then
+
+
+def _extent(light: Light) -> float:
+    """Radius of a ball about an area light's middle that holds it [m], 0 of other lights."""
+    if light.kind != "area" or light.half_u is None or light.half_v is None:
+        return 0.0
+    return float(np.linalg.norm(light.half_u) + np.linalg.norm(light.half_v))
+
+
+def make_light_change(
+    shading: Shading, envs: int, movers: np.ndarray, tolerance: float, paths: bool
+) -> LightChange | None:
+    """Makes what tells where light changes, or None where nothing in a scene can change it."""
+    visibility: Visibility = shading.visibility
+    features = light_changes(shading.scene, visibility.camera_body, paths)
+    return LightChange(shading, envs, movers, features, tolerance) if features.any else None

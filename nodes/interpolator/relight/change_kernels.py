@@ -1,0 +1,274 @@
+"""Whether the light on a surface point is, at an instant, what two keyframes let one expect of it.
+
+Light that falls straight from lamps and sky is computed in closed form at the instant and at both keyframes: Lambert's
+cosine, distance, cone, and how far the view and the lights have turned against a glossy surface, whose lobe is about
+alpha wide. What may be in the way of light is asked of the casters' boxes. Where anything changes otherwise than evenly
+the point must be shaded at its own time.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from evis.media.colour import REC709
+from nodes.interpolator.relight.boxes_kernels import Swept, crossed, make_cast, nearby
+from nodes.interpolator.relight.features import LightChanges
+from nodes.renderer.lights.light_kernels import AREA, Lights, make_directions
+from nodes.renderer.lights.sky_kernels import Sky, make_sky
+from nodes.renderer.raster.depth_kernels import triangle_of
+from nodes.renderer.shadows.ray_kernels import CONVEX, PLANAR, Casters
+
+wp.set_module_options({"enable_backward": False})
+
+MOVED = wp.constant(1)
+"""Flag of a body that moves against a light in the gap."""
+SHADED = wp.constant(2)
+"""Flag of one that does not, and on which shadows of others may move."""
+LIT_ANEW = wp.constant(4)
+"""Flag of one that light reaches over other surfaces and that moves, or whose light comes from something that does."""
+VIEWED = wp.constant(8)
+"""Flag of a point, if glossy, that the view may have turned against by more than its lobe is wide."""
+AROUND = wp.constant(16)
+"""Flag of one that stands still and is lit over other surfaces, some of which move."""
+MANY = wp.constant(32)
+"""Casters from which on a shadow ray costs less than asking all their boxes."""
+CARRIED = wp.constant(20.0)
+"""How much ln I may change, of `even`, where the change is added to what the keyframes show."""
+BRIGHTNESS = wp.constant(wp.vec3(*REC709))
+
+
+@wp.struct
+class Change:
+    """Holds the lights and casters of the slots (`now`, rows P E) and of both keyframes (`then`, rows 2 E).
+
+    eye_then: cameras to world. flags int32 [E, N + 1]: of bodies and the world, see MOVED. instance, normals: of
+    triangles; alpha: of an instance's material, -1 for a plain one; half: of its box [m]; weight: luminance of lights.
+    carried: 1 for instances whose radiance goes as what falls on them. even: change of ln I that still counts as none;
+    bend: by how much a line may be off; turned: angle, of alpha, up to which a highlight changes evenly.
+    """
+
+    now: Lights
+    then: Lights
+    casters: Casters
+    casters_then: Casters
+    sky: Sky
+    swept: Swept
+    eye_then: wp.array(dtype=wp.mat33)
+    flags: wp.array2d(dtype=int)
+    instance: wp.array(dtype=int)
+    normals: wp.array(dtype=wp.vec3)
+    alpha: wp.array(dtype=float)
+    half: wp.array(dtype=wp.vec3)
+    weight: wp.array(dtype=float)
+    carried: wp.array(dtype=int)
+    even: float
+    bend: float
+    turned: float
+
+
+@wp.struct
+class Point:
+    """Holds a surface point in the frame of a camera, with the normal that faces it and the instance it is of; skip:
+    the caster that cannot shade it, or -1."""
+
+    position: wp.vec3
+    normal: wp.vec3
+    instance: int
+    skip: int
+
+
+@wp.func
+def point_of(change: Change, row: int, hit: wp.uint64, position: wp.vec3):
+    """Gives the surface point that a pixel shows in a slot's row."""
+    t = triangle_of(hit)
+    s = Point()
+    s.position = position
+    s.instance = change.instance[t]
+    s.normal = change.casters.rotation[row, s.instance] * change.normals[t]
+    shell = change.casters.shell[s.instance]
+    s.skip = -1
+    if wp.dot(s.normal, position) > 0.0:
+        s.normal = -s.normal
+        if shell == PLANAR:
+            s.skip = s.instance
+    elif shell == PLANAR or shell == CONVEX:
+        s.skip = s.instance
+    return s
+
+
+@wp.func
+def moved_point(s: Point, turn: wp.mat33, m: wp.vec3):
+    """Gives the same point in the camera frame of a keyframe: m away, its body turned by 1 + turn."""
+    r = s
+    r.position = s.position + m
+    r.normal = s.normal + turn * s.normal
+    return r
+
+
+@cache
+def make_light(f: LightChanges) -> tuple[Any, Any, Any]:
+    """Makes the functions `irradiance`, `shaded` and `turned`."""
+    towards, _ = make_directions(f.directional, f.point or f.area, f.spot)
+    _, ambient, _ = make_sky(f.mapped)
+    cast = make_cast(f)
+
+    @wp.func
+    def irradiance(change: Change, lights: Lights, row: int, sky_row: int, s: Point, up: wp.vec3):
+        """Computes the irradiance of a point, as luminance, with nothing in the way. up: its normal in the camera
+        frame of sky_row."""
+        e = wp.pi * wp.dot(BRIGHTNESS, ambient(change.sky, sky_row, up))
+        for l in range(lights.kind.shape[0]):
+            ray, _length, strength = towards(lights, row, l, s.position)
+            cosine = wp.dot(s.normal, ray)
+            if cosine > 0.0:
+                share = cosine * strength * change.weight[l]
+                if wp.static(f.area):
+                    if lights.kind[l] == AREA:
+                        facing = wp.dot(wp.cross(lights.half_u[row, l], lights.half_v[row, l]), ray)
+                        share *= 4.0 * wp.abs(facing)
+                e += share
+        return e
+
+    @wp.func
+    def shaded(change: Change, lights: Lights, casters: Casters, row: int, s: Point, first: int):
+        """Tells whether casters from order[first] on may be between a point and a light that shines on it."""
+        for l in range(lights.kind.shape[0]):
+            if lights.shadow[l] == 1:
+                ray, length, strength = towards(lights, row, l, s.position)
+                wide = float(0.0)
+                if wp.static(f.area):
+                    if lights.kind[l] == AREA:
+                        wide = wp.length(lights.half_u[row, l]) + wp.length(lights.half_v[row, l])
+                if wp.dot(s.normal, ray) * length > -wide and strength > 0.0:
+                    if casters.order.shape[0] - first > MANY:
+                        return True
+                    if cast(casters, change.half, row, first, s.skip, s.position, ray, length, wide):
+                        return True
+        return False
+
+    @wp.func
+    def turned(change: Change, row: int, row_then: int, s: Point, then: Point, moved: bool):
+        """Bounds by how much the half vectors of view and lights have turned against the normal since a keyframe
+        [rad]."""
+        eye = change.casters.turn[row]
+        eye_then = change.eye_then[row_then]
+        seen = eye * wp.normalize(s.position) - eye_then * wp.normalize(then.position)
+        angle = 0.5 * wp.length(seen)
+        if moved:
+            most = float(0.0)
+            for l in range(change.now.kind.shape[0]):
+                ray, _length, _strength = towards(change.now, row, l, s.position)
+                before, _length_then, _strength_then = towards(change.then, row_then, l, then.position)
+                most = wp.max(most, wp.length(eye * ray - eye_then * before))
+            angle += 0.5 * most + wp.length(eye * s.normal - eye_then * then.normal)
+        return angle
+
+    return irradiance, shaded, turned
+
+
+@cache
+def make_relit(f: LightChanges) -> Any:
+    """Makes the function `relit`."""
+    irradiance, shaded, turned = make_light(f)
+
+    @wp.func
+    def level_then(change: Change, row: int, row_then: int, then: Point):
+        """Computes ln of the irradiance at a keyframe."""
+        up = wp.transpose(change.casters.turn[row]) * (change.eye_then[row_then] * then.normal)
+        return wp.log(wp.max(irradiance(change, change.then, row_then, row, then, up), 1.0e-30))
+
+    @wp.func
+    def relit(
+        change: Change,
+        flag: int,
+        env: int,
+        row: int,
+        row_a: int,
+        row_b: int,
+        s: Point,
+        a: Point,
+        b: Point,
+        seen_a: bool,
+        seen_b: bool,
+        share: float,
+    ):
+        """Tells whether a point must be shaded at its own time, where keyframe A (row_a), B or both show it and are
+        blended by `share`; and otherwise by how much ln of its radiance is above what each shows."""
+        above = wp.vec2(0.0, 0.0)
+        moved = (flag & MOVED) != 0
+        if wp.static(f.indirect):
+            if (flag & LIT_ANEW) != 0:
+                return True, above
+            if (flag & AROUND) != 0:
+                if nearby(change.swept, env, change.casters.turn[row], row, s.position) > 2.0 * change.even:
+                    return True, above
+        if wp.static(f.view):
+            alpha = change.alpha[s.instance]
+            if alpha >= 0.0 and (flag & VIEWED) != 0:
+                angle = float(0.0)
+                if seen_a:
+                    angle += turned(change, row, row_a, s, a, moved)
+                if seen_b:
+                    angle += turned(change, row, row_b, s, b, moved)
+                if angle > alpha * change.turned:
+                    return True, above
+        if wp.static(f.relative):
+            if moved:
+                level = wp.log(wp.max(irradiance(change, change.now, row, row, s, s.normal), 1.0e-30))
+                if seen_a:
+                    above[0] = level - level_then(change, row, row_a, a)
+                if seen_b:
+                    above[1] = level - level_then(change, row, row_b, b)
+                if change.carried[s.instance] == 1:
+                    if wp.max(wp.abs(above)) > CARRIED * change.even:
+                        return True, above
+                else:
+                    expected = wp.where(seen_b, 1.0 - share, 1.0) * above[0] + wp.where(seen_a, share, 1.0) * above[1]
+                    if wp.abs(expected) > change.even:
+                        return True, above
+                    above = wp.vec2(0.0, 0.0)
+        if wp.static(f.shadows):
+            first = wp.where(moved, 0, change.casters.still)
+            near = moved
+            if (flag & SHADED) != 0:
+                near = crossed(change.swept, env, change.casters.turn[row], row, s.position)
+            if near:
+                if shaded(change, change.now, change.casters, row, s, first):
+                    return True, above
+                if seen_a:
+                    if shaded(change, change.then, change.casters_then, row_a, a, first):
+                        return True, above
+                if seen_b:
+                    if shaded(change, change.then, change.casters_then, row_b, b, first):
+                        return True, above
+        return False, above
+
+    return relit
+
+
+@cache
+def make_level(f: LightChanges) -> Any:
+    """Makes the function `level_of`."""
+    irradiance, shaded, _ = make_light(f)
+
+    @wp.func
+    def level_of(change: Change, flag: int, env: int, row: int, s: Point):
+        """Gives ln of the irradiance of a flagged point in a slot's row, and whether something may be in the way of a
+        light."""
+        level = float(0.0)
+        moved = (flag & MOVED) != 0
+        hidden = (flag & LIT_ANEW) != 0
+        if wp.static(f.indirect):
+            if (flag & AROUND) != 0:
+                hidden = nearby(change.swept, env, change.casters.turn[row], row, s.position) > 2.0 * change.even
+        if wp.static(f.relative):
+            if moved and not hidden:
+                level = wp.log(wp.max(irradiance(change, change.now, row, row, s, s.normal), 1.0e-30))
+        if wp.static(f.shadows):
+            if not hidden and (moved or crossed(change.swept, env, change.casters.turn[row], row, s.position)):
+                first = wp.where(moved, 0, change.casters.still)
+                hidden = shaded(change, change.now, change.casters, row, s, first)
+        return level, hidden
+
+    return level_of

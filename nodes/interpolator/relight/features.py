@@ -1,0 +1,55 @@
+"""What of a scene can change the light on its surfaces between keyframes: the rest is not compiled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from evis.scene.model import Scene
+from nodes.renderer.geometry.triangles import is_static
+from nodes.renderer.materials.ggx import is_plain
+
+
+@dataclass(frozen=True)
+class LightChanges:
+    """Holds which changes of light a scene knows, and which kinds of light.
+
+    relative: surfaces and lights may move against each other. shadows: something that moves may throw a shadow. view:
+    there are glossy surfaces, and they or the camera move. indirect: light comes over other surfaces, some of which
+    move. directional, point, spot, area: kinds of light; mapped: the sky is a map.
+    """
+
+    relative: bool = False
+    shadows: bool = False
+    view: bool = False
+    indirect: bool = False
+    directional: bool = False
+    point: bool = False
+    spot: bool = False
+    area: bool = False
+    mapped: bool = False
+
+    @property
+    def any(self) -> bool:
+        """Tells whether any light can change."""
+        return self.relative or self.shadows or self.view or self.indirect
+
+
+def light_changes(scene: Scene, camera_body: int, paths: bool) -> LightChanges:
+    """Finds what can change the light of a scene. camera_body: index of it; paths: whether light comes by paths."""
+    instances = any(not is_static(scene, i.body) for i in scene.instances)
+    lamps = any(not is_static(scene, light.body) for light in scene.lights)
+    mapped = scene.environment_map is not None
+    gloss = any(not is_plain(scene.materials[i.material]) for i in scene.instances)
+    lit = bool(scene.lights) or mapped
+    kinds = {light.kind for light in scene.lights}
+    return LightChanges(
+        relative=lit and (instances or lamps),
+        shadows=any(light.shadows for light in scene.lights) and (instances or lamps),
+        view=lit and gloss and (instances or lamps or not is_static(scene, camera_body)),
+        indirect=paths and (instances or lamps),
+        directional="directional" in kinds,
+        point="point" in kinds,
+        spot="spot" in kinds,
+        area="area" in kinds,
+        mapped=mapped,
+    )

@@ -1,0 +1,58 @@
+"""Where casters sweep in a gap, and pixels that seem to show the same all through it although a shadow passes."""
+
+import warp as wp
+
+from nodes.interpolator.relight.boxes_kernels import crossed, nearby
+from nodes.interpolator.relight.change_kernels import AROUND, LIT_ANEW, SHADED, Change
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
+
+wp.set_module_options({"enable_backward": False})
+
+NEVER = wp.constant(wp.uint64(0))
+"""A z-buffer entry that is never written: depth 0."""
+
+
+@wp.kernel
+def place_cameras(
+    # in
+    poses: wp.array2d(dtype=wp.transformd),
+    camera: int,
+    origin: wp.vec3d,
+    # out
+    place: wp.array(dtype=wp.vec3),
+):
+    """Computes where the cameras of poses [R, N] are, in the world's axes about an origin [m]."""
+    row = wp.tid()
+    place[row] = wp.vec3(wp.transform_get_translation(poses[row, camera]) - origin)
+
+
+@wp.kernel
+def disquiet(
+    # in
+    view: CameraView,
+    span: int,
+    change: Change,
+    pieces: wp.array(dtype=wp.vec2i),
+    # in and out
+    quiet: wp.array3d(dtype=wp.uint64),
+):
+    """Writes NEVER over entries [E, H, W] of pixels whose light something that moves may cross in the gap.
+
+    Keyframe B is in the first slot. pieces: body and patch of each triangle.
+    """
+    env, y, part = wp.tid()
+    for x in range(part * span, wp.min(part * span + span, quiet.shape[2])):
+        entry = quiet[env, y, x]
+        t = triangle_of(entry)
+        if entry != NEVER and t != MISS:
+            flag = change.flags[env, pieces[t][0]]
+            touched = (flag & LIT_ANEW) != 0
+            position = depth_of(entry) * pixel_ray(view, x, y)
+            eye = change.casters.turn[env]
+            if (flag & AROUND) != 0 and not touched:
+                touched = nearby(change.swept, env, eye, env, position) > 2.0 * change.even
+            if (flag & SHADED) != 0 and not touched:
+                touched = crossed(change.swept, env, eye, env, position)
+            if touched:
+                quiet[env, y, x] = NEVER

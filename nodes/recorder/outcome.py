@@ -1,0 +1,44 @@
+"""How the recorded run went: its error and its run time, for the bag's metadata."""
+
+from __future__ import annotations
+
+import time
+
+from msgs.audit import Audit
+from msgs.header import Message
+from msgs.world import WorldState
+
+
+class Outcome:
+    """Watches messages for the last audit of each camera, and how long the run took from its first state on."""
+
+    def __init__(self) -> None:
+        self._audits: dict[str, Audit] = {}
+        self._first: tuple[int, float] | None = None
+        self._last = (0, 0.0)
+
+    def take(self, topic: str, message: Message) -> None:
+        """Looks at one message."""
+        if isinstance(message, Audit):
+            self._audits[topic] = message
+        if isinstance(message, WorldState | Audit):
+            self._last = (max(self._last[0], message.header.stamp_ns), time.monotonic())
+            self._first = self._first or (message.header.stamp_ns, self._last[1])
+
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """Gives the tables `audit`, by `CAMERA.number`, and `run_time`: simulated and wall time [s].
+
+        Empty where nothing was audited.
+        """
+        if not self._audits or self._first is None:
+            return {}
+        found: dict[str, str] = {}
+        for topic, audit in sorted(self._audits.items()):
+            camera = topic.split("/")[-2]
+            for name in ("pixels", "vp", "vp_low", "vp_high", "events_wrong", "events", "cause"):
+                found[f"{camera}.{name}"] = str(getattr(audit, name))
+            worst = zip(audit.worst_pixel.tolist(), audit.worst_distance.tolist())
+            found[f"{camera}.worst"] = "; ".join(f"env {e} x {x} y {y}: {d:.3g}" for (e, x, y), d in worst)
+        wall = self._last[1] - self._first[1]
+        simulated = (self._last[0] - self._first[0]) / 1e9
+        return {"audit": found, "run_time": {"sim_s": f"{simulated:.9g}", "wall_s": f"{wall:.6g}"}}

@@ -1,0 +1,147 @@
+"""Light that changes between two keyframes which agree about it, against dense rendering at the sub-frames' times."""
+
+import numpy as np
+import pytest
+from rigid_rig import GAP, START, cross, disc, lamp, painted, plain, pose, quad, world
+
+from evis.geometry import se3
+from evis.scene.model import Light, Material, Mesh
+from evis.scene.motion import Linear, Prescribed, Spin
+from nodes.interpolator.relight.features import light_changes
+from nodes.interpolator.rigid.layout import TOLERANCE
+
+SPEED = 1e9 / GAP
+OFF = 0.5 * TOLERANCE
+"""ln I that a frame may be off by, where a light changes: half of what is asked for."""
+
+
+def turning(angle, axis, place=(0.0, 0.0, 2.0), start=0.0):
+    """Turns by `angle` [rad] in the gap, from `start` on."""
+    axis = np.array(axis, np.float64)
+    turn = axis * (start - angle * SPEED * START * 1e-9)
+    return Prescribed(se3.make_pose(np.array(place, np.float64), se3.exp(turn)), [Spin(axis, angle * SPEED)])
+
+
+def box(x, y, z):
+    """A box about the origin; half sides [m]."""
+    corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], np.float32)
+    faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6)]
+    faces += [(0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]
+    return Mesh(corners * np.array([x, y, z], np.float32), np.array(faces, np.int32))
+
+
+def sun(direction, **given):
+    return Light("sun", "directional", np.full(3, 5.0), np.array(direction, np.float64), **given)
+
+
+def share_off(gap, by=OFF):
+    return float((gap.error() > by).mean())
+
+
+def wall(z, material):
+    """A wall of the world before the camera."""
+    mesh = quad(4.0)
+    mesh.vertices[:, 2] = z
+    return mesh, material, "world"
+
+
+WALL = wall(3.0, painted())
+
+
+@pytest.mark.parametrize("shadows", [False, True])
+def test_faces_that_turn_through_the_light_within_a_gap(shadows):
+    """A quarter of a turn: both keyframes show faces that are lit alike."""
+    thing = (box(0.5, 0.2, 0.2), plain(0.7), turning(np.pi / 2, (1, 0, 0), start=np.pi / 8))
+    gap = cross(world([WALL, thing], lights=[sun((0.3, 0.5, 1), shadows=shadows)], sky=0.05), 16)
+    assert share_off(gap) < 0.002
+    # There is something to be missed: the keyframes' own light differs from that in the middle of the gap.
+    assert np.abs(np.log(gap.dense[7] / gap.dense[-1])).max() > 1
+
+
+def test_a_shadow_that_comes_and_goes():
+    """Of a rod that passes between a lamp and a wall while the keyframes are exposed to neither."""
+    rod = (box(0.5, 0.03, 0.03), plain(0.5), turning(2 * np.pi, (0, 0, 1), (0.0, -0.9, 1.2), start=0.3))
+    scene = world([WALL, rod], lights=[lamp()], sky=0.05)
+    gap = cross(scene, 32)
+    assert share_off(gap) < 0.003
+    assert (np.abs(np.log(gap.dense / gap.dense[-1])) > 1).any(0).mean() > 0.05
+
+
+def test_a_soft_shadow_that_comes_and_goes():
+    rod = (box(0.5, 0.05, 0.05), plain(0.5), turning(2 * np.pi, (0, 0, 1), (0.0, -0.9, 1.2), start=0.3))
+    u, v = np.array([0.2, 0, 0]), np.array([0, 0.0, 0.2])
+    area = Light("area", "area", np.full(3, 40.0), np.array([0.0, -2.0, 1.0]), half_u=u, half_v=v)
+    gap = cross(world([WALL, rod], lights=[area], sky=0.05), 16)
+    assert share_off(gap) < 0.01
+
+
+def test_a_spot_light_that_sweeps_over_a_still_wall():
+    spot = Light("spot", "spot", np.full(3, 40.0), np.zeros(3), 0, False, np.array([0.0, 0.0, 1.0]), (0.05, 0.2))
+    path = turning(0.8, (0, 1, 0), (0.0, 0.0, 0.0), start=-0.4)
+    gap = cross(world([WALL], lights=[spot], sky=0.05, spares=[("head", path)]), 32)
+    assert share_off(gap) < 0.002
+    assert np.abs(np.log(gap.dense[15] / gap.dense[-1])).max() > 1
+
+
+def test_a_highlight_runs_over_a_metal_that_turns():
+    metal = Material("metal", np.full(3, 0.8), roughness=0.3, metallic=1.0)
+    thing = (box(0.4, 0.2, 0.2), metal, turning(1.0, (1, 0, 0), start=-0.5))
+    gap = cross(world([WALL, thing], lights=[sun((0.1, 0.2, 1), shadows=False)], sky=0.05), 16)
+    assert share_off(gap) < 0.005
+
+
+def test_a_lamp_that_the_camera_carries():
+    """Past a wall of one colour, the light of which goes as the cosine over the square of its distance."""
+    path = Prescribed(pose(-0.2 - 0.4 * SPEED * START * 1e-9, 0, 0), [_along(0.4, 0, 0)])
+    carried = lamp(body=0, shadows=False)
+    carried.vector = np.array([0.0, -0.3, 0.5])
+    scene = world([wall(2.0, plain(0.6))], camera_motion=path, lights=[carried], sky=0.05)
+    gap = cross(scene, 16)
+    assert gap.error().max() < OFF
+    assert gap.report.reshaded < 0.2 * gap.report.samples
+
+
+def _along(*per_gap):
+    return Linear(np.array(per_gap, np.float64) * SPEED)
+
+
+def test_half_the_tolerance_is_nearer_to_the_truth():
+    rod = (box(0.5, 0.2, 0.2), plain(0.7), turning(1.5, (1, 0, 0), start=0.2))
+    scene = world([WALL, rod], lights=[lamp(shadows=False)], sky=0.05)
+    errors = [float(cross(scene, 16, tolerance=t).error().mean()) for t in (0.4, 0.2, 0.1, 0.05)]
+    assert errors == sorted(errors, reverse=True) and errors[-1] < 0.5 * errors[0]
+
+
+def test_a_still_wall_under_a_still_lamp_costs_nothing():
+    """Beside a thing that turns without a shadow: its pixels are the keyframe's own, and none is shaded."""
+    thing = (disc(0.2), plain(0.7), turning(1.0, (0, 0, 1), (0.0, 0.0, 2.0)))
+    gap = cross(world([WALL, thing], lights=[lamp(shadows=False)], sky=0.05), 16)
+    y, x = np.mgrid[: gap.dense.shape[1], : gap.dense.shape[2]]
+    still = np.hypot(x - x.mean(), y - y.mean()) > 12
+    assert (gap.frames[:, still] == gap.frames[-1][still]).all()
+    assert gap.report.reshaded < 0.05 * gap.report.samples
+
+
+def test_what_a_scene_cannot_change_is_not_compiled():
+    alone = light_changes(world([WALL], lights=[lamp()]), 0, False)
+    assert not alone.any
+    turned = light_changes(world([WALL, (disc(0.2), plain(1), turning(1, (0, 0, 1)))], sky=1.0), 1, False)
+    assert not turned.any, "a uniform sky lights a matte surface alike however it turns"
+    lit = light_changes(world([WALL, (disc(0.2), plain(1), turning(1, (0, 0, 1)))], lights=[lamp()]), 1, False)
+    assert lit.relative and lit.shadows and not lit.view and not lit.indirect
+
+
+def test_lines_and_samples_of_every_frame_agree():
+    """With and without lines between samples (a CPU's and a GPU's default)."""
+    rod = (box(0.5, 0.1, 0.1), plain(0.7), turning(1.5, (1, 0, 0), start=0.2))
+    scene = world([WALL, rod], lights=[sun((0.3, 0.5, 1))], sky=0.05)
+    lines, all_frames = (cross(scene, 16, sample_px=px) for px in (1.0, 0.0))
+    assert share_off(lines) < 0.003 and share_off(all_frames) < 0.003
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("shadows", [False, True])
+def test_a_gpu_finds_the_same_changes(shadows):
+    rod = (box(0.5, 0.1, 0.1), plain(0.7), turning(1.5, (1, 0, 0), start=0.2))
+    scene = world([WALL, rod], lights=[sun((0.3, 0.5, 1), shadows=shadows)], sky=0.05)
+    assert share_off(cross(scene, 16, device="cuda")) < 0.003
