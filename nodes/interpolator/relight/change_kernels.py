@@ -182,7 +182,6 @@ def make_relit(f: LightChanges) -> Any:
     def relit(
         change: Change,
         flag: int,
-        env: int,
         row: int,
         row_a: int,
         row_b: int,
@@ -194,15 +193,13 @@ def make_relit(f: LightChanges) -> Any:
         share: float,
     ):
         """Tells whether a point must be shaded at its own time, where keyframe A (row_a), B or both show it and are
-        blended by `share`; and otherwise by how much ln of its radiance is above what each shows."""
+        blended by `share`; and otherwise by how much ln of its radiance is above what each shows. flag: of
+        `asked`."""
         above = wp.vec2(0.0, 0.0)
         moved = (flag & MOVED) != 0
         if wp.static(f.indirect):
             if (flag & LIT_ANEW) != 0:
                 return True, above
-            if (flag & AROUND) != 0:
-                if nearby(change.swept, env, change.casters.turn[row], row, s.position) > 2.0 * change.even:
-                    return True, above
         if wp.static(f.view):
             alpha = change.alpha[s.instance]
             if alpha >= 0.0 and (flag & VIEWED) != 0:
@@ -229,11 +226,8 @@ def make_relit(f: LightChanges) -> Any:
                         return True, above
                     above = wp.vec2(0.0, 0.0)
         if wp.static(f.shadows):
-            first = wp.where(moved, 0, change.casters.still)
-            near = moved
-            if (flag & SHADED) != 0:
-                near = crossed(change.swept, env, change.casters.turn[row], row, s.position)
-            if near:
+            if moved or (flag & SHADED) != 0:
+                first = wp.where(moved, 0, change.casters.still)
                 if shaded(change, change.now, change.casters, row, s, first):
                     return True, above
                 if seen_a:
@@ -245,6 +239,40 @@ def make_relit(f: LightChanges) -> Any:
         return False, above
 
     return relit
+
+
+@cache
+def make_asked(f: LightChanges) -> Any:
+    """Makes the function `asked`."""
+
+    @wp.func
+    def asked(change: Change, body: int, env: int, row: int, hit: wp.uint64, position: wp.vec3, apart: float):
+        """Gives the flags of a point for `relit`, 0 where its light cannot change otherwise than evenly, which a few
+        cheap bounds tell of most points.
+
+        apart: how far the cameras of both keyframes are from that of the row, together [m].
+        """
+        flag = change.flags[env, body]
+        if wp.static(f.view):
+            if (flag & MOVED) != 0:
+                flag = flag | VIEWED
+            else:
+                # Of what does not move the view turns by no more than the cameras are apart.
+                alpha = change.alpha[change.instance[triangle_of(hit)]]
+                if alpha >= 0.0 and apart > 2.0 * alpha * change.turned * wp.length(position):
+                    flag = flag | VIEWED
+        if wp.static(f.shadows):
+            if (flag & SHADED) != 0:
+                if not crossed(change.swept, env, change.casters.turn[row], row, position):
+                    flag = flag & ~SHADED
+        if wp.static(f.indirect):
+            if (flag & AROUND) != 0:
+                flag = flag & ~AROUND
+                if nearby(change.swept, env, change.casters.turn[row], row, position) > 2.0 * change.even:
+                    flag = flag | LIT_ANEW
+        return flag
+
+    return asked
 
 
 @cache

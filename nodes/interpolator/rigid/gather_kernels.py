@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.relight.change_kernels import MOVED, VIEWED, Change, make_relit, moved_point, point_of
+from nodes.interpolator.relight.change_kernels import Change, make_asked, make_relit, moved_point, point_of
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.log_kernels import apart, brighter, fused_luminance, radiance_of
 from nodes.interpolator.rigid.look_up_kernels import HARD, SEEN, Sight, make_keyframes, make_look_up
@@ -68,19 +68,20 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool, changes: 
     looks up listed pixels, also at silhouettes; otherwise it goes through all and lists those at silhouettes. changes:
     of light in the scene.
     """
-    relit = make_relit(changes) if changes.any else None
+    relit, asked = (make_relit(changes), make_asked(changes)) if changes.any else (None, None)
     Keyframes: Any = make_keyframes(channels, flicker)
     pixel = wp.float32 if channels == 1 else wp.vec3
     look_up = make_look_up(lens, channels, flicker, listed)
     # Fewer than it would take: while some threads wait for memory there must be others. With care, and of RGB, all of
     # them are worth more.
-    registers = 64 if channels == 1 and not flicker and not listed and not changes.any else None
+    registers = 64 if channels == 1 and not flicker and not listed else None
 
     @wp.func
     def lit_otherwise(
         change: Change,
         portion: Portion,
         keys: Keyframes,
+        flag: int,
         n: int,
         hit: wp.uint64,
         body: int,
@@ -93,27 +94,12 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool, changes: 
     ):
         """Tells whether light on the point that slot n shows changes otherwise than the keyframes tell, and otherwise
         how much above each of them ln of its radiance is."""
-        if wp.static(changes.any):
-            env = n % portion.envs
-            flag = change.flags[env, body]
-            if wp.static(changes.view):
-                if (flag & MOVED) == 0:
-                    # Of what does not move the view turns by no more than the cameras are apart.
-                    apart_a = wp.length(keys.shift[n, body])
-                    apart_b = wp.length(keys.shift[n + keys.turn.shape[0] / 2, body])
-                    alpha = change.alpha[change.instance[triangle_of(hit)]]
-                    if alpha >= 0.0 and apart_a + apart_b > 2.0 * alpha * change.turned * wp.length(position):
-                        flag = flag | VIEWED
-                else:
-                    flag = flag | VIEWED
-            if flag != 0:
-                s = point_of(change, n, hit, position)
-                a = moved_point(s, keys.turn[n, body], m_a)
-                b = moved_point(s, keys.turn[n + keys.turn.shape[0] / 2, body], m_b)
-                row_a = portion.keyframes[0] * portion.envs + env
-                row_b = portion.keyframes[1] * portion.envs + env
-                return relit(change, flag, env, n, row_a, row_b, s, a, b, seen_a, seen_b, share)
-        return False, wp.vec2(0.0, 0.0)
+        s = point_of(change, n, hit, position)
+        a = moved_point(s, keys.turn[n, body], m_a)
+        b = moved_point(s, keys.turn[n + keys.turn.shape[0] / 2, body], m_b)
+        row_a = portion.keyframes[0] * portion.envs + n % portion.envs
+        row_b = portion.keyframes[1] * portion.envs + n % portion.envs
+        return relit(change, flag, n, row_a, row_b, s, a, b, seen_a, seen_b, share)
 
     @wp.func
     def moved(keys: Keyframes, row: int, body: int, point: wp.vec3):
@@ -201,6 +187,12 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool, changes: 
                 base = env * view.height * view.width
                 m_a = moved(keys, n, body, s.point)
                 m_b = moved(keys, n + keys.turn.shape[0] / 2, body, s.point)
+                flag = wp.int32(0)
+                if wp.static(changes.any):
+                    if s.sky == 0:
+                        apart_a = wp.length(keys.shift[n, body])
+                        apart_b = wp.length(keys.shift[n + keys.turn.shape[0] / 2, body])
+                        flag = asked(change, body, env, n, hit, s.point, apart_a + apart_b)
                 state_a, value = look_up(view, keys, keys.first[0] + base, s, m_a, portion.tolerance)
                 state_b, other = look_up(view, keys, keys.first[1] + base, s, m_b, portion.tolerance)
                 seen_a = state_a == SEEN
@@ -208,20 +200,17 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool, changes: 
                 share = float(i) / float(portion.upsampling)
                 hard = wp.bool(False)
                 if wp.static(not listed):
-                    hard = state_a == HARD or state_b == HARD
-                told = seen_a or seen_b
-                if s.sky == 0 and not hard:
-                    if portion.relight == 1:
-                        told = False
-                    elif wp.static(changes.any):
-                        if told:
-                            anew, above = lit_otherwise(
-                                change, portion, keys, n, hit, body, s.point, m_a, m_b, seen_a, seen_b, share
-                            )
-                            told = not anew
-                            if wp.static(changes.relative):
-                                value = brighter(value, above[0])
-                                other = brighter(other, above[1])
+                    hard = state_a == HARD or state_b == HARD or flag != 0
+                told = (seen_a or seen_b) and (s.sky == 1 or portion.relight == 0)
+                if wp.static(listed and changes.any):
+                    if told and flag != 0:
+                        otherwise, above = lit_otherwise(
+                            change, portion, keys, flag, n, hit, body, s.point, m_a, m_b, seen_a, seen_b, share
+                        )
+                        told = not otherwise
+                        if wp.static(changes.relative):
+                            value = brighter(value, above[0])
+                            other = brighter(other, above[1])
                 difference = wp.float32(0.0)
                 if seen_a and seen_b:
                     difference = apart(value, other)
@@ -229,8 +218,7 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool, changes: 
                 unchanged = wp.bool(False)
                 if wp.static(not flicker):
                     unchanged = seen_b and difference == 0.0 and m_b[0] == 0.0 and m_b[1] == 0.0 and m_b[2] == 0.0
-                    if wp.static(changes.relative):
-                        unchanged = unchanged and change.flags[env, wp.min(body, change.flags.shape[1] - 1)] != MOVED
+                    unchanged = unchanged and flag == 0
                 if hard:
                     todo[take_place(todo_count, band)] = at
                 elif told and unchanged:
