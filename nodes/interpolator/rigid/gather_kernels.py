@@ -64,20 +64,26 @@ def sight_of(view: CameraView, hit: wp.uint64, y: int, x: int, pieces: wp.array(
 
 @cache
 def make_gather(
-    lens: str, channels: int, flicker: bool, listed: bool, changes: LightChanges, kind: tuple[bool, bool, bool]
+    lens: str,
+    channels: int,
+    flicker: bool,
+    listed: bool,
+    changes: LightChanges,
+    detailed: bool,
+    kind: tuple[bool, bool, bool] | None,
 ) -> wp.Kernel:
     """Makes the kernel that looks up the pixels of sub-frames in both keyframes.
 
     lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. listed: the kernel
     looks up listed pixels, also at silhouettes; otherwise it goes through all and lists those at silhouettes. changes:
-    of light in the scene. kind: whether the scene has textures, shading normals of its own and colours at vertices.
+    of light in the scene. detailed: as of make_look_up. kind: whether the scene has textures, shading normals of its
+    own and colours at vertices, if textures are looked up at their own time.
     """
-    textured = kind[0] and channels == 1 and not flicker
-    log_albedo = make_log_albedo(*kind) if textured and listed else None
+    log_albedo = make_log_albedo(*kind) if kind and listed else None
     relit, asked = (make_relit(changes), make_asked(changes)) if changes.any else (None, None)
     Keyframes: Any = make_keyframes(channels, flicker)
     pixel = wp.float32 if channels == 1 else wp.vec3
-    look_up = make_look_up(lens, channels, flicker, listed, textured)
+    look_up = make_look_up(lens, channels, flicker, listed, detailed, kind is not None)
     # Fewer than it would take: while some threads wait for memory there must be others. With care, and of RGB, all of
     # them are worth more.
     registers = 64 if channels == 1 and not flicker and not listed else None
@@ -198,11 +204,11 @@ def make_gather(
                 flag = wp.int32(0)
                 if wp.static(changes.any):
                     if s.sky == 0:
-                        apart_a = wp.length(keys.shift[n, body])
-                        apart_b = wp.length(keys.shift[n + keys.turn.shape[0] / 2, body])
-                        flag = asked(change, body, env, n, hit, s.point, apart_a + apart_b)
-                state_a, value = look_up(view, keys, keys.first[0] + base, s, m_a, portion.tolerance)
-                state_b, other = look_up(view, keys, keys.first[1] + base, s, m_b, portion.tolerance)
+                        shift_b = keys.shift[n + keys.turn.shape[0] / 2, body]
+                        flag = asked(change, body, env, n, hit, s.point, keys.shift[n, body], shift_b)
+                apart_b = float(portion.upsampling - i)
+                state_a, value = look_up(view, keys, keys.first[0] + base, s, m_a, portion.tolerance, float(i))
+                state_b, other = look_up(view, keys, keys.first[1] + base, s, m_b, portion.tolerance, apart_b)
                 if wp.static(log_albedo is not None):
                     if state_a == BARE or state_b == BARE:
                         texture = log_albedo(view, pixel_at(n, y, x), shown, surfaces)

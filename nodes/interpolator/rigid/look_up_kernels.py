@@ -264,11 +264,12 @@ def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function
 
 
 @cache
-def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, textured: bool) -> wp.Function:
+def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detailed: bool, textured: bool) -> wp.Function:
     """Makes the function `look_up`, which finds the light of a point in a keyframe.
 
     lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. careful: also where a
-    patch is not seen in full. textured: textures finer than the keyframe's pixels are left out of what is found.
+    patch is not seen in full. detailed: what is finer than the keyframe's pixels is not found; textured: of textures
+    that are, the light alone is.
     """
     bent = lens != "none"
     Keyframes: Any = make_keyframes(channels, flicker)
@@ -316,8 +317,19 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, texture
         )
 
     @wp.func
-    def about(view: CameraView, keys: Keyframes, s: Sight, at: int, fx: float, fy: float, w: float, tolerance: float):
-        """Looks up a point at the fraction (fx, fy) between the pixel `at` and the next; w: its inverse distance."""
+    def about(
+        view: CameraView,
+        keys: Keyframes,
+        s: Sight,
+        at: int,
+        fx: float,
+        fy: float,
+        w: float,
+        tolerance: float,
+        fine: bool,
+    ):
+        """Looks up a point at the fraction (fx, fy) between the pixel `at` and the next; w: its inverse distance; fine:
+        whether what is finer than pixels matters."""
         width = view.width
         below = at + width
         seen = wp.int32(HIDDEN)
@@ -345,7 +357,7 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, texture
             # A step into the black, of many thresholds, must not overshoot by one.
             beyond = pixel(tolerance)
             value = within(value, low - beyond, high + beyond)
-            if seen == SEEN:
+            if seen == SEEN and fine:
                 straight = (1.0 - fy) * ((1.0 - fx) * a + fx * b) + fy * ((1.0 - fx) * c + fx * d)
                 if apart(value, straight) > FINE * tolerance:
                     seen = wp.int32(HIDDEN)
@@ -367,7 +379,7 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, texture
         return seen, value
 
     @wp.func
-    def look_up(view: CameraView, keys: Keyframes, base: int, s: Sight, m: wp.vec3, tolerance: float):
+    def look_up(view: CameraView, keys: Keyframes, base: int, s: Sight, m: wp.vec3, tolerance: float, apart: float):
         """Gives (state, log radiance) of the point in a keyframe, m away from where it is in its camera frame. base:
         index of the first pixel of the keyframe's environment. State: SEEN, HIDDEN, or HARD where only a careful look
         would tell."""
@@ -385,7 +397,11 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, texture
                 if x >= 1 and y >= 1 and x + 2 < view.width and y + 2 < view.height:
                     w = nearness(s, s.point + m)
                     at = base + y * view.width + x
-                    seen, value = about(view, keys, s, at, v[0] - left, v[1] - top, w, tolerance)
+                    fine = wp.bool(False)
+                    if wp.static(detailed):
+                        # What moves by more than a pixel per frame has events that are further off for that reason.
+                        fine = wp.dot(v, v) <= apart * apart
+                    seen, value = about(view, keys, s, at, v[0] - left, v[1] - top, w, tolerance, fine)
         return seen, value
 
     return look_up

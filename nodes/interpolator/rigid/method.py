@@ -39,7 +39,7 @@ from nodes.interpolator.rigid.keyframes import Pair
 from nodes.interpolator.rigid.layout import RigidOptions, layout_of
 from nodes.interpolator.rigid.patches import pieces_of
 from nodes.interpolator.rigid.placement import Placement
-from nodes.interpolator.rigid.reprojection import Reprojection
+from nodes.interpolator.rigid.reprojection import Reprojection, textured_in
 from nodes.interpolator.rigid.sampling import Sampling, SubframeRange
 from nodes.interpolator.rigid.slots import Slots
 from nodes.interpolator.rigid.sparse_raster import SparseRaster
@@ -76,7 +76,7 @@ class Rigid:
         self.shading = Shading(v, ShadingOptions(asked.light_samples, asked.paths, remember=False))
         self._device = v.device
         self._size = (v.shape[1] - 2 * margin, v.shape[2] - 2 * margin)
-        textured = self.shading.features.textures and channels == 1 and not self._layout.exact_flicker
+        textured = textured_in(self.shading, self._layout)
         keyframe, bodies = (envs, *v.shape[1:]), len(scene.bodies)
         self._pair = Pair(keyframe, slots, bodies, channels, self._device, self._layout.exact_flicker, textured)
         self._at_b: KeyframeView | None = None

@@ -61,10 +61,10 @@ class Reprojection:
             self._all_count: wp.array = wp.array(np.diff(starts).astype(np.int32))
         self._all_starts = starts[:-1]
         f = shading.features
-        kind = (f.textures, f.smooth, f.tinted)
-        self._take_albedo = make_take_albedo(*kind) if f.textures and channels == 1 and not exact else None
-        self._first_look = make_gather(v.lens, channels, exact, False, changes, kind)
-        self._gather = make_gather(v.lens, channels, exact, True, changes, kind)
+        kind = (f.textures, f.smooth, f.tinted) if textured_in(shading, layout) else None
+        self._take_albedo = make_take_albedo(*kind) if kind else None
+        self._first_look = make_gather(v.lens, channels, exact, False, changes, layout.detailed, kind)
+        self._gather = make_gather(v.lens, channels, exact, True, changes, layout.detailed, kind)
         self._place = make_place(channels)
         # The portion that lights and what casts shadows are placed for, on a CPU.
         self._lit: int | None = None
@@ -104,11 +104,6 @@ class Reprojection:
             dim = (self._envs, v.shape[1], v.shape[2] // v.span)
             given = [v.view, v.span, self._shading.seen, self._shading.surfaces, keyframe.albedo]
             wp.launch(self._take_albedo, dim, given, device=v.device)
-
-    @property
-    def textured(self) -> bool:
-        """Tells whether textures are looked up at their own time."""
-        return self._take_albedo is not None
 
     def light(self, which: str, placed: bool) -> wp.array:
         """Gives the radiance of all pixels of the first slot under LightSet.select, vec3 [>= E, H, W]. placed: after
@@ -186,3 +181,8 @@ class Reprojection:
             given: list[Any] = [workers, first, band, self._envs, self._upsampling, self._v.margin]
             given += [self._index[part.number], self._pixels, count, self._radiance]
             wp.launch(self._place, workers, given, [frames], device=self._device)
+
+
+def textured_in(shading: Shading, layout: Layout) -> bool:
+    """Tells whether textures are looked up at their own time: of luminance, under light that is all of one kind."""
+    return shading.features.textures and layout.detailed and layout.channels == 1 and not layout.exact_flicker
