@@ -42,6 +42,10 @@ SUBJECTS = {
         "bench.interpolation.light",
         "error and run time where light changes between keyframes, against dense rendering",
     ),
+    "audit": (
+        "bench.interpolation.audit",
+        "what an audit costs beside its run, and how wide its interval is",
+    ),
     "interpolation_speed": (
         "bench.interpolation.speed",
         "nanoseconds per pixel and sub-frame of interpolator and sensor",

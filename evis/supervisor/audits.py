@@ -6,19 +6,41 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from evis.runtime.plan import Plan
+
 NUMBERS = ("vp", "vp_low", "vp_high", "events_wrong")
 
+WIDEST = 0.5
+"""Width of an interval from which on its pixels count as too few to tell the error."""
 
-def joined(nodes: Mapping[str, Any]) -> dict[str, Any] | None:
+MORE, ENOUGH = 4, 64
+"""How many times as many pixels are advised then, and how many at least."""
+
+
+def joined(nodes: Mapping[str, Any], plan: Plan) -> dict[str, Any] | None:
     """Joins the counters of the nodes that audited a camera; None where none did.
 
-    Gives pixels, and vp, vp_low, vp_high, events_wrong, which are None where there were no events to tell them from.
-    Each camera counts by the events that its whole image is estimated to have; their pixels are drawn independently, so
-    that the widths of their intervals add up by squares.
+    Gives pixels, and vp, vp_low, vp_high, events_wrong, which are None where there were no events to tell them from; of
+    several cameras `cameras` too, the same of each. Each camera counts by the events that its whole image is estimated
+    to have; their pixels are drawn independently, so that the widths of their intervals add up by squares.
     """
-    audits = [c for c in (node.get("counters", {}) for node in nodes.values()) if "audit_pixels" in c]
+    counters = {name: node.get("counters", {}) for name, node in nodes.items()}
+    audits = {_camera(name, plan): c for name, c in counters.items() if "audit_pixels" in c}
     if not audits:
         return None
+    result = _sum(list(audits.values()))
+    if len(audits) > 1:
+        result["cameras"] = {camera: _sum([c]) for camera, c in audits.items()}
+    return result
+
+
+def _camera(node: str, plan: Plan) -> str:
+    """The camera of a node, by its topics."""
+    return plan.nodes[node].outputs["audit"].rpartition("/")[0].strip("/") if node in plan.nodes else node
+
+
+def _sum(audits: list[Mapping[str, Any]]) -> dict[str, Any]:
+    """The result of the counters of some audits together."""
     told: dict[str, Any] = {"pixels": int(sum(c["audit_pixels"] for c in audits)), **dict.fromkeys(NUMBERS)}
     known = [c for c in audits if "vp" in c and c.get("audit_events", 0) > 0]
     if not known:
@@ -34,11 +56,38 @@ def joined(nodes: Mapping[str, Any]) -> dict[str, Any] | None:
     return told | {name: round(value, 6) for name, value in zip(NUMBERS, values)}
 
 
-def line(audit: Mapping[str, Any], sim_s: float, wall_s: float) -> str:
-    """Writes the error beside the run time, as a person reads it."""
-    pixels = f"audit of {audit['pixels']} pixel{'s' * (audit['pixels'] != 1)}"
-    took = f", run time {wall_s / sim_s:.2g} s per s" if sim_s > 0 else ""
+def lines(summary: Mapping[str, Any]) -> list[str]:
+    """Writes the error beside the run time, as a person reads it, or why there is none; of several cameras each."""
+    audit, sim_s = summary.get("audit"), summary["sim_s"]
+    if audit is None:
+        why = _left_out(summary)
+        return [f"no error to tell: the audit is left out, for {why}"] if why else []
+    took = f", run time {summary['wall_s'] / sim_s:.2g} s per s" if sim_s > 0 else ""
+    cameras = audit.get("cameras", {})
+    told = [f"{_told(audit, summary['events'], max(len(cameras), 1))}{took}"]
+    return told + [f"  {camera}: {_told(each, 0)}" for camera, each in cameras.items()]
+
+
+def _told(audit: Mapping[str, Any], events: int, cameras: int = 1) -> str:
+    """The error in words. events: of the whole run. cameras: among which the pixels are shared."""
+    count = audit["pixels"]
+    pixels, more = f"{count} pixel{'s' * (count != 1)}", f"audit:={max(MORE * count // cameras, ENOUGH)}"
     if audit["vp"] is None:
-        return f"no error to tell: no events at these pixels ({pixels}){took}"
-    reach = max(audit["vp_high"] - audit["vp"], audit["vp"] - audit["vp_low"])
-    return f"error {audit['vp']:.2f} +- {reach:.2f} ({pixels}){took}"
+        seek = f"; {more} may have some" if events else ""
+        return f"no error to tell: no events at these pixels (audit of {pixels}{seek})"
+    low, high = audit["vp_low"], audit["vp_high"]
+    if high - low > WIDEST:
+        few = "is" if count == 1 else "are"
+        return f"error unknown: {pixels} {few} too few for it ({low:.2f} to {high:.2f}), {more} would do"
+    reach = max(high - audit["vp"], audit["vp"] - low)
+    if reach > min(audit["vp"], 1 - audit["vp"]):
+        return f"error {audit['vp']:.2f}, {low:.2f} to {high:.2f} (audit of {pixels})"
+    return f"error {audit['vp']:.2f} +- {reach:.2f} (audit of {pixels})"
+
+
+def _left_out(summary: Mapping[str, Any]) -> str:
+    """Why there is no audit, "" where nobody wants one."""
+    if summary["args"].get("audit") == 0:
+        return ""
+    items = (item for item in summary["left_out"] if item["what"].rpartition("/")[2].partition("_")[0] == "audit")
+    return next((item["why"] for item in items), "")

@@ -68,7 +68,7 @@ def summarise(
         "args": plan.args,
         "random": plan.random,
     }
-    if (audit := audits.joined(nodes)) is not None:
+    if (audit := audits.joined(nodes, plan)) is not None:
         summary["audit"] = audit
     if plan.chosen:
         summary["chosen"] = plan.chosen
@@ -88,7 +88,7 @@ def as_table(report: Report) -> str:
         f"{s['sim_s']:.3f} s in {s['wall_s']:.2f} s (real-time factor {s['rtf']:.3f}), start-up {s['startup_s']:.2f} s",
         f"{s['events']:,} events, {s['keyframes']:,} keyframes, {s['frames']:,} frames, "
         f"{s['drops']:,} messages and {s['dropped_events']:,} events dropped",
-        *([audits.line(s["audit"], s["sim_s"], s["wall_s"])] if "audit" in s else []),
+        *audits.lines(s),
         *_seed_unused(s),
         "",
         f"{'node':<20}{'updates':>10}{'ms/update':>12}{'busy s':>10}  counters",

@@ -208,9 +208,15 @@ class Audit:
         pixel = both.pixel[1:]
         np.add.at(self._change[0], pixel[~other], step[~other])
         np.add.at(self._change[1], pixel[other], step[other])
-        for n in np.argsort(step, kind="stable")[-len(self._largest) :].tolist():
-            if step[n] > self._largest[pixel[n]]:
-                self._largest[pixel[n]], self._instance[pixel[n]] = step[n], both.instance[1:][n]
+        begins = np.flatnonzero(np.append(True, both.pixel[1:] != both.pixel[:-1]))
+        number, most = both.pixel[begins], np.maximum.reduceat(np.append(0.0, step), begins)
+        # The first place where the most is.
+        at = np.flatnonzero(step == np.repeat(most, np.diff(np.append(begins, len(both.pixel))))[1:])[::-1]
+        where = np.zeros(len(self._largest), np.int64)
+        where[pixel[at]] = at
+        more = most > self._largest[number]
+        self._largest[number[more]] = most[more]
+        self._instance[number[more]] = both.instance[1:][where[number[more]]]
 
     def _end(self, fresh: np.ndarray) -> None:
         """Keeps what was found of pixels whose episode has ended."""

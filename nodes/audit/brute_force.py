@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from nodes.renderer.paths.paths import PathOptions
 
 
-LEAST_SLOTS, MOST_SLOTS, ROOM = 32, 4096, 1 << 16
+LEAST_SLOTS, MOST_SLOTS, ROOM = 32, 1024, 1 << 14
 """Instants that are worked on at once, and things that are placed for all of them together, if nobody says."""
 
 
@@ -61,10 +61,16 @@ class BruteForce:
             v.view.near = self._rays.view.near
         options = ShadingOptions(light_samples, paths, remember=False, split=False)
         self._shading = Shading(v, options)
-        self._occluders = Occluders(v, v.geometry.static, len(v.geometry.triangles) > 0)
+        # Where light casts shadows, rays from the camera go through the same trees.
+        shared = any(light.shadows for light in scene.lights) or paths is not None
+        triangles = len(v.geometry.triangles) > 0
+        self._own = None if shared and triangles else Occluders(v, v.geometry.static, triangles)
+        self._occluders = self._own or self._shading.occluders
         self._kernel = make_first_surface(self._occluders.trees)
-        # In the order of their numbers; the one after the last stands for the camera.
-        order = np.arange(len(v.geometry.body) + 1)
+        # First those that stand still before the camera; the one after the last instance stands for the camera.
+        still = v.geometry.static & is_static(scene, v.camera_body)
+        order = np.append(np.argsort(~still, kind="stable"), len(still))
+        self._still = int(still.sum())
         self._places = [v.put(order, wp.int32), v.put(v.geometry.body, wp.int32)]
         self._places += [v.put(v.geometry.rotation, wp.mat33d), v.put(v.geometry.translation, wp.vec3d)]
         v.rotation.zero_()
@@ -99,10 +105,12 @@ class BruteForce:
         frames = self._place(moved, t_ns)
         at = slot[:, None] * self._visibility.view.width * self._visibility.view.height + self._cells[group, pixel]
         listed = self._put(at.reshape(-1))
+        self._shading.update(frames)
+        self._shading.place()
+        self._shading.placed()
         triangle = self._see(listed, frames)
         count = self._put(np.array([listed.size]))
-        self._shading.update(frames)
-        self._shading.shade_list(None, listed, count, [0], luminance=self._luminance)
+        self._shading.shade_list(None, listed, count, [0], ready=True, luminance=self._luminance)
         self.nonfinite += self._shading.counts()[0]
         light = self._luminance.numpy().reshape(-1)[at].astype(np.float64).mean(-1).astype(np.float32)
         seen = self._instance[triangle.numpy().reshape(at.shape)[:, at.shape[1] // 2]]
@@ -119,27 +127,30 @@ class BruteForce:
         """Brings the bodies of all instants to the device; slots that are not used repeat the last one."""
         v, last = self._visibility, len(t_ns) - 1
         which = np.minimum(np.arange(self.slots), last)
+        slots, start = last + 1, self._still
         if self._frames is None:
             self._frames = v.instance_poses(np.tile(self._rest, (self.slots, 1, 1)))
             v.place(self._frames)
+            slots, start = self.slots, 0
         if moved.shape[1]:
             self._frames = v.send(moved[which])
             v.settle()
-        # Not those of slots that are not used.
-        inputs = [v.poses, v.camera_body, 0, *self._places]
-        dim = (last + 1, len(v.geometry.body) + 1)
+        # Not those of slots that are not used, and what stands still only once.
+        inputs = [v.poses, v.camera_body, start, *self._places]
+        dim = (slots, len(v.geometry.body) + 1 - start)
         wp.launch(place_instances, dim, inputs, [v.rotation, v.translation, v.eye], device=v.device)
         self._shading.set_times(np.asarray(t_ns, np.int64)[which])
         return self._frames
 
     def _see(self, listed: wp.array, frames: InstancePoses) -> wp.array:
         """The triangle that each listed ray meets, in the z-buffer too."""
-        v, occluders = self._visibility, self._occluders
-        occluders.update(frames)
-        occluders.launch()
-        occluders.launch_moving()
+        v = self._visibility
+        if self._own is not None:
+            self._own.update(frames)
+            self._own.launch()
+            self._own.launch_moving()
         triangle = v.empty(listed.size, wp.int32)
-        casters: Any = occluders.casters
+        casters: Any = self._occluders.casters
         inputs = [v.view, int(self._rays.lens), listed, casters, self._first, v.two_sided, v.vertices, v.triangles]
         wp.launch(self._kernel, listed.size, inputs, [v.packed, triangle], device=v.device)
         return triangle

@@ -14,23 +14,30 @@ from nodes.audit.causes import is_still
 SHARE = 0.03
 """Part of a run's cost that an audit may add."""
 
-LEAST, MOST = 4, 64
-"""Pixels in any case, and at most."""
+LEAST, USEFUL, MOST = 4, 16, 64
+"""Pixels in any case, those below which an interval says little, and at most."""
+
+USEFUL_SHARE, USEFUL_NS = 0.05, 60e6
+"""What USEFUL pixels may add, as a part of a run's cost and in nanoseconds of a second; the more of the two counts."""
 
 KEYFRAME_NS = 120.0
 """Of a pixel of a keyframe."""
 
-FRAME_NS = {False: 15.0, True: 150.0}
-"""Of a pixel of a frame with its share of the sensor, before a camera that stands still and one that moves."""
+FRAME_NS, SEEN_NS = {False: 40.0, True: 150.0}, 0.2
+"""Of a pixel of a frame with its share of the sensor, before a camera that stands still and one that moves, and more
+of it for each instance before the latter."""
 
-RAY_NS, INSTANCE_NS, LIGHT_NS = 900.0, 15.0, 100.0
+RAY_NS, INSTANCE_NS, LIGHT_NS = 450.0, 5.0, 100.0
 """Of a ray, of each instance that it is tried against, and of a light that a point is lit by."""
 
-BASE_LOOKS, OWN_LOOKS = 500.0, 1500.0
+BASE_LOOKS, OWN_LOOKS = 500.0, 700.0
 """Looks in a second that all pixels have together at the same instants, and those that a pixel has of its own."""
 
-INSTANT_NS, PLACE_NS = 2_000.0, 60.0
-"""Of an instant at which anything is looked at, and of each instance that is placed then."""
+INSTANT_NS, PLACE_NS = 300.0, 3.0
+"""Of an instant at which a pixel alone is looked at, and of each instance that is placed then."""
+
+FIXED_NS, INSTANCE_FIXED_NS, DRIVEN_NS = 10e6, 60e3, 20e6
+"""Of a second, however many pixels are looked at, of each instance in it, and of motion that is not in closed form."""
 
 
 @dataclass(frozen=True)
@@ -41,26 +48,36 @@ class Rates:
     upsampling: int
 
 
-def run_cost(camera: Camera, moving: bool, samples: int, envs: int, rates: Rates) -> float:
-    """Estimates the cost of a second of a run without its audit [ns]. moving: whether the camera ever does."""
+def run_cost(scene: Scene, camera: Camera, samples: int, envs: int, rates: Rates) -> float:
+    """Estimates the cost of a second of a run without its audit [ns]."""
     pixels = camera.width * camera.height * samples**2
-    return envs * rates.keyframes * pixels * (KEYFRAME_NS + FRAME_NS[moving] * rates.upsampling)
+    moving = not is_still(scene, scene.body_index(camera.name))
+    frame = FRAME_NS[moving] + SEEN_NS * len(scene.instances) * moving
+    return envs * rates.keyframes * pixels * (KEYFRAME_NS + frame * rates.upsampling)
 
 
 def look_cost(scene: Scene, samples: int, light_samples: int, paths: int) -> float:
     """Estimates the cost of a look at a pixel [ns]. paths: rays along paths for each sample, 0 without any."""
-    shadows = sum((light_samples if light.kind == "area" else 1) for light in scene.lights if light.shadows)
+    # An area light takes all its rays only where it may be hidden.
+    shadows = sum((max(1, light_samples / 8) if light.kind == "area" else 1) for light in scene.lights if light.shadows)
     trace = RAY_NS + INSTANCE_NS * min(len(scene.instances), 64)
     return samples**2 * (trace * (1 + 0.5 * shadows + paths) + LIGHT_NS * len(scene.lights))
+
+
+def audit_cost(scene: Scene, camera: Camera, look: float) -> tuple[float, float]:
+    """Estimates the cost of a second of an audit [ns]: without any pixel, and of each. look: cost of a look [ns]."""
+    moving = not is_still(scene, scene.body_index(camera.name))
+    placed = sum(moving or not is_still(scene, instance.body) for instance in scene.instances)
+    driven = any(body.trajectory is None for body in scene.bodies)
+    fixed = FIXED_NS + INSTANCE_FIXED_NS * len(scene.instances) + DRIVEN_NS * driven
+    return fixed, BASE_LOOKS * look + OWN_LOOKS * (look + INSTANT_NS + PLACE_NS * placed)
 
 
 def pixels_for(
     scene: Scene, camera: Camera, rates: Rates, envs: int = 1, samples: int = 1, light_samples: int = 16, paths: int = 0
 ) -> int:
     """Chooses how many pixels to audit, of all environments together."""
-    moving = not is_still(scene, scene.body_index(camera.name))
-    allowed = SHARE * run_cost(camera, moving, samples, envs, rates)
-    look = look_cost(scene, samples, light_samples, paths)
-    instant = INSTANT_NS + PLACE_NS * len(scene.instances)
-    own = BASE_LOOKS * look + OWN_LOOKS * (look + instant)
-    return int(max(LEAST, min(MOST, (allowed - BASE_LOOKS * instant) // own)))
+    run = run_cost(scene, camera, samples, envs, rates)
+    fixed, each = audit_cost(scene, camera, look_cost(scene, samples, light_samples, paths))
+    least = USEFUL if fixed + USEFUL * each <= max(USEFUL_SHARE * run, USEFUL_NS) else LEAST
+    return int(max(least, min(MOST, (SHARE * run - fixed) // each)))

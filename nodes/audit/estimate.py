@@ -8,8 +8,8 @@ import numpy as np
 
 CONFIDENCE = 0.95
 
-UNSEEN = 0.7
-"""Chance that is allowed for a pixel of the largest weight that has events and was not drawn."""
+UNSEEN = 1.5
+"""Pixels of the largest weight that have events and were not drawn, as many as are allowed for."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,9 @@ def ratio(amount: np.ndarray, size: np.ndarray, chance: np.ndarray) -> Interval:
 
     amount, size: float64 [N] of the pixels that were drawn; chance: float64 [N], theirs to be drawn. The variance is
     that of the linearised ratio (Sarndal, Swensson and Wretman, "Model Assisted Survey Sampling", 1992, 5.6) with
-    Hajek's approximation for draws of a fixed number. The interval is Student's, with as many degrees of freedom as
-    pixels of equal influence would have (Satterthwaite, 1946), on the logit of the ratio, so that it stays in 0 ... 1.
+    Hajek's approximation for draws of a fixed number, and an allowance for pixels that were not drawn. The interval is
+    Student's, with as many degrees of freedom as pixels of equal influence would have, of both parts together
+    (Satterthwaite, 1946), on the logit of the ratio, so that it stays in 0 ... 1.
     """
     weight = 1.0 / chance
     total = float((weight * size).sum())
@@ -48,7 +49,9 @@ def ratio(amount: np.ndarray, size: np.ndarray, chance: np.ndarray) -> Interval:
     residual = (amount - value * size)[inside]
     heavy = int((weight[inside] >= weight.max() / 2).sum())
     unseen = UNSEEN * weight.max() ** 2 * (residual**2).mean() / total**2 / (1 + heavy)
-    reach = student_quantile(max(effective - 1, 1.0)) * np.sqrt(share.sum() * count / (count - 1) + unseen)
+    found = float(share.sum()) * count / (count - 1)
+    freedom = (found + unseen) ** 2 / (found**2 / max(effective - 1, 1.0) + unseen**2 / (count - 1))
+    reach = student_quantile(freedom) * np.sqrt(found + unseen)
     if not 0 < value < 1:
         return Interval(value, max(0.0, value - reach), min(1.0, value + reach))
     middle, spread = np.log(value / (1 - value)), reach / (value * (1 - value))

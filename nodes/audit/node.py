@@ -36,7 +36,8 @@ class AuditNode(Node):
     PARAMS: ClassVar[Mapping[str, Param]] = {
         "audit": Param(
             int, None, "pixels that are also computed by brute force, for the error of the events in the summary; "
-            "0 = none; not given = as many as cost about 3 % of the run", "", 0, 1 << 20, optional=True,
+            "0 = none; not given = as many as cost about 3 % of the run, 16 at least where these are cheap",
+            "", 0, 1 << 20, optional=True,
         ),
         "audit_limit": Param(
             float, 0.5, "error (Victor-Purpura, 1/ms) above which the audit warns, with the cause", "", 0, 1

@@ -9,6 +9,8 @@ from nodes.audit.pixels import Blocks, chances, draw
 from nodes.audit.report import Units
 
 HEIGHT, WIDTH = 36, 48
+WIDE = {"fast_shadow": 0.2}
+"""Widest interval of 256 pixels where few pixels have nearly all that is off, if it is more than of the others."""
 
 
 def test_students_quantiles() -> None:
@@ -85,11 +87,10 @@ def check(name: str, counts: tuple[int, ...], seeds: int, widest: float) -> None
 
 
 def test_intervals_hold_the_error_of_all_pixels() -> None:
-    check("fast_shadow", (32, 64, 256), 100, 0.15)
+    check("fast_shadow", (32, 64, 256), 100, WIDE["fast_shadow"])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", sorted(LIGHT_SCENES.glob("*.yaml")), ids=lambda path: path.stem)
 def test_intervals_hold_on_every_light_scene(path) -> None:
-    """The mirror's few pixels with events make its interval wider than the others'."""
-    check(path.stem, (32, 64, 256), 300, 0.6 if path.stem == "mirror" else 0.15)
+    check(path.stem, (32, 64, 256), 300, WIDE.get(path.stem, 0.15))
