@@ -100,7 +100,7 @@ class Shading:
         self.shadow_pass: ShadowPass | None = None
         if self._tiled and not cached and shadowed(visibility):
             self.shadow_pass = ShadowPass(visibility, self.lights, self.occluders, self.normals)
-        self._seen = self._make_seen()
+        self.seen = self._make_seen()
         self.features = self._features_of(textured, gloss, shadows, rays, cached)
         self._kernel, self._list_kernel = make_shade(self.features)
         self.paths: Paths | None = None
@@ -250,7 +250,7 @@ class Shading:
 
     def _run(self, launch: Callable[[wp.Kernel, list[Any]], None], image: Any, listed: bool) -> None:
         """Launch what shades a whole image, or a list of its pixels."""
-        light = [self._seen, self.surfaces, self.lights.kernel, self.sky, self.occluders.casters]
+        light = [self.seen, self.surfaces, self.lights.kernel, self.sky, self.occluders.casters]
         kernel = self._list_kernel if listed else self._kernel
         launch(kernel, [*light, self._kept, image if self.paths is None else self._direct])
         if self.paths is not None:

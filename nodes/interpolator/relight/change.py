@@ -52,6 +52,9 @@ class LightChange:
         change.flags = wp.zeros((envs, self._bodies + 1), dtype=wp.int32, device=v.device)
         change.instance, change.normals = shading.surfaces.instance, shading.normals
         change.alpha = v.put(np.array([alpha_of(scene.materials[i.material]) for i in scene.instances]), wp.float32)
+        change.least = min(
+            (a for i in scene.instances if (a := alpha_of(scene.materials[i.material])) >= 0), default=1.0
+        )
         half = half_extents(v)
         change.half = v.put(half, wp.vec3)
         change.weight = v.put(np.array([l.colour for l in scene.lights]).reshape(-1, 3) @ REC709, wp.float32)

@@ -44,7 +44,8 @@ class Change:
 
     eye_then: cameras to world. flags int32 [E, N + 1]: of bodies and the world, see MOVED. instance, normals: of
     triangles; alpha: of an instance's material, -1 for a plain one; half: of its box [m]; weight: luminance of lights.
-    carried: 1 for instances whose radiance goes as what falls on them. even: change of ln I that still counts as none;
+    carried: 1 for instances whose radiance goes as what falls on them; least: least alpha there is. even: change of ln
+    I that still counts as none;
     bend: by how much a line may be off; turned: angle, of alpha, up to which a highlight changes evenly.
     """
 
@@ -62,6 +63,7 @@ class Change:
     half: wp.array(dtype=wp.vec3)
     weight: wp.array(dtype=float)
     carried: wp.array(dtype=int)
+    least: float
     even: float
     bend: float
     turned: float
@@ -246,11 +248,13 @@ def make_asked(f: LightChanges) -> Any:
     """Makes the function `asked`."""
 
     @wp.func
-    def asked(change: Change, body: int, env: int, row: int, hit: wp.uint64, position: wp.vec3, apart: float):
+    def asked(
+        change: Change, body: int, env: int, row: int, hit: wp.uint64, position: wp.vec3, to_a: wp.vec3, to_b: wp.vec3
+    ):
         """Gives the flags of a point for `relit`, 0 where its light cannot change otherwise than evenly, which a few
         cheap bounds tell of most points.
 
-        apart: how far the cameras of both keyframes are from that of the row, together [m].
+        to_a, to_b: how far the cameras of both keyframes are from that of the row [m].
         """
         flag = change.flags[env, body]
         if wp.static(f.view):
@@ -258,9 +262,12 @@ def make_asked(f: LightChanges) -> Any:
                 flag = flag | VIEWED
             else:
                 # Of what does not move the view turns by no more than the cameras are apart.
-                alpha = change.alpha[change.instance[triangle_of(hit)]]
-                if alpha >= 0.0 and apart > 2.0 * alpha * change.turned * wp.length(position):
-                    flag = flag | VIEWED
+                apart = wp.length(to_a) + wp.length(to_b)
+                far = 2.0 * change.turned * wp.length(position)
+                if apart > change.least * far:
+                    alpha = change.alpha[change.instance[triangle_of(hit)]]
+                    if alpha >= 0.0 and apart > alpha * far:
+                        flag = flag | VIEWED
         if wp.static(f.shadows):
             if (flag & SHADED) != 0:
                 if not crossed(change.swept, env, change.casters.turn[row], row, position):

@@ -9,8 +9,10 @@ from evis.gpu.append_kernels import take_place
 from nodes.interpolator.relight.change_kernels import Change, make_asked, make_relit, moved_point, point_of
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.log_kernels import apart, brighter, fused_luminance, radiance_of
-from nodes.interpolator.rigid.look_up_kernels import HARD, SEEN, Sight, make_keyframes, make_look_up
+from nodes.interpolator.rigid.look_up_kernels import BARE, HARD, HIDDEN, SEEN, Sight, make_keyframes, make_look_up
+from nodes.interpolator.rigid.texture_kernels import make_log_albedo
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.surface_kernels import Seen, Surfaces, pixel_at
 from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
@@ -61,17 +63,27 @@ def sight_of(view: CameraView, hit: wp.uint64, y: int, x: int, pieces: wp.array(
 
 
 @cache
-def make_gather(lens: str, channels: int, flicker: bool, listed: bool, changes: LightChanges) -> wp.Kernel:
+def make_gather(
+    lens: str,
+    channels: int,
+    flicker: bool,
+    listed: bool,
+    changes: LightChanges,
+    detailed: bool,
+    kind: tuple[bool, bool, bool] | None,
+) -> wp.Kernel:
     """Makes the kernel that looks up the pixels of sub-frames in both keyframes.
 
     lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. listed: the kernel
     looks up listed pixels, also at silhouettes; otherwise it goes through all and lists those at silhouettes. changes:
-    of light in the scene.
+    of light in the scene. detailed: as of make_look_up. kind: whether the scene has textures, shading normals of its
+    own and colours at vertices, if textures are looked up at their own time.
     """
+    log_albedo = make_log_albedo(*kind) if kind and listed else None
     relit, asked = (make_relit(changes), make_asked(changes)) if changes.any else (None, None)
     Keyframes: Any = make_keyframes(channels, flicker)
     pixel = wp.float32 if channels == 1 else wp.vec3
-    look_up = make_look_up(lens, channels, flicker, listed)
+    look_up = make_look_up(lens, channels, flicker, listed, detailed, kind is not None)
     # Fewer than it would take: while some threads wait for memory there must be others. With care, and of RGB, all of
     # them are worth more.
     registers = 64 if channels == 1 and not flicker and not listed else None
@@ -117,6 +129,8 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool, changes: 
         portion: Portion,
         keys: Keyframes,
         change: Change,
+        shown: Seen,
+        surfaces: Surfaces,
         # in or out
         todo: wp.array(dtype=int),
         todo_count: wp.array(dtype=int),
@@ -190,11 +204,23 @@ def make_gather(lens: str, channels: int, flicker: bool, listed: bool, changes: 
                 flag = wp.int32(0)
                 if wp.static(changes.any):
                     if s.sky == 0:
-                        apart_a = wp.length(keys.shift[n, body])
-                        apart_b = wp.length(keys.shift[n + keys.turn.shape[0] / 2, body])
-                        flag = asked(change, body, env, n, hit, s.point, apart_a + apart_b)
-                state_a, value = look_up(view, keys, keys.first[0] + base, s, m_a, portion.tolerance)
-                state_b, other = look_up(view, keys, keys.first[1] + base, s, m_b, portion.tolerance)
+                        shift_b = keys.shift[n + keys.turn.shape[0] / 2, body]
+                        flag = asked(change, body, env, n, hit, s.point, keys.shift[n, body], shift_b)
+                apart_b = float(portion.upsampling - i)
+                state_a, value = look_up(view, keys, keys.first[0] + base, s, m_a, portion.tolerance, float(i))
+                state_b, other = look_up(view, keys, keys.first[1] + base, s, m_b, portion.tolerance, apart_b)
+                if wp.static(log_albedo is not None):
+                    if state_a == BARE or state_b == BARE:
+                        texture = log_albedo(view, pixel_at(n, y, x), shown, surfaces)
+                        if texture == 0.0:
+                            state_a = wp.where(state_a == BARE, HIDDEN, state_a)
+                            state_b = wp.where(state_b == BARE, HIDDEN, state_b)
+                        if state_a == BARE:
+                            state_a = wp.int32(SEEN)
+                            value += texture
+                        if state_b == BARE:
+                            state_b = wp.int32(SEEN)
+                            other += texture
                 seen_a = state_a == SEEN
                 seen_b = state_b == SEEN
                 share = float(i) / float(portion.upsampling)

@@ -22,13 +22,21 @@ class Pair:
     """
 
     def __init__(
-        self, shape: tuple[int, int, int], slots: int, bodies: int, channels: int, device: Any, flicker: bool = False
+        self,
+        shape: tuple[int, int, int],
+        slots: int,
+        bodies: int,
+        channels: int,
+        device: Any,
+        flicker: bool = False,
+        textured: bool = False,
     ) -> None:
         """shape: E, H, W. flicker: logs are of the radiance under the lights at their mean, and without those that
         flicker."""
         both, rows = (2 * shape[0], *shape[1:]), 2 * slots * shape[0]
         with wp.ScopedDevice(device):
             self.logs = wp.empty(both, dtype=LOGS[channels, flicker])
+            self.albedo = wp.zeros(both if textured else (0, 0, 0), dtype=wp.float32)
             self.patch = wp.empty(both, dtype=wp.int32)
             self.support = wp.empty(both, dtype=wp.int32)
             self.inverse = wp.empty(both, dtype=wp.float32)
@@ -56,7 +64,7 @@ class Pair:
         size = self.a.patch.size
         keys.first = wp.vec2i(size * self.a.number, size * self.b.number)
         keys.image, keys.turn, keys.shift = self.b.image, self.turn, self.shift
-        for name in ("patch", "support", "inverse", "logs", "texels"):
+        for name in ("patch", "support", "inverse", "logs", "albedo", "texels"):
             setattr(keys, name, getattr(self, name).flatten())
         return keys
 
@@ -86,6 +94,7 @@ class Prepared:
         mine = slice(number * shape[0], (number + 1) * shape[0])
         self.logs, self.patch, self.support = pair.logs[mine], pair.patch[mine], pair.support[mine]
         self.inverse, self.texels = pair.inverse[mine], pair.texels[mine]
+        self.albedo = pair.albedo[mine] if pair.albedo.size else pair.albedo
         with wp.ScopedDevice(device):
             self.image = wp.empty(shape, dtype=self.pixel)
             self.packed = wp.empty(shape, dtype=wp.uint64)

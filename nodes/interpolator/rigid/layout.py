@@ -16,6 +16,10 @@ threshold of common sensors."""
 SAMPLE_PX = {True: 1.0, False: 0.0}
 """Path [px] between two samples of a pixel, on a CPU and on a GPU, where lists cost more than they save."""
 
+MANY_FRAMES = 16
+"""Frames of a gap from which on details finer than pixels count: of fewer, events are further off because of the time
+between frames, and what details cost for each keyframe is shared by fewer frames."""
+
 PORTION, LEAST = {True: 1 << 21, False: 1 << 25}, 8
 """Pixels of the sub-frames that are worked on at once, on a CPU and on a GPU: what caches and memory hold; and least
 sub-frames where there are lines between samples, in which case it is as on a CPU with one environment."""
@@ -57,6 +61,11 @@ class Layout:
     on_device: bool
     flicker: bool
     waveform: Waveform | None
+
+    @property
+    def detailed(self) -> bool:
+        """Tells whether frames are so close together that what is finer than a keyframe's pixels counts."""
+        return self.upsampling >= MANY_FRAMES
 
     @property
     def slots(self) -> int:

@@ -26,6 +26,8 @@ ENOUGH = wp.constant(5)
 HIDDEN = wp.constant(0)
 SEEN = wp.constant(1)
 HARD = wp.constant(2)
+BARE = wp.constant(3)
+"""Seen, but for the texture: the value is ln of the light alone, which the texture at the time is to be added to."""
 FAR_AWAY = wp.constant(1.0e6)
 """Displacement [px] of what a keyframe's camera cannot see."""
 
@@ -43,6 +45,7 @@ def make_keyframes(channels: int, flicker: bool) -> Any:
         support: wp.array(dtype=int)
         inverse: wp.array(dtype=float)
         logs: wp.array(dtype=LOGS[channels, flicker])
+        albedo: wp.array(dtype=float)
         texels: wp.array(dtype=wp.vec4)
         turn: wp.array2d(dtype=wp.mat33)
         shift: wp.array2d(dtype=wp.vec3)
@@ -261,11 +264,12 @@ def make_fetches(channels: int, flicker: bool) -> tuple[wp.Function, wp.Function
 
 
 @cache
-def make_look_up(lens: str, channels: int, flicker: bool, careful: bool) -> wp.Function:
+def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detailed: bool, textured: bool) -> wp.Function:
     """Makes the function `look_up`, which finds the light of a point in a keyframe.
 
     lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. careful: also where a
-    patch is not seen in full.
+    patch is not seen in full. detailed: what is finer than the keyframe's pixels is not found; textured: of textures
+    that are, the light alone is.
     """
     bent = lens != "none"
     Keyframes: Any = make_keyframes(channels, flicker)
@@ -291,8 +295,41 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool) -> wp.F
         return HIDDEN, pixel(0.0)
 
     @wp.func
-    def about(view: CameraView, keys: Keyframes, s: Sight, at: int, fx: float, fy: float, w: float, tolerance: float):
-        """Looks up a point at the fraction (fx, fy) between the pixel `at` and the next; w: its inverse distance."""
+    def texture_row(keys: Keyframes, at: int, w: wp.vec4):
+        """Weights four pixels of a row of ln albedo, from at - 1 on."""
+        return (
+            w[0] * number(keys.albedo, at - 1)
+            + w[1] * number(keys.albedo, at)
+            + w[2] * number(keys.albedo, at + 1)
+            + w[3] * number(keys.albedo, at + 2)
+        )
+
+    @wp.func
+    def texture(keys: Keyframes, width: int, at: int, wx: wp.vec4, wy: wp.vec4):
+        """Computes ln albedo about the pixel `at` as dulled as the light's logarithm is by `whole`."""
+        below = at + width
+        return in_column(
+            texture_row(keys, at - width, wx),
+            texture_row(keys, at, wx),
+            texture_row(keys, below, wx),
+            texture_row(keys, below + width, wx),
+            wy,
+        )
+
+    @wp.func
+    def about(
+        view: CameraView,
+        keys: Keyframes,
+        s: Sight,
+        at: int,
+        fx: float,
+        fy: float,
+        w: float,
+        tolerance: float,
+        fine: bool,
+    ):
+        """Looks up a point at the fraction (fx, fy) between the pixel `at` and the next; w: its inverse distance; fine:
+        whether what is finer than pixels matters."""
         width = view.width
         below = at + width
         seen = wp.int32(HIDDEN)
@@ -317,13 +354,19 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool) -> wp.F
                 if wp.static(careful):
                     seen = wp.int32(SEEN)
                     value = masked(keys, width, at, s.patch, w, weights(fx), weights(fy))
-            if seen == SEEN:
-                straight = (1.0 - fy) * ((1.0 - fx) * a + fx * b) + fy * ((1.0 - fx) * c + fx * d)
-                if apart(value, straight) > FINE * tolerance:
-                    seen = wp.int32(HIDDEN)
             # A step into the black, of many thresholds, must not overshoot by one.
             beyond = pixel(tolerance)
             value = within(value, low - beyond, high + beyond)
+            if seen == SEEN and fine:
+                straight = (1.0 - fy) * ((1.0 - fx) * a + fx * b) + fy * ((1.0 - fx) * c + fx * d)
+                if apart(value, straight) > FINE * tolerance:
+                    seen = wp.int32(HIDDEN)
+                    if wp.static(textured):
+                        if (code & 1) == 1 and number(keys.albedo, at) != 0.0:
+                            seen = wp.int32(HARD)
+                            if wp.static(careful):
+                                seen = wp.int32(BARE)
+                                value -= texture(keys, width, at, weights(fx), weights(fy))
         elif (
             whole_number(keys.patch, at) == s.patch
             or whole_number(keys.patch, at + 1) == s.patch
@@ -336,7 +379,7 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool) -> wp.F
         return seen, value
 
     @wp.func
-    def look_up(view: CameraView, keys: Keyframes, base: int, s: Sight, m: wp.vec3, tolerance: float):
+    def look_up(view: CameraView, keys: Keyframes, base: int, s: Sight, m: wp.vec3, tolerance: float, apart: float):
         """Gives (state, log radiance) of the point in a keyframe, m away from where it is in its camera frame. base:
         index of the first pixel of the keyframe's environment. State: SEEN, HIDDEN, or HARD where only a careful look
         would tell."""
@@ -354,7 +397,11 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool) -> wp.F
                 if x >= 1 and y >= 1 and x + 2 < view.width and y + 2 < view.height:
                     w = nearness(s, s.point + m)
                     at = base + y * view.width + x
-                    seen, value = about(view, keys, s, at, v[0] - left, v[1] - top, w, tolerance)
+                    fine = wp.bool(False)
+                    if wp.static(detailed):
+                        # What moves by more than a pixel per frame has events that are further off for that reason.
+                        fine = wp.dot(v, v) <= apart * apart
+                    seen, value = about(view, keys, s, at, v[0] - left, v[1] - top, w, tolerance, fine)
         return seen, value
 
     return look_up

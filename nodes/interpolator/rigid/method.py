@@ -39,7 +39,7 @@ from nodes.interpolator.rigid.keyframes import Pair
 from nodes.interpolator.rigid.layout import RigidOptions, layout_of
 from nodes.interpolator.rigid.patches import pieces_of
 from nodes.interpolator.rigid.placement import Placement
-from nodes.interpolator.rigid.reprojection import Reprojection
+from nodes.interpolator.rigid.reprojection import Reprojection, textured_in
 from nodes.interpolator.rigid.sampling import Sampling, SubframeRange
 from nodes.interpolator.rigid.slots import Slots
 from nodes.interpolator.rigid.sparse_raster import SparseRaster
@@ -76,8 +76,9 @@ class Rigid:
         self.shading = Shading(v, ShadingOptions(asked.light_samples, asked.paths, remember=False))
         self._device = v.device
         self._size = (v.shape[1] - 2 * margin, v.shape[2] - 2 * margin)
+        textured = textured_in(self.shading, self._layout)
         keyframe, bodies = (envs, *v.shape[1:]), len(scene.bodies)
-        self._pair = Pair(keyframe, slots, bodies, channels, self._device, self._layout.exact_flicker)
+        self._pair = Pair(keyframe, slots, bodies, channels, self._device, self._layout.exact_flicker, textured)
         self._at_b: KeyframeView | None = None
         self._even = True
         self._graphs, self._beside = CudaGraphs(self._device), Branch(self._device)
@@ -195,6 +196,7 @@ class Rigid:
             if self._layout.waveform is not None:
                 self._pair.b.take_lights(partial(self._reprojection.light, placed=True))
             self._pair.b.fill(v, self._layout.envs, self._pieces, self._moving, self._reprojection.nonfinite)
+            self._reprojection.take_albedo(self._pair.b)
         self._beside.join()
         if count:
             before = (self._pair.a.poses, self._pair.a.packed) if first else self._before
@@ -248,6 +250,7 @@ class Rigid:
             self.shading.update(placed)
             self._pair.b.take_lights(partial(self._reprojection.light, placed=False))
         self._pair.b.fill(self.visibility, self._layout.envs, self._pieces, self._moving, self._reprojection.nonfinite)
+        self._reprojection.take_albedo(self._pair.b)
 
     def _take_poses(self) -> None:
         """Where bodies, lights and casters are at keyframe B: launches only."""

@@ -12,9 +12,10 @@ from nodes.interpolator.relight.change import LightChange
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
 from nodes.interpolator.rigid.gather_kernels import Portion, make_gather, make_place
-from nodes.interpolator.rigid.keyframes import Pair
+from nodes.interpolator.rigid.keyframes import Pair, Prepared
 from nodes.interpolator.rigid.layout import Layout
 from nodes.interpolator.rigid.sampling import Sampling, SubframeRange, Todo
+from nodes.interpolator.rigid.texture_kernels import make_take_albedo
 from nodes.renderer.lighting import LIST_WORKERS, Shading
 
 BLOCK = 128
@@ -59,8 +60,11 @@ class Reprojection:
             self._all: wp.array = wp.array(np.arange(whole, dtype=np.int32))
             self._all_count: wp.array = wp.array(np.diff(starts).astype(np.int32))
         self._all_starts = starts[:-1]
-        self._first_look = make_gather(v.lens, channels, exact, False, changes)
-        self._gather = make_gather(v.lens, channels, exact, True, changes)
+        f = shading.features
+        kind = (f.textures, f.smooth, f.tinted) if textured_in(shading, layout) else None
+        self._take_albedo = make_take_albedo(*kind) if kind else None
+        self._first_look = make_gather(v.lens, channels, exact, False, changes, layout.detailed, kind)
+        self._gather = make_gather(v.lens, channels, exact, True, changes, layout.detailed, kind)
         self._place = make_place(channels)
         # The portion that lights and what casts shadows are placed for, on a CPU.
         self._lit: int | None = None
@@ -93,6 +97,14 @@ class Reprojection:
             self._shading.place()
             self._shading.placed()
 
+    def take_albedo(self, keyframe: Prepared) -> None:
+        """Notes the textures of the first slot as those of a keyframe: a launch only."""
+        if self._take_albedo is not None:
+            v = self._v
+            dim = (self._envs, v.shape[1], v.shape[2] // v.span)
+            given = [v.view, v.span, self._shading.seen, self._shading.surfaces, keyframe.albedo]
+            wp.launch(self._take_albedo, dim, given, device=v.device)
+
     def light(self, which: str, placed: bool) -> wp.array:
         """Gives the radiance of all pixels of the first slot under LightSet.select, vec3 [>= E, H, W]. placed: after
         `place`."""
@@ -106,7 +118,13 @@ class Reprojection:
     def reproject(self, part: SubframeRange, pair: Pair, quiet: wp.array, frames: wp.array) -> None:
         """Looks up what may have changed, shades what no keyframe shows, and again where samples are too far apart."""
         todo: Todo | None
-        how: list[Any] = [self._portion(part, pair, quiet), pair.kernel(), self._change]
+        how: list[Any] = [
+            self._portion(part, pair, quiet),
+            pair.kernel(),
+            self._change,
+            self._shading.seen,
+            self._shading.surfaces,
+        ]
         if self._two_pass:
             todo = self._first_pixels(part, how, frames)
         else:
@@ -163,3 +181,8 @@ class Reprojection:
             given: list[Any] = [workers, first, band, self._envs, self._upsampling, self._v.margin]
             given += [self._index[part.number], self._pixels, count, self._radiance]
             wp.launch(self._place, workers, given, [frames], device=self._device)
+
+
+def textured_in(shading: Shading, layout: Layout) -> bool:
+    """Tells whether textures are looked up at their own time: of luminance, under light that is all of one kind."""
+    return shading.features.textures and layout.detailed and layout.channels == 1 and not layout.exact_flicker

@@ -1,0 +1,72 @@
+"""Textures at the keyframes and in between, so that those which are finer than pixels need not be interpolated."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from evis.media.colour import REC709
+from nodes.renderer.raster.depth_kernels import MISS
+from nodes.renderer.raster.surface_kernels import (
+    Pixel,
+    Seen,
+    Surfaces,
+    make_surface,
+    pixel_at,
+    seen_face,
+    seen_triangle,
+)
+from nodes.renderer.raster.view_kernels import CameraView
+
+wp.set_module_options({"enable_backward": False})
+
+WEIGHTS = wp.constant(wp.vec3(*REC709))
+DIM = wp.constant(0.02)
+"""Albedo from which on light that is reflected without it counts for little."""
+
+
+@cache
+def make_log_albedo(textures: bool, smooth: bool, tinted: bool) -> Any:
+    """Makes the function `log_albedo`."""
+    surface = make_surface(textures, smooth, tinted)
+
+    @wp.func
+    def log_albedo(view: CameraView, pixel: Pixel, seen: Seen, surfaces: Surfaces):
+        """Computes ln of the luminance of the albedo that a pixel shows; 0 of what is not textured, glows or is dim."""
+        if seen_triangle(seen, pixel) == MISS:
+            return 0.0
+        face = seen_face(view, seen, surfaces, pixel)
+        if surfaces.textures.place[face.instance][1] == 0:
+            return 0.0
+        if wp.max(surfaces.emission[surfaces.material[face.instance]]) > 0.0:
+            return 0.0
+        albedo, _facing = surface(view, pixel, seen, surfaces, face)
+        bright = wp.dot(WEIGHTS, albedo)
+        if bright < DIM:
+            return 0.0
+        return wp.log(bright)
+
+    return log_albedo
+
+
+@cache
+def make_take_albedo(textures: bool, smooth: bool, tinted: bool) -> wp.Kernel:
+    """Makes the kernel `take_albedo`."""
+    log_albedo = make_log_albedo(textures, smooth, tinted)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def take_albedo(
+        # in
+        view: CameraView,
+        span: int,
+        seen: Seen,
+        surfaces: Surfaces,
+        # out
+        albedo: wp.array3d(dtype=float),
+    ):
+        """Computes ln albedo of the pixels [E, H, W] of the first slot."""
+        env, y, part = wp.tid()
+        for x in range(part * span, wp.min(part * span + span, view.width)):
+            albedo[env, y, x] = log_albedo(view, pixel_at(env, y, x), seen, surfaces)
+
+    return take_albedo
