@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 SENSOR = ("model", "threshold", "threshold_on", "threshold_off", "dark_level", "crossing")
 """Parameters of the run's sensor that an audit shares with it."""
 
+ON_GPU = "on a GPU it costs more than the run itself; audit:=64 asks for it"
+"""Why there is none by default."""
+
 HORIZON_S = 1.0
 """How far ahead motion is looked at before pixels are drawn, if the run is longer [s]."""
 
@@ -36,8 +39,8 @@ class AuditNode(Node):
     PARAMS: ClassVar[Mapping[str, Param]] = {
         "audit": Param(
             int, None, "pixels that are also computed by brute force, for the error of the events in the summary; "
-            "0 = none; not given = as many as cost about 3 % of the run, 16 at least where these are cheap",
-            "", 0, 1 << 20, optional=True,
+            "0 = none; not given = as many as cost about 3 % of the run, 16 at least where these are cheap, none on a "
+            "GPU", "", 0, 1 << 20, optional=True,
         ),
         "audit_limit": Param(
             float, 0.5, "error (Victor-Purpura, 1/ms) above which the audit warns, with the cause", "", 0, 1
@@ -87,7 +90,9 @@ class AuditNode(Node):
 
     @classmethod
     def pointless(cls, params: Mapping[str, Any]) -> str:
-        """Says so where every picture is the same."""
+        """Says so where every picture is the same, and where nobody asked for what costs a multiple of the run."""
+        if params.get("audit") is None and str(params.get("device", "cpu")).startswith("cuda"):
+            return ON_GPU
         from evis.scene.load import is_dynamic, load_scene, parse_args
         from nodes.audit.causes import nothing_changes
 

@@ -6,6 +6,7 @@ from audit_rig import audited, gaps, small
 
 from nodes.audit.audit import Audit, AuditOptions
 from nodes.audit.causes import cause_of, nothing_changes
+from nodes.audit.node import AuditNode
 
 
 def same(a: Audit, b: Audit) -> bool:
@@ -89,6 +90,13 @@ def test_the_cause_is_named() -> None:
     report, better = (audited(scene, 64, seconds=0.1, k=k).report() for k in (4, 32))
     assert "light or shadow on 'wall'" in cause_of(scene, "cam0", report)
     assert report.worst and report.vp.value > 0.5 > 2 * better.vp.value
+
+
+def test_there_is_none_on_a_gpu_unless_it_is_asked_for() -> None:
+    params = {"scene": "spinning_disk", "device": "cuda", "audit": None}
+    assert "audit:=64" in AuditNode.pointless(params)
+    assert not AuditNode.pointless(params | {"audit": 64})
+    assert not AuditNode.pointless(params | {"device": "cpu"})
 
 
 def test_what_never_changes_is_told() -> None:
