@@ -31,7 +31,7 @@ VIEWED = wp.constant(8)
 """Flag of a point, if glossy, that the view may have turned against by more than its lobe is wide."""
 AROUND = wp.constant(16)
 """Flag of one that stands still and is lit over other surfaces, some of which move."""
-MANY = wp.constant(32)
+MANY = wp.constant(16)
 """Casters from which on a shadow ray costs less than asking all their boxes."""
 CARRIED = wp.constant(20.0)
 """How much ln I may change, of `even`, where the change is added to what the keyframes show."""
