@@ -46,6 +46,7 @@ class AuditNode(Node):
             float, 0.5, "error (Victor-Purpura, 1/ms) above which the audit warns, with the cause", "", 0, 1
         ),
         "camera": Param(str, "cam0", "which camera of the scene"),
+        "colour": Param(bool, False, "frames are linear RGB, for colour events, instead of luminance"),
         "source": Param(str, "frames", "frames (interpolator) or keyframe (K = 1)", choices=("frames", "keyframe")),
         "seed": Param(int, 0, "seed of the choice of pixels; environment k has seed + k", "", 0, 2**63 - 1),
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
@@ -72,8 +73,8 @@ class AuditNode(Node):
 
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
-        """Of keyframes luminance will do."""
-        return frozenset({"luminance"}) if port == "keyframe" else None
+        """Of keyframes luminance will do, unless the run's events are of colours."""
+        return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
