@@ -26,7 +26,7 @@ def read(bags: Sequence[str | Path]) -> list[dict[str, Any]]:
         if not cameras or not float(took.get("sim_s", 0)):
             raise ValueError(f"{bag} has no audit: record a simulation without audit:=0 that takes some time")
         for camera in cameras:
-            numbers = {name: float(audit[f"{camera}.{name}"]) for name in ("vp", "vp_low", "vp_high")}
+            numbers = {name: round(float(audit[f"{camera}.{name}"]), 4) for name in ("vp", "vp_low", "vp_high")}
             rows.append({
                 "bag": Path(bag).name,
                 **{key: run.get(key, "") for key in ("scene", "interpolator", "keyframe_rate", "upsampling")},
@@ -35,7 +35,7 @@ def read(bags: Sequence[str | Path]) -> list[dict[str, Any]]:
                 "error": numbers["vp"],
                 "low": numbers["vp_low"],
                 "high": numbers["vp_high"],
-                "run time": float(took["wall_s"]) / float(took["sim_s"]),
+                "run time": round(float(took["wall_s"]) / float(took["sim_s"]), 4),
             })  # fmt: skip
     return rows
 
