@@ -24,7 +24,7 @@ from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import States
 from nodes.renderer.renderer import Renderer
 
-COMMAND = "python -m bench.interpolation.audit"
+COMMAND = "evis bench audit"
 SCENES = (
     "spinning_disk", "fidget_spinner", "falling_objects", "robot_arm", "drone", "stereo_room", "warehouse",
     "tunnel_exit",

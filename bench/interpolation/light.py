@@ -13,7 +13,7 @@ from evis.runtime.clock import NS
 from evis.scene import load_scene
 from nodes.interpolator.auto.world import World
 
-COMMAND = "python -m bench.interpolation.light"
+COMMAND = "evis bench light"
 CASES = Path(__file__).parent / "light_scenes"
 SCENES = ("spinning_disk", "fidget_spinner", "falling_objects", "robot_arm", "drone", "warehouse", "tunnel_exit")
 """Those that come with EVIS and have a camera `cam0`; `stereo_room` shows the room of `drone`."""
