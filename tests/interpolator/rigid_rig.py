@@ -124,7 +124,8 @@ def keyframe(renderer, states, before, stamp, outputs=("radiance",)):
 def cross(scene, upsampling=4, margin=0, gap=GAP, states=closed_form, splat=False, **options):
     """One gap from START on. states: (scene, times) -> States, for bodies that physics moves."""
     view = scene.cameras[0]
-    renderer = Renderer(scene, view, margin=margin)
+    light = {name: options[name] for name in ("paths", "light_samples") if name in options}
+    renderer = Renderer(scene, view, margin=margin, **light)
     stamps = subframe_stamps(START, START + gap, upsampling)
     outputs = ("radiance", "depth", "motion")
     at = [np.array([START - gap, START]), np.linspace(START, START + gap, 11).round().astype(np.int64)]
@@ -136,7 +137,7 @@ def cross(scene, upsampling=4, margin=0, gap=GAP, states=closed_form, splat=Fals
     device = options.pop("device", "cpu")
     rigid = Rigid(scene, view, 1, upsampling, margin, device=device, options=RigidOptions(**options))
     report = rigid.between(a, b, [False], out)
-    inner = Renderer(scene, view)
+    inner = Renderer(scene, view, **light)
     dense = [
         luminance(inner.render(states(scene, np.array([t])).pose[:, 0], t_ns=int(t))["radiance"])[0] for t in stamps
     ]

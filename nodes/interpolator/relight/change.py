@@ -119,10 +119,11 @@ class LightChange:
         """Flags int32 [E, N + 1] of bodies and the world."""
         at = before.take(self._movers, axis=1)
         gone = (moved != at).any(axis=0)
+        lamps, casters = np.isin(self._movers, self._lamps), np.isin(np.arange(len(self._movers)), self._casting[0])
         relative = np.zeros((self._envs, self._bodies + 1), bool)
         relative[:, self._movers] = gone[..., self._columns].any(-1)
-        lamps = np.isin(self._movers, self._lamps)
-        anything = gone.any(axis=(1, 2))
+        # A camera that moves changes no light.
+        anything = gone[:, lamps | casters].any(axis=(1, 2))
         # Also while a lamp on something that may move rests: sweeps are told for those alone that never move.
         relative[anything & bool(lamps.any())] = True
         flags = np.where(relative, MOVED, 0) if self.features.relative else np.zeros(relative.shape, np.int64)

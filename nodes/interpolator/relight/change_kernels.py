@@ -244,8 +244,32 @@ def make_relit(f: LightChanges) -> Any:
 
 
 @cache
+def make_narrowed(f: LightChanges) -> Any:
+    """Makes the function `narrowed`."""
+
+    @wp.func
+    def narrowed(change: Change, flag: int, env: int, row: int, position: wp.vec3):
+        """Gives the flags of a point, of those of its body: SHADED only where a shadow may pass in the gap, and AROUND
+        becomes LIT_ANEW near what moves, else 0."""
+        left = flag
+        if wp.static(f.shadows):
+            if (flag & SHADED) != 0:
+                if not crossed(change.swept, env, change.casters.turn[row], row, position):
+                    left = left & ~SHADED
+        if wp.static(f.indirect):
+            if (flag & AROUND) != 0:
+                left = left & ~AROUND
+                if nearby(change.swept, env, change.casters.turn[row], row, position) > 2.0 * change.even:
+                    left = left | LIT_ANEW
+        return left
+
+    return narrowed
+
+
+@cache
 def make_asked(f: LightChanges) -> Any:
     """Makes the function `asked`."""
+    narrowed = make_narrowed(f)
 
     @wp.func
     def asked(
@@ -256,7 +280,7 @@ def make_asked(f: LightChanges) -> Any:
 
         to_a, to_b: how far the cameras of both keyframes are from that of the row [m].
         """
-        flag = change.flags[env, body]
+        flag = narrowed(change, change.flags[env, body], env, row, position)
         if wp.static(f.view):
             if (flag & MOVED) != 0:
                 flag = flag | VIEWED
@@ -268,15 +292,6 @@ def make_asked(f: LightChanges) -> Any:
                     alpha = change.alpha[change.instance[triangle_of(hit)]]
                     if alpha >= 0.0 and apart > alpha * far:
                         flag = flag | VIEWED
-        if wp.static(f.shadows):
-            if (flag & SHADED) != 0:
-                if not crossed(change.swept, env, change.casters.turn[row], row, position):
-                    flag = flag & ~SHADED
-        if wp.static(f.indirect):
-            if (flag & AROUND) != 0:
-                flag = flag & ~AROUND
-                if nearby(change.swept, env, change.casters.turn[row], row, position) > 2.0 * change.even:
-                    flag = flag | LIT_ANEW
         return flag
 
     return asked
@@ -286,22 +301,21 @@ def make_asked(f: LightChanges) -> Any:
 def make_level(f: LightChanges) -> Any:
     """Makes the function `level_of`."""
     irradiance, shaded, _ = make_light(f)
+    narrowed = make_narrowed(f)
 
     @wp.func
     def level_of(change: Change, flag: int, env: int, row: int, s: Point):
         """Gives ln of the irradiance of a flagged point in a slot's row, and whether something may be in the way of a
         light."""
         level = float(0.0)
-        moved = (flag & MOVED) != 0
-        hidden = (flag & LIT_ANEW) != 0
-        if wp.static(f.indirect):
-            if (flag & AROUND) != 0:
-                hidden = nearby(change.swept, env, change.casters.turn[row], row, s.position) > 2.0 * change.even
+        here = narrowed(change, flag, env, row, s.position)
+        moved = (here & MOVED) != 0
+        hidden = (here & LIT_ANEW) != 0
         if wp.static(f.relative):
             if moved and not hidden:
                 level = wp.log(wp.max(irradiance(change, change.now, row, row, s, s.normal), 1.0e-30))
         if wp.static(f.shadows):
-            if not hidden and (moved or crossed(change.swept, env, change.casters.turn[row], row, s.position)):
+            if not hidden and (moved or (here & SHADED) != 0):
                 first = wp.where(moved, 0, change.casters.still)
                 hidden = shaded(change, change.now, change.casters, row, s, first)
         return level, hidden

@@ -12,8 +12,9 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.relight.change_kernels import Change, make_level, point_of
+from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
+from nodes.interpolator.relight.line_kernels import Lit, make_light_in
 from nodes.interpolator.rigid.look_up_kernels import SAME_SHEET
 from nodes.interpolator.rigid.walk_kernels import Walk
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
@@ -103,49 +104,12 @@ def put_span(
         spans[room + take_place(n, band)] = wp.vec2i(pixel, start * LENGTHS + length)
 
 
-@wp.struct
-class Lit:
-    """Holds how a pixel's light is at a sub-frame: how many before it are known, ln of what falls on it with nothing in
-    the way, by how much that has grown, and whether anything may be in the way.
-
-    kink: by how much the growth differs from the one before; jump: whether a line may not end here.
-    """
-
-    known: int
-    level: float
-    growth: float
-    kink: float
-    hidden: bool
-    jump: bool
-
-
 @cache
 def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
     """Makes the kernel that plans at which sub-frames pixels are sampled. channels: 1 (luminance) or 3 (RGB). changes:
     of light in the scene."""
     pixel = wp.float32 if channels == 1 else wp.vec3
-    level_of = make_level(changes) if changes.any else None
-
-    @wp.func
-    def light_in(change: Change, given: Stretch, env: int, slot: int, hit: wp.uint64, d: wp.vec3, before: Lit):
-        """Gives how the light of a pixel is in a slot, and whether it may have jumped since the sub-frame before."""
-        lit = Lit()
-        lit.known = 2
-        t = triangle_of(hit)
-        if wp.static(changes.relative or changes.shadows or changes.indirect):
-            if t != MISS:
-                flag = change.flags[env, given.pieces[t][0]]
-                if flag != 0:
-                    row = slot * given.envs + env
-                    level, hidden = level_of(change, flag, env, row, point_of(change, row, hit, depth_of(hit) * d))
-                    lit.level = level
-                    lit.hidden = hidden
-                    lit.known = wp.min(before.known + 1, 2)
-                    lit.growth = level - before.level
-                    if before.known == 2:
-                        lit.kink = wp.abs(lit.growth - before.growth)
-                    lit.jump = hidden or before.hidden or before.known == 0
-        return lit
+    light_in = make_light_in(changes) if changes.any else None
 
     @wp.kernel(module="unique", enable_backward=False)
     def plan(
@@ -218,7 +182,8 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
                         body = body_at(u, env, given.pieces, given.walk)
                     if wp.static(changes.any):
                         if k <= given.count:
-                            lit = light_in(change, given, env, given.slot0 + k - 1, now, d, lit)
+                            row = (given.slot0 + k - 1) * given.envs + env
+                            lit = light_in(change, given.pieces, env, row, now, d, lit)
                         else:
                             lit.jump = lit.hidden
                             lit.kink = 0.0

@@ -2,13 +2,15 @@
 
 import numpy as np
 import pytest
-from rigid_rig import GAP, START, cross, disc, lamp, painted, plain, pose, quad, world
+from rigid_rig import GAP, START, closed_form, cross, disc, lamp, painted, plain, pose, quad, world
 
 from evis.geometry import se3
 from evis.scene.model import Light, Material, Mesh
-from evis.scene.motion import Linear, Prescribed, Spin
+from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
+from nodes.interpolator.keyframe import States
 from nodes.interpolator.relight.features import light_changes
 from nodes.interpolator.rigid.layout import TOLERANCE
+from nodes.renderer.paths.paths import PathOptions
 
 SPEED = 1e9 / GAP
 OFF = 0.5 * TOLERANCE
@@ -103,6 +105,50 @@ def test_a_lamp_that_the_camera_carries():
 
 def _along(*per_gap):
     return Linear(np.array(per_gap, np.float64) * SPEED)
+
+
+def test_shadows_of_more_things_than_are_asked_one_by_one():
+    """A lamp that goes round over posts: all that it shines on has its rays traced."""
+    posts = [
+        (box(0.03, 0.15, 0.03), plain(0.6), Prescribed(pose(0.25 * (n % 6 - 2.5), 0.2 * (n // 6 - 1), 2.6)))
+        for n in range(18)
+    ]
+    light = lamp(body=len(posts))
+    light.vector = np.array([0.5, 0.0, 0.0])
+    path = turning(2 * np.pi, (0, 0, 1), (0.0, 0.0, 1.5))
+    gap = cross(world([WALL, *posts], lights=[light], sky=0.05, spares=[("arm", path)]), 8)
+    assert share_off(gap) < 0.003
+    assert np.abs(np.log(gap.dense[3] / gap.dense[-1])).max() > 1
+
+
+def test_the_sky_that_a_thing_hides_while_it_comes_near():
+    """A lid that comes down over a floor and goes back within the gap, under light that comes by paths."""
+    ground, lid = quad(4.0), quad(0.5)
+    ground.vertices[:] = ground.vertices[:, [0, 2, 1]] + np.array([0.0, 0.5, 3.0], np.float32)
+    lid.vertices[:] = lid.vertices[:, [0, 2, 1]]
+    down = Sinusoid(np.array([0.0, 1.5, 0.0]), 0.5 * SPEED, -np.pi * START * 1e-9 * SPEED)
+    things = [(ground, plain(0.6), "world"), (lid, plain(0.2), Prescribed(pose(0.0, -1.2, 2.0), [down]))]
+    gap = cross(world(things, sky=1.0), 8, paths=PathOptions(samples=64))
+    under = (slice(None), slice(54, 62), slice(36, 60))
+    darker = (gap.dense[-1] - gap.dense[:-1])[under]
+    assert np.median(darker.max(0)) > 0.3 * np.median(gap.dense[-1][under[1:]]), "there is something to be missed"
+    assert np.abs(gap.frames - gap.dense)[:-1][under].mean() < 0.02 * np.abs(darker).mean()
+
+
+def test_a_camera_that_moves_before_what_rests_costs_no_look_at_light():
+    """A body that may move, but does not in this gap, and its shadow."""
+    path = Prescribed(pose(-0.1 * SPEED * START * 1e-9, 0, 0), [_along(0.1, 0, 0)])
+    scene = world([wall(3.0, plain(0.6)), (disc(0.2), plain(0.5), None)], camera_motion=path, lights=[lamp()], sky=0.05)
+
+    def states(scene, t):
+        at = closed_form(scene, t)
+        pose_at, twist = np.array(at.pose), np.array(at.twist)
+        pose_at[..., 0, 2] = 2.0
+        return States(t, pose_at, twist)
+
+    gap = cross(scene, 8, states=states)
+    assert gap.report.reshaded < 0.05 * gap.report.samples
+    assert share_off(gap) < 0.01
 
 
 def test_half_the_tolerance_is_nearer_to_the_truth():

@@ -1,0 +1,66 @@
+"""How the light of a pixel goes on from one sub-frame to the next: lines are drawn where it is straight."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from nodes.interpolator.relight.change_kernels import Change, make_level, point_of
+from nodes.interpolator.relight.features import LightChanges
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+
+wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Lit:
+    """Holds how a pixel's light is at a sub-frame: how many before it are known, ln of what falls on it with nothing in
+    the way, by how much that has grown, and whether anything may be in the way.
+
+    kink: by how much the growth differs from the one before; jump: whether a line may not end here.
+    """
+
+    known: int
+    level: float
+    growth: float
+    kink: float
+    hidden: bool
+    jump: bool
+
+
+@cache
+def make_light_in(changes: LightChanges) -> Any:
+    """Makes the function `light_in`. changes: of light in the scene."""
+    level_of = make_level(changes)
+
+    @wp.func
+    def light_in(
+        change: Change, pieces: wp.array(dtype=wp.vec2i), env: int, row: int, hit: wp.uint64, d: wp.vec3, before: Lit
+    ):
+        """Gives how the light of a pixel is in a slot's row, and whether it may have jumped since the sub-frame before.
+
+        Args:
+            pieces: body and patch of each triangle.
+            env, row: environment, and row of the slot.
+            hit: z-buffer entry of the pixel.
+            d: its ray.
+            before: its light at the sub-frame before.
+        """
+        lit = Lit()
+        lit.known = 2
+        t = triangle_of(hit)
+        if wp.static(changes.relative or changes.shadows or changes.indirect):
+            if t != MISS:
+                flag = change.flags[env, pieces[t][0]]
+                if flag != 0:
+                    level, hidden = level_of(change, flag, env, row, point_of(change, row, hit, depth_of(hit) * d))
+                    lit.level = level
+                    lit.hidden = hidden
+                    lit.known = wp.min(before.known + 1, 2)
+                    lit.growth = level - before.level
+                    if before.known == 2:
+                        lit.kink = wp.abs(lit.growth - before.growth)
+                    lit.jump = hidden or before.hidden or before.known == 0
+        return lit
+
+    return light_in
