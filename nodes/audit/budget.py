@@ -11,32 +11,34 @@ from dataclasses import dataclass
 from evis.scene.model import Camera, Scene
 from nodes.audit.causes import is_still
 
-SHARE = 0.03
-"""Part of a run's cost that an audit may add."""
+SHARE = 0.025
+"""Part of a run's cost that an audit may add: less than 3 %, for estimates are off by a few tenths."""
 
 LEAST, USEFUL, MOST = 4, 16, 64
 """Pixels in any case, those below which an interval says little, and at most."""
 
-USEFUL_SHARE, USEFUL_NS = 0.05, 60e6
-"""What USEFUL pixels may add, as a part of a run's cost and in nanoseconds of a second; the more of the two counts."""
+SMALL_NS, USEFUL_NS = 1e9, 45e6
+"""A second of a run that costs less than the first may have USEFUL pixels for the second [ns]: a share of it would be
+next to nothing."""
 
 KEYFRAME_NS = 120.0
 """Of a pixel of a keyframe."""
 
-FRAME_NS, SEEN_NS = {False: 40.0, True: 150.0}, 0.2
+FRAME_NS, SEEN_NS = {False: 40.0, True: 150.0}, 0.3
 """Of a pixel of a frame with its share of the sensor, before a camera that stands still and one that moves, and more
 of it for each instance before the latter."""
 
 RAY_NS, INSTANCE_NS, LIGHT_NS = 450.0, 5.0, 100.0
 """Of a ray, of each instance that it is tried against, and of a light that a point is lit by."""
 
-BASE_LOOKS, OWN_LOOKS = 500.0, 700.0
-"""Looks in a second that all pixels have together at the same instants, and those that a pixel has of its own."""
+BASE_LOOKS, OWN_LOOKS = 500.0, {False: 400.0, True: 1500.0}
+"""Looks in a second that all pixels have together at the same instants, and those that a pixel has of its own; more of
+them where textures move, and pixels are drawn where they do."""
 
 INSTANT_NS, PLACE_NS = 300.0, 3.0
 """Of an instant at which a pixel alone is looked at, and of each instance that is placed then."""
 
-FIXED_NS, INSTANCE_FIXED_NS, DRIVEN_NS = 10e6, 60e3, 20e6
+FIXED_NS, INSTANCE_FIXED_NS, DRIVEN_NS = 8e6, 110e3, 18e6
 """Of a second, however many pixels are looked at, of each instance in it, and of motion that is not in closed form."""
 
 
@@ -70,7 +72,8 @@ def audit_cost(scene: Scene, camera: Camera, look: float) -> tuple[float, float]
     placed = sum(moving or not is_still(scene, instance.body) for instance in scene.instances)
     driven = any(body.trajectory is None for body in scene.bodies)
     fixed = FIXED_NS + INSTANCE_FIXED_NS * len(scene.instances) + DRIVEN_NS * driven
-    return fixed, BASE_LOOKS * look + OWN_LOOKS * (look + INSTANT_NS + PLACE_NS * placed)
+    own = OWN_LOOKS[not driven and any(material.texture is not None for material in scene.materials)]
+    return fixed, BASE_LOOKS * look + own * (look + INSTANT_NS + PLACE_NS * placed)
 
 
 def pixels_for(
@@ -79,5 +82,5 @@ def pixels_for(
     """Chooses how many pixels to audit, of all environments together."""
     run = run_cost(scene, camera, samples, envs, rates)
     fixed, each = audit_cost(scene, camera, look_cost(scene, samples, light_samples, paths))
-    least = USEFUL if fixed + USEFUL * each <= max(USEFUL_SHARE * run, USEFUL_NS) else LEAST
+    least = USEFUL if run < SMALL_NS and fixed + USEFUL * each <= USEFUL_NS else LEAST
     return int(max(least, min(MOST, (SHARE * run - fixed) // each)))

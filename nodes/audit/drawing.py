@@ -39,6 +39,9 @@ class Drawing:
         self._driven = np.array(
             [i.body >= 0 and scene.bodies[i.body].trajectory is None for i in scene.instances], bool
         )
+        known = any(body.trajectory is not None and not body.trajectory.is_static() for body in scene.bodies)
+        self._changes = known or any(light.waveform is not None for light in scene.lights)
+        self.blocks.way()  # found before the run
         self._score: np.ndarray | None = None
 
     def begin(
@@ -86,8 +89,8 @@ class Drawing:
         pixels = self.blocks.one_each(self._seed)
         times = scan_times(self._seed, stamp, horizon_ns)
         if self._driven.any():
-            # Where bodies will be is not known, so it is of little use to look often.
-            times = times[::6]
+            # Where bodies will be is not known: one look tells where they are, a few what else moves or flickers.
+            times = times[::6] if self._changes else times[:1]
         light, instance = look.scan(pixels, times)
         moving = ((instance >= 0) & np.append(self._driven, False)[instance]).any(0)
         self._score = self.blocks.spread(scores_of(light, moving, self.blocks, threshold))

@@ -11,7 +11,7 @@ from evis.scene.model import Camera, Scene
 from nodes.audit.brute_force import BruteForce
 from nodes.audit.motion import Motion
 
-SCANNED = 160
+SCANNED = 480
 """Pixels that are looked at together in a scan."""
 
 

@@ -7,6 +7,7 @@ picture does (Horvitz and Thompson, "A generalization of sampling without replac
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -45,6 +46,7 @@ class Blocks:
             np.arange(self.columns + 1) * self.width // self.columns,
         )
 
+    @cache  # noqa: B019 (a few hundred kilobytes for each size of image)
     def way(self) -> np.ndarray:
         """Gives all pixels, int64 [H W] indices, block by block, to and fro."""
         row, column = np.divmod(np.arange(self.height * self.width), self.width)

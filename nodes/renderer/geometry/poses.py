@@ -32,7 +32,8 @@ def check_values(poses: np.ndarray, names: list[str]) -> None:
     flat = poses.reshape(-1)
     with np.errstate(all="ignore"):
         # The common case, told by one pass over all numbers and one over those that are not 0 but for half turns.
-        if math.isfinite(flat.dot(flat)) and np.abs(poses[..., 6]).min(initial=1.0) > 1e-100:
+        # Not by `dot`, which wakes threads that then wait in a busy loop.
+        if math.isfinite(np.einsum("i,i->", flat, flat)) and np.abs(poses[..., 6]).min(initial=1.0) > 1e-100:
             return
         length = np.sqrt(np.einsum("eni,eni->en", poses[..., 3:], poses[..., 3:]))
     good = np.isfinite(poses).all(-1) & np.isfinite(length) & (length > 0.0)
