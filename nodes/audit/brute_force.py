@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from nodes.renderer.paths.paths import PathOptions
 
 
-LEAST_SLOTS, MOST_SLOTS, ROOM = 32, 1024, 1 << 14
+LEAST_SLOTS, MOST_SLOTS, ROOM = 32, 512, 1 << 14
 """Instants that are worked on at once, and things that are placed for all of them together, if nobody says."""
 
 

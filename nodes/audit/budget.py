@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from evis.scene.model import Camera, Scene
 from nodes.audit.causes import is_still
 
-SHARE = 0.025
+SHARE = 0.026
 """Part of a run's cost that an audit may add: less than 3 %, for estimates are off by a few tenths."""
 
 LEAST, USEFUL, MOST = 4, 16, 64
@@ -31,14 +31,14 @@ of it for each instance before the latter."""
 RAY_NS, INSTANCE_NS, LIGHT_NS = 450.0, 5.0, 100.0
 """Of a ray, of each instance that it is tried against, and of a light that a point is lit by."""
 
-BASE_LOOKS, OWN_LOOKS = 500.0, {False: 400.0, True: 1500.0}
+BASE_LOOKS, OWN_LOOKS = 500.0, {False: 400.0, True: 1200.0}
 """Looks in a second that all pixels have together at the same instants, and those that a pixel has of its own; more of
 them where textures move, and pixels are drawn where they do."""
 
 INSTANT_NS, PLACE_NS = 300.0, 3.0
 """Of an instant at which a pixel alone is looked at, and of each instance that is placed then."""
 
-FIXED_NS, INSTANCE_FIXED_NS, DRIVEN_NS = 8e6, 110e3, 18e6
+FIXED_NS, INSTANCE_FIXED_NS, DRIVEN_NS = 6e6, 110e3, 18e6
 """Of a second, however many pixels are looked at, of each instance in it, and of motion that is not in closed form."""
 
 

@@ -25,8 +25,8 @@ class Drawing:
 
     def __init__(self, scene: Scene, camera: Camera, count: int, envs: int, seed: int) -> None:
         """count: pixels asked for; seed: of environment 0."""
-        self.blocks = Blocks.of(camera.height, camera.width)
         chosen = min(envs, count)
+        self.blocks = Blocks.of(camera.height, camera.width, -(-count // chosen))
         rng = np.random.default_rng([_ENVS, seed % 2**64])
         self.envs = np.sort(rng.choice(envs, chosen, replace=False)) if chosen < envs else np.arange(envs)
         self._share, self._seed = chosen / envs, seed

@@ -11,11 +11,12 @@ from functools import cache
 
 import numpy as np
 
-EVEN = 0.4
-"""Share of the pixels that are drawn evenly over the image."""
+EVEN, EVEN_OF_MANY, MANY = 0.4, 0.7, 128
+"""Share of the pixels that are drawn evenly over the image: of fewer than MANY, and of more, for which those that have
+events where none were expected are what makes the interval wide."""
 
-BLOCKS = 480
-"""Blocks, about square, that an image is scanned by, one pixel in each."""
+BLOCKS, BLOCKS_EACH = 480, 27
+"""Blocks, about square, that an image is scanned by, one pixel in each: at least, and for each pixel that is drawn."""
 
 INSTANTS = 24
 """Instants of a scan."""
@@ -34,8 +35,9 @@ class Blocks:
     columns: int
 
     @staticmethod
-    def of(height: int, width: int, count: int = BLOCKS) -> Blocks:
-        """Gives about `count` blocks, no smaller than a pixel."""
+    def of(height: int, width: int, pixels: int) -> Blocks:
+        """Gives blocks to draw `pixels` by, none smaller than a pixel."""
+        count = max(BLOCKS, BLOCKS_EACH * pixels)
         rows = min(height, max(1, round((count * height / width) ** 0.5)))
         return Blocks(height, width, rows, min(width, max(1, round(count / rows))))
 
@@ -93,11 +95,12 @@ def _smoothed(values: np.ndarray) -> np.ndarray:
     return (rows[:, :-2] + 2 * rows[:, 1:-1] + rows[:, 2:]) / 16
 
 
-def chances(score: np.ndarray, count: int, even: float = EVEN) -> np.ndarray:
+def chances(score: np.ndarray, count: int) -> np.ndarray:
     """Gives the chance float64 [H, W] of each pixel to be among `count`, at most 1; they add up to `count`.
 
-    score: float64 [H, W]. A share `even` of the draws does not look at it.
+    score: float64 [H, W]. A share of the draws does not look at it.
     """
+    even = EVEN if count < MANY else EVEN_OF_MANY
     size = score.size
     if count >= size:
         return np.ones(score.shape)
