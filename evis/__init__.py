@@ -15,13 +15,15 @@ from evis.neighbours import install as _meet_neighbours
 TYPE_CHECKING = False
 """As typing's, which takes more time than the rest of this import; type checkers and editors go by the name."""
 if TYPE_CHECKING:
+    from evis.event_sensor import EventSensor as EventSensor
     from evis.recordings import open_recorded as open
     from evis.scene.load import load_scene as load_scene
 
     __version__: str
 
-__all__ = ["__version__", "load_scene", "open"]
+__all__ = ["EventSensor", "__version__", "load_scene", "open"]
 _LAZY = {
+    "EventSensor": "evis.event_sensor:EventSensor",
     "load_scene": "evis.scene.load:load_scene",
     "open": "evis.recordings:open_recorded",
 }

@@ -25,8 +25,11 @@ def kind_of(values: Any) -> str:
     return WARP if hasattr(values, "__dlpack__") and not isinstance(values, np.ndarray) else NUMPY
 
 
-def as_warp(values: Any) -> wp.array:
-    """Gives the same memory as a Warp array, on the device where it lies; what is in no such memory is copied."""
+def as_warp(values: Any, dtype: Any = None) -> wp.array:
+    """Gives the same memory as a Warp array, on the device where it lies; what is in no such memory is copied.
+
+    dtype: of what speaks DLPack, a Warp type that takes its last axis in (vec3f), as Warp's arrays have four at most.
+    """
     start_warp()
     kind = kind_of(values)
     if kind == NUMPY:
@@ -35,7 +38,7 @@ def as_warp(values: Any) -> wp.array:
         return values
     if kind == TORCH and values.requires_grad:
         values = values.detach()
-    array: Any = wp.from_dlpack(values)
+    array: Any = wp.from_dlpack(values, dtype=dtype)
     return array
 
 
