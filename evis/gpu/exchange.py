@@ -5,6 +5,7 @@ PyTorch is never imported here: a caller who hands over a tensor has it loaded.
 
 from __future__ import annotations
 
+import functools
 import sys
 from typing import Any
 
@@ -30,7 +31,7 @@ def as_warp(values: Any, dtype: Any = None) -> wp.array:
 
     dtype: of what speaks DLPack, a Warp type that takes its last axis in (vec3f), as Warp's arrays have four at most.
     """
-    start_warp()
+    _start()
     kind = kind_of(values)
     if kind == NUMPY:
         return wp.array(np.ascontiguousarray(values), device="cpu", copy=False)
@@ -40,6 +41,12 @@ def as_warp(values: Any, dtype: Any = None) -> wp.array:
         values = values.detach()
     array: Any = wp.from_dlpack(values, dtype=dtype)
     return array
+
+
+@functools.cache
+def _start() -> None:
+    """Once: it redirects stderr for a moment."""
+    start_warp()
 
 
 def as_kind(array: wp.array, kind: str) -> Any:
