@@ -51,6 +51,7 @@ SUBJECTS = {
         "nanoseconds per pixel and sub-frame of interpolator and sensor",
     ),
     "streams": ("bench.streams.codecs", "decoding speed, against other libraries"),
+    "representations": ("bench.streams.representations", "voxel grids and their like, against numpy and tonic"),
     "bag": ("bench.graph.bag", "recording speed"),
     "camera": ("bench.graph.camera", "camera node on emulated USB: sustained rate, losses, CPU share, latency"),
 }

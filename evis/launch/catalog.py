@@ -19,7 +19,7 @@ _files: dict[str, list[str]] = {}
 
 def types() -> list[str]:
     """Lists the node types that come with evis."""
-    return sorted(path.parent.name for path in (ROOT / "nodes").glob("*/node.py"))
+    return sorted(path.parent.name for path in Path(ROOT, "nodes").glob("*/node.py"))
 
 
 def comes_with_evis(node_type: str) -> bool:
@@ -27,7 +27,7 @@ def comes_with_evis(node_type: str) -> bool:
     if ":" not in node_type:
         return True
     top, *rest = node_type.partition(":")[0].split(".")
-    return top in (*PACKAGES, "evis") and ROOT.joinpath(top, *rest).with_suffix(".py").is_file()
+    return top in (*PACKAGES, "evis") and Path(ROOT, top, *rest).with_suffix(".py").is_file()
 
 
 def files_of(target: str) -> list[str]:
@@ -69,7 +69,7 @@ def load(node_type: str, where: str, folder: Path | None = None) -> tuple[str, t
 
 def _note(name: str, module: Any, before: set[str]) -> None:
     """Keep which files the import of a module has brought; the second import of one brings none."""
-    known = [ROOT / package for package in (*PACKAGES, "evis")]
+    known = [Path(ROOT, package) for package in (*PACKAGES, "evis")]
     known += [Path(place).resolve() for place in sysconfig.get_paths().values()]
     new = [m for key, m in list(sys.modules.items()) if key not in before and m is not module]
     paths = [Path(file).resolve() for m in new if (file := getattr(m, "__file__", None))]
