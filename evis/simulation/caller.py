@@ -43,8 +43,10 @@ class CallerNode(Node):
         self.taken: dict[str, Message] = {}
         self.stamp_ns = 0
         """The latest stamp that arrived."""
-        self.state: tuple[int, np.ndarray] | None = None
-        """Stamp and episodes of the last state."""
+        self.episodes: np.ndarray | None = None
+        """Of the last state, int32 [E]."""
+        self.poses: np.ndarray | None = None
+        """Of its bodies, float64 [E, N, 7]."""
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Forgets what was not taken."""
@@ -55,7 +57,7 @@ class CallerNode(Node):
     def receive(self, port: str, message: Message) -> None:
         """Keeps a message of topic `port`; the arrays stay as they are until `take`."""
         if isinstance(message, WorldState):
-            self.state = message.header.stamp_ns, np.array(message.episodes)
+            self.episodes, self.poses = np.array(message.episodes), np.array(message.end_pose)
         self.stamp_ns = max(self.stamp_ns, message.header.stamp_ns)
         message.keep()
         if port in self.taken:

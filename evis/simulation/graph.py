@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from evis.config.document import LaunchError
@@ -53,17 +54,20 @@ class Planner:
         self._asked = asked
         self._arguments = dict(arguments)
         self._found = Graph(Plan("", "", ""))
+        self._folder = Path()
+        """Where the launch file lies, and nodes of the user's own beside it."""
 
-    def plan(self, seed: int | None, record: str | None = None) -> Graph:
+    def plan(self, seed: int, record: str | None = None) -> Graph:
         """Makes the plan. record: path of a bag that is recorded. Raises SimulationError in one line."""
         given = {name: value for name, value in self._arguments.items() if value is not None}
-        if seed is not None:
-            given["seed"] = seed
         if self._asked.labels:
             named = given.get(LABELS, [])
             given[LABELS] = [*(named.split(",") if isinstance(named, str) else named), *self._asked.labels]
         try:
             target = read_target(self._target, given)
+            if seed or "seed" in target.launch.arguments:  # not every launch file has anything random
+                target.given["seed"] = seed
+            self._folder = target.launch.path.resolve().parent
             options = Options(record=record, view=False, grouping="compose")
             plan = plan_launch(target.launch, target.given, options, edit=self._edit)
         except (LaunchError, ValueError, OSError) as error:
@@ -81,7 +85,7 @@ class Planner:
         for spec in expanded.nodes:
             if catalog.comes_with_evis(spec.type):
                 spec.keep = []
-            _, cls = catalog.load(spec.type, spec.where)
+            _, cls = catalog.load(spec.type, spec.where, self._folder)
             if any(output.topic == ACTION for output in cls.OUTPUTS.values()):
                 found.controller = spec.name
             if spec.type == "physics":

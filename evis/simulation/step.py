@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -95,3 +96,11 @@ def value_of(message: Message | None) -> Any:
         return message
     image, margin = getattr(message, field), getattr(message, "margin", 0)
     return image[:, margin : image.shape[1] - margin, margin : image.shape[2] - margin] if margin else image
+
+
+def on_host(packet: EventPacket) -> EventPacket:
+    """Gives a packet in numpy arrays, wherever its own are."""
+    given = {name: value if isinstance(value, np.ndarray) else value.numpy() for name, value in packet.arrays().items()}
+    whole: Any = packet
+    on_this: EventPacket = replace(whole, **given)
+    return on_this
