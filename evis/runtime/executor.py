@@ -188,10 +188,12 @@ class Executor:
 
     def _turn(self, commands: Commands | None) -> bool:
         """Gives every topic and every node its turn; True when something came or a node was called."""
-        with self.profile.inside("bus"):
-            for publisher in self._publishers:
-                publisher.pump()
-        progress = self._receive()
+        progress = False
+        if not self.plan.closed:
+            with self.profile.inside("bus"):
+                for publisher in self._publishers:
+                    publisher.pump()
+            progress = self._receive()
         for host in self._hosts.values():
             progress |= self._calls.call(host)
         self._housekeeping(commands)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
@@ -41,6 +42,8 @@ class CallerNode(Node):
     def setup(self) -> None:
         """Begins with nothing taken."""
         self.taken: dict[str, Message] = {}
+        self._asked_for: dict[str, bool] = {}
+        """Topic -> whether the caller wants its messages, or only to know how far the run is."""
         self.stamp_ns = 0
         """The latest stamp that arrived."""
         self.episodes: np.ndarray | None = None
@@ -59,6 +62,10 @@ class CallerNode(Node):
         if isinstance(message, WorldState):
             self.episodes, self.poses = np.array(message.episodes), np.array(message.end_pose)
         self.stamp_ns = max(self.stamp_ns, message.header.stamp_ns)
+        if port not in self._asked_for:
+            self._asked_for[port] = any(fnmatch.fnmatchcase(port, glob) for glob in self.params["topics"])
+        if not self._asked_for[port]:
+            return
         message.keep()
         if port in self.taken:
             self.taken[port].release()

@@ -76,9 +76,11 @@ class Run:
         assert isinstance(caller, CallerNode)
         self._caller = caller
         wanted = set(asked.topics(plan.nodes[CALLER].inputs["messages"]))
-        self._topics = [topic for topic in plan.topics if topic in wanted]
         of_cameras = [t for t in plan.topics if t.count("/") > 1 and t.rpartition("/")[2] in OF_CAMERA]
         self.cameras = tuple(dict.fromkeys(t[1:].rpartition("/")[0] for t in of_cameras))
+        parts = {topic: topic[1:].rpartition("/") for topic in plan.topics if topic in wanted}
+        self._topics = [(t, camera if camera in self.cameras else "", name) for t, (camera, _, name) in parts.items()]
+        """Topic, camera or "", and output of what was asked for."""
         self._begin()
 
     def _begin(self) -> None:
@@ -106,6 +108,10 @@ class Run:
     def parameter(self, name: str, otherwise: Any) -> Any:
         """Returns a parameter of the node that steps the world."""
         return self.graph.plan.nodes[self.graph.physics].params[name] if self.graph.physics else otherwise
+
+    def summary(self) -> dict[str, Any]:
+        """Returns the profiles of the nodes, without the caller's."""
+        return {name: told for name, told in self._executor.summary().items() if name in self.graph.plan.nodes}
 
     def next_stamp(self) -> int:
         """Returns the time [ns] of the next keyframe; the present one where nobody knows it."""
@@ -221,9 +227,8 @@ class Run:
         taken = self._caller.take()
         cameras: dict[str, dict[str, Any]] = {name: {} for name in self.cameras}
         others: dict[str, Any] = {}
-        for topic in self._topics:
-            camera, _, name = topic[1:].rpartition("/")
-            (cameras[camera] if camera in cameras else others)[name] = value_of(taken.get(topic))
+        for topic, camera, name in self._topics:
+            (cameras[camera] if camera else others)[name] = value_of(taken.get(topic))
         episodes = np.zeros(self.envs, np.int32) if self._caller.episodes is None else self._caller.episodes
         self.last = Step(self.stamp_ns, episodes, cameras, others, self.over)
         return self.last

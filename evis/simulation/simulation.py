@@ -96,6 +96,12 @@ class Simulation:
         """Simulated time [ns] of the last step."""
         return self._run.stamp_ns
 
+    def summary(self) -> dict[str, Any]:
+        """Tells what each node has done since the last reset of all: calls, time [s], messages, and what it counted, as
+        `nodes` in the summary of `evis launch --json`.
+        """
+        return self._run.summary()
+
     # -- what it does ------------------------------------------------------------------------------------------------
 
     def reset(self, seed: int | Sequence[int] | None = None, envs: Sequence[int] | None = None) -> Step:
