@@ -1,5 +1,6 @@
 """An event camera simulator for robots, held in Python; docs/python.md is the tour.
 
+    sim = evis.Simulation("spinning_disk")        a scene, stepped by its caller
     events = evis.open("recording.raw")           any recording or bag
     sensor = evis.EventSensor(260, 346)           frames in, events out
     scene = evis.load_scene("spinning_disk")      bodies, cameras, lights
@@ -18,11 +19,21 @@ if TYPE_CHECKING:
     from evis.event_sensor import EventSensor as EventSensor
     from evis.recordings import open_recorded as open
     from evis.scene.load import load_scene as load_scene
+    from evis.simulation.errors import Diverged as Diverged
+    from evis.simulation.errors import SimulationError as SimulationError
+    from evis.simulation.errors import SimulationWarning as SimulationWarning
+    from evis.simulation.simulation import Simulation as Simulation
 
     __version__: str
 
-__all__ = ["EventSensor", "__version__", "load_scene", "open"]
+__all__ = [
+    "Diverged", "EventSensor", "Simulation", "SimulationError", "SimulationWarning", "__version__", "load_scene", "open",
+]  # fmt: skip
 _LAZY = {
+    "Diverged": "evis.simulation.errors:Diverged",
+    "Simulation": "evis.simulation.simulation:Simulation",
+    "SimulationError": "evis.simulation.errors:SimulationError",
+    "SimulationWarning": "evis.simulation.errors:SimulationWarning",
     "EventSensor": "evis.event_sensor:EventSensor",
     "load_scene": "evis.scene.load:load_scene",
     "open": "evis.recordings:open_recorded",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import sys
 import sysconfig
@@ -17,9 +18,10 @@ _files: dict[str, list[str]] = {}
 """Module of a node that does not come with evis -> the files that were imported for it."""
 
 
-def types() -> list[str]:
+@functools.cache
+def types() -> tuple[str, ...]:
     """Lists the node types that come with evis."""
-    return sorted(path.parent.name for path in Path(ROOT, "nodes").glob("*/node.py"))
+    return tuple(sorted(path.parent.name for path in Path(ROOT, "nodes").glob("*/node.py")))
 
 
 def comes_with_evis(node_type: str) -> bool:

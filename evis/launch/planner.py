@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -72,10 +72,14 @@ def plan_target(name: str, given: Mapping[str, Any], options: Options) -> Plan:
 
 
 def plan_launch(
-    launch: LaunchFile, given: Mapping[str, Any], options: Options, held: Collection[str] | None = None
+    launch: LaunchFile,
+    given: Mapping[str, Any],
+    options: Options,
+    held: Collection[str] | None = None,
+    edit: Callable[[Expanded], None] | None = None,
 ) -> Plan:
     """Plans a launch file that has been read; see `plan_file`. held: the given arguments that must have an effect, all
-    if None.
+    if None. edit: takes the file's nodes before they are wired, to add others to them.
     """
     if options.duration_s is not None and options.duration_s <= 0:
         raise LaunchError(f"--duration is {options.duration_s:g}, it must be longer than 0 s")
@@ -83,6 +87,8 @@ def plan_launch(
     hide = Redactor(str(given[name]) for name, a in launch.arguments.items() if a.param.secret and name in given)
     try:
         expanded = expand(launch, given, options.names())
+        if edit is not None:
+            edit(expanded)
         plan = plan_nodes(expanded, launch.path.resolve().parent, options)
         for secret in plan.secrets:
             hide.add(secret)

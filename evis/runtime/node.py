@@ -180,6 +180,13 @@ class Node:
     def finish(self) -> None:
         """Publishes what is left, after all inputs have ended."""
 
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Makes the node what it is after `setup` with these parameters, for another run from time 0.
+
+        False, unless a subclass knows how: then a new node takes its place. What `setup` has published stays published.
+        """
+        return False
+
     def idle(self) -> None:
         """Does what a node has to do besides messages; called on the executor's thread at least every 50 ms."""
 

@@ -113,6 +113,14 @@ class EventSensorNode(Node):
 
         return make_model(p["model"], height, width, envs, seed=seed, **p)
 
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Puts away the sensor, of which another is made at the first frame: its seed may differ."""
+        if {**params, "seed": 0} != {**self.params, "seed": 0}:
+            return False
+        self.params = dict(params)
+        self._sensor, self._header, self._size = None, Header(0), (0, 0)
+        return True
+
     def update(self, inputs: Mapping[str, Message]) -> None:
         message = inputs[self.params["source"]]
         if isinstance(message, Keyframe):

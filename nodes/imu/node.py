@@ -58,6 +58,12 @@ class ImuNode(Node):
 
         self._unit: InertialUnit = InertialUnit(ImuModel(**{k: v for k, v in self.params.items() if k != "camera"}))
 
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Makes the unit anew."""
+        self.params = dict(params)
+        self.setup()
+        return True
+
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Publishes the samples of one interval; none at an episode's first stamp."""
         state = inputs["state"]

@@ -142,6 +142,11 @@ class Interpolator:
         self._last, self._stamp, self._episodes = view, stamp_ns, np.array(episodes)
         return stamps, out
 
+    def forget(self) -> None:
+        """Forgets the last keyframe: the next one begins a run, at any time, in images of the same size."""
+        self._last, self._stamp = None, 0
+        self._episodes = np.zeros(0, np.int32)
+
     def _fit(self, shape: tuple[int, ...], margin: int) -> None:
         """Takes keyframes [E, H, W] of this size and margin from now on. Raises ValueError where others came before."""
         _, height, width = shape

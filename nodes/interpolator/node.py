@@ -115,6 +115,14 @@ class InterpolatorNode(Node):
         self._field = "rgb" if p["colour"] else "luminance"
         self._kept: list[Message] = []
 
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Forgets the last keyframe; scene, kernels and memory are those that there are."""
+        if dict(params) != self.params:
+            return False
+        self._release()
+        self.interpolator.forget()
+        return True
+
     def update(self, inputs: Mapping[str, Message]) -> None:
         key = inputs["keyframe"]
         assert isinstance(key, Keyframe)

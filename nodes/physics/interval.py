@@ -85,6 +85,9 @@ class Engine(Protocol):
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Moves on to stamp `to_ns` [ns] under controls float64 [E, nu] (None: as before, zero at first)."""
 
+    def rewind(self, seed: int) -> None:
+        """Goes back to stamp 0, as it is made with this seed."""
+
 
 def grid_inside(start_ns: int, end_ns: int, step_ns: int) -> np.ndarray:
     """Gives the multiples of step_ns strictly between two stamps, int64."""

@@ -61,7 +61,7 @@ class MujocoEngine:
         """
         # Without a handler MuJoCo writes a log file into the working directory; the watchdog reads the counters.
         mujoco.set_mju_user_warning(lambda text: None)
-        self.scene, self.seed, self.envs = scene, seed, envs
+        self.scene, self.envs = scene, envs
         self.model = compile_model(scene)
         # MuJoCo would put a diverged state back to its start and go on as if nothing had happened.
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -72,8 +72,6 @@ class MujocoEngine:
         self._scratch = mujoco.MjData(self.model) if contacts else None
         self._joints = joints
         self._watchdogs = [Watchdog(self.model, speed_limit) for _ in range(envs)]
-        self._warnings = [(0, text) for text in self._watchdogs[0].risks()]
-        self._episodes = [0] * envs
         follows = [(n, body.follows) for n, body in enumerate(scene.bodies) if body.follows is not None]
         self._followers = Followers(self.model, [what for _, what in follows])
         own = [
@@ -87,8 +85,17 @@ class MujocoEngine:
         self._columns = [*own, *range(self.model.nbody - 1, self.model.nbody - 1 + len(follows))]
         """Which rows of a snapshot the bodies of `_moved` are: the model's own bodies come first there."""
         self._prescribed = PrescribedStates(scene)
+        self._warnings: list[tuple[int, str]] = []
+        self.rewind(seed)
+        self._warnings = [(0, text) for text in self._watchdogs[0].risks()]
+
+    def rewind(self, seed: int) -> None:
+        """Puts every environment to its start at stamp 0, in the first episode of seed + k."""
+        self.seed = seed
+        self._warnings = []
+        self._episodes = [0] * self.envs
         self._stamp, self._grid = 0, 0
-        for k in range(envs):
+        for k in range(self.envs):
             self._reset(k)
         self._before = self._now = self._snapshot()
         self._last = self._state_at(0)

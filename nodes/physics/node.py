@@ -106,14 +106,27 @@ class PhysicsNode(Node):
             self.engine = PrescribedEngine(scene, p["envs"])
         self.held = self.divides(p)
         self.names = [body.name for body in scene.bodies]
-        self.episodes = np.zeros(p["envs"], np.int32)
+        self._begin()
+        self.count_all = keyframe_count(round(p["duration"] * NS), p["keyframe_rate"]) if p["duration"] else None
+        if self.count_all is not None:
+            self._say_end(self.count_all - 1)
+
+    def _begin(self) -> None:
+        """Stands before the first stamp of a run."""
+        self.episodes = np.zeros(self.params["envs"], np.int32)
         self.episode = 0
         self.k = 0
         self.first = 0
         """Number of the stamp at which the run's episode began: cameras and actions are counted from it."""
-        self.count_all = keyframe_count(round(p["duration"] * NS), p["keyframe_rate"]) if p["duration"] else None
-        if self.count_all is not None:
-            self._say_end(self.count_all - 1)
+
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Puts the engine back to time 0, with another seed where that is all that differs."""
+        if {**params, "seed": 0} != {**self.params, "seed": 0}:
+            return False
+        self.params = dict(params)
+        self.engine.rewind(params["seed"])
+        self._begin()
+        return True
 
     def _say_end(self, last: int) -> None:
         """Warn where the run's last keyframe, of number `last`, comes before its end: the rest is not simulated."""

@@ -24,6 +24,10 @@ class PrescribedEngine:
         """Gives the state at stamp 0."""
         return self._at(np.zeros(1, np.int64))
 
+    def rewind(self, seed: int) -> None:
+        """Goes back to stamp 0."""
+        self._now = 0
+
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Gives the states from the previous stamp to `to_ns` [ns]; there is nothing to control."""
         # Where nothing moves nothing happens at sub-steps.

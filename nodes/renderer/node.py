@@ -103,8 +103,7 @@ class RendererNode(Node):
         self.renderer.prepare(self._wanted())
         self._warn_of_aliases()
         self._names = [body.name for body in self.scene.bodies]
-        self._previous: np.ndarray | None = None
-        self._episodes = np.zeros(0, np.int32)
+        self._begin()
         kinds = ["background", *(i.semantic or i.name for i in self.scene.instances)]
         classes = {kind: number for number, kind in enumerate(dict.fromkeys(kinds))}
         info = CameraInfo(
@@ -126,6 +125,18 @@ class RendererNode(Node):
             sensor=self.runtime.plan.sensor_beside(self.name, "info"),
         )
         self.publish("info", info)
+
+    def _begin(self) -> None:
+        """Stands before the first keyframe of a run."""
+        self._previous: np.ndarray | None = None
+        self._episodes = np.zeros(0, np.int32)
+
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Forgets the last keyframe; scene, kernels and memory are those that there are."""
+        if dict(params) != self.params:
+            return False
+        self._begin()
+        return True
 
     def _warn_of_aliases(self) -> None:
         from evis.scene.sampling import undersampled
