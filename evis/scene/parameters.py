@@ -17,14 +17,16 @@ SCENE: dict[str, Param] = {
 }
 
 
-def scene_of(owner: str, params: Mapping[str, Any], *, visuals: bool = True) -> Scene:
-    """Returns the scene that parameters of `owner`, all of SCENE or a part, ask for. Raises ValueError,
-    FileNotFoundError.
+def scene_of(owner: str, params: Mapping[str, Any], *, visuals: bool = True, textures: bool = True) -> Scene:
+    """Returns the scene that parameters of `owner`, all of SCENE or a part, ask for; visuals and textures as of
+    `load_scene`. Raises ValueError, FileNotFoundError.
     """
     if not params.get("scene"):
         raise ValueError(f"{owner} needs scene:=NAME, a world to simulate")
     size = {key: int(params[key]) for key in ("width", "height") if params.get(key)}
-    return load_scene(params["scene"], {**parse_args(params.get("scene_args")), **size}, visuals=visuals)
+    return load_scene(
+        params["scene"], {**parse_args(params.get("scene_args")), **size}, visuals=visuals, textures=textures
+    )
 
 
 def camera_of(scene: Scene, name: str) -> Camera:
