@@ -158,8 +158,20 @@ class EventPacket(Message):
 
 
 @dataclass
+class EventSignal(Message):
+    """Tells of each event of the packet of the same stamp whether light made it, or noise."""
+
+    header: Header
+    env_offsets: np.ndarray = array("int64", "?", "[E + 1] as of the packet")
+    signal: np.ndarray = array("uint8", "n", "1 = made by light, 0 = by noise")
+
+
+@dataclass
 class Labels(Message):
-    """Carries ground truth at header.stamp_ns, the stamp of an event packet. Only what was asked for is present."""
+    """Carries ground truth at header.stamp_ns, the stamp of an event packet. Only what was asked for is present.
+
+    The rows event_... are those of the packet's events, in its order: its env_offsets hold for them too.
+    """
 
     header: Header
     flow: np.ndarray | None = array("float32", "E H W 2", "forward optical flow [px/s], NaN = unknown", optional=True)
@@ -171,12 +183,29 @@ class Labels(Message):
     box_id: np.ndarray | None = array("int32", "B", "instance id of each box", optional=True)
     pose: np.ndarray | None = array("float64", "E N 7", "body poses (p, q xyzw), world", optional=True)
     velocity: np.ndarray | None = array("float64", "E N 6", "body twists (v, omega), world", optional=True)
+    acceleration: np.ndarray | None = array("float64", "E N 6", "(a, alpha) of the bodies, world", optional=True)
+    qpos: np.ndarray | None = array("float64", "E nq", "joint positions", optional=True)
+    qvel: np.ndarray | None = array("float64", "E nv", "joint velocities", optional=True)
+    forward_flow: np.ndarray | None = array("float32", "E H W 2", "from flow_t[0] to [1] [px]", optional=True)
+    forward_valid: np.ndarray | None = array("uint8", "E H W", "1 = in view at both, not covered", optional=True)
+    backward_flow: np.ndarray | None = array("float32", "E H W 2", "from flow_t[1] to [0] [px]", optional=True)
+    backward_valid: np.ndarray | None = array("uint8", "E H W", "1 = in view at both, not covered", optional=True)
+    flow_t: np.ndarray | None = array("int64", "2", "instants of forward and backward flow [ns]", optional=True)
+    event_env: np.ndarray | None = array("int32", "n", "environment of each event", optional=True)
+    event_instance: np.ndarray | None = array("int32", "n", "instance id, 0 = background", optional=True)
+    event_flow: np.ndarray | None = array("float32", "n 2", "flow there and then [px/s], NaN = unknown", optional=True)
+    event_signal: np.ndarray | None = array("uint8", "n", "1 = made by light, 0 = by noise", optional=True)
+    box3d_env: np.ndarray | None = array("int32", "C", "environment of each oriented box", optional=True)
+    box3d_id: np.ndarray | None = array("int32", "C", "instance id of each", optional=True)
+    box3d_size: np.ndarray | None = array("float64", "C 3", "lengths along its axes [m]", optional=True)
+    box3d_pose: np.ndarray | None = array("float64", "C 7", "centre and orientation (p, q xyzw), world", optional=True)
+    box3d_in_camera: np.ndarray | None = array("float64", "C 7", "the same in the camera's frame", optional=True)
     contact_env: np.ndarray | None = array("int32", "M", "environment of each contact", optional=True)
     contact_body: np.ndarray | None = array("int32", "M 2", "body indices, -1 = world", optional=True)
     contact_position: np.ndarray | None = array("float64", "M 3", "[m], world", optional=True)
     contact_force: np.ndarray | None = array("float64", "M 3", "[N] on the second body, world", optional=True)
     names: list[str] = field(default_factory=list)
-    """Names of the bodies in pose and velocity."""
+    """Names of the bodies in pose, velocity and acceleration."""
 
 
 @dataclass

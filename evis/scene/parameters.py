@@ -18,14 +18,15 @@ SCENE: dict[str, Param] = {
 }
 
 
-def scene_of(owner: str, params: Mapping[str, Any], *, visuals: bool = True) -> Scene:
+def scene_of(owner: str, params: Mapping[str, Any], *, visuals: bool = True, textures: bool = True) -> Scene:
     """Returns the scene that parameters of `owner`, all of SCENE or a part, ask for; it is shared within the process,
-    and nobody may write to it. Raises ValueError, FileNotFoundError.
+    and nobody may write to it. visuals and textures as of `load_scene`. Raises ValueError, FileNotFoundError.
     """
     if not params.get("scene"):
         raise ValueError(f"{owner} needs scene:=NAME, a world to simulate")
     size = {key: int(params[key]) for key in ("width", "height") if params.get(key)}
-    return shared_scene(params["scene"], {**parse_args(params.get("scene_args")), **size}, visuals=visuals)
+    arguments = {**parse_args(params.get("scene_args")), **size}
+    return shared_scene(params["scene"], arguments, visuals=visuals, textures=textures)
 
 
 def camera_of(scene: Scene, name: str) -> Camera:

@@ -27,17 +27,21 @@ class _Loaded:
 _loaded: OrderedDict[Hashable, _Loaded] = OrderedDict()
 
 
-def shared_scene(name_or_path: str, overrides: Mapping[str, Any], *, visuals: bool = True) -> Scene:
+def shared_scene(
+    name_or_path: str, overrides: Mapping[str, Any], *, visuals: bool = True, textures: bool = True
+) -> Scene:
     """Loads a scene as `load_scene` does, or gives the one that was loaded before with the same arguments.
 
-    Nobody may write to it: its arrays are read-only. Raises as load_scene does.
+    Who needs no textures may be given a scene with them. Nobody may write to it: its arrays are read-only. Raises as
+    load_scene does.
     """
     arguments = tuple(sorted((key, type(value).__name__, str(value)) for key, value in overrides.items()))
-    key = str(find_scene(name_or_path).absolute()), arguments, visuals
+    whole = str(find_scene(name_or_path).absolute()), arguments, visuals, True
+    key = whole if textures or whole in _loaded else (*whole[:-1], False)
     known = _loaded.get(key)
     if known is None or not unchanged(known.files):
         with noting() as files:
-            known = _Loaded(load_scene(name_or_path, overrides, visuals=visuals), files)
+            known = _Loaded(load_scene(name_or_path, overrides, visuals=visuals, textures=key[-1]), files)
         lock(known.scene)
         _loaded[key] = known
     _loaded.move_to_end(key)

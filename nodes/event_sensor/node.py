@@ -9,7 +9,7 @@ import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
-from msgs.camera import EventPacket, Frames, Keyframe
+from msgs.camera import EventPacket, EventSignal, Frames, Keyframe
 from msgs.header import Header, Message
 from nodes.event_sensor.parameters import NODE, SENSOR, resolve_sensor
 from nodes.event_sensor.presets import PRESETS
@@ -46,7 +46,7 @@ class EventSensorNode(Node):
         "frames": Input("/{camera}/frames", on_device=True),
         "keyframe": Input("/{camera}/keyframe", on_device=True),
     }
-    OUTPUTS = {"events": Output("/{camera}/events")}
+    OUTPUTS = {"events": Output("/{camera}/events"), "signal": Output("/{camera}/signal")}
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
@@ -86,6 +86,12 @@ class EventSensorNode(Node):
 
         given = {name: self.params[name] for name in SENSOR}
         self._resolved = resolve_sensor(self.name, self.params["preset"], given)
+        self._marked = self.wants("signal")
+        if self._marked and not self._resolved["model"].startswith("evis"):
+            raise ValueError(
+                f"{self.name}: event model {self._resolved['model']} does not say which events noise made; "
+                "labels:=events takes evis or evis-paper"
+            )
         self._sensor: Any = None
         self._header = Header(0)
         self._size = (0, 0)
@@ -104,7 +110,9 @@ class EventSensorNode(Node):
             from nodes.event_sensor.sensor import EventSensor
 
             device, channels = self.params["device"], 3 if colour else 1
-            return EventSensor(height, width, envs, channels=channels, device=device, seed=seed, **p)
+            return EventSensor(
+                height, width, envs, channels=channels, device=device, seed=seed, marked=self._marked, **p
+            )
         if colour or self.params["device"] != "cpu":
             raise ValueError(
                 f"{self.name}: event model {p['model']} takes luminance on the cpu; evis does colour and cuda"
@@ -151,16 +159,34 @@ class EventSensorNode(Node):
 
     def _publish(self, sensor: EventSensor, count: int) -> None:
         columns = sensor.columns()
+        loaned = {name: dtype for name, dtype in columns.items() if name != "signal"}
         out: dict[str, Any]
         if sensor.on_gpu and count:
             import warp as wp
 
-            types = {name: wp.dtype_from_numpy(dtype) for name, dtype in columns.items()}
-            out = self.loan_on("events", sensor.on_gpu, **{n: ((count,), d) for n, d in types.items()})
+            types = {name: wp.dtype_from_numpy(dtype) for name, dtype in loaned.items()}
+            out = {**self.loan_on("events", sensor.on_gpu, **{n: ((count,), d) for n, d in types.items()})}
         else:
-            out = {**self.loan("events", **{n: ((count,), d) for n, d in columns.items()})}
+            out = {**self.loan("events", **{n: ((count,), d) for n, d in loaned.items()})}
+        if "signal" in columns:
+            # These travel on another topic, and a loan is for one.
+            out["signal"] = np.empty(count, np.uint8) if isinstance(out["t"], np.ndarray) else self._beside(count)
         sensor.read(out)
+        signal = out.pop("signal", None)
         self._send(out, sensor.env_offsets())
+        if signal is not None:
+            signal = signal if isinstance(signal, np.ndarray) else signal.numpy()
+            self.publish("signal", EventSignal(self._stamped(), sensor.env_offsets(), signal))
+
+    def _stamped(self) -> Header:
+        """A header like that of the message taken last."""
+        h = self._header
+        return Header(h.stamp_ns, clock=h.clock, episode=h.episode)
+
+    def _beside(self, count: int) -> Any:
+        import warp as wp
+
+        return wp.empty(count, dtype=wp.uint8, device=self._device)
 
     def _publish_events(self, events: Events) -> None:
         names = ("t", "x", "y", "p")
@@ -177,10 +203,8 @@ class EventSensorNode(Node):
             kinds = "or negative" if dark else "negative or black (ln 0; a light or a dark_level helps against those)"
             when = self._header.stamp_ns
             self.warn(f"{counts['nonfinite']} samples at {when} ns are NaN, infinite, {kinds}; they are skipped")
-        h = self._header
-        header = Header(h.stamp_ns, clock=h.clock, episode=h.episode)
         height, width = self._size
-        packet = EventPacket(header, offsets, **columns, width=width, height=height, t0_ns=self._sensor.t_base)
+        packet = EventPacket(self._stamped(), offsets, **columns, width=width, height=height, t0_ns=self._sensor.t_base)
         self.publish("events", packet)
 
     def _of_keyframe(self, message: Keyframe) -> Any:

@@ -27,9 +27,9 @@ class Interval:
     """Holds the states from the previous stamp to the new one, or at one instant (S = 1).
 
     t int64 [S] ns; end_pose float64 [E, N, 7]; moving int32 [B], moving_pose float64 [E, S, B, 7] and moving_twist
-    [E, S, B, 6] as in WorldState; qpos [E, S, nq], qvel [E, S, nv] where asked for. faults: (environment, text) of
-    each environment that diverged and was put back to its start. warnings: the same of what may be wrong without
-    having diverged.
+    [E, S, B, 6] as in WorldState; qpos [E, S, nq], qvel [E, S, nv] and acceleration [E, N, 6] where asked for.
+    faults: (environment, text) of each environment that diverged and was put back to its start. warnings: the same of
+    what may be wrong without having diverged.
     """
 
     t: np.ndarray
@@ -40,6 +40,7 @@ class Interval:
     qpos: np.ndarray | None = None
     qvel: np.ndarray | None = None
     contacts: Contacts | None = None
+    acceleration: np.ndarray | None = None
     faults: list[tuple[int, str]] = field(default_factory=list)
     warnings: list[tuple[int, str]] = field(default_factory=list)
 

@@ -16,6 +16,7 @@ import numpy as np
 from evis.geometry import interpolate, se3
 from evis.scene.mjcf.dynamics import compile_model
 from evis.scene.model import Scene
+from nodes.physics.accelerations import mounted_acceleration, mujoco_accelerations, prescribed_accelerations
 from nodes.physics.contacts import contacts_of, gather
 from nodes.physics.followers import Followers
 from nodes.physics.interval import Interval
@@ -46,6 +47,7 @@ class MujocoEngine:
         timestep: float | None = None,
         contacts: bool = False,
         joints: bool = False,
+        accelerations: bool = False,
         speed_limit: float = 1000.0,
     ) -> None:
         """Loads the model and puts every environment to its start.
@@ -57,6 +59,7 @@ class MujocoEngine:
             timestep: sub-step [s], at most 1 ms; None = the model's own, cut into equal parts of at most 1 ms.
             contacts: whether intervals have contacts with their forces.
             joints: whether they have positions and velocities of the joints.
+            accelerations: whether they have those of the bodies; NaN for cameras that MuJoCo has follow a body.
             speed_limit: speed [m/s] of a body beyond which an environment has diverged.
         """
         # Without a handler MuJoCo writes a log file into the working directory; the watchdog reads the counters.
@@ -69,8 +72,8 @@ class MujocoEngine:
         self.model.opt.timestep = self.step_ns * 1e-9
         self.controls: int = self.model.nu
         self.data = [mujoco.MjData(self.model) for _ in range(envs)]
-        self._scratch = mujoco.MjData(self.model) if contacts else None
-        self._joints = joints
+        self._scratch = mujoco.MjData(self.model) if contacts or accelerations else None
+        self._contacts, self._joints, self._accelerations = contacts, joints, accelerations
         self._watchdogs = [Watchdog(self.model, speed_limit) for _ in range(envs)]
         follows = [(n, body.follows) for n, body in enumerate(scene.bodies) if body.follows is not None]
         self._followers = Followers(self.model, [what for _, what in follows])
@@ -244,6 +247,23 @@ class MujocoEngine:
         self._warnings = []
         if self._joints:
             result.qpos, result.qvel = (np.stack([s[n] for s in states], axis=1) for n in ("qpos", "qvel"))
-        if self._scratch is not None:
+        if self._contacts:
             result.contacts = gather([contacts_of(self.model, data, self._scratch) for data in self.data])
+        if self._accelerations:
+            result.acceleration = self._accelerations_at(int(t[-1]), states[-1], pose[:, -1], twist[:, -1])
+        return result
+
+    def _accelerations_at(self, t: int, state: dict[str, Any], pose: np.ndarray, twist: np.ndarray) -> np.ndarray:
+        """Accelerations [E, N, 6] of all bodies at the end of an interval, of which these are poses and twists."""
+        result = np.tile(prescribed_accelerations(self.scene, t), (self.envs, 1, 1))
+        own = [(n, column) for n, column in zip(self._moved, self._columns) if column < self.model.nbody - 1]
+        for k, data in enumerate(self.data):
+            joints = state["qpos"][k], state["qvel"][k]
+            found = mujoco_accelerations(self.model, data, self._scratch, *joints)
+            for n, column in own:
+                result[k, n] = found[column]
+        for n, body in enumerate(self.scene.bodies):
+            if body.mount is not None:
+                parent, offset = body.mount
+                result[:, n] = mounted_acceleration(pose[:, parent], twist[:, parent], result[:, parent], offset)
         return result

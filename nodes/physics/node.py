@@ -38,7 +38,8 @@ class PhysicsNode(Node):
             optional=True,
         ),
         "contacts": Param(bool, False, "publish contacts and their forces"),
-        "joints": Param(bool, False, "publish joint positions and velocities"),
+        "joints": Param(bool, False, "publish joint positions and velocities (MuJoCo's qpos and qvel) in /state"),
+        "accelerations": Param(bool, False, "publish accelerations of the bodies"),
         "speed_limit": Param(float, 1000.0, "speed of a body beyond which the simulation has diverged", "m/s", 1e-3),
     }  # fmt: skip
     INPUTS: ClassVar[Mapping[str, Input]] = {"action": Input("/action", join=False, delayed=True)}
@@ -46,14 +47,15 @@ class PhysicsNode(Node):
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """Raises ValueError for contacts in a scene that has none."""
+        """Raises ValueError for contacts or joints in a scene that has none."""
         from evis.scene.load import is_dynamic
 
         scene = params.get("scene")
-        if params["contacts"] and scene:
+        asked = [name for name in ("contacts", "joints") if params[name]]
+        if asked and scene:
             with contextlib.suppress(OSError):  # who loads it says so
                 if not is_dynamic(scene):
-                    raise ValueError(f"scene {scene} moves in closed form and has no contacts; leave contacts out")
+                    raise ValueError(f"scene {scene} moves in closed form and has no {asked[0]}; leave {asked[0]} out")
         return frozenset(cls.INPUTS)
 
     @classmethod
@@ -98,12 +100,12 @@ class PhysicsNode(Node):
 
             self.engine = MujocoEngine(
                 scene, p["seed"], p["envs"], timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
-                speed_limit=p["speed_limit"],
+                accelerations=p["accelerations"], speed_limit=p["speed_limit"],
             )  # fmt: skip
         else:
             from nodes.physics.prescribed import PrescribedEngine
 
-            self.engine = PrescribedEngine(scene, p["envs"])
+            self.engine = PrescribedEngine(scene, p["envs"], p["accelerations"])
         self.held = self.divides(p)
         self.names = [body.name for body in scene.bodies]
         self._begin()
@@ -177,7 +179,8 @@ class PhysicsNode(Node):
             return
         given = {name: getattr(interval, name) for name in ("t", "end_pose", "moving", "moving_pose", "moving_twist")}
         given["episodes"] = self.episodes
-        given |= {n: a for n, a in (("qpos", interval.qpos), ("qvel", interval.qvel)) if a is not None}
+        asked = {"qpos": interval.qpos, "qvel": interval.qvel, "acceleration": interval.acceleration}
+        given |= {name: array for name, array in asked.items() if array is not None}
         if interval.contacts is not None:
             given |= {f"contact_{n}": a for n, a in vars(interval.contacts).items()}
         arrays = self.loan("state", **{name: (value.shape, value.dtype) for name, value in given.items()})

@@ -6,6 +6,7 @@ import numpy as np
 
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Known, Prescribed
+from nodes.physics.accelerations import prescribed_accelerations
 from nodes.physics.interval import Interval, grid_inside
 
 
@@ -14,8 +15,10 @@ class PrescribedEngine:
 
     controls = 0
 
-    def __init__(self, scene: Scene, envs: int = 1) -> None:
+    def __init__(self, scene: Scene, envs: int = 1, accelerations: bool = False) -> None:
+        """accelerations: whether intervals have them."""
         self.scene = scene
+        self._accelerations = accelerations
         self._states = PrescribedStates(scene)
         self.envs = envs
         self._now = 0
@@ -42,7 +45,10 @@ class PrescribedEngine:
         end = states.rest.copy()
         end[states.moving] = pose[-1]
         ends, poses, twists = (np.broadcast_to(a, (self.envs, *a.shape)) for a in (end, pose, twist))
-        return Interval(t, ends, states.moving, poses, twists)
+        interval = Interval(t, ends, states.moving, poses, twists)
+        if self._accelerations:
+            interval.acceleration = np.tile(prescribed_accelerations(self.scene, int(t[-1])), (self.envs, 1, 1))
+        return interval
 
 
 class PrescribedStates:

@@ -13,7 +13,8 @@ from msgs.world import WorldState
 STEPS = ("moving_pose", "moving_twist", "qpos", "qvel")
 """Arrays [E, S, ...] with a row for each sub-step."""
 CONTACTS = ("env", "body", "position", "normal", "force", "distance")
-"""Contacts are those at the last stamp, so the last state's count."""
+LAST = ("acceleration", *(f"contact_{name}" for name in CONTACTS))
+"""Accelerations and contacts are those at the last stamp, so the last state's count."""
 
 Allocate = Callable[..., Mapping[str, np.ndarray]]
 """Arrays to write into, for name=(shape, dtype), ..."""
@@ -63,15 +64,15 @@ class Merger:
 def merged(parts: Sequence[WorldState], begun: np.ndarray, allocate: Allocate) -> WorldState:
     """Makes one state over the intervals of `parts`, each of which begins where the one before ends.
 
-    The time where two meet stands once. Stamp, episodes and contacts are the last one's. begun: bool [E], environments
-    whose episode began within. They stand all along where they are at the end, for nothing may be interpolated across
-    their restart.
+    The time where two meet stands once. Stamp, episodes, contacts and accelerations are the last one's. begun: bool
+    [E], environments whose episode began within. They stand all along where they are at the end, for nothing may be
+    interpolated across their restart.
     """
     last = parts[-1]
     moving = _moving(parts)
     given = {"t": np.concatenate([parts[0].t, *(part.t[1:] for part in parts[1:])]), "episodes": last.episodes}
     given |= {"end_pose": last.end_pose, "moving": moving}
-    given |= {f"contact_{name}": getattr(last, f"contact_{name}") for name in CONTACTS}
+    given |= {name: getattr(last, name) for name in LAST}
     rows = dict(zip(STEPS, zip(*(_steps(part, moving, skip=bool(i)) for i, part in enumerate(parts)))))
     rows = {name: pieces for name, pieces in rows.items() if pieces[-1] is not None}
     wanted: dict[str, tuple[tuple[int, ...], Any]] = {
