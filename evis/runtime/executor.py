@@ -18,8 +18,9 @@ from evis.bus import END, Publisher
 from evis.config.secret import Redactor
 from evis.runtime.calls import Calls
 from evis.runtime.delivery import Delivery
-from evis.runtime.host import Inside, NodeFailed, Subscription, Wiring
+from evis.runtime.host import Host, Inside, NodeFailed, Subscription, Wiring
 from evis.runtime.node import Node
+from evis.runtime.outside.door import Door
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
 from evis.runtime.tap import TapSubscription
@@ -66,6 +67,20 @@ class Executor:
         self._subscriptions: list[Subscription] = [s for h in self._hosts.values() for s in h.subscriptions]
         self._publishers: list[Publisher] = [p for h in self._hosts.values() for p in h.publishers.values()]
         self._publishers += self._telemetry.publishers.values()
+        self._doors = [self._door(host) for host in self._hosts.values() if host.plan.outside]
+
+    def _door(self, host: Host) -> Door:
+        recorded = any(node.target.endswith(":RecorderNode") for node in self.plan.nodes.values())
+        host.door = Door(
+            host.node,
+            host.plan.outside,
+            self.plan.directory,
+            waits=self.plan.mode == "lockstep",
+            now_ns=lambda: self.profile.node(host.name).stamp_ns,
+            say=lambda level, text: self.diagnose(host.node, level, text),
+            note="; the bag keeps what comes of its actions, and not the actions" if recorded else "",
+        )
+        return host.door
 
     # -- life --------------------------------------------------------------------------------------------------------
 
@@ -82,6 +97,8 @@ class Executor:
         for host in reversed(self._hosts.values()):
             with Inside(None, host.name):
                 host.node.setup()
+        for door in self._doors:
+            door.open()
 
     def wait_connected(self, timeout_s: float, commands: Commands | None = None) -> None:
         """Waits until every declared edge of this process stands. Raises TimeoutError naming who is missing."""
@@ -148,6 +165,8 @@ class Executor:
 
     def close(self) -> None:
         """Closes the sockets."""
+        for door in self._doors:
+            door.close()
         for tap in list(self._taps):
             tap.close()
         for subscription in self._subscriptions:
@@ -178,6 +197,8 @@ class Executor:
 
     def _receive(self) -> bool:
         progress = False
+        for door in self._doors:
+            progress |= door.pump()
         for s in self._subscriptions:
             if s.ended or not self._calls.takes(s.host, s.port):
                 continue
@@ -215,6 +236,8 @@ class Executor:
             timeout = min(timeout, max(1e3 * self._calls.due_s(host), 0.0))
         for s in self._subscriptions:
             self._wakeup.hear(s.subscriber, self._sockets(s))
+        for door in self._doors:
+            self._wakeup.hear(door, door.sockets())
         with self.profile.inside("idle"):
             self._wakeup.wait(int(timeout + 0.999))
 

@@ -16,6 +16,7 @@ import numpy as np
 from evis.geometry import interpolate, se3
 from evis.scene.mjcf.dynamics import compile_model
 from evis.scene.model import Scene
+from nodes.physics.actuators import actuators_of
 from nodes.physics.contacts import contacts_of, gather
 from nodes.physics.followers import Followers
 from nodes.physics.interval import Interval
@@ -68,6 +69,7 @@ class MujocoEngine:
         self.step_ns = step_length(self.model.opt.timestep, timestep)
         self.model.opt.timestep = self.step_ns * 1e-9
         self.controls: int = self.model.nu
+        self.actuators = actuators_of(self.model)
         self.data = [mujoco.MjData(self.model) for _ in range(envs)]
         self._scratch = mujoco.MjData(self.model) if contacts else None
         self._joints = joints
