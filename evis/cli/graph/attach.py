@@ -8,13 +8,11 @@ import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from evis.client.running import check_topic, choose, which_of_several
+from evis.client.running import choose, which_of_several
 from evis.runtime.plan import Plan
 
 if TYPE_CHECKING:
     from msgs.header import Message
-
-__all__ = ["add_run_option", "check_topic", "find_run", "listen"]
 
 
 def add_run_option(parser: argparse.ArgumentParser) -> None:

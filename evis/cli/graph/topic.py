@@ -7,9 +7,10 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from evis.cli.graph.attach import add_run_option, check_topic, find_run, listen
+from evis.cli.graph.attach import add_run_option, find_run, listen
 from evis.cli.graph.publish import add_pub_arguments, run_pub
 from evis.cli.parser import Parser
+from evis.client.running import check_topic
 from evis.console.printable import all_printable
 
 HELP = "list, echo, measure and publish the topics of a running graph"
