@@ -20,6 +20,7 @@ from msgs.header import Message
 
 ACTION, RESET = "/action", "/reset"
 _LOOK_S = 0.1
+_KNOCK_S = 0.02
 _SEND_S = 30.0
 """Longest time in which a node takes nothing from its socket [s]: a step may last."""
 
@@ -70,7 +71,7 @@ class Requests:
             except OSError:
                 if not lives(self._plan):
                     raise ConnectionError(f"{self._plan.name} has ended") from None
-                time.sleep(_LOOK_S)
+                time.sleep(_KNOCK_S)
 
     def attach(self, topic: str, lockstep: bool | None, patience_s: float) -> dict[str, Any]:
         """Asks for control of a topic, and returns the welcome. Raises ConnectionRefusedError with the reason."""

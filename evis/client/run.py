@@ -115,14 +115,16 @@ class Run:
         now = requests.give(ACTION, Action(Header(stamp), controls))
         return now if due is None else due
 
-    @property
-    def due_ns(self) -> int | None:
-        """Returns the stamp [ns] of the step that waits for an action, None when none does."""
-        if not self._controls:
-            return None
-        requests = self._to(ACTION)
-        requests.catch_up()
-        return requests.due_ns
+    def due(self) -> int:
+        """Waits until physics waits for an action in lock-step, and returns the stamp [ns] of that step.
+
+        Raises:
+            ValueError: it controls nothing in lock-step.
+            ConnectionError: control was lost, or the graph has ended.
+        """
+        if not self._controls or not self.lockstep:
+            raise ValueError(f"no step of {self.name} waits for this program; run.take() in lock-step makes them wait")
+        return self._due(self._to(ACTION))
 
     def _due(self, requests: Requests) -> int:
         """Wait until a step waits."""

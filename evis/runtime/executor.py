@@ -86,6 +86,8 @@ class Executor:
 
     def setup(self) -> None:
         """Opens the sockets and prepares every node."""
+        for door in self._doors:
+            door.open()  # who knocks during the set-up is heard before the first step
         for publisher in self._publishers:
             publisher.start()
             self._wakeup.hear(publisher, publisher.sockets())
@@ -97,8 +99,6 @@ class Executor:
         for host in reversed(self._hosts.values()):
             with Inside(None, host.name):
                 host.node.setup()
-        for door in self._doors:
-            door.open()
 
     def wait_connected(self, timeout_s: float, commands: Commands | None = None) -> None:
         """Waits until every declared edge of this process stands. Raises TimeoutError naming who is missing."""
