@@ -6,5 +6,5 @@ From the node: {"op": "welcome", "lockstep", "offer"}, {"op": "taken", "stamp_ns
 each of attach and message; and {"op": "due", "stamp_ns"} where a step waits, {"op": "lost", "why"} where control went.
 """
 
-ANY_STAMP = -1
-"""Stamp of an action for whichever step comes next."""
+ANY_STAMP = -(1 << 63)
+"""Stamp of an action for whichever step comes next: one that no step has."""
