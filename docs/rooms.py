@@ -10,7 +10,7 @@ PICTURE = Path(__file__).with_suffix(".svg")
 WIDTH = 1120
 EDGE, GAP, LINE = 16, 12, 15
 LAYERS: tuple[tuple[str, str, tuple[tuple[str, ...], ...]], ...] = (
-    ("what users start", "#fdf3e3", (("evis/cli", "evis/simulation", "evis/demo", "bench"),)),
+    ("what users start", "#fdf3e3", (("evis/cli", "evis/simulation", "evis/client", "evis/demo", "bench"),)),
     (
         "nodes: the data's way, left to right",
         "#e6f1ea",
@@ -52,6 +52,7 @@ TELLS = {
     "evis/cli": "a module per command",
     "evis/simulation": "a graph held in Python",
     "evis/demo": "make demo, gallery",
+    "evis/client": "a running graph, from Python",
     "nodes/physics": "closed form, MuJoCo: /state",
     "nodes/recorder": "a bag",
     "nodes/rate_divider": "every n-th state",

@@ -1,6 +1,7 @@
 """An event camera simulator for robots, held in Python; docs/python.md is the tour.
 
     sim = evis.Simulation("spinning_disk")        a scene, stepped by its caller
+    run = evis.connect()                          a graph that runs elsewhere
     events = evis.open("recording.raw")           any recording or bag
     sensor = evis.EventSensor(260, 346)           frames in, events out
     scene = evis.load_scene("spinning_disk")      bodies, cameras, lights
@@ -16,6 +17,7 @@ from evis.neighbours import install as _meet_neighbours
 TYPE_CHECKING = False
 """As typing's, which takes more time than the rest of this import; type checkers and editors go by the name."""
 if TYPE_CHECKING:
+    from evis.client import connect as connect
     from evis.event_sensor import EventSensor as EventSensor
     from evis.recordings import open_recorded as open
     from evis.scene.load import load_scene as load_scene
@@ -27,7 +29,8 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
-    "Diverged", "EventSensor", "Simulation", "SimulationError", "SimulationWarning", "__version__", "load_scene", "open",
+    "Diverged", "EventSensor", "Simulation", "SimulationError", "SimulationWarning", "__version__", "connect", "load_scene",
+    "open",
 ]  # fmt: skip
 _LAZY = {
     "Diverged": "evis.simulation.errors:Diverged",
@@ -35,6 +38,7 @@ _LAZY = {
     "SimulationError": "evis.simulation.errors:SimulationError",
     "SimulationWarning": "evis.simulation.errors:SimulationWarning",
     "EventSensor": "evis.event_sensor:EventSensor",
+    "connect": "evis.client:connect",
     "load_scene": "evis.scene.load:load_scene",
     "open": "evis.recordings:open_recorded",
 }

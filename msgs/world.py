@@ -29,6 +29,19 @@ class Action(Message):
 
 
 @dataclass
+class Reset(Message):
+    """Asks physics to begin environments anew: the next state that it publishes is their start.
+
+    `envs`: which; none named = all. `seeds`: of each of these, the seed of all that is random in it from then on, as a
+    single run with that seed has; -1 = it keeps its seed, and what is random differs by the number of the reset.
+    """
+
+    header: Header
+    envs: np.ndarray = array("int32", "?", "environments, none = all")
+    seeds: np.ndarray = array("int64", "?", "seed of each of them, -1 = keep; none = all keep theirs")
+
+
+@dataclass
 class WorldState(Message):
     """Carries poses and twists of the bodies over the interval that ends at header.stamp_ns.
 

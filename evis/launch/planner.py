@@ -231,13 +231,15 @@ def _node_plan(node: Wired, demand: Demand, grouping: str) -> NodePlan:
         respawn=node.spec.respawn,
         dormant=dormant,
         keep=list(node.spec.keep),
+        outside={p: node.inputs[p] for p, port in node.cls.INPUTS.items() if port.outside and p not in inputs},
     )
 
 
 def _makeable(node: Wired, port: str, inputs: Mapping[str, Any]) -> bool:
     """An output that nobody reads stays open for viewers, if the inputs that are connected anyway suffice."""
     needed = node.needs([port])
-    return all(p in inputs or node.cls.INPUTS[p].delayed for p in needed if p in node.inputs)
+    ports = node.cls.INPUTS
+    return all(p in inputs or ports[p].delayed or ports[p].outside for p in needed if p in node.inputs)
 
 
 def _connect(plan: Plan, chosen: list[Wired], demand: Demand) -> None:

@@ -116,9 +116,7 @@ class Calls:
                 alive = host.node.step(inputs)
                 profile.updates += 1
         finally:
-            for port, message in inputs.items():
-                host.delayed[port].pop(message.header.stamp_ns)
-                message.release()
+            host.had(inputs)
         if self._granted is not None:
             self._granted.discard(host.name)
         if self._realtime:

@@ -21,6 +21,7 @@ from evis.runtime.calls import Calls
 from evis.runtime.delivery import Delivery
 from evis.runtime.host import AnyPublisher, Host, Inside, NodeFailed, Subscription, Wiring, load_class
 from evis.runtime.node import Node
+from evis.runtime.outside.door import Door
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
 from evis.runtime.tap import TapSubscription
@@ -70,11 +71,27 @@ class Executor:
         self._subscriptions: list[Subscription] = [s for h in self._hosts.values() for s in h.subscriptions]
         self._publishers: list[AnyPublisher] = [p for h in self._hosts.values() for p in h.publishers.values()]
         self._publishers += self._telemetry.publishers.values()
+        self._doors = [self._door(host) for host in self._hosts.values() if host.plan.outside]
+
+    def _door(self, host: Host) -> Door:
+        recorded = any(node.target.endswith(":RecorderNode") for node in self.plan.nodes.values())
+        host.door = Door(
+            host.node,
+            host.plan.outside,
+            self.plan.directory,
+            waits=self.plan.mode == "lockstep",
+            now_ns=lambda: self.profile.node(host.name).stamp_ns,
+            say=lambda level, text: self.diagnose(host.node, level, text),
+            note="; the bag keeps what comes of its actions, and not the actions" if recorded else "",
+        )
+        return host.door
 
     # -- life --------------------------------------------------------------------------------------------------------
 
     def setup(self) -> None:
         """Opens the sockets and prepares every node."""
+        for door in self._doors:
+            door.open()  # who knocks during the set-up is heard before the first step
         for publisher in self._publishers:
             publisher.start()
             self._wakeup.hear(publisher, publisher.sockets())
@@ -226,6 +243,8 @@ class Executor:
 
     def close(self) -> None:
         """Closes the sockets."""
+        for door in self._doors:
+            door.close()
         for tap in list(self._taps):
             tap.close()
         for subscription in self._subscriptions:
@@ -256,6 +275,8 @@ class Executor:
 
     def _receive(self) -> bool:
         progress = False
+        for door in self._doors:
+            progress |= door.pump()
         for s in self._subscriptions:
             if s.ended or not self._calls.takes(s.host, s.port):
                 continue
@@ -293,6 +314,8 @@ class Executor:
             timeout = min(timeout, max(1e3 * self._calls.due_s(host), 0.0))
         for s in self._subscriptions:
             self._wakeup.hear(s.subscriber, self._sockets(s))
+        for door in self._doors:
+            self._wakeup.hear(door, door.sockets())
         with self.profile.inside("idle"):
             self._wakeup.wait(int(timeout + 0.999))
 

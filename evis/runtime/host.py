@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +13,7 @@ from evis.bus import LocalPublisher, PeerLost, Publisher, Subscriber, endpoints_
 from evis.runtime.clock import Pacer
 from evis.runtime.join import Join
 from evis.runtime.node import Node
+from evis.runtime.outside.door import Door
 from evis.runtime.plan import NodePlan, Plan
 from evis.runtime.profile import Profile
 from msgs.camera import EventPacket
@@ -91,6 +93,8 @@ class Host:
     active: bool = False
     ended: bool = False
     pacer: Pacer | None = None
+    door: Door | None = None
+    """Where programs outside the graph give what nobody in it does."""
 
     @property
     def name(self) -> str:
@@ -128,7 +132,14 @@ class Host:
         None: they are not there yet.
         """
         inputs: dict[str, Message] = {}
+        held = {} if self.door is None else self.door.holdings
         for port, stamp in self.node.due().items():
+            if port in held:
+                if held[port].waits(stamp):
+                    return None
+                if (action := held[port].action(stamp)) is not None:
+                    inputs[port] = action
+                continue
             waiting = self.delayed.get(port)
             if waiting is None:
                 continue
@@ -148,6 +159,15 @@ class Host:
         self.join.clear()
         self.single_open = set(self.singles)
         self.ended, self.pacer = False, None
+
+    def had(self, inputs: Mapping[str, Message]) -> None:
+        """Lets go of what `delayed_inputs` gave: a step has had it."""
+        for port, message in inputs.items():
+            if port in self.delayed:
+                self.delayed[port].pop(message.header.stamp_ns)
+                message.release()
+            elif self.door is not None:
+                self.door.holdings[port].done()
 
     def reachable(self) -> list[AnyPublisher]:
         """Lists the publishers of this node and of every node of this process that its messages lead to."""

@@ -31,13 +31,15 @@ class Input:
     topic: name with parameters in braces, `/{camera}/keyframe`; `*` only for nodes that take whatever they are told
     (the recorder). join: delivered by `update`, together with the other joined inputs of the same stamp; otherwise,
     and for latched topics, each message comes by itself to `receive`. delayed: closes a loop (/action); a source asks
-    for it by stamp in `due`. on_device: arrays that a node of the same process has on the device which this node's
+    for it by stamp in `due`. outside: a program outside the running graph may give it (outside.py) where no node of the
+    graph publishes it. on_device: arrays that a node of the same process has on the device which this node's
     parameter `device` names may come as they are, Warp's and not numpy's.
     """
 
     topic: str
     join: bool = True
     delayed: bool = False
+    outside: bool = False
     on_device: bool = False
 
 
@@ -164,6 +166,16 @@ class Node:
     def due(self) -> Mapping[str, int]:
         """Names the delayed inputs that a source's next step needs, and the stamps [ns] they must have."""
         return {}
+
+    def offer(self, port: str) -> Mapping[str, Any]:
+        """Describes, in plain values, what a program outside may give by a port with `outside`.
+
+        Raises ValueError saying why it can give nothing.
+        """
+        return {}
+
+    def admit(self, port: str, message: Message) -> None:
+        """Raises ValueError, in one line, for a message from outside that this node cannot take."""
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
         """Publishes what a source has next; False when there is nothing more."""

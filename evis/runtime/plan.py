@@ -55,6 +55,8 @@ class NodePlan:
     dormant: bool = False
     keep: list[str] = field(default_factory=list)
     """Output ports that are made even when nobody reads them: what the graph was started for."""
+    outside: dict[str, str] = field(default_factory=dict)
+    """Ports -> topics that a program outside the graph may give, as no node of it does."""
 
 
 @dataclass

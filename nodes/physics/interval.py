@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from msgs.world import moving_bodies
+from nodes.physics.from_outside import Actuators
 
 
 @dataclass
@@ -79,6 +80,7 @@ class Engine(Protocol):
 
     controls: int
     """Number of actuators."""
+    actuators: Actuators
 
     def start(self) -> Interval:
         """Gives the state at stamp 0, S = 1."""

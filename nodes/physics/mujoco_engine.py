@@ -17,6 +17,7 @@ from evis.geometry import interpolate, se3
 from evis.scene.mjcf.dynamics import compile_model
 from evis.scene.model import Scene
 from nodes.physics.accelerations import mounted_acceleration, mujoco_accelerations, prescribed_accelerations
+from nodes.physics.actuators import actuators_of
 from nodes.physics.contacts import contacts_of, gather
 from nodes.physics.followers import Followers
 from nodes.physics.interval import Interval
@@ -71,6 +72,7 @@ class MujocoEngine:
         self.step_ns = step_length(self.model.opt.timestep, timestep)
         self.model.opt.timestep = self.step_ns * 1e-9
         self.controls: int = self.model.nu
+        self.actuators = actuators_of(self.model)
         self.data = [mujoco.MjData(self.model) for _ in range(envs)]
         self._scratch = mujoco.MjData(self.model) if contacts or accelerations else None
         self._contacts, self._joints, self._accelerations = contacts, joints, accelerations

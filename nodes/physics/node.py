@@ -13,7 +13,8 @@ from evis.runtime.clock import NS, keyframe_count, keyframe_stamp, times_slower
 from evis.runtime.node import Input, Node, Output
 from evis.scene.parameters import SCENE, scene_of
 from msgs.header import Header, Message
-from msgs.world import Action, WorldState
+from msgs.world import Action, Reset, WorldState
+from nodes.physics.from_outside import check_action, check_reset
 from nodes.physics.interval import Engine, Interval
 
 
@@ -42,7 +43,10 @@ class PhysicsNode(Node):
         "accelerations": Param(bool, False, "publish accelerations of the bodies"),
         "speed_limit": Param(float, 1000.0, "speed of a body beyond which the simulation has diverged", "m/s", 1e-3),
     }  # fmt: skip
-    INPUTS: ClassVar[Mapping[str, Input]] = {"action": Input("/action", join=False, delayed=True)}
+    INPUTS: ClassVar[Mapping[str, Input]] = {
+        "action": Input("/action", join=False, delayed=True, outside=True),
+        "reset": Input("/reset", join=False, outside=True),
+    }
     OUTPUTS: ClassVar[Mapping[str, Output]] = {"state": Output("/state")}
 
     @classmethod
@@ -91,21 +95,15 @@ class PhysicsNode(Node):
     def setup(self) -> None:
         """Loads the scene and the engine that it needs."""
         p = self.params
-        scene = scene_of(self.name, p, visuals=False)
+        scene = self.scene = scene_of(self.name, p, visuals=False)
         for note in scene.notes:
             self.warn(f"scene {scene.name}: {note}")
-        self.engine: Engine
-        if scene.dynamic:
-            from nodes.physics.mujoco_engine import MujocoEngine
-
-            self.engine = MujocoEngine(
-                scene, p["seed"], p["envs"], timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
-                accelerations=p["accelerations"], speed_limit=p["speed_limit"],
-            )  # fmt: skip
-        else:
-            from nodes.physics.prescribed import PrescribedEngine
-
-            self.engine = PrescribedEngine(scene, p["envs"], p["accelerations"])
+        self.engine_seed: int = p["seed"]
+        self.engine = self._engine(self.engine_seed)
+        self.origin_ns = 0
+        """Stamp at which the engine began."""
+        self.next_seed: int | None = None
+        """Seed of an engine that is to begin at the next step."""
         self.held = self.divides(p)
         self.names = [body.name for body in scene.bodies]
         self._begin()
@@ -130,6 +128,19 @@ class PhysicsNode(Node):
         self._begin()
         return True
 
+    def _engine(self, seed: int) -> Engine:
+        p = self.params
+        if not self.scene.dynamic:
+            from nodes.physics.prescribed import PrescribedEngine
+
+            return PrescribedEngine(self.scene, p["envs"], p["accelerations"])
+        from nodes.physics.mujoco_engine import MujocoEngine
+
+        return MujocoEngine(
+            self.scene, seed, p["envs"], timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
+            accelerations=p["accelerations"], speed_limit=p["speed_limit"],
+        )  # fmt: skip
+
     def _say_end(self, last: int) -> None:
         """Warn where the run's last keyframe, of number `last`, comes before its end: the rest is not simulated."""
         duration, rate = self.params["duration"], self.params["keyframe_rate"]
@@ -148,16 +159,77 @@ class PhysicsNode(Node):
             return {}
         return {"action": keyframe_stamp(self.k - 1, self.params["keyframe_rate"])}
 
+    def offer(self, port: str) -> Mapping[str, Any]:
+        """Describes the actuators. Raises ValueError where there are none."""
+        if port != "action":
+            return {}
+        actuators = self.engine.actuators
+        if not actuators.names:
+            raise ValueError(f"scene {self.scene.name} has no actuators: there is nothing to control")
+        low, high = actuators.low.tolist(), actuators.high.tolist()
+        return {"envs": self.params["envs"], "names": list(actuators.names), "low": low, "high": high}
+
+    def admit(self, port: str, message: Message) -> None:
+        """Raises ValueError for an action that is not finite or out of range, a reset of what is not there."""
+        if isinstance(message, Action):
+            check_action(message, self.params["envs"], self.engine.actuators)
+        elif isinstance(message, Reset):
+            check_reset(message, self.params["envs"])
+            self._seed_of(message)
+
+    def receive(self, port: str, message: Message) -> None:
+        """Takes a reset, which is done at the next step."""
+        if isinstance(message, Reset):
+            self.restart(message.envs, message.seeds)
+
+    def restart(self, envs: np.ndarray, seeds: np.ndarray) -> None:
+        """Begins environments anew at the next step: the state at its stamp is their start, under no action.
+
+        envs: int32 [R], none = all. seeds: int64 [R] or none, -1 = keep.
+        """
+        self.next_seed = self._seed_of(Reset(Header(0), envs, seeds))
+
+    def _seed_of(self, reset: Reset) -> int:
+        """The run's seed after a reset. Raises ValueError where it begins not all environments as one run does."""
+        count = self.params["envs"]
+        if len(reset.envs) not in (0, count):
+            raise ValueError(f"a reset begins all {count} environments of this run anew, and not {len(reset.envs)}")
+        order = np.argsort(reset.envs) if len(reset.envs) else np.arange(count)
+        seeds = np.asarray(reset.seeds)[order] if len(reset.seeds) else np.full(count, -1)
+        if (seeds == -1).all():
+            return self.engine_seed
+        if not np.array_equal(seeds, seeds[0] + np.arange(count)):
+            raise ValueError("the seeds of a reset must follow one another: environment k has seed + k")
+        return int(seeds[0])
+
     def step(self, inputs: Mapping[str, Message]) -> bool:
         """Publishes the state at the next stamp."""
         stamp = keyframe_stamp(self.k, self.params["keyframe_rate"])
         action = inputs.get("action")
         controls = np.array(action.controls) if isinstance(action, Action) else None
-        interval = self.engine.advance(stamp, controls) if self.k else self.engine.start()
+        if self.next_seed is not None and self.k:
+            interval = self._begin_anew(stamp, self.next_seed)
+        elif self.k:
+            interval = self.engine.advance(stamp - self.origin_ns, controls)
+        else:
+            interval = self.engine.start()
+        if self.origin_ns:
+            interval.t = interval.t + self.origin_ns
         self._faults(interval, stamp)
         self._publish(stamp, interval)
         self.k += 1
         return self.count_all is None or self.k < self.count_all
+
+    def _begin_anew(self, stamp: int, seed: int) -> Interval:
+        """Start an engine of this seed at a stamp, where an episode of all environments begins."""
+        self.engine_seed, self.next_seed, self.origin_ns = seed, None, stamp
+        self.engine = self._engine(seed)
+        self.episodes += 1
+        self.count("resets", len(self.episodes))
+        if len(self.episodes) == 1:
+            self.episode += 1
+            self.first = self.k
+        return self.engine.start()
 
     def _faults(self, interval: Interval, stamp: int) -> None:
         """An environment that diverged begins its next episode at this stamp; with only one, so does the run."""

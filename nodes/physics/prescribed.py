@@ -7,6 +7,7 @@ import numpy as np
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Known, Prescribed
 from nodes.physics.accelerations import prescribed_accelerations
+from nodes.physics.from_outside import Actuators
 from nodes.physics.interval import Interval, grid_inside
 
 
@@ -14,6 +15,7 @@ class PrescribedEngine:
     """Gives closed-form poses on the scene's sub-step grid. All environments are alike: nothing in them is random."""
 
     controls = 0
+    actuators = Actuators((), np.empty(0), np.empty(0))
 
     def __init__(self, scene: Scene, envs: int = 1, accelerations: bool = False) -> None:
         """accelerations: whether intervals have them."""
