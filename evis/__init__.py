@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
-    "Diverged", "EventSensor", "Simulation", "SimulationError", "SimulationWarning", "__version__", "connect", "load_scene",
-    "open",
+    "Diverged", "EventSensor", "Simulation", "SimulationError", "SimulationWarning", "__version__", "connect",
+    "load_scene", "open",
 ]  # fmt: skip
 _LAZY = {
     "Diverged": "evis.simulation.errors:Diverged",
