@@ -42,6 +42,9 @@ class Bus:
     def loan(self, node: Any, port: str, arrays: Any) -> Any:
         return {name: np.zeros(shape, dtype) for name, (shape, dtype) in arrays.items()}
 
+    def wants(self, node: Any, port: str, array: str = "") -> bool:
+        return port == "events"
+
     def publish(self, node: Any, port: str, message: EventPacket) -> None:
         self.sent.append(message)
 
