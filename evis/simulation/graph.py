@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from evis.config.document import LaunchError
 from evis.launch import catalog
@@ -15,10 +19,12 @@ from evis.launch.planner import COMPOSED, Options, plan_launch
 from evis.launch.target import read_target
 from evis.runtime.plan import Plan
 from evis.scene.parameters import SCENE, scene_of
-from evis.simulation.actuators import Actuators, actuators_of
-from evis.simulation.errors import SimulationError
+from evis.simulation.actuators import actuators_of
+from evis.simulation.auto import Chosen, without_auto
+from evis.simulation.errors import SimulationError, SimulationWarning
 from evis.simulation.outputs import LABELS, Asked
 from msgs.topics import SYSTEM_TOPICS
+from nodes.physics.from_outside import Actuators
 
 CALLER = "caller"
 """Name of the caller's node."""
@@ -29,13 +35,15 @@ ACTION = "/action"
 class Graph:
     """Holds the plan, and what the caller can move. physics: name of the node that steps the world; "" without one.
 
-    controller: node of the launch file that publishes /action, so that the caller cannot.
+    controller: node of the launch file that publishes /action, so that the caller cannot. start: controls float64 [nu]
+    that the model starts with.
     """
 
     plan: Plan
     physics: str = ""
     controller: str = ""
     actuators: Actuators = field(default_factory=Actuators)
+    start: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def acts(self) -> bool:
@@ -54,6 +62,8 @@ class Planner:
         self._asked = asked
         self._arguments = dict(arguments)
         self._found = Graph(Plan("", "", ""))
+        self._chosen: Chosen | None = None
+        """In place of auto; for every seed the same, as one interpolator stays from reset to reset."""
         self._folder = Path()
         """Where the launch file lies, and nodes of the user's own beside it."""
 
@@ -69,10 +79,14 @@ class Planner:
                 target.given["seed"] = seed
             self._folder = target.launch.path.resolve().parent
             options = Options(record=record, view=False, grouping="compose")
-            plan = plan_launch(target.launch, target.given, options, edit=self._edit)
+            if self._chosen is None:
+                self._chosen = without_auto(target.launch, target.given, options, nullcontext(_unsaid), _warn)
+            chosen = self._chosen
+            given = {**target.given, **{name: chosen.given[name] for name in chosen.taken}}
+            plan = plan_launch(target.launch, given, options, chosen.held, self._edit)
         except (LaunchError, ValueError, OSError) as error:
             raise SimulationError(str(error)) from None
-        plan.name = target.name
+        plan.name, plan.chosen = target.name, chosen.told
         if plan.mode == "live":
             raise SimulationError(f"{plan.name} is live: a camera does not wait for steps; start it with `evis launch`")
         plan.nodes = {name: node for name, node in plan.nodes.items() if node.process == COMPOSED}
@@ -93,13 +107,21 @@ class Planner:
             if spec.type == "physics":
                 found.physics = spec.name
                 params = {name: spec.params[name] for name in SCENE if spec.params.get(name) is not None}
-                found.actuators = actuators_of(scene_of(spec.name, params, visuals=False))
+                found.actuators, found.start = actuators_of(scene_of(spec.name, params, visuals=False))
             device = str(spec.params.get("device") or device)
-        acts = bool(found.physics and not found.controller and found.actuators.all)
+        acts = bool(found.physics and not found.controller and found.actuators.names)
         params = {"topics": list(self._asked.globs), "acts": acts, "device": device}
         where = "the simulation"
         expanded.nodes.append(NodeSpec(CALLER, "evis.simulation.caller:CallerNode", where, params, process=COMPOSED))
         self._found = found
+
+
+def _unsaid(line: str) -> None:
+    """Takes what is being measured: nobody is told of it."""
+
+
+def _warn(line: str) -> None:
+    warnings.warn(f"interpolator auto: {line}", SimulationWarning, stacklevel=2)
 
 
 def needs_sockets(plan: Plan) -> bool:

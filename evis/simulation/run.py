@@ -14,6 +14,7 @@ from evis.launch.planner import COMPOSED
 from evis.runtime.clock import keyframe_stamp, times_slower
 from evis.runtime.executor import Executor
 from evis.runtime.host import NodeFailed, describe
+from evis.simulation.actuators import controls_of
 from evis.simulation.caller import CallerNode
 from evis.simulation.errors import Diverged, SimulationError, SimulationWarning
 from evis.simulation.graph import CALLER, Graph, needs_sockets
@@ -87,7 +88,7 @@ class Run:
         """Stands before keyframe 0."""
         self.k, self.over = -1, False
         self.history = History()
-        self._controls = np.tile(self.graph.actuators.start, (self.envs, 1))
+        self._controls = np.tile(self.graph.start, (self.envs, 1))
         self._episodes = np.zeros(self.envs, np.int32)
 
     @property
@@ -133,7 +134,7 @@ class Run:
         if not graph.acts:
             why = f"node {graph.controller} publishes its actions" if graph.controller else "it has no actuators"
             raise SimulationError(f"{graph.plan.name} takes no action: {why}; step without one")
-        controls = graph.actuators.controls(action, self.envs)
+        controls = controls_of(action, self.envs, graph.actuators)
         rate = self.parameter("action_rate", None)
         held = 1 if rate is None else times_slower(self.parameter("keyframe_rate", 0.0), rate)
         if self.k % held:
@@ -179,7 +180,7 @@ class Run:
     def _set_back(self, envs: Sequence[int]) -> None:
         """Environments are at their start, with the controls of the start."""
         self._controls = self._controls.copy()
-        self._controls[list(envs)] = self.graph.actuators.start
+        self._controls[list(envs)] = self.graph.start
         assert self.last is not None
         self._episodes = self.last.episodes
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -11,7 +11,7 @@ import numpy as np
 
 from evis.scene.model import Scene
 from evis.scene.parameters import SCENE, scene_of
-from evis.simulation.actuators import Actuator
+from evis.simulation.actuators import Actuator, each
 from evis.simulation.errors import SimulationError
 from evis.simulation.graph import Planner
 from evis.simulation.outputs import parse
@@ -75,7 +75,7 @@ class Simulation:
     @property
     def actuators(self) -> tuple[Actuator, ...]:
         """The model's actuators, in the order of an action's last axis."""
-        return self._run.graph.actuators.all
+        return each(self._run.graph.actuators)
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -90,6 +90,13 @@ class Simulation:
             raise SimulationError(f"{graph.plan.name} simulates no scene")
         params = graph.plan.nodes[graph.physics].params
         return scene_of("simulation", {name: params.get(name) for name in (*SCENE, "seed")})
+
+    @property
+    def chosen(self) -> Mapping[str, Any]:
+        """What `interpolator="auto"` has chosen, and why: method, keyframe rate, frames and what was measured, as
+        `evis launch --json` tells it. It holds for every seed; empty without auto.
+        """
+        return dict(self._run.graph.plan.chosen)
 
     @property
     def stamp_ns(self) -> int:

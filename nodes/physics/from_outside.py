@@ -1,8 +1,10 @@
-"""What a program outside a running graph may ask of physics, checked before it is done: actions and resets."""
+"""What a program outside a running graph, or the caller of one, may ask of physics, checked before it is done: actions
+and resets.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,14 +19,18 @@ class Actuators:
     free.
     """
 
-    names: tuple[str, ...]
-    low: np.ndarray
-    high: np.ndarray
+    names: tuple[str, ...] = ()
+    low: np.ndarray = field(default_factory=lambda: np.empty(0))
+    high: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 def check_action(action: Action, envs: int, actuators: Actuators) -> None:
-    """Raises ValueError naming environment and actuator unless the controls are finite and within their ranges."""
-    controls = np.asarray(action.controls)
+    """Raises ValueError as `check_controls` does."""
+    check_controls(np.asarray(action.controls), envs, actuators)
+
+
+def check_controls(controls: np.ndarray, envs: int, actuators: Actuators) -> None:
+    """Raises ValueError naming environment and actuator unless controls [E, nu] are finite and within their ranges."""
     count = len(actuators.names)
     if controls.shape != (envs, count):
         raise ValueError(

@@ -15,7 +15,7 @@ class PrescribedEngine:
     """Gives closed-form poses on the scene's sub-step grid. All environments are alike: nothing in them is random."""
 
     controls = 0
-    actuators = Actuators((), np.empty(0), np.empty(0))
+    actuators = Actuators()
 
     def __init__(self, scene: Scene, envs: int = 1, accelerations: bool = False) -> None:
         """accelerations: whether intervals have them."""

@@ -49,10 +49,10 @@ def test_a_live_graph_is_for_evis_launch(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("action", "says"),
     [
-        (np.zeros((2, 5)), r"shape \[2, 5\]; it must be \[2, 6\].*yaw, shoulder"),
-        (np.zeros(6), r"shape \[6\]; it must be \[2, 6\]"),
-        (np.full((2, 6), np.nan), "is nan for actuator yaw of environment 0; it must be finite"),
-        (np.array([[0.0] * 6, [0.0, 9.0, 0, 0, 0, 0]]), "is 9 for actuator shoulder of environment 1, whose range is"),
+        (np.zeros((2, 5)), r"controls \[2, 5\], the model takes \[2, 6\].*yaw, shoulder"),
+        (np.zeros(6), r"controls \[6\], the model takes \[2, 6\]"),
+        (np.full((2, 6), np.nan), "nan for actuator 'yaw' of environment 0; it must be finite"),
+        (np.array([[0.0] * 6, [0.0, 9.0, 0, 0, 0, 0]]), "9 for actuator 'shoulder' of environment 1; its range is"),
         ("left", "no array of numbers"),
     ],
 )
