@@ -51,6 +51,7 @@ class Recorded:
             for k in range(keyframe_count(round(seconds * NS), rate)):
                 step = sim.step() if k else sim.reset()
                 spent.append(sum(node["cpu_s"] for name, node in sim.summary().items() if name in TIMED))
+                assert step.frames is not None and step.frames.luminance is not None and step.state is not None
                 self.gaps.append((step.frames.luminance, step.frames.t, step.episodes, step.state))
         self.run_s = float(np.mean(np.diff(spent)[SKIPPED:])) * rate
 

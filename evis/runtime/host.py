@@ -46,16 +46,18 @@ def describe(error: BaseException) -> str:
 class Inside:
     """Charges the time of a block to one node, and names the node in what the block raises."""
 
+    __slots__ = ("_name", "_profile")
+
     def __init__(self, profile: Profile | None, name: str) -> None:
         self._name = name
-        self._timer = profile.inside(name) if profile else None
+        self._profile = profile
 
     def __enter__(self) -> Any:
-        return self._timer.__enter__() if self._timer else None
+        return self._profile.enter(self._profile.node(self._name)) if self._profile else None
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if self._timer:
-            self._timer.__exit__(None, None, None)
+        if self._profile:
+            self._profile.leave()
         if isinstance(error, Exception) and not isinstance(error, (NodeFailed, PeerLost)):
             raise NodeFailed(self._name, error) from error
 
@@ -103,7 +105,7 @@ class Host:
 
     def open(self) -> bool:
         """Says whether this node may be called now, without a wait inside it."""
-        return all(p.credit() > 0 for p in self.gates)
+        return not self.gates or all(p.credit() > 0 for p in self.gates)
 
     def wants(self, port: str) -> bool:
         """Says whether anybody reads this output now."""
@@ -210,7 +212,7 @@ class Wiring:
             self._outputs(host)
             self._inputs(host)
         for host in self.hosts.values():
-            host.gates = host.reachable()
+            host.gates = [p for p in host.reachable() if not isinstance(p, LocalPublisher)]
 
     @staticmethod
     def _is_joined(node: Node, port: str, topic: str) -> bool:

@@ -90,7 +90,7 @@ class Profile:
     def __init__(self) -> None:
         self.nodes: dict[str, NodeProfile] = {}
         self._stack: list[NodeProfile] = []
-        self._since = (0.0, 0.0)
+        self._since_wall = self._since_cpu = 0.0
 
     def node(self, name: str) -> NodeProfile:
         """Returns the profile of a node (or of `bus` and `idle`), made on first use."""
@@ -101,20 +101,22 @@ class Profile:
 
     def charge(self) -> None:
         """Charges the time since the last call to the owner that is inside now."""
-        now = (time.perf_counter(), time.thread_time())
+        wall, cpu = time.perf_counter(), time.thread_time()
         if self._stack:
-            self._stack[-1].busy_s += now[0] - self._since[0]
-            self._stack[-1].cpu_s += now[1] - self._since[1]
-        self._since = now
+            owner = self._stack[-1]
+            owner.busy_s += wall - self._since_wall
+            owner.cpu_s += cpu - self._since_cpu
+        self._since_wall, self._since_cpu = wall, cpu
 
     def inside(self, name: str) -> Charged:
         """Charges the time within the block to `name`."""
         return Charged(self, self.node(name))
 
-    def enter(self, owner: NodeProfile) -> None:
-        """Charges an owner from now on."""
+    def enter(self, owner: NodeProfile) -> NodeProfile:
+        """Charges an owner from now on, and returns it."""
         self.charge()
         self._stack.append(owner)
+        return owner
 
     def leave(self) -> None:
         """Charges again who was charged before."""
@@ -131,8 +133,7 @@ class Charged:
         self._profile, self._owner = profile, owner
 
     def __enter__(self) -> NodeProfile:
-        self._profile.enter(self._owner)
-        return self._owner
+        return self._profile.enter(self._owner)
 
     def __exit__(self, *_: object) -> None:
         self._profile.leave()
