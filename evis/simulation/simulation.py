@@ -9,6 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from evis.runtime.collection import uncollected
 from evis.scene.model import Scene
 from evis.scene.parameters import SCENE, scene_of
 from evis.simulation.actuators import Actuator, each
@@ -54,8 +55,9 @@ class Simulation:
         self._asked = parse(outputs)
         self._own_seed = self._seed = seed
         self._planner = Planner(str(scene_or_launch), self._asked, arguments)
-        self._graphs = {seed: self._planner.plan(seed)}
-        self._run = Run(self._graphs[seed], self._asked)
+        with uncollected():
+            self._graphs = {seed: self._planner.plan(seed)}
+            self._run = Run(self._graphs[seed], self._asked)
         self._viewers: dict[str, Viewer] = {}
         self._closed = False
         self._run.warn()
