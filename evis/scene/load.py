@@ -69,8 +69,11 @@ def is_dynamic(name_or_path: str) -> bool:
 
 
 def starts_at_random(name_or_path: str) -> bool:
-    """Returns True when the seed moves free bodies at the start. Reads the YAML only, as `is_dynamic` does."""
-    spread = _document(find_scene(name_or_path)).get("initial_spread")
+    """Returns True when the seed decides where free bodies or joints start. Reads the YAML only, as `is_dynamic`."""
+    document = _document(find_scene(name_or_path))
+    spread, joints = document.get("initial_spread"), document.get("initial_joints")
+    if isinstance(joints, Table) and any(isinstance(v, list) for j in joints.values() if j for v in j.values()):
+        return True
     return isinstance(spread, Table) and any(
         str(value).split()[:1] not in (["0"], ["0.0"]) for value in spread.values()
     )

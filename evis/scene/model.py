@@ -155,6 +155,15 @@ class Camera:
     """Keyframes per second, for one that has not the rate of the others [Hz]."""
 
 
+@dataclass(frozen=True)
+class JointStart:
+    """Says between which bounds a hinge or slide starts, drawn evenly by the seed: rad or m, and rad/s or m/s."""
+
+    position: tuple[float, float] | None = None
+    """None = where the model has it."""
+    velocity: tuple[float, float] | None = None
+
+
 @dataclass
 class Scene:
     """Holds a whole scene. bodies[n] is entry n of WorldState; every camera has a body of its name among them."""
@@ -177,6 +186,8 @@ class Scene:
     """Sub-step of /state for prescribed motion [ns]."""
     initial_spread: tuple[float, float] = (0.0, 0.0)
     """Dynamics: how far the seed shifts [m] and turns [rad] free bodies at the start, standard deviations."""
+    initial_joints: dict[str, JointStart] = field(default_factory=dict)
+    """Dynamics: joints by name that the seed puts to their start."""
     notes: list[str] = field(default_factory=list)
     """What of the scene's source is not simulated, one line each."""
     environment_map: np.ndarray | None = None

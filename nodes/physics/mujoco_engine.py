@@ -19,6 +19,7 @@ from evis.scene.model import Scene
 from nodes.physics.contacts import contacts_of, gather
 from nodes.physics.followers import Followers
 from nodes.physics.interval import Interval
+from nodes.physics.joint_start import start_joints
 from nodes.physics.prescribed import PrescribedStates
 from nodes.physics.watchdog import Watchdog
 
@@ -170,6 +171,7 @@ class MujocoEngine:
             data.qpos[at : at + 3] += spread * shift
             q = se3.from_mujoco(data.qpos[at + 3 : at + 7])
             data.qpos[at + 3 : at + 7] = se3.to_mujoco(se3.multiply(se3.exp(turn * rotation), q))
+        start_joints(self.model, data, self.scene.initial_joints, self.seed + k, self._episodes[k])
         mujoco.mj_forward(self.model, data)
         self._watchdogs[k].restart(data)
 

@@ -22,6 +22,8 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
     include:    a file with materials, world, bodies, lights and environment that several scenes share
     timestep:   sub-step of prescribed motion [s]
     mjcf:       a MuJoCo model or URDF with the bodies that move by dynamics;  initial_spread: {position, rotation}
+    initial_joints: {JOINT: {position, velocity}} of hinges and slides of the model, each a number or [least, most],
+                drawn by the seed at every start
     assets:     [FOLDER], from which the files named here (mjcf, meshes) may take theirs, beside their own folders
     keyframe:   of the model, where it starts: a name, a number, none; auto (the default): `home`, if it has that
 
@@ -116,8 +118,10 @@ class _Builder:
         if spread:
             scene.initial_spread = (spread.number("position", 0.0, minimum=0), spread.angle("rotation", 0.0))
             spread.done()
+        starts = self.top.sections("initial_joints", "joint")
         self.model: Any = None
         if self.top.has("mjcf"):
+            from evis.scene.mjcf.joints import read_starts
             from evis.scene.mjcf.model import add_model, keyframe_of
 
             scene.mjcf = (path.parent / self.top.text("mjcf")).resolve()
@@ -126,6 +130,7 @@ class _Builder:
             scene.folders = self.folders.beside(scene.mjcf)
             size = (int(self.arguments["width"]), int(self.arguments["height"]))
             self.model = add_model(scene, size, own_cameras="cameras" in self.top.table, visuals=self.visuals)
+            scene.initial_joints = read_starts(self.model, starts)
             try:
                 scene.keyframe = keyframe_of(self.model, self.top.text("keyframe", "auto"))
             except ValueError as error:
@@ -133,7 +138,7 @@ class _Builder:
                     raise
                 raise self.top.error("keyframe", str(error)) from None
             return
-        for key in ("initial_spread", "keyframe"):
+        for key in ("initial_spread", "initial_joints", "keyframe"):
             if self.top.has(key):
                 raise self.top.error(key, "is for scenes with an mjcf; prescribed motion starts where it says")
 
