@@ -116,7 +116,11 @@ class Simulation:
         """
         self._check_open()
         if envs is not None:
-            return self._reset_some(envs, seed)
+            order = np.asarray(envs, np.int64).reshape(-1)
+            if not np.array_equal(np.sort(order), np.arange(self.envs)):
+                return self._reset_some(envs, seed)
+            if seed is not None and np.shape(seed) == order.shape:  # all of them, each with its own seed
+                seed = np.asarray(seed)[np.argsort(order)].tolist()
         single = seed is None or np.ndim(seed) == 0
         self._seed = self._own_seed if seed is None or not single else int(seed)  # type: ignore[arg-type]
         if self._seed not in self._graphs:

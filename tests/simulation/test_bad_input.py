@@ -75,6 +75,14 @@ def test_a_reset_of_what_is_not_there(arm: evis.Simulation, envs: list[int], see
     arm.step()
 
 
+def test_a_reset_that_names_every_environment_is_one_of_all(arm: evis.Simulation) -> None:
+    """Time starts again."""
+    arm.reset()
+    arm.step()
+    assert arm.reset(envs=[1, 0]).stamp_ns == arm.stamp_ns == 0
+    assert arm.step().stamp_ns == 33_333_333
+
+
 def test_a_scene_without_actuators_takes_no_action() -> None:
     with evis.Simulation("spinning_disk", **SIZE) as sim, pytest.raises(evis.SimulationError, match="no actuators"):
         sim.step([0.0])
