@@ -231,7 +231,7 @@ def _node_plan(node: Wired, demand: Demand, grouping: str) -> NodePlan:
 def _makeable(node: Wired, port: str, inputs: Mapping[str, Any]) -> bool:
     """An output that nobody reads stays open for viewers, if the inputs that are connected anyway suffice."""
     needed = node.needs([port])
-    return all(p in inputs or node.cls.INPUTS[p].delayed for p in needed if p in node.inputs)
+    return all(p in inputs or not node.cls.INPUTS[p].needed for p in needed if p in node.inputs)
 
 
 def _connect(plan: Plan, chosen: list[Wired], demand: Demand) -> None:
@@ -263,7 +263,7 @@ def _read_arrays(plan: Plan, topic: str, classes: Mapping[str, type[Node]]) -> l
 def _kind(node: Wired, port: str, topic: str, planned: NodePlan) -> str:
     if node.spec.tap or planned.dormant or not find_topic(topic).lockstep:
         return "tap"
-    return "delayed" if node.cls.INPUTS[port].delayed else "lockstep"
+    return "lockstep" if node.cls.INPUTS[port].needed else "delayed"
 
 
 def _in_order(plan: Plan) -> dict[str, NodePlan]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Sequence
+
 import numpy as np
 
 from evis.scene.model import Scene, Trajectory
@@ -31,6 +34,15 @@ class PrescribedEngine:
         t = np.array([self._now, *inner, to_ns], np.int64)
         self._now = to_ns
         return self._at(t)
+
+    def leave(self, env: int) -> None:
+        """Does nothing: one environment more costs nothing."""
+
+    def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> PrescribedEngine:
+        """Makes an engine of as many environments, at stamp 0; nothing depends on seeds and numbers."""
+        engine = copy.copy(self)
+        engine.envs, engine._now = len(envs), 0
+        return engine
 
     def _at(self, t: np.ndarray) -> Interval:
         states = self._states
