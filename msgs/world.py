@@ -55,7 +55,7 @@ class WorldState(Message):
     message of them.
 
     Once an environment was reset by itself, each has sub-steps of its own, at `own_t` since its reset; an environment
-    with fewer of them repeats its last, and `t` are those of one that has them all. A reset at the present stamp
+    with fewer of them repeats its first, and `t` are those of one that has them all. A reset at the present stamp
     comes as a state of that very stamp, in which `episodes` has gone up where one begins anew; the other environments
     are then as they were.
     """

@@ -126,8 +126,8 @@ class Environments:
         arrays = {name: np.zeros((self._envs, *shape)) for name, shape in shapes.items()}
         own_t = np.zeros((self._envs, steps), np.int64)
         for group, interval in parts:
-            # Where there are fewer sub-steps, the last is repeated.
-            rows = np.minimum(np.arange(steps), len(interval.t) - 1)
+            # Where there are fewer sub-steps, the first is repeated.
+            rows = np.maximum(np.arange(steps) - (steps - len(interval.t)), 0)
             mine = group.envs[group.live]
             own_t[mine] = interval.t[rows]
             given = {
