@@ -12,6 +12,7 @@ import numpy as np
 
 from msgs.fields import MessageError, array
 from msgs.header import Header, Message
+from msgs.own_time import own_rows
 
 
 @dataclass
@@ -58,6 +59,7 @@ class Keyframe(Message):
     episodes: np.ndarray = array("int32", "E", "episode of each environment")
     radiance: np.ndarray | None = array("float32|float16", "E H W 3", "[W/(sr m^2)], linear", optional=True)
     luminance: np.ndarray | None = array("float32|float16", "E H W", "[W/(sr m^2)], Rec. 709", optional=True)
+    own: np.ndarray | None = own_rows()
     margin: int = 0
 
     @property
@@ -118,7 +120,8 @@ class Normal(Message):
 class Frames(Message):
     """Carries linear luminance (or RGB) at K times of the gap (previous stamp, header.stamp_ns], margin cropped.
 
-    The first message of an episode has K = 1 and sets the sensor's reference.
+    The first message of an episode has K = 1 and sets the sensor's reference. Environments that begin one while others
+    go on have the keyframe at header.stamp_ns in all K frames.
     """
 
     header: Header
@@ -127,6 +130,8 @@ class Frames(Message):
     luminance: np.ndarray | None = array("float32", "E K H W", "linear, Rec. 709", optional=True)
     rgb: np.ndarray | None = array("float32", "E K H W 3", "linear, for colour events", optional=True)
     dlog_dt: np.ndarray | None = array("float32", "E K H W", "d ln(luminance)/dt [1/s] where known", optional=True)
+    own: np.ndarray | None = own_rows()
+    own_t: np.ndarray | None = array("int64", "E K", "stamps of the frames in own time [ns]", optional=True)
     filled: int = 0
     """Pixels that no keyframe saw and that were filled from a neighbouring surface."""
     reshaded: int = 0
@@ -137,8 +142,9 @@ class Frames(Message):
 class EventPacket(Message):
     """Carries the events of one interval: decoded arrays, the sensor's own bytes (`encoding`, `raw`), or both.
 
-    Simulated events are sorted by t, then y, x and lie in (t0_ns, header.stamp_ns]; a real sensor's order is kept as it
-    came. `lost` counts events or bytes known to be missing before this packet.
+    Simulated events are sorted by t, then y, x and lie in (t0_ns, header.stamp_ns], those of an environment that was
+    reset by itself up to 1 ns beside it; a real sensor's order is kept as it came. `lost` counts events or bytes known
+    to be missing before this packet.
     """
 
     header: Header

@@ -23,7 +23,7 @@ from msgs.camera import (
 )
 from msgs.diagnostics import Diagnostics
 from msgs.header import Message
-from msgs.world import Action, Clock, WorldState
+from msgs.world import Action, Clock, Reset, WorldState
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,7 @@ TOPICS: tuple[Topic, ...] = (
     #     pattern           type         lockstep latched queue recorded
     Topic("/clock", Clock, False, False, 2, False, "current time and real-time factor"),
     Topic("/action", Action, True, False, 2, True, "controls for the step at its stamp"),
+    Topic("/reset", Reset, True, False, 2, True, "environments to begin anew, with which seeds"),
     Topic("/state", WorldState, True, False, 8, True, "poses and twists of all bodies at sub-step times"),
     Topic("/diagnostics", Diagnostics, False, False, 64, True, "rates, lag, drops and warnings of every node"),
     Topic("/<cam>/info", CameraInfo, True, True, 1, True, "what the camera is"),

@@ -247,6 +247,11 @@ class SlotPool:
         self.live -= len(self._free)
         self._free.clear()
 
+    def part_with(self, slot: Slot) -> None:
+        """Leaves a slot to who holds its only pin: its arrays stay as they are for as long as somebody has one."""
+        slot.pins = 0
+        self.live -= 1
+
     def give_back(self, slot: Slot) -> None:
         """Takes back a slot whose last pin is gone; called by the slot."""
         if slot.generation == self.generation:

@@ -5,6 +5,7 @@ PyTorch is never imported here: a caller who hands over a tensor has it loaded.
 
 from __future__ import annotations
 
+import functools
 import sys
 from typing import Any
 
@@ -25,9 +26,12 @@ def kind_of(values: Any) -> str:
     return WARP if hasattr(values, "__dlpack__") and not isinstance(values, np.ndarray) else NUMPY
 
 
-def as_warp(values: Any) -> wp.array:
-    """Gives the same memory as a Warp array, on the device where it lies; what is in no such memory is copied."""
-    start_warp()
+def as_warp(values: Any, dtype: Any = None) -> wp.array:
+    """Gives the same memory as a Warp array, on the device where it lies; what is in no such memory is copied.
+
+    dtype: of what speaks DLPack, a Warp type that takes its last axis in (vec3f), as Warp's arrays have four at most.
+    """
+    _start()
     kind = kind_of(values)
     if kind == NUMPY:
         return wp.array(np.ascontiguousarray(values), device="cpu", copy=False)
@@ -35,8 +39,14 @@ def as_warp(values: Any) -> wp.array:
         return values
     if kind == TORCH and values.requires_grad:
         values = values.detach()
-    array: Any = wp.from_dlpack(values)
+    array: Any = wp.from_dlpack(values, dtype=dtype)
     return array
+
+
+@functools.cache
+def _start() -> None:
+    """Once: it redirects stderr for a moment."""
+    start_warp()
 
 
 def as_kind(array: wp.array, kind: str) -> Any:

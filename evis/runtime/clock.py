@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from fractions import Fraction
 
@@ -11,6 +12,7 @@ NS = 1_000_000_000
 """Nanoseconds per second."""
 
 
+@functools.lru_cache(maxsize=64)
 def rate(value: float) -> Fraction:
     """Returns a rate [Hz] as an exact fraction: 30, 29.97, 1000/3 as a user means them, not as binary floats."""
     return Fraction(value).limit_denominator(1_000_000)

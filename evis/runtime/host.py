@@ -8,7 +8,7 @@ from typing import Any
 
 import zmq
 
-from evis.bus import PeerLost, Publisher, Subscriber, endpoints_for
+from evis.bus import LocalPublisher, PeerLost, Publisher, Subscriber, endpoints_for
 from evis.runtime.clock import Pacer
 from evis.runtime.join import Join
 from evis.runtime.node import Node
@@ -18,6 +18,7 @@ from msgs.camera import EventPacket
 from msgs.header import Message
 from msgs.topics import SYSTEM_TOPICS, find_topic
 
+AnyPublisher = Publisher | LocalPublisher
 TAP_HZ = 30.0
 EVENT_TAP_HZ = 250.0
 """Taps see images at the rate of a screen; of events, which add up, every packet of a camera that sends some hundred
@@ -70,16 +71,18 @@ class Host:
     node: Node
     plan: NodePlan
     join: Join
-    publishers: dict[str, Publisher] = field(default_factory=dict)
+    publishers: dict[str, AnyPublisher] = field(default_factory=dict)
     downstream: list[tuple[Host, str, str]] = field(default_factory=list)
     """(consumer, port, topic) of consumers in this process."""
     subscriptions: list[Subscription] = field(default_factory=list)
     arrays: dict[str, list[str]] = field(default_factory=dict)
     """Topics of which the declared readers need only some arrays, as TopicPlan.arrays says."""
-    gates: list[Publisher] = field(default_factory=list)
+    gates: list[AnyPublisher] = field(default_factory=list)
     """Publishers that must have credit before this node is called."""
+    singles: set[str] = field(default_factory=set)
+    """Topics of declared inputs that are not joined."""
     single_open: set[str] = field(default_factory=set)
-    """Topics of declared inputs that are not joined and have not ended."""
+    """Those of them that have not ended."""
     waiting: set[str] = field(default_factory=set)
     """Latched topics that the node has not seen yet: no update before them."""
     delayed: dict[str, dict[int, Message]] = field(default_factory=dict)
@@ -136,7 +139,17 @@ class Host:
             inputs[port] = waiting[stamp]
         return inputs
 
-    def reachable(self) -> list[Publisher]:
+    def rewind(self) -> None:
+        """Forgets every message and every end, as before the first message; latched ones were seen."""
+        for waiting in self.delayed.values():
+            for message in waiting.values():
+                message.release()
+            waiting.clear()
+        self.join.clear()
+        self.single_open = set(self.singles)
+        self.ended, self.pacer = False, None
+
+    def reachable(self) -> list[AnyPublisher]:
         """Lists the publishers of this node and of every node of this process that its messages lead to."""
         seen: dict[str, Host] = {}
         todo = [self]
@@ -197,6 +210,9 @@ class Wiring:
                 else:
                     remote.append(f"{edge.node}:{edge.port}")
             row = find_topic(topic)
+            if self.plan.closed:
+                host.publishers[topic] = LocalPublisher(topic, host.name, row.type, self.plan.window + 1)
+                continue
             host.publishers[topic] = Publisher(
                 self.context,
                 topic,
@@ -218,12 +234,13 @@ class Wiring:
                 kind = self._edge_kind(topic, host.name, port)
                 kinds.add(kind)
                 if port not in host.join.queues and kind == "lockstep":
-                    host.single_open.add(topic)
+                    host.singles.add(topic)
                 if find_topic(topic).latched:
                     host.waiting.add(topic)
                 if kind == "tap" or self.plan.topics[topic].node not in self.hosts:
                     for subscriber in self.subscribe(topic, host.name, port, tap=kind == "tap"):
                         host.subscriptions.append(Subscription(subscriber, host, port, topic, kind != "tap"))
+        host.single_open = set(host.singles)
         host.service = not host.node.SOURCE and kinds <= {"tap"}
 
     def _edge_kind(self, topic: str, node: str, port: str) -> str:
@@ -235,7 +252,12 @@ class Wiring:
         raise ValueError(f"{node}: input {port} reads {topic}, but the plan has no such edge")
 
     def subscribe(self, topic: str, node: str, port: str, *, tap: bool) -> list[Subscriber]:
-        """Makes the subscribers of a topic, not started: one, or one per process for a system topic."""
+        """Makes the subscribers of a topic, not started: one, or one per process for a system topic.
+
+        Raises ValueError in a graph without sockets.
+        """
+        if self.plan.closed:
+            raise ValueError(f"{node}: {topic} cannot be tapped, the graph has no sockets")
         row = find_topic(topic)
         return [
             Subscriber(

@@ -72,7 +72,8 @@ class Plan:
     name: str
     run_id: str
     directory: str
-    """Private directory of the run: sockets, logs, plan.json."""
+    """Private directory of the run: sockets, logs, plan.json; "" where the graph is one process that nobody else can
+    reach."""
     mode: str = "lockstep"
     seed: int = 0
     duration_s: float | None = None
@@ -101,6 +102,11 @@ class Plan:
     """Nodes whose code was not loaded (`--no-import`): what the launch file says of them."""
     secrets: list[str] = field(default_factory=list)
     """Values of secret parameters and arguments; what others may read is made of `redacted`."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether nobody outside its one process can read the graph's topics: there is no socket then."""
+        return not self.directory
 
     def redacted(self) -> Plan:
         """Returns the plan without its secrets."""

@@ -13,6 +13,7 @@ from evis.config.paths import find, names
 from evis.config.suggestions import nearest
 from evis.scene.errors import SceneError
 from evis.scene.model import MODELS, Scene
+from evis.scene.sources import note
 from evis.scene.yaml.reader import Fields
 
 MAX_PIXELS = 16384
@@ -116,7 +117,7 @@ def find_scene(name_or_path: str) -> Path:
 
 def _document(path: Path) -> Table:
     if path.suffix in MODELS:
-        return _bare(path)
+        return _bare(note(path))
     try:
         table = _read(path)
     except LaunchError as error:
@@ -153,7 +154,7 @@ def _bare(path: Path) -> Table:
 
 def _read(path: Path) -> Table:
     """The file's map, parsed once for as long as the file is as it was: planning asks for a scene many times."""
-    stat = path.stat()
+    stat = note(path).stat()
     parsed = _parsed(path, stat.st_mtime_ns, stat.st_size)
     table = Table(parsed.file, parsed.line)
     table.update(parsed)

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from evis.config.params import Param
-from evis.scene.load import load_scene, parse_args
+from evis.scene.load import parse_args
 from evis.scene.model import Camera, Scene
+from evis.scene.shared import shared_scene
 
 SCENE: dict[str, Param] = {
     "scene": Param(str, None, "world to simulate: a name in scenes/, a YAML, MJCF or URDF file", optional=True),
@@ -18,13 +19,13 @@ SCENE: dict[str, Param] = {
 
 
 def scene_of(owner: str, params: Mapping[str, Any], *, visuals: bool = True) -> Scene:
-    """Returns the scene that parameters of `owner`, all of SCENE or a part, ask for. Raises ValueError,
-    FileNotFoundError.
+    """Returns the scene that parameters of `owner`, all of SCENE or a part, ask for; it is shared within the process,
+    and nobody may write to it. Raises ValueError, FileNotFoundError.
     """
     if not params.get("scene"):
         raise ValueError(f"{owner} needs scene:=NAME, a world to simulate")
     size = {key: int(params[key]) for key in ("width", "height") if params.get(key)}
-    return load_scene(params["scene"], {**parse_args(params.get("scene_args")), **size}, visuals=visuals)
+    return shared_scene(params["scene"], {**parse_args(params.get("scene_args")), **size}, visuals=visuals)
 
 
 def camera_of(scene: Scene, name: str) -> Camera:

@@ -130,7 +130,7 @@ class AuditNode(Node):
         self._audit: Audit = Audit(self._scene, camera, options)
         self._audit.prepare()
         self._header = Header(0)
-        self._warned = False
+        self._warned = self._ended = False
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Takes the frames of a gap."""
@@ -147,14 +147,26 @@ class AuditNode(Node):
         else:
             image, t, margin = (message.rgb if message.luminance is None else message.luminance), message.t, 0
         header = message.header
+        if message.own is not None:
+            self._end()
+            return
         if header.stamp_ns <= self._header.stamp_ns:
             self._audit.finish()  # time has gone back to begin an episode
         self._header = Header(header.stamp_ns, clock=header.clock, episode=header.episode)
         if self._audit.push(image, t, message.episodes, state, margin):
             self._publish()
 
+    def _end(self) -> None:
+        """Environments that were reset by themselves have times of their own, which brute force does not follow."""
+        if not self._ended:
+            self.finish()
+            self._ended = True
+            self.warn(f"the audit ends at {self._header.stamp_ns * 1e-9:g} s, for an environment is reset by itself")
+
     def finish(self) -> None:
         """Says how it ended."""
+        if self._ended:
+            return
         self._audit.finish()
         if self._header.stamp_ns:
             self._publish()

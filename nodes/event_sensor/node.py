@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,10 +12,12 @@ from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from msgs.camera import EventPacket, Frames, Keyframe
 from msgs.header import Header, Message
+from msgs.own_time import STAMP
 from nodes.event_sensor.parameters import NODE, SENSOR, resolve_sensor
 from nodes.event_sensor.presets import PRESETS
 
 if TYPE_CHECKING:
+    from nodes.event_sensor.apart import Apart
     from nodes.event_sensor.sensor import Events, EventSensor
 
 COUNTER_NAMES = {"nonfinite": "nonfinite_samples", "clipped": "clipped_samples", "dropped": "dropped_events"}
@@ -87,6 +90,9 @@ class EventSensorNode(Node):
         given = {name: self.params[name] for name in SENSOR}
         self._resolved = resolve_sensor(self.name, self.params["preset"], given)
         self._sensor: Any = None
+        self._apart: Apart | None = None
+        """The sensors, once environments were reset by themselves."""
+        self._episodes = np.zeros(0, np.int32)
         self._header = Header(0)
         self._size = (0, 0)
         self._device = device_named(self.params["device"])
@@ -97,21 +103,39 @@ class EventSensorNode(Node):
         for k in range(2):
             sensor.process(warm, np.array([k]), np.zeros(1, np.int32))
 
-    def _make(self, height: int, width: int, envs: int) -> Any:
-        """The sensor, or another event model behind the same interface."""
-        p, seed, colour = self._resolved, self.params["seed"], self.params["colour"]
+    def _make(self, height: int, width: int, envs: int, seed: int | None = None, number: int = 0) -> Any:
+        """The sensor, or another event model behind the same interface.
+
+        seed: None = the node's. number: of the reset at which its time begins.
+        """
+        from nodes.event_sensor.apart import seed_of_time
+
+        p, colour = self._resolved, self.params["colour"]
+        seed = self.params["seed"] if seed is None else seed
+        time_seed = seed_of_time(seed, number)
         if p["model"].startswith("evis"):
             from nodes.event_sensor.sensor import EventSensor
 
             device, channels = self.params["device"], 3 if colour else 1
-            return EventSensor(height, width, envs, channels=channels, device=device, seed=seed, **p)
+            return EventSensor(
+                height, width, envs, channels=channels, device=device, seed=seed, time_seed=time_seed, **p
+            )
         if colour or self.params["device"] != "cpu":
             raise ValueError(
                 f"{self.name}: event model {p['model']} takes luminance on the cpu; evis does colour and cuda"
             )
         from nodes.event_sensor.peers import make_model
 
-        return make_model(p["model"], height, width, envs, seed=seed, **p)
+        return make_model(p["model"], height, width, envs, seed=time_seed, **p)
+
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Puts away the sensor, of which another is made at the first frame: its seed may differ."""
+        if {**params, "seed": 0} != {**self.params, "seed": 0}:
+            return False
+        self.params = dict(params)
+        self._sensor, self._apart, self._header, self._size = None, None, Header(0), (0, 0)
+        self._episodes = np.zeros(0, np.int32)
+        return True
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         message = inputs[self.params["source"]]
@@ -121,19 +145,57 @@ class EventSensorNode(Node):
             assert isinstance(message, Frames)
             image, t = self._of_frames(message), message.t
         envs, _, height, width = image.shape[:4]
+        self._size = (height, width)
+        if message.own is not None or self._apart is not None:
+            self._update_apart(message, image, t)
+            return
         if self._sensor is None:
             self._sensor = self._make(height, width, envs)
-            self._size = (height, width)
         if message.header.stamp_ns <= self._header.stamp_ns:
             self._publish_held()  # time has gone back to begin an episode
-        self._header = message.header
+        self._header, self._episodes = message.header, np.array(message.episodes)
         if self._resolved["model"].startswith("evis"):
             self._publish(self._sensor, self._sensor.advance(image, t, message.episodes))
         else:
             self._publish_events(self._sensor.process(image, t, message.episodes))
 
+    def _update_apart(self, message: Keyframe | Frames, image: Any, t: np.ndarray) -> None:
+        """Events of environments that do not share their time."""
+        if self._apart is None:
+            from nodes.event_sensor.apart import Apart
+
+            height, width = self._size
+            self._apart = Apart(partial(self._make, height, width), self.params["seed"])
+            if self._sensor is not None:
+                self._apart.adopt(self._sensor, self._episodes, self._header.stamp_ns)
+        self._header = message.header
+        own_t = message.own_t if isinstance(message, Frames) else None
+        if message.own is not None and own_t is None:
+            own_t = message.own[:, [STAMP]]
+        found = self._apart.process(image, t, own_t, message.own, message.episodes)
+        self._publish_columns(*found)
+
+    def _publish_columns(self, columns: Mapping[str, np.ndarray], offsets: np.ndarray) -> None:
+        """Publishes events that are on the host, on a GPU where the sensor's are on one."""
+        shapes = {name: (values.shape, values.dtype) for name, values in columns.items()}
+        if self._device.is_cuda and offsets[-1]:
+            import warp as wp
+
+            on_gpu = {name: (shape, wp.dtype_from_numpy(dtype)) for name, (shape, dtype) in shapes.items()}
+            out: dict[str, Any] = self.loan_on("events", self._device, **on_gpu)
+            for name, values in columns.items():
+                out[name].assign(values)
+        else:
+            out = {**self.loan("events", **shapes)}
+            for name, values in columns.items():
+                out[name][...] = values
+        self._send(out, offsets, self._apart or self._sensor)
+
     def finish(self) -> None:
-        self._publish_held()
+        if self._apart is None:
+            self._publish_held()
+        elif held := self._apart.finish():
+            self._publish_columns(*held)
 
     def _publish_held(self) -> None:
         """The events of what look-ahead or the readout still holds, if there are any."""
@@ -152,17 +214,13 @@ class EventSensorNode(Node):
         else:
             out = {**self.loan("events", **{n: ((count,), d) for n, d in columns.items()})}
         sensor.read(out)
-        self._send(out, sensor.env_offsets())
+        self._send(out, sensor.env_offsets(), sensor)
 
     def _publish_events(self, events: Events) -> None:
-        names = ("t", "x", "y", "p")
-        out = self.loan("events", **{n: ((len(events.t),), getattr(events, n).dtype) for n in names})
-        for name in names:
-            out[name][:] = getattr(events, name)
-        self._send(out, events.env_offsets)
+        self._publish_columns({name: getattr(events, name) for name in ("t", "x", "y", "p")}, events.env_offsets)
 
-    def _send(self, columns: Mapping[str, Any], offsets: np.ndarray) -> None:
-        counts = self._sensor.counts()
+    def _send(self, columns: Mapping[str, Any], offsets: np.ndarray, sensor: Any) -> None:
+        counts = sensor.counts()
         first = {name for name, total in counts.items() if self.count_total(COUNTER_NAMES.get(name, name), total)}
         if "nonfinite" in first:
             dark = self._resolved["dark_level"] > 0
@@ -172,7 +230,7 @@ class EventSensorNode(Node):
         h = self._header
         header = Header(h.stamp_ns, clock=h.clock, episode=h.episode)
         height, width = self._size
-        packet = EventPacket(header, offsets, **columns, width=width, height=height, t0_ns=self._sensor.t_base)
+        packet = EventPacket(header, offsets, **columns, width=width, height=height, t0_ns=sensor.t_base)
         self.publish("events", packet)
 
     def _of_keyframe(self, message: Keyframe) -> Any:

@@ -59,7 +59,8 @@ class EventSensor:
 
     parameters: those of nodes.event_sensor.parameters.SENSOR, over those of `preset`. channels: 1 for luminance, 3 for
     colour, each channel an independent sensor. seed: environment e has the random numbers of a single sensor with seed
-    + e. State per pixel and channel on a CPU (on a GPU): 28 (36) bytes for the ideal sensor, 76 (160) with a
+    + e. time_seed: that of random numbers which know no episode but only a time, for who lets time begin again; None =
+    seed. State per pixel and channel on a CPU (on a GPU): 28 (36) bytes for the ideal sensor, 76 (160) with a
     fault, 8 (16) more with a curve, 8 (16) more where something can happen without light, 4 more for a frame of
     look-ahead; 48 for evis-paper.
 
@@ -75,6 +76,7 @@ class EventSensor:
         channels: int = 1,
         device: str = "cpu",
         seed: int = 0,
+        time_seed: int | None = None,
         preset: str = "ideal",
         **parameters: Any,
     ) -> None:
@@ -108,7 +110,14 @@ class EventSensor:
         if p["readout_rate"] > 0 or p["timestamp_jitter_us"] > 0:
             from nodes.event_sensor.readout.readout import Readout
 
-            self._readout = Readout(width, height, envs, p["readout_rate"], p["timestamp_jitter_us"], seed=seed)
+            self._readout = Readout(
+                width,
+                height,
+                envs,
+                p["readout_rate"],
+                p["timestamp_jitter_us"],
+                seed=seed if time_seed is None else time_seed,
+            )
         self._nothing: wp.array = wp.zeros(0, dtype=wp.float32, device=self._device)
         self._total = np.zeros(len(COUNTERS), np.int64)
         self._side: Any = self._make_side(size)
@@ -139,6 +148,11 @@ class EventSensor:
         """Bytes kept per pixel and channel, those of photoreceptor and readout apart."""
         kept = sum(a.capacity for a in self._engine.arrays())
         return round(kept / (self.envs * self._size)) + (4 if self._ahead else 0)
+
+    @property
+    def begins_again(self) -> bool:
+        """Whether another episode has other random numbers although its time is the same."""
+        return self._readout is None
 
     @property
     def stamp(self) -> int:

@@ -16,7 +16,7 @@ from evis.scene.model import Camera, Scene
 from nodes.interpolator import image_kernels
 from nodes.interpolator import warm_up as made_up
 from nodes.interpolator.adaptive import AdaptiveCount
-from nodes.interpolator.keyframe import KeyframeView, Method, Report, States
+from nodes.interpolator.keyframe import KeyframeView, Method, Report, States, own_subframes
 from nodes.interpolator.luminance import luminance_of, rgb_of, scalars
 from nodes.interpolator.methods import METHODS, Gap
 from nodes.interpolator.passthrough import crop
@@ -98,6 +98,8 @@ class Interpolator:
         self._samples = 1
         self._made: Any = new_frames((0,))
         self.report = Report()
+        self.own_t: np.ndarray | None = None
+        """Times int64 [E, K] ns of the frames made last, in own time, where environments have times of their own."""
 
     def push(
         self,
@@ -109,6 +111,7 @@ class Interpolator:
         margin: int = 0,
         allocate: Allocate = new_frames,
         states: States | None = None,
+        own: np.ndarray | None = None,
     ) -> tuple[np.ndarray, Any]:
         """Makes the frames of the gap that ends with this keyframe.
 
@@ -116,7 +119,10 @@ class Interpolator:
         float32 [E, H, W] m. motion: float32 [E, H, W, 2] px; all of numpy or on the device, where they must stay as
         they are until the next call but one. margin: pixels beyond the image on every side. allocate: gives the array
         of a shape to write the frames into. states: of the bodies, from the keyframe before to this one. Of depth,
-        motion and states only what the method uses is read.
+        motion and states only what the method uses is read. own: int64 [E] ns, the keyframe's time in each environment,
+        where these have times of their own.
+
+        A keyframe of the last one's stamp, with which some environments begin an episode, is for them alone.
         Returns (stamps int64 [K] ns, frames float32 [E, K, h, w] or, in colour, [E, K, h, w, 3]); K = 1 where all
         environments begin an episode. Environments that begin one while others go on hold this keyframe in all K
         frames. Where the camera is known and keyframes, margin included, are n times its size, they hold n x n samples
@@ -126,21 +132,35 @@ class Interpolator:
         view = KeyframeView(
             self._image(image), self._use("depth", depth), self._use("motion", motion), stamp_ns=stamp_ns
         )
-        view.states = self._check(states)
+        view.states, view.own = self._check(states), own
         held = np.ones(image.shape[0], bool) if self._last is None else np.asarray(episodes) != self._episodes
-        stamps = self._stamps(view, held)
+        replaces = self._last is not None and stamp_ns == self._stamp and held.any() and not held.all()
+        if replaces and self._last is not None:
+            view.replaces, view.begun = self._last.replaces or self._last, held
+            if self._last.begun is not None:
+                view.begun = held | self._last.begun
+        stamps = np.array([stamp_ns]) if replaces else self._stamps(view, held)
         out = allocate(self._frames_shape(len(stamps), self._samples))
         fine = self._frames_shape(len(stamps), 1)
         made = out if self._samples == 1 else self._fine(fine, isinstance(out, wp.array))
-        if self._last is None or held.all():
+        if self._last is None or held.all() or replaces:
             crop(view, margin, made)
             self.report = Report()
         else:
             self.report = self._method_of(len(stamps)).between(self._last, view, held, made)
+        self.own_t = None
+        if own is not None:
+            alone = self._last is None or held.all() or replaces
+            self.own_t = own[:, None] if alone else own_subframes(self._last or view, view, held, len(stamps))
         if self._samples > 1:
             self._average(made, out)
         self._last, self._stamp, self._episodes = view, stamp_ns, np.array(episodes)
         return stamps, out
+
+    def forget(self) -> None:
+        """Forgets the last keyframe: the next one begins a run, at any time, in images of the same size."""
+        self._last, self._stamp = None, 0
+        self._episodes = np.zeros(0, np.int32)
 
     def _fit(self, shape: tuple[int, ...], margin: int) -> None:
         """Takes keyframes [E, H, W] of this size and margin from now on. Raises ValueError where others came before."""
@@ -273,6 +293,9 @@ class Interpolator:
             images = made_up.images(envs, height, width)
             self.push(stamp, episodes, *images, margin, self._scratch, states)
         self._count, self._warmed = count, True
+        for method in self._methods.values():
+            # Of those that remember more than the last keyframe.
+            getattr(method, "settle", lambda: None)()
 
     def _scratch(self, shape: tuple[int, ...]) -> np.ndarray | wp.array:
         if self._device.is_cpu:

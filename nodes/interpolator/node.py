@@ -13,6 +13,7 @@ from evis.runtime.node import Input, Node, Output
 from evis.scene.parameters import SCENE, camera_of, scene_of
 from msgs.camera import Depth, Frames, Keyframe, Motion
 from msgs.header import Header, Message
+from msgs.own_time import STAMP
 from msgs.world import WorldState
 from nodes.interpolator.methods import HELP, METHODS, reads
 from nodes.renderer import parameters
@@ -115,6 +116,14 @@ class InterpolatorNode(Node):
         self._field = "rgb" if p["colour"] else "luminance"
         self._kept: list[Message] = []
 
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Forgets the last keyframe; scene, kernels and memory are those that there are."""
+        if dict(params) != self.params:
+            return False
+        self._release()
+        self.interpolator.forget()
+        return True
+
     def update(self, inputs: Mapping[str, Message]) -> None:
         key = inputs["keyframe"]
         assert isinstance(key, Keyframe)
@@ -128,6 +137,7 @@ class InterpolatorNode(Node):
             key.margin,
             self._allocate,
             self._states(inputs.get("state")),
+            None if key.own is None else np.array(key.own[:, STAMP]),
         )
         # The arrays of this keyframe are those of A in the next gap.
         for message in inputs.values():
@@ -144,6 +154,8 @@ class InterpolatorNode(Node):
         images: dict[str, Any] = {self._field: frames}
         message = Frames(header, t=t, episodes=np.array(key.episodes), filled=report.filled, **images)
         message.reshaded = report.reshaded
+        if key.own is not None:
+            message.own, message.own_t = np.array(key.own), self.interpolator.own_t
         self.publish("frames", message)
 
     def _states(self, state: Message | None) -> States | None:
@@ -157,7 +169,7 @@ class InterpolatorNode(Node):
                 f"{self.name}: /state has bodies {', '.join(state.names)}, the scene has {', '.join(self._names)}; "
                 "give both nodes the same scene and scene_args"
             )
-        return States(state.t, state.moving_pose, state.moving_twist, state.moving, state.end_pose)
+        return States(state.t, state.moving_pose, state.moving_twist, state.moving, state.end_pose, state.own_t)
 
     def _allocate(self, shape: tuple[int, ...]) -> Any:
         device, field = self._device, self._field

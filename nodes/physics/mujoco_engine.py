@@ -8,6 +8,8 @@ point at or after its stamp: at once where the keyframe interval is a multiple o
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -18,7 +20,7 @@ from evis.scene.mjcf.dynamics import compile_model
 from evis.scene.model import Scene
 from nodes.physics.contacts import contacts_of, gather
 from nodes.physics.followers import Followers
-from nodes.physics.interval import Interval
+from nodes.physics.interval import Interval, check_controls
 from nodes.physics.joint_start import start_joints
 from nodes.physics.prescribed import PrescribedStates
 from nodes.physics.watchdog import Watchdog
@@ -62,7 +64,7 @@ class MujocoEngine:
         """
         # Without a handler MuJoCo writes a log file into the working directory; the watchdog reads the counters.
         mujoco.set_mju_user_warning(lambda text: None)
-        self.scene, self.seed, self.envs = scene, seed, envs
+        self.scene, self.envs = scene, envs
         self.model = compile_model(scene)
         # MuJoCo would put a diverged state back to its start and go on as if nothing had happened.
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -73,8 +75,6 @@ class MujocoEngine:
         self._scratch = mujoco.MjData(self.model) if contacts else None
         self._joints = joints
         self._watchdogs = [Watchdog(self.model, speed_limit) for _ in range(envs)]
-        self._warnings = [(0, text) for text in self._watchdogs[0].risks()]
-        self._episodes = [0] * envs
         follows = [(n, body.follows) for n, body in enumerate(scene.bodies) if body.follows is not None]
         self._followers = Followers(self.model, [what for _, what in follows])
         own = [
@@ -88,12 +88,41 @@ class MujocoEngine:
         self._columns = [*own, *range(self.model.nbody - 1, self.model.nbody - 1 + len(follows))]
         """Which rows of a snapshot the bodies of `_moved` are: the model's own bodies come first there."""
         self._prescribed = PrescribedStates(scene)
+        self._warnings: list[tuple[int, str]] = []
+        self.rewind(seed)
+        self._warnings = [(0, text) for text in self._watchdogs[0].risks()]
+
+    def rewind(self, seed: int) -> None:
+        """Puts every environment to its start at stamp 0, in the first episode of seed + k."""
+        self._warnings = []
+        self._begin([seed + k for k in range(self.envs)], [0] * self.envs)
+
+    def _begin(self, seeds: list[int], numbers: list[int]) -> None:
+        """All environments to their start at stamp 0: seeds and how often each began anew with its seed."""
+        self._seeds, self._numbers = seeds, numbers
         self._stamp, self._grid = 0, 0
-        for k in range(envs):
+        self._left: set[int] = set()
+        for k in range(self.envs):
             self._reset(k)
         self._before = self._now = self._snapshot()
         self._last = self._state_at(0)
         """The state at the stamp published last, where the next message begins."""
+
+    def leave(self, env: int) -> None:
+        """Steps an environment no more."""
+        self._left.add(env)
+
+    def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> MujocoEngine:
+        """Makes an engine of these environments alone, at their start and stamp 0; they are moved by it from then on.
+
+        seeds: of each, None = its own of now. numbers: how often each has begun anew since it got its seed.
+        """
+        engine = copy.copy(self)
+        engine.envs, engine._warnings = len(envs), []
+        engine.data = [self.data[k] for k in envs]
+        engine._watchdogs = [self._watchdogs[k] for k in envs]
+        engine._begin([self._seeds[k] if s is None else s for k, s in zip(envs, seeds)], list(numbers))
+        return engine
 
     def start(self) -> Interval:
         """Gives the state at stamp 0."""
@@ -105,7 +134,9 @@ class MujocoEngine:
         Raises ValueError for controls of a wrong shape or not finite.
         """
         if controls is not None:
-            self._control(controls)
+            check_controls(controls, self.envs, self.controls)
+            for data, values in zip(self.data, controls):
+                data.ctrl[:] = values
         times, states = [self._stamp], [self._last]
         faults: dict[int, str] = {}
         while self._grid < to_ns:
@@ -121,22 +152,10 @@ class MujocoEngine:
         self._last = states[-1]
         return self._interval(np.array(times, np.int64), states, sorted(faults.items()))
 
-    def _control(self, controls: np.ndarray) -> None:
-        if controls.shape != (self.envs, self.controls):
-            raise ValueError(
-                f"an action has controls {list(controls.shape)}, the model takes [{self.envs}, {self.controls}] "
-                "(environments, actuators)"
-            )
-        if not np.isfinite(controls).all():
-            k, u = np.argwhere(~np.isfinite(controls))[0]
-            raise ValueError(f"an action has {controls[k, u]} for actuator {u} of environment {k}; it must be finite")
-        for data, values in zip(self.data, controls):
-            data.ctrl[:] = values
-
     def _step(self, faults: dict[int, str]) -> None:
         """All environments one grid step on; one that has diverged waits for the end of the interval."""
         for k, data in enumerate(self.data):
-            if k in faults:
+            if k in faults or k in self._left:
                 continue
             # MuJoCo adds up its time in floating point; ours is exact.
             data.time = self._grid * 1e-9
@@ -148,7 +167,7 @@ class MujocoEngine:
         self._grid += self.step_ns
         self._before, self._now = self._now, self._snapshot()
         for k, data in enumerate(self.data):
-            if k not in faults:
+            if k not in faults and k not in self._left:
                 twist = self._now["twist"][k, : self.model.nbody - 1]
                 fault = self._watchdogs[k].check(data, twist)
                 if fault:
@@ -157,27 +176,27 @@ class MujocoEngine:
                     self._warnings += [(k, text) for text in self._watchdogs[k].notices(data, twist)]
 
     def _reset(self, k: int) -> None:
-        """Environment k to its start: the scene's keyframe, moved a little by seed + k and the episode's number."""
+        """Environment k to its start: the scene's keyframe, moved a little by its seed and the episode's number."""
         data = self.data[k]
         if self.scene.keyframe >= 0:
             mujoco.mj_resetDataKeyframe(self.model, data, self.scene.keyframe)
         else:
             mujoco.mj_resetData(self.model, data)
         spread, turn = self.scene.initial_spread
-        random = np.random.Generator(np.random.Philox(key=[self.seed + k, self._episodes[k]]))
+        random = np.random.Generator(np.random.Philox(key=[self._seeds[k] % 2**64, self._numbers[k]]))
         for joint in np.flatnonzero(self.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
             shift, rotation = random.standard_normal((2, 3))
             at = self.model.jnt_qposadr[joint]
             data.qpos[at : at + 3] += spread * shift
             q = se3.from_mujoco(data.qpos[at + 3 : at + 7])
             data.qpos[at + 3 : at + 7] = se3.to_mujoco(se3.multiply(se3.exp(turn * rotation), q))
-        start_joints(self.model, data, self.scene.initial_joints, self.seed + k, self._episodes[k])
+        start_joints(self.model, data, self.scene.initial_joints, self._seeds[k] % 2**64, self._numbers[k])
         mujoco.mj_forward(self.model, data)
         self._watchdogs[k].restart(data)
 
     def _restart(self, k: int, states: list[dict[str, np.ndarray]]) -> None:
         """Begin the next episode of environment k at the stamp; its part of the interval is the new start all along."""
-        self._episodes[k] += 1
+        self._numbers[k] += 1
         self._reset(k)
         fresh = self._snapshot()
         for state in (*states, self._before, self._now):

@@ -1,9 +1,13 @@
-"""The physics node: publishes /state at every keyframe stamp, and takes /action where a controller closes the loop."""
+"""The physics node: publishes /state at every keyframe stamp, and takes /action where a controller closes the loop.
+
+Environments begin anew when they diverge, when a message on /reset asks for it, and by `restart` in the hands of who
+steps the graph.
+"""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,8 +17,11 @@ from evis.runtime.clock import NS, keyframe_count, keyframe_stamp, times_slower
 from evis.runtime.node import Input, Node, Output
 from evis.scene.parameters import SCENE, scene_of
 from msgs.header import Header, Message
-from msgs.world import Action, WorldState
+from msgs.own_time import CONFIGURED
+from msgs.world import Action, Reset, WorldState
+from nodes.physics.environments import Environments
 from nodes.physics.interval import Engine, Interval
+from nodes.physics.resets import checked
 
 
 class PhysicsNode(Node):
@@ -41,7 +48,10 @@ class PhysicsNode(Node):
         "joints": Param(bool, False, "publish joint positions and velocities"),
         "speed_limit": Param(float, 1000.0, "speed of a body beyond which the simulation has diverged", "m/s", 1e-3),
     }  # fmt: skip
-    INPUTS: ClassVar[Mapping[str, Input]] = {"action": Input("/action", join=False, delayed=True)}
+    INPUTS: ClassVar[Mapping[str, Input]] = {
+        "action": Input("/action", join=False, delayed=True),
+        "reset": Input("/reset", join=False, optional=True),
+    }
     OUTPUTS: ClassVar[Mapping[str, Output]] = {"state": Output("/state")}
 
     @classmethod
@@ -106,14 +116,32 @@ class PhysicsNode(Node):
             self.engine = PrescribedEngine(scene, p["envs"])
         self.held = self.divides(p)
         self.names = [body.name for body in scene.bodies]
-        self.episodes = np.zeros(p["envs"], np.int32)
+        self._begin()
+        self.count_all = keyframe_count(round(p["duration"] * NS), p["keyframe_rate"]) if p["duration"] else None
+        if self.count_all is not None:
+            self._say_end(self.count_all - 1)
+
+    def _begin(self) -> None:
+        """Stands before the first stamp of a run."""
+        self.environments = Environments(self.engine, self.params["envs"], self.params["keyframe_rate"])
+        self.episodes = np.zeros(self.params["envs"], np.int32)
+        self._seeded = np.zeros(self.params["envs"], np.int32)
+        """The episode in which each environment was given its seed: the number of its reset counts from there."""
+        self._asked: list[tuple[list[int], list[int]]] = []
+        """Environments that begin anew at the next step, and their seeds."""
         self.episode = 0
         self.k = 0
         self.first = 0
         """Number of the stamp at which the run's episode began: cameras and actions are counted from it."""
-        self.count_all = keyframe_count(round(p["duration"] * NS), p["keyframe_rate"]) if p["duration"] else None
-        if self.count_all is not None:
-            self._say_end(self.count_all - 1)
+
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Puts the engine back to time 0, with another seed where that is all that differs."""
+        if {**params, "seed": 0} != {**self.params, "seed": 0}:
+            return False
+        self.params = dict(params)
+        self.engine.rewind(params["seed"])
+        self._begin()
+        return True
 
     def _say_end(self, last: int) -> None:
         """Warn where the run's last keyframe, of number `last`, comes before its end: the rest is not simulated."""
@@ -138,11 +166,59 @@ class PhysicsNode(Node):
         stamp = keyframe_stamp(self.k, self.params["keyframe_rate"])
         action = inputs.get("action")
         controls = np.array(action.controls) if isinstance(action, Action) else None
-        interval = self.engine.advance(stamp, controls) if self.k else self.engine.start()
+        for envs, seeds in self._asked:
+            self._begin_anew(envs, seeds, self.k)
+            if len(envs) == len(self.episodes):
+                self.first = self.k
+                self.episode += int(self.k > 0 and len(envs) == 1)
+        self._asked = []
+        interval = self.environments.advance(self.k, controls)
         self._faults(interval, stamp)
         self._publish(stamp, interval)
         self.k += 1
         return self.count_all is None or self.k < self.count_all
+
+    def receive(self, port: str, message: Message) -> None:
+        """Takes a reset, for the next step; one that asks for what is not there is refused with a warning."""
+        assert isinstance(message, Reset)
+        try:
+            self._asked.append(checked(message.envs, message.seeds, len(self.episodes)))
+        except ValueError as error:
+            self.count("resets_refused")
+            self.warn(f"{error}; nothing is reset")
+
+    def restart(self, envs: Sequence[int] = (), seeds: Sequence[int] = ()) -> None:
+        """Begins environments anew at once, and publishes their start.
+
+        Where all begin anew, or nothing was published yet, that is the state at stamp 0, and time starts again. Else it
+        is a state of the stamp published last, in which the others are as they were.
+
+        Args:
+            envs: which; none = all.
+            seeds: of each of these, -1 = it keeps its own; none = all keep theirs.
+
+        Raises ValueError for an environment that is not there and for seeds that do not fit.
+        """
+        chosen, given = checked(envs, seeds, len(self.episodes))
+        if not self.k or len(chosen) == len(self.episodes):
+            self._begin_anew(chosen, given, 0)
+            self.episode += int(self.k > 0)
+            self.k = self.first = 0
+            interval = self.environments.advance(0)
+            self.k = 1
+        else:
+            self._begin_anew(chosen, given, self.k - 1)
+            interval = self.environments.present()
+        self._publish(keyframe_stamp(self.k - 1, self.params["keyframe_rate"]), interval)
+
+    def _begin_anew(self, envs: list[int], seeds: list[int], k: int) -> None:
+        """Environments begin anew at keyframe k, in time of their own."""
+        if self.k:
+            self.episodes[envs] += 1
+        given = np.array(seeds) != CONFIGURED
+        self._seeded[np.array(envs)[given]] = self.episodes[np.array(envs)[given]]
+        numbers = (self.episodes - self._seeded)[envs].tolist()
+        self.environments.restart(envs, seeds, numbers, k)
 
     def _faults(self, interval: Interval, stamp: int) -> None:
         """An environment that diverged begins its next episode at this stamp; with only one, so does the run."""
@@ -164,6 +240,8 @@ class PhysicsNode(Node):
             return
         given = {name: getattr(interval, name) for name in ("t", "end_pose", "moving", "moving_pose", "moving_twist")}
         given["episodes"] = self.episodes
+        if interval.own_t is not None:
+            given |= {"own": self.environments.own(self.episodes - self._seeded), "own_t": interval.own_t}
         given |= {n: a for n, a in (("qpos", interval.qpos), ("qvel", interval.qvel)) if a is not None}
         if interval.contacts is not None:
             given |= {f"contact_{n}": a for n, a in vars(interval.contacts).items()}

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Sequence
+
 import numpy as np
 
 from evis.scene.model import Scene, Trajectory
@@ -24,6 +27,10 @@ class PrescribedEngine:
         """Gives the state at stamp 0."""
         return self._at(np.zeros(1, np.int64))
 
+    def rewind(self, seed: int) -> None:
+        """Goes back to stamp 0."""
+        self._now = 0
+
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Gives the states from the previous stamp to `to_ns` [ns]; there is nothing to control."""
         # Where nothing moves nothing happens at sub-steps.
@@ -31,6 +38,15 @@ class PrescribedEngine:
         t = np.array([self._now, *inner, to_ns], np.int64)
         self._now = to_ns
         return self._at(t)
+
+    def leave(self, env: int) -> None:
+        """Does nothing: one environment more costs nothing."""
+
+    def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> PrescribedEngine:
+        """Makes an engine of as many environments, at stamp 0; nothing depends on seeds and numbers."""
+        engine = copy.copy(self)
+        engine.envs, engine._now = len(envs), 0
+        return engine
 
     def _at(self, t: np.ndarray) -> Interval:
         states = self._states

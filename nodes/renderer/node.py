@@ -12,6 +12,7 @@ from evis.runtime.node import Input, Node, Output
 from evis.scene.parameters import SCENE, camera_of, scene_of
 from msgs.camera import CameraInfo, Depth, Ids, Keyframe, Motion, Normal
 from msgs.header import Header, Message
+from msgs.own_time import STAMP
 from msgs.world import WorldState
 from nodes.renderer import parameters
 from nodes.renderer.parameters import LIGHT
@@ -103,8 +104,7 @@ class RendererNode(Node):
         self.renderer.prepare(self._wanted())
         self._warn_of_aliases()
         self._names = [body.name for body in self.scene.bodies]
-        self._previous: np.ndarray | None = None
-        self._episodes = np.zeros(0, np.int32)
+        self._begin()
         kinds = ["background", *(i.semantic or i.name for i in self.scene.instances)]
         classes = {kind: number for number, kind in enumerate(dict.fromkeys(kinds))}
         info = CameraInfo(
@@ -127,6 +127,21 @@ class RendererNode(Node):
         )
         self.publish("info", info)
 
+    def _begin(self) -> None:
+        """Stands before the first keyframe of a run."""
+        self._previous: np.ndarray | None = None
+        self._earlier: np.ndarray | None = None
+        """Poses of the keyframe before that one."""
+        self._stamp = 0
+        self._episodes = np.zeros(0, np.int32)
+
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Forgets the last keyframe; scene, kernels and memory are those that there are."""
+        if dict(params) != self.params:
+            return False
+        self._begin()
+        return True
+
     def _warn_of_aliases(self) -> None:
         from evis.scene.sampling import undersampled
 
@@ -147,7 +162,8 @@ class RendererNode(Node):
         wanted = self._wanted()
         on_gpu = self.renderer.device.is_cuda
         out: Any = self.renderer.buffers(wanted) if on_gpu else {f: self._loan(p, f) for f, p in wanted.items()}
-        self.renderer.render(poses, self._before(poses, state.episodes), out, out, state.header.stamp_ns)
+        t = state.header.stamp_ns if state.own is None else np.array(state.own[:, STAMP])
+        self.renderer.render(poses, self._before(poses, state), out, out, t)
         for field, port in wanted.items():
             image = self._loaned(port, field, out[field]) if on_gpu else out[field]
             self.publish(port, self._message(port, field, state, image))
@@ -165,16 +181,21 @@ class RendererNode(Node):
             wanted["luminance" if grey else "radiance"] = "keyframe"
         return wanted
 
-    def _before(self, poses: np.ndarray, episodes: np.ndarray) -> np.ndarray | str:
-        """Poses of the previous keyframe; this one's where an environment's episode begins."""
+    def _before(self, poses: np.ndarray, state: WorldState) -> np.ndarray | str:
+        """Poses of the previous keyframe; this one's where an environment's episode begins.
+
+        A state of the last one's stamp is of environments that begin there; the others are as they were.
+        """
         from nodes.renderer.renderer import LAST
 
+        stamp, episodes = state.header.stamp_ns, state.episodes
+        previous = self._earlier if stamp == self._stamp else self._previous
         before: np.ndarray | str = LAST
-        if self._previous is None:
-            before = poses
-        elif not np.array_equal(episodes, self._episodes):
-            before = np.where((episodes == self._episodes)[:, None, None], self._previous, poses)
-        self._previous, self._episodes = poses, np.array(episodes)
+        if previous is None or self._previous is None:
+            before = previous = poses
+        elif stamp == self._stamp or not np.array_equal(episodes, self._episodes):
+            before = previous = np.where((episodes == self._episodes)[:, None, None], previous, poses)
+        self._earlier, self._previous, self._episodes, self._stamp = previous, poses, np.array(episodes), stamp
         return before
 
     def _loan(self, port: str, field: str) -> np.ndarray:
@@ -198,6 +219,7 @@ class RendererNode(Node):
         margin = self.params["margin"]
         if port == "keyframe":
             message = Keyframe(header, np.array(state.episodes), margin=margin * self._fineness)
+            message.own = None if state.own is None else np.array(state.own)
             setattr(message, field, image)
             return message
         return GEOMETRIC[port](header, **{field: image, "margin": margin})

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from evis.events.representations.columns import (
+    NEVER,
     POLARITIES,
     TYPES,
     Columns,
@@ -76,7 +78,8 @@ def count_image(
         values int32 [2, H, W] or [H, W], in a batch with E before, and the counts of events outside. Raises ValueError.
     """
     columns = Columns(events, height, width)
-    values = _counted(columns, 1, "time", window, polarity)
+    always = (np.full(columns.envs, NEVER), np.full(columns.envs, -NEVER))
+    values = _counted(columns, 1, "count", always if window is None else window, polarity)
     shape = tuple(values.shape[1:])
     return columns.result(values, shape if polarity == "split" else shape[1:])
 

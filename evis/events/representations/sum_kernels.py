@@ -86,6 +86,7 @@ def voxel_kernel(
         return
     length = wp.max(window[env, 1] - window[env, 0], wp.int64(1))
     at = wp.float64(bins - 1) * wp.float64(t[i] - window[env, 0]) / wp.float64(length)
+    at = wp.clamp(at, wp.float64(0.0), wp.float64(bins - 1))  # a window of more than 2^63 ns
     b = wp.int32(at)
     later = wp.int64((at - wp.float64(b)) * ONE_AS_FLOAT + wp.float64(0.5))
     on = wp.int32(p[i]) > 0
@@ -135,7 +136,7 @@ def stack_kernel(
         part = t[i] - window[env, 0]
         whole = window[env, 1] - window[env, 0]
     b = wp.int32(wp.float64(bins) * wp.float64(part) / wp.float64(wp.max(whole, wp.int64(1))))
-    b = wp.min(b, bins - 1)
+    b = wp.clamp(b, 0, bins - 1)
     on = wp.int32(p[i]) > 0
     wp.atomic_add(stack, env, first_channel(polarity, on, bins) + b, row, column, sign_of(polarity, on))
 

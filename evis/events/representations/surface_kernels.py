@@ -52,7 +52,10 @@ def faded(t: wp.int64, at: wp.int64, tau_ns: wp.int64, decay: wp.int32):
     """What is left of an event at time t: exp(-age / tau), or max(0, 1 - age / tau); 0 where there was none."""
     if t == NEVER_SEEN:
         return wp.float32(0.0)
-    ages = wp.float32(wp.float64(at - t) / wp.float64(tau_ns))
+    age = at - t
+    if age < wp.int64(0):  # more than 2^63 ns
+        age = wp.int64(9223372036854775807)
+    ages = wp.float32(wp.float64(age) / wp.float64(tau_ns))
     if decay == EXPONENTIAL:
         return wp.exp(-ages)
     return wp.max(wp.float32(0.0), wp.float32(1.0) - ages)

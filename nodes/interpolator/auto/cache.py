@@ -76,7 +76,7 @@ def code_digest() -> bytes:
 
     found = hashlib.sha256()
     for package, patterns in CODE.items():
-        root = ROOT / package
+        root = Path(ROOT, package)
         for path in sorted(path for pattern in patterns for path in root.glob(pattern)):
             found.update(path.relative_to(root).as_posix().encode())
             found.update(path.read_bytes())

@@ -150,6 +150,15 @@ def test_a_surface_does_not_go_back() -> None:
         kept.update(three_environments()[1])
 
 
+@pytest.mark.parametrize("name", MAKERS)
+def test_times_as_far_apart_as_can_be(name: str) -> None:
+    """As a damaged file has them: more than 2^63 ns apart nothing is sensible, and nothing is written elsewhere."""
+    t = np.array([-(2**63) + 1, -5, 0, 7, 2**63 - 1])
+    events = {"t": t, "x": np.arange(5), "y": np.arange(5), "p": np.ones(5, int)}
+    made = MAKERS[name](events, **SIZE)
+    assert np.isfinite(made.values).all() and made.outside.tolist() == [0, 0]
+
+
 @pytest.mark.gpu
 @pytest.mark.parametrize("name", MAKERS)
 def test_the_same_on_a_gpu(name: str) -> None:
