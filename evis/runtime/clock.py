@@ -18,6 +18,7 @@ def rate(value: float) -> Fraction:
     return Fraction(value).limit_denominator(1_000_000)
 
 
+@functools.lru_cache(maxsize=4096)
 def keyframe_stamp(k: int, keyframe_rate: float) -> int:
     """Returns the stamp [ns] of keyframe k: round(k * 1e9 / keyframe_rate), ties to even, exact at any k."""
     return round(Fraction(k * NS) / rate(keyframe_rate))

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -23,6 +22,7 @@ from nodes.physics.followers import Followers
 from nodes.physics.interval import Interval, check_controls
 from nodes.physics.joint_start import start_joints
 from nodes.physics.prescribed import PrescribedStates
+from nodes.physics.stride import Before, Trace, take_steps
 from nodes.physics.watchdog import Watchdog
 
 MAX_STEP_NS = 1_000_000
@@ -126,7 +126,7 @@ class MujocoEngine:
 
     def start(self) -> Interval:
         """Gives the state at stamp 0."""
-        return self._interval(np.zeros(1, np.int64), [self._now], [])
+        return self._interval(np.zeros(1, np.int64), {name: value[:, None] for name, value in self._now.items()}, [])
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Moves on to stamp `to_ns` [ns] under controls [E, nu].
@@ -137,20 +137,65 @@ class MujocoEngine:
             check_controls(controls, self.envs, self.controls)
             for data, values in zip(self.data, controls):
                 data.ctrl[:] = values
-        times, states = [self._stamp], [self._last]
+        strode = self._stride(to_ns)
+        if strode is not None:
+            times, course = strode
+            end = {name: value[:, None] for name, value in self._state_at(to_ns).items()}
+            course = {name: np.concatenate((value, end[name]), axis=1) for name, value in course.items()}
+            self._stamp, self._last = to_ns, {name: value[:, -1] for name, value in course.items()}
+            return self._interval(np.append(times, to_ns), course, [])
+        return self._step_by_step(to_ns)
+
+    def _step_by_step(self, to_ns: int) -> Interval:
+        """Moves on to a stamp, looking at every state."""
+        moments, states = [self._stamp], [self._last]
         faults: dict[int, str] = {}
         while self._grid < to_ns:
             if self._grid > self._stamp:
-                times.append(self._grid)
+                moments.append(self._grid)
                 states.append(self._now)
             self._step(faults)
-        times.append(to_ns)
+        moments.append(to_ns)
         states.append(self._state_at(to_ns))
         self._stamp = to_ns
         for k in faults:
             self._restart(k, states)
         self._last = states[-1]
-        return self._interval(np.array(times, np.int64), states, sorted(faults.items()))
+        course = {name: np.stack([state[name] for state in states], axis=1) for name in self._last}
+        return self._interval(np.array(moments, np.int64), course, sorted(faults.items()))
+
+    def _stride(self, to_ns: int) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
+        """Takes all steps up to `to_ns` at once.
+
+        Returns the times int64 [S] from the last stamp on and before `to_ns`, and the states then, each [E, S, ...].
+        None, and nothing has happened, where a state must be looked at.
+        """
+        if len(self._followers):
+            return None
+        grid = range(self._grid, to_ns, self.step_ns)
+        count, chosen = len(grid), [k for k in range(self.envs) if k not in self._left]
+        # The states at all grid points, that of now the first.
+        made = {name: np.repeat(value[:, None], count + 1, axis=1) for name, value in self._now.items()}
+        before = [Before(self.model, self.data[k]) for k in chosen]
+        for place, k in enumerate(chosen):
+            trace = Trace.empty(self.model, count)
+            take_steps(self.model, self.data[k], grid, trace)
+            twist, pose = trace.twist_and_pose(self.model)
+            if count and not self._watchdogs[k].quiet(self.data[k], trace.qpos, trace.qvel, twist, trace.nearest):
+                for n, remembered in zip(chosen[: place + 1], before):
+                    remembered.restore(self.model, self.data[n])
+                return None
+            for name, value in (("pose", pose), ("twist", twist), ("qpos", trace.qpos), ("qvel", trace.qvel)):
+                made[name][k, 1:] = value
+        if count:
+            for k in chosen:
+                self._watchdogs[k].passed(self.data[k])
+            self._grid += count * self.step_ns
+            self._before, self._now = ({name: value[:, i] for name, value in made.items()} for i in (-2, -1))
+        times = np.array(grid, np.int64)
+        inside = np.flatnonzero(times > self._stamp)
+        course = {n: np.concatenate((self._last[n][:, None], made[n][:, inside]), axis=1) for n in made}
+        return np.concatenate(([self._stamp], times[inside])), course
 
     def _step(self, faults: dict[int, str]) -> None:
         """All environments one grid step on; one that has diverged waits for the end of the interval."""
@@ -242,12 +287,11 @@ class MujocoEngine:
         qvel = (1 - u) * self._before["qvel"] + u * self._now["qvel"]
         return {"pose": pose, "twist": twist, "qpos": qpos, "qvel": qvel}
 
-    def _interval(self, t: np.ndarray, states: list[dict[str, Any]], faults: list[tuple[int, str]]) -> Interval:
+    def _interval(self, t: np.ndarray, course: dict[str, np.ndarray], faults: list[tuple[int, str]]) -> Interval:
         """The engine's bodies, the prescribed ones and the mounted ones, put together."""
         pose, twist = (np.tile(a, (self.envs, 1, 1, 1)) for a in self._prescribed.at(t))
         moved, columns = self._moved, self._columns
-        pose[:, :, moved] = np.stack([s["pose"][:, columns] for s in states], axis=1)
-        twist[:, :, moved] = np.stack([s["twist"][:, columns] for s in states], axis=1)
+        pose[:, :, moved], twist[:, :, moved] = (course[name][:, :, columns] for name in ("pose", "twist"))
         for n, body in enumerate(self.scene.bodies):
             if body.mount is not None:
                 parent, offset = body.mount
@@ -257,7 +301,7 @@ class MujocoEngine:
         result = Interval.dense(t, pose, twist, faults=faults, warnings=self._warnings)
         self._warnings = []
         if self._joints:
-            result.qpos, result.qvel = (np.stack([s[n] for s in states], axis=1) for n in ("qpos", "qvel"))
+            result.qpos, result.qvel = course["qpos"], course["qvel"]
         if self._scratch is not None:
             result.contacts = gather([contacts_of(self.model, data, self._scratch) for data in self.data])
         return result
