@@ -10,7 +10,7 @@ PICTURE = Path(__file__).with_suffix(".svg")
 WIDTH = 1120
 EDGE, GAP, LINE = 16, 12, 15
 LAYERS: tuple[tuple[str, str, tuple[tuple[str, ...], ...]], ...] = (
-    ("what users start", "#fdf3e3", (("evis/cli", "evis/simulation", "evis/demo", "bench"),)),
+    ("what users start", "#fdf3e3", (("evis/cli", "evis/simulation", "evis/env", "evis/demo", "bench"),)),
     (
         "nodes: the data's way, left to right",
         "#e6f1ea",
@@ -51,6 +51,7 @@ TELLS = {
     "bench": "figures of docs/performance.md",
     "evis/cli": "a module per command",
     "evis/simulation": "a graph held in Python",
+    "evis/env": "tasks, Gymnasium",
     "evis/demo": "make demo, gallery",
     "nodes/physics": "closed form, MuJoCo: /state",
     "nodes/recorder": "a bag",
