@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from evis.scene.draws import Drawn
 from evis.scene.folders import Folders
 
 MODELS = (".xml", ".urdf")
@@ -155,6 +156,16 @@ class Camera:
     """Keyframes per second, for one that has not the rate of the others [Hz]."""
 
 
+@dataclass(frozen=True)
+class ModelChange:
+    """Describes a value of a MuJoCo model that a scene sets: of which kind of element, its number, and what of it."""
+
+    kind: str
+    number: int
+    key: str
+    values: tuple[float, ...]
+
+
 @dataclass
 class Scene:
     """Holds a whole scene. bodies[n] is entry n of WorldState; every camera has a body of its name among them."""
@@ -173,6 +184,8 @@ class Scene:
     """Where the files that the model names may lie."""
     keyframe: int = -1
     """Dynamics: number of the model's keyframe that is the start, -1 for its reference pose."""
+    changes: list[ModelChange] = field(default_factory=list)
+    """Dynamics: what of the model is other than its file says."""
     timestep_ns: int = 1_000_000
     """Sub-step of /state for prescribed motion [ns]."""
     initial_spread: tuple[float, float] = (0.0, 0.0)
@@ -184,6 +197,8 @@ class Scene:
     column 0 at +x turning to +y."""
     sky_lights: bool = True
     """False: `environment_map` is seen behind everything, and what lights surfaces from afar is `environment`."""
+    drawn: list[Drawn] = field(default_factory=list)
+    """Values that the environment's seed has decided; what of the file was not read is not among them."""
 
     @property
     def dynamic(self) -> bool:

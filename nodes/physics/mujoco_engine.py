@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from evis.geometry import interpolate, se3
+from evis.scene.mjcf.changes import apply_start
 from evis.scene.mjcf.dynamics import compile_model
 from evis.scene.model import Scene
 from nodes.physics.contacts import contacts_of, gather
@@ -162,6 +163,7 @@ class MujocoEngine:
             mujoco.mj_resetDataKeyframe(self.model, data, self.scene.keyframe)
         else:
             mujoco.mj_resetData(self.model, data)
+        apply_start(self.model, data, self.scene.changes)
         spread, turn = self.scene.initial_spread
         random = np.random.Generator(np.random.Philox(key=[self.seed + k, self._episodes[k]]))
         for joint in np.flatnonzero(self.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
