@@ -128,7 +128,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     plan.random = {
         node.name: list(node.cls.random(node.params))
         for node in chosen
-        if "seed" in node.cls.PARAMS and not plan.nodes[node.name].dormant
+        if _draws(node) and not plan.nodes[node.name].dormant
     }
     plan.imports = list(dict.fromkeys(file for node in nodes for file in files_of(node.target)))
     plan.unknown = [_as_written(spec) for spec in unknown]
@@ -139,6 +139,11 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     plan.sensors = {_folder(node): dict(told) for node in nodes if (told := node.cls.sensor(node.params))}
     plan.launch_text = _resolved(expanded, nodes, Redactor(plan.secrets))
     return plan
+
+
+def _draws(node: Wired) -> bool:
+    """Whether the seed is the node's own, and not handed on for it to see the world that another one tells of."""
+    return "seed" in node.cls.PARAMS and "random" in vars(node.cls)
 
 
 def _with_work(expanded: Expanded, nodes: list[Wired]) -> list[Wired]:

@@ -72,5 +72,5 @@ def _feed(made: Any, value: Any, meshes: dict[int, bytes]) -> None:
             _feed(made, item, meshes)
     elif isinstance(value, (str, bytes, int, float, bool, np.generic, Path, type(None))):
         made.update(f"{value!r};".encode())
-    else:  # a trajectory, or a spline of one
-        _feed(made, vars(value), meshes)
+    else:  # a trajectory, or a spline of one, by what it was made of and not by what it has worked out since
+        _feed(made, {name: item for name, item in vars(value).items() if not name.startswith("_")}, meshes)

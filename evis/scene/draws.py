@@ -48,7 +48,7 @@ class Uniform:
         if self.fixed():
             return int(self.low) if self.whole else self.low
         if self.whole:
-            first, last = math.ceil(self.low), math.floor(self.high)
+            first, last = int(self.low), int(self.high)
             return min(first + int(u * (last - first + 1)), last)
         if self.log:
             drawn = self.low * math.exp(u * math.log(self.high / self.low))

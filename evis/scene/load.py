@@ -15,7 +15,7 @@ from evis.config.suggestions import nearest
 from evis.scene.draws import Draws
 from evis.scene.errors import SceneError
 from evis.scene.model import MODELS, Scene
-from evis.scene.yaml.drawing import has_draws, is_draw
+from evis.scene.yaml.drawing import drawn_within, has_draws, is_draw
 from evis.scene.yaml.reader import Fields
 
 MAX_PIXELS = 16384
@@ -111,6 +111,17 @@ def starts_at_random(name_or_path: str) -> bool:
     return isinstance(spread, Table) and any(
         str(value).split()[:1] not in (["0"], ["0.0"]) for value in spread.values()
     )
+
+
+def drawn_places(name_or_path: str, overrides: Mapping[str, Any]) -> list[str]:
+    """Lists the places of a scene file whose values the seed decides, with these arguments. Reads the YAML only.
+
+    An argument that is given is not drawn. Raises as `scene_values` does.
+    """
+    document, values = _document(find_scene(name_or_path)), scene_values(name_or_path, overrides)
+    found = drawn_within(document, values)
+    given = [f"args.{name}.default" for name in overrides]
+    return [place.removesuffix(".default") for place in found if place.partition("[")[0] not in given]
 
 
 def camera_rates(name_or_path: str, overrides: Mapping[str, Any] | None = None) -> dict[str, float]:

@@ -13,6 +13,9 @@ from evis.scene.draws import Drawn, uniform, would_draw
 from evis.scene.load import find_scene, load_scene, source_files
 from evis.scene.model import Scene
 
+Group = tuple[Scene, np.ndarray]
+"""A scene and the environments that have it, int64 ascending."""
+
 
 @dataclass
 class _Family:
@@ -82,7 +85,7 @@ class Worlds:
             fresh[env] = seed
         return Worlds(self._load, fresh)
 
-    def groups(self, key: Callable[[Scene], Hashable]) -> list[tuple[Scene, np.ndarray]]:
+    def groups(self, key: Callable[[Scene], Hashable]) -> list[Group]:
         """Finds the environments, int64 [G] ascending, whose scenes have the same key, with the first one's scene."""
         if self.alike:
             return [(self.scenes[0], np.arange(len(self.scenes)))]
@@ -93,6 +96,11 @@ class Worlds:
                 keys[id(scene)] = key(scene)
             found.setdefault(keys[id(scene)], []).append(env)
         return [(self.scenes[envs[0]], np.array(envs)) for envs in found.values()]
+
+    def apart(self, envs: np.ndarray | None = None) -> list[Scene]:
+        """Returns the scenes of some environments, all for None; none where one will do for all."""
+        chosen = [self.scenes[env] for env in (range(len(self.scenes)) if envs is None else envs)]
+        return [] if all(scene is chosen[0] for scene in chosen) else chosen
 
     def drawn(self) -> dict[str, list[Any]]:
         """Tells what was drawn: name of the place -> a value for each environment, None where it draws none there."""

@@ -10,7 +10,8 @@ import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
-from evis.scene.parameters import SCENE, camera_of, scene_of
+from evis.scene.digest import whole
+from evis.scene.parameters import SCENE, camera_of, scene_of, worlds_of
 from msgs.audit import Audit as AuditMessage
 from msgs.camera import Frames, Keyframe
 from msgs.header import Header, Message
@@ -113,7 +114,11 @@ class AuditNode(Node):
         from nodes.audit.budget import Rates, pixels_for
 
         p = self.params
-        self._scene = scene_of(self.name, p)
+        self._scene, alike = worlds_of(self.name, p).groups(whole)[0]
+        # Those from 0 on that have its world: further ones are never looked at.
+        envs = int(np.cumprod(alike == np.arange(len(alike))).sum())
+        if envs < p["envs"]:
+            self.warn(f"environments have worlds of their own: of {p['envs']} the first {envs} are audited")
         camera = camera_of(self._scene, p["camera"])
         samples = p["supersampling"] or camera.supersampling
         light = parameters.light_options(p)
@@ -122,10 +127,10 @@ class AuditNode(Node):
         if pixels is None:
             rates = Rates(camera.rate or p["keyframe_rate"], p["upsampling"])
             paths = light["paths"].samples * (1 + light["paths"].bounces) if "paths" in light else 0
-            pixels = pixels_for(self._scene, camera, rates, p["envs"], samples, light["light_samples"], paths)
+            pixels = pixels_for(self._scene, camera, rates, envs, samples, light["light_samples"], paths)
         horizon = round(1e9 * min(p["duration"] or HORIZON_S, HORIZON_S))
         options = AuditOptions(
-            pixels, p["envs"], p["seed"], sensor, horizon, samples, device=p["device"], **light
+            pixels, envs, p["seed"], sensor, horizon, samples, device=p["device"], **light
         )  # fmt: skip
         self._audit: Audit = Audit(self._scene, camera, options)
         self._audit.prepare()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -53,6 +53,7 @@ class Interpolator:
         threads: int = 1,
         scene: Scene | None = None,
         camera: Camera | None = None,
+        worlds: Sequence[Scene] = (),
         light_samples: int = 16,
         paths: PathOptions | None = None,
         tolerance: float = 0.1,
@@ -62,7 +63,8 @@ class Interpolator:
         """method: a key of METHODS. upsampling: K. colour: frames are linear RGB instead of luminance.
 
         scene, camera, light_samples, paths: those of the renderer, for methods that use the bodies' states. Raises
-        ValueError where these have none. tolerance: error of log radiance that `rigid` looks for, to shade anew.
+        ValueError where these have none. worlds: the scene of each environment, where bodies move differently and all
+        else looks as in `scene`. tolerance: error of log radiance that `rigid` looks for, to shade anew.
         sample_px: path of a pixel over the surface that it shows up to which `rigid` draws a line between two samples
         of it, which differ by no more than half of `tolerance`; 0 = it looks up every pixel of every frame; None = 1 on
         a CPU, 0 on a GPU.
@@ -76,7 +78,7 @@ class Interpolator:
         if "state" in METHODS[method].reads and (scene is None or camera is None):
             raise ValueError(f"the {method} interpolator needs the scene and its camera; without them use splat")
         self._name = method
-        self._scene, self._camera = scene, camera
+        self._scene, self._camera, self._worlds = scene, camera, worlds
         self._light: dict[str, Any] = {"light_samples": light_samples, "paths": paths}
         self._light |= {"tolerance": tolerance, "sample_px": sample_px}
         self.upsampling = 1 if method == "none" else upsampling
@@ -284,7 +286,7 @@ class Interpolator:
         camera = finer(self._camera, self._samples) if self._camera is not None else None
         gap = Gap(
             height, width, envs, upsampling, margin, 3 if self._colour else 1, str(self._device), self._threads,
-            self._scene, camera, self._light, self._shared,
+            self._scene, camera, self._light, self._shared, self._worlds,
         )  # fmt: skip
         return METHODS[self._name].make(gap)
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
-from evis.scene.parameters import SCENE, camera_of, scene_of
+from evis.scene.digest import appearance
+from evis.scene.model import Scene
+from evis.scene.parameters import SCENE, SEED, camera_of, worlds_of
+from evis.scene.worlds import Group
 from msgs.camera import Depth, Frames, Keyframe, Motion
 from msgs.header import Header, Message
 from msgs.world import WorldState
@@ -21,6 +25,7 @@ from nodes.renderer.parameters import LIGHT
 if TYPE_CHECKING:
     from nodes.interpolator.interpolator import Interpolator
     from nodes.interpolator.keyframe import States
+    from nodes.interpolator.separate import SeparateInterpolators
 
 
 def usable(params: Mapping[str, Any]) -> str:
@@ -51,6 +56,7 @@ class InterpolatorNode(Node):
         "colour": Param(bool, False, "frames are linear RGB, for colour events, instead of luminance"),
         **SCENE,
         "scene": replace(SCENE["scene"], help="world that was rendered, for rigid; without it splat is used"),
+        "seed": SEED,
         "camera": Param(str, "cam0", "which camera of the scene"),
         "envs": Param(int, 1, "parallel environments that are expected", minimum=1, maximum=65536),
         "margin": Param(int, 0, "the renderer's margin that is expected", "px", 0, 1024),
@@ -65,7 +71,7 @@ class InterpolatorNode(Node):
         "state": Input("/state"),
     }
     OUTPUTS = {"frames": Output("/{camera}/frames")}
-    interpolator: Interpolator
+    interpolator: Interpolator | SeparateInterpolators
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
@@ -97,12 +103,21 @@ class InterpolatorNode(Node):
         self._method = method = usable(p)
         if method != p["method"]:
             self.warn(f"method {p['method']} needs the scene that was rendered (scene:=NAME); {method} is used instead")
-        scene = scene_of(self.name, p) if "state" in reads(method) else None
-        camera = camera_of(scene, p["camera"]) if scene else None
-        self._names = [body.name for body in scene.bodies] if scene else []
-        light = parameters.light_options(p if scene else {})
+        scenes = worlds_of(self.name, p) if "state" in reads(method) else None
+        groups = scenes.groups(appearance) if scenes else []
+        camera = camera_of(groups[0][0], p["camera"]) if groups else None
+        self._names = [body.name for body in groups[0][0].bodies] if groups else []
+        light = parameters.light_options(p if scenes else {})
         how = {key: p[key] for key in ("colour", "device", "threads", "tolerance", "sample_px", "adaptive_px")}
-        self.interpolator = Interpolator(method, p["upsampling"], scene=scene, camera=camera, **how, **light)
+
+        def make(scene: Scene | None, worlds: Sequence[Scene]) -> Interpolator:
+            own = camera_of(scene, p["camera"]) if scene else None
+            return Interpolator(method, p["upsampling"], scene=scene, camera=own, worlds=worlds, **how, **light)
+
+        if scenes is None or len(groups) == 1:
+            self.interpolator = make(groups[0][0] if groups else None, scenes.apart() if scenes else ())
+        else:
+            self.interpolator = self._separate(groups, [partial(make, s, scenes.apart(e)) for s, e in groups])
         size = (camera.height, camera.width) if camera else (p["height"], p["width"])
         if all(size):
             # Samples that are to be moved apart come as a larger image.
@@ -114,6 +129,17 @@ class InterpolatorNode(Node):
         self._device = device_named(p["device"])
         self._field = "rgb" if p["colour"] else "luminance"
         self._kept: list[Message] = []
+
+    def _separate(self, groups: Sequence[Group], make: Sequence[Callable[[], Interpolator]]) -> SeparateInterpolators:
+        """An interpolator for each look of the world. Raises ValueError for what they would have to agree about."""
+        from nodes.interpolator.separate import SeparateInterpolators
+
+        if self.params["adaptive_px"] > 0:
+            raise ValueError(
+                f"{self.name}: environments with worlds that look different each have frames of their own number with "
+                "adaptive_px; leave it out, or run one environment at a time"
+            )
+        return SeparateInterpolators(groups, make, self.params["upsampling"], self.params["device"])
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         key = inputs["keyframe"]

@@ -61,7 +61,7 @@ class LabelerNode(Node):
         self.pure = labels
         self.kinds = kinds(self.params["labels"])
         self.info: CameraInfo | None = None
-        self.flow: labels.FlowField | None = None
+        self.flow: list[labels.FlowField] = []
 
     def receive(self, port: str, message: Message) -> None:
         """Keeps the latched CameraInfo."""
@@ -69,7 +69,10 @@ class LabelerNode(Node):
             self.info = message
             self.info.k, self.info.distortion = np.array(message.k), np.array(message.distortion)
             self.info.semantic = None if message.semantic is None else np.array(message.semantic)
-            self.flow = None
+            for name in ("env_k", "env_distortion"):
+                array = getattr(message, name)
+                setattr(self.info, name, None if array is None else np.array(array))
+            self.flow = []
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Publishes the labels of one stamp."""
@@ -106,9 +109,9 @@ class LabelerNode(Node):
         if "semantic" in arrays and ids is not None:
             np.take(self._classes(), ids, out=arrays["semantic"])
         if "flow" in arrays and state is not None and depth is not None and ids is not None:
-            field, twist = self._flow_field(state), state.end_twist()
+            fields, twist = self._flow_fields(state), state.end_twist()
             for e in range(len(depth)):
-                field(state.end_pose[e], twist[e], depth[e], ids[e], arrays["flow"][e])
+                fields[e % len(fields)](state.end_pose[e], twist[e], depth[e], ids[e], arrays["flow"][e])
         for name, array in arrays.items():
             setattr(out, name, array)
 
@@ -118,8 +121,9 @@ class LabelerNode(Node):
             raise ValueError(f"{self.name}: /{self.params['camera']}/info has no semantic ids; leave semantic out")
         return self.info.semantic
 
-    def _flow_field(self, state: WorldState) -> Any:
-        if self.flow is None:
+    def _flow_fields(self, state: WorldState) -> list[Any]:
+        """One for all environments, or one for each where their cameras differ."""
+        if not self.flow:
             info = self.info
             if info is None:
                 raise ValueError(f"{self.name} has no CameraInfo of {self.params['camera']}, which flow needs")
@@ -128,9 +132,13 @@ class LabelerNode(Node):
             if missing:
                 raise ValueError(f"{self.name}: /state has no body '{missing[0]}', which CameraInfo names")
             bodies = [index[b] for b in info.instance_bodies]
-            lens = self.pure.lens_of(info.distortion_model, info.distortion)
             size, camera = (info.width, info.height), index[self.params["camera"]]
-            self.flow = self.pure.FlowField(info.k, size, bodies, camera, lens)
+            lenses = [(info.k, info.distortion)]
+            if info.env_k is not None and info.env_distortion is not None:
+                lenses = list(zip(info.env_k, info.env_distortion))
+            for k, distortion in lenses:
+                lens = self.pure.lens_of(info.distortion_model, distortion)
+                self.flow.append(self.pure.FlowField(k, size, bodies, camera, lens))
         return self.flow
 
     def _bodies(self, out: Labels, state: WorldState) -> None:

@@ -11,7 +11,9 @@ import numpy as np
 from evis.config.params import Param
 from evis.runtime.clock import NS, keyframe_count, keyframe_stamp, times_slower
 from evis.runtime.node import Input, Node, Output
-from evis.scene.parameters import SCENE, scene_of
+from evis.scene.digest import motion
+from evis.scene.model import Scene
+from evis.scene.parameters import SCENE, worlds_of
 from msgs.header import Header, Message
 from msgs.world import Action, WorldState
 from nodes.physics.interval import Engine, Interval
@@ -23,7 +25,10 @@ class PhysicsNode(Node):
     SOURCE: ClassVar[bool] = True
     PARAMS: ClassVar[Mapping[str, Param]] = {
         **SCENE,
-        "seed": Param(int, 0, "seed of where free bodies start; environment k has seed + k", "", 0, 2**63 - 1),
+        "seed": Param(
+            int, 0, "seed of what the scene draws and of where free bodies start; environment k has seed + k", "", 0,
+            2**63 - 1,
+        ),
         "envs": Param(int, 1, "parallel environments", "", 1, 65536),
         "keyframe_rate": Param(float, 30.0, "rendered keyframes per second", "Hz", 1e-3, 1e6),
         "action_rate": Param(
@@ -68,14 +73,17 @@ class PhysicsNode(Node):
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Names what is random: where free bodies start, in a scene that says how far from its own start."""
-        from evis.scene.load import starts_at_random
+        """Names what is random of the world: what the scene draws, and where free bodies start, if it says how far."""
+        from evis.scene.load import drawn_places, parse_args, starts_at_random
 
         scene = params.get("scene")
-        with contextlib.suppress(OSError):  # who loads it says so
+        found: list[str] = []
+        with contextlib.suppress(OSError, ValueError):  # who loads it says so
             if scene and starts_at_random(scene):
-                return ("start of free bodies",)
-        return ()
+                found.append("start of free bodies")
+            if scene:
+                found += drawn_places(scene, parse_args(params.get("scene_args")))
+        return tuple(found)
 
     @classmethod
     def divides(cls, params: Mapping[str, Any]) -> int:
@@ -89,21 +97,18 @@ class PhysicsNode(Node):
     def setup(self) -> None:
         """Loads the scene and the engine that it needs."""
         p = self.params
-        scene = scene_of(self.name, p, visuals=False)
+        self.worlds = worlds_of(self.name, p, visuals=False)
+        scene = self.worlds.scenes[0]
         for note in scene.notes:
             self.warn(f"scene {scene.name}: {note}")
         self.engine: Engine
-        if scene.dynamic:
-            from nodes.physics.mujoco_engine import MujocoEngine
-
-            self.engine = MujocoEngine(
-                scene, p["seed"], p["envs"], timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
-                speed_limit=p["speed_limit"],
-            )  # fmt: skip
+        if len(self.worlds.groups(motion)) == 1:
+            self.engine = self._engine(scene, p["seed"], p["envs"])
         else:
-            from nodes.physics.prescribed import PrescribedEngine
+            from nodes.physics.separate import SeparateEngines
 
-            self.engine = PrescribedEngine(scene, p["envs"])
+            worlds = zip(self.worlds.scenes, self.worlds.seeds)
+            self.engine = SeparateEngines([self._engine(own, seed, 1) for own, seed in worlds])
         self.held = self.divides(p)
         self.names = [body.name for body in scene.bodies]
         self.episodes = np.zeros(p["envs"], np.int32)
@@ -114,6 +119,20 @@ class PhysicsNode(Node):
         self.count_all = keyframe_count(round(p["duration"] * NS), p["keyframe_rate"]) if p["duration"] else None
         if self.count_all is not None:
             self._say_end(self.count_all - 1)
+
+    def _engine(self, scene: Scene, seed: int, envs: int) -> Engine:
+        """Makes the engine of environments that have one world, of seeds from `seed` on."""
+        p = self.params
+        if scene.dynamic:
+            from nodes.physics.mujoco_engine import MujocoEngine
+
+            return MujocoEngine(
+                scene, seed, envs, timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
+                speed_limit=p["speed_limit"],
+            )  # fmt: skip
+        from nodes.physics.prescribed import PrescribedEngine
+
+        return PrescribedEngine(scene, envs)
 
     def _say_end(self, last: int) -> None:
         """Warn where the run's last keyframe, of number `last`, comes before its end: the rest is not simulated."""

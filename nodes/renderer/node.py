@@ -9,7 +9,9 @@ import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
-from evis.scene.parameters import SCENE, camera_of, scene_of
+from evis.scene.digest import appearance
+from evis.scene.model import Camera, Scene
+from evis.scene.parameters import SCENE, SEED, camera_of, scene_of, worlds_of
 from msgs.camera import CameraInfo, Depth, Ids, Keyframe, Motion, Normal
 from msgs.header import Header, Message
 from msgs.world import WorldState
@@ -18,6 +20,7 @@ from nodes.renderer.parameters import LIGHT
 
 if TYPE_CHECKING:
     from nodes.renderer.renderer import Renderer
+    from nodes.renderer.separate import SeparateRenderers
     from nodes.renderer.supersampling import SupersampledRenderer
 
 GEOMETRIC: dict[str, Any] = {"depth": Depth, "motion": Motion, "ids": Ids, "normal": Normal}
@@ -29,6 +32,7 @@ class RendererNode(Node):
 
     PARAMS = {
         **SCENE,
+        "seed": SEED,
         "camera": Param(str, "cam0", "which camera of the scene"),
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "envs": Param(int, 1, "parallel environments", minimum=1, maximum=65536),
@@ -55,7 +59,7 @@ class RendererNode(Node):
         "ids": Output("/{camera}/ids"),
         "normal": Output("/{camera}/normal"),
     }
-    renderer: Renderer | SupersampledRenderer
+    renderer: Renderer | SupersampledRenderer | SeparateRenderers
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
@@ -86,20 +90,20 @@ class RendererNode(Node):
     def setup(self) -> None:
         """Makes the renderer, compiles what is wanted of it, and publishes the camera's info."""
         from evis.scene.stereo import baseline
-        from nodes.renderer.renderer import Renderer
-        from nodes.renderer.supersampling import SupersampledRenderer
 
         p = self.params
-        self.scene = scene_of(self.name, p)
+        worlds = worlds_of(self.name, p)
+        self.scene = worlds.scenes[0]
         camera = camera_of(self.scene, p["camera"])
-        how = {key: p[key] for key in ("envs", "margin", "device", "threads", "half")}
-        how |= parameters.light_options(p)
         samples = p["supersampling"] or camera.supersampling
         self._fineness = samples if p["samples_apart"] else 1
-        if samples > 1:
-            self.renderer = SupersampledRenderer(self.scene, camera, samples, **how, apart=p["samples_apart"])
+        groups = worlds.groups(appearance)
+        if len(groups) == 1:
+            self.renderer = self._renderer(self.scene, p["envs"])
         else:
-            self.renderer = Renderer(self.scene, camera, **how)
+            from nodes.renderer.separate import SeparateRenderers
+
+            self.renderer = SeparateRenderers(groups, self._renderer)
         self.renderer.prepare(self._wanted())
         self._warn_of_aliases()
         self._names = [body.name for body in self.scene.bodies]
@@ -124,8 +128,25 @@ class RendererNode(Node):
             classes=list(classes),
             baseline=baseline(self.scene, camera),
             sensor=self.runtime.plan.sensor_beside(self.name, "info"),
+            drawn=worlds.drawn(),
         )
+        lenses = [camera_of(scene, p["camera"]) for scene in worlds.scenes]
+        if any(lens is not camera and not same_lens(lens, camera) for lens in lenses):
+            info.env_k = np.stack([np.asarray(lens.k, np.float64) for lens in lenses])
+            info.env_distortion = np.array([lens.distortion for lens in lenses], np.float64).reshape(len(lenses), -1)
         self.publish("info", info)
+
+    def _renderer(self, scene: Scene, envs: int) -> Renderer | SupersampledRenderer:
+        """Makes the renderer of environments whose worlds look the same."""
+        from nodes.renderer.renderer import Renderer
+        from nodes.renderer.supersampling import SupersampledRenderer
+
+        p, camera = self.params, camera_of(scene, self.params["camera"])
+        how = {key: p[key] for key in ("margin", "device", "threads", "half")} | parameters.light_options(p)
+        samples = p["supersampling"] or camera.supersampling
+        if samples > 1:
+            return SupersampledRenderer(scene, camera, samples, envs, **how, apart=p["samples_apart"])
+        return Renderer(scene, camera, envs, **how)
 
     def _warn_of_aliases(self) -> None:
         from evis.scene.sampling import undersampled
@@ -201,3 +222,8 @@ class RendererNode(Node):
             setattr(message, field, image)
             return message
         return GEOMETRIC[port](header, **{field: image, "margin": margin})
+
+
+def same_lens(a: Camera, b: Camera) -> bool:
+    """Tells whether two cameras see a point of their frame in the same pixel."""
+    return bool(np.array_equal(a.k, b.k)) and a.distortion == b.distortion

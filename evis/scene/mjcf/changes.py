@@ -4,16 +4,17 @@
       gravity:   [x, y, z]
       bodies:    {NAME: {mass | mass_scale, friction | friction_scale, shift, turn: {axis, angle}}}
       geoms:     {NAME: {friction | friction_scale}}
-      joints:    {NAME: {position, velocity, damping, stiffness, friction, armature; the last four also as X_scale}}
+      joints:    {NAME: {position | shift, velocity, damping, stiffness, friction, armature; the last four also as
+                 X_scale}}
       actuators: {NAME: {gain | gain_scale}}
-      materials: {NAME: {albedo, emission, roughness, metallic}}
+      materials: {NAME: {albedo | albedo_scale, emission, roughness, metallic}}
       lights:    {NAME: {strength}}
 
 NAME may hold `*` and `?`, and then stands for all that match; each of them draws for itself. mass [kg] scales the
 inertia too; friction of a body is that of all its geoms (the sliding one, or three numbers), friction of a joint its
-dry friction. position and velocity of a hinge or slide joint, shift [m] and turn (world) of a body with a free joint
-are those of the start. gain is that of an actuator, and of a position or velocity servo its feedback too. strength is
-a factor.
+dry friction. position and velocity of a hinge or slide joint are those of the start; shift, there and of a body with
+a free joint [m], and the turn of such a body (in the world), are added to the model's start. gain is that of an
+actuator, and of a position or velocity servo its feedback too. strength is a factor.
 """
 
 from __future__ import annotations
@@ -61,7 +62,8 @@ def matched(fields: Fields, section: str, names: Sequence[str]) -> list[tuple[in
     """Finds the elements that the entries of a section stand for, with the values of each. Raises SceneError."""
     found = []
     for pattern, entry in fields.sections(section, section).items():
-        numbers = [i for i, name in enumerate(names) if name == pattern or fnmatchcase(name, pattern)]
+        fits = [i for i, name in enumerate(names) if fnmatchcase(name, pattern)]
+        numbers = [names.index(pattern)] if pattern in names else [i for i in fits if names[i] != "world"]
         if not numbers:
             raise entry.error(None, f"fits none of the model's {section}; {nearest(pattern, names)}")
         within = f"{fields.within(section)}."
@@ -75,6 +77,8 @@ def change_looks(fields: Fields, scene: Scene) -> None:
         material = scene.materials[i]
         if entry.has("albedo"):
             material.albedo = entry.colour("albedo", maximum=1.0)
+        if entry.has("albedo_scale"):
+            material.albedo = np.minimum(material.albedo * entry.colour("albedo_scale"), np.float32(1.0))
         if entry.has("emission"):
             material.emission = entry.colour("emission")
         material.roughness = entry.fraction("roughness", material.roughness)
@@ -93,11 +97,12 @@ def _number(fields: Fields, key: str, present: float, above: float | None = None
     if fields.has(key) and fields.has(f"{key}_scale"):
         raise fields.error(f"{key}_scale", f"and {key} are given; leave one out")
     limits: dict[str, Any] = {"minimum": 0.0} if above is None else {"above": above}
+    number = present
     if fields.has(key):
-        return [(key, (fields.number(key, **limits),))]
+        number = fields.number(key, **limits)
     if fields.has(f"{key}_scale"):
-        return [(key, (present * fields.number(f"{key}_scale", **limits),))]
-    return []
+        number = present * fields.number(f"{key}_scale", **limits)
+    return [] if number == present else [(key, (number,))]
 
 
 def _friction(fields: Fields, present: np.ndarray) -> list[Change]:
@@ -127,7 +132,9 @@ def _body(fields: Fields, model: Any, number: int) -> list[Change]:
         q = se3.exp(turn.direction("axis") * turn.angle("angle")) if turn else se3.IDENTITY[3:]
         if turn:
             turn.done()
-        changes.append(("start", (float(joint), *fields.place("shift"), *q)))
+        pose = *fields.place("shift"), *q
+        if pose != tuple(se3.IDENTITY):
+            changes.append(("start", (float(joint), *pose)))
     return changes
 
 
@@ -141,12 +148,14 @@ def _joint(fields: Fields, model: Any, number: int) -> list[Change]:
     present["stiffness"] = float(model.jnt_stiffness[number])
     changes = [change for key in _PLAIN for change in _number(fields, key, present[key])]
     simple = _JOINT(int(model.jnt_type[number])) in (_JOINT.mjJNT_HINGE, _JOINT.mjJNT_SLIDE)
-    for key in ("position", "velocity"):
+    if fields.has("position") and fields.has("shift"):
+        raise fields.error("shift", "and position are given; leave one out")
+    for key in ("position", "shift", "velocity"):
         if fields.has(key):
             if not simple:
                 raise fields.error(key, "is for hinge and slide joints; of a free body take shift and turn")
             changes.append((key, (fields.angle(key),)))
-    return changes
+    return [change for change in changes if change != ("shift", (0.0,))]
 
 
 def _actuator(fields: Fields, model: Any, number: int) -> list[Change]:
@@ -165,7 +174,7 @@ def apply_changes(model: Any, changes: Sequence[ModelChange]) -> None:
     """Changes a compiled model as a scene says; what of it is about the start is left to `apply_start`."""
     for change in changes:
         _apply(model, change)
-    if changes:
+    if any(change.key not in ("position", "shift", "velocity", "start") for change in changes):
         # Masses and armature decide other constants of the model.
         mujoco.mj_setConst(model, mujoco.MjData(model))
 
@@ -195,9 +204,11 @@ def _apply(model: Any, change: ModelChange) -> None:
 def apply_start(model: Any, data: Any, changes: Sequence[ModelChange]) -> None:
     """Brings the state of `data` from the model's start to that of the scene."""
     for change in changes:
-        if change.key == "position" and change.kind == "joints":
+        if change.kind == "joints" and change.key == "position":
             data.qpos[model.jnt_qposadr[change.number]] = change.values[0]
-        elif change.key == "velocity" and change.kind == "joints":
+        elif change.kind == "joints" and change.key == "shift":
+            data.qpos[model.jnt_qposadr[change.number]] += change.values[0]
+        elif change.kind == "joints" and change.key == "velocity":
             data.qvel[model.jnt_dofadr[change.number]] = change.values[0]
         elif change.key == "start":
             at, pose = int(model.jnt_qposadr[int(change.values[0])]), np.array(change.values[1:])

@@ -27,9 +27,9 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
     keyframe:   of the model, where it starts: a name, a number, none; auto (the default): `home`, if it has that
     model:      what of it is other than its file says, by name, where * stands for any letters: {gravity,
                 bodies: {NAME: {mass, friction, shift, turn: {axis, angle}}}, geoms: {NAME: {friction}},
-                joints: {NAME: {position, velocity, damping, stiffness, friction, armature}}, actuators: {NAME: {gain}},
-                materials: {NAME: {albedo, emission, roughness, metallic}}, lights: {NAME: {strength}}};
-                X_scale in place of X: a factor
+                joints: {NAME: {position, shift, velocity, damping, stiffness, friction, armature}},
+                actuators: {NAME: {gain}}, materials: {NAME: {albedo, emission, roughness, metallic}},
+                lights: {NAME: {strength}}}; X_scale in place of X: a factor
 
     FRAME:  position and rotation: {axis, angle} (or a list) | quaternion | look_at (with up), in the frame of `parent`;
             or view: {camera, offset, depth}, a place in a camera's image

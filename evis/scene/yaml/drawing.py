@@ -5,17 +5,18 @@
     {normal: {mean, sigma}}      a normal distribution, cut off at `min` and `max` where given
 
 Ends, mean and sigma are written as the value itself would be, `5 deg` or `[0, 0, 1]`; of lists every element is drawn
-by itself. Where a whole number is wanted, one is drawn, and both ends are among them.
+by itself. Where a whole number is wanted, one of those between the ends is drawn, the ends among them.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
 from evis.config.document import Row, Table
+from evis.config.expression import ExpressionError, substitute
 from evis.scene.draws import Choice, Draws, Law, Normal, Uniform
 from evis.scene.errors import SceneError
 
@@ -48,6 +49,60 @@ def is_draw(value: Any) -> bool:
 def has_draws(value: Any) -> bool:
     """Tells whether a list holds draws, at any depth, and no other maps."""
     return isinstance(value, Row) and any(map(is_draw, _leaves(value))) and not any(map(_is_map, _leaves(value)))
+
+
+def places_of(rows: Sequence[Any], within: str) -> list[str]:
+    """Names the entries of a list: by their own `name`, else by number, so that a new one shifts no draws of named
+    ones."""
+    names = [str(row.get("name", "")) if isinstance(row, dict) else "" for row in rows]
+    own = [name and "${" not in name and names.count(name) == 1 for name in names]
+    return [f"{within}.{name}" if mine else f"{within}[{i}]" for i, (name, mine) in enumerate(zip(names, own))]
+
+
+def drawn_within(value: Any, arguments: Mapping[str, Any], place: str = "") -> Iterator[str]:
+    """Finds the places of a part of the file at which something is left to chance, without drawing.
+
+    Copies count as the one entry that they are written as. arguments: with None for those that are drawn themselves.
+    """
+    if is_draw(value):
+        if not _settled(value, arguments):
+            yield place
+    elif isinstance(value, Table):
+        for key, inner in value.items():
+            if not (key == "random" and place.endswith(".copies")):
+                yield from drawn_within(inner, arguments, f"{place}.{key}" if place else key)
+            elif isinstance(inner, Table):
+                yield from drawn_within(inner.get("seed"), arguments, f"{place}.random.seed")
+    elif isinstance(value, Row):
+        for name, inner in zip(places_of(value, place), value):
+            yield from drawn_within(inner, arguments, name)
+
+
+def _settled(value: Table, arguments: Mapping[str, Any]) -> bool:
+    """Whether a draw has one outcome. One that uses variables of copies counts as random."""
+    try:
+        filled = substitute(value, arguments)
+    except ExpressionError:
+        return False
+    if "choose" in filled:
+        choices = filled["choose"]
+        return isinstance(choices, list) and all(choice == choices[0] for choice in choices)
+    normal = filled.get("normal")
+    if isinstance(normal, dict):
+        return bool(normal.get("sigma") == 0)
+    return bool(_plain(filled.get("from")) == _plain(filled.get("to")))
+
+
+def _plain(value: Any) -> Any:
+    """Numbers of a value as far as they can be told, without their units where 0."""
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    angle = _ANGLE.match(value) if isinstance(value, str) else None
+    try:
+        number = float(angle[1] if angle else value)
+    except (TypeError, ValueError):
+        return value
+    return (number, angle[2]) if angle and number else number
 
 
 def draw(fields: Values, whole: bool = False) -> Any:
@@ -127,8 +182,10 @@ def _law(fields: Values, ends: Mapping[str, Any], whole: bool) -> tuple[Law, str
             raise fields.error("from", f"is {low:g}, more than `to`, which is {high:g}")
         if ends["log"] and low <= 0:
             raise fields.error("from", f"is {low:g}; with `log` it must be more than 0")
-        if whole and (low != int(low) or high != int(high)):
-            raise fields.error("from", f"and to are {low:g} and {high:g}; a whole number is drawn, so they must be too")
+        if whole:
+            low, high = float(math.ceil(low)), float(math.floor(high))
+            if low > high:
+                raise fields.error("from", "and to have no whole number between them, and one is wanted")
         return Uniform(low, high, ends["log"], whole), unit
     low, high = numbers.get("min", -math.inf), numbers.get("max", math.inf)
     if numbers["sigma"] < 0:

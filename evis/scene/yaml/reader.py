@@ -15,7 +15,7 @@ from evis.config.suggestions import nearest
 from evis.geometry import se3
 from evis.scene.draws import Draws
 from evis.scene.errors import SceneError
-from evis.scene.yaml.drawing import draw, has_draws, is_draw
+from evis.scene.yaml.drawing import draw, has_draws, is_draw, places_of
 
 _REQUIRED: Any = object()
 FARTHEST = 1e9
@@ -259,7 +259,7 @@ class Fields:
             return []
         value = self.table[key]
         rows = value if isinstance(value, list) else [value]
-        places = _places(self.within(key), rows)
+        places = places_of(rows, self.within(key))
         return [self._as_fields(key, row, f"{what} {i + 1}", places[i]) for i, row in enumerate(rows)]
 
     def _as_fields(self, key: str, value: Any, what: str, place: str) -> Fields:
@@ -292,14 +292,6 @@ class Fields:
         for key in self.table:
             if key not in self._asked:
                 raise self.error(key, f"is not known here; {nearest(key, sorted(set(self._asked)))}")
-
-
-def _places(within: str, rows: Sequence[Any]) -> list[str]:
-    """Names of the entries of a list: their own `name`, else their number, so that a new entry shifts no draws of
-    named ones."""
-    names = [str(row.get("name", "")) if isinstance(row, dict) else "" for row in rows]
-    own = [name and "${" not in name and names.count(name) == 1 for name in names]
-    return [f"{within}.{name}" if mine else f"{within}[{i}]" for i, (name, mine) in enumerate(zip(names, own))]
 
 
 def _is_plain_list(value: Any) -> bool:

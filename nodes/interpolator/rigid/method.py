@@ -63,13 +63,14 @@ class Rigid:
         device: str = "cpu",
         threads: int = 1,
         options: RigidOptions | None = None,
+        worlds: Sequence[Scene] = (),
     ) -> None:
         """scene, camera: those of the renderer. upsampling: K. margin: pixels beyond the image on every side. channels:
-        1 or 3. threads: of a CPU."""
+        1 or 3. threads: of a CPU. worlds: see Placement."""
         asked, cpu = options or RigidOptions(), wp.get_device(device).is_cpu
         self._layout = layout_of(scene, camera, envs, upsampling, margin, channels, cpu, asked)
         slots, step = self._layout.slots, self._layout.step
-        self._placement = Placement(scene)
+        self._placement = Placement(scene, worlds)
         sparse = True if len(self._placement.movers) else None
         v = self.visibility = Visibility(scene, camera, envs * slots, margin, device, threads, sparse=sparse)
         self._places = Slots(scene, v, self._placement, slots)
