@@ -33,8 +33,8 @@ def motion(scene: Scene) -> bytes:
 
 
 def whole(scene: Scene) -> bytes:
-    """Computes the key of both."""
-    return appearance(scene) + motion(scene)
+    """Computes the key of both, and of the sensor."""
+    return appearance(scene) + motion(scene) + _digest(scene.sensor)
 
 
 def _still(body: Any) -> bool:

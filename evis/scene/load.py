@@ -105,6 +105,11 @@ def is_dynamic(name_or_path: str) -> bool:
     return "mjcf" in _document(path)
 
 
+def sets_sensor(name_or_path: str) -> bool:
+    """Returns True when the scene has parameters of the event sensor. Reads the YAML only, as `is_dynamic` does."""
+    return "sensor" in _document(find_scene(name_or_path))
+
+
 def starts_at_random(name_or_path: str) -> bool:
     """Returns True when the seed moves free bodies at the start. Reads the YAML only, as `is_dynamic` does."""
     spread = _document(find_scene(name_or_path)).get("initial_spread")

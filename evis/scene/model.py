@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -197,6 +197,8 @@ class Scene:
     column 0 at +x turning to +y."""
     sky_lights: bool = True
     """False: `environment_map` is seen behind everything, and what lights surfaces from afar is `environment`."""
+    sensor: dict[str, Any] = field(default_factory=dict)
+    """Parameters of the event sensor that are other than its preset's, by name; who has a sensor checks them."""
     drawn: list[Drawn] = field(default_factory=list)
     """Values that the environment's seed has decided; what of the file was not read is not among them."""
 

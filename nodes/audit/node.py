@@ -16,8 +16,9 @@ from msgs.audit import Audit as AuditMessage
 from msgs.camera import Frames, Keyframe
 from msgs.header import Header, Message
 from msgs.world import WorldState
-from nodes.event_sensor.parameters import NODE, resolve_sensor
+from nodes.event_sensor.parameters import NODE
 from nodes.event_sensor.presets import PRESETS
+from nodes.event_sensor.scene_parameters import resolve_with_scene
 from nodes.renderer import parameters
 from nodes.renderer.parameters import LIGHT
 
@@ -82,7 +83,7 @@ class AuditNode(Node):
         """What is about paths, where there are none, and of the sensor what it has no use for either."""
         from nodes.event_sensor.effects import without_effect
 
-        idle = without_effect(resolve_sensor("audit", params["preset"], {name: params[name] for name in SENSOR}))
+        idle = without_effect(resolve_with_scene("audit", params))
         return dict(parameters.without_effect(params)) | {name: why for name, why in idle.items() if name in SENSOR}
 
     @classmethod
@@ -122,7 +123,7 @@ class AuditNode(Node):
         camera = camera_of(self._scene, p["camera"])
         samples = p["supersampling"] or camera.supersampling
         light = parameters.light_options(p)
-        sensor = resolve_sensor(self.name, p["preset"], {name: p[name] for name in SENSOR})
+        sensor = resolve_with_scene(self.name, p)
         pixels = p["audit"]
         if pixels is None:
             rates = Rates(camera.rate or p["keyframe_rate"], p["upsampling"])

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
+from evis.scene.parameters import SCENE
 from msgs.camera import EventPacket, Frames, Keyframe
 from msgs.header import Header, Message
-from nodes.event_sensor.parameters import NODE, SENSOR, resolve_sensor
+from nodes.event_sensor.parameters import NODE
 from nodes.event_sensor.presets import PRESETS
+from nodes.event_sensor.scene_parameters import resolve_each, resolve_with_scene
 
 if TYPE_CHECKING:
     from nodes.event_sensor.sensor import Events, EventSensor
@@ -39,6 +42,8 @@ class EventSensorNode(Node):
         "seed": Param(int, 0, "seed of the sensor's random streams; environment k has seed + k", "", 0, 2**63 - 1),
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "colour": Param(bool, False, "colour events: three sensors, for R, G and B, instead of one for luminance"),
+        "scene": replace(SCENE["scene"], help="world that is seen, whose `sensor:` gives parameters"),
+        "scene_args": SCENE["scene_args"],
         **NODE,
     }
     BRINGS = {"preset": {name: {"width": p.width, "height": p.height} for name, p in PRESETS.items() if p.width}}
@@ -53,21 +58,21 @@ class EventSensorNode(Node):
         """What the event model lacks, or another parameter turns off."""
         from nodes.event_sensor.effects import without_effect
 
-        return without_effect(resolve_sensor("event sensor", params["preset"], {name: params[name] for name in SENSOR}))
+        return without_effect(resolve_with_scene("event sensor", params))
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
         """The faults that are drawn."""
         from nodes.event_sensor import effects
 
-        resolved = resolve_sensor("event sensor", params["preset"], {name: params[name] for name in SENSOR})
+        resolved = resolve_with_scene("event sensor", params)
         return effects.random(resolved)
 
     @classmethod
     def sensor(cls, params: Mapping[str, Any]) -> Mapping[str, Any]:
         """The sensor's name, the preset, the seed, and every parameter that has a value, those of the preset too."""
         preset = params["preset"]
-        resolved = resolve_sensor("event sensor", preset, {name: params[name] for name in SENSOR})
+        resolved = resolve_with_scene("event sensor", params)
         about = {"sensor": PRESETS[preset].name, "preset": preset, "seed": params["seed"], "colour": params["colour"]}
         return {**about, **{name: value for name, value in resolved.items() if value is not None}}
 
@@ -84,8 +89,7 @@ class EventSensorNode(Node):
     def setup(self) -> None:
         from evis.gpu.devices import device_named
 
-        given = {name: self.params[name] for name in SENSOR}
-        self._resolved = resolve_sensor(self.name, self.params["preset"], given)
+        self._resolved = resolve_with_scene(self.name, self.params)
         self._sensor: Any = None
         self._header = Header(0)
         self._size = (0, 0)
@@ -98,8 +102,17 @@ class EventSensorNode(Node):
             sensor.process(warm, np.array([k]), np.zeros(1, np.int32))
 
     def _make(self, height: int, width: int, envs: int) -> Any:
-        """The sensor, or another event model behind the same interface."""
-        p, seed, colour = self._resolved, self.params["seed"], self.params["colour"]
+        """The sensor of all environments, or one for each where the scene draws them different parameters."""
+        each, seed = resolve_each(self.name, self.params, envs), self.params["seed"]
+        if len(each) == 1:
+            return self._one(height, width, envs, seed, each[0])
+        from nodes.event_sensor.separate import SeparateSensors
+
+        return SeparateSensors([self._one(height, width, 1, seed + env, p) for env, p in enumerate(each)])
+
+    def _one(self, height: int, width: int, envs: int, seed: int, p: Mapping[str, Any]) -> Any:
+        """A sensor, or another event model behind the same interface."""
+        colour = self.params["colour"]
         if p["model"].startswith("evis"):
             from nodes.event_sensor.sensor import EventSensor
 

@@ -22,6 +22,7 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
                 | {kind: tunnel, wall, outside, towards, size}
     include:    a file with materials, world, bodies, lights and environment that several scenes share
     timestep:   sub-step of prescribed motion [s]
+    sensor:     {threshold, leak_rate, ...}: parameters of the event sensor, over those of its preset
     mjcf:       a MuJoCo model or URDF with the bodies that move by dynamics;  initial_spread: {position, rotation}
     assets:     [FOLDER], from which the files named here (mjcf, meshes) may take theirs, beside their own folders
     keyframe:   of the model, where it starts: a name, a number, none; auto (the default): `home`, if it has that
@@ -125,6 +126,7 @@ class _Builder:
         self.materials = {material.name: i for i, material in enumerate(self.scene.materials)}
         self.labels = {instance.name for instance in self.scene.instances}
         self._frames()
+        self._sensor()
         if visuals:
             self._materials(textures)
             self._shapes(WORLD, "world", self.top.items("world", "shape"))
@@ -175,6 +177,16 @@ class _Builder:
 
             self.scene.changes = read_changes(section, self.model)
         self.changes = section
+
+    def _sensor(self) -> None:
+        """What of the event sensor is other than its preset says: numbers, texts and flags by name."""
+        section = self.top.section("sensor", "sensor")
+        for key in section.table if section else ():
+            assert section is not None
+            value = section.raw(key)
+            if not isinstance(value, (int, float, str)):
+                raise section.error(key, f"is {value!r:.60}; it must be a number, a text, or true or false")
+            self.scene.sensor[key] = value
 
     def _frames(self) -> None:
         """Bodies and cameras: numbered first, then placed, since each may stand on another."""

@@ -36,6 +36,11 @@ lights: {lamp: {kind: point, position: [0.5, -1, 1], intensity: 6}}
 environment: 0.2
 """
 """Motion and start are drawn."""
+SENSOR = """
+sensor:
+  {threshold: {from: 0.08, to: 0.15}, leak_rate: {from: 1, to: 20}, threshold_mismatch: 0.01}
+"""
+"""A sensor whose faults are drawn."""
 LOOKS = {
     "fov: 40 deg": "fov: {from: 38 deg, to: 45 deg}",
     "size: [0.1, 0.2, 0.15]": "size: {from: [0.1, 0.1, 0.1], to: [0.2, 0.2, 0.2]}",
@@ -98,7 +103,8 @@ class Graph:
         self.renderer = RendererNode("renderer", world)
         self.interpolator = InterpolatorNode("interpolator", {**world, "method": method, "upsampling": 4})
         source = "keyframe" if method == "none" else "frames"
-        self.sensor = EventSensorNode("event_sensor", {"seed": seed, "threshold": 0.1, "source": source})
+        own = {"scene": str(scene), **more} | ({} if "sensor:" in scene.read_text() else {"threshold": 0.1})
+        self.sensor = EventSensorNode("event_sensor", {"seed": seed, "source": source, **own})
         self.labeler = LabelerNode("labeler", {"labels": "flow,segmentation,boxes"})
         nodes: tuple[Node, ...] = (self.physics, self.renderer, self.sensor, self.labeler)
         for node in (*nodes, *((self.interpolator,) if method != "none" else ())):

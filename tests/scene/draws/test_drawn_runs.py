@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drawn_graph import MOVES, Graph, looks
+from drawn_graph import MOVES, SENSOR, Graph, looks
 
 from evis.bag.environments import join, split
 from evis.scene.digest import appearance, motion
 from evis.scene.parameters import worlds_of
+from nodes.event_sensor.scene_parameters import resolve_with_scene
 from nodes.interpolator.interpolator import Interpolator
 from nodes.physics.prescribed import PrescribedEngine
 from nodes.renderer.renderer import Renderer
@@ -63,6 +64,31 @@ def test_worlds_that_look_and_move_differently(method: str, tmp_path: Path) -> N
     drawn = graph.messages["info"][0].drawn
     assert {"cameras.cam0.fov", "lights.lamp.intensity", "bodies.ball.shapes[0].size[2]"} < drawn.keys()
     assert all(len(values) == ENVS for values in drawn.values())
+
+
+@pytest.mark.parametrize("more", ["", "readout_rate: 1.0e5, ", "model: v2e, "])
+def test_sensors_that_differ(more: str, tmp_path: Path) -> None:
+    """Threshold and faults are drawn, with a readout too, and of another event model."""
+    text = MOVES + SENSOR.replace("{threshold:", "{" + more + "threshold:")
+    if "v2e" in more:
+        text = text.replace("leak_rate: {from: 1, to: 20}, ", "")
+    graph = check(written(tmp_path, text), "rigid")
+    assert len(graph.messages["info"][0].drawn["sensor.threshold"]) == ENVS
+
+
+def test_a_wrong_parameter_of_the_sensor_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="did you mean 'threshold'"):
+        Graph(written(tmp_path, MOVES + "sensor: {treshold: 0.2}\n"), 1, 1, keyframes=1)
+    with pytest.raises(ValueError, match="environments side by side need the same"):
+        Graph(written(tmp_path, MOVES + "sensor: {crossing: {choose: [linear, cubic]}}\n"), 1, 9, keyframes=1)
+
+
+def test_what_is_given_counts_more_than_the_scene(tmp_path: Path) -> None:
+    text = MOVES + "sensor: {threshold: 0.3, leak_rate: 5}\n"
+    params = {"scene": str(written(tmp_path, text)), "preset": "ideal", "threshold": 0.1}
+    found = resolve_with_scene("test", params)
+    assert (found["threshold"], found["leak_rate"]) == (0.1, 5)
+    assert resolve_with_scene("test", {**params, "scene": "not/here.yaml"})["leak_rate"] == 0
 
 
 def test_worlds_that_move_differently_are_drawn_by_one_renderer(tmp_path: Path) -> None:
