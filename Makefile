@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test lint docs clean
+.PHONY: demo test test-extras lint docs clean
 
 # The base installation; remade when the dependencies change.
 .venv/base: pyproject.toml
@@ -26,6 +26,21 @@ demo: .venv/base
 test: .venv/dev lint
 	@$(BIN)/python -m pytest -q
 
+# What needs PyTorch, Stable-Baselines3 or tonic: gigabytes, so in an environment of its own. TORCH chooses the build:
+# `make test-extras TORCH='torch==2.13.0+cpu'` where pip knows of one without CUDA.
+TORCH ?= torch>=2.4,<3
+EXTRAS := .venv-extras/bin
+
+.venv-extras/ready: pyproject.toml
+	@test -x $(EXTRAS)/python || $(PYTHON) -m venv .venv-extras
+	@echo "installing PyTorch and what is tested with it into .venv-extras"
+	@$(EXTRAS)/python -m pip install --quiet --disable-pip-version-check '$(TORCH)'
+	@$(EXTRAS)/python -m pip install --quiet --disable-pip-version-check -e '.[test-extras]'
+	@touch $@
+
+test-extras: .venv-extras/ready
+	@$(EXTRAS)/python -m pytest -q -m 'extras and not gpu'
+
 lint: .venv/dev
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/ruff format --diff --quiet .
@@ -38,4 +53,4 @@ docs: .venv/base
 	@$(BIN)/python -m evis.demo.gallery --out docs/scenes
 
 clean:
-	rm -rf .venv demo report build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-extras demo report build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -3,22 +3,20 @@
     python -m bench.event_hashes --out NEW.json --events new [--scenes drone,warehouse] [--device cuda] [--jobs 2]
     python -m bench.event_hashes --compare OLD.json NEW.json
 
-Each case is the graph that `evis launch` starts, composed in this process and recorded into a temporary bag: 96 x 72
-pixels, 0.2 s, seed 1. Of the events of each camera the file holds the SHA-256 of every column, how many there are of
+Each case is the graph that `evis launch` starts, held in this process by evis.Simulation: 96 x 72 pixels, 0.2 s,
+seed 1. Of the events of each camera the file holds the SHA-256 of every column, how many there are of
 each polarity, and the first and last time; --events keeps the events themselves, so that a difference can be sized.
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import hashlib
-import io
 import json
 import multiprocessing
 import os
 import sys
-import tempfile
+import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from itertools import product
@@ -45,35 +43,23 @@ Case = tuple[str, str, str]
 
 
 def events_of(case: Case, device: str) -> dict[str, dict[str, np.ndarray]]:
-    """Runs one case in this process: camera -> column -> values. Raises what the graph's nodes raise."""
-    from evis.bag.decoded import decoded_events
-    from evis.bag.reader import BagReader
-    from evis.launch.planner import COMPOSED, Options, plan_target
-    from evis.runtime.executor import Executor
-    from evis.supervisor.run_directory import RunDirectory
+    """Runs one case in this process: camera -> column -> values. Raises SimulationError."""
+    from evis import Simulation, SimulationWarning
+    from evis.simulation.step import on_host
 
     scene, preset, interpolator = case
-    given = {"preset": preset, "interpolator": interpolator, "device": device, "seed": SEED}
-    given |= {"width": WIDTH, "height": HEIGHT}
-    with tempfile.TemporaryDirectory() as folder:
-        bag = Path(folder) / "case.mcap"
-        plan = plan_target(scene, given, Options(DURATION_S, str(bag), view=False, grouping="compose"))
-        directory = RunDirectory()
-        plan.run_id, plan.directory = directory.run_id, str(directory.path)
-        executor = Executor(plan, COMPOSED)
-        try:
-            with contextlib.redirect_stderr(io.StringIO()):  # what nodes say of light and motion is no matter here
-                executor.setup()
-                executor.run()
-        finally:
-            executor.close()
-            directory.close()
-        found = {}
-        with BagReader(bag) as reader:
-            for topic in sorted(t for t, kind in reader.topics.items() if kind == "EventPacket"):
-                parts = [events for _, events in decoded_events(reader, topic)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SimulationWarning)  # what nodes say of light and motion is no matter here
+        with Simulation(
+            scene, seed=SEED, preset=preset, interpolator=interpolator, device=device, width=WIDTH, height=HEIGHT
+        ) as sim:
+            steps = [*sim.run(DURATION_S), sim.finish()]
+            found = {}
+            for camera in sim.cameras:
+                packets = [step.cameras[camera].events for step in steps]
+                parts = [on_host(packet) for packet in packets if packet is not None]
                 columns = {name: [getattr(part, name) for part in parts] for name in COLUMNS}
-                found[topic.split("/")[1]] = {
+                found[camera] = {
                     name: np.concatenate(values).astype(COLUMNS[name])
                     for name, values in columns.items()
                     if values and values[0] is not None

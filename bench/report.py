@@ -24,6 +24,7 @@ SUBJECTS = {
     ),
     "bus": ("bench.graph.bus", "cost of a message between processes, against plain ZeroMQ"),
     "graph": ("bench.graph.runs", "real-time factor, where the time goes, overhead, what omissions save"),
+    "simulation": ("bench.graph.simulation", "evis.Simulation: a step above its nodes, start-up, reset"),
     "event_sensor": (
         "bench.event_sensor.sensor",
         "time error against closed forms, speed against the models of other simulators, cost of each fault",
@@ -51,6 +52,8 @@ SUBJECTS = {
         "nanoseconds per pixel and sub-frame of interpolator and sensor",
     ),
     "streams": ("bench.streams.codecs", "decoding speed, against other libraries"),
+    "representations": ("bench.streams.representations", "voxel grids and their like, against numpy and tonic"),
+    "environments": ("bench.graph.environments", "steps per second of environments, beside Gymnasium's frames"),
     "bag": ("bench.graph.bag", "recording speed"),
     "camera": ("bench.graph.camera", "camera node on emulated USB: sustained rate, losses, CPU share, latency"),
 }

@@ -10,7 +10,11 @@ PICTURE = Path(__file__).with_suffix(".svg")
 WIDTH = 1120
 EDGE, GAP, LINE = 16, 12, 15
 LAYERS: tuple[tuple[str, str, tuple[tuple[str, ...], ...]], ...] = (
-    ("what users start", "#fdf3e3", (("evis/cli", "evis/demo", "bench"),)),
+    (
+        "what users start",
+        "#fdf3e3",
+        (("evis/cli", "evis/simulation", "evis/env", "evis/client", "evis/demo", "bench"),),
+    ),
     (
         "nodes: the data's way, left to right",
         "#e6f1ea",
@@ -32,7 +36,16 @@ LAYERS: tuple[tuple[str, str, tuple[tuple[str, ...], ...]], ...] = (
         "#e8eef7",
         (
             ("evis/launch", "evis/supervisor", "evis/runtime", "evis/bus", "evis/config", "evis/console"),
-            ("evis/scene", "evis/geometry", "evis/events", "evis/media", "evis/bag", "evis/files", "evis/gpu"),
+            (
+                "evis/scene",
+                "evis/geometry",
+                "evis/events",
+                "evis/media",
+                "evis/bag",
+                "evis/recordings",
+                "evis/files",
+                "evis/gpu",
+            ),
         ),
     ),
     ("msgs: what travels", "#f1e9f6", (("msgs",),)),
@@ -41,7 +54,10 @@ LAYERS: tuple[tuple[str, str, tuple[tuple[str, ...], ...]], ...] = (
 TELLS = {
     "bench": "figures of docs/performance.md",
     "evis/cli": "a module per command",
+    "evis/simulation": "a graph held in Python",
+    "evis/env": "tasks, Gymnasium",
     "evis/demo": "make demo, gallery",
+    "evis/client": "a running graph, from Python",
     "nodes/physics": "closed form, MuJoCo: /state",
     "nodes/recorder": "a bag",
     "nodes/rate_divider": "every n-th state",
@@ -64,6 +80,7 @@ TELLS = {
     "evis/events": "event streams",
     "evis/media": "frames, pictures",
     "evis/bag": "MCAP, ROS 2",
+    "evis/recordings": "evis.open",
     "evis/console": "terminal, signals",
     "evis/files": "safe files",
     "evis/gpu": "graphs, appending",

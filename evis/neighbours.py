@@ -7,24 +7,24 @@ module of one full name, one line says so and names the remedy.
 
 from __future__ import annotations
 
-import ast
 import functools
 import os
 import sys
-from importlib.abc import MetaPathFinder
+from collections.abc import Sequence
 from importlib.machinery import ModuleSpec, PathFinder
-from pathlib import Path
-from typing import Any
+from types import ModuleType
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 """The folder that holds evis and its packages."""
 PACKAGES = ("nodes", "msgs", "bench")
 
 
-class Neighbours(MetaPathFinder):
+class Neighbours:
     """Finds the modules of PACKAGES in all folders of the path, where there is another than ROOT that has such."""
 
-    def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
         """See importlib.abc.MetaPathFinder. Raises ImportError for a module that both have."""
         parents = fullname.split(".")[:-1]
         top = (parents or [fullname])[0]
@@ -40,8 +40,8 @@ class Neighbours(MetaPathFinder):
 def _folders(name: str, path: tuple[str, ...], here: str) -> list[str]:
     """ROOT and, before it, the folders of the path that hold another `name`; [] when there is none."""
     places = [os.path.realpath(os.path.join(here, entry)) for entry in path]
-    theirs = [place for place in dict.fromkeys(places) if place != str(ROOT) and _holds(place, name)]
-    return [*theirs, str(ROOT)] if theirs else []
+    theirs = [place for place in dict.fromkeys(places) if place != ROOT and _holds(place, name)]
+    return [*theirs, ROOT] if theirs else []
 
 
 def _holds(place: str, name: str) -> bool:
@@ -56,7 +56,7 @@ def _merged(fullname: str, found: list[ModuleSpec]) -> ModuleSpec | None:
     if not found:
         return None
     coded = [spec for spec in found if spec.has_location]
-    ours = next((spec for spec in coded if Path(str(spec.origin)).is_relative_to(ROOT)), None)
+    ours = next((spec for spec in coded if str(spec.origin).startswith(ROOT + os.sep)), None)
     theirs = [spec for spec in coded if spec is not ours]
     if ours is not None and theirs and "." in fullname and not _is_empty_package(ours):
         raise ImportError(
@@ -73,7 +73,8 @@ def _is_empty_package(spec: ModuleSpec) -> bool:
     """Whether nothing but a docstring stands in it, so that another may be loaded in its place."""
     if spec.submodule_search_locations is None or spec.origin is None:
         return False
-    return all(isinstance(line, ast.Expr) for line in ast.parse(Path(spec.origin).read_text(encoding="utf-8")).body)
+    with open(spec.origin, "rb") as source:  # bytes, as the compiler knows how they are encoded
+        return set(compile(source.read(), spec.origin, "exec").co_names) <= {"__doc__"}
 
 
 def install() -> None:
@@ -81,6 +82,6 @@ def install() -> None:
     if not any(isinstance(finder, Neighbours) for finder in sys.meta_path):
         sys.meta_path.insert(0, Neighbours())
     for name in PACKAGES:
-        module: Any = sys.modules.get(name)
-        if module is not None and str(ROOT / name) not in (places := list(getattr(module, "__path__", ()))):
-            module.__path__ = [*places, str(ROOT / name)]
+        module, ours = sys.modules.get(name), os.path.join(ROOT, name)
+        if module is not None and ours not in (places := list(getattr(module, "__path__", ()))):
+            module.__path__ = [*places, ours]

@@ -12,6 +12,7 @@ import numpy as np
 
 from msgs.fields import MessageError, array
 from msgs.header import Header, Message
+from msgs.own_time import own_rows
 
 
 @dataclass
@@ -41,6 +42,10 @@ class CameraInfo(Message):
     """How far it stands to the right of the first camera of its stereo rig [m]; 0 for any other."""
     sensor: dict[str, Any] = field(default_factory=dict)
     """Sensor parameters and identity (threshold, preset, serial, firmware, ...)."""
+    env_k: np.ndarray | None = array("float64", "E 3 3", "k of each environment where they differ", optional=True)
+    env_distortion: np.ndarray | None = array("float64", "E ?", "distortion of each, with env_k", optional=True)
+    drawn: dict[str, Any] = field(default_factory=dict)
+    """What of the world the seed has decided: name of the place in the scene file -> a value for each environment."""
 
 
 @dataclass
@@ -58,6 +63,7 @@ class Keyframe(Message):
     episodes: np.ndarray = array("int32", "E", "episode of each environment")
     radiance: np.ndarray | None = array("float32|float16", "E H W 3", "[W/(sr m^2)], linear", optional=True)
     luminance: np.ndarray | None = array("float32|float16", "E H W", "[W/(sr m^2)], Rec. 709", optional=True)
+    own: np.ndarray | None = own_rows()
     margin: int = 0
 
     @property
@@ -118,7 +124,8 @@ class Normal(Message):
 class Frames(Message):
     """Carries linear luminance (or RGB) at K times of the gap (previous stamp, header.stamp_ns], margin cropped.
 
-    The first message of an episode has K = 1 and sets the sensor's reference.
+    The first message of an episode has K = 1 and sets the sensor's reference. Environments that begin one while others
+    go on have the keyframe at header.stamp_ns in all K frames.
     """
 
     header: Header
@@ -127,6 +134,8 @@ class Frames(Message):
     luminance: np.ndarray | None = array("float32", "E K H W", "linear, Rec. 709", optional=True)
     rgb: np.ndarray | None = array("float32", "E K H W 3", "linear, for colour events", optional=True)
     dlog_dt: np.ndarray | None = array("float32", "E K H W", "d ln(luminance)/dt [1/s] where known", optional=True)
+    own: np.ndarray | None = own_rows()
+    own_t: np.ndarray | None = array("int64", "E K", "stamps of the frames in own time [ns]", optional=True)
     filled: int = 0
     """Pixels that no keyframe saw and that were filled from a neighbouring surface."""
     reshaded: int = 0
@@ -137,8 +146,9 @@ class Frames(Message):
 class EventPacket(Message):
     """Carries the events of one interval: decoded arrays, the sensor's own bytes (`encoding`, `raw`), or both.
 
-    Simulated events are sorted by t, then y, x and lie in (t0_ns, header.stamp_ns]; a real sensor's order is kept as it
-    came. `lost` counts events or bytes known to be missing before this packet.
+    Simulated events are sorted by t, then y, x and lie in (t0_ns, header.stamp_ns], those of an environment that was
+    reset by itself up to 1 ns beside it; a real sensor's order is kept as it came. `lost` counts events or bytes known
+    to be missing before this packet.
     """
 
     header: Header
@@ -158,8 +168,20 @@ class EventPacket(Message):
 
 
 @dataclass
+class EventSignal(Message):
+    """Tells of each event of the packet of the same stamp whether light made it, or noise."""
+
+    header: Header
+    env_offsets: np.ndarray = array("int64", "?", "[E + 1] as of the packet")
+    signal: np.ndarray = array("uint8", "n", "1 = made by light, 0 = by noise")
+
+
+@dataclass
 class Labels(Message):
-    """Carries ground truth at header.stamp_ns, the stamp of an event packet. Only what was asked for is present."""
+    """Carries ground truth at header.stamp_ns, the stamp of an event packet. Only what was asked for is present.
+
+    The rows event_... are those of the packet's events, in its order: its env_offsets hold for them too.
+    """
 
     header: Header
     flow: np.ndarray | None = array("float32", "E H W 2", "forward optical flow [px/s], NaN = unknown", optional=True)
@@ -171,12 +193,29 @@ class Labels(Message):
     box_id: np.ndarray | None = array("int32", "B", "instance id of each box", optional=True)
     pose: np.ndarray | None = array("float64", "E N 7", "body poses (p, q xyzw), world", optional=True)
     velocity: np.ndarray | None = array("float64", "E N 6", "body twists (v, omega), world", optional=True)
+    acceleration: np.ndarray | None = array("float64", "E N 6", "(a, alpha) of the bodies, world", optional=True)
+    qpos: np.ndarray | None = array("float64", "E nq", "joint positions", optional=True)
+    qvel: np.ndarray | None = array("float64", "E nv", "joint velocities", optional=True)
+    forward_flow: np.ndarray | None = array("float32", "E H W 2", "from flow_t[0] to [1] [px]", optional=True)
+    forward_valid: np.ndarray | None = array("uint8", "E H W", "1 = in view at both, not covered", optional=True)
+    backward_flow: np.ndarray | None = array("float32", "E H W 2", "from flow_t[1] to [0] [px]", optional=True)
+    backward_valid: np.ndarray | None = array("uint8", "E H W", "1 = in view at both, not covered", optional=True)
+    flow_t: np.ndarray | None = array("int64", "2", "instants of forward and backward flow [ns]", optional=True)
+    event_env: np.ndarray | None = array("int32", "n", "environment of each event", optional=True)
+    event_instance: np.ndarray | None = array("int32", "n", "instance id, 0 = background", optional=True)
+    event_flow: np.ndarray | None = array("float32", "n 2", "flow there and then [px/s], NaN = unknown", optional=True)
+    event_signal: np.ndarray | None = array("uint8", "n", "1 = made by light, 0 = by noise", optional=True)
+    box3d_env: np.ndarray | None = array("int32", "C", "environment of each oriented box", optional=True)
+    box3d_id: np.ndarray | None = array("int32", "C", "instance id of each", optional=True)
+    box3d_size: np.ndarray | None = array("float64", "C 3", "lengths along its axes [m]", optional=True)
+    box3d_pose: np.ndarray | None = array("float64", "C 7", "centre and orientation (p, q xyzw), world", optional=True)
+    box3d_in_camera: np.ndarray | None = array("float64", "C 7", "the same in the camera's frame", optional=True)
     contact_env: np.ndarray | None = array("int32", "M", "environment of each contact", optional=True)
     contact_body: np.ndarray | None = array("int32", "M 2", "body indices, -1 = world", optional=True)
     contact_position: np.ndarray | None = array("float64", "M 3", "[m], world", optional=True)
     contact_force: np.ndarray | None = array("float64", "M 3", "[N] on the second body, world", optional=True)
     names: list[str] = field(default_factory=list)
-    """Names of the bodies in pose and velocity."""
+    """Names of the bodies in pose, velocity and acceleration."""
 
 
 @dataclass

@@ -34,6 +34,8 @@ Buffer = bytes | bytearray | memoryview
 Layout = tuple[tuple[str, np.dtype, tuple[int, ...]], ...]
 _MOMENT = struct.Struct("<qqq")
 _passed: set[tuple[type[Message], Layout]] = set()
+_latest: dict[type[Message], Layout] = {}
+"""What has passed last of each type."""
 
 
 @dataclass
@@ -69,12 +71,16 @@ def layout(arrays: Mapping[str, np.ndarray]) -> Layout:
 
 def check_layout(message_type: type[Message], arrays: Mapping[str, np.ndarray]) -> None:
     """Checks arrays as `check_arrays` does, remembering what has passed. Raises MessageError."""
-    key = message_type, layout(arrays)
+    found = layout(arrays)
+    if _latest.get(message_type) == found:  # to compare dtypes is quick, to hash them is not
+        return
+    key = message_type, found
     if key not in _passed:
         check_arrays(message_type, dict(arrays))
         if len(_passed) >= MAX_PASSED:
             _passed.clear()
         _passed.add(key)
+    _latest[message_type] = found
 
 
 def pack_header(message: Message, arrays: Mapping[str, np.ndarray], extra: dict[str, Any] | None = None) -> bytes:

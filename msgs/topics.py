@@ -11,6 +11,7 @@ from msgs.camera import (
     CameraInfo,
     Depth,
     EventPacket,
+    EventSignal,
     Frames,
     Ids,
     Image,
@@ -23,7 +24,7 @@ from msgs.camera import (
 )
 from msgs.diagnostics import Diagnostics
 from msgs.header import Message
-from msgs.world import Action, Clock, WorldState
+from msgs.world import Action, Clock, Reset, WorldState
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,7 @@ TOPICS: tuple[Topic, ...] = (
     #     pattern           type         lockstep latched queue recorded
     Topic("/clock", Clock, False, False, 2, False, "current time and real-time factor"),
     Topic("/action", Action, True, False, 2, True, "controls for the step at its stamp"),
+    Topic("/reset", Reset, True, False, 2, True, "environments to begin anew, with which seeds"),
     Topic("/state", WorldState, True, False, 8, True, "poses and twists of all bodies at sub-step times"),
     Topic("/diagnostics", Diagnostics, False, False, 64, True, "rates, lag, drops and warnings of every node"),
     Topic("/<cam>/info", CameraInfo, True, True, 1, True, "what the camera is"),
@@ -62,6 +64,7 @@ TOPICS: tuple[Topic, ...] = (
     Topic("/<cam>/normal", Normal, True, False, 2, False, "surface normals of the keyframe"),
     Topic("/<cam>/frames", Frames, True, False, 2, False, "luminance between keyframes"),
     Topic("/<cam>/events", EventPacket, True, False, 16, True, "events of one interval"),
+    Topic("/<cam>/signal", EventSignal, True, False, 16, False, "which events light made, and which noise"),
     Topic("/<cam>/labels", Labels, True, False, 2, True, "ground truth at the event packet's stamp"),
     Topic("/<cam>/audit", Audit, True, False, 16, True, "error of the events so far, by an audit of some pixels"),
     Topic("/<cam>/imu", Imu, True, False, 16, True, "inertial samples"),

@@ -10,6 +10,7 @@ import numpy as np
 
 from msgs.fields import MessageError, array
 from msgs.header import Header, Message
+from msgs.own_time import ORIGIN, own_rows
 
 
 @dataclass
@@ -29,6 +30,19 @@ class Action(Message):
 
 
 @dataclass
+class Reset(Message):
+    """Asks physics to begin environments anew: the next state that it publishes is their start.
+
+    `envs`: which; none named = all. `seeds`: of each of these, the seed of all that is random in it from then on, as a
+    single run with that seed has; -1 = it keeps its seed, and what is random differs by the number of the reset.
+    """
+
+    header: Header
+    envs: np.ndarray = array("int32", "?", "environments, none = all")
+    seeds: np.ndarray = array("int64", "?", "seed of each of them, -1 = keep; none = all keep theirs")
+
+
+@dataclass
 class WorldState(Message):
     """Carries poses and twists of the bodies over the interval that ends at header.stamp_ns.
 
@@ -39,6 +53,11 @@ class WorldState(Message):
     Only the bodies that move within the interval, B of the N, come with all sub-steps; every other one is at its
     `end_pose` all along, without velocity. `rows` gives any body's sub-steps as if all were there, and `dense` makes a
     message of them.
+
+    Once an environment was reset by itself, each has sub-steps of its own, at `own_t` since its reset; an environment
+    with fewer of them repeats its first, and `t` are those of one that has them all. A reset at the present stamp
+    comes as a state of that very stamp, in which `episodes` has gone up where one begins anew; the other environments
+    are then as they were.
     """
 
     VERSION: ClassVar[int] = 2
@@ -52,12 +71,17 @@ class WorldState(Message):
     episodes: np.ndarray = array("int32", "E", "episode of each environment")
     qpos: np.ndarray | None = array("float64", "E S nq", "joint positions", optional=True)
     qvel: np.ndarray | None = array("float64", "E S nv", "joint velocities", optional=True)
+    acceleration: np.ndarray | None = array(
+        "float64", "E N 6", "linear [m/s^2] and angular [rad/s^2] acceleration at t[-1], world", optional=True
+    )
     contact_env: np.ndarray | None = array("int32", "M", "environment of each contact at t[-1]", optional=True)
     contact_body: np.ndarray | None = array("int32", "M 2", "body indices, -1 = world", optional=True)
     contact_position: np.ndarray | None = array("float64", "M 3", "world position [m]", optional=True)
     contact_normal: np.ndarray | None = array("float64", "M 3", "world normal, first to second body", optional=True)
     contact_force: np.ndarray | None = array("float64", "M 3", "force on the second body [N], world", optional=True)
     contact_distance: np.ndarray | None = array("float64", "M", "gap [m], negative = penetration", optional=True)
+    own: np.ndarray | None = own_rows()
+    own_t: np.ndarray | None = array("int64", "E S", "sub-step times in own time [ns], not descending", optional=True)
     names: list[str] = field(default_factory=list)
 
     @classmethod
@@ -93,6 +117,12 @@ class WorldState(Message):
         twist = np.zeros((*self.end_pose.shape[:2], 6))
         twist[:, self.moving] = self.moving_twist[:, -1]
         return twist
+
+    def times(self, env: int) -> np.ndarray:
+        """Returns the sub-step times of one environment on the clock of the stamps, int64 [S] ns."""
+        if self.own is None or self.own_t is None:
+            return self.t
+        return np.asarray(self.own_t[env] + self.own[env, ORIGIN])
 
     def check(self) -> None:
         """Checks as every message does; also raises MessageError unless `moving` names bodies there are, in order."""

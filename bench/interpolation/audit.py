@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from bench import command
 from bench.interpolation.light import CASES
-from evis.runtime.clock import NS, keyframe_count, keyframe_stamp
+from evis.runtime.clock import NS, keyframe_count
 from evis.scene import load_scene
-from evis.scene.model import Scene
-from msgs.header import Header
+from evis.simulation.simulation import Simulation
 from msgs.world import WorldState
 from nodes.audit.audit import Audit, AuditOptions
 from nodes.audit.budget import Rates, pixels_for
-from nodes.event_sensor.sensor import EventSensor
-from nodes.interpolator.auto.setting import LIGHT
-from nodes.interpolator.auto.world import World
-from nodes.interpolator.interpolator import Interpolator
-from nodes.interpolator.keyframe import States
-from nodes.renderer.renderer import Renderer
 
 COMMAND = "evis bench audit"
 SCENES = (
@@ -34,6 +27,7 @@ COUNTS = (16, 32, 64)
 """Pixels beside those by default."""
 SETTINGS = ((346, 260, 30.0, 8), (96, 72, 30.0, 32))
 """Width, height, keyframes a second and frames to each."""
+TIMED = ("renderer", "interpolator", "event_sensor")
 SKIPPED = 2
 """Keyframes whose time does not count, for in them memory is found and kernels are loaded."""
 
@@ -41,16 +35,25 @@ Gap = tuple[np.ndarray, np.ndarray, np.ndarray, WorldState]
 
 
 class Recorded:
-    """A run of a scene's first camera in one process: its gaps, and CPU seconds for each simulated second."""
+    """A run of a scene's first camera: its gaps, and CPU seconds of renderer, interpolator and sensor for each
+    simulated second.
+    """
 
-    def __init__(self, scene: Scene, seconds: float, rate: float, upsampling: int) -> None:
-        self.scene, self.seconds = scene, seconds
+    def __init__(self, scene: str, seconds: float, size: Mapping[str, int], rate: float, upsampling: int) -> None:
+        self.seconds = seconds
         self.gaps: list[Gap] = []
-        spent: list[float] = []
-        for took, gap in _gaps(scene, seconds, rate, upsampling):
-            spent.append(took)
-            self.gaps.append(gap)
-        self.run_s = float(np.mean(spent[SKIPPED:])) * rate
+        spent = [0.0]
+        with Simulation(
+            scene, outputs=["events", "frames", "state"], cameras=[load_scene(scene).cameras[0].name],
+            threshold=THRESHOLD, keyframe_rate=rate, upsampling=upsampling, **size,
+        ) as sim:  # fmt: skip
+            self.scene = sim.scene
+            for k in range(keyframe_count(round(seconds * NS), rate)):
+                step = sim.step() if k else sim.reset()
+                spent.append(sum(node["cpu_s"] for name, node in sim.summary().items() if name in TIMED))
+                assert step.frames is not None and step.frames.luminance is not None and step.state is not None
+                self.gaps.append((step.frames.luminance, step.frames.t, step.episodes, step.state))
+        self.run_s = float(np.mean(np.diff(spent)[SKIPPED:])) * rate
 
     def audited(self, pixels: int) -> tuple[Audit, float]:
         """Gives an audit of the run, and its CPU seconds for each simulated second."""
@@ -63,32 +66,11 @@ class Recorded:
         return audit, (time.process_time() - start) / self.seconds
 
 
-def _gaps(scene: Scene, seconds: float, rate: float, upsampling: int) -> Iterator[tuple[float, Gap]]:
-    """CPU seconds of each gap in renderer, interpolator and sensor, and what an audit gets of it."""
-    camera, duration = scene.cameras[0], round(seconds * NS)
-    world, renderer = World(scene, duration), Renderer(scene, camera)
-    interpolator = Interpolator("rigid", upsampling, scene=scene, camera=camera)
-    sensor = EventSensor(camera.height, camera.width, threshold=THRESHOLD)
-    episodes, before, previous = np.zeros(1, np.int32), 0, None
-    for k in range(keyframe_count(duration, rate)):
-        stamp = keyframe_stamp(k, rate)
-        poses, states = world.poses(stamp), States(*world.states(before, stamp))
-        start = time.process_time()
-        image = renderer.render(poses, previous, {LIGHT}, {}, stamp)[LIGHT].copy()
-        t, frames = interpolator.push(stamp, episodes, image, None, None, states=states)
-        sensor.process(np.asarray(frames), t, episodes)
-        took = time.process_time() - start
-        message = WorldState.dense(Header(stamp), states.t, states.pose, states.twist, episodes)
-        yield took, (np.array(frames), np.array(t), episodes, message)
-        previous, before = poses, stamp
-
-
 def rows(name: str, scene: str, setting: tuple[int, int, float, int], seconds: float, quick: bool) -> Iterator[Any]:
     """Measures one scene with the pixels of the default, and with more and fewer."""
     width, height, rate, upsampling = setting
-    world = load_scene(scene, {"width": width, "height": height})
-    usual = pixels_for(world, world.cameras[0], Rates(rate, upsampling))
-    recorded = Recorded(world, seconds, rate, upsampling)
+    recorded = Recorded(scene, seconds, {"width": width, "height": height}, rate, upsampling)
+    usual = pixels_for(recorded.scene, recorded.scene.cameras[0], Rates(rate, upsampling))
     for pixels in dict.fromkeys((usual, *(() if quick else COUNTS))):
         audit, took = recorded.audited(pixels)
         report = audit.report()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from msgs.camera import EventPacket
+from msgs.camera import CameraInfo, EventPacket
 from msgs.fields import array_specs
 from msgs.header import Message
 
@@ -40,6 +40,8 @@ def split(message: Message, envs: int) -> list[tuple[Message, dict[str, list[int
     """
     if isinstance(message, EventPacket):
         return [(_events(message, e), {}) for e in range(envs)]
+    if isinstance(message, CameraInfo):
+        return [(_info(message, e), {}) for e in range(envs)]
     specs = array_specs(type(message))
     arrays = {n: np.asarray(a) for n, a in message.arrays().items()}
     sorted_tables = {n: bool((np.diff(arrays[n]) >= 0).all()) for n in arrays if _table(n, specs) == n}
@@ -84,6 +86,8 @@ def join(parts: Sequence[tuple[Message, dict[str, list[int]]]]) -> Message:
     first = parts[0][0]
     if isinstance(first, EventPacket):
         return _join_events([m for m, _ in parts])  # type: ignore[misc]
+    if isinstance(first, CameraInfo):
+        return _join_infos([m for m, _ in parts])  # type: ignore[misc]
     specs = array_specs(type(first))
     changes: dict[str, Any] = {}
     for name in first.arrays():
@@ -107,3 +111,17 @@ def _join_events(packets: list[EventPacket]) -> EventPacket:
     cut: dict[str, Any] = {n: np.concatenate([getattr(p, n) for p in packets]) for n in names}
     sizes = [int(p.env_offsets[-1]) for p in packets]
     return dataclasses.replace(packets[0], env_offsets=np.cumsum([0, *sizes], dtype=np.int64), **cut)
+
+
+def _info(info: CameraInfo, e: int) -> CameraInfo:
+    """The camera as environment e has it."""
+    assert info.env_k is not None and info.env_distortion is not None
+    drawn = {place: values[e : e + 1] for place, values in info.drawn.items()}
+    k, distortion = np.array(info.env_k[e]), np.array(info.env_distortion[e])
+    return dataclasses.replace(info, k=k, distortion=distortion, env_k=None, env_distortion=None, drawn=drawn)
+
+
+def _join_infos(infos: list[CameraInfo]) -> CameraInfo:
+    drawn = {place: [value for info in infos for value in info.drawn[place]] for place in infos[0].drawn}
+    k, distortion = (np.stack([getattr(info, name) for info in infos]) for name in ("k", "distortion"))
+    return dataclasses.replace(infos[0], env_k=k, env_distortion=distortion, drawn=drawn)

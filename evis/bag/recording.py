@@ -129,6 +129,7 @@ class EvisBagRecording(BlockRecording):
         self._reader = BagReader(path)
         topics = self._event_topics()
         self.info = RecordingInfo(str(path), "mcap", "evis", 0, 0, "file", path.stat().st_size)
+        self.info.topics = tuple(topics)
         try:
             if not topics:
                 others = ", ".join(self._reader.topics)

@@ -19,12 +19,15 @@ stop the stream) until one more `release`. Both sides must be looked after to co
 `missing`) and the subscriber's `connected` (or `receive`). A message is published once: a received one, or one that was
 published before, is refused.
 
+A topic that only nodes of its own process can read has a `LocalPublisher`: the same calls, without a socket.
+
 Sockets are files in a directory that is private to the user: nobody else, and no other machine, can connect.
 """
 
 from evis.bus.endpoints import Endpoints, endpoints_for
 from evis.bus.errors import BusError, PeerLost
 from evis.bus.lease import END, End
+from evis.bus.local import LocalPublisher
 from evis.bus.publisher import Publisher
 from evis.bus.slots import Slot, SlotPool
 from evis.bus.subscriber import Subscriber
@@ -34,6 +37,7 @@ __all__ = [
     "BusError",
     "End",
     "Endpoints",
+    "LocalPublisher",
     "PeerLost",
     "Publisher",
     "Slot",

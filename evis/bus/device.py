@@ -19,6 +19,7 @@ import numpy as np
 from evis.bus.errors import BusError
 from evis.bus.slots import MOST_SLOTS, aligned, rounded
 from msgs.codec import check_layout
+from msgs.fields import array_specs
 from msgs.header import Message
 
 if TYPE_CHECKING:
@@ -33,8 +34,9 @@ Asked = Mapping[str, tuple[tuple[int, ...], Any]]
 
 def device_of(message: Message) -> Any:
     """Returns the device that the first of a message's Warp arrays lies on; None where all are numpy's."""
-    for value in message.arrays().values():
-        if not isinstance(value, np.ndarray):
+    for name in array_specs(type(message)):
+        value = getattr(message, name)
+        if value is not None and not isinstance(value, np.ndarray):
             return value.device
     return None
 

@@ -45,6 +45,14 @@ def endpoints_for(directory: str | os.PathLike[str], topic: str) -> Endpoints:
     return Endpoints(*(f"ipc://{p}" for p in paths))
 
 
+def door_of(directory: str | os.PathLike[str], node: str) -> Path:
+    """Names the Unix socket at which a node of a run takes messages from outside the graph. Raises BusError."""
+    path = Path(directory).absolute() / f"{node.replace('/', '~')}.door"
+    if len(os.fsencode(path)) > SUN_PATH:
+        raise BusError(f"the socket path {path} is longer than the {SUN_PATH} bytes that the system allows")
+    return path
+
+
 def check_bind(address: str) -> None:
     """Refuses an address that others could reach: any but a socket file in a directory of the user's own."""
     scheme, _, path = address.partition("://")

@@ -169,23 +169,11 @@ class Publisher:
 
     def passed(self, message: Message) -> None:
         """Counts a message whose arrays stay on their device, for nobody outside this process gets it."""
-        self._check(message)
+        check_sent(self.topic, self.node, self.message_type, message)
         message.header.seq = self._seq
         self._bytes += check(message)
         self._seq += 1
         self._tap.skipped += bool(self._tap.listeners)
-
-    def _check(self, message: Message) -> None:
-        if type(message) is not self.message_type:
-            raise BusError(
-                f"topic {self.topic}: {self.node} declared {self.message_type.__name__} and published "
-                f"{type(message).__name__}"
-            )
-        if message._slot is not None:
-            raise BusError(
-                f"topic {self.topic}: {self.node} published a message that came from the bus or was published before: "
-                "make a new one (dataclasses.replace with a new header)"
-            )
 
     def send(self, message: Message, timeout_s: float | None = None) -> Slot | None:
         """Publishes a message, and fills header.seq.
@@ -196,7 +184,7 @@ class Publisher:
         (`unpin` it when local delivery is over), or None when they lie in no slot. A latched message does not wait for
         consumers that are not connected yet: they get the last value when they come.
         """
-        self._check(message)
+        check_sent(self.topic, self.node, self.message_type, message)
         arrays = contents(message)
         self._wait_for_credit(timeout_s)
         message.header.seq = self._seq
@@ -315,3 +303,14 @@ class Publisher:
             "spare_slots": self._pool.spares,
             "rejected": self._consumers.rejected + self._consumers.inbox.garbage + self._tap.rejected,
         }
+
+
+def check_sent(topic: str, node: str, message_type: type[Message], message: Message) -> None:
+    """Raises BusError for a message that a node must not publish on a topic: of another type, or one sent before."""
+    if type(message) is not message_type:
+        raise BusError(f"topic {topic}: {node} declared {message_type.__name__} and published {type(message).__name__}")
+    if message._slot is not None:
+        raise BusError(
+            f"topic {topic}: {node} published a message that came from the bus or was published before: "
+            "make a new one (dataclasses.replace with a new header)"
+        )

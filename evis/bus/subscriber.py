@@ -30,7 +30,8 @@ class Subscriber:
     """Receives one topic: without loss as a declared consumer `node:port`, or (tap) as much as comes through.
 
     context: of ZeroMQ, the process's. topic, node, port: names. endpoints: the publisher's addresses. message_type: the
-    only one that it takes. window: messages it lets the publisher be ahead. All calls are from one thread.
+    only one that it takes. window: messages it lets the publisher be ahead. every: a tap that asks for every message,
+    not at the rate of a viewer. All calls are from one thread.
     `lost`: messages missed, by their sequence numbers; `rejected`: what came and was no message.
     Raises BusError and PeerLost.
     """
@@ -45,6 +46,7 @@ class Subscriber:
         *,
         message_type: type[Message],
         tap: bool = False,
+        every: bool = False,
         window: int = 2,
     ) -> None:
         self.topic = topic
@@ -52,6 +54,7 @@ class Subscriber:
         self.endpoints = endpoints
         self.message_type = message_type
         self.tap = tap
+        self.every = every
         self.lost = 0
         self.rejected = 0
         self.publisher = "the publisher"
@@ -109,6 +112,8 @@ class Subscriber:
             self._inbox = MessageInbox(self._window)
             self._either = wire.poller(self._data, self._inbox.fileno())
         self._data.connect(self.endpoints.tap if self.tap else self.endpoints.lockstep)
+        if self.every:
+            self._data.setsockopt(zmq.SUBSCRIBE, wire.EVERY)
         self._data.setsockopt(zmq.SUBSCRIBE, self._frame)
         self._key = wire.private_key(self.name, token)
         self._data.setsockopt(zmq.SUBSCRIBE, self._key)

@@ -30,12 +30,14 @@ END_WAIT_S = 0.2
 class TapSender:
     """Sends the lossy copy of one topic.
 
-    hz: most messages per second, 0 = all; the ones between are skipped and counted.
+    hz: most messages per second, 0 = all; the ones between are skipped and counted, unless a listener wants every one.
     """
 
     def __init__(self, topic: str, hz: float) -> None:
         self.topic = topic.encode()
         self.listeners = 0
+        self.eager = 0
+        """Listeners that want every message."""
         self.sent = 0
         self.skipped = 0
         self.rejected = 0
@@ -56,6 +58,8 @@ class TapSender:
             self.rejected += 1
         elif key == self.topic:
             self.listeners = max(0, self.listeners + (1 if frames[0][0] else -1))
+        elif key == wire.EVERY:
+            self.eager = max(0, self.eager + (1 if frames[0][0] else -1))
         elif not key.startswith(b"!"):
             self.rejected += 1
         elif frames[0][0] and self.latched:
@@ -63,14 +67,14 @@ class TapSender:
 
     def ready(self) -> bool:
         """Says whether the next message would go out. Counts nothing."""
-        return self.listeners > 0 and time.monotonic() >= self._next
+        return self.listeners > 0 and (self.eager > 0 or time.monotonic() >= self._next)
 
     def due(self) -> bool:
         """Says whether somebody listens and the rate limit lets the next message through; counts it if not."""
         if not self.listeners:
             return False
         now = time.monotonic()
-        if now < self._next:
+        if now < self._next and not self.eager:
             self.skipped += 1
             return False
         # Keep to the grid while messages come steadily; start a new one after a pause.
@@ -79,6 +83,9 @@ class TapSender:
 
     def send(self, frames: list[Buffer]) -> None:
         """Copies a message into the socket's queue; never waits."""
+        if self.eager:
+            # Otherwise libzmq looks at what the readers have taken only now and then, and drops by what it knew before.
+            self.socket.getsockopt(zmq.EVENTS)
         wire.send(self.socket, [self.topic, *frames])
         self.sent += 1
 

@@ -23,6 +23,9 @@ WELCOME, REFUSED = b"W", b"X"
 END_HEADER = b"END"
 """In place of a message's header: the stream is over."""
 
+EVERY = b"*"
+"""What a tap subscribes beside the topic that wants every message of it."""
+
 MAX_TALK = 1 << 16
 """Longest frame that a publisher accepts [bytes]; who sends more is disconnected."""
 

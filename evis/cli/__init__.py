@@ -16,7 +16,8 @@ from evis.console import interrupt
 COMMANDS = {
     "launch": ("graph.launch", "start a graph of nodes"),
     "run": ("graph.run", "run one node by hand"),
-    "topic": ("graph.topic", "list, echo and measure the topics of a running graph"),
+    "topic": ("graph.topic", "list, echo, measure and publish the topics of a running graph"),
+    "reset": ("graph.reset", "begin a running simulation anew"),
     "node": ("graph.node", "list and describe the nodes of a running graph"),
     "graph": ("graph.graph", "draw a running graph"),
     "doctor": ("machine.doctor", "check this machine and this installation"),

@@ -10,7 +10,6 @@ import _thread
 import os
 import sys
 from types import TracebackType
-from typing import Any
 
 STATUS = 130
 """Exit status after Ctrl-C: 128 and the number of SIGINT, as shells have it."""
@@ -30,7 +29,7 @@ def _unhandled(kind: type[BaseException], error: BaseException, trace: Traceback
     os._exit(STATUS)
 
 
-def _unraisable(ignored: Any) -> None:
+def _unraisable(ignored: sys.UnraisableHookArgs) -> None:
     """Ctrl-C within a finalizer would be shown and forgotten: it is sent again."""
     if not issubclass(ignored.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(ignored)

@@ -103,6 +103,8 @@ class RecordingInfo:
     truncated: bool = False
     """The file is cut: all events before the cut are given. Known at the end of reading at the latest."""
     warnings: list[str] = field(default_factory=list)
+    topics: tuple[str, ...] = ()
+    """Event streams that `OpenOptions.topic` chooses among, where the format has such names."""
 
     def warn(self, text: str) -> None:
         """Adds a warning, each text once."""

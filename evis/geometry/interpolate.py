@@ -58,15 +58,35 @@ def state_at(
     return (pose, twist) if np.ndim(t) else (pose[..., 0, :, :], twist[..., 0, :, :])
 
 
+def gaps(times: np.ndarray, poses: np.ndarray, twists: np.ndarray) -> np.ndarray:
+    """Computes the cubics that lead from each time to the next, for whoever evaluates them elsewhere.
+
+    Args as of `pose_at`. Returns float64 [..., S - 1, N, 18]: rise and both end slopes of the position, then of the
+    rotation vector theta, each a vector, slopes per unit of u in [0, 1].
+    """
+    h = (np.diff(np.asarray(times, np.int64)) * NS)[:, None, None]
+    a, b = slice(None, -1), slice(1, None)
+    return np.concatenate(
+        _ends(h, poses[..., a, :, :], poses[..., b, :, :], twists[..., a, :, :], twists[..., b, :, :]), -1
+    )
+
+
+def _ends(h: np.ndarray, p0: np.ndarray, p1: np.ndarray, v0: np.ndarray, v1: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Rise and end slopes of position and rotation vector over gaps of h seconds."""
+    spin0, spin1 = h * v0[..., 3:], h * v1[..., 3:]
+    phi = se3.log(se3.multiply(p1[..., 3:], se3.conjugate(p0[..., 3:])))
+    phi = _unwrap(phi, 0.5 * (spin0 + spin1))
+    shift = p1[..., :3] - p0[..., :3], h * v0[..., :3], h * v1[..., :3]
+    return (*shift, phi, spin0, _inverse_left_jacobian(phi, spin1))
+
+
 def _between(
     u: np.ndarray, h: np.ndarray, p0: np.ndarray, p1: np.ndarray, v0: np.ndarray, v1: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pose and twist at the fraction u of gaps of h seconds, from the poses and twists at both ends."""
-    position, velocity = _hermite(u, p1[..., :3] - p0[..., :3], h * v0[..., :3], h * v1[..., :3])
-    spin0, spin1 = h * v0[..., 3:], h * v1[..., 3:]
-    phi = se3.log(se3.multiply(p1[..., 3:], se3.conjugate(p0[..., 3:])))
-    phi = _unwrap(phi, 0.5 * (spin0 + spin1))
-    theta, slope = _hermite(u, phi, spin0, _inverse_left_jacobian(phi, spin1))
+    ends = _ends(h, p0, p1, v0, v1)
+    position, velocity = _hermite(u, *ends[:3])
+    theta, slope = _hermite(u, *ends[3:])
     pose = se3.make_pose(p0[..., :3] + position, se3.multiply(se3.exp(theta), p0[..., 3:]))
     return pose, np.concatenate((velocity, _left_jacobian(theta, slope)), axis=-1) / h
 

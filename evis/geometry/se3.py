@@ -161,6 +161,22 @@ def compose_twist(parent_pose: np.ndarray, parent_twist: np.ndarray, pose: np.nd
     return np.concatenate((v, omega + rotate(q, twist[..., 3:])), axis=-1)
 
 
+def compose_acceleration(
+    parent_pose: np.ndarray, parent_twist: np.ndarray, parent_acceleration: np.ndarray, pose: np.ndarray,
+    twist: np.ndarray, acceleration: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Computes the world acceleration [..., 6] (a, alpha) of a frame that moves in a parent that moves itself.
+
+    pose, twist, acceleration: of the frame in the parent; parent_*: of the parent in the world. The derivative of
+    `compose_twist`.
+    """
+    q, omega, alpha = parent_pose[..., 3:], parent_twist[..., 3:], parent_acceleration[..., 3:]
+    arm, velocity, spin = (rotate(q, a) for a in (pose[..., :3], twist[..., :3], twist[..., 3:]))
+    linear = parent_acceleration[..., :3] + cross(alpha, arm) + cross(omega, cross(omega, arm))
+    linear = linear + 2.0 * cross(omega, velocity) + rotate(q, acceleration[..., :3])
+    return np.concatenate((linear, alpha + rotate(q, acceleration[..., 3:]) + cross(omega, spin)), axis=-1)
+
+
 def look_at(eye: np.ndarray, target: np.ndarray, up: np.ndarray = Z_UP) -> np.ndarray:
     """Computes the pose of a camera at `eye` that looks (+z) at `target`, with `up` upwards in the image (-y).
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import sys
 import sysconfig
@@ -17,9 +18,10 @@ _files: dict[str, list[str]] = {}
 """Module of a node that does not come with evis -> the files that were imported for it."""
 
 
-def types() -> list[str]:
+@functools.cache
+def types() -> tuple[str, ...]:
     """Lists the node types that come with evis."""
-    return sorted(path.parent.name for path in (ROOT / "nodes").glob("*/node.py"))
+    return tuple(sorted(path.parent.name for path in Path(ROOT, "nodes").glob("*/node.py")))
 
 
 def comes_with_evis(node_type: str) -> bool:
@@ -27,7 +29,7 @@ def comes_with_evis(node_type: str) -> bool:
     if ":" not in node_type:
         return True
     top, *rest = node_type.partition(":")[0].split(".")
-    return top in (*PACKAGES, "evis") and ROOT.joinpath(top, *rest).with_suffix(".py").is_file()
+    return top in (*PACKAGES, "evis") and Path(ROOT, top, *rest).with_suffix(".py").is_file()
 
 
 def files_of(target: str) -> list[str]:
@@ -69,7 +71,7 @@ def load(node_type: str, where: str, folder: Path | None = None) -> tuple[str, t
 
 def _note(name: str, module: Any, before: set[str]) -> None:
     """Keep which files the import of a module has brought; the second import of one brings none."""
-    known = [ROOT / package for package in (*PACKAGES, "evis")]
+    known = [Path(ROOT, package) for package in (*PACKAGES, "evis")]
     known += [Path(place).resolve() for place in sysconfig.get_paths().values()]
     new = [m for key, m in list(sys.modules.items()) if key not in before and m is not module]
     paths = [Path(file).resolve() for m in new if (file := getattr(m, "__file__", None))]

@@ -58,7 +58,7 @@ class Pruner:
         for port in node.needs(node.outputs) & node.inputs.keys():
             if node.inputs[port] in self._publishers or node.inputs[port] in SYSTEM_TOPICS:
                 inputs[port] = [node.inputs[port]]
-            elif not node.cls.INPUTS[port].delayed:
+            elif node.cls.INPUTS[port].needed:
                 raise self._unpublished(node, node.inputs[port])
         if node.any_port is not None:
             inputs[node.any_port] = self._chosen(node)
@@ -80,7 +80,7 @@ class Pruner:
             if port in needed and port not in inputs:
                 topic = node.inputs[port]
                 if topic not in SYSTEM_TOPICS and topic not in self._publishers:
-                    if node.cls.INPUTS[port].delayed or self._partial:
+                    if not node.cls.INPUTS[port].needed or self._partial:
                         continue
                     raise self._unpublished(node, topic)
                 inputs[port] = [topic]
@@ -163,9 +163,10 @@ def left_out(nodes: list[Wired], demand: Demand, absent: Mapping[str, str]) -> l
             if port not in demand.wanted[node.name] and topic not in SYSTEM_TOPICS and not find_topic(topic).latched:
                 found.append(LeftOut(topic, "nobody reads it; made only while somebody looks at it"))
         for port, topic in node.inputs.items():
-            if port not in demand.inputs[node.name] and (
-                node.cls.INPUTS[port].delayed or (topic not in published and topic not in SYSTEM_TOPICS)
-            ):
+            declared = node.cls.INPUTS[port]
+            unpublished = topic not in published and topic not in SYSTEM_TOPICS
+            given = declared.outside or (declared.needed and not unpublished)
+            if port not in demand.inputs[node.name] and not given:
                 found.append(LeftOut(f"{node.name}{ABSENT}{topic}", "nobody publishes it"))
         found += [LeftOut(what, why) for what, why in {**node.cls.imports(node.params), **node.spec.spares}.items()]
     return _merged(found)

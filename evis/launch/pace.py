@@ -31,7 +31,7 @@ def check_pace(plan: Plan, nodes: Mapping[str, Wired]) -> None:
         paces[name] = math.lcm(*above) * (1 if node.cls.SOURCE else node.divides)
     for topic in plan.topics.values():
         for edge in topic.edges:
-            if edge.kind == "delayed" and edge.node in nodes:
+            if edge.node in nodes and nodes[edge.node].cls.INPUTS[edge.port].delayed:
                 _check(nodes[edge.node], topic.node, topic.name, paces.get(topic.node, 1))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -72,10 +72,14 @@ def plan_target(name: str, given: Mapping[str, Any], options: Options) -> Plan:
 
 
 def plan_launch(
-    launch: LaunchFile, given: Mapping[str, Any], options: Options, held: Collection[str] | None = None
+    launch: LaunchFile,
+    given: Mapping[str, Any],
+    options: Options,
+    held: Collection[str] | None = None,
+    edit: Callable[[Expanded], None] | None = None,
 ) -> Plan:
     """Plans a launch file that has been read; see `plan_file`. held: the given arguments that must have an effect, all
-    if None.
+    if None. edit: takes the file's nodes before they are wired, to add others to them.
     """
     if options.duration_s is not None and options.duration_s <= 0:
         raise LaunchError(f"--duration is {options.duration_s:g}, it must be longer than 0 s")
@@ -83,6 +87,8 @@ def plan_launch(
     hide = Redactor(str(given[name]) for name, a in launch.arguments.items() if a.param.secret and name in given)
     try:
         expanded = expand(launch, given, options.names())
+        if edit is not None:
+            edit(expanded)
         plan = plan_nodes(expanded, launch.path.resolve().parent, options)
         for secret in plan.secrets:
             hide.add(secret)
@@ -128,7 +134,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     plan.random = {
         node.name: list(node.cls.random(node.params))
         for node in chosen
-        if "seed" in node.cls.PARAMS and not plan.nodes[node.name].dormant
+        if _draws(node) and not plan.nodes[node.name].dormant
     }
     plan.imports = list(dict.fromkeys(file for node in nodes for file in files_of(node.target)))
     plan.unknown = [_as_written(spec) for spec in unknown]
@@ -139,6 +145,11 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     plan.sensors = {_folder(node): dict(told) for node in nodes if (told := node.cls.sensor(node.params))}
     plan.launch_text = _resolved(expanded, nodes, Redactor(plan.secrets))
     return plan
+
+
+def _draws(node: Wired) -> bool:
+    """Whether the seed is the node's own, and not handed on for it to see the world that another one tells of."""
+    return "seed" in node.cls.PARAMS and "random" in vars(node.cls)
 
 
 def _with_work(expanded: Expanded, nodes: list[Wired]) -> list[Wired]:
@@ -225,13 +236,14 @@ def _node_plan(node: Wired, demand: Demand, grouping: str) -> NodePlan:
         respawn=node.spec.respawn,
         dormant=dormant,
         keep=list(node.spec.keep),
+        outside={p: node.inputs[p] for p, port in node.cls.INPUTS.items() if port.outside and p not in inputs},
     )
 
 
 def _makeable(node: Wired, port: str, inputs: Mapping[str, Any]) -> bool:
     """An output that nobody reads stays open for viewers, if the inputs that are connected anyway suffice."""
     needed = node.needs([port])
-    return all(p in inputs or node.cls.INPUTS[p].delayed for p in needed if p in node.inputs)
+    return all(p in inputs or not node.cls.INPUTS[p].needed for p in needed if p in node.inputs)
 
 
 def _connect(plan: Plan, chosen: list[Wired], demand: Demand) -> None:
@@ -263,7 +275,7 @@ def _read_arrays(plan: Plan, topic: str, classes: Mapping[str, type[Node]]) -> l
 def _kind(node: Wired, port: str, topic: str, planned: NodePlan) -> str:
     if node.spec.tap or planned.dormant or not find_topic(topic).lockstep:
         return "tap"
-    return "delayed" if node.cls.INPUTS[port].delayed else "lockstep"
+    return "lockstep" if node.cls.INPUTS[port].needed else "delayed"
 
 
 def _in_order(plan: Plan) -> dict[str, NodePlan]:

@@ -24,10 +24,20 @@ class Calls:
     def __init__(self, hosts: Mapping[str, Host], profile: Profile, telemetry: Telemetry, realtime: bool) -> None:
         """realtime: sources are held back so that stamps follow the wall clock."""
         self.stopping = False
+        self._granted: set[str] | None = None
         self._hosts = hosts
         self._profile = profile
         self._telemetry = telemetry
         self._realtime = realtime
+
+    def grant(self, steps: int | None) -> None:
+        """Lets every source that has not ended make one step from now on, or none, or, of None, as many as it can."""
+        sources = {h.name for h in self._hosts.values() if h.node.SOURCE and not h.ended}
+        self._granted = None if steps is None else sources if steps else set()
+
+    def owed(self) -> list[Host]:
+        """Lists the sources that have not made the step that they were granted."""
+        return [self._hosts[name] for name in self._granted or ()]
 
     @staticmethod
     def takes(host: Host, port: str) -> bool:
@@ -96,6 +106,8 @@ class Calls:
         if self.stopping:
             self._end(host)
             return True
+        if self._granted is not None and host.name not in self._granted:
+            return False
         inputs = host.delayed_inputs()
         if inputs is None or (host.pacer and host.pacer.wait_s(self._stamp(host)) > 0):
             return False
@@ -104,9 +116,9 @@ class Calls:
                 alive = host.node.step(inputs)
                 profile.updates += 1
         finally:
-            for port, message in inputs.items():
-                host.delayed[port].pop(message.header.stamp_ns)
-                message.release()
+            host.had(inputs)
+        if self._granted is not None:
+            self._granted.discard(host.name)
         if self._realtime:
             self._pace(host)
         self._telemetry.tick(host)

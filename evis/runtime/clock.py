@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from fractions import Fraction
 
@@ -11,11 +12,13 @@ NS = 1_000_000_000
 """Nanoseconds per second."""
 
 
+@functools.lru_cache(maxsize=64)
 def rate(value: float) -> Fraction:
     """Returns a rate [Hz] as an exact fraction: 30, 29.97, 1000/3 as a user means them, not as binary floats."""
     return Fraction(value).limit_denominator(1_000_000)
 
 
+@functools.lru_cache(maxsize=4096)
 def keyframe_stamp(k: int, keyframe_rate: float) -> int:
     """Returns the stamp [ns] of keyframe k: round(k * 1e9 / keyframe_rate), ties to even, exact at any k."""
     return round(Fraction(k * NS) / rate(keyframe_rate))

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from evis.bus import Publisher
 from evis.bus.device import device_of, on_host
-from evis.runtime.host import Host
+from evis.runtime.host import AnyPublisher, Host
 from msgs.header import Message
 
 
@@ -23,7 +22,7 @@ class Delivery:
     slots: list[Any]
 
     @staticmethod
-    def of(message: Message, publisher: Publisher, consumers: Sequence[tuple[Host, str]]) -> Delivery:
+    def of(message: Message, publisher: AnyPublisher, consumers: Sequence[tuple[Host, str]]) -> Delivery:
         """Sends a message to other processes and viewers, in numpy arrays, and says what the consumers here get."""
         device = device_of(message)
         if device is None:

@@ -6,6 +6,7 @@ bus only where its node can take it: so nothing is lost, and memory is bounded.
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -14,16 +15,17 @@ from typing import Any
 import numpy as np
 import zmq
 
-from evis.bus import END, Publisher
+from evis.bus import END
 from evis.config.secret import Redactor
 from evis.runtime.calls import Calls
 from evis.runtime.delivery import Delivery
-from evis.runtime.host import Inside, NodeFailed, Subscription, Wiring
+from evis.runtime.host import AnyPublisher, Host, Inside, NodeFailed, Subscription, Wiring, load_class
 from evis.runtime.node import Node
+from evis.runtime.outside.door import Door
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
 from evis.runtime.tap import TapSubscription
-from evis.runtime.telemetry import Telemetry
+from evis.runtime.telemetry import Say, Telemetry, say_in_log
 from evis.runtime.wakeup import Wakeup
 from msgs.header import Message
 from msgs.topics import SYSTEM_TOPICS
@@ -44,11 +46,12 @@ class Executor:
         request: Callable[[str], None] | None = None,
         tell: Callable[[str, str], None] | None = None,
         redactor: Redactor | None = None,
+        say: Say = say_in_log,
     ) -> None:
         """Build the nodes. `request` asks the supervisor to start the dormant node of a topic.
 
         tell: takes a node's name and a line that is for the user's eyes alone; to stderr if not given. redactor: the
-        process's, of the plan's secrets if not given.
+        process's, of the plan's secrets if not given. say: takes what nodes say about themselves.
         """
         self.plan = plan
         self.profile = Profile()
@@ -59,18 +62,36 @@ class Executor:
         self._wakeup = Wakeup()
         self._taps: list[TapSubscription] = []
         self._last_idle = 0.0
+        self._latched: dict[str, Message] = {}
+        """What was published last on each latched topic, for a node that is made anew."""
         self._wiring = Wiring(plan, process, self._context)
-        self._telemetry = Telemetry(plan, process, self._context, self.profile, self._redactor)
+        self._telemetry = Telemetry(plan, process, self._context, self.profile, self._redactor, say)
         self._hosts = self._wiring.hosts
         self._calls = Calls(self._hosts, self.profile, self._telemetry, plan.mode == "realtime")
         self._subscriptions: list[Subscription] = [s for h in self._hosts.values() for s in h.subscriptions]
-        self._publishers: list[Publisher] = [p for h in self._hosts.values() for p in h.publishers.values()]
+        self._publishers: list[AnyPublisher] = [p for h in self._hosts.values() for p in h.publishers.values()]
         self._publishers += self._telemetry.publishers.values()
+        self._doors = [self._door(host) for host in self._hosts.values() if host.plan.outside]
+
+    def _door(self, host: Host) -> Door:
+        recorded = any(node.target.endswith(":RecorderNode") for node in self.plan.nodes.values())
+        host.door = Door(
+            host.node,
+            host.plan.outside,
+            self.plan.directory,
+            waits=self.plan.mode == "lockstep",
+            now_ns=lambda: self.profile.node(host.name).stamp_ns,
+            say=lambda level, text: self.diagnose(host.node, level, text),
+            note="; the bag keeps what comes of its actions, and not the actions" if recorded else "",
+        )
+        return host.door
 
     # -- life --------------------------------------------------------------------------------------------------------
 
     def setup(self) -> None:
         """Opens the sockets and prepares every node."""
+        for door in self._doors:
+            door.open()  # who knocks during the set-up is heard before the first step
         for publisher in self._publishers:
             publisher.start()
             self._wakeup.hear(publisher, publisher.sockets())
@@ -106,20 +127,94 @@ class Executor:
     def run(self, commands: Commands | None = None) -> None:
         """Runs until every node has ended. `commands` is called at least every IDLE_MS (heartbeat, stop requests)."""
         self._telemetry.start_clock()
+        self._calls.grant(None)
         try:
-            while not self._finished():
-                with self.profile.inside("bus"):
-                    for publisher in self._publishers:
-                        publisher.pump()
-                progress = self._receive()
-                for host in self._hosts.values():
-                    progress |= self._calls.call(host)
-                self._housekeeping(commands)
-                if not progress:
-                    self._wait()
-            self._drain(commands)
+            self._run_out(commands)
         finally:
-            self._close_nodes()
+            self.close_nodes()
+
+    def _run_out(self, commands: Commands | None) -> None:
+        while not self._finished():
+            if not self._turn(commands):
+                self._wait()
+        self._drain(commands)
+
+    def advance(self) -> bool:
+        """Lets every source make one step, and returns when what that brought has passed through all nodes.
+
+        For a graph that is one process. False once every node has ended. Raises RuntimeError where a source waits for a
+        message that nobody is going to send.
+        """
+        self._calls.grant(1)
+        while True:
+            if self._turn(None):
+                continue
+            owed = self._calls.owed()
+            if not owed:
+                return not self._finished()
+            if not self._subscriptions and not any(0 < self._calls.due_s(host) < math.inf for host in owed):
+                due = ", ".join(f"{port} at {stamp} ns" for port, stamp in owed[0].node.due().items())
+                raise RuntimeError(f"{owed[0].name} waits for {due}, which nobody sends")
+            self._wait()
+
+    def finish(self) -> None:
+        """Ends the sources of a graph that was stepped by `advance`, and lets every node publish what it holds back."""
+        self.stop()
+        self._calls.grant(None)
+        self._run_out(None)
+
+    def settle(self, act: Callable[[], None]) -> None:
+        """Calls `act`, in which a node publishes, and returns when that has passed through; no source makes a step."""
+        self._calls.grant(0)
+        act()
+        while self._turn(None):
+            pass
+
+    def node(self, name: str) -> Node:
+        """Returns a node of this process."""
+        return self._hosts[name].node
+
+    def rewind(self, plan: Plan) -> None:
+        """Begins the run anew at time 0, as a graph of this plan does after `setup`: the same nodes and topics as
+        before, with other parameters where these differ.
+        """
+        self.plan = plan
+        self._calls.stopping = False
+        for host in self._hosts.values():
+            host.rewind()
+        for host in reversed(self._hosts.values()):
+            host.plan = plan.nodes[host.name]
+            with Inside(None, host.name):
+                if host.node.rewind(host.plan.params):
+                    host.node.restart_totals()
+                else:
+                    self._renew(host)
+        self.profile.nodes.clear()
+        self._telemetry.start_clock()
+
+    def _renew(self, host: Host) -> None:
+        """Puts a new node in the place of one that cannot be rewound, and gives it what was latched before."""
+        host.node.close()
+        host.node = load_class(host.plan.target)(host.name, host.plan.params)
+        host.node.runtime = self
+        host.node.setup()
+        for port, topics in host.plan.inputs.items():
+            for message, topic in [(self._latched[t], t) for t in topics if t in self._latched]:
+                message.keep()
+                self._calls.accept(host, port, topic, message)
+
+    def _turn(self, commands: Commands | None) -> bool:
+        """Gives every topic and every node its turn; True when something came or a node was called."""
+        progress = False
+        if not self.plan.closed:
+            with self.profile.inside("bus"):
+                for publisher in self._publishers:
+                    publisher.pump()
+            progress = self._receive()
+        for host in self._hosts.values():
+            progress |= self._calls.call(host)
+        self._housekeeping(commands)
+        return progress
 
     @property
     def stopping(self) -> bool:
@@ -133,8 +228,8 @@ class Executor:
         """Ends the sources and services of this process; what they sent still flows through."""
         self._calls.stopping = True
 
-    def _close_nodes(self) -> None:
-        """Errors of one do not keep the others open."""
+    def close_nodes(self) -> None:
+        """Closes every node; errors of one do not keep the others open."""
         failure: NodeFailed | None = None
         for host in self._hosts.values():
             try:
@@ -148,6 +243,8 @@ class Executor:
 
     def close(self) -> None:
         """Closes the sockets."""
+        for door in self._doors:
+            door.close()
         for tap in list(self._taps):
             tap.close()
         for subscription in self._subscriptions:
@@ -178,6 +275,8 @@ class Executor:
 
     def _receive(self) -> bool:
         progress = False
+        for door in self._doors:
+            progress |= door.pump()
         for s in self._subscriptions:
             if s.ended or not self._calls.takes(s.host, s.port):
                 continue
@@ -215,6 +314,8 @@ class Executor:
             timeout = min(timeout, max(1e3 * self._calls.due_s(host), 0.0))
         for s in self._subscriptions:
             self._wakeup.hear(s.subscriber, self._sockets(s))
+        for door in self._doors:
+            self._wakeup.hear(door, door.sockets())
         with self.profile.inside("idle"):
             self._wakeup.wait(int(timeout + 0.999))
 
@@ -265,6 +366,8 @@ class Executor:
         if topic is None:
             return
         self.profile.node(node.name).saw(topic, message)
+        if self.plan.topics[topic].latched:
+            self._latched[topic] = message
         with self.profile.inside("bus"):
             consumers = [(c, port) for c, port, consumed in host.downstream if consumed == topic]
             delivery = Delivery.of(message, host.publishers[topic], consumers)

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import zmq
 
-from evis.bus import PeerLost, Publisher, Subscriber, endpoints_for
+from evis.bus import LocalPublisher, PeerLost, Publisher, Subscriber, endpoints_for
 from evis.runtime.clock import Pacer
 from evis.runtime.join import Join
 from evis.runtime.node import Node
+from evis.runtime.outside.door import Door
 from evis.runtime.plan import NodePlan, Plan
 from evis.runtime.profile import Profile
 from msgs.camera import EventPacket
 from msgs.header import Message
 from msgs.topics import SYSTEM_TOPICS, find_topic
 
+AnyPublisher = Publisher | LocalPublisher
 TAP_HZ = 30.0
 EVENT_TAP_HZ = 250.0
 """Taps see images at the rate of a screen; of events, which add up, every packet of a camera that sends some hundred
@@ -43,16 +46,18 @@ def describe(error: BaseException) -> str:
 class Inside:
     """Charges the time of a block to one node, and names the node in what the block raises."""
 
+    __slots__ = ("_name", "_profile")
+
     def __init__(self, profile: Profile | None, name: str) -> None:
         self._name = name
-        self._timer = profile.inside(name) if profile else None
+        self._profile = profile
 
     def __enter__(self) -> Any:
-        return self._timer.__enter__() if self._timer else None
+        return self._profile.enter(self._profile.node(self._name)) if self._profile else None
 
     def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if self._timer:
-            self._timer.__exit__(None, None, None)
+        if self._profile:
+            self._profile.leave()
         if isinstance(error, Exception) and not isinstance(error, (NodeFailed, PeerLost)):
             raise NodeFailed(self._name, error) from error
 
@@ -70,16 +75,18 @@ class Host:
     node: Node
     plan: NodePlan
     join: Join
-    publishers: dict[str, Publisher] = field(default_factory=dict)
+    publishers: dict[str, AnyPublisher] = field(default_factory=dict)
     downstream: list[tuple[Host, str, str]] = field(default_factory=list)
     """(consumer, port, topic) of consumers in this process."""
     subscriptions: list[Subscription] = field(default_factory=list)
     arrays: dict[str, list[str]] = field(default_factory=dict)
     """Topics of which the declared readers need only some arrays, as TopicPlan.arrays says."""
-    gates: list[Publisher] = field(default_factory=list)
+    gates: list[AnyPublisher] = field(default_factory=list)
     """Publishers that must have credit before this node is called."""
+    singles: set[str] = field(default_factory=set)
+    """Topics of declared inputs that are not joined."""
     single_open: set[str] = field(default_factory=set)
-    """Topics of declared inputs that are not joined and have not ended."""
+    """Those of them that have not ended."""
     waiting: set[str] = field(default_factory=set)
     """Latched topics that the node has not seen yet: no update before them."""
     delayed: dict[str, dict[int, Message]] = field(default_factory=dict)
@@ -88,6 +95,8 @@ class Host:
     active: bool = False
     ended: bool = False
     pacer: Pacer | None = None
+    door: Door | None = None
+    """Where programs outside the graph give what nobody in it does."""
 
     @property
     def name(self) -> str:
@@ -96,7 +105,7 @@ class Host:
 
     def open(self) -> bool:
         """Says whether this node may be called now, without a wait inside it."""
-        return all(p.credit() > 0 for p in self.gates)
+        return not self.gates or all(p.credit() > 0 for p in self.gates)
 
     def wants(self, port: str) -> bool:
         """Says whether anybody reads this output now."""
@@ -125,7 +134,14 @@ class Host:
         None: they are not there yet.
         """
         inputs: dict[str, Message] = {}
+        held = {} if self.door is None else self.door.holdings
         for port, stamp in self.node.due().items():
+            if port in held:
+                if held[port].waits(stamp):
+                    return None
+                if (action := held[port].action(stamp)) is not None:
+                    inputs[port] = action
+                continue
             waiting = self.delayed.get(port)
             if waiting is None:
                 continue
@@ -136,7 +152,26 @@ class Host:
             inputs[port] = waiting[stamp]
         return inputs
 
-    def reachable(self) -> list[Publisher]:
+    def rewind(self) -> None:
+        """Forgets every message and every end, as before the first message; latched ones were seen."""
+        for waiting in self.delayed.values():
+            for message in waiting.values():
+                message.release()
+            waiting.clear()
+        self.join.clear()
+        self.single_open = set(self.singles)
+        self.ended, self.pacer = False, None
+
+    def had(self, inputs: Mapping[str, Message]) -> None:
+        """Lets go of what `delayed_inputs` gave: a step has had it."""
+        for port, message in inputs.items():
+            if port in self.delayed:
+                self.delayed[port].pop(message.header.stamp_ns)
+                message.release()
+            elif self.door is not None:
+                self.door.holdings[port].done()
+
+    def reachable(self) -> list[AnyPublisher]:
         """Lists the publishers of this node and of every node of this process that its messages lead to."""
         seen: dict[str, Host] = {}
         todo = [self]
@@ -177,7 +212,7 @@ class Wiring:
             self._outputs(host)
             self._inputs(host)
         for host in self.hosts.values():
-            host.gates = host.reachable()
+            host.gates = [p for p in host.reachable() if not isinstance(p, LocalPublisher)]
 
     @staticmethod
     def _is_joined(node: Node, port: str, topic: str) -> bool:
@@ -197,6 +232,9 @@ class Wiring:
                 else:
                     remote.append(f"{edge.node}:{edge.port}")
             row = find_topic(topic)
+            if self.plan.closed:
+                host.publishers[topic] = LocalPublisher(topic, host.name, row.type, self.plan.window + 1)
+                continue
             host.publishers[topic] = Publisher(
                 self.context,
                 topic,
@@ -218,12 +256,13 @@ class Wiring:
                 kind = self._edge_kind(topic, host.name, port)
                 kinds.add(kind)
                 if port not in host.join.queues and kind == "lockstep":
-                    host.single_open.add(topic)
+                    host.singles.add(topic)
                 if find_topic(topic).latched:
                     host.waiting.add(topic)
                 if kind == "tap" or self.plan.topics[topic].node not in self.hosts:
                     for subscriber in self.subscribe(topic, host.name, port, tap=kind == "tap"):
                         host.subscriptions.append(Subscription(subscriber, host, port, topic, kind != "tap"))
+        host.single_open = set(host.singles)
         host.service = not host.node.SOURCE and kinds <= {"tap"}
 
     def _edge_kind(self, topic: str, node: str, port: str) -> str:
@@ -235,7 +274,12 @@ class Wiring:
         raise ValueError(f"{node}: input {port} reads {topic}, but the plan has no such edge")
 
     def subscribe(self, topic: str, node: str, port: str, *, tap: bool) -> list[Subscriber]:
-        """Makes the subscribers of a topic, not started: one, or one per process for a system topic."""
+        """Makes the subscribers of a topic, not started: one, or one per process for a system topic.
+
+        Raises ValueError in a graph without sockets.
+        """
+        if self.plan.closed:
+            raise ValueError(f"{node}: {topic} cannot be tapped, the graph has no sockets")
         row = find_topic(topic)
         return [
             Subscriber(

@@ -55,6 +55,12 @@ class Join:
         """Says whether nothing more can be completed: some port has ended and its queue is empty."""
         return any(port in self.ended and not queue for port, queue in self.queues.items())
 
+    def clear(self) -> None:
+        """Forgets all messages and ends."""
+        self.drop_rest()
+        self.ended.clear()
+        self.skipped = 0
+
     def drop_rest(self) -> int:
         """Releases what can no longer be joined, and returns how many messages that were."""
         rest = [m for queue in self.queues.values() for m in queue]

@@ -31,14 +31,23 @@ class Input:
     topic: name with parameters in braces, `/{camera}/keyframe`; `*` only for nodes that take whatever they are told
     (the recorder). join: delivered by `update`, together with the other joined inputs of the same stamp; otherwise,
     and for latched topics, each message comes by itself to `receive`. delayed: closes a loop (/action); a source asks
-    for it by stamp in `due`. on_device: arrays that a node of the same process has on the device which this node's
-    parameter `device` names may come as they are, Warp's and not numpy's.
+    for it by stamp in `due`. optional: left out where nobody publishes it; it may close a loop, for nobody waits for
+    its messages. outside: a program outside the running graph may give it (outside/) where no node of the graph
+    publishes it. on_device: arrays that a node of the same process has on the device which this node's parameter
+    `device` names may come as they are, Warp's and not numpy's.
     """
 
     topic: str
     join: bool = True
     delayed: bool = False
+    outside: bool = False
+    optional: bool = False
     on_device: bool = False
+
+    @property
+    def needed(self) -> bool:
+        """Whether the node cannot do without it."""
+        return not (self.delayed or self.optional or self.outside)
 
 
 @dataclass(frozen=True)
@@ -165,6 +174,16 @@ class Node:
         """Names the delayed inputs that a source's next step needs, and the stamps [ns] they must have."""
         return {}
 
+    def offer(self, port: str) -> Mapping[str, Any]:
+        """Describes, in plain values, what a program outside may give by a port with `outside`.
+
+        Raises ValueError saying why it can give nothing.
+        """
+        return {}
+
+    def admit(self, port: str, message: Message) -> None:
+        """Raises ValueError, in one line, for a message from outside that this node cannot take."""
+
     def step(self, inputs: Mapping[str, Message]) -> bool:
         """Publishes what a source has next; False when there is nothing more."""
         raise TypeError(f"{type(self).__name__} is not a source")
@@ -179,6 +198,13 @@ class Node:
 
     def finish(self) -> None:
         """Publishes what is left, after all inputs have ended."""
+
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Makes the node what it is after `setup` with these parameters, for another run from time 0.
+
+        False, unless a subclass knows how: then a new node takes its place. What `setup` has published stays published.
+        """
+        return False
 
     def idle(self) -> None:
         """Does what a node has to do besides messages; called on the executor's thread at least every 50 ms."""

@@ -55,6 +55,8 @@ class NodePlan:
     dormant: bool = False
     keep: list[str] = field(default_factory=list)
     """Output ports that are made even when nobody reads them: what the graph was started for."""
+    outside: dict[str, str] = field(default_factory=dict)
+    """Ports -> topics that a program outside the graph may give, as no node of it does."""
 
 
 @dataclass
@@ -72,7 +74,8 @@ class Plan:
     name: str
     run_id: str
     directory: str
-    """Private directory of the run: sockets, logs, plan.json."""
+    """Private directory of the run: sockets, logs, plan.json; "" where the graph is one process that nobody else can
+    reach."""
     mode: str = "lockstep"
     seed: int = 0
     duration_s: float | None = None
@@ -101,6 +104,11 @@ class Plan:
     """Nodes whose code was not loaded (`--no-import`): what the launch file says of them."""
     secrets: list[str] = field(default_factory=list)
     """Values of secret parameters and arguments; what others may read is made of `redacted`."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether nobody outside its one process can read the graph's topics: there is no socket then."""
+        return not self.directory
 
     def redacted(self) -> Plan:
         """Returns the plan without its secrets."""

@@ -14,6 +14,7 @@ from typing import Any
 from evis.config.secret import Redactor, Veil
 from evis.console.outlet import standard_streams
 from evis.console.termination import STATUS, Termination
+from evis.runtime.collection import uncollected
 from evis.runtime.control import ControlClient, control_address
 from evis.runtime.executor import Executor
 from evis.runtime.host import NodeFailed, describe
@@ -42,7 +43,9 @@ def _main(argv: list[str]) -> int:
     control = ControlClient(control_address(plan.directory), process)
     executor = None
     try:
-        executor = Executor(plan, process, request=control.want, tell=control.tell, redactor=hide)
+        with uncollected():
+            executor = Executor(plan, process, request=control.want, tell=control.tell, redactor=hide)
+            executor.setup()
         _run(executor, control, termination)
         return 0
     except Exception as error:
@@ -60,8 +63,6 @@ def _main(argv: list[str]) -> int:
 
 
 def _run(executor: Executor, control: ControlClient, termination: Termination) -> None:
-    executor.setup()
-
     def commands() -> None:
         termination.check()
         for command in control.poll():

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 
 import zmq
 
-from evis.bus import Publisher, endpoints_for
+from evis.bus import LocalPublisher, Publisher, endpoints_for
 from evis.config.secret import Redactor
 from evis.console.printable import printable
-from evis.runtime.host import Host, system_topic
+from evis.runtime.host import AnyPublisher, Host, system_topic
 from evis.runtime.plan import Plan
 from evis.runtime.profile import Profile
 from msgs.diagnostics import Diagnostics
@@ -22,32 +23,45 @@ PERIOD_S = 1.0
 """Interval of /diagnostics [s]."""
 TAP_HZ = 1000.0
 """System messages are small and rare: no rate limit that would hide a warning."""
+Say = Callable[[str, str, str], None]
+"""Takes a node's name, a level and a line."""
+
+
+def say_in_log(name: str, level: str, text: str) -> None:
+    """Writes a line to the process's log."""
+    line = f"{name}: {text}" if level == "info" else f"{name}: {level}: {text}"
+    print(printable(line), file=sys.stderr, flush=True)
 
 
 class Telemetry:
     """Owns the publishers of the system topics of one process.
 
     plan, process: what is run, and the process's name. context: of ZeroMQ, the process's. profile: times and counts of
-    its nodes, to be told. redactor: takes the secrets out of what is told.
+    its nodes, to be told. redactor: takes the secrets out of what is told. say: takes each line of a node.
     """
 
-    def __init__(self, plan: Plan, process: str, context: zmq.Context, profile: Profile, redactor: Redactor) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        process: str,
+        context: zmq.Context,
+        profile: Profile,
+        redactor: Redactor,
+        say: Say = say_in_log,
+    ) -> None:
+        self._say = say
         self._profile = profile
         self._redactor = redactor
         self._started = time.monotonic_ns()
         self._sent_at = time.monotonic()
-        self.publishers = {
-            topic: Publisher(
-                context,
-                topic,
-                process,
-                endpoints_for(plan.directory, system_topic(topic, process)),
-                [],
-                message_type=find_topic(topic).type,
-                tap_hz=TAP_HZ,
-            )
-            for topic in SYSTEM_TOPICS
-        }
+        self.publishers: dict[str, AnyPublisher] = {}
+        for topic in SYSTEM_TOPICS:
+            kind = find_topic(topic).type
+            if plan.closed:
+                self.publishers[topic] = LocalPublisher(topic, process, kind)
+                continue
+            endpoints = endpoints_for(plan.directory, system_topic(topic, process))
+            self.publishers[topic] = Publisher(context, topic, process, endpoints, [], message_type=kind, tap_hz=TAP_HZ)
 
     def start_clock(self) -> None:
         """Notes that the graph starts now: the origin of the real-time factor."""
@@ -64,8 +78,7 @@ class Telemetry:
     def say(self, host: Host | None, name: str, level: str, text: str) -> None:
         """Writes one line to the process's log and sends one Diagnostics message, both without secrets."""
         text = self._redactor.text(text)
-        line = f"{name}: {text}" if level == "info" else f"{name}: {level}: {text}"
-        print(printable(line), file=sys.stderr, flush=True)
+        self._say(name, level, text)
         self.publishers["/diagnostics"].send(self._diagnostics(host, name, level, text))
 
     def periodic(self, hosts: dict[str, Host], *, force: bool = False) -> None:

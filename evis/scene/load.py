@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -11,8 +12,11 @@ from evis.config.document import LaunchError, Row, Table, read
 from evis.config.params import Param, ParamError, resolve
 from evis.config.paths import find, names
 from evis.config.suggestions import nearest
+from evis.scene.draws import Draws
 from evis.scene.errors import SceneError
 from evis.scene.model import MODELS, Scene
+from evis.scene.sources import note
+from evis.scene.yaml.drawing import drawn_within, has_draws, is_draw
 from evis.scene.yaml.reader import Fields
 
 MAX_PIXELS = 16384
@@ -23,11 +27,19 @@ _TYPES: dict[str, type] = {"float": float, "int": int, "str": str, "bool": bool,
 
 
 def load_scene(
-    name_or_path: str, overrides: Mapping[str, Any] | None = None, *, textures: bool = True, visuals: bool = True
+    name_or_path: str,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    textures: bool = True,
+    visuals: bool = True,
+    seed: int = 0,
+    made: dict[Any, Any] | None = None,
 ) -> Scene:
     """Loads a scene with its arguments at their defaults or as in `overrides` (width, height, and the scene's own).
 
     name_or_path: a scene that comes with evis, a YAML file, or an MJCF (.xml) or URDF (.urdf) file by itself.
+    seed: decides what the file leaves to chance; environment k of a run has the world of the run's seed + k.
+    made: meshes and textures of other worlds, which this one shares where it has the same.
     textures=False: no texture is made. visuals=False: for those who need only bodies and cameras, nothing that is
     seen is made: no instances, materials, lights or sky. Raises SceneError or ParamError (both ValueError), or
     FileNotFoundError, each with one line that names the file, the key and the nearest valid one.
@@ -35,25 +47,51 @@ def load_scene(
     from evis.scene.yaml.build import build
 
     path = find_scene(name_or_path)
-    table = _document(path)
-    return build(table, path, _values(path, table, overrides or {}), textures and visuals, visuals)
+    table, draws = _document(path), Draws(seed)
+    values = _values(path, table, overrides or {}, draws)
+    return build(table, path, values, textures and visuals, visuals, draws, made)
 
 
 def scene_values(name_or_path: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns every argument of a scene with its value, given ones over defaults. Raises ParamError, SceneError,
-    FileNotFoundError as `load_scene`.
+    """Returns every argument of a scene with its value, given ones over defaults, None for one that is drawn. Raises
+    ParamError, SceneError, FileNotFoundError as `load_scene`.
     """
-    path = find_scene(name_or_path)
-    return _values(path, _document(path), overrides)
+    path, draws = find_scene(name_or_path), Draws(0)
+    values = _values(path, _document(path), overrides, draws)
+    return {key: None if any(_stands_for(key, place) for place in draws.made) else v for key, v in values.items()}
 
 
-def _values(path: Path, table: Table, overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Every argument's value: given ones over defaults."""
+def _values(path: Path, table: Table, overrides: Mapping[str, Any], draws: Draws) -> dict[str, Any]:
+    """Every argument's value: given ones over defaults, which may be drawn."""
     declared, components = _arguments(path, table)
     values = resolve(f"scene {path.stem}", declared, overrides)
-    for key, component in components.items():
-        values[key] = _vector(path.stem, key, values[key], len(declared[key].default), component)
+    for key, param in declared.items():
+        if key not in overrides and (fields := _drawn_default(path, table, key, values, draws)) is not None:
+            value = fields.raw("default", whole=param.type is int)
+            values[key] = param.convert(f"scene {path.stem}, {fields.table.where('default')}", key, value)
+        if key in components:
+            values[key] = _vector(path.stem, key, values[key], *components[key])
     return values
+
+
+def _drawn_default(path: Path, table: Table, key: str, before: Mapping[str, Any], draws: Draws) -> Fields | None:
+    """Reads the entry of an argument whose default is drawn, where it may use the arguments `before` it; else None."""
+    declared = table.get("args")
+    entry = declared.get(key) if isinstance(declared, Table) else None
+    default = entry.get("default") if isinstance(entry, Table) else None
+    if not isinstance(entry, Table) or not (is_draw(default) or has_draws(default)):
+        return None
+    known = {}
+    for name, value in before.items():
+        if name == key:
+            break
+        known[name] = value
+    return Fields(entry, f"scene {path.stem}, argument '{key}'", known, draws, f"args.{key}")
+
+
+def _stands_for(argument: str, place: str) -> bool:
+    """Whether a place is that of an argument's default, or of an element of it."""
+    return place.startswith(f"args.{argument}.default")
 
 
 def scene_args(name_or_path: str) -> dict[str, Param]:
@@ -68,12 +106,31 @@ def is_dynamic(name_or_path: str) -> bool:
     return "mjcf" in _document(path)
 
 
+def sets_sensor(name_or_path: str) -> bool:
+    """Returns True when the scene has parameters of the event sensor. Reads the YAML only, as `is_dynamic` does."""
+    return "sensor" in _document(find_scene(name_or_path))
+
+
 def starts_at_random(name_or_path: str) -> bool:
-    """Returns True when the seed moves free bodies at the start. Reads the YAML only, as `is_dynamic` does."""
-    spread = _document(find_scene(name_or_path)).get("initial_spread")
+    """Returns True when the seed decides where free bodies or joints start. Reads the YAML only, as `is_dynamic`."""
+    document = _document(find_scene(name_or_path))
+    spread, joints = document.get("initial_spread"), document.get("initial_joints")
+    if isinstance(joints, Table) and any(isinstance(v, list) for j in joints.values() if j for v in j.values()):
+        return True
     return isinstance(spread, Table) and any(
         str(value).split()[:1] not in (["0"], ["0.0"]) for value in spread.values()
     )
+
+
+def drawn_places(name_or_path: str, overrides: Mapping[str, Any]) -> list[str]:
+    """Lists the places of a scene file whose values the seed decides, with these arguments. Reads the YAML only.
+
+    An argument that is given is not drawn. Raises as `scene_values` does.
+    """
+    document, values = _document(find_scene(name_or_path)), scene_values(name_or_path, overrides)
+    found = drawn_within(document, values)
+    given = [f"args.{name}.default" for name in overrides]
+    return [place.removesuffix(".default") for place in found if place.partition("[")[0] not in given]
 
 
 def camera_rates(name_or_path: str, overrides: Mapping[str, Any] | None = None) -> dict[str, float]:
@@ -113,7 +170,7 @@ def find_scene(name_or_path: str) -> Path:
 
 def _document(path: Path) -> Table:
     if path.suffix in MODELS:
-        return _bare(path)
+        return _bare(note(path))
     try:
         table = _read(path)
     except LaunchError as error:
@@ -150,7 +207,7 @@ def _bare(path: Path) -> Table:
 
 def _read(path: Path) -> Table:
     """The file's map, parsed once for as long as the file is as it was: planning asks for a scene many times."""
-    stat = path.stat()
+    stat = note(path).stat()
     parsed = _parsed(path, stat.st_mtime_ns, stat.st_size)
     table = Table(parsed.file, parsed.line)
     table.update(parsed)
@@ -189,30 +246,38 @@ def _merged(table: Table, key: str, part: Any, own: Any) -> Any:
     raise SceneError(f"{table.where(key)}: {key} is not the same kind of thing here and in the included file")
 
 
-def _arguments(path: Path, table: Table) -> tuple[dict[str, Param], dict[str, Param]]:
-    """Declared arguments, and for those that are vectors what each component must be."""
+def _arguments(path: Path, table: Table) -> tuple[dict[str, Param], dict[str, tuple[int, Param]]]:
+    """Declared arguments, and for those that are vectors how many components there are and what each must be."""
     declared = {
         "width": Param(int, 346, "image width", "px", 1, MAX_PIXELS),
         "height": Param(int, 260, "image height", "px", 1, MAX_PIXELS),
     }
-    components: dict[str, Param] = {}
+    components: dict[str, tuple[int, Param]] = {}
+    defaults: dict[str, Any] = {name: param.default for name, param in declared.items()}
     scene = Fields(table, f"scene {path.stem}", {})
     for name, fields in scene.sections("args", "argument").items():
         kind = fields.text("type", "float", choices=tuple(_TYPES))
-        default = fields.raw("default")
-        about = (fields.text("help"), fields.text("unit", ""))
+        draws = Draws(0)
+        drawn = _drawn_default(path, table, name, defaults, draws)
+        default = (drawn or fields).raw("default", whole=kind == "int")
+        fields.has("default")  # which `drawn` may have read
+        help_text, unit = fields.text("help"), fields.text("unit", "")
+        if draws.made:
+            help_text += f"; {', '.join(one.law.words() for one in draws.made.values())} by the seed unless given"
         least, most = (fields.number(k) if fields.has(k) else None for k in ("min", "max"))
         owner = f"{path.stem}, {fields.table.where('default')}"
         if kind == "vector":
-            components[name] = Param(float, 0.0, *about, least, most)
+            component = Param(float, 0.0, help_text, unit, least, most)
             if not isinstance(default, list) or not default:
                 raise fields.error("default", f"is {default!r}; it must be a list of numbers")
-            _vector(owner, name, default, len(default), components[name])
-            declared[name] = Param(list, list(default), *about)
+            _vector(owner, name, default, len(default), component)
+            components[name] = len(default), component
+            param = Param(list, list(default), help_text, unit)
         else:
-            param = Param(_TYPES[kind], default, *about, least, most, tuple(fields.raw("choices", ())))
+            param = Param(_TYPES[kind], default, help_text, unit, least, most, tuple(fields.raw("choices", ())))
             param.convert(f"scene {owner}", name, default)
-            declared[name] = param
+        defaults[name] = default
+        declared[name] = replace(param, default=None, optional=True) if draws.made else param
         fields.done()
     return declared, components
 

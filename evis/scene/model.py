@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
+from evis.scene.draws import Drawn
 from evis.scene.folders import Folders
 
 MODELS = (".xml", ".urdf")
@@ -155,6 +156,25 @@ class Camera:
     """Keyframes per second, for one that has not the rate of the others [Hz]."""
 
 
+@dataclass(frozen=True)
+class JointStart:
+    """Says between which bounds a hinge or slide starts, drawn evenly by the seed: rad or m, and rad/s or m/s."""
+
+    position: tuple[float, float] | None = None
+    """None = where the model has it."""
+    velocity: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class ModelChange:
+    """Describes a value of a MuJoCo model that a scene sets: of which kind of element, its number, and what of it."""
+
+    kind: str
+    number: int
+    key: str
+    values: tuple[float, ...]
+
+
 @dataclass
 class Scene:
     """Holds a whole scene. bodies[n] is entry n of WorldState; every camera has a body of its name among them."""
@@ -173,10 +193,14 @@ class Scene:
     """Where the files that the model names may lie."""
     keyframe: int = -1
     """Dynamics: number of the model's keyframe that is the start, -1 for its reference pose."""
+    changes: list[ModelChange] = field(default_factory=list)
+    """Dynamics: what of the model is other than its file says."""
     timestep_ns: int = 1_000_000
     """Sub-step of /state for prescribed motion [ns]."""
     initial_spread: tuple[float, float] = (0.0, 0.0)
     """Dynamics: how far the seed shifts [m] and turns [rad] free bodies at the start, standard deviations."""
+    initial_joints: dict[str, JointStart] = field(default_factory=dict)
+    """Dynamics: joints by name that the seed puts to their start."""
     notes: list[str] = field(default_factory=list)
     """What of the scene's source is not simulated, one line each."""
     environment_map: np.ndarray | None = None
@@ -184,6 +208,10 @@ class Scene:
     column 0 at +x turning to +y."""
     sky_lights: bool = True
     """False: `environment_map` is seen behind everything, and what lights surfaces from afar is `environment`."""
+    sensor: dict[str, Any] = field(default_factory=dict)
+    """Parameters of the event sensor that are other than its preset's, by name; who has a sensor checks them."""
+    drawn: list[Drawn] = field(default_factory=list)
+    """Values that the environment's seed has decided; what of the file was not read is not among them."""
 
     @property
     def dynamic(self) -> bool:

@@ -24,6 +24,10 @@ class Linear:
         """Computes displacement and velocity [S, 3] at times [S] s."""
         return t[:, None] * self.velocity, np.broadcast_to(self.velocity, (len(t), 3))
 
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Computes the second derivative of the displacement [S, 3] at times [S] s."""
+        return np.zeros((len(t), 3))
+
 
 @dataclass(frozen=True)
 class Sinusoid:
@@ -39,6 +43,11 @@ class Sinusoid:
         angle = rate * t + self.phase
         return np.outer(np.sin(angle), self.amplitude), np.outer(rate * np.cos(angle), self.amplitude)
 
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Computes the second derivative of the displacement [S, 3] at times [S] s."""
+        rate = 2 * np.pi * self.frequency
+        return np.outer(-(rate**2) * np.sin(rate * t + self.phase), self.amplitude)
+
 
 @dataclass(frozen=True)
 class Spin:
@@ -50,6 +59,10 @@ class Spin:
     def turn(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Computes angle [rad] and angular rate [rad/s], [S], at times [S] s."""
         return self.rate * t, np.full(len(t), self.rate)
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Computes the angular acceleration [rad/s^2], [S], at times [S] s."""
+        return np.zeros(len(t))
 
 
 @dataclass(frozen=True)
@@ -67,6 +80,11 @@ class Swing:
         angle = rate * t + self.phase
         return self.amplitude * np.sin(angle), self.amplitude * rate * np.cos(angle)
 
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Computes the angular acceleration [rad/s^2], [S], at times [S] s."""
+        rate = 2 * np.pi * self.frequency
+        return -self.amplitude * rate**2 * np.sin(rate * t + self.phase)
+
 
 @dataclass(frozen=True)
 class Path:
@@ -77,6 +95,10 @@ class Path:
     def shift(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Computes displacement and velocity [S, 3] at times [S] s."""
         return self.spline(t)
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Computes the second derivative of the displacement [S, 3] at times [S] s."""
+        return self.spline.bend(t)
 
 
 @dataclass(frozen=True)
@@ -93,6 +115,10 @@ class Turn:
         """Computes angle [rad] and angular rate [rad/s], [S], at times [S] s."""
         angle, rate = self.spline(t)
         return angle[:, 0], rate[:, 0]
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Computes the angular acceleration [rad/s^2], [S], at times [S] s."""
+        return self.spline.bend(t)[:, 0]
 
 
 Shift = Linear | Sinusoid | Path
@@ -165,6 +191,29 @@ class Prescribed:
         if known is not None:
             known[self] = pose, twist
         return pose, twist
+
+    def acceleration(self, t_ns: np.ndarray) -> np.ndarray:
+        """Computes the accelerations float64 [S, 6] (linear, angular; world frame) at times int64 [S] ns.
+
+        A chain of turns: each one's axis is carried round by those before it. In a parent that moves: Euler's,
+        centripetal and Coriolis's terms (Craig, Introduction to Robotics, ch. 6).
+        """
+        t = np.atleast_1d(np.asarray(t_ns, np.int64)) * NS
+        rotation = np.tile(self.start[3:], (len(t), 1))
+        omega, result = np.zeros((len(t), 3)), np.zeros((len(t), 6))
+        for shift in self.shifts:
+            result[:, :3] += shift.acceleration(t)
+        for turn in self.turns:
+            angle, rate = turn.turn(t)
+            axis = se3.rotate(rotation, turn.axis)
+            result[:, 3:] += turn.acceleration(t)[:, None] * axis + rate[:, None] * se3.cross(omega, axis)
+            omega = omega + rate[:, None] * axis
+            rotation = se3.multiply(rotation, se3.exp(angle[:, None] * turn.axis))
+        if self.parent is None:
+            return result
+        carrier, moving = self.parent.state(t_ns)
+        alone = Prescribed(self.start, [*self.shifts, *self.turns])
+        return se3.compose_acceleration(carrier, moving, self.parent.acceleration(t_ns), *alone.state(t_ns), result)
 
     def _still_pose(self, count: int) -> np.ndarray:
         """The one pose of a body that never moves, worked out once: a scene has hundreds of them."""

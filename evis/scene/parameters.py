@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from evis.config.params import Param
-from evis.scene.load import load_scene, parse_args
+from evis.scene.load import parse_args
 from evis.scene.model import Camera, Scene
+from evis.scene.worlds import Worlds, family
 
 SCENE: dict[str, Param] = {
     "scene": Param(str, None, "world to simulate: a name in scenes/, a YAML, MJCF or URDF file", optional=True),
@@ -17,14 +18,32 @@ SCENE: dict[str, Param] = {
 }
 
 
-def scene_of(owner: str, params: Mapping[str, Any], *, visuals: bool = True) -> Scene:
-    """Returns the scene that parameters of `owner`, all of SCENE or a part, ask for. Raises ValueError,
-    FileNotFoundError.
+SEED = Param(int, 0, "seed of what the scene draws; environment k has seed + k", "", 0, 2**63 - 1)
+"""For nodes that see its values in /state or CameraInfo and load the same worlds."""
+
+
+def scene_of(owner: str, params: Mapping[str, Any], *, visuals: bool = True, textures: bool = True) -> Scene:
+    """Returns the scene that parameters of `owner`, all of SCENE or a part, ask for: the world of environment 0, which
+    is shared within the process, and nobody may write to it. visuals and textures as of `load_scene`. Raises
+    ValueError, FileNotFoundError.
     """
+    return family(*_asked(owner, params), visuals=visuals, textures=textures).world(int(params.get("seed") or 0))
+
+
+def worlds_of(owner: str, params: Mapping[str, Any], *, visuals: bool = True, textures: bool = True) -> Worlds:
+    """Returns the worlds of all environments, `envs` from `seed` on. Raises as scene_of does, and ValueError where they
+    do not go together."""
+    first = int(params.get("seed") or 0)
+    seeds = range(first, first + int(params.get("envs") or 1))
+    return Worlds(family(*_asked(owner, params), visuals=visuals, textures=textures).world, seeds)
+
+
+def _asked(owner: str, params: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Name and arguments of the scene."""
     if not params.get("scene"):
         raise ValueError(f"{owner} needs scene:=NAME, a world to simulate")
     size = {key: int(params[key]) for key in ("width", "height") if params.get(key)}
-    return load_scene(params["scene"], {**parse_args(params.get("scene_args")), **size}, visuals=visuals)
+    return params["scene"], {**parse_args(params.get("scene_args")), **size}
 
 
 def camera_of(scene: Scene, name: str) -> Camera:

@@ -16,6 +16,7 @@ import numpy as np
 from evis.files.allowance import Allowance, AllowanceError
 from evis.scene.colour import linear_from_bytes
 from evis.scene.errors import SceneError
+from evis.scene.sources import note
 
 MAX_TEXELS = 1 << 26
 """Largest picture, as 8192 x 8192 [texels]."""
@@ -65,7 +66,7 @@ def texels_of(picture: Any) -> np.ndarray:
 def _opened(source: Path | bytes) -> Any:
     from PIL import Image
 
-    read = len(source) if isinstance(source, bytes) else source.stat().st_size
+    read = len(source) if isinstance(source, bytes) else note(source).stat().st_size
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the check below is stricter
@@ -85,6 +86,8 @@ def _opened(source: Path | bytes) -> Any:
 def load_exr(path: Path) -> np.ndarray:
     """Loads R, G, B (or Y) of an EXR file, float32 [h, w, 3]. Raises SceneError naming it."""
     import OpenEXR
+
+    note(path)
 
     try:
         with OpenEXR.File(str(path), header_only=True) as file:

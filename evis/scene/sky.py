@@ -12,6 +12,7 @@ import numpy as np
 
 from evis.scene.errors import SceneError
 from evis.scene.pictures import load_exr
+from evis.scene.yaml.drawing import is_draw
 from evis.scene.yaml.reader import Fields
 
 MAX_ROWS = 2048
@@ -22,7 +23,8 @@ def read_environment_map(fields: Fields, folder: Path) -> np.ndarray:
     """Reads or makes the map that a scene names: `environment_map: FILE.exr`, a path relative to the scene file, or
     `{kind: sky|studio|tunnel, ...}`.
     """
-    if not isinstance(fields.table["environment_map"], dict):
+    value = fields.table["environment_map"]
+    if not isinstance(value, dict) or is_draw(value):
         name = fields.text("environment_map")
         path = folder / name
         if not path.is_file():

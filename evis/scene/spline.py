@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 
@@ -30,8 +32,24 @@ class Spline:
 
     def __call__(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values and their derivatives, both [S, D], at times [S] s."""
-        first, last = self.times[0], self.times[-1]
         t = np.asarray(t, np.float64)
+        inside, laps, k, u, h, (a, c, d) = self._pieces(t)
+        value = self.values[k] + u * (a + u * (c + u * d)) + laps[:, None] * (self.values[-1] - self.values[0])
+        rate = (a + u * (2 * c + 3 * u * d)) / h
+        if not self.loop:
+            value = value + (t - inside)[:, None] * rate
+        return value, rate
+
+    def bend(self, t: np.ndarray) -> np.ndarray:
+        """Computes the second derivatives [S, D] at times [S] s; 0 where it goes on at its end's rate."""
+        t = np.asarray(t, np.float64)
+        inside, _, _, u, h, (_, c, d) = self._pieces(t)
+        beyond = np.zeros(len(t), bool) if self.loop else inside != t
+        return np.where(beyond[:, None], 0.0, (2 * c + 6 * u * d) / h**2)
+
+    def _pieces(self, t: np.ndarray) -> tuple[Any, ...]:
+        """Times within, laps gone, and of the pieces they lie in: number, place u in [0, 1], length, coefficients."""
+        first, last = self.times[0], self.times[-1]
         laps = np.floor((t - first) / (last - first)) if self.loop else np.zeros(len(t))
         # Not np.clip, which takes longer than all the rest of a few times.
         inside = np.minimum(np.maximum(t - laps * (last - first), first), last)
@@ -40,12 +58,7 @@ class Spline:
         u = (inside - self.times[k])[:, None] / h
         rise = self.values[k + 1] - self.values[k]
         a, b = h * self.rates[k], h * self.rates[k + 1]
-        c, d = 3 * rise - 2 * a - b, a + b - 2 * rise
-        value = self.values[k] + u * (a + u * (c + u * d)) + laps[:, None] * (self.values[-1] - self.values[0])
-        rate = (a + u * (2 * c + 3 * u * d)) / h
-        if not self.loop:
-            value = value + (t - inside)[:, None] * rate
-        return value, rate
+        return inside, laps, k, u, h, (a, 3 * rise - 2 * a - b, a + b - 2 * rise)
 
 
 def _slopes(t: np.ndarray, x: np.ndarray, loop: bool, start: np.ndarray, end: np.ndarray) -> np.ndarray:

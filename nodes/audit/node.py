@@ -10,13 +10,15 @@ import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
-from evis.scene.parameters import SCENE, camera_of, scene_of
+from evis.scene.digest import whole
+from evis.scene.parameters import SCENE, camera_of, scene_of, worlds_of
 from msgs.audit import Audit as AuditMessage
 from msgs.camera import Frames, Keyframe
 from msgs.header import Header, Message
 from msgs.world import WorldState
-from nodes.event_sensor.parameters import NODE, resolve_sensor
+from nodes.event_sensor.parameters import NODE
 from nodes.event_sensor.presets import PRESETS
+from nodes.event_sensor.scene_parameters import resolve_with_scene
 from nodes.renderer import parameters
 from nodes.renderer.parameters import LIGHT
 
@@ -81,7 +83,7 @@ class AuditNode(Node):
         """What is about paths, where there are none, and of the sensor what it has no use for either."""
         from nodes.event_sensor.effects import without_effect
 
-        idle = without_effect(resolve_sensor("audit", params["preset"], {name: params[name] for name in SENSOR}))
+        idle = without_effect(resolve_with_scene("audit", params))
         return dict(parameters.without_effect(params)) | {name: why for name, why in idle.items() if name in SENSOR}
 
     @classmethod
@@ -113,24 +115,28 @@ class AuditNode(Node):
         from nodes.audit.budget import Rates, pixels_for
 
         p = self.params
-        self._scene = scene_of(self.name, p)
+        self._scene, alike = worlds_of(self.name, p).groups(whole)[0]
+        # Those from 0 on that have its world: further ones are never looked at.
+        envs = int(np.cumprod(alike == np.arange(len(alike))).sum())
+        if envs < p["envs"]:
+            self.warn(f"environments have worlds of their own: of {p['envs']} the first {envs} are audited")
         camera = camera_of(self._scene, p["camera"])
         samples = p["supersampling"] or camera.supersampling
         light = parameters.light_options(p)
-        sensor = resolve_sensor(self.name, p["preset"], {name: p[name] for name in SENSOR})
+        sensor = resolve_with_scene(self.name, p)
         pixels = p["audit"]
         if pixels is None:
             rates = Rates(camera.rate or p["keyframe_rate"], p["upsampling"])
             paths = light["paths"].samples * (1 + light["paths"].bounces) if "paths" in light else 0
-            pixels = pixels_for(self._scene, camera, rates, p["envs"], samples, light["light_samples"], paths)
+            pixels = pixels_for(self._scene, camera, rates, envs, samples, light["light_samples"], paths)
         horizon = round(1e9 * min(p["duration"] or HORIZON_S, HORIZON_S))
         options = AuditOptions(
-            pixels, p["envs"], p["seed"], sensor, horizon, samples, device=p["device"], **light
+            pixels, envs, p["seed"], sensor, horizon, samples, device=p["device"], **light
         )  # fmt: skip
         self._audit: Audit = Audit(self._scene, camera, options)
         self._audit.prepare()
         self._header = Header(0)
-        self._warned = False
+        self._warned = self._ended = False
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Takes the frames of a gap."""
@@ -147,14 +153,26 @@ class AuditNode(Node):
         else:
             image, t, margin = (message.rgb if message.luminance is None else message.luminance), message.t, 0
         header = message.header
+        if message.own is not None:
+            self._end()
+            return
         if header.stamp_ns <= self._header.stamp_ns:
             self._audit.finish()  # time has gone back to begin an episode
         self._header = Header(header.stamp_ns, clock=header.clock, episode=header.episode)
         if self._audit.push(image, t, message.episodes, state, margin):
             self._publish()
 
+    def _end(self) -> None:
+        """Environments that were reset by themselves have times of their own, which brute force does not follow."""
+        if not self._ended:
+            self.finish()
+            self._ended = True
+            self.warn(f"the audit ends at {self._header.stamp_ns * 1e-9:g} s, for an environment is reset by itself")
+
     def finish(self) -> None:
         """Says how it ended."""
+        if self._ended:
+            return
         self._audit.finish()
         if self._header.stamp_ns:
             self._publish()

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
-from msgs.camera import EventPacket, Frames, Keyframe
+from evis.scene.parameters import SCENE
+from msgs.camera import EventPacket, EventSignal, Frames, Keyframe
 from msgs.header import Header, Message
-from nodes.event_sensor.parameters import NODE, SENSOR, resolve_sensor
+from msgs.own_time import STAMP
+from nodes.event_sensor.parameters import NODE
 from nodes.event_sensor.presets import PRESETS
+from nodes.event_sensor.scene_parameters import SHARED, resolve_each, resolve_with_scene
 
 if TYPE_CHECKING:
+    from nodes.event_sensor.apart import Apart
     from nodes.event_sensor.sensor import Events, EventSensor
 
 COUNTER_NAMES = {"nonfinite": "nonfinite_samples", "clipped": "clipped_samples", "dropped": "dropped_events"}
@@ -39,6 +45,8 @@ class EventSensorNode(Node):
         "seed": Param(int, 0, "seed of the sensor's random streams; environment k has seed + k", "", 0, 2**63 - 1),
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "colour": Param(bool, False, "colour events: three sensors, for R, G and B, instead of one for luminance"),
+        "scene": replace(SCENE["scene"], help="world that is seen, whose `sensor:` gives parameters"),
+        "scene_args": SCENE["scene_args"],
         **NODE,
     }
     BRINGS = {"preset": {name: {"width": p.width, "height": p.height} for name, p in PRESETS.items() if p.width}}
@@ -46,28 +54,28 @@ class EventSensorNode(Node):
         "frames": Input("/{camera}/frames", on_device=True),
         "keyframe": Input("/{camera}/keyframe", on_device=True),
     }
-    OUTPUTS = {"events": Output("/{camera}/events")}
+    OUTPUTS = {"events": Output("/{camera}/events"), "signal": Output("/{camera}/signal")}
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """What the event model lacks, or another parameter turns off."""
         from nodes.event_sensor.effects import without_effect
 
-        return without_effect(resolve_sensor("event sensor", params["preset"], {name: params[name] for name in SENSOR}))
+        return without_effect(resolve_with_scene("event sensor", params))
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
         """The faults that are drawn."""
         from nodes.event_sensor import effects
 
-        resolved = resolve_sensor("event sensor", params["preset"], {name: params[name] for name in SENSOR})
+        resolved = resolve_with_scene("event sensor", params)
         return effects.random(resolved)
 
     @classmethod
     def sensor(cls, params: Mapping[str, Any]) -> Mapping[str, Any]:
         """The sensor's name, the preset, the seed, and every parameter that has a value, those of the preset too."""
         preset = params["preset"]
-        resolved = resolve_sensor("event sensor", preset, {name: params[name] for name in SENSOR})
+        resolved = resolve_with_scene("event sensor", params)
         about = {"sensor": PRESETS[preset].name, "preset": preset, "seed": params["seed"], "colour": params["colour"]}
         return {**about, **{name: value for name, value in resolved.items() if value is not None}}
 
@@ -84,9 +92,17 @@ class EventSensorNode(Node):
     def setup(self) -> None:
         from evis.gpu.devices import device_named
 
-        given = {name: self.params[name] for name in SENSOR}
-        self._resolved = resolve_sensor(self.name, self.params["preset"], given)
+        self._resolved = resolve_with_scene(self.name, self.params)
+        self._marked = self.wants("signal")
+        if self._marked and not self._resolved["model"].startswith("evis"):
+            raise ValueError(
+                f"{self.name}: event model {self._resolved['model']} does not say which events noise made; "
+                "labels:=events takes evis or evis-paper"
+            )
         self._sensor: Any = None
+        self._apart: Apart | None = None
+        """The sensors, once environments were reset by themselves."""
+        self._episodes = np.zeros(0, np.int32)
         self._header = Header(0)
         self._size = (0, 0)
         self._device = device_named(self.params["device"])
@@ -97,21 +113,62 @@ class EventSensorNode(Node):
         for k in range(2):
             sensor.process(warm, np.array([k]), np.zeros(1, np.int32))
 
-    def _make(self, height: int, width: int, envs: int) -> Any:
-        """The sensor, or another event model behind the same interface."""
-        p, seed, colour = self._resolved, self.params["seed"], self.params["colour"]
+    def _make(self, height: int, width: int, envs: int, seed: int | None = None, number: int = 0) -> Any:
+        """The sensor, or one for each environment where the scene draws them different parameters.
+
+        seed: of the first environment, None = the node's. number: of the reset at which its time begins.
+        """
+        seed = self.params["seed"] if seed is None else seed
+        each = resolve_each(self.name, {**self.params, "seed": seed}, envs)
+        for name in SHARED:
+            if each[0][name] != self._resolved[name]:
+                raise ValueError(
+                    f"{self.name}: {name} is {each[0][name]} with seed {seed}, and was {self._resolved[name]}; "
+                    "environments side by side need the same"
+                )
+        if len(each) == 1:
+            return self._one(height, width, envs, each[0], seed, number)
+        from nodes.event_sensor.separate import SeparateSensors
+
+        return SeparateSensors([self._one(height, width, 1, p, seed + env, number) for env, p in enumerate(each)])
+
+    def _one(self, height: int, width: int, envs: int, p: Mapping[str, Any], seed: int, number: int) -> Any:
+        """A sensor, or another event model behind the same interface."""
+        from nodes.event_sensor.apart import seed_of_time
+
+        colour, time_seed = self.params["colour"], seed_of_time(seed, number)
         if p["model"].startswith("evis"):
             from nodes.event_sensor.sensor import EventSensor
 
             device, channels = self.params["device"], 3 if colour else 1
-            return EventSensor(height, width, envs, channels=channels, device=device, seed=seed, **p)
+            return EventSensor(
+                height,
+                width,
+                envs,
+                channels=channels,
+                device=device,
+                seed=seed,
+                time_seed=time_seed,
+                marked=self._marked,
+                **p,
+            )
         if colour or self.params["device"] != "cpu":
             raise ValueError(
                 f"{self.name}: event model {p['model']} takes luminance on the cpu; evis does colour and cuda"
             )
         from nodes.event_sensor.peers import make_model
 
-        return make_model(p["model"], height, width, envs, seed=seed, **p)
+        return make_model(p["model"], height, width, envs, seed=time_seed, **p)
+
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Puts away the sensor, of which another is made at the first frame: its seed may differ."""
+        if {**params, "seed": 0} != {**self.params, "seed": 0}:
+            return False
+        self.params = dict(params)
+        self._resolved = resolve_with_scene(self.name, self.params)
+        self._sensor, self._apart, self._header, self._size = None, None, Header(0), (0, 0)
+        self._episodes = np.zeros(0, np.int32)
+        return True
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         message = inputs[self.params["source"]]
@@ -121,19 +178,61 @@ class EventSensorNode(Node):
             assert isinstance(message, Frames)
             image, t = self._of_frames(message), message.t
         envs, _, height, width = image.shape[:4]
+        self._size = (height, width)
+        if message.own is not None or self._apart is not None:
+            self._update_apart(message, image, t)
+            return
         if self._sensor is None:
             self._sensor = self._make(height, width, envs)
-            self._size = (height, width)
         if message.header.stamp_ns <= self._header.stamp_ns:
             self._publish_held()  # time has gone back to begin an episode
-        self._header = message.header
+        self._header, self._episodes = message.header, np.array(message.episodes)
         if self._resolved["model"].startswith("evis"):
             self._publish(self._sensor, self._sensor.advance(image, t, message.episodes))
         else:
             self._publish_events(self._sensor.process(image, t, message.episodes))
 
+    def _update_apart(self, message: Keyframe | Frames, image: Any, t: np.ndarray) -> None:
+        """Events of environments that do not share their time."""
+        if self._apart is None:
+            from nodes.event_sensor.apart import Apart
+
+            height, width = self._size
+            self._apart = Apart(partial(self._make, height, width), self.params["seed"])
+            if self._sensor is not None:
+                self._apart.adopt(self._sensor, self._episodes, self._header.stamp_ns)
+        self._header = message.header
+        own_t = message.own_t if isinstance(message, Frames) else None
+        if message.own is not None and own_t is None:
+            own_t = message.own[:, [STAMP]]
+        found = self._apart.process(image, t, own_t, message.own, message.episodes)
+        self._publish_columns(*found)
+
+    def _publish_columns(self, columns: Mapping[str, np.ndarray], offsets: np.ndarray) -> None:
+        """Publishes events that are on the host, on a GPU where the sensor's are on one."""
+        signal = columns.get("signal")
+        columns = {name: values for name, values in columns.items() if name != "signal"}
+        shapes = {name: (values.shape, values.dtype) for name, values in columns.items()}
+        if self._device.is_cuda and offsets[-1]:
+            import warp as wp
+
+            on_gpu = {name: (shape, wp.dtype_from_numpy(dtype)) for name, (shape, dtype) in shapes.items()}
+            out: dict[str, Any] = self.loan_on("events", self._device, **on_gpu)
+            for name, values in columns.items():
+                out[name].assign(values)
+        else:
+            out = {**self.loan("events", **shapes)}
+            for name, values in columns.items():
+                out[name][...] = values
+        self._send(out, offsets, self._apart or self._sensor)
+        if signal is not None:
+            self.publish("signal", EventSignal(self._stamped(), offsets, signal))
+
     def finish(self) -> None:
-        self._publish_held()
+        if self._apart is None:
+            self._publish_held()
+        elif held := self._apart.finish():
+            self._publish_columns(*held)
 
     def _publish_held(self) -> None:
         """The events of what look-ahead or the readout still holds, if there are any."""
@@ -143,36 +242,48 @@ class EventSensorNode(Node):
 
     def _publish(self, sensor: EventSensor, count: int) -> None:
         columns = sensor.columns()
+        loaned = {name: dtype for name, dtype in columns.items() if name != "signal"}
         out: dict[str, Any]
         if sensor.on_gpu and count:
             import warp as wp
 
-            types = {name: wp.dtype_from_numpy(dtype) for name, dtype in columns.items()}
-            out = self.loan_on("events", sensor.on_gpu, **{n: ((count,), d) for n, d in types.items()})
+            types = {name: wp.dtype_from_numpy(dtype) for name, dtype in loaned.items()}
+            out = {**self.loan_on("events", sensor.on_gpu, **{n: ((count,), d) for n, d in types.items()})}
         else:
-            out = {**self.loan("events", **{n: ((count,), d) for n, d in columns.items()})}
+            out = {**self.loan("events", **{n: ((count,), d) for n, d in loaned.items()})}
+        if "signal" in columns:
+            # These travel on another topic, and a loan is for one.
+            out["signal"] = np.empty(count, np.uint8) if isinstance(out["t"], np.ndarray) else self._beside(count)
         sensor.read(out)
-        self._send(out, sensor.env_offsets())
+        signal = out.pop("signal", None)
+        self._send(out, sensor.env_offsets(), sensor)
+        if signal is not None:
+            signal = signal if isinstance(signal, np.ndarray) else signal.numpy()
+            self.publish("signal", EventSignal(self._stamped(), sensor.env_offsets(), signal))
+
+    def _stamped(self) -> Header:
+        """A header like that of the message taken last."""
+        h = self._header
+        return Header(h.stamp_ns, clock=h.clock, episode=h.episode)
+
+    def _beside(self, count: int) -> Any:
+        import warp as wp
+
+        return wp.empty(count, dtype=wp.uint8, device=self._device)
 
     def _publish_events(self, events: Events) -> None:
-        names = ("t", "x", "y", "p")
-        out = self.loan("events", **{n: ((len(events.t),), getattr(events, n).dtype) for n in names})
-        for name in names:
-            out[name][:] = getattr(events, name)
-        self._send(out, events.env_offsets)
+        self._publish_columns({name: getattr(events, name) for name in ("t", "x", "y", "p")}, events.env_offsets)
 
-    def _send(self, columns: Mapping[str, Any], offsets: np.ndarray) -> None:
-        counts = self._sensor.counts()
+    def _send(self, columns: Mapping[str, Any], offsets: np.ndarray, sensor: Any) -> None:
+        counts = sensor.counts()
         first = {name for name, total in counts.items() if self.count_total(COUNTER_NAMES.get(name, name), total)}
         if "nonfinite" in first:
             dark = self._resolved["dark_level"] > 0
             kinds = "or negative" if dark else "negative or black (ln 0; a light or a dark_level helps against those)"
             when = self._header.stamp_ns
             self.warn(f"{counts['nonfinite']} samples at {when} ns are NaN, infinite, {kinds}; they are skipped")
-        h = self._header
-        header = Header(h.stamp_ns, clock=h.clock, episode=h.episode)
         height, width = self._size
-        packet = EventPacket(header, offsets, **columns, width=width, height=height, t0_ns=self._sensor.t_base)
+        packet = EventPacket(self._stamped(), offsets, **columns, width=width, height=height, t0_ns=sensor.t_base)
         self.publish("events", packet)
 
     def _of_keyframe(self, message: Keyframe) -> Any:

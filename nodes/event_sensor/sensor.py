@@ -17,6 +17,11 @@ pixel without leak has it at the first frame; in constant light the first event 
 rate is leak_rate from the start. As there is one reference, the signal meets it too, then as at any later time: a rise
 by a x threshold_on fires floor(a + u) ON events, a on average, and a fall by as much floor(a - u) OFF events where the
 thresholds are equal. A drift that shares its crossing with the signal can have its phase nowhere else.
+
+Marks. A sensor that is `marked` says of each event whether light or noise made it. Noise: what shot noise, a hot pixel
+or a leak's coin fires, and a crossing to which the drift of a leak has gone further, in the sensor's step, than the
+light (an ON event in constant light is always of that kind). Signal: every other crossing; mismatched thresholds, dead
+time, photoreceptor and readout move its events and make none. Marks change no event and nothing of the pixels' state.
 """
 
 from __future__ import annotations
@@ -36,6 +41,7 @@ from nodes.event_sensor.engines import FLOOR as FLOOR
 from nodes.event_sensor.engines import make_engine, sensor_struct, unlit_rate
 from nodes.event_sensor.look_ahead import LookAhead
 from nodes.event_sensor.message_limit import check_noise
+from nodes.event_sensor.model.features import marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
 from nodes.event_sensor.optics.optics import Optics
@@ -59,9 +65,10 @@ class EventSensor:
 
     parameters: those of nodes.event_sensor.parameters.SENSOR, over those of `preset`. channels: 1 for luminance, 3 for
     colour, each channel an independent sensor. seed: environment e has the random numbers of a single sensor with seed
-    + e. State per pixel and channel on a CPU (on a GPU): 28 (36) bytes for the ideal sensor, 76 (160) with a
-    fault, 8 (16) more with a curve, 8 (16) more where something can happen without light, 4 more for a frame of
-    look-ahead; 48 for evis-paper.
+    + e. time_seed: that of random numbers which know no episode but only a time, for who lets time begin again; None =
+    seed. marked: events have a column `signal` too, see above. State per pixel and channel on a CPU (on a GPU): 28 (36)
+    bytes for the ideal sensor, 76 (160) with a fault, 8 (16) more with a curve, 8 (16) more where something can happen
+    without light, 4 more for a frame of look-ahead; 48 for evis-paper.
 
     With look-ahead (crossing monotone or cubic) a step's events come one frame later, at the end of it by `flush`.
     """
@@ -75,7 +82,9 @@ class EventSensor:
         channels: int = 1,
         device: str = "cpu",
         seed: int = 0,
+        time_seed: int | None = None,
         preset: str = "ideal",
+        marked: bool = False,
         **parameters: Any,
     ) -> None:
         """Raises ValueError for a size or a parameter out of range."""
@@ -91,10 +100,12 @@ class EventSensor:
         if p["crossing"] == "hermite" and p["bandwidth_hz"] > 0:
             raise ValueError("crossing=hermite needs the slope of what the pixel sees, which bandwidth_hz changes")
         self.parameters = p
+        self.marked = marked
+        p = {**p, "marked": marked}
         self.height, self.width, self.envs, self.channels = height, width, envs, channels
         self.t_base = 0
         self._device = device_named(device)
-        self._layout = KeyLayout.of(height, width, envs)
+        self._layout = KeyLayout.of(height, width, envs, marks(p))
         seed = (seed + (1 << 63)) % (1 << 64) - (1 << 63)
         self._sensor = sensor_struct(p, (height, width, channels), self._layout, seed)
         size = Size(height, width, channels, envs)
@@ -108,7 +119,14 @@ class EventSensor:
         if p["readout_rate"] > 0 or p["timestamp_jitter_us"] > 0:
             from nodes.event_sensor.readout.readout import Readout
 
-            self._readout = Readout(width, height, envs, p["readout_rate"], p["timestamp_jitter_us"], seed=seed)
+            self._readout = Readout(
+                width,
+                height,
+                envs,
+                p["readout_rate"],
+                p["timestamp_jitter_us"],
+                seed=seed if time_seed is None else time_seed,
+            )
         self._nothing: wp.array = wp.zeros(0, dtype=wp.float32, device=self._device)
         self._total = np.zeros(len(COUNTERS), np.int64)
         self._side: Any = self._make_side(size)
@@ -139,6 +157,11 @@ class EventSensor:
         """Bytes kept per pixel and channel, those of photoreceptor and readout apart."""
         kept = sum(a.capacity for a in self._engine.arrays())
         return round(kept / (self.envs * self._size)) + (4 if self._ahead else 0)
+
+    @property
+    def begins_again(self) -> bool:
+        """Whether another episode has other random numbers although its time is the same."""
+        return self._readout is None
 
     @property
     def stamp(self) -> int:
@@ -186,13 +209,17 @@ class EventSensor:
     def _events(self, n: int) -> Events:
         out: dict[str, np.ndarray] = {name: np.empty(n, dtype) for name, dtype in self.columns().items()}
         self.read(out)
-        return Events(out["t"], out["x"], out["y"], out["p"], out.get("c"), self.env_offsets())
+        events = Events(out["t"], out["x"], out["y"], out["p"], out.get("c"), self.env_offsets())
+        events.signal = out.get("signal")
+        return events
 
     def columns(self) -> dict[str, type]:
         """Columns of an event and their dtypes."""
         columns: dict[str, type] = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.uint8}
         if self.channels == 3:
             columns["c"] = np.uint8
+        if self.marked:
+            columns["signal"] = np.uint8
         return columns
 
     def advance(
@@ -316,7 +343,7 @@ class EventSensor:
         if self._readout is None:
             return len(self._side)
         out: dict[str, np.ndarray] = {n: np.empty(len(self._side), d) for n, d in self.columns().items()}
-        self._side.read(out)
+        self._read_side(out)
         offsets, t_base = self._side.env_offsets(), batch.t_base
         later = np.asarray(batch.begin, np.int64) >> 1
         if batch.count > 1 and later.any():
@@ -371,10 +398,18 @@ class EventSensor:
         Of numpy or, where they are `on_gpu`, Warp's there.
         """
         if self._left is None:
-            self._side.read(out)
+            self._read_side(out)
         else:
             for name, column in self._left[0].items():
                 out[name][:] = column
+
+    def _read_side(self, out: Any) -> None:
+        """Write the sorted events to columns; where nothing but light makes any, all of them are signal."""
+        if self.marked and not self._layout.marked:
+            signal: Any = out["signal"]
+            signal.fill(1) if isinstance(signal, np.ndarray) else signal.fill_(1)
+            out = {name: column for name, column in out.items() if name != "signal"}
+        self._side.read(out)
 
     def env_offsets(self) -> np.ndarray:
         """int64 [E + 1] of the last `advance` or `finish`."""

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from nodes.event_sensor.make import make_sensor
 from nodes.event_sensor.parameters import resolve_sensor
-from nodes.event_sensor.peers import make_model
-from nodes.event_sensor.sensor import Events, EventSensor
+from nodes.event_sensor.sensor import Events
 
 CHUNK_BYTES = 8_000_000
 """Frames per call are chosen to stay below this, so that a long video needs little memory."""
@@ -95,15 +95,8 @@ class Simulation:
 
     def _start(self, shape: tuple[int, ...]) -> None:
         self._shape = shape
-        model = self.parameters["model"]
-        if not model.startswith("evis"):
-            if len(shape) == 3 or self._device != "cpu":
-                raise ValueError(f"event model {model} takes luminance on the cpu only; evis does colour and cuda")
-            self._sensor = make_model(model, *shape, seed=self._seed, **self.parameters)
-            return
-        channels = 3 if len(shape) == 3 else 1
-        self._sensor = EventSensor(
-            *shape[:2], channels=channels, device=self._device, seed=self._seed, **self.parameters
+        self._sensor = make_sensor(
+            self.parameters, (shape[0], shape[1]), colour=len(shape) == 3, device=self._device, seed=self._seed
         )
 
 

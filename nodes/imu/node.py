@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from evis.config.params import Param
@@ -10,10 +11,11 @@ from evis.config.suggestions import nearest
 from evis.runtime.node import Input, Node, Output
 from msgs.camera import Imu
 from msgs.header import Header, Message
+from msgs.own_time import CONFIGURED, NUMBER, ORIGIN, SEED
 from msgs.world import WorldState
 
 if TYPE_CHECKING:
-    from nodes.imu.inertial import InertialUnit
+    from nodes.imu.inertial import ImuModel, InertialUnit
 
 LARGEST = 1e6
 RANDOM = {
@@ -56,7 +58,16 @@ class ImuNode(Node):
         """Makes the unit."""
         from nodes.imu.inertial import ImuModel, InertialUnit
 
-        self._unit: InertialUnit = InertialUnit(ImuModel(**{k: v for k, v in self.params.items() if k != "camera"}))
+        self._model: ImuModel = ImuModel(**{k: v for k, v in self.params.items() if k != "camera"})
+        self._unit: InertialUnit = InertialUnit(self._model)
+        self._begun: tuple[int, int] | None = None
+        """Origin of the camera's own time [ns] and its seed, once it was reset."""
+
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Makes the unit anew."""
+        self.params = dict(params)
+        self.setup()
+        return True
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Publishes the samples of one interval; none at an episode's first stamp."""
@@ -64,11 +75,25 @@ class ImuNode(Node):
         assert isinstance(state, WorldState)
         body = self._body(state)
         pose, twist = state.rows([body])
-        read = self._unit.advance(state.t, pose[0, :, 0], twist[0, :, 0], int(state.episodes[0]))
+        t, number, origin = state.t, int(state.episodes[0]), 0
+        if state.own is not None and state.own_t is not None:
+            t, number, origin = state.own_t[0], int(state.own[0, NUMBER]), int(state.own[0, ORIGIN])
+            self._begin(origin, int(state.own[0, SEED]))
+        read = self._unit.advance(t, pose[0, :, 0], twist[0, :, 0], number)
         self.count_total("clipped_samples", self._unit.clipped)
         self.count_total("nonfinite_samples", self._unit.nonfinite)
         header = Header(state.header.stamp_ns, clock=state.header.clock, episode=state.header.episode)
-        self.publish("imu", Imu(header, read.t, read.acceleration, read.angular_velocity))
+        self.publish("imu", Imu(header, read.t + origin, read.acceleration, read.angular_velocity))
+
+    def _begin(self, origin: int, seed: int) -> None:
+        """Takes a unit whose time begins with a reset."""
+        from nodes.imu.inertial import InertialUnit
+
+        if self._begun != (origin, seed):
+            self._begun = origin, seed
+            model = self._model if seed == CONFIGURED else replace(self._model, seed=seed)
+            self._unit = InertialUnit(model)
+            self.restart_totals()
 
     def _body(self, state: WorldState) -> int:
         """Index of the camera in the state. Raises ValueError for several environments and for an unknown camera."""

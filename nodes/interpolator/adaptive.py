@@ -74,7 +74,11 @@ class AdaptiveCount:
             self._motion = wp.empty(self._geometry.shape, dtype=wp.vec2, device=self._device)
         now, before = (states.pose_at_step(n) for n in (-1, -2))
         self._geometry.render(now, before, ("motion",), {"motion": self._motion})
-        return _largest(self._motion.numpy()[~held]) / int(t[-1] - t[-2])
+        motion = self._motion.numpy()
+        if states.own_t is None:
+            return _largest(motion[~held]) / int(t[-1] - t[-2])
+        steps = states.own_t[:, -1] - states.own_t[:, -2]
+        return max((_largest(motion[e]) / int(steps[e]) for e in np.flatnonzero(~held)), default=0.0)
 
 
 def _largest(motion: np.ndarray) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from evis.scene.model import Camera, Scene
 from nodes.interpolator import image_kernels
 from nodes.interpolator import warm_up as made_up
 from nodes.interpolator.adaptive import AdaptiveCount
-from nodes.interpolator.keyframe import KeyframeView, Method, Report, States
+from nodes.interpolator.keyframe import KeyframeView, Method, Report, States, own_subframes
 from nodes.interpolator.luminance import luminance_of, rgb_of, scalars
 from nodes.interpolator.methods import METHODS, Gap
 from nodes.interpolator.passthrough import crop
@@ -53,6 +53,7 @@ class Interpolator:
         threads: int = 1,
         scene: Scene | None = None,
         camera: Camera | None = None,
+        worlds: Sequence[Scene] = (),
         light_samples: int = 16,
         paths: PathOptions | None = None,
         tolerance: float = 0.1,
@@ -62,7 +63,8 @@ class Interpolator:
         """method: a key of METHODS. upsampling: K. colour: frames are linear RGB instead of luminance.
 
         scene, camera, light_samples, paths: those of the renderer, for methods that use the bodies' states. Raises
-        ValueError where these have none. tolerance: error of log radiance that `rigid` looks for, to shade anew.
+        ValueError where these have none. worlds: the scene of each environment, where bodies move differently and all
+        else looks as in `scene`. tolerance: error of log radiance that `rigid` looks for, to shade anew.
         sample_px: path of a pixel over the surface that it shows up to which `rigid` draws a line between two samples
         of it, which differ by no more than half of `tolerance`; 0 = it looks up every pixel of every frame; None = 1 on
         a CPU, 0 on a GPU.
@@ -76,7 +78,7 @@ class Interpolator:
         if "state" in METHODS[method].reads and (scene is None or camera is None):
             raise ValueError(f"the {method} interpolator needs the scene and its camera; without them use splat")
         self._name = method
-        self._scene, self._camera = scene, camera
+        self._scene, self._camera, self._worlds = scene, camera, worlds
         self._light: dict[str, Any] = {"light_samples": light_samples, "paths": paths}
         self._light |= {"tolerance": tolerance, "sample_px": sample_px}
         self.upsampling = 1 if method == "none" else upsampling
@@ -98,6 +100,8 @@ class Interpolator:
         self._samples = 1
         self._made: Any = new_frames((0,))
         self.report = Report()
+        self.own_t: np.ndarray | None = None
+        """Times int64 [E, K] ns of the frames made last, in own time, where environments have times of their own."""
 
     def push(
         self,
@@ -109,6 +113,7 @@ class Interpolator:
         margin: int = 0,
         allocate: Allocate = new_frames,
         states: States | None = None,
+        own: np.ndarray | None = None,
     ) -> tuple[np.ndarray, Any]:
         """Makes the frames of the gap that ends with this keyframe.
 
@@ -116,7 +121,10 @@ class Interpolator:
         float32 [E, H, W] m. motion: float32 [E, H, W, 2] px; all of numpy or on the device, where they must stay as
         they are until the next call but one. margin: pixels beyond the image on every side. allocate: gives the array
         of a shape to write the frames into. states: of the bodies, from the keyframe before to this one. Of depth,
-        motion and states only what the method uses is read.
+        motion and states only what the method uses is read. own: int64 [E] ns, the keyframe's time in each environment,
+        where these have times of their own.
+
+        A keyframe of the last one's stamp, with which some environments begin an episode, is for them alone.
         Returns (stamps int64 [K] ns, frames float32 [E, K, h, w] or, in colour, [E, K, h, w, 3]); K = 1 where all
         environments begin an episode. Environments that begin one while others go on hold this keyframe in all K
         frames. Where the camera is known and keyframes, margin included, are n times its size, they hold n x n samples
@@ -126,21 +134,50 @@ class Interpolator:
         view = KeyframeView(
             self._image(image), self._use("depth", depth), self._use("motion", motion), stamp_ns=stamp_ns
         )
-        view.states = self._check(states)
+        view.states, view.own = self._check(states), own
         held = np.ones(image.shape[0], bool) if self._last is None else np.asarray(episodes) != self._episodes
-        stamps = self._stamps(view, held)
+        replaces = self._last is not None and stamp_ns == self._stamp and held.any() and not held.all()
+        if replaces and self._last is not None:
+            view.replaces, view.begun = self._last.replaces or self._last, held
+            if self._last.begun is not None:
+                view.begun = held | self._last.begun
+        stamps = np.array([stamp_ns]) if replaces else self._stamps(view, held)
         out = allocate(self._frames_shape(len(stamps), self._samples))
         fine = self._frames_shape(len(stamps), 1)
         made = out if self._samples == 1 else self._fine(fine, isinstance(out, wp.array))
-        if self._last is None or held.all():
+        if self._last is None or held.all() or replaces:
             crop(view, margin, made)
             self.report = Report()
         else:
             self.report = self._method_of(len(stamps)).between(self._last, view, held, made)
+        self.own_t = None
+        if own is not None:
+            alone = self._last is None or held.all() or replaces
+            self.own_t = own[:, None] if alone else own_subframes(self._last or view, view, held, len(stamps))
         if self._samples > 1:
             self._average(made, out)
         self._last, self._stamp, self._episodes = view, stamp_ns, np.array(episodes)
         return stamps, out
+
+    @property
+    def last(self) -> tuple[int, np.ndarray]:
+        """Gives the stamp [ns] and the episodes int32 [E] of the last keyframe, none before the first."""
+        return self._stamp, self._episodes
+
+    def shown(self, image: Image, margin: int, allocate: Allocate = new_frames) -> Any:
+        """Gives the frames of a keyframe by itself, with arguments as of `push`, as if none had come."""
+        view = KeyframeView(self._image(image))
+        out = allocate(self._frames_shape(1, self._samples))
+        made = out if self._samples == 1 else self._fine(self._frames_shape(1, 1), isinstance(out, wp.array))
+        crop(view, margin, made)
+        if self._samples > 1:
+            self._average(made, out)
+        return out
+
+    def forget(self) -> None:
+        """Forgets the last keyframe: the next one begins a run, at any time, in images of the same size."""
+        self._last, self._stamp = None, 0
+        self._episodes = np.zeros(0, np.int32)
 
     def _fit(self, shape: tuple[int, ...], margin: int) -> None:
         """Takes keyframes [E, H, W] of this size and margin from now on. Raises ValueError where others came before."""
@@ -273,6 +310,9 @@ class Interpolator:
             images = made_up.images(envs, height, width)
             self.push(stamp, episodes, *images, margin, self._scratch, states)
         self._count, self._warmed = count, True
+        for method in self._methods.values():
+            # Of those that remember more than the last keyframe.
+            getattr(method, "settle", lambda: None)()
 
     def _scratch(self, shape: tuple[int, ...]) -> np.ndarray | wp.array:
         if self._device.is_cpu:
@@ -284,7 +324,7 @@ class Interpolator:
         camera = finer(self._camera, self._samples) if self._camera is not None else None
         gap = Gap(
             height, width, envs, upsampling, margin, 3 if self._colour else 1, str(self._device), self._threads,
-            self._scene, camera, self._light, self._shared,
+            self._scene, camera, self._light, self._shared, self._worlds,
         )  # fmt: skip
         return METHODS[self._name].make(gap)
 

@@ -9,6 +9,8 @@ from typing import Protocol
 import numpy as np
 import warp as wp
 
+from evis.runtime.clock import subframe_stamps
+
 wp.config.log_level = wp.LOG_WARNING
 
 
@@ -18,7 +20,8 @@ class States:
 
     t: int64 [S] ns, ascending, from the keyframe before to this one. pose: float64 [E, S, B, 7]. twist: float64
     [E, S, B, 6], world frame. Both are of the bodies `moving`, int [B] ascending, and all others are at `rest`, float64
-    [E, N, 7], the poses at t[-1], all along; without these two, of all N bodies.
+    [E, N, 7], the poses at t[-1], all along; without these two, of all N bodies. own_t: int64 [E, S] ns, not
+    descending, where environments have times of their own, to be used in place of t.
     """
 
     t: np.ndarray
@@ -26,6 +29,16 @@ class States:
     twist: np.ndarray
     moving: np.ndarray | None = None
     rest: np.ndarray | None = None
+    own_t: np.ndarray | None = None
+
+    def part(self, envs: np.ndarray) -> States:
+        """Gives the states of these environments, int [n], which share their time."""
+        rest = None if self.rest is None else self.rest[envs]
+        if self.own_t is None:
+            return States(self.t, self.pose[envs], self.twist[envs], self.moving, rest)
+        t = self.own_t[envs[0]]
+        steps = np.append(np.diff(t) > 0, True)
+        return States(t[steps], self.pose[envs][:, steps], self.twist[envs][:, steps], self.moving, rest)
 
     @property
     def end_pose(self) -> np.ndarray:
@@ -55,6 +68,9 @@ class KeyframeView:
 
     image: float32 [E, H, W] luminance or [E, H, W, 3] linear RGB. depth: float32 [E, H, W] m, +inf = sky. motion:
     float32 [E, H, W, 2] px, backward. stamp_ns: its time. What a method does not use is None.
+
+    own: int64 [E] ns, its time in each environment, where these have times of their own. replaces: the view at the same
+    stamp in whose place it comes, for some environments began anew there: those of `begun`, bool [E].
     """
 
     image: wp.array
@@ -62,6 +78,22 @@ class KeyframeView:
     motion: wp.array | None = None
     states: States | None = None
     stamp_ns: int = 0
+    own: np.ndarray | None = None
+    replaces: KeyframeView | None = None
+    begun: np.ndarray | None = None
+
+    def times(self, envs: int) -> np.ndarray:
+        """Gives its time in each environment, int64 [E] ns."""
+        return np.full(envs, self.stamp_ns) if self.own is None else self.own
+
+
+def own_subframes(a: KeyframeView, b: KeyframeView, held: np.ndarray, upsampling: int) -> np.ndarray:
+    """Computes the times int64 [E, K] ns of the frames of a gap in each environment; where it is held, those of b."""
+    starts, ends = (view.times(len(held)) for view in (a, b))
+    times = np.repeat(ends[:, None], upsampling, axis=1)
+    for e in np.flatnonzero(~held).tolist():
+        times[e] = subframe_stamps(int(starts[e]), int(ends[e]), upsampling)
+    return times
 
 
 @dataclass

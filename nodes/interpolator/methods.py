@@ -6,7 +6,7 @@ can ask what a method reads.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,7 @@ class Gap:
         threads: CPU threads.
         scene, camera: those of the renderer; the camera is as fine as the keyframes.
         light: options of a method that shades: light_samples, paths, tolerance, sample_px.
+        worlds: the scene of each environment where they move differently, and look alike.
         shared: memory of one stream of keyframes, which its methods of several K use together.
     """
 
@@ -44,6 +45,7 @@ class Gap:
     camera: Camera | None = None
     light: Mapping[str, Any] = field(default_factory=dict)
     shared: dict[str, Any] = field(default_factory=dict)
+    worlds: Sequence[Scene] = ()
 
     @property
     def images(self) -> tuple[int, int, int, int, int, int, str, int]:
@@ -70,7 +72,7 @@ def _rigid(gap: Gap) -> Method:
     from nodes.interpolator.rigid import Rigid, RigidOptions
 
     assert gap.scene is not None and gap.camera is not None
-    return Rigid(gap.scene, gap.camera, *gap.bodies, RigidOptions(**gap.light))
+    return Rigid(gap.scene, gap.camera, *gap.bodies, RigidOptions(**gap.light), worlds=gap.worlds)
 
 
 def _splat(gap: Gap) -> Method:

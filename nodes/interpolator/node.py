@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
-from evis.scene.parameters import SCENE, camera_of, scene_of
+from evis.scene.digest import appearance, shown
+from evis.scene.model import Scene
+from evis.scene.parameters import SCENE, SEED, camera_of, worlds_of
+from evis.scene.parts import Parts
+from evis.scene.worlds import Group, Worlds
 from msgs.camera import Depth, Frames, Keyframe, Motion
 from msgs.header import Header, Message
+from msgs.own_time import STAMP
 from msgs.world import WorldState
 from nodes.interpolator.methods import HELP, METHODS, reads
 from nodes.renderer import parameters
@@ -21,6 +27,7 @@ from nodes.renderer.parameters import LIGHT
 if TYPE_CHECKING:
     from nodes.interpolator.interpolator import Interpolator
     from nodes.interpolator.keyframe import States
+    from nodes.interpolator.separate import SeparateInterpolators
 
 
 def usable(params: Mapping[str, Any]) -> str:
@@ -51,6 +58,7 @@ class InterpolatorNode(Node):
         "colour": Param(bool, False, "frames are linear RGB, for colour events, instead of luminance"),
         **SCENE,
         "scene": replace(SCENE["scene"], help="world that was rendered, for rigid; without it splat is used"),
+        "seed": SEED,
         "camera": Param(str, "cam0", "which camera of the scene"),
         "envs": Param(int, 1, "parallel environments that are expected", minimum=1, maximum=65536),
         "margin": Param(int, 0, "the renderer's margin that is expected", "px", 0, 1024),
@@ -65,7 +73,7 @@ class InterpolatorNode(Node):
         "state": Input("/state"),
     }
     OUTPUTS = {"frames": Output("/{camera}/frames")}
-    interpolator: Interpolator
+    interpolator: Interpolator | SeparateInterpolators
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
@@ -91,33 +99,100 @@ class InterpolatorNode(Node):
 
     def setup(self) -> None:
         from evis.gpu.devices import device_named
-        from nodes.interpolator.interpolator import Interpolator
 
         p = self.params
         self._method = method = usable(p)
         if method != p["method"]:
             self.warn(f"method {p['method']} needs the scene that was rendered (scene:=NAME); {method} is used instead")
-        scene = scene_of(self.name, p) if "state" in reads(method) else None
-        camera = camera_of(scene, p["camera"]) if scene else None
+        worlds = self.worlds = worlds_of(self.name, p) if "state" in reads(method) else None
+        scene = worlds.scenes[0] if worlds else None
         self._names = [body.name for body in scene.bodies] if scene else []
-        light = parameters.light_options(p if scene else {})
-        how = {key: p[key] for key in ("colour", "device", "threads", "tolerance", "sample_px", "adaptive_px")}
-        self.interpolator = Interpolator(method, p["upsampling"], scene=scene, camera=camera, **how, **light)
+        self.interpolator = self._interpolators(worlds)
+        camera = camera_of(scene, p["camera"]) if scene else None
         size = (camera.height, camera.width) if camera else (p["height"], p["width"])
-        if all(size):
-            # Samples that are to be moved apart come as a larger image.
-            n = p["supersampling"] or camera.supersampling if camera else 1
-            height, width = (n * (length + 2 * p["margin"]) for length in size)
-            self.interpolator.warm_up_for(p["envs"], height, width, n * p["margin"])
-        else:
-            self.interpolator.warm_up()
+        # Samples that are to be moved apart come as a larger image.
+        n = p["supersampling"] or camera.supersampling if camera else 1
+        height, width = (n * ((length or 0) + 2 * p["margin"]) for length in size)
+        self._expected = (height, width) if all(size) else None
+        self._fineness = n
+        self._warm(self.interpolator, p["envs"])
         self._device = device_named(p["device"])
         self._field = "rgb" if p["colour"] else "luminance"
         self._kept: list[Message] = []
 
+    def _warm(self, interpolator: Interpolator | SeparateInterpolators, envs: int) -> None:
+        """Prepares it before its first keyframe."""
+        if self._expected is None:
+            interpolator.warm_up()
+        else:
+            interpolator.warm_up_for(envs, *self._expected, self._fineness * self.params["margin"])
+
+    def _interpolators(self, worlds: Worlds | None) -> Interpolator | SeparateInterpolators:
+        """Makes one for all environments, or one for each look of the world."""
+        if worlds is None:
+            return self._interpolator(None, ())
+        groups = worlds.groups(appearance)
+        if len(groups) == 1:
+            return self._interpolator(groups[0][0], worlds.apart())
+        return self._separate(Parts(groups, self._each(worlds, groups)))
+
+    def _each(self, worlds: Worlds, groups: Sequence[Group]) -> list[Callable[[], Interpolator]]:
+        return [partial(self._interpolator, scene, worlds.apart(envs)) for scene, envs in groups]
+
+    def _interpolator(self, scene: Scene | None, worlds: Sequence[Scene]) -> Interpolator:
+        from nodes.interpolator.interpolator import Interpolator
+
+        p = self.params
+        light = parameters.light_options(p if scene else {})
+        how = {key: p[key] for key in ("colour", "device", "threads", "tolerance", "sample_px", "adaptive_px")}
+        camera = camera_of(scene, p["camera"]) if scene else None
+        return Interpolator(self._method, p["upsampling"], scene=scene, camera=camera, worlds=worlds, **how, **light)
+
+    def _separate(self, parts: Parts[Interpolator]) -> SeparateInterpolators:
+        """Raises ValueError for what those of different worlds would have to agree about."""
+        from nodes.interpolator.separate import SeparateInterpolators
+
+        if self.params["adaptive_px"] > 0:
+            raise ValueError(
+                f"{self.name}: environments with worlds that look different each have frames of their own number with "
+                "adaptive_px; leave it out, or run one environment at a time"
+            )
+        return SeparateInterpolators(parts, self.params["upsampling"], self.params["device"])
+
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Forgets the last keyframe; what another seed draws no differently is as it was."""
+        if {**params, "seed": 0} != {**self.params, "seed": 0}:
+            return False
+        self.params = dict(params)
+        self._release()
+        self.interpolator.forget()
+        if self.worlds is not None:
+            self._follow(self.worlds.from_seed(params["seed"]))
+        return True
+
+    def _follow(self, worlds: Worlds) -> None:
+        """Knows these worlds from now on. Those that change begin with the next keyframe."""
+        assert self.worlds is not None
+        changed, self.worlds = worlds.changed(self.worlds, shown), worlds
+        if not len(changed):
+            return
+        if len(changed) == len(worlds.scenes):
+            self.interpolator = self._interpolators(worlds)
+            self._warm(self.interpolator, len(changed))
+            return
+        from nodes.interpolator.separate import SeparateInterpolators
+
+        if not isinstance(self.interpolator, SeparateInterpolators):
+            self.interpolator = self._separate(Parts.of_all(self.interpolator, len(worlds.scenes)))
+        groups = worlds.groups(appearance, changed)
+        for made, (_, envs) in zip(self.interpolator.change(groups, self._each(worlds, groups)), groups):
+            self._warm(made, len(envs))
+
     def update(self, inputs: Mapping[str, Message]) -> None:
         key = inputs["keyframe"]
         assert isinstance(key, Keyframe)
+        if self.worlds is not None and (worlds := self.worlds.follow(key.own)) is not self.worlds:
+            self._follow(worlds)
         depth, motion = inputs.get("depth"), inputs.get("motion")
         t, frames = self.interpolator.push(
             key.header.stamp_ns,
@@ -128,6 +203,7 @@ class InterpolatorNode(Node):
             key.margin,
             self._allocate,
             self._states(inputs.get("state")),
+            None if key.own is None else np.array(key.own[:, STAMP]),
         )
         # The arrays of this keyframe are those of A in the next gap.
         for message in inputs.values():
@@ -144,6 +220,8 @@ class InterpolatorNode(Node):
         images: dict[str, Any] = {self._field: frames}
         message = Frames(header, t=t, episodes=np.array(key.episodes), filled=report.filled, **images)
         message.reshaded = report.reshaded
+        if key.own is not None:
+            message.own, message.own_t = np.array(key.own), self.interpolator.own_t
         self.publish("frames", message)
 
     def _states(self, state: Message | None) -> States | None:
@@ -157,7 +235,7 @@ class InterpolatorNode(Node):
                 f"{self.name}: /state has bodies {', '.join(state.names)}, the scene has {', '.join(self._names)}; "
                 "give both nodes the same scene and scene_args"
             )
-        return States(state.t, state.moving_pose, state.moving_twist, state.moving, state.end_pose)
+        return States(state.t, state.moving_pose, state.moving_twist, state.moving, state.end_pose, state.own_t)
 
     def _allocate(self, shape: tuple[int, ...]) -> Any:
         device, field = self._device, self._field

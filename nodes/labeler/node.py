@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from evis.config.params import Param
 from evis.config.suggestions import nearest
 from evis.runtime.node import Input, Node, Output
+from evis.scene.model import Scene
+from evis.scene.parameters import SCENE, SEED, camera_of, worlds_of
 from msgs.camera import CameraInfo, Depth, Ids, Labels
 from msgs.header import Header, Message
 from msgs.world import WorldState
+
+if TYPE_CHECKING:
+    from nodes.labeler.geometry import Looks
 
 NEEDS = {
     "flow": {"state", "depth", "ids", "info"},
@@ -22,15 +27,26 @@ NEEDS = {
     "boxes": {"ids"},
     "poses": {"state"},
     "velocities": {"state"},
+    "accelerations": {"state"},
+    "joints": {"state"},
     "contacts": {"state"},
+    "boxes3d": {"state"},
+    "forward_flow": {"state"},
+    "backward_flow": {"state"},
+    "events": {"state", "events", "signal"},
 }
 """Inputs that each kind of label is made of."""
+GEOMETRIC = ("events", "forward_flow", "backward_flow", "boxes3d")
+"""Labels for which the scene is loaded: they look at its meshes, at instants that no image shows."""
 DEFAULT = ("flow", "depth", "segmentation", "boxes")
 """Labels for a reader who did not say which."""
 
 
 class LabelerNode(Node):
-    """Publishes the labels of one camera. The scene is not loaded: CameraInfo tells which body each id belongs to."""
+    """Publishes the labels of one camera.
+
+    The scene is loaded for labels of GEOMETRIC alone: for the others CameraInfo tells which body each id belongs to.
+    """
 
     PARAMS: ClassVar[Mapping[str, Param]] = {
         "camera": Param(str, "cam0", "camera that is labelled"),
@@ -39,12 +55,24 @@ class LabelerNode(Node):
             f"ground truth to make, of {', '.join(NEEDS)}; not given = {', '.join(DEFAULT)}, once a viewer opens them",
             optional=True,
         ),
+        "flow_from": Param(
+            float, 0.0, "where forward_flow begins, as a part of the packet's interval: 0 = the stamp before", "", 0, 1
+        ),
+        "flow_to": Param(float, 1.0, "where forward_flow ends and backward_flow begins: 1 = the stamp", "", 0, 1),
+        "keyframe_rate": Param(float, 30.0, "rate of the states", "Hz", 1e-3, 1e6),
+        "upsampling": Param(int, 8, "frames per keyframe interval (K), the sensor's steps", "", 1, 4096),
+        "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
+        **SCENE,
+        "seed": SEED,
+        "envs": Param(int, 1, "parallel environments", "", 1, 65536),
     }  # fmt: skip
     INPUTS: ClassVar[Mapping[str, Input]] = {
         "state": Input("/state"),
         "depth": Input("/{camera}/depth"),
         "ids": Input("/{camera}/ids"),
         "info": Input("/{camera}/info", join=False),
+        "events": Input("/{camera}/events", join=False),
+        "signal": Input("/{camera}/signal", join=False),
     }
     OUTPUTS: ClassVar[Mapping[str, Output]] = {"labels": Output("/{camera}/labels")}
 
@@ -54,22 +82,88 @@ class LabelerNode(Node):
         asked = kinds(params.get("labels"))
         return frozenset().union(*(NEEDS[kind] for kind in asked)) if wanted else frozenset()
 
+    @classmethod
+    def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """Tells that an interval is of use for the flow over one alone."""
+        if {"forward_flow", "backward_flow"} & set(kinds(params.get("labels"))):
+            return {}
+        return dict.fromkeys(("flow_from", "flow_to"), "no label is a flow over an interval (labels:=forward_flow)")
+
     def setup(self) -> None:
-        """Checks the list of labels."""
+        """Checks the list of labels, and prepares what looks at meshes. Raises ValueError for an empty interval."""
         from nodes.labeler import labels
 
         self.pure = labels
         self.kinds = kinds(self.params["labels"])
         self.info: CameraInfo | None = None
-        self.flow: labels.FlowField | None = None
+        self.flow: list[labels.FlowField] = []
+        self.pairing: Any = None
+        self.geometry: Any = None
+        if set(GEOMETRIC) & set(self.kinds):
+            self._geometry()
+
+    def _geometry(self) -> None:
+        p = self.params
+        if p["flow_from"] >= p["flow_to"]:
+            raise ValueError(f"flow_from {p['flow_from']:g} must be less than flow_to {p['flow_to']:g}")
+        from nodes.labeler.geometry import Geometry
+
+        self.geometry = Geometry(worlds_of(self.name, p, textures=False), self._looks)
+        if set(GEOMETRIC[:3]) & set(self.kinds):
+            from nodes.labeler.sight import Histories, History
+
+            self.histories, self.now = Histories(), History()
+        if "events" in self.kinds:
+            from nodes.labeler.packets import Pairing
+
+            self.pairing = Pairing()
+
+    def _looks(self, scene: Scene) -> Looks:
+        """What labels environments that look like a scene."""
+        from nodes.labeler.geometry import Looks
+
+        p, camera, looks = self.params, camera_of(scene, self.params["camera"]), Looks()
+        if "boxes3d" in self.kinds:
+            from nodes.labeler.oriented_boxes import OrientedBoxes
+
+            looks.boxes = OrientedBoxes(scene, p["camera"])
+        if set(GEOMETRIC[:3]) & set(self.kinds):
+            from nodes.labeler.sight import Sight
+
+            looks.sight = Sight(scene, camera, p["device"])
+            looks.sight.prepare(len(scene.bodies))
+        if "events" in self.kinds and looks.sight is not None:
+            from nodes.labeler.event_labels import EventLabeler
+
+            looks.events = EventLabeler(looks.sight, 1e9 / (p["keyframe_rate"] * p["upsampling"]))
+        if set(GEOMETRIC[1:3]) & set(self.kinds) and looks.sight is not None:
+            from nodes.labeler.interval_flow import IntervalFlow
+
+            looks.between = IntervalFlow(looks.sight)
+        return looks
+
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Keeps everything but worlds that are others: no label knows of another stamp."""
+        if {**params, "seed": 0} != {**self.params, "seed": 0}:
+            return False
+        self.params = dict(params)
+        if self.geometry is not None:
+            self.geometry.follow(self.geometry.worlds.from_seed(params["seed"]))
+        return True
 
     def receive(self, port: str, message: Message) -> None:
-        """Keeps the latched CameraInfo."""
+        """Keeps the latched CameraInfo, and events until the labels of their stamp are there."""
+        if port in ("events", "signal"):
+            self.pairing.take(message)
+            self._publish_paired()
         if isinstance(message, CameraInfo):
             self.info = message
             self.info.k, self.info.distortion = np.array(message.k), np.array(message.distortion)
             self.info.semantic = None if message.semantic is None else np.array(message.semantic)
-            self.flow = None
+            for name in ("env_k", "env_distortion"):
+                array = getattr(message, name)
+                setattr(self.info, name, None if array is None else np.array(array))
+            self.flow = []
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Publishes the labels of one stamp."""
@@ -86,7 +180,33 @@ class LabelerNode(Node):
             out.box, out.box_env, out.box_id = self.pure.boxes(i)
         if state is not None:
             self._bodies(out, state)
-        self.publish("labels", out)
+            self._meshes(out, state)
+        if self.pairing is None:
+            self.publish("labels", out)
+            return
+        assert state is not None
+        self.pairing.label(out, state)
+        self._publish_paired()
+
+    def finish(self) -> None:
+        """Publishes the labels of what the sensor held back."""
+        if self.pairing is not None:
+            self._publish_paired(ended=True)
+
+    def _publish_paired(self, ended: bool = False) -> None:
+        """Publishes the labels whose events are there."""
+        while (found := self.pairing.next(ended)) is not None:
+            out, state, packet = found
+            if out is None:
+                h = packet.header
+                out = Labels(Header(h.stamp_ns, clock=h.clock, episode=h.episode))
+            else:
+                self.histories.add(state)
+                self.geometry.follow(self.geometry.worlds.follow(state.own))
+            made = self.geometry.events(self.histories, packet.t, packet.x, packet.y, packet.env_offsets)
+            out.event_env, out.event_instance, out.event_flow = made.env, made.instance, made.flow
+            out.event_signal = packet.signal
+            self.publish("labels", out)
 
     def _images(self, out: Labels, state: WorldState | None, depth: np.ndarray | None, ids: np.ndarray | None) -> None:
         wanted: dict[str, tuple[tuple[int, ...], Any]] = {}
@@ -98,7 +218,11 @@ class LabelerNode(Node):
             wanted["segmentation"] = (ids.shape, np.int32)
         if "semantic" in self.kinds and ids is not None:
             wanted["semantic"] = (ids.shape, np.int32)
-        arrays = self.loan("labels", **wanted) if wanted else {}
+        if self.pairing is None:
+            arrays = self.loan("labels", **wanted) if wanted else {}
+        else:
+            # These wait for events, and a loan is for what is sent next.
+            arrays = {name: np.empty(shape, dtype) for name, (shape, dtype) in wanted.items()}
         if "depth" in arrays:
             arrays["depth"][...] = depth
         if "segmentation" in arrays:
@@ -106,9 +230,9 @@ class LabelerNode(Node):
         if "semantic" in arrays and ids is not None:
             np.take(self._classes(), ids, out=arrays["semantic"])
         if "flow" in arrays and state is not None and depth is not None and ids is not None:
-            field, twist = self._flow_field(state), state.end_twist()
+            fields, twist = self._flow_fields(state), state.end_twist()
             for e in range(len(depth)):
-                field(state.end_pose[e], twist[e], depth[e], ids[e], arrays["flow"][e])
+                fields[e % len(fields)](state.end_pose[e], twist[e], depth[e], ids[e], arrays["flow"][e])
         for name, array in arrays.items():
             setattr(out, name, array)
 
@@ -118,8 +242,9 @@ class LabelerNode(Node):
             raise ValueError(f"{self.name}: /{self.params['camera']}/info has no semantic ids; leave semantic out")
         return self.info.semantic
 
-    def _flow_field(self, state: WorldState) -> Any:
-        if self.flow is None:
+    def _flow_fields(self, state: WorldState) -> list[Any]:
+        """One for all environments, or one for each where their cameras differ."""
+        if not self.flow:
             info = self.info
             if info is None:
                 raise ValueError(f"{self.name} has no CameraInfo of {self.params['camera']}, which flow needs")
@@ -128,9 +253,13 @@ class LabelerNode(Node):
             if missing:
                 raise ValueError(f"{self.name}: /state has no body '{missing[0]}', which CameraInfo names")
             bodies = [index[b] for b in info.instance_bodies]
-            lens = self.pure.lens_of(info.distortion_model, info.distortion)
             size, camera = (info.width, info.height), index[self.params["camera"]]
-            self.flow = self.pure.FlowField(info.k, size, bodies, camera, lens)
+            lenses = [(info.k, info.distortion)]
+            if info.env_k is not None and info.env_distortion is not None:
+                lenses = list(zip(info.env_k, info.env_distortion))
+            for k, distortion in lenses:
+                lens = self.pure.lens_of(info.distortion_model, distortion)
+                self.flow.append(self.pure.FlowField(k, size, bodies, camera, lens))
         return self.flow
 
     def _bodies(self, out: Labels, state: WorldState) -> None:
@@ -138,11 +267,40 @@ class LabelerNode(Node):
             out.pose, out.names = np.array(state.end_pose), list(state.names)
         if "velocities" in self.kinds:
             out.velocity, out.names = state.end_twist(), list(state.names)
+        if "accelerations" in self.kinds:
+            if state.acceleration is None:
+                raise ValueError(f"{self.name}: /state has no accelerations; start physics with accelerations:=true")
+            out.acceleration, out.names = np.array(state.acceleration), list(state.names)
+        if "joints" in self.kinds:
+            if state.qpos is None or state.qvel is None:
+                raise ValueError(f"{self.name}: /state has no joints; start physics with joints:=true")
+            out.qpos, out.qvel = np.array(state.qpos[:, -1]), np.array(state.qvel[:, -1])
         if "contacts" in self.kinds:
             if state.contact_env is None:
                 raise ValueError(f"{self.name}: /state has no contacts; start physics with contacts:=true")
             for part in ("env", "body", "position", "force"):
                 setattr(out, f"contact_{part}", np.array(getattr(state, f"contact_{part}")))
+
+    def _meshes(self, out: Labels, state: WorldState) -> None:
+        """Labels of what the meshes are, or where, at this stamp or within its interval."""
+        if self.geometry is not None:
+            self.geometry.follow(self.geometry.worlds.follow(state.own))
+        if "boxes3d" in self.kinds:
+            boxes = self.geometry.boxes(np.asarray(state.end_pose))
+            out.box3d_env, out.box3d_id, out.box3d_size = boxes.env, boxes.id, boxes.size
+            out.box3d_pose, out.box3d_in_camera = boxes.pose, boxes.in_camera
+        asked = [name for name in ("forward", "backward") if f"{name}_flow" in self.kinds]
+        if not asked:
+            return
+        self.now.add(state)
+        first, last = int(state.t[0]), int(state.t[-1])
+        t = [first + round(self.params[name] * (last - first)) for name in ("flow_from", "flow_to")]
+        out.flow_t = np.array(t, np.int64)
+        for name in asked:
+            start, end = t if name == "forward" else t[::-1]
+            flow, valid = self.geometry.flow(self.now, start, end)
+            setattr(out, f"{name}_flow", flow)
+            setattr(out, f"{name}_valid", valid)
 
 
 def kinds(asked: Any) -> list[str]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 
 from msgs.world import moving_bodies
+from nodes.physics.from_outside import Actuators
 
 
 @dataclass
@@ -27,9 +29,10 @@ class Interval:
     """Holds the states from the previous stamp to the new one, or at one instant (S = 1).
 
     t int64 [S] ns; end_pose float64 [E, N, 7]; moving int32 [B], moving_pose float64 [E, S, B, 7] and moving_twist
-    [E, S, B, 6] as in WorldState; qpos [E, S, nq], qvel [E, S, nv] where asked for. faults: (environment, text) of
-    each environment that diverged and was put back to its start. warnings: the same of what may be wrong without
-    having diverged.
+    [E, S, B, 6] as in WorldState; qpos [E, S, nq], qvel [E, S, nv] and acceleration [E, N, 6] where asked for.
+    faults: (environment, text) of each environment that diverged and was put back to its start. warnings: the same of
+    what may be wrong without having diverged. own, own_t: as in WorldState, where environments were reset by
+    themselves.
     """
 
     t: np.ndarray
@@ -40,8 +43,11 @@ class Interval:
     qpos: np.ndarray | None = None
     qvel: np.ndarray | None = None
     contacts: Contacts | None = None
+    acceleration: np.ndarray | None = None
     faults: list[tuple[int, str]] = field(default_factory=list)
     warnings: list[tuple[int, str]] = field(default_factory=list)
+    own: np.ndarray | None = None
+    own_t: np.ndarray | None = None
 
     @classmethod
     def dense(cls, t: np.ndarray, pose: np.ndarray, twist: np.ndarray, **others: Any) -> Interval:
@@ -71,6 +77,8 @@ class Interval:
         self.moving_pose, self.moving_twist = self.moving_pose[:, last], self.moving_twist[:, last]
         if self.qpos is not None and self.qvel is not None:
             self.qpos, self.qvel = self.qpos[:, last], self.qvel[:, last]
+        if self.own_t is not None:
+            self.own_t = self.own_t[:, last]
 
 
 class Engine(Protocol):
@@ -78,12 +86,37 @@ class Engine(Protocol):
 
     controls: int
     """Number of actuators."""
+    actuators: Actuators
 
     def start(self) -> Interval:
         """Gives the state at stamp 0, S = 1."""
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Moves on to stamp `to_ns` [ns] under controls float64 [E, nu] (None: as before, zero at first)."""
+
+    def rewind(self, seed: int) -> None:
+        """Goes back to stamp 0, as it is made with this seed."""
+
+    def leave(self, env: int) -> None:
+        """Leaves an environment where it is from now on, for nobody wants its states any more."""
+
+    def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> Engine:
+        """Makes an engine of these environments alone, at their start and stamp 0.
+
+        seeds: of each, None = its own of now. numbers: how often each has begun anew since it got its seed.
+        """
+
+
+def check_controls(controls: np.ndarray, envs: int, actuators: int) -> None:
+    """Raises ValueError for controls that are not finite float64 [envs, actuators]."""
+    if controls.shape != (envs, actuators):
+        raise ValueError(
+            f"an action has controls {list(controls.shape)}, the model takes [{envs}, {actuators}] "
+            "(environments, actuators)"
+        )
+    if not np.isfinite(controls).all():
+        k, u = np.argwhere(~np.isfinite(controls))[0]
+        raise ValueError(f"an action has {controls[k, u]} for actuator {u} of environment {k}; it must be finite")
 
 
 def grid_inside(start_ns: int, end_ns: int, step_ns: int) -> np.ndarray:

@@ -8,18 +8,24 @@ point at or after its stamp: at once where the keyframe interval is a multiple o
 
 from __future__ import annotations
 
-from typing import Any
+import copy
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 
 from evis.geometry import interpolate, se3
+from evis.scene.mjcf.changes import apply_start
 from evis.scene.mjcf.dynamics import compile_model
 from evis.scene.model import Scene
+from nodes.physics.accelerations import mounted_acceleration, mujoco_accelerations, prescribed_accelerations
+from nodes.physics.actuators import actuators_of
 from nodes.physics.contacts import contacts_of, gather
 from nodes.physics.followers import Followers
-from nodes.physics.interval import Interval
+from nodes.physics.interval import Interval, check_controls
+from nodes.physics.joint_start import start_joints
 from nodes.physics.prescribed import PrescribedStates
+from nodes.physics.stride import Before, Trace, take_steps
 from nodes.physics.watchdog import Watchdog
 
 MAX_STEP_NS = 1_000_000
@@ -46,6 +52,7 @@ class MujocoEngine:
         timestep: float | None = None,
         contacts: bool = False,
         joints: bool = False,
+        accelerations: bool = False,
         speed_limit: float = 1000.0,
     ) -> None:
         """Loads the model and puts every environment to its start.
@@ -57,23 +64,23 @@ class MujocoEngine:
             timestep: sub-step [s], at most 1 ms; None = the model's own, cut into equal parts of at most 1 ms.
             contacts: whether intervals have contacts with their forces.
             joints: whether they have positions and velocities of the joints.
+            accelerations: whether they have those of the bodies; NaN for cameras that MuJoCo has follow a body.
             speed_limit: speed [m/s] of a body beyond which an environment has diverged.
         """
         # Without a handler MuJoCo writes a log file into the working directory; the watchdog reads the counters.
         mujoco.set_mju_user_warning(lambda text: None)
-        self.scene, self.seed, self.envs = scene, seed, envs
+        self.scene, self.envs = scene, envs
         self.model = compile_model(scene)
         # MuJoCo would put a diverged state back to its start and go on as if nothing had happened.
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.step_ns = step_length(self.model.opt.timestep, timestep)
         self.model.opt.timestep = self.step_ns * 1e-9
         self.controls: int = self.model.nu
+        self.actuators = actuators_of(self.model)
         self.data = [mujoco.MjData(self.model) for _ in range(envs)]
-        self._scratch = mujoco.MjData(self.model) if contacts else None
-        self._joints = joints
+        self._scratch = mujoco.MjData(self.model) if contacts or accelerations else None
+        self._contacts, self._joints, self._accelerations = contacts, joints, accelerations
         self._watchdogs = [Watchdog(self.model, speed_limit) for _ in range(envs)]
-        self._warnings = [(0, text) for text in self._watchdogs[0].risks()]
-        self._episodes = [0] * envs
         follows = [(n, body.follows) for n, body in enumerate(scene.bodies) if body.follows is not None]
         self._followers = Followers(self.model, [what for _, what in follows])
         own = [
@@ -87,16 +94,45 @@ class MujocoEngine:
         self._columns = [*own, *range(self.model.nbody - 1, self.model.nbody - 1 + len(follows))]
         """Which rows of a snapshot the bodies of `_moved` are: the model's own bodies come first there."""
         self._prescribed = PrescribedStates(scene)
+        self._warnings: list[tuple[int, str]] = []
+        self.rewind(seed)
+        self._warnings = [(0, text) for text in self._watchdogs[0].risks()]
+
+    def rewind(self, seed: int) -> None:
+        """Puts every environment to its start at stamp 0, in the first episode of seed + k."""
+        self._warnings = []
+        self._begin([seed + k for k in range(self.envs)], [0] * self.envs)
+
+    def _begin(self, seeds: list[int], numbers: list[int]) -> None:
+        """All environments to their start at stamp 0: seeds and how often each began anew with its seed."""
+        self._seeds, self._numbers = seeds, numbers
         self._stamp, self._grid = 0, 0
-        for k in range(envs):
+        self._left: set[int] = set()
+        for k in range(self.envs):
             self._reset(k)
         self._before = self._now = self._snapshot()
         self._last = self._state_at(0)
         """The state at the stamp published last, where the next message begins."""
 
+    def leave(self, env: int) -> None:
+        """Steps an environment no more."""
+        self._left.add(env)
+
+    def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> MujocoEngine:
+        """Makes an engine of these environments alone, at their start and stamp 0; they are moved by it from then on.
+
+        seeds: of each, None = its own of now. numbers: how often each has begun anew since it got its seed.
+        """
+        engine = copy.copy(self)
+        engine.envs, engine._warnings = len(envs), []
+        engine.data = [self.data[k] for k in envs]
+        engine._watchdogs = [self._watchdogs[k] for k in envs]
+        engine._begin([self._seeds[k] if s is None else s for k, s in zip(envs, seeds)], list(numbers))
+        return engine
+
     def start(self) -> Interval:
         """Gives the state at stamp 0."""
-        return self._interval(np.zeros(1, np.int64), [self._now], [])
+        return self._interval(np.zeros(1, np.int64), {name: value[:, None] for name, value in self._now.items()}, [])
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Moves on to stamp `to_ns` [ns] under controls [E, nu].
@@ -104,38 +140,73 @@ class MujocoEngine:
         Raises ValueError for controls of a wrong shape or not finite.
         """
         if controls is not None:
-            self._control(controls)
-        times, states = [self._stamp], [self._last]
+            check_controls(controls, self.envs, self.controls)
+            for data, values in zip(self.data, controls):
+                data.ctrl[:] = values
+        strode = self._stride(to_ns)
+        if strode is not None:
+            times, course = strode
+            end = {name: value[:, None] for name, value in self._state_at(to_ns).items()}
+            course = {name: np.concatenate((value, end[name]), axis=1) for name, value in course.items()}
+            self._stamp, self._last = to_ns, {name: value[:, -1] for name, value in course.items()}
+            return self._interval(np.append(times, to_ns), course, [])
+        return self._step_by_step(to_ns)
+
+    def _step_by_step(self, to_ns: int) -> Interval:
+        """Moves on to a stamp, looking at every state."""
+        moments, states = [self._stamp], [self._last]
         faults: dict[int, str] = {}
         while self._grid < to_ns:
             if self._grid > self._stamp:
-                times.append(self._grid)
+                moments.append(self._grid)
                 states.append(self._now)
             self._step(faults)
-        times.append(to_ns)
+        moments.append(to_ns)
         states.append(self._state_at(to_ns))
         self._stamp = to_ns
         for k in faults:
             self._restart(k, states)
         self._last = states[-1]
-        return self._interval(np.array(times, np.int64), states, sorted(faults.items()))
+        course = {name: np.stack([state[name] for state in states], axis=1) for name in self._last}
+        return self._interval(np.array(moments, np.int64), course, sorted(faults.items()))
 
-    def _control(self, controls: np.ndarray) -> None:
-        if controls.shape != (self.envs, self.controls):
-            raise ValueError(
-                f"an action has controls {list(controls.shape)}, the model takes [{self.envs}, {self.controls}] "
-                "(environments, actuators)"
-            )
-        if not np.isfinite(controls).all():
-            k, u = np.argwhere(~np.isfinite(controls))[0]
-            raise ValueError(f"an action has {controls[k, u]} for actuator {u} of environment {k}; it must be finite")
-        for data, values in zip(self.data, controls):
-            data.ctrl[:] = values
+    def _stride(self, to_ns: int) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
+        """Takes all steps up to `to_ns` at once.
+
+        Returns the times int64 [S] from the last stamp on and before `to_ns`, and the states then, each [E, S, ...].
+        None, and nothing has happened, where a state must be looked at.
+        """
+        if len(self._followers):
+            return None
+        grid = range(self._grid, to_ns, self.step_ns)
+        count, chosen = len(grid), [k for k in range(self.envs) if k not in self._left]
+        # The states at all grid points, that of now the first.
+        made = {name: np.repeat(value[:, None], count + 1, axis=1) for name, value in self._now.items()}
+        before = [Before(self.model, self.data[k]) for k in chosen]
+        for place, k in enumerate(chosen):
+            trace = Trace.empty(self.model, count)
+            take_steps(self.model, self.data[k], grid, trace)
+            twist, pose = trace.twist_and_pose(self.model)
+            if count and not self._watchdogs[k].quiet(self.data[k], trace.qpos, trace.qvel, twist, trace.nearest):
+                for n, remembered in zip(chosen[: place + 1], before):
+                    remembered.restore(self.model, self.data[n])
+                return None
+            for name, value in (("pose", pose), ("twist", twist), ("qpos", trace.qpos), ("qvel", trace.qvel)):
+                made[name][k, 1:] = value
+        if count:
+            for k in chosen:
+                self._watchdogs[k].passed(self.data[k])
+            self._grid += count * self.step_ns
+            self._before, self._now = ({name: value[:, i] for name, value in made.items()} for i in (-2, -1))
+        times = np.array(grid, np.int64)
+        inside = np.flatnonzero(times > self._stamp)
+        course = {n: np.concatenate((self._last[n][:, None], made[n][:, inside]), axis=1) for n in made}
+        return np.concatenate(([self._stamp], times[inside])), course
 
     def _step(self, faults: dict[int, str]) -> None:
         """All environments one grid step on; one that has diverged waits for the end of the interval."""
         for k, data in enumerate(self.data):
-            if k in faults:
+            if k in faults or k in self._left:
                 continue
             # MuJoCo adds up its time in floating point; ours is exact.
             data.time = self._grid * 1e-9
@@ -147,7 +218,7 @@ class MujocoEngine:
         self._grid += self.step_ns
         self._before, self._now = self._now, self._snapshot()
         for k, data in enumerate(self.data):
-            if k not in faults:
+            if k not in faults and k not in self._left:
                 twist = self._now["twist"][k, : self.model.nbody - 1]
                 fault = self._watchdogs[k].check(data, twist)
                 if fault:
@@ -156,26 +227,28 @@ class MujocoEngine:
                     self._warnings += [(k, text) for text in self._watchdogs[k].notices(data, twist)]
 
     def _reset(self, k: int) -> None:
-        """Environment k to its start: the scene's keyframe, moved a little by seed + k and the episode's number."""
+        """Environment k to its start: the scene's keyframe, moved a little by its seed and the episode's number."""
         data = self.data[k]
         if self.scene.keyframe >= 0:
             mujoco.mj_resetDataKeyframe(self.model, data, self.scene.keyframe)
         else:
             mujoco.mj_resetData(self.model, data)
+        apply_start(self.model, data, self.scene.changes)
         spread, turn = self.scene.initial_spread
-        random = np.random.Generator(np.random.Philox(key=[self.seed + k, self._episodes[k]]))
+        random = np.random.Generator(np.random.Philox(key=[self._seeds[k] % 2**64, self._numbers[k]]))
         for joint in np.flatnonzero(self.model.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
             shift, rotation = random.standard_normal((2, 3))
             at = self.model.jnt_qposadr[joint]
             data.qpos[at : at + 3] += spread * shift
             q = se3.from_mujoco(data.qpos[at + 3 : at + 7])
             data.qpos[at + 3 : at + 7] = se3.to_mujoco(se3.multiply(se3.exp(turn * rotation), q))
+        start_joints(self.model, data, self.scene.initial_joints, self._seeds[k] % 2**64, self._numbers[k])
         mujoco.mj_forward(self.model, data)
         self._watchdogs[k].restart(data)
 
     def _restart(self, k: int, states: list[dict[str, np.ndarray]]) -> None:
         """Begin the next episode of environment k at the stamp; its part of the interval is the new start all along."""
-        self._episodes[k] += 1
+        self._numbers[k] += 1
         self._reset(k)
         fresh = self._snapshot()
         for state in (*states, self._before, self._now):
@@ -221,12 +294,11 @@ class MujocoEngine:
         qvel = (1 - u) * self._before["qvel"] + u * self._now["qvel"]
         return {"pose": pose, "twist": twist, "qpos": qpos, "qvel": qvel}
 
-    def _interval(self, t: np.ndarray, states: list[dict[str, Any]], faults: list[tuple[int, str]]) -> Interval:
+    def _interval(self, t: np.ndarray, course: dict[str, np.ndarray], faults: list[tuple[int, str]]) -> Interval:
         """The engine's bodies, the prescribed ones and the mounted ones, put together."""
         pose, twist = (np.tile(a, (self.envs, 1, 1, 1)) for a in self._prescribed.at(t))
         moved, columns = self._moved, self._columns
-        pose[:, :, moved] = np.stack([s["pose"][:, columns] for s in states], axis=1)
-        twist[:, :, moved] = np.stack([s["twist"][:, columns] for s in states], axis=1)
+        pose[:, :, moved], twist[:, :, moved] = (course[name][:, :, columns] for name in ("pose", "twist"))
         for n, body in enumerate(self.scene.bodies):
             if body.mount is not None:
                 parent, offset = body.mount
@@ -236,7 +308,27 @@ class MujocoEngine:
         result = Interval.dense(t, pose, twist, faults=faults, warnings=self._warnings)
         self._warnings = []
         if self._joints:
-            result.qpos, result.qvel = (np.stack([s[n] for s in states], axis=1) for n in ("qpos", "qvel"))
-        if self._scratch is not None:
+            result.qpos, result.qvel = course["qpos"], course["qvel"]
+        if self._contacts:
             result.contacts = gather([contacts_of(self.model, data, self._scratch) for data in self.data])
+        if self._accelerations:
+            last = {name: course[name][:, -1] for name in ("qpos", "qvel")}
+            result.acceleration = self._accelerations_at(int(t[-1]), last, pose[:, -1], twist[:, -1])
+        return result
+
+    def _accelerations_at(
+        self, t: int, state: dict[str, np.ndarray], pose: np.ndarray, twist: np.ndarray
+    ) -> np.ndarray:
+        """Accelerations [E, N, 6] of all bodies at the end of an interval, of which these are poses and twists."""
+        result = np.tile(prescribed_accelerations(self.scene, t), (self.envs, 1, 1))
+        own = [(n, column) for n, column in zip(self._moved, self._columns) if column < self.model.nbody - 1]
+        for k, data in enumerate(self.data):
+            joints = state["qpos"][k], state["qvel"][k]
+            found = mujoco_accelerations(self.model, data, self._scratch, *joints)
+            for n, column in own:
+                result[k, n] = found[column]
+        for n, body in enumerate(self.scene.bodies):
+            if body.mount is not None:
+                parent, offset = body.mount
+                result[:, n] = mounted_acceleration(pose[:, parent], twist[:, parent], result[:, parent], offset)
         return result

@@ -1,9 +1,13 @@
-"""The physics node: publishes /state at every keyframe stamp, and takes /action where a controller closes the loop."""
+"""The physics node: publishes /state at every keyframe stamp, and takes /action where a controller closes the loop.
+
+Environments begin anew when they diverge, when a message on /reset asks for it, and by `restart` in the hands of who
+steps the graph.
+"""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,10 +15,16 @@ import numpy as np
 from evis.config.params import Param
 from evis.runtime.clock import NS, keyframe_count, keyframe_stamp, times_slower
 from evis.runtime.node import Input, Node, Output
-from evis.scene.parameters import SCENE, scene_of
+from evis.scene.digest import motion
+from evis.scene.model import Scene
+from evis.scene.parameters import SCENE, worlds_of
 from msgs.header import Header, Message
-from msgs.world import Action, WorldState
+from msgs.own_time import CONFIGURED
+from msgs.world import Action, Reset, WorldState
+from nodes.physics.environments import Environments
+from nodes.physics.from_outside import check_action
 from nodes.physics.interval import Engine, Interval
+from nodes.physics.resets import checked
 
 
 class PhysicsNode(Node):
@@ -23,7 +33,10 @@ class PhysicsNode(Node):
     SOURCE: ClassVar[bool] = True
     PARAMS: ClassVar[Mapping[str, Param]] = {
         **SCENE,
-        "seed": Param(int, 0, "seed of where free bodies start; environment k has seed + k", "", 0, 2**63 - 1),
+        "seed": Param(
+            int, 0, "seed of what the scene draws and of where free bodies start; environment k has seed + k", "", 0,
+            2**63 - 1,
+        ),
         "envs": Param(int, 1, "parallel environments", "", 1, 65536),
         "keyframe_rate": Param(float, 30.0, "rendered keyframes per second", "Hz", 1e-3, 1e6),
         "action_rate": Param(
@@ -38,22 +51,27 @@ class PhysicsNode(Node):
             optional=True,
         ),
         "contacts": Param(bool, False, "publish contacts and their forces"),
-        "joints": Param(bool, False, "publish joint positions and velocities"),
+        "joints": Param(bool, False, "publish joint positions and velocities (MuJoCo's qpos and qvel) in /state"),
+        "accelerations": Param(bool, False, "publish accelerations of the bodies"),
         "speed_limit": Param(float, 1000.0, "speed of a body beyond which the simulation has diverged", "m/s", 1e-3),
     }  # fmt: skip
-    INPUTS: ClassVar[Mapping[str, Input]] = {"action": Input("/action", join=False, delayed=True)}
+    INPUTS: ClassVar[Mapping[str, Input]] = {
+        "action": Input("/action", join=False, delayed=True, outside=True),
+        "reset": Input("/reset", join=False, optional=True, outside=True),
+    }
     OUTPUTS: ClassVar[Mapping[str, Output]] = {"state": Output("/state")}
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """Raises ValueError for contacts in a scene that has none."""
+        """Raises ValueError for contacts or joints in a scene that has none."""
         from evis.scene.load import is_dynamic
 
         scene = params.get("scene")
-        if params["contacts"] and scene:
+        asked = [name for name in ("contacts", "joints") if params[name]]
+        if asked and scene:
             with contextlib.suppress(OSError):  # who loads it says so
                 if not is_dynamic(scene):
-                    raise ValueError(f"scene {scene} moves in closed form and has no contacts; leave contacts out")
+                    raise ValueError(f"scene {scene} moves in closed form and has no {asked[0]}; leave {asked[0]} out")
         return frozenset(cls.INPUTS)
 
     @classmethod
@@ -68,14 +86,17 @@ class PhysicsNode(Node):
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Names what is random: where free bodies start, in a scene that says how far from its own start."""
-        from evis.scene.load import starts_at_random
+        """Names what is random of the world: what the scene draws, and where free bodies start, if it says how far."""
+        from evis.scene.load import drawn_places, parse_args, starts_at_random
 
         scene = params.get("scene")
-        with contextlib.suppress(OSError):  # who loads it says so
+        found: list[str] = []
+        with contextlib.suppress(OSError, ValueError):  # who loads it says so
             if scene and starts_at_random(scene):
-                return ("start of free bodies",)
-        return ()
+                found.append("start of free bodies")
+            if scene:
+                found += drawn_places(scene, parse_args(params.get("scene_args")))
+        return tuple(found)
 
     @classmethod
     def divides(cls, params: Mapping[str, Any]) -> int:
@@ -89,31 +110,81 @@ class PhysicsNode(Node):
     def setup(self) -> None:
         """Loads the scene and the engine that it needs."""
         p = self.params
-        scene = scene_of(self.name, p, visuals=False)
+        worlds = self.worlds = worlds_of(self.name, p, visuals=False)
+        scene = self.scene = worlds.scenes[0]
         for note in scene.notes:
             self.warn(f"scene {scene.name}: {note}")
         self.engine: Engine
-        if scene.dynamic:
-            from nodes.physics.mujoco_engine import MujocoEngine
-
-            self.engine = MujocoEngine(
-                scene, p["seed"], p["envs"], timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
-                speed_limit=p["speed_limit"],
-            )  # fmt: skip
+        if len(worlds.groups(motion)) == 1:
+            self.engine = self._engine(scene, p["seed"], p["envs"])
         else:
-            from nodes.physics.prescribed import PrescribedEngine
+            from nodes.physics.separate import SeparateEngines
 
-            self.engine = PrescribedEngine(scene, p["envs"])
+            pairs = zip(worlds.scenes, worlds.seeds)
+            self.engine = SeparateEngines([self._engine(own, seed, 1) for own, seed in pairs])
         self.held = self.divides(p)
         self.names = [body.name for body in scene.bodies]
-        self.episodes = np.zeros(p["envs"], np.int32)
+        self._begin()
+        self.count_all = keyframe_count(round(p["duration"] * NS), p["keyframe_rate"]) if p["duration"] else None
+        if self.count_all is not None:
+            self._say_end(self.count_all - 1)
+
+    def _begin(self) -> None:
+        """Stands before the first stamp of a run."""
+        self.environments = Environments(self.engine, self.params["envs"], self.params["keyframe_rate"])
+        self.episodes = np.zeros(self.params["envs"], np.int32)
+        self._seeded = np.zeros(self.params["envs"], np.int32)
+        """The episode in which each environment was given its seed: the number of its reset counts from there."""
+        self._asked: list[tuple[list[int], list[int]]] = []
+        """Environments that begin anew at the next step, and their seeds."""
         self.episode = 0
         self.k = 0
         self.first = 0
         """Number of the stamp at which the run's episode began: cameras and actions are counted from it."""
-        self.count_all = keyframe_count(round(p["duration"] * NS), p["keyframe_rate"]) if p["duration"] else None
-        if self.count_all is not None:
-            self._say_end(self.count_all - 1)
+
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Puts the engine back to time 0, with another seed where that is all that differs and moves nothing else."""
+        if {**params, "seed": 0} != {**self.params, "seed": 0}:
+            return False
+        configured = self.worlds.from_seed(self.params["seed"])
+        worlds = configured.from_seed(params["seed"])
+        if len(worlds.changed(configured, motion)):
+            return False
+        self.params, self.worlds = dict(params), worlds
+        self.engine.rewind(params["seed"])
+        self._begin()
+        return True
+
+    def _engine(self, scene: Scene, seed: int, envs: int) -> Engine:
+        """Makes the engine of environments that have one world, of seeds from `seed` on."""
+        p = self.params
+        if not scene.dynamic:
+            from nodes.physics.prescribed import PrescribedEngine
+
+            return PrescribedEngine(scene, envs, p["accelerations"])
+        from nodes.physics.mujoco_engine import MujocoEngine
+
+        return MujocoEngine(
+            scene, seed, envs, timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
+            accelerations=p["accelerations"], speed_limit=p["speed_limit"],
+        )  # fmt: skip
+
+    def _other_engines(self, envs: list[int], seeds: list[int]) -> list[tuple[list[int], Engine]]:
+        """Engines of those environments that move otherwise with the seeds that they are given."""
+        worlds = self.worlds.with_seeds(*_given(envs, seeds))
+        groups = worlds.groups(motion, worlds.changed(self.worlds, motion))
+        self.worlds = worlds
+        made = []
+        for scene, members in groups:
+            engine = self._engine(scene, 0, len(members))
+            if engine.controls != self.engine.controls:
+                raise ValueError(
+                    f"scene {scene.name}: environment {members[0]} has {engine.controls} actuators with its new seed, "
+                    f"and had {self.engine.controls}; worlds side by side need the same ones"
+                )
+            own = [worlds.seeds[env] for env in members]
+            made.append((members.tolist(), engine.anew(range(len(members)), own, [0] * len(members))))
+        return made
 
     def _say_end(self, last: int) -> None:
         """Warn where the run's last keyframe, of number `last`, comes before its end: the rest is not simulated."""
@@ -133,16 +204,82 @@ class PhysicsNode(Node):
             return {}
         return {"action": keyframe_stamp(self.k - 1, self.params["keyframe_rate"])}
 
+    def offer(self, port: str) -> Mapping[str, Any]:
+        """Describes the actuators. Raises ValueError where there are none."""
+        if port != "action":
+            return {}
+        actuators = self.engine.actuators
+        if not actuators.names:
+            raise ValueError(f"scene {self.scene.name} has no actuators: there is nothing to control")
+        low, high = actuators.low.tolist(), actuators.high.tolist()
+        return {"envs": self.params["envs"], "names": list(actuators.names), "low": low, "high": high}
+
+    def admit(self, port: str, message: Message) -> None:
+        """Raises ValueError for an action that is not finite or out of range, a reset of what is not there."""
+        if isinstance(message, Action):
+            check_action(message, self.params["envs"], self.engine.actuators)
+        elif isinstance(message, Reset):
+            checked(message.envs, message.seeds, self.params["envs"])
+
     def step(self, inputs: Mapping[str, Message]) -> bool:
         """Publishes the state at the next stamp."""
         stamp = keyframe_stamp(self.k, self.params["keyframe_rate"])
         action = inputs.get("action")
         controls = np.array(action.controls) if isinstance(action, Action) else None
-        interval = self.engine.advance(stamp, controls) if self.k else self.engine.start()
+        for envs, seeds in self._asked:
+            self._begin_anew(envs, seeds, self.k)
+            self.count("resets", len(envs))
+            if len(envs) == len(self.episodes):
+                self.first = self.k
+                self.episode += int(self.k > 0 and len(envs) == 1)
+        self._asked = []
+        interval = self.environments.advance(self.k, controls)
         self._faults(interval, stamp)
         self._publish(stamp, interval)
         self.k += 1
         return self.count_all is None or self.k < self.count_all
+
+    def receive(self, port: str, message: Message) -> None:
+        """Takes a reset, for the next step; one that asks for what is not there is refused with a warning."""
+        assert isinstance(message, Reset)
+        try:
+            self._asked.append(checked(message.envs, message.seeds, len(self.episodes)))
+        except ValueError as error:
+            self.count("resets_refused")
+            self.warn(f"{error}; nothing is reset")
+
+    def restart(self, envs: Sequence[int] = (), seeds: Sequence[int] = ()) -> None:
+        """Begins environments anew at once, and publishes their start.
+
+        Where all begin anew, or nothing was published yet, that is the state at stamp 0, and time starts again. Else it
+        is a state of the stamp published last, in which the others are as they were.
+
+        Args:
+            envs: which; none = all.
+            seeds: of each of these, -1 = it keeps its own; none = all keep theirs.
+
+        Raises ValueError for an environment that is not there and for seeds that do not fit.
+        """
+        chosen, given = checked(envs, seeds, len(self.episodes))
+        if not self.k or len(chosen) == len(self.episodes):
+            self._begin_anew(chosen, given, 0)
+            self.episode += int(self.k > 0)
+            self.k = self.first = 0
+            interval = self.environments.advance(0)
+            self.k = 1
+        else:
+            self._begin_anew(chosen, given, self.k - 1)
+            interval = self.environments.present()
+        self._publish(keyframe_stamp(self.k - 1, self.params["keyframe_rate"]), interval)
+
+    def _begin_anew(self, envs: list[int], seeds: list[int], k: int) -> None:
+        """Environments begin anew at keyframe k, in time of their own."""
+        if self.k:
+            self.episodes[envs] += 1
+        given = np.array(seeds) != CONFIGURED
+        self._seeded[np.array(envs)[given]] = self.episodes[np.array(envs)[given]]
+        numbers = (self.episodes - self._seeded)[envs].tolist()
+        self.environments.restart(envs, seeds, numbers, k, self._other_engines(envs, seeds))
 
     def _faults(self, interval: Interval, stamp: int) -> None:
         """An environment that diverged begins its next episode at this stamp; with only one, so does the run."""
@@ -164,10 +301,19 @@ class PhysicsNode(Node):
             return
         given = {name: getattr(interval, name) for name in ("t", "end_pose", "moving", "moving_pose", "moving_twist")}
         given["episodes"] = self.episodes
-        given |= {n: a for n, a in (("qpos", interval.qpos), ("qvel", interval.qvel)) if a is not None}
+        if interval.own_t is not None:
+            given |= {"own": self.environments.own(self.episodes - self._seeded), "own_t": interval.own_t}
+        asked = {"qpos": interval.qpos, "qvel": interval.qvel, "acceleration": interval.acceleration}
+        given |= {name: array for name, array in asked.items() if array is not None}
         if interval.contacts is not None:
             given |= {f"contact_{n}": a for n, a in vars(interval.contacts).items()}
         arrays = self.loan("state", **{name: (value.shape, value.dtype) for name, value in given.items()})
         for name, value in given.items():
             arrays[name][...] = value
         self.publish("state", WorldState(Header(stamp, episode=self.episode), names=self.names, **arrays))
+
+
+def _given(envs: list[int], seeds: list[int]) -> tuple[list[int], list[int]]:
+    """Those environments that are given a seed, and their seeds."""
+    pairs = [(env, seed) for env, seed in zip(envs, seeds) if seed != CONFIGURED]
+    return [env for env, _ in pairs], [seed for _, seed in pairs]

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Sequence
+
 import numpy as np
 
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Known, Prescribed
+from nodes.physics.accelerations import prescribed_accelerations
+from nodes.physics.from_outside import Actuators
 from nodes.physics.interval import Interval, grid_inside
 
 
@@ -13,9 +18,12 @@ class PrescribedEngine:
     """Gives closed-form poses on the scene's sub-step grid. All environments are alike: nothing in them is random."""
 
     controls = 0
+    actuators = Actuators()
 
-    def __init__(self, scene: Scene, envs: int = 1) -> None:
+    def __init__(self, scene: Scene, envs: int = 1, accelerations: bool = False) -> None:
+        """accelerations: whether intervals have them."""
         self.scene = scene
+        self._accelerations = accelerations
         self._states = PrescribedStates(scene)
         self.envs = envs
         self._now = 0
@@ -23,6 +31,10 @@ class PrescribedEngine:
     def start(self) -> Interval:
         """Gives the state at stamp 0."""
         return self._at(np.zeros(1, np.int64))
+
+    def rewind(self, seed: int) -> None:
+        """Goes back to stamp 0."""
+        self._now = 0
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Gives the states from the previous stamp to `to_ns` [ns]; there is nothing to control."""
@@ -32,13 +44,25 @@ class PrescribedEngine:
         self._now = to_ns
         return self._at(t)
 
+    def leave(self, env: int) -> None:
+        """Does nothing: one environment more costs nothing."""
+
+    def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> PrescribedEngine:
+        """Makes an engine of as many environments, at stamp 0; nothing depends on seeds and numbers."""
+        engine = copy.copy(self)
+        engine.envs, engine._now = len(envs), 0
+        return engine
+
     def _at(self, t: np.ndarray) -> Interval:
         states = self._states
         pose, twist = states.of_moving(t)
         end = states.rest.copy()
         end[states.moving] = pose[-1]
         ends, poses, twists = (np.broadcast_to(a, (self.envs, *a.shape)) for a in (end, pose, twist))
-        return Interval(t, ends, states.moving, poses, twists)
+        interval = Interval(t, ends, states.moving, poses, twists)
+        if self._accelerations:
+            interval.acceleration = np.tile(prescribed_accelerations(self.scene, int(t[-1])), (self.envs, 1, 1))
+        return interval
 
 
 class PrescribedStates:

@@ -54,6 +54,26 @@ class Watchdog:
         cause = self._cause(data, body)
         return f"body '{self._body(body)}' diverged at t = {data.time:.6g} s: {what}; likely cause: {cause}"
 
+    def quiet(self, data: Any, qpos: np.ndarray, qvel: np.ndarray, twist: np.ndarray, nearest: float) -> bool:
+        """Says that `check` and `notices` would find nothing after any of n steps.
+
+        qpos, qvel, twist: [n, ...] after each of them. nearest: least distance of a contact [m].
+        """
+        # A counter that rose stays risen; a sum is finite only if everything in it is.
+        numbers = data.warning.number
+        if [numbers[w] for w in _BAD] != self._counts or any(numbers[w] for w in _LOST):
+            return False
+        if not np.isfinite(qpos.sum() + qvel.sum() + twist.sum()):
+            return False
+        fastest = float(np.sqrt((twist[..., :3] ** 2).sum(axis=-1).max(initial=0.0)))
+        if fastest > self.speed_limit or fastest * self.model.opt.timestep > 0.5 * self._thickness:
+            return False
+        return nearest > -0.5 * self._thickness
+
+    def passed(self, data: Any) -> None:
+        """Takes note of the time, after steps in which nothing was wrong."""
+        self._time = data.time
+
     def _sign(self, data: Any, twist: np.ndarray) -> tuple[int, str] | None:
         """The body that shows it, and how."""
         # A sum is finite only if everything in it is, but for overflow, which is no better.

@@ -13,7 +13,8 @@ from msgs.world import WorldState
 STEPS = ("moving_pose", "moving_twist", "qpos", "qvel")
 """Arrays [E, S, ...] with a row for each sub-step."""
 CONTACTS = ("env", "body", "position", "normal", "force", "distance")
-"""Contacts are those at the last stamp, so the last state's count."""
+LAST = ("acceleration", *(f"contact_{name}" for name in CONTACTS))
+"""Accelerations and contacts are those at the last stamp, so the last state's count."""
 
 Allocate = Callable[..., Mapping[str, np.ndarray]]
 """Arrays to write into, for name=(shape, dtype), ..."""
@@ -24,7 +25,8 @@ class Merger:
 
     The first state of an episode is given out by itself, and the groups are counted from it. `gaps` counts states
     that did not begin where the one before had ended, within an episode; they start anew too. A group that is left
-    unfinished has no stamp of its own and is dropped; `unfinished` counts its states.
+    unfinished has no stamp of its own and is dropped; `unfinished` counts its states. A state of the last one's stamp
+    is of environments that begin anew there: they are at their start until the camera's next keyframe.
     """
 
     def __init__(self, count: int) -> None:
@@ -39,19 +41,28 @@ class Merger:
     def push(self, state: WorldState, allocate: Allocate) -> WorldState | None:
         """Takes one state more; gives the merged one where that ends a group. `state` need not outlive the call."""
         now = (state.header.episode, state.header.stamp_ns)
+        if now == self._end and self._parts:
+            self._parts.append(_copy(state))
+            return None
         follows = self._end == (state.header.episode, int(state.t[0])) and len(state.t) > 1
-        if not follows and self._end is not None and self._end[0] == now[0] and now[1] > self._end[1]:
+        all_begin = len(self._episodes) and bool((np.asarray(state.episodes) != self._episodes).all())
+        later = self._end is not None and self._end[0] == now[0] and now[1] > self._end[1]
+        if not follows and later and not all_begin:
             self.gaps += 1
         self._end = now
         if not follows:
-            self.unfinished += len(self._parts)
+            self.unfinished += self._intervals()
             self._parts = []
             return self._whole([state], allocate)
-        if len(self._parts) + 1 < self.count:
+        if self._intervals() + 1 < self.count:
             self._parts.append(_copy(state))
             return None
         parts, self._parts = [*self._parts, state], []
         return self._whole(parts, allocate)
+
+    def _intervals(self) -> int:
+        """How many of the states that wait are of an interval."""
+        return sum(len(part.t) > 1 for part in self._parts)
 
     def _whole(self, parts: Sequence[WorldState], allocate: Allocate) -> WorldState:
         episodes = np.array(parts[-1].episodes)
@@ -63,16 +74,20 @@ class Merger:
 def merged(parts: Sequence[WorldState], begun: np.ndarray, allocate: Allocate) -> WorldState:
     """Makes one state over the intervals of `parts`, each of which begins where the one before ends.
 
-    The time where two meet stands once. Stamp, episodes and contacts are the last one's. begun: bool [E], environments
-    whose episode began within. They stand all along where they are at the end, for nothing may be interpolated across
-    their restart.
+    The time where two meet stands once. Stamp, episodes, contacts and accelerations are the last one's. begun: bool
+    [E], environments whose episode began within. They stand all along where they are at the end, for nothing may be
+    interpolated across their restart.
     """
     last = parts[-1]
     moving = _moving(parts)
     given = {"t": np.concatenate([parts[0].t, *(part.t[1:] for part in parts[1:])]), "episodes": last.episodes}
     given |= {"end_pose": last.end_pose, "moving": moving}
-    given |= {f"contact_{name}": getattr(last, f"contact_{name}") for name in CONTACTS}
-    rows = dict(zip(STEPS, zip(*(_steps(part, moving, skip=bool(i)) for i, part in enumerate(parts)))))
+    given |= {name: getattr(last, name) for name in LAST}
+    if last.own is not None:
+        given["own"] = last.own
+    rows = dict(zip((*STEPS, "own_t"), zip(*(_steps(part, moving, skip=bool(i)) for i, part in enumerate(parts)))))
+    if last.own_t is None:
+        del rows["own_t"]
     rows = {name: pieces for name, pieces in rows.items() if pieces[-1] is not None}
     wanted: dict[str, tuple[tuple[int, ...], Any]] = {
         name: ((len(last.episodes), len(given["t"]), *pieces[0].shape[2:]), pieces[0].dtype)
@@ -106,11 +121,16 @@ def _steps(part: WorldState, moving: np.ndarray, skip: bool) -> tuple[Any, ...]:
         pose, twist = part.moving_pose, part.moving_twist
     else:
         pose, twist = part.rows(moving)
-    return tuple(None if array is None else array[:, int(skip) :] for array in (pose, twist, part.qpos, part.qvel))
+    own_t = part.own_t
+    if own_t is None:
+        # Environments share their time until one is reset by itself.
+        own_t = np.broadcast_to(part.t, (len(part.end_pose), len(part.t)))
+    found = (pose, twist, part.qpos, part.qvel, own_t)
+    return tuple(None if array is None else array[:, int(skip) :] for array in found)
 
 
 def _copy(state: WorldState) -> WorldState:
     """What a group needs of a state that is not its last."""
-    names = ("t", "end_pose", "moving", "episodes", *STEPS)
+    names = ("t", "end_pose", "moving", "episodes", *STEPS, "own", "own_t")
     arrays: dict[str, Any] = {n: np.array(getattr(state, n)) for n in names if getattr(state, n) is not None}
     return WorldState(state.header, **arrays)

@@ -39,6 +39,13 @@ class RateDividerNode(Node):
         """Makes the merger for these rates."""
         self._merger = Merger(self.divides(self.params))
 
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Makes the merger anew."""
+        if dict(params) != self.params:
+            return False
+        self.setup()
+        return True
+
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Publishes a state where a keyframe of the camera is due."""
         state = inputs["states"]

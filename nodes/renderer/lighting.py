@@ -159,7 +159,7 @@ class Shading:
             self._still_place = self.visibility.still_place
             self._kept.triangle.fill_(-1)
 
-    def set_time(self, t_ns: int) -> bool:
+    def set_time(self, t_ns: int | np.ndarray) -> bool:
         """Sets flickering lights to what they are at an instant; True where one is not as it was."""
         return self.set_times(np.full(self.visibility.envs, t_ns, np.int64))
 

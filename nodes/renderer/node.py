@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
-from evis.scene.parameters import SCENE, camera_of, scene_of
+from evis.scene.digest import appearance
+from evis.scene.model import Camera, Scene
+from evis.scene.parameters import SCENE, SEED, camera_of, scene_of, worlds_of
+from evis.scene.parts import Parts
+from evis.scene.worlds import Group, Worlds
 from msgs.camera import CameraInfo, Depth, Ids, Keyframe, Motion, Normal
 from msgs.header import Header, Message
+from msgs.own_time import STAMP
 from msgs.world import WorldState
 from nodes.renderer import parameters
 from nodes.renderer.parameters import LIGHT
 
 if TYPE_CHECKING:
     from nodes.renderer.renderer import Renderer
+    from nodes.renderer.separate import SeparateRenderers
     from nodes.renderer.supersampling import SupersampledRenderer
 
 GEOMETRIC: dict[str, Any] = {"depth": Depth, "motion": Motion, "ids": Ids, "normal": Normal}
@@ -29,6 +36,7 @@ class RendererNode(Node):
 
     PARAMS = {
         **SCENE,
+        "seed": SEED,
         "camera": Param(str, "cam0", "which camera of the scene"),
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "envs": Param(int, 1, "parallel environments", minimum=1, maximum=65536),
@@ -55,7 +63,7 @@ class RendererNode(Node):
         "ids": Output("/{camera}/ids"),
         "normal": Output("/{camera}/normal"),
     }
-    renderer: Renderer | SupersampledRenderer
+    renderer: Renderer | SupersampledRenderer | SeparateRenderers
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
@@ -85,30 +93,27 @@ class RendererNode(Node):
 
     def setup(self) -> None:
         """Makes the renderer, compiles what is wanted of it, and publishes the camera's info."""
-        from evis.scene.stereo import baseline
-        from nodes.renderer.renderer import Renderer
-        from nodes.renderer.supersampling import SupersampledRenderer
-
         p = self.params
-        self.scene = scene_of(self.name, p)
-        camera = camera_of(self.scene, p["camera"])
-        how = {key: p[key] for key in ("envs", "margin", "device", "threads", "half")}
-        how |= parameters.light_options(p)
-        samples = p["supersampling"] or camera.supersampling
+        worlds = self.worlds = worlds_of(self.name, p)
+        self.scene = worlds.scenes[0]
+        samples = p["supersampling"] or camera_of(self.scene, p["camera"]).supersampling
         self._fineness = samples if p["samples_apart"] else 1
-        if samples > 1:
-            self.renderer = SupersampledRenderer(self.scene, camera, samples, **how, apart=p["samples_apart"])
-        else:
-            self.renderer = Renderer(self.scene, camera, **how)
+        self.renderer = self._renderers(worlds.groups(appearance))
         self.renderer.prepare(self._wanted())
         self._warn_of_aliases()
         self._names = [body.name for body in self.scene.bodies]
-        self._previous: np.ndarray | None = None
-        self._episodes = np.zeros(0, np.int32)
+        self._begin()
+        self.publish("info", self._info(Header(0)))
+
+    def _info(self, header: Header) -> CameraInfo:
+        """What readers are told of the camera and of the worlds that it sees."""
+        from evis.scene.stereo import baseline
+
+        p, worlds, camera = self.params, self.worlds, camera_of(self.scene, self.params["camera"])
         kinds = ["background", *(i.semantic or i.name for i in self.scene.instances)]
         classes = {kind: number for number, kind in enumerate(dict.fromkeys(kinds))}
         info = CameraInfo(
-            Header(0),
+            header,
             k=np.asarray(camera.k, np.float64),
             distortion=np.asarray(camera.distortion, np.float64),
             distortion_model=camera.distortion_model,
@@ -124,8 +129,71 @@ class RendererNode(Node):
             classes=list(classes),
             baseline=baseline(self.scene, camera),
             sensor=self.runtime.plan.sensor_beside(self.name, "info"),
+            drawn=worlds.drawn(),
         )
-        self.publish("info", info)
+        lenses = [camera_of(scene, p["camera"]) for scene in worlds.scenes]
+        if any(lens is not camera and not same_lens(lens, camera) for lens in lenses):
+            info.env_k = np.stack([np.asarray(lens.k, np.float64) for lens in lenses])
+            info.env_distortion = np.array([lens.distortion for lens in lenses], np.float64).reshape(len(lenses), -1)
+        return info
+
+    def _begin(self) -> None:
+        """Stands before the first keyframe of a run."""
+        self._previous: np.ndarray | None = None
+        self._earlier: np.ndarray | None = None
+        """Poses of the keyframe before that one."""
+        self._stamp = 0
+        self._episodes = np.zeros(0, np.int32)
+
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Forgets the last keyframe; what another seed draws no differently is as it was."""
+        if {**params, "seed": 0} != {**self.params, "seed": 0}:
+            return False
+        self.params = dict(params)
+        self._begin()
+        self._follow(self.worlds.from_seed(params["seed"]), Header(0))
+        return True
+
+    def _follow(self, worlds: Worlds, header: Header) -> None:
+        """Sees these worlds from now on, and tells of them."""
+        before, self.worlds, self.scene = self.worlds, worlds, worlds.scenes[0]
+        changed = worlds.changed(before, appearance)
+        if len(changed):
+            groups, envs = worlds.groups(appearance, changed), len(worlds.scenes)
+            if len(changed) == envs:
+                self.renderer = self._renderers(groups)
+            else:
+                from nodes.renderer.separate import SeparateRenderers
+
+                if not isinstance(self.renderer, SeparateRenderers):
+                    self.renderer = SeparateRenderers(Parts.of_all(self.renderer, envs), envs)
+                self.renderer.change(groups, self._each(groups))
+            self.renderer.prepare(self._wanted())
+        if worlds.drawn() != before.drawn():
+            self.publish("info", self._info(header))
+
+    def _renderers(self, groups: Sequence[Group]) -> Renderer | SupersampledRenderer | SeparateRenderers:
+        """Makes what renders all environments."""
+        from nodes.renderer.separate import SeparateRenderers
+
+        if len(groups) == 1:
+            return self._renderer(groups[0][0], self.params["envs"])
+        return SeparateRenderers(Parts(groups, self._each(groups)), self.params["envs"])
+
+    def _each(self, groups: Sequence[Group]) -> list[Callable[[], Renderer | SupersampledRenderer]]:
+        return [partial(self._renderer, scene, len(envs)) for scene, envs in groups]
+
+    def _renderer(self, scene: Scene, envs: int) -> Renderer | SupersampledRenderer:
+        """Makes the renderer of environments whose worlds look the same."""
+        from nodes.renderer.renderer import Renderer
+        from nodes.renderer.supersampling import SupersampledRenderer
+
+        p, camera = self.params, camera_of(scene, self.params["camera"])
+        how = {key: p[key] for key in ("margin", "device", "threads", "half")} | parameters.light_options(p)
+        samples = p["supersampling"] or camera.supersampling
+        if samples > 1:
+            return SupersampledRenderer(scene, camera, samples, envs, **how, apart=p["samples_apart"])
+        return Renderer(scene, camera, envs, **how)
 
     def _warn_of_aliases(self) -> None:
         from evis.scene.sampling import undersampled
@@ -143,11 +211,16 @@ class RendererNode(Node):
                 f"{self.name}: /state has bodies {', '.join(state.names)}, scene {self.scene.name} has "
                 f"{', '.join(self._names)}; give both nodes the same scene and scene_args"
             )
+        worlds = self.worlds.follow(state.own)
+        if worlds is not self.worlds:
+            h = state.header
+            self._follow(worlds, Header(h.stamp_ns, clock=h.clock, episode=h.episode))
         poses = np.array(state.end_pose)
         wanted = self._wanted()
         on_gpu = self.renderer.device.is_cuda
         out: Any = self.renderer.buffers(wanted) if on_gpu else {f: self._loan(p, f) for f, p in wanted.items()}
-        self.renderer.render(poses, self._before(poses, state.episodes), out, out, state.header.stamp_ns)
+        t = state.header.stamp_ns if state.own is None else np.array(state.own[:, STAMP])
+        self.renderer.render(poses, self._before(poses, state), out, out, t)
         for field, port in wanted.items():
             image = self._loaned(port, field, out[field]) if on_gpu else out[field]
             self.publish(port, self._message(port, field, state, image))
@@ -165,16 +238,21 @@ class RendererNode(Node):
             wanted["luminance" if grey else "radiance"] = "keyframe"
         return wanted
 
-    def _before(self, poses: np.ndarray, episodes: np.ndarray) -> np.ndarray | str:
-        """Poses of the previous keyframe; this one's where an environment's episode begins."""
+    def _before(self, poses: np.ndarray, state: WorldState) -> np.ndarray | str:
+        """Poses of the previous keyframe; this one's where an environment's episode begins.
+
+        A state of the last one's stamp is of environments that begin there; the others are as they were.
+        """
         from nodes.renderer.renderer import LAST
 
+        stamp, episodes = state.header.stamp_ns, state.episodes
+        previous = self._earlier if stamp == self._stamp else self._previous
         before: np.ndarray | str = LAST
-        if self._previous is None:
-            before = poses
-        elif not np.array_equal(episodes, self._episodes):
-            before = np.where((episodes == self._episodes)[:, None, None], self._previous, poses)
-        self._previous, self._episodes = poses, np.array(episodes)
+        if previous is None or self._previous is None:
+            before = previous = poses
+        elif stamp == self._stamp or not np.array_equal(episodes, self._episodes):
+            before = previous = np.where((episodes == self._episodes)[:, None, None], previous, poses)
+        self._earlier, self._previous, self._episodes, self._stamp = previous, poses, np.array(episodes), stamp
         return before
 
     def _loan(self, port: str, field: str) -> np.ndarray:
@@ -198,6 +276,12 @@ class RendererNode(Node):
         margin = self.params["margin"]
         if port == "keyframe":
             message = Keyframe(header, np.array(state.episodes), margin=margin * self._fineness)
+            message.own = None if state.own is None else np.array(state.own)
             setattr(message, field, image)
             return message
         return GEOMETRIC[port](header, **{field: image, "margin": margin})
+
+
+def same_lens(a: Camera, b: Camera) -> bool:
+    """Tells whether two cameras see a point of their frame in the same pixel."""
+    return bool(np.array_equal(a.k, b.k)) and a.distortion == b.distortion

@@ -135,7 +135,7 @@ class Renderer:
         previous: np.ndarray | str | None = None,
         outputs: Iterable[str] = ("radiance",),
         out: Mapping[str, Any] | None = None,
-        t_ns: int = 0,
+        t_ns: int | np.ndarray = 0,
     ) -> dict[str, Any]:
         """Renders the wanted images for body poses float64 [E, N, 7].
 
@@ -146,7 +146,8 @@ class Renderer:
         where it was behind the camera, or where its lens has no image; 0 without `previous`. The sky moves as
         directions do, with the camera's rotation.
 
-        t_ns: the instant, at which lights with a waveform are as strong as they are then.
+        t_ns: the instant, at which lights with a waveform are as strong as they are then; int64 [E], one for each
+        environment, where these have times of their own.
         out: numpy arrays, or Warp arrays of the renderer's device, to write into (on the CPU without a copy); what it
         lacks comes in the renderer's own buffers, valid until the next call. What is given as a Warp array is given
         back as it is, and nobody waits for a GPU to have written it; all else is numpy. Raises ValueError for poses

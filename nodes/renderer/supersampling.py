@@ -86,7 +86,7 @@ class SupersampledRenderer:
         previous: np.ndarray | str | None = None,
         outputs: Iterable[str] = ("radiance",),
         out: Mapping[str, Any] | None = None,
-        t_ns: int = 0,
+        t_ns: int | np.ndarray = 0,
     ) -> dict[str, Any]:
         """Renders the wanted images, with arguments and results as of Renderer.render."""
         wanted, given = set(outputs), out or {}

@@ -24,7 +24,7 @@ from msgs.camera import (
 )
 from msgs.diagnostics import Diagnostics
 from msgs.header import Header, Message
-from msgs.world import Action, Clock, WorldState
+from msgs.world import Action, Clock, Reset, WorldState
 
 
 def same(a: Message, b: Message) -> bool:
@@ -84,6 +84,7 @@ def scene(k: int, envs: int = 1, seed: int = 0) -> dict[str, Message]:
             names=["cam0", "a", "link/ä", "b"],
         ),
         "/action": Action(header(), rng.normal(size=(e, 3))),
+        "/reset": Reset(header(), rows, np.arange(6, dtype=np.int64)),
         "/clock": Clock(header(), float(rng.normal())),
         "/diagnostics": Diagnostics(
             Header(1_790_000_000_000_000_001 + k, k, "wall"), "physics", "ok", "fine", {"x": float("nan"), "n": 2**60}

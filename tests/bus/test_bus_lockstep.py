@@ -202,3 +202,23 @@ def test_window_one_and_a_kept_message_do_not_stop_the_stream(context, endpoints
     assert publisher.finish(60)
     assert child.hear()["hash"] == truth(50)
     publisher.close()
+
+
+def test_a_tap_that_wants_every_message_is_not_held_to_the_rate(context, endpoints):
+    """Only while it listens: then a viewer's rate holds again."""
+    publisher = publisher_on(context, endpoints, [], tap_hz=1e-3)
+    program = Subscriber(context, TOPIC, "program", "tap", endpoints, message_type=Depth, tap=True, every=True)
+    viewer = Subscriber(context, TOPIC, "viewer", "tap", endpoints, message_type=Depth, tap=True)
+    for tapping in (viewer, program):
+        tapping.start()
+    wait_for(lambda: publisher.missing() == [] and publisher._tap.listeners == 2 and publisher._tap.eager == 1)
+    for k in range(5):
+        publisher.send(Depth(Header(k), depth=image(k)))
+        assert program.receive(60_000).header.seq == k
+    program.close()
+    wait_for(lambda: publisher.missing() == [] and publisher._tap.eager == 0)
+    publisher.send(Depth(Header(5), depth=image(5)))
+    stats = publisher.stats()
+    assert (stats["tap_sent"], stats["tap_skipped"]) == (5, 1)
+    viewer.close()
+    publisher.close()

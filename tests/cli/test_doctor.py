@@ -50,7 +50,7 @@ def test_what_is_optional_is_a_note(declared: list[str], monkeypatch: pytest.Mon
 
 def test_every_extra_is_known_and_on_the_first_page() -> None:
     """Those that a user may want, with no others."""
-    wanted = OPTIONAL.keys() - {"dev"}
+    wanted = OPTIONAL.keys() - {"dev", "test-extras"}
     assert doctor.EXTRAS.keys() | {"usb"} == wanted
     text = (ROOT / "README.md").read_text()
     table = text[text.index("| NAME | what it adds |") :].split("\n\n")[0]

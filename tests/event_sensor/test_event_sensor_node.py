@@ -16,8 +16,11 @@ MS = 1_000_000
 class Bus:
     """Stands for the executor."""
 
-    def __init__(self):
-        self.sent, self.counted, self.warned = [], {}, []
+    def __init__(self, wanted):
+        self.sent, self.counted, self.warned, self.wanted = [], {}, [], wanted
+
+    def wants(self, node, port):
+        return port in self.wanted
 
     def loan(self, node, port, arrays):
         return {name: np.zeros(shape, dtype) for name, (shape, dtype) in arrays.items()}
@@ -33,9 +36,9 @@ class Bus:
         self.warned.append((level, text))
 
 
-def start(**params):
+def start(wanted=("events",), **params):
     node = EventSensorNode("event_sensor", params)
-    node.runtime = Bus()
+    node.runtime = Bus(wanted)
     node.setup()
     return node
 
@@ -61,6 +64,26 @@ def test_one_packet_per_message_the_first_is_empty(video):
     assert [(p.header.stamp_ns, p.header.episode, p.width, p.height) for p in packets][1] == (8 * MS + 5, 3, 8, 6)
     whole = simulate_frames(video, t, threshold=0.15)
     assert np.concatenate([p.t for p in packets]).tolist() == whole["t"].tolist()
+
+
+def test_what_is_signal_goes_out_beside_the_events(video):
+    """With each packet, of its stamp and length, and the events are those of who does not ask."""
+    both, alone = start(("events", "signal"), shot_rate=2000.0, seed=4), start(shot_rate=2000.0, seed=4)
+    t = np.arange(17, dtype=np.int64) * MS
+    for part in (slice(0, 1), slice(1, 9), slice(9, 17)):
+        for node in (both, alone):
+            node.update({"frames": frames(t[part], video[part])})
+    packets, signals = both.runtime.sent[::2], both.runtime.sent[1::2]
+    assert [(p.header.stamp_ns, p.header.episode) for p in packets] == [
+        (s.header.stamp_ns, s.header.episode) for s in signals
+    ]
+    assert all(
+        np.array_equal(p.env_offsets, s.env_offsets) and len(p.t) == len(s.signal) for p, s in zip(packets, signals)
+    )
+    assert [p.t.tolist() for p in packets] == [p.t.tolist() for p in alone.runtime.sent]
+    assert 0 < np.concatenate([s.signal for s in signals]).mean() < 1
+    with pytest.raises(ValueError, match="event model v2e does not say which events noise made"):
+        start(("events", "signal"), model="v2e")
 
 
 def test_the_rate_of_events_in_light_that_swings_is_that_of_the_closed_form():

@@ -39,7 +39,7 @@ def test_wheel_runs_elsewhere(tmp_path: Path) -> None:
     summary = json.loads(result.stdout.strip().splitlines()[-1])
     assert summary["events"] > 0
     assert summary["keyframes"] == 4  # 0, 33.3, 66.7 and 100 ms
-    where = subprocess.run(
-        [str(python), "-c", "import evis; print(evis.__file__)"], cwd=home, env=env, capture_output=True, text=True
-    )
-    assert str(home) in where.stdout
+    code = "import evis, os; print(evis.__file__, evis.__version__, os.path.dirname(evis.__file__) + '/py.typed')"
+    where = subprocess.run([str(python), "-c", code], cwd=home, env=env, capture_output=True, text=True)
+    file, version, typed = where.stdout.split()
+    assert str(home) in file and version in wheel.name and Path(typed).is_file()

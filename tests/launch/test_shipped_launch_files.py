@@ -292,3 +292,10 @@ def test_a_preset_that_a_launch_file_sets(tmp_path: Path) -> None:
     made = plan_file(launch, {"preset": "dvs128"}, Options())
     params = made.nodes["renderer"].params
     assert (params["width"], params["height"]) == (64, 128)
+
+
+def test_what_nobody_in_the_graph_gives_a_program_outside_may() -> None:
+    """Physics takes actions and resets, and no other node takes anything."""
+    physics = plan("spinning_disk").nodes["physics"]
+    assert physics.outside == {"action": "/action", "reset": "/reset"} and "action" not in physics.inputs
+    assert not any(node.outside for name, node in plan("spinning_disk").nodes.items() if name != "physics")

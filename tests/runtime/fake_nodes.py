@@ -13,7 +13,7 @@ from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from msgs.camera import Depth, Ids
 from msgs.header import Header, Message
-from msgs.world import Action, WorldState
+from msgs.world import Action, Reset, WorldState
 
 
 class Counter(Node):
@@ -113,3 +113,43 @@ class Checker(Node):
     def close(self) -> None:
         if self.params["path"]:
             Path(self.params["path"]).write_text(json.dumps(self.seen))
+
+
+class Machine(Node):
+    """Goes on 1 ms a step, under actions from outside; remembers (stamp, controls or None) of each step it had."""
+
+    INPUTS = {
+        "action": Input("/action", join=False, delayed=True, outside=True),
+        "reset": Input("/reset", join=False, outside=True),
+    }
+    SOURCE = True
+
+    def setup(self) -> None:
+        self.now_ns = 0
+        self.had: list[tuple[int, list[float] | None]] = [(-1, None)]
+        self.resets: list[tuple[list[int], list[int]]] = []
+
+    def due(self) -> Mapping[str, int]:
+        return {"action": self.now_ns}
+
+    def offer(self, port: str) -> Mapping[str, object]:
+        return {"names": ["spindle"]}
+
+    def admit(self, port: str, message: Message) -> None:
+        if isinstance(message, Action):
+            if message.controls.shape != (1, 1):
+                raise ValueError(f"controls are {list(message.controls.shape)}")
+            if not np.isfinite(message.controls).all():
+                raise ValueError(f"spindle is {message.controls[0, 0]}")
+
+    def receive(self, port: str, message: Message) -> None:
+        assert isinstance(message, Reset)
+        self.resets.append((message.envs.tolist(), message.seeds.tolist()))
+
+    def step(self, inputs: Mapping[str, Message]) -> bool:
+        time.sleep(0.0005)
+        action = inputs.get("action")
+        self.had.append((self.now_ns, action.controls[0].tolist() if isinstance(action, Action) else None))
+        self.now_ns += 1_000_000
+        self.runtime.profile.node(self.name).stamp_ns = self.now_ns
+        return True

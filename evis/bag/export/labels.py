@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import zipfile
 from collections.abc import Callable, Iterator
 from typing import Any, BinaryIO
@@ -14,20 +15,32 @@ from msgs.header import Message
 
 Messages = Callable[[], Iterator[Message]]
 """Gives the messages of a topic from the start, each of one environment."""
-DENSE = ("flow", "depth", "segmentation", "semantic", "pose", "velocity")
+DENSE = (
+    "flow", "forward_flow", "forward_valid", "backward_flow", "backward_valid", "depth", "segmentation", "semantic",
+    "pose", "velocity", "acceleration", "qpos", "qvel",
+)  # fmt: skip
 """One per message and environment, of the same shape in all of them."""
-TABLES = {"box": ("box", "box_id"), "contact": ("contact_body", "contact_position", "contact_force")}
-"""As many rows in a message as there are boxes or contacts."""
+TABLES = {
+    "box": ("box", "box_id"),
+    "box3d": ("box3d_id", "box3d_size", "box3d_pose", "box3d_in_camera"),
+    "contact": ("contact_body", "contact_position", "contact_force"),
+    "event": ("event_instance", "event_flow", "event_signal"),
+}
+"""As many rows in a message as there are boxes, contacts or events."""
+COLUMNS = ("t", "x", "y", "p")
+"""Of the labelled events, which the bag holds on a topic of their own."""
 
 
-def write(messages: Messages, topic: str, out: BinaryIO) -> dict[str, Any]:
+def write(messages: Messages, topic: str, out: BinaryIO, events: Messages | None = None) -> dict[str, Any]:
     """Writes an .npz of what the labels of T messages hold; one message is in memory at a time. Raises BagError.
 
     `t` int64 [T] ns and `episode` int64 [T]. `flow` [T, H, W, 2] px/s, `depth` [T, H, W] m, `segmentation` and
     `semantic` [T, H, W] ids, `pose` [T, N, 7] (p, q) and `velocity` [T, N, 6] (v, omega) of the N bodies that `names`
     lists. Of all boxes, in order of time: `box` [B, 4] x0 y0 x1 y1 px, `box_id` [B] and `box_t` int64 [B] ns; those of
     message k are box[box_offsets[k] : box_offsets[k + 1]]. So for contacts: `contact_body` [M, 2], `contact_position`,
-    `contact_force` [M, 3], `contact_t`, `contact_offsets`. What was not asked for is not there.
+    `contact_force` [M, 3], `contact_t`, `contact_offsets`, and for oriented boxes (`box3d_...`). Of events:
+    `event_instance`, `event_flow`, `event_signal`, `event_offsets` and, out of the packets that `events` gives,
+    `event_t` int64 ns, `event_x`, `event_y`, `event_p`. What was not asked for is not there.
     """
     columns: dict[str, list[Any]] = {"t": [], "episode": []}
     rows: dict[str, list[np.ndarray]] = {}
@@ -39,6 +52,8 @@ def write(messages: Messages, topic: str, out: BinaryIO) -> dict[str, Any]:
         if names is not None and names != label.names:
             raise BagError(f"{topic}: the bodies are others in later messages; export to .jsonl")
         names = list(label.names)
+        if label.flow_t is not None:
+            columns.setdefault("flow_t", []).append(np.array(label.flow_t))
         for name in DENSE:
             if (array := getattr(label, name)) is not None:
                 shapes.setdefault(name, []).append((array.shape[1:], array.dtype))
@@ -56,6 +71,8 @@ def write(messages: Messages, topic: str, out: BinaryIO) -> dict[str, Any]:
             raise BagError(f"{topic}: the shape of {name} changes; export to .jsonl")
     small = {name: np.array(values, np.int64) for name, values in columns.items()}
     small |= _tables(rows, small["t"])
+    if "event_instance" in small and events is not None:
+        small |= _events(events, topic, len(small["event_instance"]))
     if names:
         small["names"] = np.array(names, str)
     with zipfile.ZipFile(out, "w") as archive:
@@ -76,9 +93,22 @@ def _tables(rows: dict[str, list[np.ndarray]], t: np.ndarray) -> dict[str, np.nd
             if name in rows:
                 lengths = [len(part) for part in rows[name]]
                 result[name] = np.concatenate(rows[name])
-                result[f"{kind}_t"] = np.repeat(t, lengths)
+                if kind != "event":  # which have times of their own
+                    result[f"{kind}_t"] = np.repeat(t, lengths)
                 result[f"{kind}_offsets"] = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
     return result
+
+
+def _events(packets: Messages, topic: str, count: int) -> dict[str, np.ndarray]:
+    """The columns of the events that are labelled. Raises BagError where these are not those of the packets."""
+    parts: dict[str, list[np.ndarray]] = {name: [] for name in COLUMNS}
+    for packet in packets():
+        for name in COLUMNS:
+            parts[name].append(np.array(getattr(packet, name)))
+    found = {f"event_{name}": np.concatenate(pieces) for name, pieces in parts.items() if pieces}
+    if len(found.get("event_t", ())) != count:
+        raise BagError(f"{topic} labels {count} events, the bag has {len(found.get('event_t', ()))}; export to .jsonl")
+    return found
 
 
 def _stack(
@@ -92,12 +122,31 @@ def _stack(
 
 
 def _each(messages: Messages, topic: str) -> Iterator[Labels]:
+    """The labels of each stamp; where a sensor looked ahead, those of its last packet with the others."""
+    last: Labels | None = None
+    for label in _checked(messages, topic):
+        if last is not None and (last.header.stamp_ns, last.header.episode) == (
+            label.header.stamp_ns, label.header.episode,
+        ):  # fmt: skip
+            both = [(n, getattr(last, n), getattr(label, n)) for n in (*TABLES["event"], "event_env")]
+            joined: dict[str, Any] = {n: np.concatenate((a, b)) for n, a, b in both if a is not None and b is not None}
+            last = dataclasses.replace(last, **joined)
+            continue
+        if last is not None:
+            yield last
+        last = label
+    if last is not None:
+        yield last
+
+
+def _checked(messages: Messages, topic: str) -> Iterator[Labels]:
     from evis.bag import environments
 
     for message in messages():
         if not isinstance(message, Labels):
             raise BagError(f"{topic} holds {type(message).__name__} messages, no labels")
-        tables = [a for a in (message.box_env, message.contact_env) if a is not None and len(a)]
+        owners = (message.box_env, message.box3d_env, message.contact_env, message.event_env)
+        tables = [a for a in owners if a is not None and len(a)]
         if environments.count(message) > 1 or any(int(a.max()) > 0 for a in tables):
             raise BagError(f"{topic} has several environments; name one of them: /env0{topic}")
         yield message

@@ -63,9 +63,14 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
             result = _keyframes(reader, name, env, out, half)
         elif kind == "Image" and not suffix:
             result = png.write_folder(messages(), topic, out)
-        elif kind in ("Frames", "Labels"):
+        elif kind == "Frames":
             with _whole(out) as file:
-                result = (frames if kind == "Frames" else labels).write(messages, topic, file)
+                result = frames.write(messages, topic, file)
+        elif kind == "Labels":
+            beside = name.rpartition("/")[0] + "/events"
+            packets = partial(_messages, reader, beside, env) if beside in reader.topics else None
+            with _whole(out) as file:
+                result = labels.write(messages, topic, file, packets)
         elif kind == "WorldState":
             result = _states(messages(), topic, out)
         else:
@@ -112,7 +117,11 @@ def _resolve(reader: BagReader, topic: str) -> tuple[str, int | None]:
 
 def _messages(reader: BagReader, topic: str, env: int | None) -> Iterator[Message]:
     for _, message in reader.messages([topic]):
-        yield message if env is None else environments.split(message, environments.count(message))[env][0]
+        if env is None:
+            yield message
+            continue
+        # Tables alone do not tell how many environments there are.
+        yield environments.split(message, max(environments.count(message), env + 1))[env][0]
 
 
 def _events(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[str, Any]:

@@ -92,7 +92,8 @@ def _file(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _topic(args: argparse.Namespace) -> dict[str, Any]:
-    from evis.cli.graph.attach import check_topic, find_run, listen
+    from evis.cli.graph.attach import find_run, listen
+    from evis.client.running import check_topic
     from evis.events.codecs.decoder import decoder_for
     from evis.events.measure import Measurement
     from msgs.events import EventPacket

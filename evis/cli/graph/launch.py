@@ -6,7 +6,6 @@ import argparse
 import json
 import os
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -134,11 +133,13 @@ def run(args: argparse.Namespace) -> int:
 
 def make_plan(args: argparse.Namespace) -> Any:
     """The plan that the command line asks for."""
+    from evis.cli.graph.auto import told, warn
     from evis.config import paths
     from evis.launch.arguments import parse_pairs
     from evis.launch.checks import check_writable
     from evis.launch.planner import Options, plan_launch
     from evis.launch.target import read_target
+    from evis.simulation.auto import without_auto
 
     if args.target is None:
         known = sorted({*paths.names("launch"), *paths.names("scenes")})
@@ -170,28 +171,8 @@ def make_plan(args: argparse.Namespace) -> Any:
         raise UsageError("--record-topics needs --record BAG")
     if options.record_sync and not options.record:
         raise UsageError("--record-sync needs --record BAG")
-    given, chosen, held = _without_auto(launch, given, options)
-    plan = plan_launch(launch, given, options, held)
-    plan.chosen = chosen
+    chosen = without_auto(launch, given, options, told(), warn)
+    plan = plan_launch(launch, chosen.given, options, chosen.held)
+    plan.chosen = chosen.told
     plan.name = target.name
     return plan
-
-
-def _without_auto(launch: Any, given: Mapping[str, Any], options: Any) -> tuple[Any, dict[str, Any], Any]:
-    """The arguments with interpolator:=auto replaced, what was chosen, and those that must have an effect (None: all).
-
-    Raises ArgumentError for a wish of auto's where it is not asked for.
-    """
-    from evis.launch.arguments import ArgumentError, resolve
-
-    if "interpolator" not in launch.arguments or "wanted_error" not in launch.arguments:
-        return given, {}, None
-    values = resolve(launch.path.name, launch.arguments, given)
-    if values["interpolator"] == "auto":
-        from evis.cli.graph.auto import replace_auto
-
-        return replace_auto(launch, given, options)
-    for name in ("wanted_error", "wanted_rtf"):
-        if values[name] is not None:
-            raise ArgumentError(f"{name} is for interpolator:=auto, which chooses by it")
-    return given, {}, None

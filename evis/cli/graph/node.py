@@ -8,6 +8,7 @@ from typing import Any
 
 from evis.cli.graph.attach import add_run_option, find_run, listen
 from evis.cli.parser import Parser, UsageError
+from evis.client.running import running_graphs
 from evis.config.params import describe
 from evis.console.printable import all_printable, printable
 
@@ -21,7 +22,7 @@ def add_arguments(parser: Parser) -> None:
     listing, info = (
         actions.add_parser(name, help=text, description=text, epilog=f"example: evis node {example}")
         for name, text, example in (
-            ("list", "nodes and their processes", "list --json"),
+            ("list", "running graphs, and the nodes and processes of one", "list --json"),
             ("info", "parameters, topics and state of one node, or what a node type can do", "info event_sensor"),
         )
     )
@@ -58,9 +59,14 @@ def _list(args: argparse.Namespace) -> int:
     rows = [
         {"node": n.name, "process": n.process, "target": n.target, "dormant": n.dormant} for n in plan.nodes.values()
     ]
+    running = running_graphs()
     if args.json:
-        print(json.dumps({"run": plan.run_id, "nodes": rows}))
+        graphs = [{"run": other.run_id, "name": other.name, "mode": other.mode} for other in running]
+        print(json.dumps({"run": plan.run_id, "nodes": rows, "running": graphs}))
         return 0
+    for other in running:
+        this = "  (the nodes below)" if other.run_id == plan.run_id and len(running) > 1 else ""
+        print(f"{printable(other.run_id)}  {printable(other.name)}  {other.mode}{this}")
     for row in all_printable(rows):
         print(f"{row['node']:<20} {row['process']:<14} {row['target']}" + ("  (dormant)" if row["dormant"] else ""))
     return 0

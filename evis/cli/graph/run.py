@@ -134,7 +134,10 @@ def _unread(plan: Any, node: str, topic: str) -> str:
 
     taken = untaken(plan)
     if topic in taken:
-        why = f"{taken[topic]} takes it only in a graph that was started with a node that publishes it"
+        why = (
+            f"{taken[topic]} takes it only in a graph that was started with a node that publishes it, or of a program "
+        )
+        why += "that asks for it by evis.connect()"
     elif taken:
         near = nearest(topic, taken)
         why = f"it would take {', '.join(taken)}" + (f" ({near})" if near.startswith("did") else "")

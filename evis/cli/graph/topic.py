@@ -1,4 +1,4 @@
-"""`evis topic`: what flows in a running graph. Everything attaches by taps, which can slow nobody."""
+"""`evis topic`: what flows in a running graph. What reads attaches by taps, which can slow nobody."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from evis.cli.graph.attach import add_run_option, check_topic, find_run, listen
+from evis.cli.graph.attach import add_run_option, find_run, listen
+from evis.cli.graph.publish import add_pub_arguments, run_pub
 from evis.cli.parser import Parser
+from evis.client.running import check_topic
 from evis.console.printable import all_printable
 
-HELP = "list, echo and measure the topics of a running graph"
+HELP = "list, echo, measure and publish the topics of a running graph"
 EXAMPLE = "example: evis topic hz /cam0/events"
 
 ACTIONS = {
@@ -21,7 +23,9 @@ ACTIONS = {
     "hz": "messages per second, counted by sequence number",
     "bw": "bytes per second",
     "delay": "how far messages lag behind their stamps",
+    "pub": "give a message to the graph from outside: /action (the controller that it has not), /reset",
 }
+EXAMPLES = {"list": "--json", "pub": "/action 0.5 -0.3 0.8 0 0.2 0"}
 
 
 def add_arguments(parser: Parser) -> None:
@@ -29,9 +33,11 @@ def add_arguments(parser: Parser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     for name, text in ACTIONS.items():
         sub = actions.add_parser(name, help=text, description=text, epilog=f"example: evis topic {name} " + (
-            "--json" if name == "list" else "/cam0/events"))  # fmt: skip
+            EXAMPLES.get(name, "/cam0/events")))  # fmt: skip
         if name != "list":
             sub.add_argument("topic", metavar="TOPIC", help="as `evis topic list` names it")
+        if name == "pub":
+            add_pub_arguments(sub)
         if name in ("hz", "bw", "delay"):
             sub.add_argument(
                 "--window", type=_positive, default=3.0, metavar="S", help="measure for so many seconds (3)"
@@ -56,6 +62,8 @@ def _positive(text: str) -> float:
 
 def run(args: argparse.Namespace) -> int:
     """Runs one action on a running graph."""
+    if args.action == "pub":
+        return run_pub(args)
     plan = find_run(args.run)
     if args.action == "list":
         return _list(args, plan)

@@ -21,6 +21,8 @@ HELP = "check this machine and this installation"
 EXAMPLE = "example: evis doctor --json"
 
 EXTRAS = {
+    "gym": "environments for reinforcement learning",
+    "rl": "training in them, with PyTorch",
     "video": "frames from videos, .mp4 without ffmpeg",
     "bench": "plots",
     "files": "HDF5 compressed as DSEC and TUM-VIE",
@@ -139,11 +141,13 @@ def _shared_memory() -> Finding:
 
 
 def _run_directory() -> Finding:
-    from evis.supervisor.run_directory import live_runs, root, sweep
+    from evis.client.running import named, running_graphs
+    from evis.supervisor.run_directory import root, sweep
 
     folder = root()
-    swept = len(sweep())
-    text = f"{folder}, {len(live_runs())} graph(s) running" + (f", {swept} dead run(s) swept" if swept else "")
+    swept, running = len(sweep()), [named(plan) for plan in running_graphs()]
+    text = f"{folder}, {len(running)} graph(s) running" + (f": {', '.join(running)}" if running else "")
+    text += f", {swept} dead run(s) swept" if swept else ""
     return Finding("run directory", "ok", text)
 
 

@@ -11,6 +11,7 @@ from trimesh.resolvers import Resolver
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders, first_file
 from evis.scene.pictures import check_picture
+from evis.scene.sources import note
 
 
 class Assets(Resolver):  # type: ignore[misc]
@@ -33,7 +34,7 @@ class Assets(Resolver):  # type: ignore[misc]
                 raise FileNotFoundError(name)
             if name not in self.buffers and path.suffix.lower() != ".mtl":
                 self._check_picture(path, name)
-            return path.read_bytes()
+            return note(path).read_bytes()
         except SceneError as error:
             self.refusals.append(error)
             raise

@@ -17,6 +17,7 @@ from evis.scene.mesh import gltf_header
 from evis.scene.mesh.normals import crease_normals
 from evis.scene.model import Material, Mesh
 from evis.scene.pictures import texels_of
+from evis.scene.sources import note
 
 SUFFIXES = (".obj", ".ply", ".stl", ".gltf", ".glb")
 Y_UP = gltf_header.SUFFIXES
@@ -56,7 +57,7 @@ def load_parts(
 
     if path.suffix.lower() not in SUFFIXES:
         raise SceneError(f"{path.name} is of no kind that can be read; there are {', '.join(SUFFIXES)}")
-    assets = Assets(path, folders or Folders(path.parent))
+    assets = Assets(note(path), folders or Folders(path.parent))
     try:
         exact = _exact(path, assets) if path.suffix.lower() in Y_UP else {}
         scene = trimesh.load_scene(str(path), process=False, resolver=assets)

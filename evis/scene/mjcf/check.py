@@ -17,6 +17,7 @@ from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.mjcf.xml import Element, read_xml
 from evis.scene.pictures import TEXEL, check_picture, check_size
+from evis.scene.sources import note
 
 MAX_MADE = 30_000
 """Most elements that replicate, composite, flexcomp and attach make; MuJoCo takes 17 s for as many, and four times as
@@ -120,7 +121,7 @@ class _Checker:
             path = place / name
             if path.is_file() and path.resolve() not in [p.resolve() for p in found]:
                 self.folders.check(path, f"{element.where}: '{name}'")
-                found.append(path)
+                found.append(note(path))
         return found
 
     def _files(self, element: Element, main: Path, dirs: dict[str, list[str]]) -> None:

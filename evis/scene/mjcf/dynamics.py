@@ -19,10 +19,14 @@ def folders_of(scene: Scene) -> Folders:
 
 
 def compile_model(scene: Scene) -> Any:
-    """Compiles the MjModel that moves a scene's bodies: the visual geometry of a URDF is left out. Raises
+    """Compiles the MjModel that moves a scene's bodies, with the scene's changes: no visual geometry of a URDF. Raises
     SceneError.
     """
     assert scene.mjcf is not None
-    if scene.mjcf.suffix.lower() == ".urdf":
-        return mujoco_model(scene.mjcf, folders_of(scene))
-    return compile_mjcf(scene.mjcf, folders_of(scene))
+    urdf = scene.mjcf.suffix.lower() == ".urdf"
+    model = (mujoco_model if urdf else compile_mjcf)(scene.mjcf, folders_of(scene))
+    if scene.changes:
+        from evis.scene.mjcf.changes import apply_changes
+
+        apply_changes(model, scene.changes)
+    return model

@@ -16,6 +16,7 @@ from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.mjcf.check import check_model
 from evis.scene.mjcf.compile import compiled
+from evis.scene.sources import note
 
 VISUAL_GROUP = 1
 """Group in which MuJoCo puts the visual geometry of a URDF; its collision geometry is in group 0."""
@@ -74,7 +75,7 @@ def _text(path: Path, folders: Folders, visuals: bool) -> str:
     keeps = compiler.get("discardvisual") == "false"
     for part in ("visual", "collision") if keeps else ("collision",):
         for mesh in root.iterfind(f".//{part}//mesh"):
-            mesh.set("filename", str(mesh_file(mesh.get("filename", ""), path, folder, folders)))
+            mesh.set("filename", str(note(mesh_file(mesh.get("filename", ""), path, folder, folders))))
     return ET.tostring(root, encoding="unicode")
 
 

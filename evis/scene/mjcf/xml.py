@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from evis.scene.errors import SceneError
+from evis.scene.sources import note
 
 MAX_DEPTH = 500
 """Most elements within each other, as of MuJoCo's reader."""
@@ -42,7 +43,7 @@ def read_xml(path: Path) -> Element:
 
     Raises SceneError for elements deeper than MAX_DEPTH, and for entities, which only serve to make a text grow.
     """
-    text = path.read_text(encoding="utf-8", errors="surrogateescape")
+    text = note(path).read_text(encoding="utf-8", errors="surrogateescape")
     root = Element("", {}, path, 1)
     open_ones = [root]
     for line, piece in _pieces(text):

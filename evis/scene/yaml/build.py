@@ -1,7 +1,8 @@
 """What a scene file says, made into a Scene: cameras, bodies and their motion, shapes, materials, lights.
 
 The file is YAML; every key is optional but `cameras` (an MJCF may do without). Angles are radians, or texts as
-`40 deg`; colours are linear Rec. 709, one number is a grey; `${...}` is arithmetic over the arguments.
+`40 deg`; colours are linear Rec. 709, one number is a grey; a value may be drawn by the environment's seed, see
+`drawing`; `${...}` is arithmetic over the arguments.
 
     args:       {NAME: {type: float|int|str|bool|vector, default, min, max, choices, unit, help}}; width, height: always
     cameras:    {NAME: FRAME + {fov (vertical) | focal (px), width, height, near, supersampling,
@@ -21,9 +22,17 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
                 | {kind: tunnel, wall, outside, towards, size}
     include:    a file with materials, world, bodies, lights and environment that several scenes share
     timestep:   sub-step of prescribed motion [s]
+    sensor:     {threshold, leak_rate, ...}: parameters of the event sensor, over those of its preset
     mjcf:       a MuJoCo model or URDF with the bodies that move by dynamics;  initial_spread: {position, rotation}
+    initial_joints: {JOINT: {position, velocity}} of hinges and slides of the model, each a number or [least, most],
+                drawn by the seed at every start
     assets:     [FOLDER], from which the files named here (mjcf, meshes) may take theirs, beside their own folders
     keyframe:   of the model, where it starts: a name, a number, none; auto (the default): `home`, if it has that
+    model:      what of it is other than its file says, by name, where * stands for any letters: {gravity,
+                bodies: {NAME: {mass, friction, shift, turn: {axis, angle}}}, geoms: {NAME: {friction}},
+                joints: {NAME: {position, shift, velocity, damping, stiffness, friction, armature}},
+                actuators: {NAME: {gain}}, materials: {NAME: {albedo, emission, roughness, metallic}},
+                lights: {NAME: {strength}}}; X_scale in place of X: a factor
 
     FRAME:  position and rotation: {axis, angle} (or a list) | quaternion | look_at (with up), in the frame of `parent`;
             or view: {camera, offset, depth}, a place in a camera's image
@@ -54,6 +63,7 @@ from evis.config.suggestions import nearest
 from evis.files.allowance import Allowance, AllowanceError
 from evis.geometry import pinhole, se3
 from evis.scene import motion
+from evis.scene.draws import Draws
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
 from evis.scene.model import MODELS, WORLD, Body, Instance, Material, Mesh, Scene
@@ -73,22 +83,44 @@ MADE = 2 << 30
 """What a scene file may make of a few lines by code, meshes and textures [bytes]; 100 times its size comes to it."""
 
 
-def build(table: Table, path: Path, arguments: Mapping[str, Any], textures: bool = True, visuals: bool = True) -> Scene:
-    """Builds the Scene of a checked argument set. textures, visuals: as in `load_scene`. Raises SceneError."""
-    return _Builder(table, path, arguments, textures, visuals).scene
+def build(
+    table: Table,
+    path: Path,
+    arguments: Mapping[str, Any],
+    textures: bool = True,
+    visuals: bool = True,
+    draws: Draws | None = None,
+    made: dict[Any, Any] | None = None,
+) -> Scene:
+    """Builds the Scene of a checked argument set. textures, visuals: as in `load_scene`. draws: of its world, in which
+    those of arguments are already. made: meshes and textures of worlds built before, which it shares.
+    Raises SceneError.
+    """
+    draws = draws or Draws(0)
+    scene = _Builder(table, path, arguments, textures, visuals, draws, {} if made is None else made).scene
+    scene.drawn = list(draws.made.values())
+    return scene
 
 
 class _Builder:
-    def __init__(self, table: Table, path: Path, arguments: Mapping[str, Any], textures: bool, visuals: bool) -> None:
-        self.top = Fields(table, f"scene {path.stem}", arguments)
+    def __init__(
+        self,
+        table: Table,
+        path: Path,
+        arguments: Mapping[str, Any],
+        textures: bool,
+        visuals: bool,
+        draws: Draws,
+        made: dict[Any, Any],
+    ) -> None:
+        self.top = Fields(table, f"scene {path.stem}", arguments, draws)
         self.arguments, self.folder, self.textures, self.visuals = arguments, path.parent, textures, visuals
         self.folders = _folders(self.top, path)
         self.allowance = Allowance(path.stat().st_size, base=MADE)
         self.entries = 0
         self.scene = Scene(path.stem, [], [], [], [], [], np.zeros(3, np.float32))
-        self.meshes: dict[Any, Mesh] = {}
+        self.made = made
         self.counted: dict[int, Mesh] = {}
-        self.parts: dict[Any, list[Any]] = {}
         self.top.has("args")
         self.top.has("include")
         self.top.text("description", "")
@@ -96,6 +128,7 @@ class _Builder:
         self.materials = {material.name: i for i, material in enumerate(self.scene.materials)}
         self.labels = {instance.name for instance in self.scene.instances}
         self._frames()
+        self._sensor()
         if visuals:
             self._materials(textures)
             self._shapes(WORLD, "world", self.top.items("world", "shape"))
@@ -116,8 +149,10 @@ class _Builder:
         if spread:
             scene.initial_spread = (spread.number("position", 0.0, minimum=0), spread.angle("rotation", 0.0))
             spread.done()
+        starts = self.top.sections("initial_joints", "joint")
         self.model: Any = None
         if self.top.has("mjcf"):
+            from evis.scene.mjcf.joints import read_starts
             from evis.scene.mjcf.model import add_model, keyframe_of
 
             scene.mjcf = (path.parent / self.top.text("mjcf")).resolve()
@@ -126,16 +161,37 @@ class _Builder:
             scene.folders = self.folders.beside(scene.mjcf)
             size = (int(self.arguments["width"]), int(self.arguments["height"]))
             self.model = add_model(scene, size, own_cameras="cameras" in self.top.table, visuals=self.visuals)
+            scene.initial_joints = read_starts(self.model, starts)
             try:
                 scene.keyframe = keyframe_of(self.model, self.top.text("keyframe", "auto"))
             except ValueError as error:
                 if isinstance(error, SceneError):
                     raise
                 raise self.top.error("keyframe", str(error)) from None
+            self._change_model()
             return
-        for key in ("initial_spread", "keyframe"):
+        for key in ("initial_spread", "initial_joints", "keyframe", "model"):
             if self.top.has(key):
                 raise self.top.error(key, "is for scenes with an mjcf; prescribed motion starts where it says")
+
+    def _change_model(self) -> None:
+        """What of the model is other than its file says, but for what is seen of it, which is not there yet."""
+        section = self.top.section("model", "model")
+        if section:
+            from evis.scene.mjcf.changes import read_changes
+
+            self.scene.changes = read_changes(section, self.model)
+        self.changes = section
+
+    def _sensor(self) -> None:
+        """What of the event sensor is other than its preset says: numbers, texts and flags by name."""
+        section = self.top.section("sensor", "sensor")
+        for key in section.table if section else ():
+            assert section is not None
+            value = section.raw(key)
+            if not isinstance(value, (int, float, str)):
+                raise section.error(key, f"is {value!r:.60}; it must be a number, a text, or true or false")
+            self.scene.sensor[key] = value
 
     def _frames(self) -> None:
         """Bodies and cameras: numbered first, then placed, since each may stand on another."""
@@ -249,7 +305,7 @@ class _Builder:
 
     def _materials(self, textures: bool) -> None:
         for name, fields in self.top.sections("materials", "material").items():
-            self._add_material(read_material(name, fields, self.folder, textures), fields)
+            self._add_material(read_material(name, fields, self.folder, textures, self.made), fields)
 
     def _add_material(self, material: Material, fields: Fields) -> None:
         if material.name in self.materials:
@@ -274,7 +330,7 @@ class _Builder:
             elif material is None:
                 raise fields.error(None, "needs 'material', such as grey, with materials: {grey: {albedo: 0.5}}")
             else:
-                mesh = read_shape(fields, self.meshes)
+                mesh = read_shape(fields, self.made)
                 self._add_instance(Instance(label, body, mesh, material, pose, semantic), fields)
             fields.done()
 
@@ -297,7 +353,7 @@ class _Builder:
         self, label: str, body: int, fields: Fields, material: int | None, pose: np.ndarray, semantic: str
     ) -> None:
         """Every mesh of a file as an instance, with the file's materials unless the entry names one."""
-        parts = read_parts(fields, self.folders, self.textures, self.parts)
+        parts = read_parts(fields, self.folders, self.textures, self.made)
         for i, part in enumerate(parts):
             chosen = material
             if chosen is None:
@@ -331,6 +387,11 @@ class _Builder:
 
             sky = self.top.has("environment") or self.top.has("environment_map")
             complete(scene, self.model, self.arguments, lit=self.top.has("lights"), sky=sky, visuals=self.visuals)
+            if self.changes and self.visuals:
+                from evis.scene.mjcf.changes import change_looks
+
+                change_looks(self.changes, scene)
+                self.changes.done()
         elif not any(self.top.has(key) for key in ("lights", "environment", "environment_map")):
             if not (_mentions(self.top.table, "emission") or _mentions(self.top.table, "file")):  # a mesh may glow
                 scene.notes.append("nothing gives light, so every image is black: add `lights:` or `environment:`")

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from evis.scene.yaml.drawing import is_draw, law_of
 from evis.scene.yaml.reader import Fields
 
 MAX_COPIES = 100_000
@@ -22,7 +23,8 @@ def copies(fields: Fields) -> list[tuple[str, Fields]]:
 
         copies:
           over:   {row: 4, side: [-1, 1]}         every combination; a number n counts 0 ... n - 1; the last is fastest
-          random: {seed: 7, turn: {from: 0, to: 0.3}, paint: {choose: [red, blue]}}     drawn anew for every copy
+          random: {seed: 7, turn: {from: 0, to: 0.3}, paint: {choose: [red, blue]}}     drawn anew for every copy,
+                                                                         alike in every world unless seed is drawn
           let:    {x: "${row * 2.5}"}             worked out in order
           if:     "${row > 0}"                    leaves out the others
 
@@ -50,15 +52,17 @@ def copies(fields: Fields) -> list[tuple[str, Fields]]:
     for number, places in enumerate(itertools.product(*(range(len(v)) for v in values.values()))):
         own = {name: values[name][place] for name, place in zip(values, places)}
         own |= {name: drawn[number] for name, drawn in draws.items()}
-        copy = Fields(fields.table, fields.what, {**fields.arguments, **own})
+        ending = "".join(f"_{place}" for place in places)
+        copy = fields.with_arguments({**fields.arguments, **own}, fields.address + ending)
         copy.has("copies")
         for name in let.table if let else ():
             assert let is not None
             _check_name(let, name)
-            copy.arguments = {**copy.arguments, name: Fields(let.table, let.what, copy.arguments).raw(name)}
-        kept = Fields(section.table, section.what, copy.arguments)
+            value = let.with_arguments(copy.arguments, copy.within("copies.let")).raw(name)
+            copy.arguments = {**copy.arguments, name: value}
+        kept = section.with_arguments(copy.arguments, copy.within("copies"))
         if kept.flag("if", True):
-            result.append(("".join(f"_{place}" for place in places), copy))
+            result.append((ending, copy))
     section.has("if")
     section.done()
     return result
@@ -66,9 +70,9 @@ def copies(fields: Fields) -> list[tuple[str, Fields]]:
 
 def _values(over: Fields, name: str) -> list[Any]:
     _check_name(over, name)
-    value = over.plain(name)
+    value = over.raw(name, whole=True)
     if isinstance(value, list):
-        return value
+        return list(over.plain(name))
     return list(range(over.whole(name, maximum=MAX_COPIES)))
 
 
@@ -82,18 +86,13 @@ def _draws(random: Fields | None, count: int) -> dict[str, list[Any]]:
         if name == "seed":
             continue
         _check_name(random, name)
-        draw = random.section(name, name)
-        assert draw is not None
+        entry = random.table[name]
+        random.has(name)
+        if not is_draw(entry):
+            raise random.error(name, f"is {entry!r:.60}; it must be a draw, such as {{from: 0, to: 1}}")
+        law = law_of(Fields(entry, f"{random.what}, {name}", random.arguments))
         uniform = np.random.Generator(np.random.Philox(key=[seed, zlib.crc32(name.encode())])).random(count)
-        if draw.has("choose"):
-            choices = draw.plain("choose")
-            if not isinstance(choices, list) or not choices:
-                raise draw.error("choose", "must be a list of values")
-            result[name] = [choices[int(u * len(choices))] for u in uniform]
-        else:
-            low, high = draw.number("from"), draw.number("to")
-            result[name] = (low + (high - low) * uniform).tolist()
-        draw.done()
+        result[name] = [law.value(u) for u in uniform.tolist()]
     return result
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +17,16 @@ from evis.scene.yaml.reader import Fields
 KINDS = ("blobs", "noise", "checker", "bricks", "planks", "image")
 
 
-def read_material(name: str, fields: Fields, folder: Path, textures: bool = True) -> Material:
+def read_material(
+    name: str, fields: Fields, folder: Path, textures: bool = True, made: dict[Any, Any] | None = None
+) -> Material:
     """Reads one entry of `materials:`; albedo, emission [W/(sr m^2)], roughness, metallic, two_sided, texture.
 
-    folder: where image files are looked for. textures=False: no texture is made.
+    folder: where image files are looked for. textures=False: no texture is made. made: pictures made by code before,
+    which are not made again.
     """
     section = fields.section("texture", "texture")
-    texture = _texture(section, folder) if section and textures else None
+    texture = _texture(section, folder, {} if made is None else made) if section and textures else None
     material = Material(
         name,
         fields.colour("albedo", 1.0 if section else 0.5, maximum=1.0),
@@ -35,32 +40,42 @@ def read_material(name: str, fields: Fields, folder: Path, textures: bool = True
     return material
 
 
-def _texture(fields: Fields, folder: Path) -> np.ndarray:
+def _texture(fields: Fields, folder: Path, made: dict[Any, Any]) -> np.ndarray:
     """float32 [h, w, 3] of a `texture:` map."""
     kind = fields.text("kind", choices=KINDS)
     if kind == "image":
         image = _image(fields, folder)
         fields.done()
         return image
+    make, arguments = _recipe(kind, fields)
+    wedge = fields.section("wedge", "wedge")
+    sector = (wedge.angle("angle"), wedge.fraction("value", 0.5)) if wedge else None
+    if wedge:
+        wedge.done()
+    fields.done()
+    key = make, arguments, sector
+    if key not in made:
+        image = make(*arguments)
+        image = image if sector is None else textures.add_wedge(image, *sector)
+        made[key] = np.ascontiguousarray(np.repeat(np.clip(image, 0.0, 1.0)[..., None], 3, axis=-1))
+    picture: np.ndarray = made[key]
+    return picture
+
+
+def _recipe(kind: str, fields: Fields) -> tuple[Callable[..., np.ndarray], tuple[Any, ...]]:
+    """What makes a picture, with its arguments."""
     size = fields.whole("size", 256, minimum=2, maximum=4096)
     low, high = fields.fraction("low", 0.0), fields.fraction("high", 1.0)
     if kind == "checker":
-        image = textures.checker(size, fields.whole("cells", 8, minimum=1), low, high)
-    elif kind in ("bricks", "planks"):
+        return textures.checker, (size, fields.whole("cells", 8, minimum=1), low, high)
+    if kind in ("bricks", "planks"):
         cells, joint = fields.whole("cells", 8, minimum=2, maximum=256), fields.fraction("joint", 0.1)
         if kind == "bricks" and cells % 2:
             raise fields.error("cells", f"is {cells}; the rows of bricks must be even in number")
         make = textures.bricks if kind == "bricks" else textures.planks
-        image = make(size, cells, low, high, joint, _seed(fields))
-    else:
-        feature = fields.number("feature", 0.02, above=0.0)
-        image = (textures.blobs if kind == "blobs" else textures.noise)(size, _seed(fields), feature, low, high)
-    wedge = fields.section("wedge", "wedge")
-    if wedge:
-        image = textures.add_wedge(image, wedge.angle("angle"), wedge.fraction("value", 0.5))
-        wedge.done()
-    fields.done()
-    return np.ascontiguousarray(np.repeat(np.clip(image, 0.0, 1.0)[..., None], 3, axis=-1))
+        return make, (size, cells, low, high, joint, _seed(fields))
+    feature = fields.number("feature", 0.02, above=0.0)
+    return (textures.blobs if kind == "blobs" else textures.noise), (size, _seed(fields), feature, low, high)
 
 
 def _seed(fields: Fields) -> int:

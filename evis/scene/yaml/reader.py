@@ -13,7 +13,9 @@ from evis.config.document import Row, Table
 from evis.config.expression import ExpressionError, UnknownName, substitute
 from evis.config.suggestions import nearest
 from evis.geometry import se3
+from evis.scene.draws import Draws
 from evis.scene.errors import SceneError
+from evis.scene.yaml.drawing import draw, has_draws, is_draw, places_of
 
 _REQUIRED: Any = object()
 FARTHEST = 1e9
@@ -28,13 +30,18 @@ _ANGLE = re.compile(r"\s*(.+?)\s*(deg|rad)\s*\Z")
 class Fields:
     """Reads one map of a scene file with its `${...}` filled in; `done` refuses the keys that nothing asked for.
 
-    what: for error texts, such as "body 'disk'".
+    what: for error texts, such as "body 'disk'". draws: makes the values that are random; None where none may be.
+    address: name of the map within the file, such as `bodies.disk`, by which they are drawn.
     """
 
-    def __init__(self, table: Table, what: str, arguments: Mapping[str, Any]) -> None:
+    def __init__(
+        self, table: Table, what: str, arguments: Mapping[str, Any], draws: Draws | None = None, address: str = ""
+    ) -> None:
         self.table = table
         self.what = what
         self.arguments = arguments
+        self.draws = draws
+        self.address = address
         self._asked: list[str] = []
 
     def error(self, key: str | None, text: str) -> SceneError:
@@ -48,16 +55,36 @@ class Fields:
         self._asked.append(key)
         return self.table.get(key) is not None
 
-    def raw(self, key: str, default: Any = _REQUIRED) -> Any:
-        """Reads the value as YAML has it, arguments filled in."""
+    def raw(self, key: str, default: Any = _REQUIRED, *, whole: bool = False) -> Any:
+        """Reads the value as YAML has it, arguments filled in, or draws it; whole: as a whole number."""
         if not self.has(key):
             if default is _REQUIRED:
                 raise self.error(None, f"needs '{key}'")
             return default
         value = self.table[key]
+        if is_draw(value) or has_draws(value):
+            return self._drawn(key, value, self.within(key), whole)
         if isinstance(value, (Table, Row)) and not _is_plain_list(value):
             return value
         return self._filled(key, value)
+
+    def _drawn(self, key: str, value: Any, place: str, whole: bool) -> Any:
+        """A draw, or a list with draws in it, as a plain value."""
+        if is_draw(value):
+            if self.draws is None:
+                raise self.error(key, "is drawn; what stands here must be the same in every world")
+            return draw(Fields(value, f"{self.what}, {key}", self.arguments, self.draws, place), whole)
+        if isinstance(value, list):
+            return [self._drawn(key, item, f"{place}[{i}]", whole) for i, item in enumerate(value)]
+        return self._filled(key, value)
+
+    def within(self, key: str) -> str:
+        """Names the place of a key of this map."""
+        return f"{self.address}.{key}" if self.address else key
+
+    def with_arguments(self, arguments: Mapping[str, Any], place: str) -> Fields:
+        """Makes another reader of the same map, with other arguments and draws of its own."""
+        return Fields(self.table, self.what, arguments, self.draws, place)
 
     def plain(self, key: str, default: Any = _REQUIRED) -> Any:
         """Reads the value with `${...}` filled in at every depth of its lists."""
@@ -126,7 +153,7 @@ class Fields:
 
     def whole(self, key: str, default: Any = _REQUIRED, *, minimum: int = 0, maximum: int = 1 << 16) -> int:
         """Reads a whole number within [minimum, maximum]."""
-        number = self.number(key, default)
+        number = self.number_of(key, self.raw(key, default, whole=True))
         if number != int(number) or not minimum <= number <= maximum:
             raise self.error(key, f"is {number:g}; it must be a whole number from {minimum} to {maximum}")
         return int(number)
@@ -214,7 +241,7 @@ class Fields:
         """Returns the map under `key`, or None."""
         if not self.has(key):
             return None
-        return self._as_fields(key, self.table[key], what)
+        return self._as_fields(key, self.table[key], what, self.within(key))
 
     def sections(self, key: str, what: str) -> dict[str, Fields]:
         """Returns the map of maps under `key`: name -> its fields, empty where there is none."""
@@ -223,7 +250,8 @@ class Fields:
         table = self.table[key]
         if not isinstance(table, Table):
             raise self.error(key, f"must be a map of names, each with a map of what the {what} is")
-        return {n: Fields(table, self.what, self.arguments)._as_fields(n, v, f"{what} '{n}'") for n, v in table.items()}
+        inside = Fields(table, self.what, self.arguments, self.draws, self.within(key))
+        return {n: inside._as_fields(n, v, f"{what} '{n}'", inside.within(n)) for n, v in table.items()}
 
     def items(self, key: str, what: str) -> list[Fields]:
         """Returns the list of maps under `key`, empty where there is none; a single map counts as a list of one."""
@@ -231,12 +259,16 @@ class Fields:
             return []
         value = self.table[key]
         rows = value if isinstance(value, list) else [value]
-        return [self._as_fields(key, row, f"{what} {i + 1}") for i, row in enumerate(rows)]
+        places = places_of(rows, self.within(key))
+        return [self._as_fields(key, row, f"{what} {i + 1}", places[i]) for i, row in enumerate(rows)]
 
-    def _as_fields(self, key: str, value: Any, what: str) -> Fields:
+    def _as_fields(self, key: str, value: Any, what: str, place: str) -> Fields:
+        if is_draw(value):
+            raise self.error(key, f"is drawn as a whole; {what} is a map, in which each value may be drawn")
         if not isinstance(value, Table):
             raise self.error(key, f"is {value!r:.60}; it must be a map such as {{name: value}}")
-        return Fields(value, what if self.what.startswith("scene") else f"{self.what}, {what}", self.arguments)
+        what = what if self.what.startswith("scene") else f"{self.what}, {what}"
+        return Fields(value, what, self.arguments, self.draws, place)
 
     def rotation(self) -> np.ndarray:
         """Reads a quaternion from `quaternion: [x, y, z, w]` or `rotation: {axis, angle}` (a list of them: one after

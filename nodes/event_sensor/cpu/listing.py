@@ -83,7 +83,15 @@ class Listing:
 
     def read(self, out: dict[str, np.ndarray]) -> None:
         """Write the events to columns of their length."""
-        unpack(self._listed, self._sensor, self._t_base, out)
+        if not self._layout.marked:
+            unpack(self._listed, self._sensor, self._t_base, out)
+            return
+        if "signal" in out:
+            out["signal"][:] = 1 - (self._listed & 1)
+        plain: Any = Sensor()
+        layout = self._layout.without_mark()
+        plain.shift_x, plain.shift_y, plain.shift_t, plain.shift_env = layout.x, layout.y, layout.t, layout.env
+        unpack(self._listed >> 1, plain, self._t_base, out)
 
     def env_offsets(self) -> np.ndarray:
         """int64 [E + 1]: where each environment's events begin."""

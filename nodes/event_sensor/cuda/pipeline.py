@@ -154,9 +154,11 @@ class Pipeline:
     def _columns(self, capacity: int) -> tuple[Any, dict[str, wp.array]]:
         columns = Columns()
         types = {"t": wp.int64, "x": wp.uint16, "y": wp.uint16, "p": wp.uint8, "c": wp.uint8}
+        types["signal"] = wp.uint8
+        there = {"c": self._colour, "signal": self._layout.marked}
         named = {}
         for name, dtype in types.items():
-            length = capacity if name != "c" or self._colour else 0
+            length = capacity if there.get(name, True) else 0
             array: wp.array = wp.empty(length, dtype=dtype, device=self._device)
             setattr(columns, name, array)
             if length:

@@ -36,6 +36,7 @@ class DeviceSide:
             found: called with the counters of each call.
         """
         envs, total, colour = shape
+        self._marked = layout.marked
         self._relaunched = None if isinstance(engine, IdealPasses) else Relaunched(engine)
         self._device, self._found = device, found
         self.pipeline = Pipeline(
@@ -46,6 +47,7 @@ class DeviceSide:
 
     def _nothing(self, envs: int, colour: bool) -> DeviceEvents:
         types = {"t": wp.int64, "x": wp.uint16, "y": wp.uint16, "p": wp.uint8} | ({"c": wp.uint8} if colour else {})
+        types |= {"signal": wp.uint8} if self._marked else {}
         columns = {name: wp.empty(0, dtype=dtype, device=self._device) for name, dtype in types.items()}
         return DeviceEvents(columns, 0, np.zeros(envs + 1, np.int64), (0, 0))
 

@@ -18,6 +18,7 @@ class Features:
     refractory: bool = False
     mismatch: bool = False
     cap: bool = False
+    marked: bool = False
 
     @property
     def ahead(self) -> bool:
@@ -50,4 +51,16 @@ def features_of(p: Mapping[str, Any]) -> Features:
         refractory=round(1e3 * p["refractory_us"]) > 0,
         mismatch=p["threshold_mismatch"] > 0,
         cap=p["event_cap"] > 0,
+        marked=marks(p),
     )
+
+
+def spontaneous(p: Mapping[str, Any]) -> bool:
+    """Tells whether a sensor with these parameters has events that light does not make."""
+    hot = p["hot_pixel_rate"] > 0 and p["hot_pixel_fraction"] > 0
+    return bool(p["leak_rate"] > 0 or p["shot_rate"] > 0 or hot)
+
+
+def marks(p: Mapping[str, Any]) -> bool:
+    """Tells whether keys have to say what noise made: where that is asked for and there is some."""
+    return bool(p.get("marked")) and spontaneous(p)

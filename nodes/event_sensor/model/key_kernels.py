@@ -21,6 +21,13 @@ def key_tail(sensor: Sensor, y: wp.int32, x: wp.int32, c: wp.int32, on: wp.bool)
 
 
 @wp.func
+def with_mark(key: wp.int64, noise: wp.bool):
+    """Returns the key of a sensor that marks its events, where key_tail has left the bit below the place free."""
+    low = key & wp.int64(7)
+    return (key ^ low) | (low << wp.int64(1)) | wp.where(noise, wp.int64(1), wp.int64(0))
+
+
+@wp.func
 def key_time(sensor: Sensor, t: wp.int64):
     """Returns the part of a key that is its time, t [ns] after the message's start."""
     return t << sensor.shift_t
@@ -49,13 +56,14 @@ def column_of(sensor: Sensor, key: wp.int64):
 
 @wp.struct
 class Columns:
-    """Events: t [ns], x, y, polarity, colour channel (of length 0 without colour)."""
+    """Events: t [ns], x, y, polarity, colour channel (of length 0 without colour), signal (the same without marks)."""
 
     t: wp.array(dtype=wp.int64)
     x: wp.array(dtype=wp.uint16)
     y: wp.array(dtype=wp.uint16)
     p: wp.array(dtype=wp.uint8)
     c: wp.array(dtype=wp.uint8)
+    signal: wp.array(dtype=wp.uint8)
 
 
 @wp.func
@@ -64,6 +72,10 @@ def unpack_to(sensor: Sensor, t_base: wp.int64, key: wp.int64, i: wp.int32, colu
     columns.t[i] = t_base + time_of(sensor, key)
     columns.y[i] = wp.uint16(row_of(sensor, key))
     columns.x[i] = wp.uint16(column_of(sensor, key))
-    columns.p[i] = wp.uint8(key & wp.int64(1))
+    # Below the place stand channel and polarity and, of a sensor that marks its events, the mark.
+    low = key >> (sensor.shift_x - wp.int64(3))
+    columns.p[i] = wp.uint8(low & wp.int64(1))
     if i < columns.c.shape[0]:
-        columns.c[i] = wp.uint8((key >> wp.int64(1)) & wp.int64(3))
+        columns.c[i] = wp.uint8((low >> wp.int64(1)) & wp.int64(3))
+    if i < columns.signal.shape[0]:
+        columns.signal[i] = wp.uint8(wp.int64(1) - (key & wp.int64(1)))

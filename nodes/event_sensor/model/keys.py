@@ -1,6 +1,7 @@
 """Where each field of an event's key starts: 63 bits that sort to environment, time, row, column.
 
-A key holds, from the top: environment, t - t_base [ns], y, x, colour channel (2 bits), polarity (1 bit). Columns take
+A key holds, from the top: environment, t - t_base [ns], y, x, colour channel (2 bits), polarity (1 bit), and, where
+events are marked, whether noise made it (1 bit, at the bottom, so that no order hangs on it). Columns take
 bits(W - 1), rows bits(H - 1), environments bits(E - 1); the rest is for time: 42 bits (73 minutes) for one environment
 of 346x260, at least 28 bits (268 ms) ever. A message that is longer is refused, nothing wraps.
 """
@@ -26,15 +27,26 @@ class KeyLayout:
     env: int
 
     @staticmethod
-    def of(height: int, width: int, envs: int) -> KeyLayout:
-        """Layout for images of this size. Raises ValueError when no useful room for time is left."""
-        x = 3
+    def of(height: int, width: int, envs: int, marked: bool = False) -> KeyLayout:
+        """Layout for images of this size. marked: with a bit for noise. Raises ValueError when no useful room for time
+        is left.
+        """
+        x = 4 if marked else 3
         y = x + (width - 1).bit_length()
         t = y + (height - 1).bit_length()
         env = KEY_BITS - (envs - 1).bit_length()
         if env - t < 28:
             raise ValueError(f"{envs} environments of {width}x{height} pixels are too many for one event sensor")
         return KeyLayout(x, y, t, env)
+
+    @property
+    def marked(self) -> bool:
+        """Tells whether keys have a bit for noise."""
+        return self.x == 4
+
+    def without_mark(self) -> KeyLayout:
+        """Gives the layout of keys of a marked one that were shifted by the bit for noise."""
+        return KeyLayout(self.x - 1, self.y - 1, self.t - 1, self.env - 1)
 
     def check_span(self, t_base: int, t: np.ndarray) -> None:
         """Raise ValueError when a message from t_base [ns] with frames at t [ns] is too long for the key."""

@@ -13,7 +13,7 @@ contracted with a sum.
 
 import warp as wp
 
-from nodes.event_sensor.model.key_kernels import key_head, key_tail, key_time
+from nodes.event_sensor.model.key_kernels import key_head, key_tail, key_time, with_mark
 from nodes.event_sensor.model.random_kernels import draw, mix, stream_of, uniform
 from nodes.event_sensor.model.sensor_kernels import (
     DROPPED,
@@ -79,11 +79,15 @@ def fire(
     written: wp.int32,
     keys: wp.array(dtype=wp.int64),
     counters: wp.array(dtype=wp.int64),
+    noise: wp.bool,
 ):
     """Writes those of n events at `now` that the refractory period leaves; returns how many.
 
-    written: events of this pixel in this step so far.
+    written: events of this pixel in this step so far. noise: whether they are, for a sensor that marks its events.
     """
+    event = key
+    if sensor.shift_x > wp.int64(3):
+        event = with_mark(key, noise)
     left = n
     if n > 0 and sensor.dead_ns > wp.int64(0):
         left = 1
@@ -96,7 +100,7 @@ def fire(
         else:
             slot = wp.atomic_add(counters, EVENTS, wp.int64(1))
             if slot < sensor.capacity:
-                keys[slot] = key
+                keys[slot] = event
         j += 1
     return left
 
@@ -171,7 +175,7 @@ def sense_paper(
                 n, signed = thresholds_crossed(delta, c_on, c_off, wp.float64(0.0))
                 pixel.reference = pixel.reference + signed * wp.float64(n)
                 key = head | key_tail(sensor, y, x, c, on)
-                left = fire(sensor, pixel, now, key, n, written, keys, counters)
+                left = fire(sensor, pixel, now, key, n, written, keys, counters, False)
                 if left > 0:
                     written += left
                     pixel.t_last = now
@@ -191,7 +195,7 @@ def sense_paper(
                     if uniform(chance) < rate * dt:
                         on = kind == 0 or (mix(chance) & wp.uint64(1)) != wp.uint64(0)
                         key = head | key_tail(sensor, y, x, c, on)
-                        left = fire(sensor, pixel, now, key, 1, written, keys, counters)
+                        left = fire(sensor, pixel, now, key, 1, written, keys, counters, True)
                         if left > 0:
                             written += left
                             pixel.t_last = now

@@ -16,7 +16,7 @@ import warp as wp
 from nodes.event_sensor.model.crossing_kernels import turning_points
 from nodes.event_sensor.model.emission_kernels import crossings_fired, curve_value, emit
 from nodes.event_sensor.model.features import Features
-from nodes.event_sensor.model.key_kernels import key_head, key_tail, key_time
+from nodes.event_sensor.model.key_kernels import key_head, key_tail, key_time, with_mark
 from nodes.event_sensor.model.noise_kernels import candidate_after, noise_candidate, stream_here
 from nodes.event_sensor.model.random_kernels import NEVER
 from nodes.event_sensor.model.refractory_kernels import dead_beyond, dead_until
@@ -45,6 +45,24 @@ def step_begun(
     walk.key_on = head | key_tail(sensor, place.y, place.x, place.c, True)
     walk.key_off = head | key_tail(sensor, place.y, place.x, place.c, False)
     return walk
+
+
+@lru_cache
+def crossing_key(features: Features) -> Any:
+    """Makes the function of the key, but for its time, of a crossing of the signal."""
+
+    @wp.func(inline=True)
+    def key_of(walk: Walk, step: Step, signal: Signal, own: Own, origin: wp.int64, on: wp.bool):
+        """Returns the key; where events are marked, an ON crossing is noise if leak moves S further in this step
+        than light does. origin: where the leak's drift is zero [ns]."""
+        key = wp.where(on, walk.key_on, walk.key_off)
+        if wp.static(features.marked):
+            leaked = own.drift * step.h
+            rise = signal.l1 - signal.s[0] + own.drift * wp.float64(step.start - origin)
+            key = with_mark(key, on and wp.abs(rise) < leaked)
+        return key
+
+    return key_of
 
 
 @lru_cache
@@ -124,6 +142,7 @@ def dead_time_end(features: Features) -> Any:
 def noise_event(features: Features) -> Any:
     """Makes the function of what happens at a candidate of the noise or where a leak's coin falls."""
     frame, refractory, cap = features.crossing == "frame", features.refractory, features.cap
+    marked = features.marked
     level_at = level_seen(features)
 
     @wp.func(inline=True)
@@ -164,7 +183,10 @@ def noise_event(features: Features) -> Any:
                 state.draws = state.draws + wp.int64(1)
                 state.next = when + wait
             if fires:
-                key = key_time(sensor, when - message.t_base) | wp.where(on, walk.key_on, walk.key_off)
+                key = wp.where(on, walk.key_on, walk.key_off)
+                if wp.static(marked):
+                    key = with_mark(key, True)
+                key = key_time(sensor, when - message.t_base) | key
                 emit(sensor, key, walk.fired, wp.static(cap), keys, counters)
                 walk.fired = walk.fired + 1
                 state.base = level_at(step, signal, own, state, u, when)
@@ -183,6 +205,7 @@ def signal_crossings(features: Features, at_once: Any = None) -> Any:
     """Makes the function of the crossings of the signal up to the next happening."""
     curved, refractory = features.curved, features.refractory
     value, crossed, fire = curve_value(features), threshold_count(features), crossings_fired(features, at_once)
+    key_of = crossing_key(features)
 
     @wp.func(inline=True)
     def cross(
@@ -218,7 +241,7 @@ def signal_crossings(features: Features, at_once: Any = None) -> Any:
             on = delta > wp.float64(0.0)
             n, signed = crossed(delta, own.c_on, own.c_off)
             if n > 0:
-                key = wp.where(on, walk.key_on, walk.key_off)
+                key = key_of(walk, step, signal, own, state.origin, on)
                 last = fire(
                     sensor, t_base, step, signal.s, walk, signed, n, piece, until, key, keys, counters
                 )  # fmt: skip
@@ -240,6 +263,7 @@ def signal_crossings(features: Features, at_once: Any = None) -> Any:
 def jump_at_stamp(features: Features, at_once: Any = None) -> Any:
     """Makes the function of the jump of the signal at a frame's stamp, of crossing=frame."""
     refractory, crossed, fire = features.refractory, threshold_count(features), crossings_fired(features, at_once)
+    key_of = crossing_key(features)
 
     @wp.func(inline=True)
     def jump(
@@ -265,7 +289,7 @@ def jump_at_stamp(features: Features, at_once: Any = None) -> Any:
             walk.u = wp.float64(1.0)
             walk.here = step.now
             level = wp.vec4d(signal.l1, zero, zero, zero)
-            key = wp.where(on, walk.key_on, walk.key_off)
+            key = key_of(walk, step, signal, own, state.origin, on)
             fire(sensor, t_base, step, level, walk, signed, n, walk.u, step.now, key, keys, counters)
             state.net = state.net + wp.where(on, n, -n)
             state.n_off = state.n_off + wp.where(on, 0, n)

@@ -21,6 +21,8 @@ class Events:
     p: np.ndarray
     c: np.ndarray | None
     env_offsets: np.ndarray
+    signal: np.ndarray | None = None
+    """uint8 [n], 1 = made by light, 0 = by noise; of a sensor that marks its events."""
 
 
 def merged(

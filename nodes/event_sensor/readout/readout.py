@@ -211,7 +211,8 @@ class Readout:
         if not t.size:
             return events, offsets
         span = int(t.max()) - t_base
-        if span >> (self._layout.env - self._layout.t):
+        # A mark has no place in these keys.
+        if "signal" in events or span >> (self._layout.env - self._layout.t):
             order = np.lexsort((events["p"], events.get("c", np.zeros(t.shape)), events["x"], events["y"], t, env))
             return {name: column[order] for name, column in events.items()}, offsets
         if self._keys.size < t.size:

@@ -55,17 +55,18 @@ def cache_folder() -> Path:
 
 def fingerprint(setting: Setting) -> str:
     """Computes a hash, 32 hexadecimal digits, of all that cost and error depend on."""
-    import evis
+    from importlib.metadata import version
+
+    import warp
 
     found = hashlib.sha256(code_digest())
     _digest(found, setting)
-    import warp
 
     machine = [platform.node(), platform.machine(), os.cpu_count(), platform.python_version(), warp.config.version]
     if setting.device.startswith("cuda"):
         warp.init()
         machine.append(warp.get_device(setting.device).name)
-    found.update(repr([machine, getattr(evis, "__version__", ""), np.__version__]).encode())
+    found.update(repr([machine, version("evis"), np.__version__]).encode())
     return found.hexdigest()[:32]
 
 
@@ -76,7 +77,7 @@ def code_digest() -> bytes:
 
     found = hashlib.sha256()
     for package, patterns in CODE.items():
-        root = ROOT / package
+        root = Path(ROOT, package)
         for path in sorted(path for pattern in patterns for path in root.glob(pattern)):
             found.update(path.relative_to(root).as_posix().encode())
             found.update(path.read_bytes())

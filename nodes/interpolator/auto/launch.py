@@ -15,7 +15,7 @@ from evis.launch.expand import NodeSpec, expand
 from evis.launch.files import LaunchFile
 from evis.launch.planner import Options
 from evis.scene.parameters import camera_of, scene_of
-from nodes.event_sensor.parameters import resolve_sensor
+from nodes.event_sensor.scene_parameters import resolve_with_scene
 from nodes.interpolator.auto import cache
 from nodes.interpolator.auto.probe import probe
 from nodes.interpolator.auto.setting import Setting
@@ -95,8 +95,8 @@ def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapp
     p = by_type["renderer"]
     scene = scene_of("renderer", p)
     camera = camera_of(scene, p.get("camera") or "cam0")
-    given = {k: v for k, v in by_type["event_sensor"].items() if k in SENSOR and v is not None}
-    full = resolve_sensor("event sensor", by_type["event_sensor"].get("preset") or "ideal", given)
+    asked = by_type["event_sensor"]
+    full = resolve_with_scene("event sensor", {**asked, "preset": asked.get("preset") or "ideal"})
     sensor = {key: full[key] for key in SENSOR if full[key] is not None}
     frames = by_type.get("interpolator", {})
     if p.get("supersampling"):

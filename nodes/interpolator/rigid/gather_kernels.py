@@ -21,7 +21,7 @@ wp.set_module_options({"enable_backward": False})
 @wp.struct
 class Portion:
     """Holds sub-frames that are looked up together: those in `count` slots from slot0 on of `packed` [P E, H, W]; slot
-    s is sub-frame index[s] of `upsampling`, when lights that flicker have that `strength`.
+    s is sub-frame index[s] of `upsampling`, and in each of them lights that flicker have that `strength`, [P E].
 
     quiet [E, H, W]: z-buffer entries with which nothing has changed. pieces: of each triangle, its body (the world's
     index being their number) and its patch. tolerance: difference of the keyframes' log radiance up to which it is
@@ -255,7 +255,7 @@ def make_gather(
                         value = other
                     elif seen_b:
                         value += share * (other - value)
-                    frames[frame, y - m, x - m] = radiance_of(value, portion.strength[n // envs])
+                    frames[frame, y - m, x - m] = radiance_of(value, portion.strength[n])
                 else:
                     pixels[first + take_place(count, band)] = (n * view.height + y) * view.width + x
             else:

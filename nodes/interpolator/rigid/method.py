@@ -32,7 +32,7 @@ import warp as wp
 from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
-from nodes.interpolator.keyframe import KeyframeView, Report
+from nodes.interpolator.keyframe import KeyframeView, Report, own_subframes
 from nodes.interpolator.relight.change import make_light_change
 from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.keyframes import Pair
@@ -63,13 +63,14 @@ class Rigid:
         device: str = "cpu",
         threads: int = 1,
         options: RigidOptions | None = None,
+        worlds: Sequence[Scene] = (),
     ) -> None:
         """scene, camera: those of the renderer. upsampling: K. margin: pixels beyond the image on every side. channels:
-        1 or 3. threads: of a CPU."""
+        1 or 3. threads: of a CPU. worlds: see Placement."""
         asked, cpu = options or RigidOptions(), wp.get_device(device).is_cpu
         self._layout = layout_of(scene, camera, envs, upsampling, margin, channels, cpu, asked)
         slots, step = self._layout.slots, self._layout.step
-        self._placement = Placement(scene)
+        self._placement = Placement(scene, worlds)
         sparse = True if len(self._placement.movers) else None
         v = self.visibility = Visibility(scene, camera, envs * slots, margin, device, threads, sparse=sparse)
         self._places = Slots(scene, v, self._placement, slots)
@@ -80,6 +81,8 @@ class Rigid:
         keyframe, bodies = (envs, *v.shape[1:]), len(scene.bodies)
         self._pair = Pair(keyframe, slots, bodies, channels, self._device, self._layout.exact_flicker, textured)
         self._at_b: KeyframeView | None = None
+        self._held = np.zeros(envs, bool)
+        """Environments that begun an episode with that keyframe."""
         self._even = True
         self._graphs, self._beside = CudaGraphs(self._device), Branch(self._device)
         pieces, patches = pieces_of(scene, v.geometry.triangle_instance)
@@ -105,20 +108,33 @@ class Rigid:
         self._told = [wp.zeros(n.size, dtype=wp.int32, device="cpu", pinned=not cpu) for n in counted]
         self._buffer: wp.array | None = None
 
+    def settle(self) -> None:
+        """Takes what it remembers now for what it knows when an episode begins: after it was warmed up."""
+        if self._sparse is not None:
+            self._sparse.settle()
+
     def between(
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
     ) -> Report:
         """See Method. Views need `states` and `stamp_ns`; out may be an array of the device."""
         assert a.states is not None and b.states is not None
-        stamps = subframe_stamps(a.stamp_ns, b.stamp_ns, self._layout.upsampling)
         held = np.asarray(held, bool)
+        together = a.own is None and b.own is None
+        if together:
+            stamps = subframe_stamps(a.stamp_ns, b.stamp_ns, self._layout.upsampling)
+        else:
+            stamps = own_subframes(a, b, held, self._layout.upsampling)
         places = self._places
         places.begin(stamps, a.states, b.states, held)
+        begun = self._begun(a, held)
         if self._at_b is not a:
             self._prepare(a)
         self._pair.swap()
-        self._at_b = b
+        self._at_b, self._held = b, held
         if self._sparse is not None:
+            for env in np.flatnonzero(begun).tolist():
+                self._sparse.begin(env)
+                self._sparse.look(env, self._pair.a.packed[env].numpy())
             self._strides = self._sparse.strides(places.camera_path(), self._pair.a.packed)
         frames = self._target(out)
         for portion, slots in enumerate(self._layout.shown):
@@ -132,17 +148,25 @@ class Rigid:
             if portion == 0:
                 self._take(b, held)
             if self._layout.flicker:
-                self.shading.set_times(np.repeat(stamps[slots], self._layout.envs))
+                shown = np.repeat(stamps[slots], self._layout.envs) if together else stamps.T[slots].reshape(-1)
+                self.shading.set_times(shown)
             if self._layout.waveform is not None:
-                strength = [waveform_strength(self._layout.waveform, int(t)) for t in stamps[slots]]
-                self._reprojection.strength.assign(np.array(strength, np.float32))
+                times, which = np.unique(shown, return_inverse=True)
+                strength = np.array([waveform_strength(self._layout.waveform, int(t)) for t in times], np.float32)
+                self._reprojection.strength.assign(strength[which.reshape(-1)])
             self._graphs.run(("look", portion, self._even, builds), partial(self._reproject, portion, frames))
         self._even = not self._even
         if frames is self._buffer:
             self._hand_over(frames, out)
-        if self._device.is_cuda:
+        if self._device.is_cuda and together:
             self._placement.expect(stamps)
         return self._report()
+
+    def _begun(self, a: KeyframeView, held: np.ndarray) -> np.ndarray:
+        """Environments whose episode begins with keyframe a, bool [E]."""
+        if self._at_b is not a and (a.replaces is None or a.replaces is not self._at_b):
+            return np.ones(len(held), bool)
+        return self._held if a.begun is None else self._held | a.begun
 
     def _may_move(self, patch: np.ndarray, count: int) -> np.ndarray:
         """Whether each of the patches may ever move against the camera, bool [count]."""
@@ -240,7 +264,7 @@ class Rigid:
         v = self.visibility
         placed = self._places.place_before()
         if self._sparse is not None:
-            self._sparse.draw(1, 0, [1] * self._layout.envs, True)
+            self._sparse.draw_keyframe()
         else:
             v.draw()
         v.drawn()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from evis.geometry.interpolate import pose_at
@@ -16,20 +18,34 @@ class Placement:
     """Works out the poses of a scene's bodies at any time of a gap. Only those that may move, `movers` int64 [M], cost
     anything."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, worlds: Sequence[Scene] = ()) -> None:
+        """worlds: the scene of each environment, where bodies do not move alike in all; the same ones move in all."""
         paths = [body.trajectory for body in scene.bodies]
         self.movers = np.array([n for n, path in enumerate(paths) if path is None or not path.is_static()], np.int64)
         moving = [(m, paths[n]) for m, n in enumerate(self.movers.tolist())]
         # Their places among the movers.
         self._driven = np.array([m for m, path in moving if path is None], np.int64)
-        prescribed = [(m, path) for m, path in moving if isinstance(path, Prescribed)]
-        self._prescribed = PrescribedPoses([path for _, path in prescribed])
-        self._together = np.array([m for m, _ in prescribed], np.int64)
+        together = [m for m, path in moving if isinstance(path, Prescribed)]
+        self._together = np.array(together, np.int64)
+        # One for all environments, or one for each.
+        self._prescribed = [PrescribedPoses(self._paths(world, together)) for world in (worlds or (scene,))]
         self._alone: list[tuple[int, Trajectory]] = [
             (m, path) for m, path in moving if path is not None and not isinstance(path, Prescribed)
         ]
-        # Of the gap that is expected next, by its stamps: [bodies, K - 1, 7].
+        # Of the gap that is expected next, by its stamps: [1 or E, bodies, K - 1, 7].
         self._ahead: dict[bytes, np.ndarray] = {}
+
+    def _paths(self, world: Scene, which: list[int]) -> list[Prescribed]:
+        """Of the movers, those of these numbers. Raises ValueError where one is not in closed form in this world."""
+        paths = [world.bodies[self.movers[m]].trajectory for m in which]
+        known = [path for path in paths if isinstance(path, Prescribed)]
+        if len(known) < len(paths):
+            raise ValueError(f"scene {world.name}: worlds side by side must have the same bodies in closed form")
+        return known
+
+    def _known(self, stamps: np.ndarray) -> np.ndarray:
+        """Poses in closed form float64 [1 or E, bodies, K, 7] at stamps int64 [K] ns."""
+        return np.stack([poses.at(stamps) for poses in self._prescribed])
 
     def at(self, stamps: np.ndarray, states: States) -> np.ndarray:
         """Gives poses float64 [K, E, N, 7] at stamps int64 [K] ns within the interval of `states`; the last stamp is
@@ -49,8 +65,8 @@ class Placement:
             return poses
         if len(self._together):
             known = self._ahead.get(stamps[:-1].tobytes())
-            known = self._prescribed.at(stamps[:-1]) if known is None else known
-            poses[:-1, :, self._together] = np.swapaxes(known, 0, 1)[:, None]
+            known = self._known(stamps[:-1]) if known is None else known
+            poses[:-1, :, self._together] = known.transpose(2, 0, 1, 3)
         for m, path in self._alone:
             poses[:-1, :, m] = path.pose(stamps[:-1])[:, None]
         if len(self._driven):
@@ -66,8 +82,8 @@ class Placement:
             # The gap began where its first frame is a K-th of it after.
             length = round((start - int(stamps[0])) * count / (count - 1))
             nexts = [subframe_stamps(start, start + length + off, count)[:-1] for off in (-1, 0, 1)]
-            poses = self._prescribed.at(np.concatenate(nexts))
-            parts = np.split(poses, len(nexts), axis=1)
+            poses = self._known(np.concatenate(nexts))
+            parts = np.split(poses, len(nexts), axis=2)
             self._ahead = {t.tobytes(): part for t, part in zip(nexts, parts)}
 
     def _drive(self, stamps: np.ndarray, states: States, poses: np.ndarray) -> None:

@@ -30,8 +30,8 @@ class Reprojection:
 
     It only launches kernels, but for the lists of a CPU.
 
-    strength float32 [slots]: of lights that flicker. counted: int32 on the device, pixels that were shaded anew by list
-    and, as the last number, what `nonfinite` has been added to; and pixels that were looked up by list.
+    strength float32 [slots E]: of lights that flicker. counted: int32 on the device, pixels that were shaded anew by
+    list and, as the last number, what `nonfinite` has been added to; and pixels that were looked up by list.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Reprojection:
             self._radiance = wp.empty(v.shape, dtype=wp.vec3)
             self._pixels = wp.empty(slots * self._inner, dtype=wp.int32)
             self._count = wp.zeros(sampling.counts.size + 1, dtype=wp.int32)
-            self.strength = wp.zeros(slots if exact else 0, dtype=wp.float32)
+            self.strength = wp.zeros(slots * envs if exact else 0, dtype=wp.float32)
             self._all: wp.array = wp.array(np.arange(whole, dtype=np.int32))
             self._all_count: wp.array = wp.array(np.diff(starts).astype(np.int32))
         self._all_starts = starts[:-1]

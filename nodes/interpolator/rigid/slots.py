@@ -36,15 +36,27 @@ class Slots:
         self.moved, self.before, self.rest = (np.zeros((0, 0, 0, 7)) for _ in range(3))
 
     def begin(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> None:
-        """Begins a gap with sub-frames at stamps int64 [K] ns between keyframes a and b.
+        """Begins a gap with sub-frames at stamps int64 [K] ns between keyframes a and b; [E, K] where environments
+        have times of their own.
 
         held: bool [E], environments that are at b all along. Raises ValueError where the states do not reach back to
         the first stamp.
         """
         self.before, self.rest = (s.end_pose for s in (a, b))
-        self.moved = self._placement.moved(stamps, b)
+        self.moved = self._placement.moved(stamps, b) if stamps.ndim == 1 else self._moved_apart(stamps, b, held)
         if held.any():
             self.moved[:, held] = self.moved[-1, held]
+
+    def _moved_apart(self, stamps: np.ndarray, b: States, held: np.ndarray) -> np.ndarray:
+        """Poses of the movers [K, E, M, 7] in environments whose times differ; b's where they are held."""
+        last = b.end_pose.take(self._movers, axis=1)
+        moved = np.repeat(last[None], stamps.shape[1], axis=0)
+        times, which = np.unique(stamps, axis=0, return_inverse=True)
+        for n, t in enumerate(times):
+            envs = np.flatnonzero((which.reshape(-1) == n) & ~held)
+            if len(envs):
+                moved[:, envs] = self._placement.moved(t, b.part(envs))
+        return moved
 
     def camera(self) -> np.ndarray:
         """Gives poses of the camera float64 [K, E, 7]."""

@@ -55,6 +55,7 @@ class SparseRaster:
         self._seen = np.tile(np.where(still, -LATELY - 1, 1 << 30), (envs, 1))
         """Which of an environment's full sub-frames was the last to see a block."""
         self._full = [0] * envs
+        self.settle()
         gain = pixels_per_radian(v)
         self._gain = gain if gain > 0 else float(max(v.view.fx, v.view.fy))
         y, x = np.mgrid[GRID // 2 : v.shape[1] : GRID, GRID // 2 : v.shape[2] : GRID]
@@ -72,8 +73,16 @@ class SparseRaster:
             return False
         return int(v.geometry.static[v.raster.blocks[0].instance.numpy()].sum()) >= MANY
 
-    def _look(self, env: int, packed: np.ndarray) -> None:
-        """Remember what is seen in an environment's z-buffer uint64 [H, W]."""
+    def settle(self) -> None:
+        """Takes what was seen up to now for what is known when an episode begins."""
+        self._seen_first, self._full_first = self._seen.copy(), list(self._full)
+
+    def begin(self, env: int) -> None:
+        """Forgets what was seen in an environment, whose episode begins; `look` at its first keyframe comes next."""
+        self._seen[env], self._full[env] = self._seen_first[env], self._full_first[env]
+
+    def look(self, env: int, packed: np.ndarray) -> None:
+        """Remembers what is seen in an environment's z-buffer uint64 [H, W]."""
         hits = packed & np.uint64(0xFFFFFFFF)
         triangles = hits[hits != np.uint64(MISS & 0xFFFFFFFF)].astype(np.int64)
         seen = np.unique(self._block[triangles])
@@ -96,6 +105,14 @@ class SparseRaster:
             strides.append(int(np.clip(self._step / max(pace, 1e-9), 1, LONGEST)))
         return strides
 
+    def draw_keyframe(self) -> None:
+        """Draws the first slot of every environment in full, and remembers nothing."""
+        v, envs = self._v, self._envs
+        v.packed.view(wp.int64).fill_(-1)
+        v.place_instances()
+        for row in range(envs):
+            self._add(slice(row, row + 1), self._blocks)
+
     def draw(self, first: int, count: int, strides: list[int], closed: bool) -> None:
         """Draws the slots 0 .. first + count - 1; before `first` is keyframe B, or nothing. closed: B comes right after
         them."""
@@ -108,7 +125,7 @@ class SparseRaster:
             for slot in full:
                 row = slot * envs + env
                 self._add(slice(row, row + 1), self._blocks)
-                self._look(env, v.packed[row].numpy())
+                self.look(env, v.packed[row].numpy())
             rest = sorted({*range(first + count)} - {*full})
             if rest:
                 lately = self._lately(env)

@@ -17,7 +17,7 @@ degrees per gap has as much."""
 @wp.kernel
 def find_bends(
     # in
-    ratio: wp.float32,
+    ratio: wp.array(dtype=wp.float32),
     straight: wp.array(dtype=wp.int32),
     depth: wp.array3d(dtype=wp.float32),
     before: wp.array3d(dtype=wp.float32),
@@ -30,7 +30,7 @@ def find_bends(
     here.
 
     depth, motion: of this keyframe; before, earlier: of the one before, at whose `motion` end the earlier motion is
-    read, between four pixels of one surface. ratio: of the gap before to this one. straight: environments without.
+    read, between four pixels of one surface. ratio: of the gap before to this one, [E]. straight: environments without.
     """
     env, y, x = wp.tid()
     width = depth.shape[2]
@@ -55,17 +55,17 @@ def find_bends(
             weight = wp.abs(u - float(2 * i + 1 - column)) * wp.abs(v - float(2 * j + 1 - row))
             total += weight * wp.vec2(earlier[env, row, column, 0], earlier[env, row, column, 1])
         same = same_surface(farthest, nearest) and nearest * NEARER <= z and z * NEARER <= farthest
-        before_that = total / ratio
+        before_that = total / ratio[env]
         change = before_that - m
         if same and wp.length(change) < STEADY * (wp.length(before_that) + wp.length(m)):
-            bend = -change / (1.0 + ratio)
+            bend = -change / (1.0 + ratio[env])
     bends[env, y * width + x] = bend
 
 
 @wp.kernel
 def carry_on(
     # in
-    ratio: wp.float32,
+    ratio: wp.array(dtype=wp.float32),
     straight: wp.array(dtype=wp.int32),
     motion: wp.array4d(dtype=wp.float32),
     # in and out
@@ -77,12 +77,12 @@ def carry_on(
     gap."""
     env, y, x = wp.tid()
     pixel = y * motion.shape[2] + x
-    bend = bends[env, pixel] / (ratio * ratio)
+    bend = bends[env, pixel] / (ratio[env] * ratio[env])
     m = wp.vec2(motion[env, y, x, 0], motion[env, y, x, 1])
     if straight[env] != 0:
         bend = wp.vec2(0.0, 0.0)
     else:
-        m = m / ratio + (1.0 + ratio) * bend
+        m = m / ratio[env] + (1.0 + ratio[env]) * bend
     bends[env, pixel] = bend
     onward[env, y, x, 0] = m[0]
     onward[env, y, x, 1] = m[1]

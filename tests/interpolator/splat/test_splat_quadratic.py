@@ -26,7 +26,8 @@ def bends_of(motion, earlier, ratio=1.0, depth=1.0, before=1.0, straight=0):
 
     out = wp.zeros((1, HEIGHT * WIDTH), dtype=wp.vec2, device="cpu")
     flags = wp.array(np.array([straight], np.int32), device="cpu")
-    given = [ratio, flags, image(depth), image(before), image(motion, 2), image(earlier, 2)]
+    ratios = wp.array(np.array([ratio], np.float32), device="cpu")
+    given = [ratios, flags, image(depth), image(before), image(motion, 2), image(earlier, 2)]
     wp.launch(bend_kernels.find_bends, (1, HEIGHT, WIDTH), given, [out], device="cpu")
     return out.numpy().reshape(HEIGHT, WIDTH, 2)
 

@@ -78,6 +78,7 @@ class Aedat3Recording(DescriptorOwner, BlockRecording):
 
     def _find_source(self, topic: str, named: dict[str, str]) -> int | None:
         """The source to read; None where there is no event."""
+        self.info.topics = tuple(named)
         if topic:
             if topic not in named:
                 there = ", ".join(f"{number} ({name})" for number, name in named.items())

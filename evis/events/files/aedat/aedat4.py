@@ -105,6 +105,7 @@ class Aedat4Recording(DescriptorOwner, BlockRecording):
         for key in ("originalOutputName", "source"):  # a name that several streams have is none
             found = [s.get(key, "") for s in events.values()]
             names |= {name: i for name, i in zip(found, events) if name and found.count(name) == 1}
+        info.topics = tuple(str(i) for i in events)
         if options.topic and options.topic not in names:
             raise RecordingError(
                 f"{self._path}: no event stream '{options.topic}'; it has {', '.join(names) or 'none'}"

@@ -69,6 +69,7 @@ def find_layout(file: h5py.File, topic: str, info: RecordingInfo, backend: str) 
     groups += [name for name, item in (("/", file), *_walk(file)) if _holds_events(item, info) and name not in groups]
     if not groups:
         raise ValueError("an HDF5 file without events: no CD/events, no x, y, t, p, no N x 4 events")
+    info.topics = tuple(groups)
     if topic and topic not in groups:
         raise RecordingError(f"{info.path}: no events in '{topic}'; they are in {', '.join(groups)}")
     name = topic or groups[0]

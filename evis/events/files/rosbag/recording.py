@@ -69,6 +69,7 @@ class RosRecording(BlockRecording):
         self.topic, self.backend = options.topic, options.backend
         self._counts = {}
         topics = self._topics()
+        self.info.topics = tuple(topics)
         if options.topic and topics and options.topic not in topics:
             raise RecordingError(f"{self.info.path}: no events on '{options.topic}'; they are on {', '.join(topics)}")
         if not options.topic and topics:

@@ -1,0 +1,112 @@
+"""Implements the sending end of a topic that nobody outside this process can read: no socket, no shared memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import zmq
+
+from evis.bus.device import Asked, DevicePool, DeviceSlot, check
+from evis.bus.publisher import check_sent
+from evis.bus.slots import Slot, SlotPool
+from msgs.codec import contents
+from msgs.header import Message
+
+ENOUGH = 1 << 30
+"""Credit of a topic whose consumers are called directly."""
+
+
+class LocalPublisher:
+    """Publishes one topic to nodes of this process, which are called directly; does what Publisher does for them.
+
+    topic, node: names. message_type: the only one that it sends. slots: messages that are kept at the same time, as a
+    rule.
+    """
+
+    def __init__(self, topic: str, node: str, message_type: type[Message], slots: int = 3) -> None:
+        self.topic = topic
+        self.node = node
+        self.message_type = message_type
+        self._pool = SlotPool(topic, slots)
+        self._on_device = DevicePool(topic)
+        self._seq = self._bytes = 0
+
+    def start(self) -> None:
+        """Opens nothing: there is nobody to wait for."""
+
+    def pump(self) -> None:
+        """Hears nothing: nobody can speak to it."""
+
+    def sockets(self) -> Sequence[zmq.Socket | int]:
+        """Lists no sockets."""
+        return ()
+
+    def missing(self) -> list[str]:
+        """Names no consumers: those of this process are there."""
+        return []
+
+    def credit(self) -> int:
+        """Returns how many messages `send` takes: any number."""
+        return ENOUGH
+
+    def wanted(self) -> bool:
+        """Says that nobody outside reads it."""
+        return False
+
+    def tapped(self) -> bool:
+        """Says that no tap listens."""
+        return False
+
+    def reads_bytes(self) -> bool:
+        """Says that nobody needs numpy arrays for their bytes' sake."""
+        return False
+
+    def loan(self, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, np.ndarray]:
+        """Returns aligned arrays to write the next message into, name -> (shape, dtype); valid until `send`."""
+        return self._pool.loan(arrays)
+
+    def loan_on(self, device: Any, asked: Asked) -> dict[str, Any]:
+        """Returns Warp arrays on a device as `loan` does: name -> (shape, Warp dtype)."""
+        if device.is_cuda:
+            self._pool.pin_memory()
+        return self._on_device.loan(device, asked)
+
+    def claim_on(self, message: Message) -> DeviceSlot | None:
+        """Returns the slot of `loan_on` that a message's Warp arrays lie in, pinned once for the caller."""
+        return self._on_device.claim(message)
+
+    def passed(self, message: Message) -> None:
+        """Counts a message whose arrays stay on their device."""
+        check_sent(self.topic, self.node, self.message_type, message)
+        self._count(message, check(message))
+
+    def send(self, message: Message) -> Slot | None:
+        """Fills header.seq, and returns the slot that the arrays lie in, pinned once for the caller, or None.
+
+        Raises BusError for a message of another type, or one that was published before; MessageError for a wrong one.
+        """
+        check_sent(self.topic, self.node, self.message_type, message)
+        arrays = contents(message)
+        slot = self._pool.claim(arrays)
+        self._count(message, sum([a.nbytes for a in arrays.values()]))
+        message._slot = slot  # type: ignore[misc]
+        return slot
+
+    def _count(self, message: Message, size: int) -> None:
+        message.header.seq = self._seq
+        self._seq += 1
+        self._bytes += size
+
+    def finish(self, timeout_s: float | None = None) -> bool:
+        """Says that the stream has ended everywhere."""
+        return True
+
+    def close(self) -> None:
+        """Releases the memory."""
+        self._pool.close()
+
+    def stats(self) -> dict[str, float]:
+        """Returns counters since the start: messages, bytes, time waited for credit, slots."""
+        return {"sent": self._seq, "bytes": self._bytes, "waits_s": 0.0, "slots": self._pool.live}

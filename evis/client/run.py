@@ -1,0 +1,199 @@
+"""A running graph in the hand of another program."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from evis.client.requests import ACTION, RESET, Requests, controls_of, taker
+from evis.client.running import choose, which_of_several
+from evis.client.topics import TopicReader
+from evis.runtime.outside import ANY_STAMP
+from evis.runtime.plan import Plan
+from msgs.header import Header
+from msgs.world import Action, Reset
+
+PATIENCE_S = 60.0
+"""How long a step in lock-step waits for its action before control is lost [s]."""
+
+
+def connect(run: str | None = None, *, wait_s: float = 0.0) -> Run:
+    """Connects to a graph that runs on this machine, as this user.
+
+    Args:
+        run: its id, or the beginning of it, as `evis node list` shows; the newest if not given.
+        wait_s: how long to wait for one to be started [s].
+
+    Raises:
+        ValueError: none is running.
+    """
+    plan, others = choose(run, wait_s)
+    if line := which_of_several(run, plan, others, "evis.connect(ID) takes another"):
+        warnings.warn(line, stacklevel=2)
+    return Run(plan)
+
+
+class Run:
+    """Holds a running graph: reads its topics, gives it actions, resets its environments. All from one thread.
+
+    id, name: of the run. topics: name -> type. actuators: names, lowest and highest control once it controls /action.
+    lockstep: whether every step waits for its action, once it controls /action.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.id, self.name = plan.run_id, plan.name
+        self.topics = {name: topic.type for name, topic in plan.topics.items()}
+        self.actuators: list[tuple[str, float, float]] = []
+        self.lockstep = False
+        self._plan = plan
+        self._envs = 1
+        self._controls = False
+        self._requests: dict[str, Requests] = {}
+        self._readers: list[TopicReader] = []
+
+    def topic(self, name: str, *, every: bool = True) -> TopicReader:
+        """Reads a topic from now on: `for packet in run.topic("/cam0/events")`.
+
+        Args:
+            name: of the topic.
+            every: every message; False: at most 30 in a second (of events 250), as viewers read.
+
+        Raises:
+            ValueError: the graph has no such topic.
+        """
+        reader = TopicReader(self._plan, name, every=every)
+        self._readers.append(reader)
+        return reader
+
+    def take(self, *, lockstep: bool | None = None, patience_s: float = PATIENCE_S) -> int:
+        """Takes control of /action, until `leave` or the end of this program.
+
+        Args:
+            lockstep: whether physics waits for an action at every step; otherwise the latest one holds. None: as the
+                run does, which waits unless it keeps to the wall clock.
+            patience_s: how long a step waits for its action before control is lost [s].
+
+        Returns:
+            The stamp [ns] from which on it has control; in lock-step the one whose action physics waits for.
+
+        Raises:
+            ConnectionRefusedError: control is not to be had, with the reason.
+        """
+        requests = self._to(ACTION)
+        welcome = requests.attach(ACTION, lockstep, patience_s)
+        offer = welcome["offer"]
+        self._envs, self.lockstep, self._controls = offer["envs"], bool(welcome["lockstep"]), True
+        self.actuators = list(zip(offer["names"], offer["low"], offer["high"]))
+        return self._due(requests) if self.lockstep else int(welcome["stamp_ns"])
+
+    def act(self, values: Any, stamp_ns: int | None = None) -> int:
+        """Gives an action; takes control first where that has not been done.
+
+        Args:
+            values: one control per actuator [nu], for all environments alike, or [E, nu], in the model's units.
+            stamp_ns: the step that it is meant for, by the stamp [ns] at which that begins; None = the next.
+
+        Returns:
+            The stamp [ns] of the state from which on it holds.
+
+        Raises:
+            ValueError: values that are not finite, out of range or of a wrong shape, a stamp that has passed; physics
+                then waits for another action in lock-step, and keeps the last one otherwise.
+            ConnectionError: control was refused or lost, or the graph has ended.
+        """
+        requests = self._to(ACTION)
+        requests.catch_up()
+        self._still_in_control(requests)
+        if not self._controls:
+            self.take()
+        due = self._due(requests) if self.lockstep else None
+        controls = controls_of(values, self._envs, len(self.actuators))
+        stamp = ANY_STAMP if stamp_ns is None else int(stamp_ns)
+        now = requests.give(ACTION, Action(Header(stamp), controls))
+        return now if due is None else due
+
+    def due(self) -> int:
+        """Waits until physics waits for an action in lock-step, and returns the stamp [ns] of that step.
+
+        Raises:
+            ValueError: it controls nothing in lock-step.
+            ConnectionError: control was lost, or the graph has ended.
+        """
+        if not self._controls or not self.lockstep:
+            raise ValueError(f"no step of {self.name} waits for this program; run.take() in lock-step makes them wait")
+        return self._due(self._to(ACTION))
+
+    def _due(self, requests: Requests) -> int:
+        """Wait until a step waits."""
+        while requests.due_ns is None:
+            requests.catch_up(1.0)
+            self._still_in_control(requests)
+        return requests.due_ns
+
+    def _still_in_control(self, requests: Requests) -> None:
+        if requests.lost:
+            why, requests.lost, self._controls = requests.lost, "", False
+            raise ConnectionError(f"{self.name}: {why}")
+
+    def leave(self) -> None:
+        """Hands control of /action back; the last action holds until somebody gives another."""
+        if self._controls:
+            self._controls = False
+            self._to(ACTION).leave()
+
+    def reset(self, seed: int | Sequence[int] | None = None, envs: Sequence[int] | None = None) -> int:
+        """Begins environments anew at the next step, as the next episode.
+
+        Args:
+            seed: of the first environment, the others have the following ones; or one for each. None: they keep theirs.
+            envs: which ones; None = all.
+
+        Returns:
+            The stamp [ns] of the last state before it.
+
+        Raises:
+            ValueError: an environment that is not there, seeds that do not fit.
+            ConnectionError: the run has no physics to reset, or it has ended.
+        """
+        chosen = np.asarray([] if envs is None else envs, np.int32)
+        if envs is not None and not chosen.size:
+            raise ValueError("a reset of no environment; leave envs out to reset all")
+        if seed is None:
+            seeds = np.empty(0, np.int64)
+        elif isinstance(seed, (int, np.integer)):
+            seeds = int(seed) + np.arange(len(chosen) or self._count())
+        else:
+            seeds = np.asarray(seed, np.int64)
+        return self._to(RESET).give(RESET, Reset(Header(0), chosen, seeds))
+
+    def _count(self) -> int:
+        """Environments of the run."""
+        return int(self._plan.nodes[taker(self._plan, RESET)].params.get("envs", 1))
+
+    def _to(self, topic: str) -> Requests:
+        node = taker(self._plan, topic)
+        if node not in self._requests:
+            self._requests[node] = Requests(self._plan, node)
+        return self._requests[node]
+
+    def close(self) -> None:
+        """Hands back what it controls and ends all reading."""
+        for requests in self._requests.values():
+            try:
+                if self._controls:
+                    self.leave()
+            except ConnectionError:
+                pass  # the graph has ended
+            requests.close()
+        for reader in self._readers:
+            reader.close()
+        self._requests, self._readers = {}, []
+
+    def __enter__(self) -> Run:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

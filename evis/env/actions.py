@@ -1,0 +1,51 @@
+"""From an agent's action to the controls of a model's actuators."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box
+
+SLACK = 1e-6
+"""By how much of its range a float32 may lie outside it, from rounding."""
+
+
+class Actions:
+    """Converts actions [E, nu] to controls. normalise: -1 to 1 stands for the whole range of each actuator."""
+
+    def __init__(self, actuators: Sequence[Any], normalise: bool) -> None:
+        """actuators: with name, low, high. Raises ValueError for a model that has none, or none with a range."""
+        if not actuators:
+            raise ValueError("the scene has no actuators, so that there is nothing to act on")
+        self.names = [actuator.name for actuator in actuators]
+        self.low, self.high = (np.array([getattr(a, end) for a in actuators], np.float64) for end in ("low", "high"))
+        self.normalise = normalise
+        free = ~np.isfinite(self.low) | ~np.isfinite(self.high)
+        if normalise and free.any():
+            name = self.names[int(np.argmax(free))]
+            raise ValueError(f"actuator {name} has no range (ctrlrange) to normalise; give it one, or normalise=False")
+
+    def space(self) -> Box:
+        """Returns the space of one environment."""
+        if self.normalise:
+            return Box(-1.0, 1.0, (len(self.low),), np.float32)
+        return Box(self.low.astype(np.float32), self.high.astype(np.float32), dtype=np.float32)
+
+    def controls(self, actions: Any, envs: int) -> np.ndarray:
+        """Computes controls float64 [E, nu] of actions [E, nu]. Raises ValueError for what is not in the space."""
+        values = np.asarray(actions, np.float64)
+        if values.shape != (envs, len(self.low)):
+            raise ValueError(f"the action has shape {list(values.shape)}; it must be {[envs, len(self.low)]}")
+        low, high = (np.full_like(self.low, -1.0), np.ones_like(self.high)) if self.normalise else (self.low, self.high)
+        slack = SLACK * np.where(np.isfinite(high - low), high - low, 0.0)
+        wrong = ~((values >= low - slack) & (values <= high + slack) & np.isfinite(values))
+        if wrong.any():
+            env, unit = np.argwhere(wrong)[0]
+            raise ValueError(
+                f"the action is {values[env, unit]:g} for actuator {self.names[unit]} of environment {env}; "
+                f"it must be from {low[unit]:g} to {high[unit]:g}"
+            )
+        values = np.clip(values, low, high)
+        return self.low + (values + 1) / 2 * (self.high - self.low) if self.normalise else values

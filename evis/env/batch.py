@@ -1,0 +1,182 @@
+"""All environments of one simulation: stepped together, put back to their start one by one."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium.spaces import Dict, Space
+
+from evis.env.actions import Actions
+from evis.env.observations import Moment, Observation, Setting
+from evis.env.picture import Painter
+from evis.env.state import State
+from evis.env.task import Task
+from evis.env.tasks import TASKS
+from evis.runtime.clock import keyframe_stamp
+from evis.simulation.errors import Diverged
+from evis.simulation.simulation import Simulation
+
+Observed = Any
+"""An array [E, ...], or a dict of such."""
+
+
+class Outcome(NamedTuple):
+    """Holds what a step gave, each with axis E: as Gymnasium's `step` returns it."""
+
+    observation: Observed
+    reward: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+    info: dict[str, np.ndarray]
+
+
+class Batch:
+    """Holds a task's simulation of E environments, with what is observed of it and how it is acted on."""
+
+    def __init__(
+        self,
+        task: str | Task,
+        envs: int,
+        *,
+        observation: Observation | Mapping[str, Observation] | None = None,
+        normalise: bool = True,
+        seconds: float | None = None,
+        joints: bool = False,
+        picture: bool = False,
+        **arguments: Any,
+    ) -> None:
+        """Starts the simulation.
+
+        Args:
+            task: one of one's own, or the name of one that comes with EVIS.
+            envs: E.
+            observation: in place of the task's.
+            normalise: whether actions from -1 to 1 stand for the range of each actuator.
+            seconds: when an episode is cut off, in place of the task's; 0 = never.
+            joints: whether the state has the joints, for a reward that asks for them.
+            picture: whether `paint` will be asked for.
+            arguments: of the launch file and the scene, over those of the task.
+
+        Raises ValueError in one line.
+        """
+        if isinstance(task, str) and task not in TASKS:
+            raise ValueError(f"there is no task '{task}'; there are {', '.join(TASKS)}")
+        self.task: Task = TASKS[task]() if isinstance(task, str) else task
+        chosen = copy.deepcopy(self.task.observation if observation is None else observation)
+        self._parts: dict[str, Observation] = {"": chosen} if isinstance(chosen, Observation) else dict(chosen)
+        if not self._parts:
+            raise ValueError("nothing is observed; give one observation, or several by name")
+        outputs = dict.fromkeys([*(part.output for part in self._parts.values()), "state"])
+        given = {**self.task.arguments, **arguments, "envs": envs}
+        for part in self._parts.values():
+            given.update(part.ARGUMENTS)
+        if joints:
+            given["joints"] = True
+        self._painter = Painter() if picture else None
+        if self._painter:
+            outputs |= dict.fromkeys(("keyframe", "events"))
+        self.simulation = Simulation(self.task.scene, outputs=tuple(outputs), **given)
+        self.envs = envs
+        try:
+            self._prepare(normalise, self.task.seconds if seconds is None else seconds)
+        except BaseException:
+            self.simulation.close()
+            raise
+
+    def _prepare(self, normalise: bool, seconds: float) -> None:
+        simulation = self.simulation
+        self.actions = Actions(simulation.actuators, normalise)
+        self.action_space = self.actions.space()
+        state = simulation.reset().state
+        assert state is not None
+        positions, velocities = (0 if a is None else a.shape[-1] for a in (state.qpos, state.qvel))
+        camera = simulation.scene.camera(simulation.cameras[0])
+        self.rate = simulation.keyframe_rate
+        setting = Setting(
+            self.envs, camera.height, camera.width, self.rate, tuple(state.names), (positions, velocities)
+        )
+        spaces: dict[str, Space[Any]] = {name: part.begin(setting) for name, part in self._parts.items()}
+        self.observation_space = spaces[""] if "" in spaces else Dict(spaces)
+        self.steps = np.zeros(self.envs, np.int64)
+        """Steps since each environment's reset."""
+        self._last_step = round(seconds * self.rate) if seconds else None
+        self._stamps = [0]
+        """Stamps of the keyframes since a reset, as far as they were needed [ns]."""
+        self._seeds = np.zeros(self.envs, np.int64)
+        self._episodes = np.zeros(self.envs, np.int64)
+        """Episodes of each environment since it was given its seed."""
+        self._begun = np.zeros(self.envs, np.int64)
+        """Stamp of the reset of each environment."""
+
+    def reset(self, envs: np.ndarray, seeds: np.ndarray | None = None) -> Observed:
+        """Puts environments back to their start, and returns what all of them observe.
+
+        envs: their numbers. seeds: of each, or None: their seeds stay, and another episode of each begins.
+        """
+        if seeds is not None:
+            self._seeds[envs], self._episodes[envs] = seeds, 0
+        else:
+            self._episodes[envs] += 1
+        given = [episode_seed(seed, episode) for seed, episode in zip(self._seeds.tolist(), self._episodes.tolist())]
+        step = self.simulation.reset(seed=[given[env] for env in envs], envs=envs.tolist())
+        self.steps[envs] = 0
+        self._begun[envs] = step.stamp_ns
+        for part in self._parts.values():
+            part.forget(envs)
+        return self._observed(step)
+
+    def step(self, actions: Any) -> Outcome:
+        """Acts on all environments up to the next keyframe. Raises ValueError for an action that is none."""
+        controls = self.actions.controls(actions, self.envs)
+        diverged = np.zeros(self.envs, bool)
+        try:
+            step = self.simulation.step(controls)
+        except Diverged as error:
+            step = error.step
+            diverged[error.envs] = True
+        assert step.state is not None
+        self.steps += 1
+        state = State(step.state, self.steps / self.rate, controls)
+        # One that has diverged is at its next start already, which is not to be judged.
+        reward = np.where(diverged, 0.0, self.task.reward(state))
+        terminated = self.task.terminated(state) | diverged
+        truncated = ~terminated & (self._last_step is not None) & (self.steps >= (self._last_step or 0))
+        info = {name: np.asarray(value) for name, value in self.task.info(state).items()}
+        info["diverged"] = diverged
+        return Outcome(self._observed(step), reward, terminated, truncated, info)
+
+    def _observed(self, step: Any) -> Observed:
+        while len(self._stamps) <= self.steps.max():
+            self._stamps.append(keyframe_stamp(len(self._stamps), self.rate))
+        stamps = np.array(self._stamps)
+        ends, starts = (self._begun + stamps[steps] for steps in (self.steps, np.maximum(self.steps - 1, 0)))
+        if self._painter:
+            self._painter.take(step)
+        moment = Moment(step, starts, ends)
+        made = {name: part.values(moment) for name, part in self._parts.items()}
+        return made[""] if "" in made else made
+
+    def paint(self, env: int) -> np.ndarray:
+        """Returns the picture of an environment after the last step, uint8 [H, W, 3]. Raises ValueError."""
+        if self._painter is None:
+            raise ValueError('render needs render_mode="rgb_array" when the environment is made')
+        return self._painter.picture(env)
+
+    def close(self) -> None:
+        """Ends the simulation."""
+        self.simulation.close()
+
+
+def episode_seed(seed: int, episode: int) -> int:
+    """Computes the seed of the simulation for an episode: the seed itself for the first, then others drawn from it."""
+    if not episode:
+        return seed
+    return int(np.random.SeedSequence([seed, episode]).generate_state(1, np.uint64)[0] >> np.uint64(2))
+
+
+def row(observed: Observed, env: int) -> Observed:
+    """Returns what one environment observes."""
+    return {name: value[env] for name, value in observed.items()} if isinstance(observed, dict) else observed[env]

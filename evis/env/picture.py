@@ -1,0 +1,39 @@
+"""What `render` shows: the camera's picture with the events of the step in it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from evis.env.observations import display, host
+from evis.media.pictures.event_pictures import ON_BLACK
+
+LEAST_PX = 256
+"""Small images are enlarged by a whole number to at least this many rows."""
+EXPOSURE = 0.5
+
+
+class Painter:
+    """Paints the last step of any environment."""
+
+    def __init__(self) -> None:
+        self._step: Any = None
+
+    def take(self, step: Any) -> None:
+        """Keeps a step, which is painted only when somebody looks."""
+        self._step = step
+
+    def picture(self, env: int) -> np.ndarray:
+        """Returns the picture uint8 [H, W, 3]. Raises ValueError before the first reset."""
+        if self._step is None:
+            raise ValueError("there is nothing to render before reset")
+        light = host(self._step.keyframe)[env]
+        image = display(light if light.ndim == 3 else np.repeat(light[..., None], 3, axis=-1), EXPOSURE)
+        events = self._step.events
+        if events is not None:
+            x, y, p, offsets = (host(a) for a in (events.x, events.y, events.p, events.env_offsets))
+            own = slice(int(offsets[env]), int(offsets[env + 1]))
+            image[y[own], x[own]] = np.where(p[own, None] > 0, ON_BLACK.on, ON_BLACK.off)
+        scale = -(-LEAST_PX // image.shape[0])
+        return image.repeat(scale, axis=0).repeat(scale, axis=1)

@@ -1,0 +1,59 @@
+"""One environment of a task, as Gymnasium's Env."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from evis.env.batch import Batch, row
+from evis.env.task import Task
+from evis.simulation.simulation import Simulation
+
+
+class EventEnv(gymnasium.Env):
+    """Steps a simulation with an event camera, a keyframe at a time."""
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}
+
+    def __init__(self, task: str | Task, *, render_mode: str | None = None, **options: Any) -> None:
+        """Starts the simulation. options: as `evis.env.batch.Batch` takes them, and arguments of the launch file and
+        the scene. Raises ValueError.
+        """
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode is {render_mode!r}; it must be rgb_array or None")
+        self._batch = Batch(task, 1, picture=render_mode is not None, **options)
+        self.render_mode = render_mode
+        self.metadata = {"render_modes": ["rgb_array"], "render_fps": self._batch.rate}
+        self.observation_space = self._batch.observation_space
+        self.action_space = self._batch.action_space
+        self._begun = False
+
+    @property
+    def simulation(self) -> Simulation:
+        """What is stepped."""
+        return self._batch.simulation
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begins an episode: that of the seed, or without one the next of the same seed."""
+        super().reset(seed=seed)
+        if seed is None and not self._begun:
+            seed = int(self.np_random.integers(2**31))
+        self._begun = True
+        observed = self._batch.reset(np.arange(1), None if seed is None else np.array([seed]))
+        return row(observed, 0), {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Acts up to the next keyframe. Raises ValueError for an action that is not in the space."""
+        observed, reward, terminated, truncated, info = self._batch.step(np.asarray(action)[None])
+        about = {name: value[0] for name, value in info.items()}
+        return row(observed, 0), float(reward[0]), bool(terminated[0]), bool(truncated[0]), about
+
+    def render(self) -> np.ndarray | None:  # type: ignore[override]
+        """Returns the camera's picture with the events of the last step in it, uint8 [H, W, 3]."""
+        return None if self.render_mode is None else self._batch.paint(0)
+
+    def close(self) -> None:
+        """Ends the simulation."""
+        self._batch.close()

@@ -1,0 +1,135 @@
+"""Many environments of a task in one simulation, as Gymnasium's VectorEnv."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from evis.env.batch import Batch, Observed, row
+from evis.env.task import Task
+from evis.simulation.simulation import Simulation
+
+
+class EventVectorEnv(VectorEnv):
+    """Steps E environments together; those that end are put back to their start alone.
+
+    autoreset_mode: SAME_STEP: the step that ends an episode returns the observation of the next one's start, and the
+    last one in info["final_obs"]. NEXT_STEP: the step after it ignores the action and returns that start, reward 0.
+    DISABLED: `reset(options={"reset_mask": mask})`.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}
+
+    def __init__(
+        self,
+        task: str | Task,
+        num_envs: int = 1,
+        *,
+        render_mode: str | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        **options: Any,
+    ) -> None:
+        """Starts the simulation. options: as `evis.env.batch.Batch` takes them, and arguments of the launch file and
+        the scene. Raises ValueError.
+        """
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode is {render_mode!r}; it must be rgb_array or None")
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self._batch = Batch(task, num_envs, picture=render_mode is not None, **options)
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        rate = self._batch.rate
+        self.metadata = {"render_modes": ["rgb_array"], "render_fps": rate, "autoreset_mode": self.autoreset_mode}
+        self.single_observation_space = self._batch.observation_space
+        self.single_action_space = self._batch.action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._ended = np.zeros(num_envs, bool)
+        self._begun = False
+
+    @property
+    def simulation(self) -> Simulation:
+        """What is stepped."""
+        return self._batch.simulation
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observed, dict[str, Any]]:
+        """Begins an episode of each environment, or of those of options["reset_mask"], bool [E].
+
+        seed: environment k gets seed + k; or a seed for each; without one, the next episode of the same seeds begins.
+        Raises ValueError.
+        """
+        chosen = self._chosen(options or {})
+        single = None if seed is None or not isinstance(seed, (int, np.integer)) else int(seed)
+        super().reset(seed=single)
+        seeds = self._seeds(seed, chosen)
+        self._begun = True
+        self._ended[chosen] = False
+        return self._batch.reset(chosen, seeds), {}
+
+    def _chosen(self, options: dict[str, Any]) -> np.ndarray:
+        if "reset_mask" not in options:
+            return np.arange(self.num_envs)
+        mask = np.asarray(options["reset_mask"])
+        if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
+            raise ValueError(f"reset_mask must be bool [{self.num_envs}] with a True in it")
+        if not self._begun:
+            raise ValueError("the first reset is of all environments; leave reset_mask out")
+        return np.flatnonzero(mask)
+
+    def _seeds(self, seed: int | Sequence[int | None] | None, chosen: np.ndarray) -> np.ndarray | None:
+        """One for each environment that is reset."""
+        if seed is None:
+            return None if self._begun else self.np_random.integers(2**31, size=self.num_envs)
+        if isinstance(seed, (int, np.integer)):
+            return int(seed) + chosen
+        if len(seed) != self.num_envs:
+            raise ValueError(f"there are {len(seed)} seeds for {self.num_envs} environments")
+        if any(one is None for one in seed):
+            raise ValueError("seeds must be one number, one for each environment, or None for all")
+        return np.array(seed, np.int64)[chosen]
+
+    def step(self, actions: Any) -> tuple[Observed, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Acts on all environments up to the next keyframe. Raises ValueError for an action outside the space."""
+        if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
+            env = int(np.argmax(self._ended))
+            raise ValueError(f"environment {env} has ended; reset it with options={{'reset_mask': mask}} first")
+        observed, reward, terminated, truncated, values = self._batch.step(actions)
+        info = {name: value for name, value in values.items()}
+        info |= {f"_{name}": np.ones(self.num_envs, bool) for name in values}
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP and (over := self._ended.copy()).any():
+            observed = self._batch.reset(np.flatnonzero(over))
+            reward, terminated, truncated = (
+                np.where(over, 0, v).astype(v.dtype) for v in (reward, terminated, truncated)
+            )
+            info |= {f"_{name}": ~over for name in values}
+        self._ended = terminated | truncated
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
+            observed = self._begin_anew(observed, values, info)
+            self._ended = np.zeros(self.num_envs, bool)
+        return observed, reward, terminated, truncated, info
+
+    def _begin_anew(self, observed: Observed, values: dict[str, np.ndarray], info: dict[str, Any]) -> Observed:
+        """Starts those that have ended at once; their last observations go into `info`."""
+        ended = self._ended
+        last = np.full(self.num_envs, None, object)
+        for env in np.flatnonzero(ended):
+            last[env] = row(observed, int(env))
+        info["final_obs"], info["_final_obs"] = last, ended.copy()
+        info["final_info"] = {**values, **{f"_{name}": ended.copy() for name in values}}
+        info["_final_info"] = ended.copy()
+        info.update({f"_{name}": ~ended for name in values})
+        return self._batch.reset(np.flatnonzero(ended))
+
+    def render(self) -> tuple[np.ndarray, ...] | None:  # type: ignore[override]
+        """Returns a picture of each environment, uint8 [H, W, 3]."""
+        return None if self.render_mode is None else tuple(self._batch.paint(env) for env in range(self.num_envs))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Ends the simulation."""
+        self._batch.close()

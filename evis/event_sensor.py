@@ -1,0 +1,249 @@
+"""The event sensor in Python: frames in, events out, on the device where the frames are."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from evis.config.document import read
+from evis.gpu.exchange import NUMPY, as_kind, as_warp, kind_of
+from nodes.event_sensor.make import make_sensor
+from nodes.event_sensor.parameters import resolve_sensor
+
+_OWNER = "event sensor"
+
+
+@dataclass(frozen=True)
+class SensorEvents:
+    """Holds the events of one call, sorted by environment, t, y, x; arrays are of the frames' kind, on their device.
+
+    t: int64 [n, ns]. x, y: uint16 [n]. p: uint8 [n], 1 = ON. c: uint8 [n], 0 R, 1 G, 2 B, None without colour.
+    env_offsets: int64 [E + 1], numpy, events of environment e are [offsets[e], offsets[e + 1]); None where the frames
+    had no axis E. start_ns, end_ns: all events up to here have been given, (start_ns, end_ns].
+    """
+
+    t: Any
+    x: Any
+    y: Any
+    p: Any
+    c: Any
+    env_offsets: np.ndarray | None
+    start_ns: int
+    end_ns: int
+    height: int
+    width: int
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+class EventSensor:
+    """Turns frames of linear luminance into events, as the node `event_sensor` of a graph does, byte for byte.
+
+    The state of every pixel is kept from call to call, so that a video may come frame by frame or at once. Nothing is
+    differentiated. What does not fit is counted (`counts`), not passed over.
+
+        sensor = evis.EventSensor(260, 346, threshold=0.15, refractory_us=100)
+        events = sensor(frames, t)      # float32 [T, 260, 346], int64 [T] in ns
+        events.t, events.x, events.y, events.p
+
+    Args:
+        height, width: pixels.
+        envs: E, parallel sensors; environment e has the random numbers of a single sensor with seed + e.
+        colour: sensors for R, G and B in place of one for luminance.
+        device: where it is computed, cpu or cuda:N; None = where the first frames are.
+        seed: of the random numbers.
+        preset: sensor whose faults to have (ideal, dvs128, davis346, ...), or a YAML file of parameters, `name: value`.
+        parameters: those of the node, over the preset's: threshold, threshold_mismatch, refractory_us, leak_rate,
+            shot_rate, bandwidth_hz, crossing, ...; docs/event_sensor.md explains them.
+
+    Raises ValueError naming the parameter, the range and the nearest valid name.
+    """
+
+    def __init__(
+        self,
+        height: int,
+        width: int,
+        envs: int = 1,
+        *,
+        colour: bool = False,
+        device: str | None = None,
+        seed: int = 0,
+        preset: str | os.PathLike[str] = "ideal",
+        **parameters: Any,
+    ) -> None:
+        self.height, self.width, self.envs, self.colour, self.seed = height, width, envs, colour, seed
+        self.parameters = _resolved(preset, parameters)
+        self._device = device
+        self._sensor: Any = None
+        self._until = 0
+        self._episodes = np.zeros(envs, np.int32)
+        if device is None:  # parameters that do not go together are told now, not at the first frame
+            make_sensor(self.parameters, (1, 1), colour=colour, device="cpu", seed=seed)
+        else:
+            self._sensor = self._made(device)
+
+    def _made(self, device: str) -> Any:
+        shape = (self.height, self.width)
+        return make_sensor(self.parameters, shape, self.envs, colour=self.colour, device=device, seed=self.seed)
+
+    def __call__(self, frames: Any, t: Any, dlog_dt: Any = None) -> SensorEvents:
+        """Takes T frames and gives the events between the last frame before them and the last of them.
+
+        The first frame after a reset is the reference and fires nothing. With look-ahead (crossing monotone or cubic)
+        events come one frame later, the last ones by `flush`.
+
+        Args:
+            frames: float32 [T, H, W] or [E, T, H, W], linear luminance; in colour with an axis of 3 behind. numpy, a
+                PyTorch tensor, a Warp array, or anything with DLPack; on the sensor's device they are not copied.
+            t: int64 [T], ns, ascending from call to call.
+            dlog_dt: as frames, d ln I / dt [1/s], for crossing=hermite.
+
+        Returns:
+            Events of the frames' kind, on their device: a tensor gives tensors. Raises ValueError.
+        """
+        kind, images, batched = self._taken(frames, "frames")
+        slopes = None if dlog_dt is None else self._taken(dlog_dt, "dlog_dt")[1]
+        device = images.device if isinstance(images, wp.array) else None
+        if self._sensor is None:
+            self._sensor = self._made("cpu" if device is None else str(device))
+        stamps = _stamps(t)
+        more = {} if slopes is None else {"dlog_dt": slopes}
+        if self._is_peer:
+            on_host = images.numpy() if isinstance(images, wp.array) else images
+            made = self._sensor.process(on_host, stamps, self._episodes, **more)
+            self._until = int(stamps[-1])
+            return self._given(_columns(made), made.env_offsets, kind, device, batched)
+        count = self._sensor.advance(images, stamps, self._episodes, **more)
+        self._until = self._sensor.stamp
+        return self._given(self._read(count), self._sensor.env_offsets(), kind, device, batched)
+
+    def flush(self) -> SensorEvents:
+        """Gives what look-ahead and the readout still hold back, at the end of a stream, as numpy arrays."""
+        if self._sensor is None:
+            raise ValueError(f"{_OWNER}: there is nothing to flush; it has had no frame")
+        if self._is_peer:
+            made = self._sensor.flush()
+            return self._given(_columns(made), made.env_offsets, NUMPY, None, self.envs > 1)
+        columns = self._read(self._sensor.finish())
+        self._until = self._sensor.stamp
+        return self._given(columns, self._sensor.env_offsets(), NUMPY, None, self.envs > 1)
+
+    def reset(self, seed: int | None = None, envs: Iterable[int] | None = None) -> None:
+        """Begins anew: the next frame is the reference. What `flush` would have given is forgotten.
+
+        Args:
+            seed: as a new sensor with this seed; None = the same pixels draw other noise, as in a further episode of a
+                graph. Time may begin anew where all environments do.
+            envs: numbers of the environments that begin anew while the others go on; None = all.
+
+        Raises ValueError.
+        """
+        if envs is None:
+            self._episodes += 1
+            if seed is not None:
+                self.seed = seed
+                self._episodes[:] = 0
+                self._sensor = None if self._device is None else self._made(self._device)
+            elif self._sensor is not None and not self._is_peer:
+                self._sensor.finish()
+            return
+        if seed is not None:
+            raise ValueError(f"{_OWNER}: a seed is that of all environments; reset them all, or give none")
+        chosen = np.unique(np.asarray(list(envs), np.int64))
+        if len(chosen) and (chosen[0] < 0 or chosen[-1] >= self.envs):
+            raise ValueError(f"{_OWNER}: no environment {chosen[-1]}; there are {self.envs}, 0 to {self.envs - 1}")
+        self._episodes[chosen] += 1
+
+    def counts(self) -> dict[str, int]:
+        """Counts samples and events set aside so far, by reason: nonfinite, clipped, dropped, ..."""
+        return {} if self._sensor is None else dict(self._sensor.counts())
+
+    # -- between the caller's arrays and the sensor's ----------------------------------------------------------------
+
+    @property
+    def _is_peer(self) -> bool:
+        return not self.parameters["model"].startswith("evis")
+
+    def _taken(self, frames: Any, name: str) -> tuple[str, Any, bool]:
+        """The caller's kind of array, [E, T, H, W(, 3)] of numpy or Warp, and whether the axis E was there."""
+        kind = kind_of(frames)
+        if kind == NUMPY:
+            frames = np.asarray(frames)
+            if frames.dtype.kind != "f":
+                raise ValueError(f"{name} are {frames.dtype}; they must be linear luminance in float32")
+        axes = 4 if self.colour and not _is_colour(frames) else 3
+        batched = len(frames.shape) == axes + 1
+        if len(frames.shape) not in (axes, axes + 1) or (self.envs > 1 and not batched):
+            wanted = " or ".join(self._wanted())
+            raise ValueError(f"{name} have the shape {list(frames.shape)}; they must be {wanted}")
+        if isinstance(frames, wp.array) and not frames.is_contiguous:
+            frames = frames.contiguous()
+        if not batched:
+            frames = frames.reshape((1, *frames.shape))
+        if kind == NUMPY:
+            return kind, frames, batched
+        of_three = self.colour and not isinstance(frames, wp.array)
+        return kind, as_warp(frames, wp.vec3f if of_three else None), batched
+
+    def _wanted(self) -> list[str]:
+        size = f"T, {self.height}, {self.width}{', 3' if self.colour else ''}"
+        return [f"[{self.envs}, {size}]"] + ([f"[{size}]"] if self.envs == 1 else [])
+
+    def _read(self, count: int) -> dict[str, Any]:
+        """The sensor's last events, where it has them."""
+        gpu, types = self._sensor.on_gpu, self._sensor.columns()
+        out: dict[str, Any] = {name: np.empty(count, dtype) for name, dtype in types.items()}
+        if gpu is not None:
+            out = {n: wp.empty(count, dtype=wp.dtype_from_numpy(d), device=gpu) for n, d in types.items()}
+        self._sensor.read(out)
+        return out
+
+    def _given(
+        self, columns: dict[str, Any], offsets: np.ndarray, kind: str, device: Any, batched: bool
+    ) -> SensorEvents:
+        """Events as the caller's kind of array, on the frames' device; None = the host."""
+        out = {name: _moved(column, kind, device) for name, column in columns.items()}
+        return SensorEvents(
+            out["t"], out["x"], out["y"], out["p"], out.get("c"), np.asarray(offsets) if batched else None,
+            int(self._sensor.t_base), self._until, self.height, self.width,
+        )  # fmt: skip
+
+
+def _columns(made: Any) -> dict[str, Any]:
+    return {name: getattr(made, name) for name in ("t", "x", "y", "p")}
+
+
+def _moved(column: Any, kind: str, device: Any) -> Any:
+    if kind == NUMPY:
+        return column if isinstance(column, np.ndarray) else column.numpy()
+    there: Any = wp.array(column, device="cpu", copy=False) if isinstance(column, np.ndarray) else column
+    return as_kind(there if there.device == device else there.to(device), kind)
+
+
+def _is_colour(frames: Any) -> bool:
+    """A Warp array of vec3f has the axis of colours inside."""
+    return isinstance(frames, wp.array) and frames.dtype is wp.vec3f
+
+
+def _stamps(t: Any) -> np.ndarray:
+    stamps = np.asarray(t) if kind_of(t) == NUMPY else as_warp(t).numpy()
+    if stamps.dtype.kind not in "iu" or stamps.ndim != 1:
+        raise ValueError(f"t is {stamps.dtype} {list(stamps.shape)}; it must be whole nanoseconds, int64 [T]")
+    return stamps.astype(np.int64, copy=False)
+
+
+def _resolved(preset: str | os.PathLike[str], given: dict[str, Any]) -> dict[str, Any]:
+    """All parameters: given ones over the preset's, which may be a file's."""
+    name = os.fspath(preset)
+    if not name.endswith((".yaml", ".yml")):
+        return resolve_sensor(_OWNER, name, given)
+    of_file = dict(read(Path(name), "preset"))
+    resolve_sensor(name, "ideal", of_file)  # so that what is wrong there names the file
+    return resolve_sensor(_OWNER, "ideal", {**of_file, **{k: v for k, v in given.items() if v is not None}})

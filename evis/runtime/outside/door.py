@@ -1,0 +1,178 @@
+"""The socket at which one node of a running graph takes messages from programs outside it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import msgpack
+
+from evis.bus.endpoints import door_of
+from evis.bus.links import Link, LinkLost, Listener
+from evis.runtime.node import Node
+from evis.runtime.outside.holding import GONE, Holding, Say, tell
+from msgs.codec import decode
+from msgs.header import Message
+from msgs.topics import find_topic
+
+LONGEST_NAME = 200
+LOOK_EVERY_S = 0.005
+"""Interval at which a door looks for newcomers while the graph is busy [s]: each look costs 10 us."""
+
+
+class Door:
+    """Takes what programs outside give to the inputs of one node, each to be had by one controller at a time.
+
+    node: whose inputs they are. ports: the inputs that nobody in the graph gives, with their topics. directory: of the
+    run. waits: whether steps may wait for a controller; a run that keeps to the wall clock cannot. now_ns: tells the
+    stamp that the node published last [ns]. say: takes a level and a line for the user. note: what a controller is told
+    of in the log beside its name.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        ports: Mapping[str, str],
+        directory: str,
+        *,
+        waits: bool,
+        now_ns: Callable[[], int],
+        say: Say,
+        note: str = "",
+    ) -> None:
+        self._node = node
+        self._path = door_of(directory, node.name)
+        self._ports = {topic: port for port, topic in ports.items()}
+        self._waits = waits
+        self._now_ns = now_ns
+        self._say = say
+        self._listener: Listener | None = None
+        self._links: list[Link] = []
+        self._look_at = 0.0
+        self.holdings = {port: Holding(topic, say, note) for port, topic in ports.items() if node.INPUTS[port].delayed}
+        """Who controls what, by port."""
+
+    def open(self) -> None:
+        """Binds the socket."""
+        self._listener = Listener(self._path)
+
+    def sockets(self) -> Sequence[int]:
+        """Lists file descriptors for a poller: call `pump` when one is readable."""
+        return [] if self._listener is None else [self._listener.fileno(), *(link.fileno() for link in self._links)]
+
+    def pump(self) -> bool:
+        """Does what has come; never waits. True when something has."""
+        if self._listener is None:
+            return False
+        progress = False
+        if (now := time.monotonic()) >= self._look_at:
+            self._look_at = now + LOOK_EVERY_S
+            while (link := self._listener.accept()) is not None:
+                self._links.append(link)
+        for link in list(self._links):
+            try:
+                if (packet := link.receive()) is not None:  # one at a time: who sends many holds nobody up
+                    progress = True
+                    self._answer(link, packet)
+            except LinkLost:
+                self._drop(link)
+                progress = True
+        return progress
+
+    def close(self) -> None:
+        """Ends all connections; who still controls is told that the graph has ended."""
+        for link in self._links:
+            tell(link, op="lost", why="the graph has ended")
+            link.close()
+        self._links = []
+        if self._listener is not None:
+            self._listener.close()
+            self._listener = None
+
+    def _drop(self, link: Link) -> None:
+        self._links.remove(link)
+        link.close()
+        for holding in self.holdings.values():
+            if holding.holder is link:
+                holding.hand_back(self._now_ns(), GONE, "warning")
+
+    def _answer(self, link: Link, packet: list[bytes]) -> None:
+        try:
+            asked = msgpack.unpackb(packet[0])
+            op, topic = asked["op"], asked.get("topic")
+        except Exception as error:  # msgpack raises several unrelated types on hostile input
+            raise LinkLost(f"what came is no request: {error}") from None
+        try:
+            if op == "leave":
+                self._leave(link)
+            elif topic not in self._ports:
+                raise ValueError(f"{self._node.name} takes no {topic!r:.80} from outside")
+            elif op == "attach":
+                self._attach(link, self._ports[topic], asked)
+            elif op == "message":
+                self._take(link, self._ports[topic], decode(packet[1:], find_topic(topic).type))
+            else:
+                raise ValueError(f"no request is called {op!r:.80}")
+        except ValueError as error:  # MessageError is one
+            _reply(link, op="refused", why=str(error))
+
+    def _attach(self, link: Link, port: str, asked: Mapping[str, Any]) -> None:
+        holding = self.holdings.get(port)
+        if holding is None:
+            raise ValueError(f"{self._ports_of(port)} is nothing to control")
+        if holding.holder not in (None, link):
+            raise ValueError(f"{holding.who} controls {holding.topic} already; it must leave first")
+        offer = dict(self._node.offer(port))
+        lockstep = self._waits if asked.get("lockstep") is None else bool(asked["lockstep"])
+        if lockstep and not self._waits:
+            raise ValueError("this run keeps to the wall clock and waits for nobody; attach with lockstep=False")
+        patience_s = asked.get("patience_s")
+        patience_s = math.inf if patience_s is None else float(patience_s)
+        name = " ".join(str(asked.get("who", "a program")).split())[:LONGEST_NAME]
+        who = f"{name} (process {link.peer}, outside)"
+        holding.take(link, who, self._now_ns(), lockstep, patience_s)
+        _reply(link, op="welcome", lockstep=lockstep, offer=offer, stamp_ns=self._now_ns())
+
+    def _ports_of(self, port: str) -> str:
+        return next(topic for topic, name in self._ports.items() if name == port)
+
+    def _leave(self, link: Link) -> None:
+        for holding in self.holdings.values():
+            if holding.holder is link:
+                holding.hand_back(self._now_ns(), f"has left {holding.topic}")
+
+    def _take(self, link: Link, port: str, message: Message) -> None:
+        holding = self.holdings.get(port)
+        if holding is not None and holding.holder is not link:
+            raise ValueError(f"{holding.topic} is not this program's to give: it has to attach first")
+        try:
+            if holding is not None and (late := holding.late(message.header.stamp_ns, self._now_ns())):
+                raise ValueError(late)
+            self._node.admit(port, message)
+        except ValueError as error:
+            self._refuse(port, holding, str(error))
+            raise
+        if holding is not None:
+            self._node.count("outside_actions")
+            holding.put(message)
+        else:
+            self._node.receive(port, message)
+        _reply(link, op="taken", stamp_ns=self._now_ns())
+
+    def _refuse(self, port: str, holding: Holding | None, why: str) -> None:
+        """All are counted, and the first of each controller is told: it may send a thousand in a second."""
+        self._node.count(f"refused_{port}s")
+        if holding is None:
+            self._say("warning", f"refused: {why}")
+            return
+        holding.refused += 1
+        if holding.refused == 1:
+            self._say("warning", f"refused from {holding.who}: {why}; the next ones are only counted")
+
+
+def _reply(link: Link, **fields: Any) -> None:
+    """Answer a request. Raises LinkLost when the program has gone, or does not read."""
+    if not tell(link, **fields):
+        raise LinkLost("it does not read")

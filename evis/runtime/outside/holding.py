@@ -1,0 +1,116 @@
+"""Who controls a delayed input from outside, and what the node's next step gets from there."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import msgpack
+
+from evis.bus.links import Link, LinkLost
+from evis.runtime.outside import ANY_STAMP
+from msgs.header import Header, Message
+
+SAY_S = 5.0
+"""A wait for the action of one step is told of after this time [s]."""
+GONE = "is gone without a word"
+Say = Callable[[str, str], None]
+
+
+class Holding:
+    """Holds one delayed input for the program that controls it from outside.
+
+    In lock-step each step waits for its action, as long as that program has patience; otherwise the latest one holds.
+    topic: of the input. say: takes a level and a line. note: goes with the line of who takes control.
+    """
+
+    def __init__(self, topic: str, say: Say, note: str = "") -> None:
+        self.topic = topic
+        self.holder: Link | None = None
+        self.who = ""
+        self.lockstep = False
+        self.refused = 0
+        """Actions of this holder that could not be taken."""
+        self._say = say
+        self._note = note
+        self._patience_s = math.inf
+        self._pending: Message | None = None
+        self._due: int | None = None
+        self._waits_since = 0.0
+        self._told = False
+
+    def take(self, link: Link, who: str, stamp_ns: int, lockstep: bool, patience_s: float) -> None:
+        """Gives control to a program, from a stamp [ns] on. patience_s: longest wait for the action of a step [s]."""
+        self.holder, self.who, self.lockstep, self._patience_s = link, who, lockstep, patience_s
+        self.refused = 0
+        self._due = None
+        how = "every step waits for its action" if lockstep else "its latest action holds"
+        self._say("info", f"{who} controls {self.topic} from {stamp_ns / 1e9:.6g} s on: {how}{self._note}")
+
+    def hand_back(self, stamp_ns: int, why: str, level: str = "info") -> None:
+        """Takes control from its holder; what it gave last is still done, and stays.
+
+        stamp_ns: of the state that the node published last [ns].
+        """
+        self._say(level, f"{self.who} {why}; from {stamp_ns / 1e9:.6g} s on its last action holds")
+        self.holder, self._due = None, None
+
+    def late(self, stamp_ns: int, now_ns: int) -> str:
+        """Says why an action of this stamp is too late or too early; "" for one that is neither.
+
+        now_ns: stamp of the state that the node published last [ns].
+        """
+        wanted = now_ns if self._due is None else self._due
+        if stamp_ns == ANY_STAMP or stamp_ns == wanted:
+            return ""
+        text = f"an action for {stamp_ns / 1e9:.9g} s is "
+        if stamp_ns < wanted:
+            return f"{text}late: the next step starts at {wanted / 1e9:.9g} s"
+        return f"{text}too early: the next step starts at {wanted / 1e9:.9g} s"
+
+    def put(self, message: Message) -> None:
+        """Takes over an action, in place of one that no step has had yet."""
+        self._pending = message
+
+    def waits(self, stamp_ns: int) -> bool:
+        """Says whether the step that starts at this stamp must wait for its action."""
+        if self.holder is None or not self.lockstep or self._pending is not None:
+            return False
+        now = time.monotonic()
+        if self._due != stamp_ns:
+            self._due, self._waits_since, self._told = stamp_ns, now, False
+            if not tell(self.holder, op="due", stamp_ns=stamp_ns):
+                self.hand_back(stamp_ns, GONE, "warning")
+                return False
+        waited = now - self._waits_since
+        if waited > self._patience_s:
+            why = f"gave no action for {self._patience_s:g} s and lost {self.topic}"
+            tell(self.holder, op="lost", why=f"it {why}, at {stamp_ns / 1e9:.6g} s")
+            self.hand_back(stamp_ns, why, "warning")
+            return False
+        if waited > SAY_S and not self._told:
+            self._told = True
+            self._say("warning", f"the step at {stamp_ns / 1e9:.6g} s waits for its action from {self.who}")
+        return True
+
+    def action(self, stamp_ns: int) -> Message | None:
+        """Returns what is new for the step that starts at this stamp; it stays until `done`."""
+        if self._pending is None:
+            return None
+        return dataclasses.replace(self._pending, header=Header(stamp_ns))  # type: ignore[type-var]
+
+    def done(self) -> None:
+        """Says that the step has had its action."""
+        self._pending, self._due = None, None
+
+
+def tell(link: Link, **fields: Any) -> bool:
+    """Sends one answer; False when the program has gone, or does not read."""
+    try:
+        link.send([msgpack.packb(fields)])
+    except LinkLost:
+        return False
+    return True

@@ -1,0 +1,236 @@
+"""The worlds of parallel environments: each drawn by its seed, one Scene for all that have drawn the same.
+
+Nodes of a process share them, so that none is loaded twice while its files stay as they are.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections import OrderedDict, deque
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evis.scene.draws import Drawn, uniform, would_draw
+from evis.scene.load import find_scene, load_scene
+from evis.scene.model import Scene
+from evis.scene.sources import Stamp, noting, unchanged
+from msgs.own_time import CONFIGURED, SEED
+
+Group = tuple[Scene, np.ndarray]
+"""A scene and the environments that have it, int64 ascending."""
+
+FAMILIES = 4
+"""Scenes, each with one set of arguments, that are kept when nobody uses them any more, the last ones."""
+WORLDS = 16
+"""Worlds of each of these that are kept then: those of the last seeds."""
+SHARING = 256
+"""Worlds that share meshes and textures; what is made for more of them would be too much to keep."""
+
+
+class Family:
+    """Holds the worlds of one scene with one set of arguments."""
+
+    def __init__(self, name_or_path: str, overrides: Mapping[str, Any], visuals: bool, textures: bool) -> None:
+        """The arguments are those of `load_scene`."""
+        self._load = name_or_path, dict(overrides)
+        self._how: dict[str, Any] = {"visuals": visuals, "textures": textures}
+        self.files: dict[Path, Stamp] = {}
+        """What its worlds were read from."""
+        self._first: Drawn | None = None
+        """What every world of the family draws first, for nothing that is drawn decides whether it is."""
+        self._worlds: dict[Any, list[weakref.ref[Scene]]] = {}
+        """By the value of that."""
+        self._last: deque[Scene] = deque(maxlen=WORLDS)
+        self._made: dict[Any, Any] = {}
+        self._loaded = 0
+
+    def world(self, seed: int) -> Scene:
+        """Gives the world of a seed, one that there is already where that has drawn the same. Raises as load_scene."""
+        known = self._worlds.get(self._value(seed), [])
+        for scene in [scene for reference in known if (scene := reference()) is not None]:
+            if would_draw(scene.drawn, seed):
+                return scene
+        if self._loaded % SHARING == 0:
+            self._made = {}
+        self._loaded += 1
+        name, overrides = self._load
+        with noting() as files:
+            scene = load_scene(name, overrides, seed=seed, made=self._made, **self._how)
+        self.files.update(files)
+        lock(scene)
+        self._first = scene.drawn[0] if scene.drawn else None
+        self._last.append(scene)
+        same = [reference for reference in self._worlds.get(self._value(seed), []) if reference() is not None]
+        self._worlds[self._value(seed)] = [*same, weakref.ref(scene)]
+        if self._loaded % WORLDS == 0:
+            self._worlds = {value: some for value, some in self._worlds.items() if any(r() is not None for r in some)}
+        return scene
+
+    def _value(self, seed: int) -> Any:
+        return None if self._first is None else repr(self._first.law.value(uniform(seed, self._first.place)))
+
+
+_families: OrderedDict[Hashable, Family] = OrderedDict()
+
+
+def family(name_or_path: str, overrides: Mapping[str, Any], *, visuals: bool = True, textures: bool = True) -> Family:
+    """Gives the worlds of a scene with these arguments, those of `load_scene`, as its files are now.
+
+    Who needs no textures may be given worlds with them. They are shared and nobody may write to them: their arrays are
+    read-only. Raises FileNotFoundError.
+    """
+    arguments = tuple(sorted((key, type(value).__name__, str(value)) for key, value in overrides.items()))
+    whole = str(find_scene(name_or_path).absolute()), arguments, visuals, True
+    key = whole if textures or whole in _families else (*whole[:-1], False)
+    known = _families.get(key)
+    if known is None or not unchanged(known.files):
+        known = _families[key] = Family(name_or_path, overrides, visuals, key[-1])
+    _families.move_to_end(key)
+    while len(_families) > FAMILIES:
+        _families.popitem(last=False)
+    return known
+
+
+def lock(part: Any) -> None:
+    """Makes all arrays of a scene, or of a part of one, read-only."""
+    if isinstance(part, np.ndarray):
+        part.flags.writeable = False
+    elif isinstance(part, (list, tuple)):
+        for each in part:
+            lock(each)
+    elif is_dataclass(part) and not isinstance(part, type):
+        for each in fields(part):
+            lock(getattr(part, each.name))
+
+
+class Worlds:
+    """Holds the scene of each environment. Environment k has the world of `seeds[k]`."""
+
+    def __init__(self, load: Callable[[int], Scene], seeds: Sequence[int]) -> None:
+        """load: gives the world of a seed. Raises ValueError where worlds cannot be simulated side by side."""
+        self._load = load
+        self.seeds = list(seeds)
+        self._configured = self.seeds
+        """Those of environments that were not given another one at a reset."""
+        self._keys: dict[Any, dict[int, Hashable]] = {}
+        """Keys of scenes that were computed, by number of the scene."""
+        self.scenes = [load(seed) for seed in self.seeds]
+        for env in range(1, len(self.scenes)):
+            self._check(env, self.scenes[env])
+
+    @property
+    def alike(self) -> bool:
+        """True where all environments have one world."""
+        return all(scene is self.scenes[0] for scene in self.scenes)
+
+    def with_seeds(self, envs: Sequence[int], seeds: Sequence[int]) -> Worlds:
+        """Returns these worlds with those of some environments drawn anew, CONFIGURED = by the seed that the run gave
+        it. Raises ValueError as the first time.
+        """
+        wanted = list(self.seeds)
+        for env, seed in zip(envs, seeds):
+            wanted[env] = self._configured[env] if seed == CONFIGURED else seed
+        return self._of(wanted, self._configured)
+
+    def follow(self, own: np.ndarray | None) -> Worlds:
+        """Returns the worlds of a message with these rows of msgs.own_time; itself where it has all of them."""
+        if own is None:
+            return self._of(self._configured, self._configured)
+        given = zip(own[:, SEED].tolist(), self._configured)
+        return self._of([other if seed == CONFIGURED else seed for seed, other in given], self._configured)
+
+    def from_seed(self, first: int) -> Worlds:
+        """Returns the worlds of a run with another seed."""
+        seeds = list(range(first, first + len(self.seeds)))
+        return self._of(seeds, seeds)
+
+    def _of(self, seeds: list[int], configured: list[int]) -> Worlds:
+        if seeds == self.seeds and configured == self._configured:
+            return self
+        worlds = object.__new__(Worlds)
+        worlds._load, worlds.seeds, worlds._configured = self._load, seeds, configured
+        worlds.scenes = list(self.scenes)
+        for env, (new, old) in enumerate(zip(seeds, self.seeds)):
+            if new != old:
+                worlds.scenes[env] = self._load(new)
+                worlds._check(env, worlds.scenes[env])
+        if worlds.scenes[0] is not self.scenes[0]:
+            for env, scene in enumerate(worlds.scenes):
+                worlds._check(env, scene)
+        kept = set(map(id, worlds.scenes))
+        worlds._keys = {
+            key: {number: value for number, value in known.items() if number in kept}
+            for key, known in self._keys.items()
+        }
+        return worlds
+
+    def changed(self, before: Worlds, key: Callable[[Scene], Hashable]) -> np.ndarray:
+        """Finds the environments, int64 [n], whose scenes have another key than they had before."""
+        pairs = enumerate(zip(self.scenes, before.scenes))
+        other = [e for e, (new, old) in pairs if new is not old and self._key(key, new) != before._key(key, old)]
+        return np.array(other, np.int64)
+
+    def groups(self, key: Callable[[Scene], Hashable], envs: np.ndarray | None = None) -> list[Group]:
+        """Finds the environments, int64 [G] ascending, whose scenes have the same key, with the first one's scene.
+
+        envs: int64 [n] ascending, of these alone; None = of all.
+        """
+        if envs is None and self.alike:
+            return [(self.scenes[0], np.arange(len(self.scenes)))]
+        found: dict[Hashable, list[int]] = {}
+        for env in range(len(self.scenes)) if envs is None else envs.tolist():
+            found.setdefault(self._key(key, self.scenes[env]), []).append(env)
+        return [(self.scenes[members[0]], np.array(members)) for members in found.values()]
+
+    def _key(self, key: Callable[[Scene], Hashable], scene: Scene) -> Hashable:
+        known = self._keys.setdefault(key, {})
+        if id(scene) not in known:
+            known[id(scene)] = key(scene)
+        return known[id(scene)]
+
+    def apart(self, envs: np.ndarray | None = None) -> list[Scene]:
+        """Returns the scenes of some environments, all for None; none where one will do for all."""
+        chosen = [self.scenes[env] for env in (range(len(self.scenes)) if envs is None else envs)]
+        return [] if all(scene is chosen[0] for scene in chosen) else chosen
+
+    def drawn(self) -> dict[str, list[Any]]:
+        """Tells what was drawn: name of the place -> a value for each environment, None where it draws none there."""
+        tables = [{one.place: _shown(one) for one in scene.drawn} for scene in self.scenes]
+        places = dict.fromkeys(place for table in tables for place in table)
+        return {place: [table.get(place) for table in tables] for place in places}
+
+    def _check(self, env: int, scene: Scene) -> None:
+        first = self.scenes[0]
+        if scene is first:
+            return
+        for what, mine, other in (
+            ("bodies", _bodies(first), _bodies(scene)),
+            ("instances", [i.name for i in first.instances], [i.name for i in scene.instances]),
+            ("cameras", [_camera(c) for c in first.cameras], [_camera(c) for c in scene.cameras]),
+            ("timestep", [str(first.timestep_ns)], [str(scene.timestep_ns)]),
+        ):
+            if mine != other:
+                lacks = next((f"'{name}'" for name in mine if name not in other), "what environment 0 has")
+                extra = next((f", but has '{name}'" for name in other if name not in mine), "")
+                raise ValueError(
+                    f"scene {first.name}: environment {env}, of seed {self.seeds[env]}, lacks {lacks} of the {what} of "
+                    f"environment 0{extra}; worlds side by side may differ in values but not in what there is: draw "
+                    "other things, or run one environment at a time"
+                )
+
+
+def _bodies(scene: Scene) -> list[str]:
+    return [body.name for body in scene.bodies]
+
+
+def _camera(camera: Any) -> str:
+    lens = f", {camera.distortion_model} with {len(camera.distortion)} coefficients" if camera.distortion else ""
+    return f"{camera.name} of {camera.width}x{camera.height} px, {camera.supersampling} samples, {camera.rate}{lens}"
+
+
+def _shown(one: Drawn) -> Any:
+    return f"{one.value!r} {one.unit}" if one.unit else one.value

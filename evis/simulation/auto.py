@@ -1,0 +1,65 @@
+"""`interpolator:=auto`, of `evis launch` and of a Simulation: replaced, before the graph is planned, by what measuring
+the scene chooses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from typing import Any
+
+from evis.launch.arguments import ArgumentError, resolve
+from evis.launch.files import LaunchFile
+from evis.launch.planner import Options
+
+Say = Callable[[str], None]
+WISHES = ("wanted_error", "wanted_rtf")
+"""Arguments that auto chooses by."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Holds arguments without auto. taken: names of those that are in its place. told: what was chosen and why, for
+    people and the bag; empty without auto. held: the given arguments that must have an effect; None = all.
+    """
+
+    given: Mapping[str, Any]
+    taken: tuple[str, ...] = ()
+    told: dict[str, Any] = field(default_factory=dict)
+    held: Collection[str] | None = None
+
+
+def without_auto(
+    launch: LaunchFile,
+    given: Mapping[str, Any],
+    options: Options,
+    telling: AbstractContextManager[Say],
+    warn: Say,
+) -> Chosen:
+    """Replaces `interpolator:=auto` in the arguments of a launch file, where it stands there.
+
+    Args:
+        launch: the launch file.
+        given: its arguments.
+        options: as for planning it.
+        telling: is entered while the scene is measured, and gives what is told, line by line, what is being measured.
+        warn: told what went wrong beside the choice.
+
+    Raises ArgumentError for a wish of auto's where it is not asked for, ValueError where the scene cannot be measured.
+    """
+    if "interpolator" not in launch.arguments or "wanted_error" not in launch.arguments:
+        return Chosen(given)
+    values = resolve(launch.path.name, launch.arguments, given)
+    if values["interpolator"] != "auto":
+        for name in WISHES:
+            if values[name] is not None:
+                raise ArgumentError(f"{name} is for interpolator:=auto, which chooses by it")
+        return Chosen(given)
+    from nodes.interpolator.auto import launch as auto
+
+    with telling as say:
+        without, told = auto.replace_auto(launch, given, options, say, warn)
+    taken = tuple(name for name in without if without[name] != given.get(name))
+    # What is only for some methods was given for the case that one of them is chosen.
+    return Chosen(without, taken, told, [key for key in without if key not in (*auto.WARP, "adaptive_px")])

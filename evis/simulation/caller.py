@@ -1,0 +1,125 @@
+"""The node that stands for the caller in the graph: it takes what was asked for, and publishes the caller's actions."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from evis.config.params import Param
+from evis.runtime.node import Input, Node, Output
+from evis.simulation.outputs import STATE, Asked
+from msgs.camera import EventPacket
+from msgs.header import Header, Message
+from msgs.world import Action, WorldState
+
+
+class CallerNode(Node):
+    """Keeps what arrives until the caller takes it; the caller publishes through it."""
+
+    PARAMS: ClassVar[Mapping[str, Param]] = {
+        "topics": Param(list, [], "globs of the topics that the caller takes"),
+        "acts": Param(bool, False, "the caller publishes actions"),
+        "device": Param(str, "cpu", "where arrays may stay: cpu, cuda, cuda:1"),
+    }
+    INPUTS: ClassVar[Mapping[str, Input]] = {"messages": Input("*", join=False, on_device=True)}
+    OUTPUTS: ClassVar[Mapping[str, Output]] = {"action": Output("/action")}
+
+    @classmethod
+    def dynamic_inputs(cls, params: Mapping[str, Any], available: Iterable[str]) -> list[str]:
+        """Lists the topics that were asked for, and /state, which tells the time. Raises ValueError."""
+        names = list(available)
+        found = Asked(tuple(params["topics"]), ()).topics(names)
+        return list(dict.fromkeys([*found, *([STATE] if STATE in names else [])]))
+
+    @classmethod
+    def dynamic_outputs(cls, params: Mapping[str, Any]) -> Mapping[str, Output]:
+        """Gives the actions, where the caller has something to move."""
+        return cls.OUTPUTS if params["acts"] else {}
+
+    def setup(self) -> None:
+        """Begins with nothing taken."""
+        self.taken: dict[str, Message] = {}
+        self._asked_for: dict[str, bool] = {}
+        """Topic -> whether the caller wants its messages, or only to know how far the run is."""
+        self.stamp_ns = 0
+        """The latest stamp that arrived."""
+        self.episodes: np.ndarray | None = None
+        """Of the last state, int32 [E]."""
+        self.poses: np.ndarray | None = None
+        """Of its bodies, float64 [E, N, 7]."""
+
+    def rewind(self, params: Mapping[str, Any]) -> bool:
+        """Forgets what was not taken."""
+        self.take()
+        self.setup()
+        return dict(params) == self.params
+
+    def receive(self, port: str, message: Message) -> None:
+        """Keeps a message of topic `port`; the arrays stay as they are until `take`."""
+        if isinstance(message, WorldState):
+            self.episodes, self.poses = np.array(message.episodes), np.array(message.end_pose)
+        self.stamp_ns = max(self.stamp_ns, message.header.stamp_ns)
+        if port not in self._asked_for:
+            self._asked_for[port] = any(fnmatch.fnmatchcase(port, glob) for glob in self.params["topics"])
+        if not self._asked_for[port]:
+            return
+        message.keep()
+        if port in self.taken:
+            self.taken[port].release()
+        self.taken[port] = message
+
+    def take(self) -> dict[str, Message]:
+        """Hands over what has arrived, topic -> message, whose arrays are the caller's own from now on."""
+        taken, self.taken = self.taken, {}
+        return {topic: self._placed(owned(message)) for topic, message in taken.items()}
+
+    def _placed(self, message: Message) -> Message:
+        """Brings the columns of events to the device: those of a packet without any are made on the host."""
+        if self.params["device"] == "cpu" or not (
+            isinstance(message, EventPacket) and isinstance(message.t, np.ndarray)
+        ):
+            return message
+        import warp as wp
+
+        columns: dict[str, Any] = {
+            name: wp.array(array, device=self.params["device"])
+            for name in ("t", "x", "y", "p", "c")
+            if (array := getattr(message, name)) is not None
+        }
+        return replace(message, **columns)
+
+    def act(self, stamp_ns: int, controls: np.ndarray) -> None:
+        """Publishes controls float64 [E, nu] for the step that starts at a stamp."""
+        self.publish("action", Action(Header(stamp_ns), controls=controls))
+
+
+def owned(message: Message) -> Message:
+    """Gives a kept message whose arrays nobody will write again, and ends the keeping.
+
+    Memory that nobody else holds is taken out of its topic's pool, and nothing is copied; other arrays are.
+    """
+    slot = message._slot
+    if slot is None:
+        return message
+    pool = getattr(slot, "pool", None)
+    if slot.pins == 1 and pool is not None:
+        pool.part_with(slot)
+        message._slot = None  # type: ignore[misc]
+        return message
+    whole: Any = message
+    copy: Message = replace(whole, **{name: _copied(value) for name, value in message.arrays().items()})
+    message.release()
+    return copy
+
+
+def _copied(array: Any) -> Any:
+    """A copy on the array's own device."""
+    if isinstance(array, np.ndarray):
+        return array.copy()
+    import warp as wp
+
+    return wp.clone(array)

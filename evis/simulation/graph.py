@@ -1,0 +1,136 @@
+"""From a scene or launch file and its arguments to the plan of a graph in this process, with the caller in it."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evis.config.document import LaunchError
+from evis.launch import catalog
+from evis.launch.expand import Expanded, NodeSpec
+from evis.launch.planner import COMPOSED, Options, plan_launch
+from evis.launch.target import read_target
+from evis.runtime.plan import Plan
+from evis.scene.parameters import SCENE, scene_of
+from evis.simulation.actuators import actuators_of
+from evis.simulation.auto import Chosen, without_auto
+from evis.simulation.errors import SimulationError, SimulationWarning
+from evis.simulation.outputs import LABELS, Asked
+from msgs.topics import SYSTEM_TOPICS
+from nodes.physics.from_outside import Actuators
+
+CALLER = "caller"
+"""Name of the caller's node."""
+ACTION = "/action"
+
+
+@dataclass
+class Graph:
+    """Holds the plan, and what the caller can move. physics: name of the node that steps the world; "" without one.
+
+    controller: node of the launch file that publishes /action, so that the caller cannot. start: controls float64 [nu]
+    that the model starts with.
+    """
+
+    plan: Plan
+    physics: str = ""
+    controller: str = ""
+    actuators: Actuators = field(default_factory=Actuators)
+    start: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def acts(self) -> bool:
+        """Whether the caller publishes actions."""
+        return ACTION in self.plan.topics and self.plan.topics[ACTION].node == CALLER
+
+
+class Planner:
+    """Plans one simulation again and again: with another seed, or with a recorder.
+
+    target: what may stand after `evis launch`. asked: outputs. arguments: of the launch file and the scene.
+    """
+
+    def __init__(self, target: str, asked: Asked, arguments: Mapping[str, Any]) -> None:
+        self._target = target
+        self._asked = asked
+        self._arguments = dict(arguments)
+        self._found = Graph(Plan("", "", ""))
+        self._chosen: Chosen | None = None
+        """In place of auto; for every seed the same, as one interpolator stays from reset to reset."""
+        self._folder = Path()
+        """Where the launch file lies, and nodes of the user's own beside it."""
+
+    def plan(self, seed: int, record: str | None = None) -> Graph:
+        """Makes the plan. record: path of a bag that is recorded. Raises SimulationError in one line."""
+        given = {name: value for name, value in self._arguments.items() if value is not None}
+        if self._asked.labels:
+            named = given.get(LABELS, [])
+            given[LABELS] = [*(named.split(",") if isinstance(named, str) else named), *self._asked.labels]
+        try:
+            target = read_target(self._target, given)
+            if seed or "seed" in target.launch.arguments:  # not every launch file has anything random
+                target.given["seed"] = seed
+            self._folder = target.launch.path.resolve().parent
+            options = Options(record=record, view=False, grouping="compose")
+            if self._chosen is None:
+                self._chosen = without_auto(target.launch, target.given, options, nullcontext(_unsaid), _warn)
+            chosen = self._chosen
+            given = {**target.given, **{name: chosen.given[name] for name in chosen.taken}}
+            plan = plan_launch(target.launch, given, options, chosen.held, self._edit)
+        except (LaunchError, ValueError, OSError) as error:
+            raise SimulationError(str(error)) from None
+        plan.name, plan.chosen = target.name, chosen.told
+        if plan.mode == "live":
+            raise SimulationError(f"{plan.name} is live: a camera does not wait for steps; start it with `evis launch`")
+        plan.nodes = {name: node for name, node in plan.nodes.items() if node.process == COMPOSED}
+        for node in plan.nodes.values():
+            node.outside = {}  # the caller alone acts and resets
+        return dataclasses.replace(self._found, plan=plan)
+
+    def _edit(self, expanded: Expanded) -> None:
+        """Puts the caller into the graph. What it does not ask for is not made."""
+        found = Graph(Plan("", "", ""))
+        device = "cpu"
+        for spec in expanded.nodes:
+            if catalog.comes_with_evis(spec.type):
+                spec.keep = []
+            _, cls = catalog.load(spec.type, spec.where, self._folder)
+            if any(output.topic == ACTION for output in cls.OUTPUTS.values()):
+                found.controller = spec.name
+            if spec.type == "physics":
+                found.physics = spec.name
+                params = {name: spec.params[name] for name in SCENE if spec.params.get(name) is not None}
+                found.actuators, found.start = actuators_of(scene_of(spec.name, params, visuals=False))
+            device = str(spec.params.get("device") or device)
+        acts = bool(found.physics and not found.controller and found.actuators.names)
+        params = {"topics": list(self._asked.globs), "acts": acts, "device": device}
+        where = "the simulation"
+        expanded.nodes.append(NodeSpec(CALLER, "evis.simulation.caller:CallerNode", where, params, process=COMPOSED))
+        self._found = found
+
+
+def _unsaid(line: str) -> None:
+    """Takes what is being measured: nobody is told of it."""
+
+
+def _warn(line: str) -> None:
+    warnings.warn(f"interpolator auto: {line}", SimulationWarning, stacklevel=2)
+
+
+def needs_sockets(plan: Plan) -> bool:
+    """Whether a node reads a topic as a tap, which goes over a socket even within a process."""
+    for node in plan.nodes.values():
+        for topics in node.inputs.values():
+            for topic in topics:
+                if topic in SYSTEM_TOPICS or any(
+                    e.node == node.name and e.kind == "tap" for e in plan.topics[topic].edges
+                ):
+                    return True
+    return False

@@ -1,0 +1,60 @@
+"""The names by which a caller asks for outputs, and the topics that they stand for."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from evis.config.suggestions import nearest
+from evis.simulation.errors import SimulationError
+from msgs.topics import SYSTEM_TOPICS, TOPICS
+
+STATE = "/state"
+CAMERA = "/<cam>/"
+OF_CAMERA = tuple(t.pattern.removeprefix(CAMERA) for t in TOPICS if t.pattern.startswith(CAMERA))
+"""Outputs that every camera has: events, frames, keyframe, ..."""
+NAMES = (*OF_CAMERA, *(t.pattern[1:] for t in TOPICS if not t.pattern.startswith(CAMERA) and t.lockstep))
+LABELS = "labels"
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Holds what a caller wants to get. globs: of the topics. labels: kinds of labels that were named."""
+
+    globs: tuple[str, ...]
+    labels: tuple[str, ...]
+
+    def topics(self, available: Iterable[str]) -> list[str]:
+        """Lists the topics of a graph that were asked for. Raises ValueError where it has none of a name."""
+        names = [name for name in available if name not in SYSTEM_TOPICS]
+        found: dict[str, None] = {}
+        for glob in self.globs:
+            hits = fnmatch.filter(names, glob)
+            if not hits:
+                camera, _, name = glob[1:].rpartition("/")
+                of = f" of camera {camera}" if camera not in ("", "*") else ""
+                there = dict.fromkeys(n.strip("/").replace("/", ".") if of else n.rpartition("/")[2] for n in names)
+                raise ValueError(f"the graph has no output {name}{of}; it has {', '.join(sorted(there))}")
+            found |= dict.fromkeys(hits)
+        return list(found)
+
+
+def parse(outputs: Sequence[str] | str) -> Asked:
+    """Reads output names: `events`, of one camera as `cam1.events`, one kind of label as `labels.flow`, `state`.
+
+    Raises SimulationError naming the nearest one.
+    """
+    globs: dict[str, None] = {}
+    labels: dict[str, None] = {}
+    for name in (outputs,) if isinstance(outputs, str) else outputs:
+        parts = str(name).split(".")
+        if len(parts) > 1 and LABELS in parts[-2:-1]:
+            labels[parts.pop()] = None
+        *camera, last = parts
+        if last not in NAMES or (camera and last not in OF_CAMERA):
+            raise SimulationError(f"there is no output '{name}'; {nearest(last, NAMES)}")
+        globs["/" + "/".join([*(camera or (["*"] if last in OF_CAMERA else [])), last])] = None
+    if not globs:
+        raise SimulationError("a simulation with no output would compute nothing; outputs=('events',) is usual")
+    return Asked(tuple(globs), tuple(labels))

@@ -1,0 +1,259 @@
+"""One run of a graph in this process: it begins at time 0, goes on by keyframes, and can begin again."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from evis.launch.planner import COMPOSED
+from evis.runtime.clock import keyframe_stamp, times_slower
+from evis.runtime.executor import Executor
+from evis.runtime.host import NodeFailed, describe
+from evis.simulation.actuators import controls_of
+from evis.simulation.caller import CallerNode
+from evis.simulation.errors import Diverged, SimulationError, SimulationWarning
+from evis.simulation.graph import CALLER, Graph, needs_sockets
+from evis.simulation.outputs import OF_CAMERA, Asked
+from evis.simulation.step import Step, value_of
+from evis.supervisor.run_directory import RunDirectory
+
+MOST_KEPT = 64_000_000
+"""Most bytes of actions that are kept for `replay`."""
+
+
+@dataclass
+class History:
+    """Holds what the caller did since time 0, in order, so that it can be done again.
+
+    done: (keyframe, controls) and (keyframe, environments, seeds). size: of the controls [bytes].
+    """
+
+    done: list[tuple[Any, ...]] = field(default_factory=list)
+    size: int = 0
+
+    def add(self, *what: Any) -> None:
+        """Adds one thing; once there is too much, nothing is kept."""
+        self.size += sum(part.nbytes for part in what if isinstance(part, np.ndarray))
+        self.done.append(what)
+        if self.size > MOST_KEPT:
+            self.done.clear()
+
+    @property
+    def whole(self) -> bool:
+        """Whether all that was done is there."""
+        return self.size <= MOST_KEPT
+
+
+class Run:
+    """Steps a graph. `broken`: why it cannot go on, "" where it can. `k`: number of the last keyframe, -1 before 0."""
+
+    def __init__(self, graph: Graph, asked: Asked) -> None:
+        """Makes and prepares all nodes. Raises SimulationError in one line that names the node."""
+        self.graph = graph
+        self.broken = ""
+        self.k = -1
+        self.over = False
+        self.last: Step | None = None
+        self._asked = asked
+        self._said: list[tuple[str, str, str]] = []
+        self._directory: RunDirectory | None = None
+        plan = graph.plan
+        if needs_sockets(plan):
+            self._directory = RunDirectory()
+            plan.run_id, plan.directory = self._directory.run_id, str(self._directory.path)
+        try:
+            with self._guarded():
+                self._executor = Executor(plan, COMPOSED, say=lambda *line: self._said.append(line))
+                self._executor.setup()
+        except SimulationError as error:
+            self._release()
+            raise SimulationError(str(error).removesuffix(AGAIN)) from error.__cause__
+        caller = self._executor.node(CALLER)
+        assert isinstance(caller, CallerNode)
+        self._caller = caller
+        wanted = set(asked.topics(plan.nodes[CALLER].inputs["messages"]))
+        of_cameras = [t for t in plan.topics if t.count("/") > 1 and t.rpartition("/")[2] in OF_CAMERA]
+        self.cameras = tuple(dict.fromkeys(t[1:].rpartition("/")[0] for t in of_cameras))
+        parts = {topic: topic[1:].rpartition("/") for topic in plan.topics if topic in wanted}
+        self._topics = [(t, camera if camera in self.cameras else "", name) for t, (camera, _, name) in parts.items()]
+        """Topic, camera or "", and output of what was asked for."""
+        self._begin()
+
+    def _begin(self) -> None:
+        """Stands before keyframe 0."""
+        self.k, self.over = -1, False
+        self.history = History()
+        self._controls = np.tile(self.graph.start, (self.envs, 1))
+        self._episodes = np.zeros(self.envs, np.int32)
+
+    @property
+    def envs(self) -> int:
+        """Number of environments."""
+        return int(self.parameter("envs", 1))
+
+    @property
+    def stamp_ns(self) -> int:
+        """Simulated time [ns] of the last step."""
+        return self._caller.stamp_ns
+
+    @property
+    def poses(self) -> np.ndarray | None:
+        """Poses of all bodies at that time, float64 [E, N, 7]; None in a graph without physics."""
+        return self._caller.poses
+
+    def parameter(self, name: str, otherwise: Any) -> Any:
+        """Returns a parameter of the node that steps the world."""
+        return self.graph.plan.nodes[self.graph.physics].params[name] if self.graph.physics else otherwise
+
+    def summary(self) -> dict[str, Any]:
+        """Returns the profiles of the nodes, without the caller's."""
+        return {name: told for name, told in self._executor.summary().items() if name in self.graph.plan.nodes}
+
+    def next_stamp(self) -> int:
+        """Returns the time [ns] of the next keyframe; the present one where nobody knows it."""
+        return keyframe_stamp(self.k + 1, self.parameter("keyframe_rate", 0.0)) if self.graph.physics else self.stamp_ns
+
+    # -- what a caller does ------------------------------------------------------------------------------------------
+
+    def rewind(self, graph: Graph) -> None:
+        """Stands before keyframe 0 again, of a graph with the same nodes and perhaps another seed."""
+        with self._guarded():
+            graph.plan.directory, graph.plan.run_id = self.graph.plan.directory, self.graph.plan.run_id
+            self.graph = graph
+            self._executor.rewind(graph.plan)
+        self._begin()
+
+    def act(self, action: Any) -> None:
+        """Takes controls for the time from now on. Raises SimulationError; nothing has happened then."""
+        graph = self.graph
+        if not graph.acts:
+            why = f"node {graph.controller} publishes its actions" if graph.controller else "it has no actuators"
+            raise SimulationError(f"{graph.plan.name} takes no action: {why}; step without one")
+        controls = controls_of(action, self.envs, graph.actuators)
+        rate = self.parameter("action_rate", None)
+        held = 1 if rate is None else times_slower(self.parameter("keyframe_rate", 0.0), rate)
+        if self.k % held:
+            raise SimulationError(
+                f"an action is due at every {held}. keyframe (action_rate={rate:g}) and is held until the next; "
+                f"the next is due at keyframe {self.k - self.k % held + held}, this is keyframe {self.k}"
+            )
+        if not np.array_equal(controls, self._controls):
+            self.history.add(self.k, controls)
+        self._controls = controls
+
+    def advance(self) -> Step:
+        """Goes on to the next keyframe. Raises Diverged, and SimulationError where a node fails."""
+        with self._guarded():
+            if self.graph.acts and self.k >= 0:
+                stamp = keyframe_stamp(self.k, self.parameter("keyframe_rate", 0.0))
+                self._caller.act(stamp, self._controls.copy())
+            self.over = not self._executor.advance()
+        self.k += 1
+        lines = [text for name, _, text in self._said if name == self.graph.physics]
+        step = self._taken()
+        fallen = np.flatnonzero(step.episodes != self._episodes).tolist()
+        if fallen:
+            self._said = []
+            self._set_back(fallen)
+            raise Diverged("; ".join(lines) or f"environments {fallen} diverged", step, fallen)
+        return step
+
+    def restart(self, envs: np.ndarray, seeds: np.ndarray) -> Step:
+        """Puts environments int64 [R] to their start, now; seeds int64 [R], -1 = it keeps its own."""
+        physics = self._executor.node(self.graph.physics) if self.graph.physics else None
+        restart = getattr(physics, "restart", None)
+        if restart is None:
+            raise SimulationError(f"{self.graph.plan.name} cannot put single environments back; reset() puts all")
+        with self._guarded():
+            self._executor.settle(lambda: restart(envs, seeds))
+        self.history.add(self.k, envs, seeds)
+        self.k = max(self.k, 0)
+        step = self._taken()
+        self._set_back(envs.tolist())
+        return step
+
+    def _set_back(self, envs: Sequence[int]) -> None:
+        """Environments are at their start, with the controls of the start."""
+        self._controls = self._controls.copy()
+        self._controls[list(envs)] = self.graph.start
+        assert self.last is not None
+        self._episodes = self.last.episodes
+
+    def replay(self, history: History, last: int) -> None:
+        """Does once more what was done in another run, up to keyframe `last`."""
+        for entry in [*history.done, (last,)]:
+            while self.k < entry[0]:
+                with suppress(Diverged):
+                    self.advance()
+            if len(entry) == 2:
+                self.act(entry[1])
+            elif len(entry) == 3:
+                self.restart(entry[1], entry[2])
+
+    def finish(self) -> Step:
+        """Ends the run; gives what the nodes had held back."""
+        with self._guarded():
+            self._executor.finish()
+        self.over = True
+        return self._taken()
+
+    def close(self) -> None:
+        """Ends the run unless it is broken, and releases everything."""
+        try:
+            if not self.broken and self.k >= 0 and not self.over:
+                self._executor.finish()
+        finally:
+            self._release()
+
+    def _release(self) -> None:
+        executor = getattr(self, "_executor", None)
+        try:
+            if executor is not None:
+                executor.close_nodes()
+        finally:
+            if executor is not None:
+                executor.close()
+            if self._directory is not None:
+                self._directory.close()
+
+    # -- one step ----------------------------------------------------------------------------------------------------
+
+    def _taken(self) -> Step:
+        """Makes the step of what has arrived."""
+        taken = self._caller.take()
+        cameras: dict[str, dict[str, Any]] = {name: {} for name in self.cameras}
+        others: dict[str, Any] = {}
+        for topic, camera, name in self._topics:
+            (cameras[camera] if camera else others)[name] = value_of(taken.get(topic))
+        episodes = np.zeros(self.envs, np.int32) if self._caller.episodes is None else self._caller.episodes
+        self.last = Step(self.stamp_ns, episodes, cameras, others, self.over)
+        return self.last
+
+    def warn(self) -> None:
+        """Passes on what nodes have said, as Python's warnings, which are told once each."""
+        said, self._said = self._said, []
+        for name, level, text in said:
+            if level != "info":
+                warnings.warn(f"{name}: {text}", SimulationWarning, stacklevel=3)
+
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """Notes that the run is broken where it is left in the middle of something."""
+        try:
+            yield
+        except BaseException as error:
+            cause = error.__cause__ if isinstance(error, NodeFailed) and error.__cause__ else error
+            node = f"{error.node}: " if isinstance(error, NodeFailed) else ""
+            text = describe(cause)
+            self.broken = text if text.startswith(node) else node + text
+            if isinstance(error, Exception):
+                raise SimulationError(self.broken + AGAIN) from cause
+            raise
+
+
+AGAIN = "; reset() begins anew"

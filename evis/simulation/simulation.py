@@ -1,0 +1,285 @@
+"""Simulation: the graph that `evis launch` would start, in this process, stepped by the caller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from evis.runtime.collection import uncollected
+from evis.scene.model import Scene
+from evis.scene.parameters import SCENE, scene_of
+from evis.simulation.actuators import Actuator, each
+from evis.simulation.errors import SimulationError
+from evis.simulation.graph import Planner
+from evis.simulation.outputs import parse
+from evis.simulation.picture import Viewer, as_html, events_over_light
+from evis.simulation.run import AGAIN, Run
+from evis.simulation.step import Step, on_host
+
+
+class Simulation:
+    """Runs a scene or a launch file in this process, one keyframe at a time.
+
+    The graph is the one that `evis launch` starts, with the same nodes and parameters, and for a seed it gives the same
+    events, byte for byte; what `outputs` does not name is not computed. It opens no socket and starts no process.
+
+        with evis.Simulation("spinning_disk", omega=20, outputs=["events", "depth"]) as sim:
+            step = sim.reset(seed=3)
+            step = sim.step()
+            step.events.t, step.depth
+
+    Only one thread may use it at a time.
+    """
+
+    def __init__(
+        self, scene_or_launch: str | Path, /, *, outputs: Sequence[str] = ("events",), seed: int = 0, **arguments: Any
+    ) -> None:
+        """Plans the graph and prepares its nodes; the first time that takes as long as its kernels take to compile.
+
+        Args:
+            scene_or_launch: what may stand after `evis launch`: a scene or launch file by name or path, an MJCF or URDF
+                file.
+            outputs: what steps are to have: events, frames, keyframe, depth, ids, motion, normal, labels, imu, state,
+                of all cameras, or of one (`cam1.events`), or one kind of label (`labels.flow`).
+            seed: of what is random; environment k has seed + k.
+            arguments: those of the launch file and of the scene, as `evis launch NAME --help` lists them.
+
+        Raises:
+            SimulationError: in one line, for anything that `evis launch` would refuse.
+        """
+        self._closed = True
+        self._asked = parse(outputs)
+        self._own_seed = self._seed = seed
+        self._planner = Planner(str(scene_or_launch), self._asked, arguments)
+        with uncollected():
+            self._graphs = {seed: self._planner.plan(seed)}
+            self._run = Run(self._graphs[seed], self._asked)
+        self._viewers: dict[str, Viewer] = {}
+        self._closed = False
+        self._run.warn()
+
+    # -- what it is --------------------------------------------------------------------------------------------------
+
+    @property
+    def envs(self) -> int:
+        """Number of parallel environments."""
+        return self._run.envs
+
+    @property
+    def keyframe_rate(self) -> float:
+        """Steps per simulated second [Hz]; 0 in a graph without physics."""
+        return float(self._run.parameter("keyframe_rate", 0.0))
+
+    @property
+    def actuators(self) -> tuple[Actuator, ...]:
+        """The model's actuators, in the order of an action's last axis."""
+        return each(self._run.graph.actuators)
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the cameras in the graph, the first one first."""
+        return self._run.cameras
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that is simulated; it is shared, and nobody may write to it. Raises SimulationError without one."""
+        graph = self._run.graph
+        if not graph.physics:
+            raise SimulationError(f"{graph.plan.name} simulates no scene")
+        params = graph.plan.nodes[graph.physics].params
+        return scene_of("simulation", {name: params.get(name) for name in (*SCENE, "seed")})
+
+    @property
+    def chosen(self) -> Mapping[str, Any]:
+        """What `interpolator="auto"` has chosen, and why: method, keyframe rate, frames and what was measured, as
+        `evis launch --json` tells it. It holds for every seed; empty without auto.
+        """
+        return dict(self._run.graph.plan.chosen)
+
+    @property
+    def stamp_ns(self) -> int:
+        """Simulated time [ns] of the last step."""
+        return self._run.stamp_ns
+
+    def summary(self) -> dict[str, Any]:
+        """Tells what each node has done since the last reset of all: calls, time [s], messages, and what it counted, as
+        `nodes` in the summary of `evis launch --json`.
+        """
+        return self._run.summary()
+
+    # -- what it does ------------------------------------------------------------------------------------------------
+
+    def reset(self, seed: int | Sequence[int] | None = None, envs: Sequence[int] | None = None) -> Step:
+        """Begins a run at time 0, or puts some environments back to their start at the present time.
+
+        Args:
+            seed: of the run, environment k having seed + k, or a seed for each environment that is reset. Not given:
+                the constructor's; of some environments, the one that each has.
+            envs: environments to put back; the others go on. Not given = all of them, and time starts at 0.
+
+        Returns the step at keyframe 0, or, of some environments, at the present stamp. Raises SimulationError.
+        """
+        self._check_open()
+        if envs is not None:
+            order = np.asarray(envs, np.int64).reshape(-1)
+            if not np.array_equal(np.sort(order), np.arange(self.envs)):
+                return self._reset_some(envs, seed)
+            if seed is not None and np.shape(seed) == order.shape:  # all of them, each with its own seed
+                seed = np.asarray(seed)[np.argsort(order)].tolist()
+        single = seed is None or np.ndim(seed) == 0
+        self._seed = self._own_seed if seed is None or not single else int(seed)  # type: ignore[arg-type]
+        if self._seed not in self._graphs:
+            own = self._graphs[self._own_seed]
+            self._graphs = {self._own_seed: own, self._seed: self._planner.plan(self._seed)}
+        graph = self._graphs[self._seed]
+        if self._run.broken:
+            self._run.close()
+            self._run = Run(graph, self._asked)
+        elif self._run.k >= 0 or self._run.graph is not graph:
+            self._run.rewind(graph)
+        if not single:
+            return self._reset_some(range(self.envs), seed)
+        step = self._run.advance()
+        self._run.warn()
+        return step
+
+    def _reset_some(self, envs: Sequence[int], seed: int | Sequence[int] | None) -> Step:
+        """Puts some environments to their start at the present stamp."""
+        self._check_usable()
+        chosen = np.asarray(envs, np.int64).reshape(-1)
+        if (wrong := chosen[(chosen < 0) | (chosen >= self.envs)]).size:
+            raise SimulationError(f"there is no environment {wrong[0]}; there are {self.envs}, 0 to {self.envs - 1}")
+        if not chosen.size or len(np.unique(chosen)) < len(chosen):
+            raise SimulationError("reset takes each environment once, and at least one; without envs it resets all")
+        seeds = np.full(len(chosen), -1, np.int64)
+        if seed is not None:
+            given = np.asarray(seed, np.int64)
+            seeds = given + chosen if given.ndim == 0 else given.reshape(-1)
+        if len(seeds) != len(chosen):
+            raise SimulationError(f"reset has {len(seeds)} seeds for {len(chosen)} environments; it takes one for each")
+        if self._run.k < 0 and len(chosen) < self.envs:
+            self._run.advance()
+        step = self._run.restart(chosen, seeds)
+        self._run.warn()
+        return step
+
+    def step(self, action: Any = None) -> Step:
+        """Goes on to the next keyframe.
+
+        Args:
+            action: controls [E, nu], or [nu] of a single environment, in the units of the model's actuators, for the
+                time up to the next keyframe; not given = as before, at first the model's own.
+
+        Returns what was asked for of the interval that ends there. Raises SimulationError for an action of a wrong
+        shape, not finite or out of range (nothing has happened then), and for a node that failed (`reset` begins anew);
+        Diverged where an environment has diverged, and begins its next episode.
+        """
+        self._check_usable()
+        if self._run.over:
+            raise SimulationError(f"{self._run.graph.plan.name} has ended{AGAIN}")
+        if self._run.k < 0:
+            self._run.advance()
+        if action is not None:
+            self._run.act(action)
+        step = self._run.advance()
+        self._run.warn()
+        return step
+
+    def run(self, seconds: float, action: Any = None) -> list[Step]:
+        """Goes on for so many simulated seconds, and returns every step; the first of a run is that at keyframe 0.
+
+        action: see `step`; held all the time.
+        """
+        if not seconds > 0:
+            raise SimulationError(f"run takes a time longer than 0 s, not {seconds}")
+        self._check_usable()
+        steps = [self.reset(self._seed)] if self._run.k < 0 else []
+        end = self.stamp_ns + round(seconds * 1e9)
+        while not self._run.over and self._run.next_stamp() <= end:
+            steps.append(self.step(action))
+            action = None
+        return steps
+
+    def finish(self) -> Step:
+        """Ends the run, and returns what the nodes had held back: the last events of a sensor that looks ahead."""
+        self._check_usable()
+        return self._run.finish()
+
+    def save(self, bag: str | Path) -> None:
+        """Writes the bag that `evis launch --record` would have made of the run since time 0.
+
+        Nothing is recorded while the run goes on: it is run once more here, from its seed and its actions, and as the
+        same seed gives the same bytes the bag holds what the steps gave. It takes as long as the run took. An older bag
+        of that name is kept, as `evis launch` keeps it. Raises SimulationError.
+        """
+        self._check_open()
+        done = self._run
+        if done.k < 0 or done.broken:
+            raise SimulationError(f"there is no run to save; {done.broken or 'reset() and step() first'}")
+        if not done.history.whole:
+            raise SimulationError("the run has more actions than are kept for `save`; reset() begins a shorter one")
+        again = Run(self._planner.plan(self._seed, record=str(bag)), self._asked)
+        try:
+            again.replay(done.history, done.k)
+        finally:
+            again.close()
+
+    # -- how it looks ------------------------------------------------------------------------------------------------
+
+    def show(self, env: int = 0) -> dict[str, np.ndarray]:
+        """Draws the last step, camera -> uint8 [H, W, 3]: its events over the light that the camera sees now.
+
+        A notebook shows it for a Simulation by itself. Without events among the outputs it is the light alone. Raises
+        SimulationError for a graph without a renderer.
+        """
+        self._check_open()
+        last, poses = self._run.last, self._run.poses
+        if last is None or self._run.k < 0:
+            raise SimulationError("nothing has run yet; reset() first")
+        if not 0 <= env < self.envs:
+            raise SimulationError(f"there is no environment {env}; there are {self.envs}, 0 to {self.envs - 1}")
+        found = {}
+        for node in self._run.graph.plan.nodes.values():
+            if node.target.endswith(":RendererNode") and poses is not None:
+                camera = node.params["camera"]
+                if camera not in self._viewers:
+                    self._viewers[camera] = Viewer(self.scene, node.params)
+                light = self._viewers[camera].luminance(poses[env : env + 1], self.stamp_ns)
+                packet = vars(last.cameras[camera]).get("events")
+                found[camera] = events_over_light(light, packet if packet is None else on_host(packet), env)
+        if not found:
+            raise SimulationError(f"{self._run.graph.plan.name} renders nothing that could be shown")
+        return found
+
+    def _repr_html_(self) -> str:
+        title = f"{self._run.graph.plan.name}, {self.stamp_ns * 1e-9:g} s"
+        return as_html(self.show(), title) if self._run.k >= 0 and not self._closed else f"<div>{title}</div>"
+
+    # -- its end -----------------------------------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """Ends the run and releases memory and files. A second call does nothing."""
+        if not self._closed:
+            self._closed = True
+            self._run.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise SimulationError("the simulation is closed; make another one")
+
+    def _check_usable(self) -> None:
+        self._check_open()
+        if self._run.broken:
+            raise SimulationError(f"the simulation has stopped ({self._run.broken}){AGAIN}")

@@ -1,0 +1,106 @@
+"""What one step gives: the outputs that were asked for, of every camera."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from msgs.audit import Audit
+from msgs.camera import CameraInfo, Depth, EventPacket, Frames, Ids, Image, Imu, Keyframe, Labels, Motion, Normal
+from msgs.header import Message
+from msgs.world import WorldState
+
+IMAGES = {Keyframe: "image", Depth: "depth", Motion: "motion", Ids: "ids", Normal: "normal"}
+"""Messages that hold one image, which is what a caller gets, without margin."""
+
+
+class CameraOutputs:
+    """Holds what was asked for of one camera; None where nothing came at this stamp.
+
+    An output that was not asked for raises AttributeError. Arrays are numpy's, or Warp's on a GPU, and the caller's
+    own: they stay as they are.
+    """
+
+    events: EventPacket | None
+    """t, x, y, p of the interval that ends here; environment e has [env_offsets[e], env_offsets[e + 1])."""
+    frames: Frames | None
+    """luminance [E, K, H, W] at the K times `t`."""
+    keyframe: Any
+    """Linear radiance [E, H, W, 3]."""
+    depth: Any
+    """[E, H, W] m, +inf = sky."""
+    motion: Any
+    """Backward motion [E, H, W, 2] px."""
+    ids: Any
+    """Instance ids [E, H, W], 0 = background."""
+    normal: Any
+    """Surface normals [E, H, W, 3]."""
+    labels: Labels | None
+    imu: Imu | None
+    audit: Audit | None
+    info: CameraInfo | None
+    image: Image | None
+
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        vars(self).update(values)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        there = ", ".join(vars(self))
+        raise AttributeError(
+            f"the step has no {name}; it has {there}. What else is wanted is named when the simulation is made: "
+            f"outputs=('events', '{name}')"
+        )
+
+
+class Step(CameraOutputs):
+    """Holds what a step gives: the outputs of the first camera as attributes, those of all in `cameras`.
+
+    stamp_ns: the simulated time [ns] that it ends at. episodes: int32 [E], number of the reset that each environment is
+    in. over: the graph has ended, and no step follows.
+    """
+
+    state: WorldState | None
+    """Poses and twists of the bodies over the interval that ends here."""
+
+    def __init__(
+        self,
+        stamp_ns: int,
+        episodes: np.ndarray,
+        cameras: Mapping[str, Mapping[str, Any]],
+        others: Mapping[str, Any],
+        over: bool,
+    ) -> None:
+        """cameras: camera -> output -> value, the first one first. others: outputs of no camera."""
+        self.stamp_ns = stamp_ns
+        self.episodes = episodes
+        self.over = over
+        self.cameras = {name: CameraOutputs(values) for name, values in cameras.items()}
+        first: Mapping[str, Any] = next(iter(cameras.values()), {})
+        super().__init__({**first, **others})
+
+    def __repr__(self) -> str:
+        events = vars(self).get("events")
+        count = f", {len(events.t)} events" if events is not None and events.t is not None else ""
+        return f"Step({self.stamp_ns * 1e-9:g} s{count})"
+
+
+def value_of(message: Message | None) -> Any:
+    """Gives what the caller gets of a message: its image without margin where it holds one, else itself."""
+    field = IMAGES.get(type(message))  # type: ignore[arg-type]
+    if message is None or field is None:
+        return message
+    image, margin = getattr(message, field), getattr(message, "margin", 0)
+    return image[:, margin : image.shape[1] - margin, margin : image.shape[2] - margin] if margin else image
+
+
+def on_host(packet: EventPacket) -> EventPacket:
+    """Gives a packet in numpy arrays, wherever its own are."""
+    given = {name: value if isinstance(value, np.ndarray) else value.numpy() for name, value in packet.arrays().items()}
+    whole: Any = packet
+    on_this: EventPacket = replace(whole, **given)
+    return on_this

@@ -1,0 +1,52 @@
+"""Parameters of the sensor that the scene gives or draws, environment by environment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from evis.scene.load import sets_sensor
+from evis.scene.parameters import scene_of, worlds_of
+from nodes.event_sensor.parameters import SENSOR, resolve_sensor
+
+SHARED = ("model", "crossing")
+"""Parameters that decide when events are told, and so are the same in all environments."""
+
+
+def resolve_with_scene(owner: str, params: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the parameters of environment 0: given ones over the scene's, those over the preset's.
+
+    params: of a node, with `scene` and what it takes to load it. Raises ValueError, for a parameter that the sensor
+    does not have too, and FileNotFoundError.
+    """
+    return _resolved(owner, params, scene_of(owner, params, visuals=False).sensor if has_parameters(params) else {})
+
+
+def resolve_each(owner: str, params: Mapping[str, Any], envs: int) -> list[dict[str, Any]]:
+    """Returns the parameters of every environment; one for all where they are the same. Raises as
+    `resolve_with_scene` does, and ValueError where environments differ in what they cannot."""
+    if not has_parameters(params):
+        return [_resolved(owner, params, {})]
+    worlds = worlds_of(owner, {**params, "envs": envs}, visuals=False)
+    found = [_resolved(owner, params, scene.sensor) for scene in worlds.scenes]
+    for env, one in enumerate(found):
+        for name in SHARED:
+            if one[name] != found[0][name]:
+                raise ValueError(
+                    f"{owner}: {name} is {one[name]} in environment {env} and {found[0][name]} in environment 0; "
+                    "environments side by side need the same"
+                )
+    return found[:1] if all(one == found[0] for one in found) else found
+
+
+def has_parameters(params: Mapping[str, Any]) -> bool:
+    """Tells whether the scene of a node has any; a scene that is not here, as one that a bag tells of, has none."""
+    try:
+        return bool(params.get("scene")) and sets_sensor(params["scene"])
+    except FileNotFoundError:
+        return False
+
+
+def _resolved(owner: str, params: Mapping[str, Any], of_scene: Mapping[str, Any]) -> dict[str, Any]:
+    given = {name: params[name] for name in SENSOR if params.get(name) is not None}
+    return resolve_sensor(owner, params["preset"], {**of_scene, **given})

@@ -1,0 +1,73 @@
+"""What made each event: the surface at its pixel and its time, and how that surface moves in the image.
+
+Where a contour passes over a pixel, one surface comes and another goes, and the sensor places the events of that change
+anywhere within its step. The contour is that of the nearer surface, whether it comes or goes: so an event belongs to
+the nearest of the surfaces that the pixel's centre sees at the event's time and at the sub-frames about it. Everywhere
+else these are one surface. Distance is that at the event's time, or, where the surface is not there then, that of the
+look that found it; flow is that of the surface's point there, at the event's time. A shadow belongs to the surface that
+it falls on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nodes.labeler.sight import History, Sight
+
+
+@dataclass
+class EventLabels:
+    """Holds of each event of a packet: env int32 [n], instance int32 [n] id, flow float32 [n, 2] px/s."""
+
+    env: np.ndarray
+    instance: np.ndarray
+    flow: np.ndarray
+
+
+class EventLabeler:
+    """Labels the events of one camera."""
+
+    def __init__(self, sight: Sight, step_ns: float) -> None:
+        """step_ns: between sub-frames [ns], which lie at whole multiples of it."""
+        self._sight, self._step = sight, step_ns
+        self._directions, self._image = sight.pixels()
+
+    def __call__(
+        self, history: History, t: np.ndarray, x: np.ndarray, y: np.ndarray, env_offsets: np.ndarray
+    ) -> EventLabels:
+        """Labels events.
+
+        Args:
+            history: the states that their time lies in.
+            t: int64 [n] ns.
+            x, y: [n] px.
+            env_offsets: int64 [E + 1], events of environment e are [offsets[e], offsets[e + 1]).
+        """
+        env = np.repeat(np.arange(len(env_offsets) - 1, dtype=np.int32), np.diff(env_offsets))
+        n = len(t)
+        if not n:
+            return EventLabels(env, np.zeros(0, np.int32), np.zeros((0, 2), np.float32))
+        sight, motion = self._sight, self._sight.motion(history)
+        first, last = history.span
+        t = np.asarray(t, np.int64)
+        # A stamp on the grid is rounded: an event there belongs to the step that it ends.
+        step = np.ceil((t - 0.5) / self._step).astype(np.int64)
+        pixel = np.asarray(y, np.int64) * sight.size[0] + np.asarray(x, np.int64)
+        directions, count = self._directions[pixel], len(self._directions)
+        ids, distances = sight.look(motion, env, t, directions)
+        # A step ends where the next one of the pixel begins, and many events share one.
+        base, envs = int(step.min()) - 1, len(env_offsets) - 1
+        number = ((step - base) * envs + env) * count + pixel
+        ends, of = np.unique(np.concatenate((number - envs * count, number)), return_inverse=True)
+        rest, pixels = np.divmod(ends, count)
+        steps, in_env = np.divmod(rest, envs)
+        at = np.clip(np.rint(self._step * (steps + base)).astype(np.int64), first, last)
+        looked = sight.look(motion, in_env.astype(np.int32), at, self._directions[pixels])
+        for side in (slice(0, n), slice(n, None)):
+            other, distance = (values[of[side]] for values in looked)
+            nearer = (other != ids) & (distance < distances)
+            ids, distances = np.where(nearer, other, ids), np.where(nearer, distance, distances)
+        flow = sight.flow(motion, env, t, directions, self._image[pixel], (ids, distances))
+        return EventLabels(env, ids.astype(np.int32), flow)

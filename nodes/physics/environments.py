@@ -1,0 +1,189 @@
+"""Environments that were reset at different times, each moved in its own time since its reset.
+
+Those that were reset together share an engine, whose stamps are round(j 1e9 / keyframe_rate) at the j-th keyframe since
+then, as in a run of their own. As long as all of them began together at stamp 0 there is one engine, and what it gives
+is passed on as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from evis.runtime.clock import keyframe_stamp
+from msgs.own_time import CONFIGURED, NUMBER, ORIGIN, SEED, STAMP
+from nodes.physics.interval import Contacts, Engine, Interval, check_controls
+
+
+@dataclass
+class Group:
+    """Holds environments that were reset together.
+
+    envs: int [n], which they are. engine: of n environments. first: number of the keyframe at which its time is 0.
+    live: bool [n], those of them that were not reset since. interval: what the engine gave last.
+    """
+
+    envs: np.ndarray
+    engine: Engine
+    first: int
+    live: np.ndarray
+    interval: Interval | None = None
+
+
+class Environments:
+    """Moves E environments of a scene from keyframe to keyframe."""
+
+    def __init__(self, engine: Engine, envs: int, keyframe_rate: float) -> None:
+        """engine: of E environments, at their start. keyframe_rate [Hz]."""
+        self._envs, self._rate = envs, keyframe_rate
+        self._controls = engine.controls
+        self._groups = [Group(np.arange(envs), engine, 0, np.ones(envs, bool))]
+        self._seeds = np.full(envs, CONFIGURED, np.int64)
+        self._now = 0
+
+    @property
+    def together(self) -> bool:
+        """Tells whether all began together at stamp 0, with the seeds of the run."""
+        return len(self._groups) == 1 and not self._groups[0].first and bool((self._seeds == CONFIGURED).all())
+
+    def advance(self, k: int, controls: np.ndarray | None = None) -> Interval:
+        """Gives the states up to keyframe k: the next one, or that at which environments begin.
+
+        controls: float64 [E, nu], None = as before. Raises ValueError for others.
+        """
+        before, self._now = self._now, k
+        if controls is not None and len(self._groups) > 1:
+            check_controls(controls, self._envs, self._controls)
+        for group in self._groups:
+            if k == group.first:
+                group.interval = group.engine.start()
+                continue
+            own = None if controls is None else controls if self.together else controls[group.envs]
+            group.interval = group.engine.advance(keyframe_stamp(k - group.first, self._rate), own)
+        return self._joined(keyframe_stamp(before, self._rate))
+
+    def present(self) -> Interval:
+        """Gives the states at the present keyframe once more, S = 1: after a reset at that very stamp."""
+        for group in self._groups:
+            if group.interval is None:
+                group.interval = group.engine.start()
+            group.interval = replace(group.interval, faults=[], warnings=[])
+            group.interval.keep_last()
+        return self._joined(keyframe_stamp(self._now, self._rate))
+
+    def restart(
+        self,
+        envs: Sequence[int],
+        seeds: Sequence[int],
+        numbers: Sequence[int],
+        k: int,
+        engines: Sequence[tuple[list[int], Engine]] = (),
+    ) -> None:
+        """Begins environments anew at keyframe k, the present or the next one.
+
+        seeds: of each, CONFIGURED = as before. numbers: how often each has begun anew with its seed, this time
+        counted. engines: of those of them that do not move as before, at their start.
+        """
+        parts: dict[int, list[int]] = {}
+        for place, env in enumerate(envs):
+            owner = next(n for n, g in enumerate(self._groups) if env in g.envs[g.live])
+            parts.setdefault(owner, []).append(place)
+        made: list[Group] = []
+        others = {env for who, _ in engines for env in who}
+        for owner, places in parts.items():
+            group = self._groups[owner]
+            for p in places:
+                n = int(np.flatnonzero(group.envs == envs[p])[0])
+                group.engine.leave(n)
+                group.live[n] = False
+            places = [p for p in places if envs[p] not in others]
+            if not places:
+                continue
+            inner = [int(np.flatnonzero(group.envs == envs[p])[0]) for p in places]
+            given = [None if seeds[p] == CONFIGURED else seeds[p] for p in places]
+            engine = group.engine.anew(inner, given, [numbers[p] for p in places])
+            made.append(Group(np.array([envs[p] for p in places]), engine, k, np.ones(len(places), bool)))
+        made += [Group(np.array(who), engine, k, np.ones(len(who), bool)) for who, engine in engines]
+        self._groups = [group for group in self._groups if group.live.any()] + made
+        for env, seed in zip(envs, seeds):
+            if seed != CONFIGURED:
+                self._seeds[env] = seed
+        # Time goes back where all begin at stamp 0 again.
+        self._now = min(self._now, k)
+
+    def own(self, numbers: np.ndarray) -> np.ndarray:
+        """Gives the rows of msgs.own_time, int64 [E, 4]; numbers: int [E], of their resets."""
+        rows = np.zeros((self._envs, 4), np.int64)
+        for group in self._groups:
+            mine = group.envs[group.live]
+            rows[mine, STAMP] = keyframe_stamp(self._now - group.first, self._rate)
+            rows[mine, ORIGIN] = keyframe_stamp(group.first, self._rate)
+        rows[:, SEED], rows[:, NUMBER] = self._seeds, numbers
+        return rows
+
+    def _joined(self, previous: int) -> Interval:
+        """The intervals of all groups as one, from the stamp `previous` [ns]."""
+        parts = [(group, group.interval) for group in self._groups if group.interval is not None]
+        if self.together:
+            return parts[0][1]
+        steps = max(len(interval.t) for _, interval in parts)
+        moving = np.unique(np.concatenate([interval.moving for _, interval in parts])).astype(np.int32)
+        first = parts[0][1]
+        bodies = first.end_pose.shape[1]
+        shapes: dict[str, tuple[int, ...]] = {"end_pose": (bodies, 7)}
+        shapes |= {"moving_pose": (steps, len(moving), 7), "moving_twist": (steps, len(moving), 6)}
+        if first.qpos is not None and first.qvel is not None:
+            shapes |= {"qpos": (steps, first.qpos.shape[-1]), "qvel": (steps, first.qvel.shape[-1])}
+        if first.acceleration is not None:
+            shapes["acceleration"] = first.acceleration.shape[1:]
+        arrays = {name: np.zeros((self._envs, *shape)) for name, shape in shapes.items()}
+        own_t = np.zeros((self._envs, steps), np.int64)
+        for group, interval in parts:
+            # Where there are fewer sub-steps, the first is repeated.
+            rows = np.maximum(np.arange(steps) - (steps - len(interval.t)), 0)
+            mine = group.envs[group.live]
+            own_t[mine] = interval.t[rows]
+            given = {
+                "end_pose": interval.end_pose,
+                "moving_pose": interval.pose[:, rows][:, :, moving],
+                "moving_twist": interval.twist[:, rows][:, :, moving],
+            }
+            if interval.qpos is not None and interval.qvel is not None:
+                given |= {"qpos": interval.qpos[:, rows], "qvel": interval.qvel[:, rows]}
+            if interval.acceleration is not None:
+                given["acceleration"] = interval.acceleration
+            for name, values in given.items():
+                arrays[name][mine] = values[group.live]
+        t = self._shared(parts, steps, previous)
+        result = Interval(t, arrays["end_pose"], moving, arrays["moving_pose"], arrays["moving_twist"], own_t=own_t)
+        result.qpos, result.qvel, result.acceleration = (arrays.get(n) for n in ("qpos", "qvel", "acceleration"))
+        result.contacts = self._contacts(parts)
+        for group, interval in parts:
+            kept = group.envs.tolist(), group.live.tolist()
+            result.faults += [(kept[0][e], text) for e, text in interval.faults if kept[1][e]]
+            result.warnings += [(kept[0][e], text) for e, text in interval.warnings if kept[1][e]]
+        return result
+
+    def _shared(self, parts: list[tuple[Group, Interval]], steps: int, previous: int) -> np.ndarray:
+        """Sub-step times [ns] of a group that has them all, on the clock of the stamps."""
+        t = next(interval.t for _, interval in parts if len(interval.t) == steps)
+        t = t - t[-1] + keyframe_stamp(self._now, self._rate)
+        if steps > 1:
+            # Own stamps are rounded otherwise.
+            t[0] = min(previous, int(t[1]) - 1)
+        return t
+
+    @staticmethod
+    def _contacts(parts: list[tuple[Group, Interval]]) -> Contacts | None:
+        found = []
+        for group, interval in parts:
+            if interval.contacts is None:
+                return None
+            live = group.live[interval.contacts.env]
+            columns = {name: values[live] for name, values in vars(interval.contacts).items()}
+            found.append(columns | {"env": group.envs[columns["env"]].astype(np.int32)})
+        joined = {name: np.concatenate([columns[name] for columns in found]) for name in found[0]}
+        order = np.argsort(joined["env"], kind="stable")
+        return Contacts(**{name: values[order] for name, values in joined.items()})

@@ -1,0 +1,85 @@
+"""Environments whose worlds move differently: an engine for each, and their states as one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+
+import numpy as np
+
+from nodes.physics.interval import Contacts, Engine, Interval, check_controls
+
+
+class SeparateEngines:
+    """Moves environment k by engine k, an engine of one environment, as each would by itself."""
+
+    def __init__(self, engines: Sequence[Engine]) -> None:
+        """Raises ValueError where the engines have not the same actuators."""
+        self.engines = list(engines)
+        self.controls, self.actuators = self.engines[0].controls, self.engines[0].actuators
+        for env, engine in enumerate(self.engines):
+            if engine.controls != self.controls:
+                raise ValueError(
+                    f"environment {env} has {engine.controls} actuators, environment 0 has {self.controls}; "
+                    "worlds side by side need the same ones"
+                )
+
+    def start(self) -> Interval:
+        """Gives the state at stamp 0."""
+        return merged([engine.start() for engine in self.engines])
+
+    def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
+        """Gives the states up to a stamp. Raises ValueError for controls of a wrong shape or not finite."""
+        if controls is not None:
+            check_controls(controls, len(self.engines), self.controls)
+        own = [None if controls is None else controls[k : k + 1] for k in range(len(self.engines))]
+        return merged([engine.advance(to_ns, action) for engine, action in zip(self.engines, own)])
+
+    def rewind(self, seed: int) -> None:
+        """Goes back to stamp 0, engine k with seed + k."""
+        for k, engine in enumerate(self.engines):
+            engine.rewind(seed + k)
+
+    def leave(self, env: int) -> None:
+        """Leaves an environment where it is from now on."""
+        self.engines[env].leave(0)
+
+    def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> Engine:
+        """Makes an engine of these environments alone, at their start and stamp 0, as Engine.anew does."""
+        made = [self.engines[k].anew([0], [seed], [number]) for k, seed, number in zip(envs, seeds, numbers)]
+        return made[0] if len(made) == 1 else SeparateEngines(made)
+
+
+def merged(parts: Sequence[Interval]) -> Interval:
+    """Puts the intervals of environments of one each together, environment k from part k.
+
+    A body that moves in one of them is among the moving ones of all. Raises ValueError where the times differ.
+    """
+    t = max((part.t for part in parts), key=len)
+    moving = np.unique(np.concatenate([part.moving for part in parts])).astype(np.int32)
+    end = np.concatenate([part.end_pose for part in parts])
+    pose = np.repeat(end[:, None, moving], len(t), axis=1)
+    twist = np.zeros((*pose.shape[:3], 6))
+    for env, part in enumerate(parts):
+        if not len(part.moving):  # nothing moves, so there may be no sub-steps
+            continue
+        if not np.array_equal(part.t, t):
+            raise ValueError(f"environment {env} has other sub-steps than others; worlds side by side need the same")
+        columns = np.searchsorted(moving, part.moving)
+        pose[env, :, columns] = np.swapaxes(part.moving_pose[0], 0, 1)
+        twist[env, :, columns] = np.swapaxes(part.moving_twist[0], 0, 1)
+    result = Interval(t, end, moving, pose, twist)
+    for env, part in enumerate(parts):
+        result.faults += [(env, text) for _, text in part.faults]
+        result.warnings += [(env, text) for _, text in part.warnings]
+    for name in ("qpos", "qvel", "acceleration"):
+        rows = [value for part in parts if (value := getattr(part, name)) is not None]
+        if len(rows) == len(parts):
+            setattr(result, name, np.concatenate(rows))
+    contacts = [part.contacts for part in parts if part.contacts is not None]
+    if len(contacts) == len(parts):
+        for env, one in enumerate(contacts):
+            one.env = np.full_like(one.env, env)
+        joined = {f.name: np.concatenate([getattr(one, f.name) for one in contacts]) for f in fields(Contacts)}
+        result.contacts = Contacts(**joined)
+    return result

@@ -1,0 +1,76 @@
+"""What Gymnasium's own checks say of the environments, and that a seed decides an episode."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import evis.env
+
+
+@pytest.mark.parametrize("name", list(evis.env.TASKS))
+def test_gymnasium_has_nothing_to_object(name: str) -> None:
+    env = gymnasium.make(f"evis/{name}-v0", width=32, height=32)
+    check_env(env.unwrapped)
+    env.close()
+
+
+def episode(env: gymnasium.Env, seed: int | None) -> np.ndarray:
+    observed = [env.reset(seed=seed)[0]]
+    env.action_space.seed(0)
+    return np.stack([*observed, *(env.step(env.action_space.sample())[0] for _ in range(10))])
+
+
+def test_a_seed_decides_an_episode_and_without_one_the_next_begins() -> None:
+    env = gymnasium.make("evis/CartPole-v0", width=32, height=32).unwrapped
+    first, second, again, other = (episode(env, seed) for seed in (5, None, 5, 6))
+    assert (first == again).all() and first[1:].any()
+    assert (first != second).any() and (first != other).any() and (second != other).any()
+    env.close()
+
+
+def test_render_shows_the_camera_with_events() -> None:
+    env = gymnasium.make("evis/CartPole-v0", render_mode="rgb_array")
+    env.reset(seed=1)
+    still = env.render()
+    assert still.shape == (256, 256, 3) and still.dtype == np.uint8
+    assert still[30, 30].min() > 100 and still.min() < 60, "a bright wall, a dark pole"
+    for _ in range(10):
+        env.step(np.ones(1, np.float32))
+    moved = env.render()
+    assert not (moved[..., 0] == moved[..., 2]).all(), "events have colours"
+    env.close()
+    quiet = gymnasium.make("evis/CartPole-v0").unwrapped
+    quiet.reset()
+    assert quiet.render() is None
+    quiet.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"task": "CartPool"}, "no task 'CartPool'; there are CartPole"),
+        ({"observation": {}}, "nothing is observed"),
+        ({"observation": evis.env.CountImage(pool=7)}, "pool=7 does not divide an image of 64 x 64"),
+        ({"observation": evis.env.Poses(("cat",))}, "no body 'cat'; there are cart, pole"),
+        ({"render_mode": "human"}, "rgb_array"),
+        ({"widht": 3}, "widht"),
+    ],
+)
+def test_what_cannot_be_made_is_named(options: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        evis.env.EventEnv(**{"task": "CartPole", **options})
+
+
+def test_an_action_that_is_none_is_named_and_the_environment_goes_on() -> None:
+    env = evis.env.EventEnv("CartPole", width=32, height=32)
+    env.reset(seed=0)
+    for action, message in (
+        ([np.nan], "nan for actuator push"),
+        ([1.5], "1.5 for actuator push of environment 0; it must be from -1 to 1"),
+        ([0.0, 0.0], r"shape \[1, 2\]; it must be \[1, 1\]"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            env.step(np.array(action))
+    assert env.step(np.zeros(1))[1] > 0
+    env.close()

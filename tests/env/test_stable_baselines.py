@@ -1,0 +1,56 @@
+"""Stable-Baselines3's own check, and its PPO on environments of one simulation."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+import evis.env
+
+pytestmark = pytest.mark.extras
+
+
+def test_stable_baselines_has_nothing_to_object() -> None:
+    from stable_baselines3.common.env_checker import check_env
+
+    for name in evis.env.TASKS:
+        env = gymnasium.make(f"evis/{name}-v0", width=32, height=32).unwrapped
+        check_env(env, skip_render_check=True)
+        env.close()
+
+
+def test_steps_are_passed_on() -> None:
+    from evis.env.stable_baselines import StableBaselinesEnv
+
+    def made(mode: str) -> evis.env.EventVectorEnv:
+        return gymnasium.make_vec("evis/CartPole-v0", num_envs=2, autoreset_mode=mode, width=32, height=32, seconds=0.1)
+
+    with pytest.raises(ValueError, match="SameStep"):
+        StableBaselinesEnv(made("NextStep"))
+    env, same = StableBaselinesEnv(made("SameStep")), made("SameStep")
+    env.seed(4)
+    assert (env.reset() == same.reset(seed=4)[0]).all()
+    for step in range(5):
+        action = np.full((2, 1), 0.1 * step, np.float32)
+        got, want = env.step(action), same.step(action)
+        assert (got[0] == want[0]).all() and (got[1] == want[1].astype(np.float32)).all()
+        assert (got[2] == (want[2] | want[3])).all()
+    assert got[2].all() and got[3][0]["TimeLimit.truncated"]
+    assert (got[3][1]["terminal_observation"] == want[4]["final_obs"][1]).all()
+    env.close()
+    same.close()
+
+
+def test_ppo_learns_from_it() -> None:
+    from stable_baselines3 import PPO
+
+    from evis.env.stable_baselines import StableBaselinesEnv
+
+    observation = evis.env.CountImage(pool=8)
+    env = gymnasium.make_vec(
+        "evis/CartPole-v0", num_envs=2, autoreset_mode="SameStep", observation=observation, width=32, height=32
+    )
+    model = PPO("MlpPolicy", StableBaselinesEnv(env), n_steps=16, batch_size=16, n_epochs=1, device="cpu")
+    before = [p.clone() for p in model.policy.parameters()]
+    model.learn(64)
+    assert any((a != b).any() for a, b in zip(before, model.policy.parameters()))
+    env.close()

@@ -1,0 +1,20 @@
+"""The collector of cycles does not look while things are made, and is afterwards as it was."""
+
+import gc
+
+import pytest
+
+from evis.runtime.collection import uncollected
+
+
+@pytest.mark.parametrize("on", [True, False])
+def test_the_collector_is_afterwards_as_it_was(on: bool) -> None:
+    before = gc.isenabled()
+    (gc.enable if on else gc.disable)()
+    try:
+        with pytest.raises(ValueError, match="made nothing"), uncollected():
+            assert not gc.isenabled()
+            raise ValueError("made nothing")
+        assert gc.isenabled() == on
+    finally:
+        (gc.enable if before else gc.disable)()

@@ -1,0 +1,165 @@
+"""Wrong use of a Simulation gets one line that names the thing and the remedy, and the simulation can go on."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import evis
+
+SIZE = {"width": 32, "height": 24}
+
+
+@pytest.fixture(scope="module")
+def arm() -> Iterator[evis.Simulation]:
+    with evis.Simulation("robot_arm", envs=2, **SIZE) as sim:
+        yield sim
+
+
+@pytest.mark.parametrize(
+    ("target", "arguments", "says"),
+    [
+        ("spining_disk", {}, "did you mean 'spinning_disk'"),
+        ("spinning_disk", {"omga": 3}, "did you mean 'omega'"),
+        ("spinning_disk", {"omega": "fast"}, "omega"),
+        ("spinning_disk", {"outputs": ["event"]}, "no output 'event'; did you mean 'events'"),
+        ("spinning_disk", {"outputs": ["cam1.events"]}, "no output events of camera cam1; it has"),
+        ("spinning_disk", {"outputs": ["labels.flw"]}, "no label 'flw'"),
+        ("spinning_disk", {"outputs": []}, "no output"),
+        ("spinning_disk", {"outputs": ["frames"], "upsampling": 1}, "the graph has no output frames"),
+    ],
+)
+def test_what_cannot_be_made(target: str, arguments: dict[str, Any], says: str) -> None:
+    with pytest.raises(evis.SimulationError, match=says):
+        evis.Simulation(target, **arguments)
+
+
+def test_a_live_graph_is_for_evis_launch(tmp_path: Path) -> None:
+    path = tmp_path / "live.yaml"
+    path.write_text("mode: live\ninclude: {file: simulator, args: {scene: spinning_disk}}\n")
+    with pytest.raises(evis.SimulationError, match="live is live: a camera does not wait"):
+        evis.Simulation(path, **SIZE)
+
+
+@pytest.mark.parametrize(
+    ("action", "says"),
+    [
+        (np.zeros((2, 5)), r"controls \[2, 5\], the model takes \[2, 6\].*yaw, shoulder"),
+        (np.zeros(6), r"controls \[6\], the model takes \[2, 6\]"),
+        (np.full((2, 6), np.nan), "nan for actuator 'yaw' of environment 0; it must be finite"),
+        (np.array([[0.0] * 6, [0.0, 9.0, 0, 0, 0, 0]]), "9 for actuator 'shoulder' of environment 1; its range is"),
+        ("left", "no array of numbers"),
+    ],
+)
+def test_a_wrong_action_changes_nothing(arm: evis.Simulation, action: Any, says: str) -> None:
+    before = arm.reset()
+    with pytest.raises(evis.SimulationError, match=says):
+        arm.step(action)
+    assert arm.stamp_ns == before.stamp_ns
+    assert arm.step(np.zeros((2, 6))).stamp_ns > before.stamp_ns
+
+
+@pytest.mark.parametrize(
+    ("envs", "seed", "says"),
+    [([2], None, "no environment 2; there are 2, 0 to 1"), ([], None, "at least one"), ([0], [1, 2], "2 seeds for 1")],
+)
+def test_a_reset_of_what_is_not_there(arm: evis.Simulation, envs: list[int], seed: Any, says: str) -> None:
+    arm.reset()
+    with pytest.raises(evis.SimulationError, match=says):
+        arm.reset(seed=seed, envs=envs)
+    arm.step()
+
+
+def test_a_reset_that_names_every_environment_is_one_of_all(arm: evis.Simulation) -> None:
+    """Time starts again."""
+    arm.reset()
+    arm.step()
+    assert arm.reset(envs=[1, 0]).stamp_ns == arm.stamp_ns == 0
+    assert arm.step().stamp_ns == 33_333_333
+
+
+def test_a_scene_without_actuators_takes_no_action() -> None:
+    with evis.Simulation("spinning_disk", **SIZE) as sim, pytest.raises(evis.SimulationError, match="no actuators"):
+        sim.step([0.0])
+
+
+def test_an_action_at_a_keyframe_where_none_is_due() -> None:
+    with evis.Simulation("robot_arm", action_rate=15, **SIZE) as sim:
+        sim.reset()
+        sim.step(np.zeros(6))
+        with pytest.raises(evis.SimulationError, match="due at keyframe 2, this is keyframe 1"):
+            sim.step(np.ones(6))
+        sim.step()
+        sim.step(np.ones(6))
+
+
+def test_a_closed_simulation_says_so() -> None:
+    sim = evis.Simulation("spinning_disk", **SIZE)
+    sim.close()
+    sim.close()
+    for call in (sim.step, sim.reset, lambda: sim.run(1.0), lambda: sim.save("a.mcap"), sim.show, sim.finish):
+        with pytest.raises(evis.SimulationError, match="is closed"):
+            call()
+
+
+FALLING = """\
+<mujoco><option timestep="0.001" integrator="Euler"/>
+<worldbody><light pos="0 0 3"/><camera name="cam0" pos="0 -2 1" xyaxes="1 0 0 0 .4 1"/>
+<body name="bob" pos="0 0 1"><joint name="x" type="slide" axis="1 0 0" stiffness="{stiffness}"/>
+<geom size="0.2" mass="1"/></body></worldbody>
+<actuator><motor name="push" joint="x" ctrllimited="true" ctrlrange="-1e9 1e9"/></actuator></mujoco>"""
+
+
+def test_a_model_that_diverges_is_named_and_goes_on(tmp_path: Path) -> None:
+    """A huge push takes the body past the speed limit: it begins its next episode, and the run goes on."""
+    model = tmp_path / "bob.xml"
+    model.write_text(FALLING.format(stiffness=1))
+    with evis.Simulation(model, **SIZE) as sim:
+        sim.reset()
+        with pytest.raises(evis.Diverged, match="bob") as failure:
+            sim.step([1e8])
+        assert failure.value.envs == [0] and failure.value.step.episodes.tolist() == [1]
+        assert sim.step([0.0]).episodes.tolist() == [1]
+        assert sim.reset().episodes.tolist() == [0]
+
+
+def test_what_nodes_warn_of_comes_as_warnings(tmp_path: Path) -> None:
+    """A spring that the integrator cannot follow is told when the simulation is made or first steps."""
+    model = tmp_path / "stiff.xml"
+    model.write_text(FALLING.format(stiffness=1e9))
+    with pytest.warns(evis.SimulationWarning, match="physics: .*expect it to diverge"), evis.Simulation(model) as sim:
+        sim.reset()
+
+
+BROKEN = """
+from evis.runtime.node import Input, Node
+
+
+class Picky(Node):
+    INPUTS = {"events": Input("/cam0/events")}
+
+    def update(self, inputs):
+        if inputs["events"].header.stamp_ns > 50_000_000:
+            raise ValueError("too late for me")
+"""
+
+
+def test_a_node_that_fails_is_named_and_a_reset_begins_anew(tmp_path: Path) -> None:
+    (tmp_path / "picky_node.py").write_text(BROKEN)
+    path = tmp_path / "picky.yaml"
+    nodes = 'nodes:\n  picky: {type: "picky_node:Picky"}\n'
+    path.write_text(f"include: {{file: simulator, args: {{scene: spinning_disk}}}}\n{nodes}")
+    with evis.Simulation(path, **SIZE) as sim, warnings.catch_warnings():
+        sim.reset()
+        first = sim.step()
+        with pytest.raises(evis.SimulationError, match=r"picky: too late for me; reset\(\) begins anew"):
+            sim.step()
+        with pytest.raises(evis.SimulationError, match="has stopped"):
+            sim.step()
+        sim.reset()
+        assert sim.step().events.t.tobytes() == first.events.t.tobytes()

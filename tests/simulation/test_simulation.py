@@ -1,0 +1,159 @@
+"""A graph held in Python gives what `evis launch` records, and begins anew as if it had never run."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import evis
+from evis.bag.decoded import decoded_events
+from evis.bag.reader import BagReader
+
+SIZE = {"width": 64, "height": 48}
+
+
+def recorded(bag: Path, topic: str = "/cam0/events") -> dict[str, bytes]:
+    """All events of a bag, by column."""
+    with BagReader(bag) as reader:
+        parts = [events for _, events in decoded_events(reader, topic)]
+    return {name: b"".join(np.asarray(getattr(p, name)).tobytes() for p in parts) for name in "txyp"}
+
+
+def columns(steps: Iterable[Any]) -> dict[str, bytes]:
+    """All events of some steps, by column."""
+    packets = [step.events for step in steps]
+    return {name: b"".join(getattr(p, name).tobytes() for p in packets) for name in "txyp"}
+
+
+def launch(folder: Path, *words: str) -> dict[str, bytes]:
+    """What the command line records in 0.2 s."""
+    bag = folder / "launched.mcap"
+    command = [sys.executable, "-m", "evis.cli", "launch", *words, "--duration", "0.2", "--record", str(bag)]
+    done = subprocess.run([*command, "--no-view", "--json"], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["events"] > 0
+    return recorded(bag)
+
+
+@pytest.mark.parametrize(
+    ("scene", "arguments"),
+    [
+        ("spinning_disk", {"omega": 30, "shot_rate": 5.0}),
+        ("robot_arm", {"threshold_mismatch": 0.03, "interpolator": "splat"}),
+    ],
+)
+def test_the_events_are_those_that_evis_launch_records(scene: str, arguments: dict[str, Any], tmp_path: Path) -> None:
+    words = [f"{key}:={value}" for key, value in {**SIZE, **arguments, "seed": 5}.items()]
+    with evis.Simulation(scene, seed=5, **SIZE, **arguments) as sim:
+        assert columns(sim.run(0.2)) == launch(tmp_path, scene, *words)
+
+
+def test_a_reset_run_is_the_first_run_again() -> None:
+    """Also after another seed, whose events are others."""
+    with evis.Simulation("robot_arm", seed=2, shot_rate=10.0, **SIZE) as sim:
+        first = columns(sim.run(0.2))
+        sim.reset(seed=3)
+        other = columns(sim.run(0.2))
+        again = columns([sim.reset(), *sim.run(0.2)])
+    assert first == again
+    assert other != first
+
+
+def test_actions_reach_the_step_that_begins_at_their_stamp(tmp_path: Path) -> None:
+    """The same states as with a controller node of a launch file, which answers every state; and the saved bag too."""
+    (tmp_path / "swing_node.py").write_text(CONTROLLER)
+    (tmp_path / "swung.yaml").write_text(SWUNG)
+    launched = launch(tmp_path, str(tmp_path / "swung.yaml"), "width:=64", "height:=48")
+    saved = tmp_path / "saved.mcap"
+    with evis.Simulation("robot_arm", outputs=["events", "state"], **SIZE) as sim:
+        steps = [sim.reset()]
+        while steps[-1].stamp_ns < 0.2e9:
+            steps.append(sim.step(np.full(6, 1e-9 * steps[-1].stamp_ns)))
+        sim.save(saved)
+    steps = [step for step in steps if step.stamp_ns <= 0.2e9]
+    assert columns(steps) == launched
+    assert recorded(saved) == launched
+    with BagReader(saved) as reader:
+        actions = [message for topic, message in reader.messages(["/action"])]
+    assert [float(action.controls[0, 0]) for action in actions] == [1e-9 * step.stamp_ns for step in steps[:-1]]
+
+
+CONTROLLER = """
+import numpy as np
+from evis.runtime.node import Input, Node, Output
+from msgs.header import Header
+from msgs.world import Action
+
+
+class Swing(Node):
+    INPUTS = {"state": Input("/state")}
+    OUTPUTS = {"action": Output("/action")}
+
+    def update(self, inputs):
+        stamp = inputs["state"].header.stamp_ns
+        self.publish("action", Action(Header(stamp), np.full((1, 6), 1e-9 * stamp)))
+"""
+SWUNG = """
+include: {file: simulator, args: {scene: robot_arm}}
+nodes:
+  swing: {type: "swing_node:Swing"}
+"""
+
+
+def test_outputs_are_those_that_were_asked_for() -> None:
+    """And no other: what nobody reads is not in the graph."""
+    asked = ["depth", "frames", "left.labels.boxes", "state"]
+    with evis.Simulation("stereo_room", outputs=asked, upsampling=4, **SIZE) as sim:
+        sim.reset()
+        step = sim.step()
+        assert sim.cameras == ("left", "right")
+        assert step.depth.shape == (1, 48, 64) and step.frames.luminance.shape == (1, 4, 48, 64)
+        assert step.frames.t[-1] == step.stamp_ns == step.state.t[-1] == sim.stamp_ns
+        assert len(step.labels.box) and step.labels.flow is None
+        assert set(vars(step.cameras["right"])) == {"depth", "frames"}
+        with pytest.raises(AttributeError, match=r"the step has no events; .*outputs=\('events', 'events'\)"):
+            _ = step.events
+
+
+def test_what_a_step_gave_stays_as_it_was() -> None:
+    """Memory that steps hold is not written again, however many are kept."""
+    with evis.Simulation("spinning_disk", outputs=["keyframe", "depth", "frames", "events"], **SIZE) as sim:
+        steps = [sim.reset()]
+        copies = [np.copy(steps[0].keyframe)]
+        for _ in range(70):
+            steps.append(sim.step())
+            copies.append(np.copy(steps[-1].keyframe))
+        again = [sim.reset(), *(sim.step() for _ in range(5))]
+    assert all(np.array_equal(step.keyframe, copy) for step, copy in zip(steps, copies))
+    for before, now in zip(steps, again):
+        assert np.array_equal(before.keyframe, now.keyframe) and np.array_equal(before.depth, now.depth)
+        assert np.array_equal(before.frames.luminance, now.frames.luminance)
+        assert before.events.t.tobytes() == now.events.t.tobytes()
+        now.keyframe[:] = 0.0  # which is the caller's own
+
+
+def test_what_a_sensor_holds_back_comes_at_the_end(tmp_path: Path) -> None:
+    with evis.Simulation("spinning_disk", crossing="monotone", **SIZE) as sim:
+        steps = [*sim.run(0.2), sim.finish()]
+    assert columns(steps) == launch(tmp_path, "spinning_disk", "width:=64", "height:=48", "crossing:=monotone")
+
+
+def test_a_picture_shows_where_events_are() -> None:
+    with evis.Simulation("spinning_disk", **SIZE) as sim:
+        assert "<img" not in sim._repr_html_()
+        step = sim.run(0.1)[-1]
+        picture = sim.show()["cam0"]
+        page = sim._repr_html_()
+    grey = (picture == picture[..., :1]).all(axis=2)
+    assert not grey[step.events.y, step.events.x].any()
+    drawn = np.zeros_like(grey)
+    drawn[step.events.y, step.events.x] = True
+    assert (grey == ~drawn).all()
+    assert page.count("<img") == 1 and "data:image/png;base64," in page
