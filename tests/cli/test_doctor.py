@@ -45,7 +45,7 @@ def test_what_is_optional_is_a_note(declared: list[str], monkeypatch: pytest.Mon
     assert found.level == "note" and found.text.startswith("video; not installed: bench (plots), files (")
     assert "ros (" in found.text, "one of its two packages is not enough"
     monkeypatch.setattr(doctor, "_version", lambda package: "1.0")
-    assert finding("extras") == doctor.Finding("extras", "ok", "video, bench, files, ros, peers")
+    assert finding("extras") == doctor.Finding("extras", "ok", "video, bench, files, ros, peers, gym, rl")
 
 
 def test_every_extra_is_known_and_on_the_first_page() -> None:

@@ -21,13 +21,13 @@ HELP = "check this machine and this installation"
 EXAMPLE = "example: evis doctor --json"
 
 EXTRAS = {
-    "gym": "environments for reinforcement learning",
-    "rl": "training in them, with PyTorch",
     "video": "frames from videos, .mp4 without ffmpeg",
     "bench": "plots",
     "files": "HDF5 compressed as DSEC and TUM-VIE",
     "ros": "rosbags and mcap-ros2-support for your own scripts",
     "peers": "MuJoCo Warp in evis bench renderer_peers",
+    "gym": "environments for reinforcement learning",
+    "rl": "training in them, with PyTorch",
 }
 """Optional parts of the installation and what they are for; `usb` has a check of its own."""
 MB = 1 << 20

@@ -194,8 +194,8 @@ class Rigid:
         first, closed = int(portion == 0), portion == len(self._layout.portions) - 1
         v.arrive()
         if max(self._strides) > 1 and self._sparse is not None:
-            self._launch_beside(portion)
-            self._sparse.draw(first, len(part) - first, self._strides, closed)
+            placed = partial(self._launch_beside, portion)
+            self._sparse.draw(first, len(part) - first, self._strides, closed, placed)
         else:
             v.draw(partial(self._launch_beside, portion))
         self._beside.join()

@@ -8,6 +8,7 @@ missed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -113,12 +114,15 @@ class SparseRaster:
         for row in range(envs):
             self._add(slice(row, row + 1), self._blocks)
 
-    def draw(self, first: int, count: int, strides: list[int], closed: bool) -> None:
+    def draw(
+        self, first: int, count: int, strides: list[int], closed: bool, placed: Callable[[], None] = lambda: None
+    ) -> None:
         """Draws the slots 0 .. first + count - 1; before `first` is keyframe B, or nothing. closed: B comes right after
-        them."""
+        them. placed: called when the instances are where they are in these slots."""
         v, envs = self._v, self._envs
         v.packed.view(wp.int64).fill_(-1)
         v.place_instances()
+        placed()
         for env, stride in enumerate(strides):
             after = [first + k for k in range(stride - 1, count, stride)]
             full = sorted({*range(first), *after, *([] if closed or not count else [first + count - 1])})

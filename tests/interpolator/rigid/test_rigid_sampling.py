@@ -176,7 +176,7 @@ def test_drawing_what_was_seen_lately_is_drawing_all(monkeypatch):
     scene = world(field(), camera_motion=sideways(2.0))
     gap = cross(scene, 32)
     # 2 px at 3 m are 4 px at 1.5 m: 0.06 to 0.13 px a sub-frame, of which eight is the most that is left out.
-    assert [stride for _, count, stride, _ in drawn if count] == [[8]]
+    assert [stride for _, count, stride, *_ in drawn if count] == [[8]]
     assert (gap.error() > TOLERANCE).mean() < 1e-3
 
 
