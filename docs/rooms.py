@@ -10,7 +10,11 @@ PICTURE = Path(__file__).with_suffix(".svg")
 WIDTH = 1120
 EDGE, GAP, LINE = 16, 12, 15
 LAYERS: tuple[tuple[str, str, tuple[tuple[str, ...], ...]], ...] = (
-    ("what users start", "#fdf3e3", (("evis/cli", "evis/simulation", "evis/client", "evis/demo", "bench"),)),
+    (
+        "what users start",
+        "#fdf3e3",
+        (("evis/cli", "evis/simulation", "evis/dataset", "evis/client", "evis/demo", "bench"),),
+    ),
     (
         "nodes: the data's way, left to right",
         "#e6f1ea",
@@ -51,6 +55,7 @@ TELLS = {
     "bench": "figures of docs/performance.md",
     "evis/cli": "a module per command",
     "evis/simulation": "a graph held in Python",
+    "evis/dataset": "labelled sequences",
     "evis/demo": "make demo, gallery",
     "evis/client": "a running graph, from Python",
     "nodes/physics": "closed form, MuJoCo: /state",

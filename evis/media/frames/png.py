@@ -25,14 +25,14 @@ class PngFrames(FolderFrames):
 
     def _read(self, path: Path) -> tuple[np.ndarray, int | None]:
         try:
-            codes = _codes(path)
+            read = codes(path)
         except Exception as error:  # Pillow raises OSError, SyntaxError, ValueError and others for damaged files
             raise FramesError(f"{path}: cannot be read as PNG: {' '.join(str(error).split())[:150]}") from None
-        return shaped(codes, self._tone, self.channels == 3), None
+        return shaped(read, self._tone, self.channels == 3), None
 
 
-def _codes(path: Path) -> np.ndarray:
-    """uint8 or uint16, [H, W] or [H, W, 3]."""
+def codes(path: Path) -> np.ndarray:
+    """Reads a PNG file, uint8 or uint16, [H, W] or [H, W, 3]; alpha is left out. Raises what Pillow raises."""
     from PIL import Image
 
     with warnings.catch_warnings():
