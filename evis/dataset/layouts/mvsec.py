@@ -7,6 +7,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.dsec import sides
 from evis.dataset.layouts.hdf5_rows import GrowingRows
 from evis.dataset.layouts.npz import GrowingNpy, pack
@@ -82,6 +83,8 @@ class MvsecWriter(SequenceWriter):
         start, end = (int(t) for t in arrays["flow_t"])
         if start == end:
             return  # at the start of a run, where no interval ends
+        if self._flow and start * 1e-9 != self._flow_end:
+            raise LayoutError("MVSEC's flow goes on from where it ended; take labels with flow_from 0 and flow_to 1")
         flow = np.where(arrays["forward_valid"][..., None] > 0, arrays["forward_flow"], np.nan).astype(np.float64)
         self._flow_rows(info, start * 1e-9, flow)
         self._flow_end = end * 1e-9
