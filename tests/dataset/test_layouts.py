@@ -123,6 +123,9 @@ def test_what_goes_wrong_is_said_in_one_line(tmp_path: Path) -> None:
     written("npz", tmp_path / "s", about, steps)
     with pytest.raises(LayoutError, match="s is not empty; a sequence goes into a folder of its own"):
         writer_of("npz")(tmp_path / "s", about)
+    nobody: Any = {"cam0": None}
+    with pytest.raises(LayoutError, match="a has no CameraInfo of cam0"):
+        writer_of("npz")(tmp_path / "v", dataclasses.replace(about, cameras=nobody))
     reader = reader_of("npz")(tmp_path / "s")
     with pytest.raises(LayoutError, match="no camera 'cam7'; it has cam0"):
         reader.events(0, 1, "cam7")

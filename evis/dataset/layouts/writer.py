@@ -12,6 +12,7 @@ from evis.dataset.about import About
 from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.sample import Sample, samples
 from evis.simulation.step import Step
+from msgs.camera import CameraInfo
 
 
 class SequenceWriter(ABC):
@@ -25,6 +26,8 @@ class SequenceWriter(ABC):
     def __init__(self, directory: Path, about: About) -> None:
         """Begins a sequence. Raises LayoutError for a folder that is not empty, and for what the layout cannot hold."""
         self.directory, self.about = Path(directory), about
+        if missing := [name for name, info in about.cameras.items() if not isinstance(info, CameraInfo)]:
+            raise LayoutError(f"{about.name} has no CameraInfo of {missing[0]}; it is the output info of a first step")
         self.counts = dict.fromkeys(about.cameras, 0)
         self.notes: list[str] = []
         self._closed = False
