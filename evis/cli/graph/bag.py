@@ -73,6 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "out", metavar="OUT", help="events: .npz .csv .raw; keyframes, images, a layout: a folder; others: .npz .jsonl"
     )
     export.add_argument("--half", action="store_true", help="EXR with 16-bit R, G, B; values beyond 65504 are clamped")
+    export.add_argument("--png", action="store_true", help="depth, ids to a folder: PNG (mm, ids) in place of EXR")
     export.add_argument("--json", action="store_true", help="print JSON")
 
 
@@ -122,7 +123,7 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
         raise UsageError("--env is for --layout; a topic of environment K is /env<K>/...")
     suffix = Path(args.out).suffix.lower()
     try:
-        result = export(args.bag, args.topic, args.out, half=args.half)
+        result = export(args.bag, args.topic, args.out, half=args.half, as_png=args.png)
     except FormatError as error:
         raise UsageError(str(error)) from None
     except BagError:
@@ -137,7 +138,8 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
             file=sys.stderr,
         )
     if "other_files" in result:
-        others = f"{result['other_files']} {FOLDERS['Keyframe' if 'keyframes' in result else 'Image']} files"
+        exr = "keyframes" in result or ("channels" in result and not args.png)
+        others = f"{result['other_files']} {FOLDERS['Keyframe' if exr else 'Image']} files"
         print(f"evis bag export: {args.out} holds {others} that are not of this export", file=sys.stderr)
     if "damaged" in result:
         print(
@@ -150,8 +152,8 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
 def _export_layout(args: argparse.Namespace) -> dict[str, Any]:
     from evis.dataset.bag_sequence import export
 
-    if args.half:
-        raise UsageError("--half is for --topic of a keyframe")
+    if args.half or args.png:
+        raise UsageError("--half and --png are for --topic")
     result = export(args.bag, args.layout, args.out, args.env)
     for note in result["notes"]:
         print(f"evis bag export: {note}", file=sys.stderr)
