@@ -13,7 +13,7 @@ LAYERS: tuple[tuple[str, str, tuple[tuple[str, ...], ...]], ...] = (
     (
         "what users start",
         "#fdf3e3",
-        (("evis/cli", "evis/simulation", "evis/env", "evis/client", "evis/demo", "bench"),),
+        (("evis/cli", "evis/simulation", "evis/env", "evis/dataset", "evis/client", "evis/demo", "bench"),),
     ),
     (
         "nodes: the data's way, left to right",
@@ -56,6 +56,7 @@ TELLS = {
     "evis/cli": "a module per command",
     "evis/simulation": "a graph held in Python",
     "evis/env": "tasks, Gymnasium",
+    "evis/dataset": "labelled sequences",
     "evis/demo": "make demo, gallery",
     "evis/client": "a running graph, from Python",
     "nodes/physics": "closed form, MuJoCo: /state",

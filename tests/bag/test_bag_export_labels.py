@@ -108,4 +108,4 @@ def test_an_error_names_the_formats_that_the_topic_has(tmp_path):
         assert status == 2 and out_text == "" and err.count("\n") == 1
         assert text.format(tmp_path / out) in err and ("raw" in err) == (topic == "/cam0/events" or "k.raw" in out)
     with pytest.raises(BagError, match=r"no extension; name it l\.npz \(there are \.npz, \.jsonl\)"):
-        export(path, "/cam0/labels", tmp_path / "l")
+        export(tmp_path / "b.mcap", "/cam0/imu", tmp_path / "l")

@@ -40,7 +40,8 @@ def violations(path: Path) -> list[str]:
         other = name.split(".")
         allowed = {
             "msgs": other[0] == "msgs",
-            "evis": other[0] in ("msgs", "evis") or parts[1] in ("cli", "simulation", "env", "demo", "event_sensor"),
+            "evis": other[0] in ("msgs", "evis")
+            or parts[1] in ("cli", "simulation", "env", "dataset", "demo", "event_sensor"),
             "nodes": other[0] in ("msgs", "evis", "nodes"),
             "bench": other[0] != "tests",
         }[parts[0]]

@@ -58,7 +58,7 @@ def test_whatever_a_decoder_raises_names_the_file(tmp_path, monkeypatch):
         (ValueError("odd"), FramesError),
         (KeyError("x"), KeyError),
     ):
-        monkeypatch.setattr(frames_png, "_codes", lambda path: np.zeros((8, 8), np.uint8))
+        monkeypatch.setattr(frames_png, "codes", lambda path: np.zeros((8, 8), np.uint8))
         monkeypatch.setattr(frames_png, "shaped", lambda *a, fault=fault: (_ for _ in ()).throw(fault))
         with pytest.raises(kind) as raised:
             open_frames(tmp_path, FrameOptions(fps=10))

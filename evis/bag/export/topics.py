@@ -13,7 +13,7 @@ import numpy as np
 
 from evis.bag import BagError, environments
 from evis.bag.decoded import decoded_events
-from evis.bag.export import exr, frames, labels, png, trajectory
+from evis.bag.export import exr, frames, label_images, labels, png, trajectory
 from evis.bag.reader import BagReader
 from evis.bag.ros import jsonform
 from evis.files.whole_file import whole_file
@@ -26,7 +26,7 @@ ENDINGS = (".npz", ".jsonl", ".csv", ".txt", ".raw", ".dat", ".es", ".aedat4", "
 BESIDE_KEYFRAME = ("depth", "motion", "ids")
 
 
-FOLDERS = {"Keyframe": "EXR", "Image": "PNG"}
+FOLDERS = {"Keyframe": "EXR", "Image": "PNG", **dict.fromkeys(label_images.KINDS, "EXR")}
 """Messages that go to a folder, a file each, and its format."""
 
 
@@ -34,11 +34,12 @@ class FormatError(BagError):
     """The topic cannot be written in the format that the name of the output asks for."""
 
 
-def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) -> dict[str, Any]:
+def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False, as_png: bool = False) -> dict[str, Any]:
     """Writes a topic to `out` and tells what was written. `/env<k>/...` takes one environment of several.
 
     Events: .npz, .csv, .txt, .raw (by evis.events; times that a format rounds are counted). Keyframes to a folder:
     one EXR each (half: R, G, B as 16-bit floats, clamped and counted). Images to a folder: one PNG each, and times.txt.
+    Depth, ids, motion and labels to a folder: one EXR each, or (as_png) 16 bit PNG, see `label_images.write_folder`.
     Frames: .npz that `evis events simulate` takes. Labels: .npz, see `labels.write`. /state: .npz with every body at
     every sub-step. Any other: .npz (arrays stacked over messages). All: .jsonl (a message per line).
     Of a torn bag what is there is written, and `problem` says what is wrong with it. `other_files` counts the EXR or
@@ -53,6 +54,8 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
         _check_format(topic, kind, out)
         if half and (kind != "Keyframe" or out.suffix):
             raise BagError(f"half is for EXR files of keyframes; {topic} to {out.name} has none")
+        if as_png and (kind not in label_images.KINDS or out.suffix):
+            raise BagError(f"PNG of whole numbers is for depth and ids to a folder; {topic} to {out.name} has none")
         suffix = out.suffix.lower()
         messages = partial(_messages, reader, name, env)
         if suffix == ".jsonl":
@@ -63,6 +66,8 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False) 
             result = _keyframes(reader, name, env, out, half)
         elif kind == "Image" and not suffix:
             result = png.write_folder(messages(), topic, out)
+        elif kind in label_images.KINDS and not suffix:
+            result = label_images.write_folder(messages(), topic, out, as_png)
         elif kind == "Frames":
             with _whole(out) as file:
                 result = frames.write(messages, topic, file)

@@ -1,0 +1,1 @@
+"""Data sets: labelled sequences in the layouts that training code reads."""

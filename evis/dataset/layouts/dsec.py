@@ -1,0 +1,181 @@
+"""DSEC's layout, with DSEC-Det's object detections: a folder as one of DSEC's sequences, for its loaders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import IO, Any
+
+import h5py
+import numpy as np
+import yaml
+
+from evis.bag.export.png import encoded
+from evis.dataset.layouts import LayoutError
+from evis.dataset.layouts.columns import EVENT_TYPES
+from evis.dataset.layouts.dsec_codes import TRACK, disparity_to_codes, flow_to_codes, tracks
+from evis.dataset.layouts.hdf5_rows import NO_BLOSC, GrowingRows, blosc
+from evis.dataset.layouts.millisecond_index import NAME, MillisecondIndex
+from evis.dataset.layouts.npz import GrowingNpy
+from evis.dataset.layouts.rectification import Rectification, calibration
+from evis.dataset.layouts.sample import Sample
+from evis.dataset.layouts.writer import SequenceWriter
+from evis.events.arrays import Events
+from msgs.camera import CameraInfo, Image
+
+SIDES = ("left", "right")
+FLOW_HEAD = "# from_timestamp_us, to_timestamp_us\n"
+EXPOSURE_HEAD = "# exposure_start_timestamp_us, exposure_end_timestamp_us\n"
+_HELD = {"forward_flow", "backward_flow", "boxes", "depth"}
+_US_END = 1 << 32
+"""DSEC's times are uint32 us: 71 minutes."""
+
+
+def sides(cameras: dict[str, CameraInfo], name: str) -> dict[str, str]:
+    """Returns the side of each camera. Raises LayoutError unless they are one camera, or a stereo pair."""
+    others = list(cameras)[1:]
+    if len(others) > 1 or any(not cameras[other].baseline > 0 for other in others):
+        raise LayoutError(
+            f"DSEC and MVSEC hold one camera, or a left and a right one of a stereo rig; {name} has "
+            f"{', '.join(cameras)}: take one of them, or the layout npz"
+        )
+    return dict(zip(cameras, SIDES))
+
+
+class EventFile:
+    """Writes one events.h5."""
+
+    def __init__(self, path: Path, start_us: int) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = h5py.File(path, "w", libver=("earliest", "v110"))
+        self._start_us = start_us
+        self._index = MillisecondIndex(start_us * 1000)
+        packed = blosc() or {"compression": "gzip"}
+        types = {**EVENT_TYPES, "t": np.uint32}
+        self._columns = {n: GrowingRows(self._file, f"events/{n}", (), d, **packed) for n, d in types.items()}
+        self._marks = GrowingRows(self._file, NAME, (), np.uint64, **packed)
+        self._file["t_offset"] = np.int64(start_us)
+
+    def add(self, events: Events) -> None:
+        """Writes events, their times rounded down to us. Raises LayoutError beyond DSEC's 71 minutes."""
+        t = events.t // 1000 - self._start_us
+        if len(t) and int(t[-1]) >= _US_END:
+            raise LayoutError("DSEC's times end after 71 minutes; make shorter sequences, or take the layout npz")
+        for name, values in (("t", t.astype(np.uint32)), ("x", events.x), ("y", events.y), ("p", events.p)):
+            self._columns[name].add(values)
+        self._marks.add(self._index.add(events.t))
+
+    def close(self, end_ns: int) -> None:
+        """Writes the index to its end."""
+        self._marks.add(self._index.finish(end_ns))
+        for rows in (*self._columns.values(), self._marks):
+            rows.flush()
+        self._file.close()
+
+
+class DsecWriter(SequenceWriter):
+    """Writes a sequence as DSEC has them.
+
+    Flow, disparity and frames are rectified, as DSEC's are; events and boxes are in the sensor's own pixels.
+    """
+
+    LAYOUT = "dsec"
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        about = self.about
+        self.sides = sides(dict(about.cameras), about.name)
+        self._rectified = {camera: Rectification(info) for camera, info in about.cameras.items()}
+        self._files: dict[str, EventFile] = {}
+        self._texts: dict[str, IO[str]] = {}
+        self._tracks: dict[str, GrowingNpy] = {}
+        self._numbers: dict[str, int] = {}
+        if not blosc():
+            self.note(NO_BLOSC)
+        for camera, side in self.sides.items():
+            self._files[camera] = EventFile(self.directory / "events" / side / "events.h5", about.start_ns // 1000)
+            with h5py.File(self.directory / "events" / side / "rectify_map.h5", "w") as file:
+                packed = blosc() or {"compression": "gzip"}
+                file.create_dataset("rectify_map", data=self._rectified[camera].map, **packed)
+        infos = list(about.cameras.values())
+        path = self.directory / "calibration" / "cam_to_cam.yaml"
+        path.parent.mkdir()
+        path.write_text(yaml.safe_dump(calibration(infos[0], infos[1] if len(infos) > 1 else None)))
+
+    def _add(self, camera: str, sample: Sample) -> None:
+        self._files[camera].add(sample.events)
+        first = camera == next(iter(self.about.cameras))
+        for kind, arrays in sample.kinds():
+            if kind in ("forward_flow", "backward_flow") and first:
+                self._flow(kind.removesuffix("_flow"), camera, arrays)
+            elif kind == "boxes":
+                self._boxes(camera, sample.stamp_ns, arrays["box"], arrays["box_id"])
+            elif kind == "depth" and first and len(self.sides) > 1:
+                self._disparity(camera, sample.stamp_ns, arrays["depth"])
+            elif kind == "depth" and first:
+                self.note("DSEC has disparity for depth, which needs a stereo pair: depth is left out")
+            elif kind not in _HELD:
+                self.note(f"DSEC has no {kind}: it is left out")
+        if "event_instance" in sample.labels:
+            self.note("DSEC has no labels of events: they are left out")
+        if sample.image is not None:
+            self._image(camera, sample.image)
+
+    def _flow(self, way: str, camera: str, arrays: dict[str, np.ndarray]) -> None:
+        rectified = self._rectified[camera]
+        start, end = (int(t) // 1000 for t in arrays["flow_t"][:: 1 if way == "forward" else -1])
+        if start == end:
+            return  # at the start of a run, where no interval ends
+        valid = rectified.image(arrays[f"{way}_valid"], 0)
+        codes = flow_to_codes(rectified.flow(arrays[f"{way}_flow"]), valid)
+        self._png(f"flow/{way}", codes)
+        self._line(f"flow/{way}_timestamps.txt", f"{start}, {end}\n", FLOW_HEAD)
+
+    def _disparity(self, camera: str, stamp_ns: int, depth: np.ndarray) -> None:
+        right = list(self.about.cameras.values())[1]
+        whole = self._rectified[camera].image(depth, np.inf)
+        codes = disparity_to_codes(whole, float(self.about.cameras[camera].k[0, 0]) * right.baseline)
+        self._png("disparity/event", codes[..., None])
+        self._line("disparity/timestamps.txt", f"{stamp_ns // 1000}\n")
+
+    def _boxes(self, camera: str, stamp_ns: int, boxes: np.ndarray, ids: np.ndarray) -> None:
+        semantic = self.about.cameras[camera].semantic
+        if semantic is not None and len(semantic) and int(np.max(semantic)) > 256:
+            raise LayoutError(f"DSEC-Det has 256 classes, {self.about.name} has {int(np.max(semantic))}")
+        if camera not in self._tracks:
+            path = self.directory / "object_detections" / self.sides[camera] / "tracks.npy"
+            path.parent.mkdir(parents=True)
+            self._tracks[camera] = GrowingNpy(path, (), TRACK)
+        self._tracks[camera].append(tracks(stamp_ns // 1000, boxes, ids, semantic))
+
+    def _image(self, camera: str, image: Image) -> None:
+        side, pixels = self.sides[camera], np.asarray(image.data)
+        rectified = self._rectified[camera]
+        self._png(f"images/{side}/rectified", rectified.image(pixels, 0), image.encoding)
+        if not rectified.straight:
+            self._png(f"images/{side}/distorted", pixels, image.encoding)
+        middle, half = image.header.stamp_ns, image.exposure_ns // 2
+        start, end = (middle - half) // 1000, (middle + half) // 1000
+        self._line(f"images/{side}/exposure_timestamps.txt", f"{start}, {end}\n", EXPOSURE_HEAD)
+        if side == SIDES[0]:
+            self._line("images/timestamps.txt", f"{middle // 1000}\n")
+
+    def _png(self, folder: str, pixels: np.ndarray, encoding: str = "") -> None:
+        number = self._numbers.setdefault(folder, 0)
+        self._numbers[folder] += 1
+        path = self.directory / folder / f"{number:06d}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(encoded(pixels, encoding))
+
+    def _line(self, name: str, line: str, head: str = "") -> None:
+        if name not in self._texts:
+            self._texts[name] = (self.directory / name).open("w")
+            self._texts[name].write(head)
+        self._texts[name].write(line)
+
+    def _finish(self) -> None:
+        for file in self._files.values():
+            file.close(self.about.start_ns + self.about.duration_ns)
+        for text in self._texts.values():
+            text.close()
+        for rows in self._tracks.values():
+            rows.close()

@@ -1,0 +1,93 @@
+"""Reads a sequence in DSEC's layout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from evis.dataset.layouts.dsec import sides
+from evis.dataset.layouts.dsec_codes import boxes_of, codes_to_disparity, codes_to_flow
+from evis.dataset.layouts.hdf5_rows import blosc
+from evis.dataset.layouts.millisecond_index import NAME
+from evis.dataset.layouts.reader import EventArrays, SequenceReader, within
+from evis.media.frames.png import codes
+
+_FLOWS = ("forward_flow", "backward_flow")
+
+
+class DsecReader(SequenceReader):
+    """Reads events by ms_to_idx, and labels as DSEC has them: `disparity` [T, H, W] px is NaN where it is unknown.
+
+    Times are whole us, in ns.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        super().__init__(directory)
+        blosc()
+        self._sides = sides(dict(self.cameras), self.about.name)
+
+    def kinds(self, camera: str) -> tuple[str, ...]:
+        side = self._sides[camera]
+        places = {f"{way}_flow": f"flow/{way}_timestamps.txt" for way in ("forward", "backward") if side == "left"}
+        places |= {"disparity": "disparity/timestamps.txt"} if side == "left" else {}
+        places |= {"boxes": f"object_detections/{side}/tracks.npy"}
+        places |= {"image": f"images/{side}/exposure_timestamps.txt"}
+        return tuple(kind for kind, place in places.items() if (self.directory / place).exists())
+
+    def _file(self, camera: str) -> h5py.File:
+        return h5py.File(self.directory / "events" / self._sides[camera] / "events.h5", "r")
+
+    def count_of(self, camera: str) -> int:
+        with self._file(camera) as file:
+            return int(file["events/t"].shape[0])
+
+    def _events(self, t0: int, t1: int, camera: str) -> EventArrays:
+        with self._file(camera) as file:
+            offset, index, t = int(file["t_offset"][()]), file[NAME], file["events/t"]
+            count, marks = t.shape[0], index.shape[0]
+            first, end = (-(-limit // 1000) - offset for limit in (t0, t1))  # us from the start, rounded up
+            low = 0 if first < 0 else int(index[first // 1000]) if first // 1000 < marks else count
+            high = 0 if end < 0 else int(index[-(-end // 1000)]) if -(-end // 1000) < marks else count
+            times = t[low : max(low, high)].astype(np.int64)
+            part = within(times, first, end)
+            rows = slice(low + part.start, low + part.stop)
+            found: list[Any] = [file[f"events/{name}"][rows] for name in "xyp"]
+        return EventArrays((times[part] + offset) * 1000, *found)
+
+    def _labels(self, kind: str, t0: int, t1: int, camera: str) -> dict[str, np.ndarray]:
+        side = self._sides[camera]
+        if kind == "boxes":
+            rows = np.load(self.directory / "object_detections" / side / "tracks.npy", mmap_mode="r")
+            return boxes_of(rows[within(rows["t"].astype(np.int64) * 1000, t0, t1)])
+        if kind in _FLOWS:
+            way = kind.removesuffix("_flow")
+            times = self._times(f"flow/{way}_timestamps.txt", 2)
+            part, images = self._images(f"flow/{way}", times.max(1), t0, t1)
+            pairs = [codes_to_flow(image) for image in images]
+            ends = np.sort(times[part], 1)
+            flow, valid = (_stack([pair[i] for pair in pairs]) for i in range(2))
+            return {"t": ends[:, 1], "flow_t": ends, kind: flow, f"{way}_valid": valid}
+        if kind == "disparity":
+            stamps = self._times("disparity/timestamps.txt", 1)[:, 0]
+            part, images = self._images("disparity/event", stamps, t0, t1)
+            return {"t": stamps[part], kind: _stack([codes_to_disparity(image) for image in images])}
+        spans = self._times(f"images/{side}/exposure_timestamps.txt", 2)
+        stamps = self._times("images/timestamps.txt", 1)[:, 0]
+        part, images = self._images(f"images/{side}/rectified", stamps, t0, t1)
+        return {"t": stamps[part], "exposure_ns": spans[part, 1] - spans[part, 0], kind: _stack(images)}
+
+    def _times(self, name: str, columns: int) -> np.ndarray:
+        lines = np.loadtxt(self.directory / name, np.int64, delimiter=",", ndmin=2)
+        return lines.reshape(-1, columns) * 1000
+
+    def _images(self, folder: str, stamps: np.ndarray, t0: int, t1: int) -> tuple[slice, list[np.ndarray]]:
+        part = within(stamps, t0, t1)
+        paths = [self.directory / folder / f"{k:06d}.png" for k in range(part.start, part.stop)]
+        return part, [codes(path.read_bytes()) for path in paths]
+
+
+def _stack(images: list[np.ndarray]) -> np.ndarray:
+    return np.stack(images) if images else np.empty((0, 0, 0), np.float32)

@@ -1,0 +1,99 @@
+"""What the readers of all layouts give."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from evis.dataset.about import About
+from evis.dataset.layouts import LayoutError
+from msgs.camera import CameraInfo
+
+
+class EventArrays(NamedTuple):
+    """Holds events in order of time: t int64 [ns], x, y uint16, p uint8 (1 = ON); all of shape [n]."""
+
+    t: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    p: np.ndarray
+
+
+class SequenceReader(ABC):
+    """Reads a sequence that was written in some layout, and of its files only the parts that are asked for.
+
+    Files are opened where they are read, so a reader may be pickled and used by several processes. Times are ns, as far
+    as the layout holds them.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        """Opens a sequence. Raises LayoutError for a folder that holds none."""
+        self.directory = Path(directory)
+        try:
+            self.about = About.load(self.directory)
+        except ValueError as error:
+            raise LayoutError(str(error)) from None
+
+    @property
+    def cameras(self) -> Mapping[str, CameraInfo]:
+        """The cameras by name, the first one first."""
+        return self.about.cameras
+
+    @property
+    def duration_ns(self) -> int:
+        """Length of the sequence."""
+        return self.about.duration_ns
+
+    @property
+    def count(self) -> int:
+        """Number of events of all cameras."""
+        return sum(self.count_of(camera) for camera in self.cameras)
+
+    def events(self, t0_ns: int, t1_ns: int, camera: str | None = None) -> EventArrays:
+        """Reads the events of [t0_ns, t1_ns) of one camera, of the first if none is named. Raises LayoutError."""
+        return self._events(int(t0_ns), int(t1_ns), self._named(camera))
+
+    def labels(self, kind: str, t0_ns: int, t1_ns: int, camera: str | None = None) -> dict[str, np.ndarray]:
+        """Reads the labels of one kind with stamps in [t0_ns, t1_ns).
+
+        Returns the stamps `t` int64 [T] ns, and the arrays by the names that they have in msgs' Labels: images and
+        poses [T, ...]; of boxes and contacts all rows, those of stamp k being [offsets[k], offsets[k + 1]); of `events`
+        a row for each event of that time, `t` being the events' own. `image` has the frames. Raises LayoutError for a
+        kind that the sequence does not have.
+        """
+        name = self._named(camera)
+        there = self.kinds(name)
+        if kind not in there:
+            has = ", ".join(there) or "no labels"
+            raise LayoutError(f"{self.directory} has no labels '{kind}' of {name}; it has {has}")
+        return self._labels(kind, int(t0_ns), int(t1_ns), name)
+
+    def _named(self, camera: str | None) -> str:
+        name = next(iter(self.cameras)) if camera is None else camera
+        if name not in self.cameras:
+            raise LayoutError(f"{self.directory} has no camera '{name}'; it has {', '.join(self.cameras)}")
+        return name
+
+    @abstractmethod
+    def kinds(self, camera: str) -> tuple[str, ...]:
+        """Lists the kinds of labels that there are of a camera."""
+
+    @abstractmethod
+    def count_of(self, camera: str) -> int:
+        """Returns the number of events of one camera."""
+
+    @abstractmethod
+    def _events(self, t0: int, t1: int, camera: str) -> EventArrays: ...
+
+    @abstractmethod
+    def _labels(self, kind: str, t0: int, t1: int, camera: str) -> dict[str, np.ndarray]: ...
+
+
+def within(t: np.ndarray, t0: int, t1: int) -> slice:
+    """Returns which of ascending times lie in [t0, t1)."""
+    first, end = np.searchsorted(t, [t0, t1])
+    return slice(int(first), max(int(first), int(end)))

@@ -1,0 +1,100 @@
+"""From a camera's own pixels to those of a pinhole with its intrinsics, and back; DSEC's calibration."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from evis.geometry.distortion import Lens, project, unproject
+from evis.geometry.pinhole import pixel_grid
+from msgs.camera import CameraInfo
+
+MODELS = {"plumb_bob": "radtan", "equidistant": "equidistant", "none": "radtan"}
+"""Names of our distortion models in Kalibr, which DSEC's calibration has."""
+
+
+class Rectification:
+    """Takes the distortion out of positions and images of one camera; without any, nothing is moved.
+
+    The cameras of a stereo pair are parallel, so the rectified ones have the intrinsics of the camera itself.
+    """
+
+    def __init__(self, info: CameraInfo) -> None:
+        self.info = info
+        self.straight = info.distortion_model == "none" or not np.any(info.distortion)
+
+    @cached_property
+    def map(self) -> np.ndarray:
+        """Rectified position of every pixel, float32 [H, W, 2] (x, y) px; NaN where there is none."""
+        grid = pixel_grid(self.info.width, self.info.height)
+        return (grid if self.straight else self.rectified(grid)).astype(np.float32)
+
+    @cached_property
+    def _source(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The own pixel (y, x) that is nearest to each rectified one, and whether there is one."""
+        k, size = self.info.k, (self.info.width, self.info.height)
+        grid = pixel_grid(*size)
+        rays = np.stack(
+            ((grid[..., 0] - k[0, 2]) / k[0, 0], (grid[..., 1] - k[1, 2]) / k[1, 1], grid[..., 0] * 0 + 1), -1
+        )
+        own = np.rint(project(k, self._lens, rays))
+        with np.errstate(invalid="ignore"):
+            there = ((own >= 0) & (own < size)).all(-1)
+        x, y = np.where(there[..., None], own, 0).astype(np.intp).transpose(2, 0, 1)
+        return y, x, there
+
+    @cached_property
+    def _lens(self) -> Lens:
+        return Lens.of(self.info.distortion_model, np.asarray(self.info.distortion).tolist())
+
+    def rectified(self, pixels: np.ndarray) -> np.ndarray:
+        """Computes the rectified positions float64 [..., 2] of own ones; NaN where there is none."""
+        if self.straight:
+            return np.asarray(pixels, np.float64)
+        k, rays = self.info.k, unproject(self.info.k, self._lens, pixels)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            xy = np.where(rays[..., 2:] > 0, rays[..., :2] / rays[..., 2:], np.nan)
+        return np.stack((k[0, 0] * xy[..., 0] + k[0, 2], k[1, 1] * xy[..., 1] + k[1, 2]), -1)
+
+    def image(self, own: np.ndarray, fill: Any) -> np.ndarray:
+        """Returns the rectified image [H, W, ...] of an own one, each pixel the nearest; `fill` where there is none."""
+        if self.straight:
+            return own
+        y, x, there = self._source
+        return np.where(there.reshape(*there.shape, *[1] * (own.ndim - 2)), own[y, x], np.asarray(fill, own.dtype))
+
+    def flow(self, own: np.ndarray) -> np.ndarray:
+        """Returns displacements [H, W, 2] px between rectified positions, at rectified pixels; NaN where unknown."""
+        if self.straight:
+            return own
+        grid = pixel_grid(self.info.width, self.info.height)
+        moved = self.rectified(grid + own) - self.rectified(grid)
+        return self.image(moved, np.nan)
+
+
+def calibration(left: CameraInfo, right: CameraInfo | None) -> dict[str, Any]:
+    """Makes the contents of DSEC's cam_to_cam.yaml: cam0, cam3 see events left and right, cam1, cam2 the frames."""
+    pairs = [("0", left), ("1", left), *([("2", right), ("3", right)] if right else [])]
+    intrinsics: dict[str, Any] = {}
+    for number, info in pairs:
+        k, size = np.asarray(info.k), [info.width, info.height]
+        matrix = [float(v) for v in (k[0, 0], k[1, 1], k[0, 2], k[1, 2])]
+        coefficients = [float(c) for c in np.asarray(info.distortion)] or [0.0] * 4
+        intrinsics[f"cam{number}"] = {
+            "camera_matrix": matrix, "distortion_coeffs": coefficients, "resolution": size,
+            "distortion_model": MODELS[info.distortion_model],
+        }  # fmt: skip
+        intrinsics[f"camRect{number}"] = {"camera_matrix": matrix, "resolution": size}
+    extrinsics: dict[str, Any] = {"T_10": np.eye(4).tolist()}
+    extrinsics |= {f"R_rect{number}": np.eye(3).tolist() for number, _ in pairs}
+    whole = {"intrinsics": intrinsics, "extrinsics": extrinsics}
+    if right is not None:
+        to_right = np.eye(4)
+        to_right[0, 3] = -right.baseline
+        extrinsics |= {"T_21": to_right.tolist(), "T_32": np.eye(4).tolist()}
+        fx, cx, cy = (float(v) for v in (left.k[0, 0], left.k[0, 2], left.k[1, 2]))
+        q = [[1.0, 0, 0, -cx], [0, 1.0, 0, -cy], [0, 0, 0, fx], [0, 0, 1 / right.baseline, 0]]
+        whole["disparity_to_depth"] = {"cams_03": q, "cams_12": q}
+    return whole

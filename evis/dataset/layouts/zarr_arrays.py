@@ -1,0 +1,64 @@
+"""Zarr (format 3): a group per camera and kind of label, each column an array in compressed chunks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from evis.dataset.layouts import LayoutError
+from evis.dataset.layouts.columns import ColumnsReader, ColumnsWriter, check_shape
+from evis.dataset.layouts.whole_chunks import WholeChunks
+
+FOLDER = "sequence.zarr"
+_CHUNK_BYTES = 1 << 20
+
+
+def zarr() -> Any:
+    """Returns the package. Raises LayoutError where it is not installed."""
+    try:
+        import zarr as package
+    except ImportError:
+        raise LayoutError("the layout zarr needs the package zarr: pip install 'evis[layouts]'") from None
+    return package
+
+
+class ZarrWriter(ColumnsWriter):
+    """Writes whole chunks; the rows of the open one wait in memory."""
+
+    LAYOUT = "zarr"
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        package = zarr()
+        self._root = package.open_group(str(self.directory / FOLDER), mode="w", zarr_format=3)
+        self._root.attrs["scene"], self._root.attrs["name"] = self.about.scene, self.about.name
+        self._columns: dict[tuple[str, str], tuple[Any, WholeChunks]] = {}
+
+    def _append(self, camera: str, column: str, rows: np.ndarray) -> None:
+        if (camera, column) not in self._columns:
+            row = max(rows.dtype.itemsize * int(np.prod(rows.shape[1:], dtype=np.int64)), 1)
+            chunk = (max(_CHUNK_BYTES // row, 1), *(max(n, 1) for n in rows.shape[1:]))
+            array = self._root.create_array(
+                f"{camera}/{column}", shape=(0, *rows.shape[1:]), chunks=chunk, dtype=rows.dtype
+            )
+            self._columns[camera, column] = array, WholeChunks(array.append, chunk[0])
+        array, chunks = self._columns[camera, column]
+        check_shape(camera, column, rows, array.shape[1:], array.dtype)
+        chunks.add(rows)
+
+    def _finish(self) -> None:
+        super()._finish()
+        for _, chunks in self._columns.values():
+            chunks.flush()
+
+
+class ZarrReader(ColumnsReader):
+    """Reads the chunks that are asked for."""
+
+    def _column(self, camera: str, column: str) -> Any:
+        return zarr().open_array(str(self.directory / FOLDER / camera / column), mode="r")
+
+    def _columns(self, camera: str) -> tuple[str, ...]:
+        root = self.directory / FOLDER / camera
+        return tuple(sorted(p.parent.relative_to(root).as_posix() for p in root.glob("*/*/zarr.json")))

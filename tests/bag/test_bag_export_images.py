@@ -1,0 +1,70 @@
+"""Depth, ids and labels of a bag as EXR and PNG, read back by OpenEXR and PIL."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+
+from evis.bag import BagError
+from evis.bag.export.topics import export
+from evis.bag.writer import BagWriter
+from msgs.camera import Depth, Ids, Labels
+from msgs.header import Header
+
+RNG = np.random.default_rng(7)
+DEPTH = RNG.uniform(0.1, 60, (1, 9, 11)).astype(np.float32)
+DEPTH[0, 2, 2], DEPTH[0, 3, 3] = np.inf, 70.0
+IDS = RNG.integers(0, 60_000, (1, 9, 11)).astype(np.int32)
+FLOW = RNG.normal(size=(1, 5, 7, 2)).astype(np.float32)
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    """Images with a margin of 2, and labels without."""
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.write("/cam0/depth", Depth(Header(40), DEPTH, margin=2))
+        writer.write("/cam0/ids", Ids(Header(40), IDS, margin=2))
+        writer.write("/cam0/labels", Labels(Header(40)))  # none yet: no file
+        valid = (FLOW[..., 0] > 0).astype(np.uint8)
+        writer.write("/cam0/labels", Labels(Header(50), forward_flow=FLOW, forward_valid=valid, depth=DEPTH[:, :5, :7]))
+    return tmp_path / "a.mcap"
+
+
+def channels(path: Path) -> dict[str, np.ndarray]:
+    with OpenEXR.File(str(path)) as file:
+        return {name: channel.pixels for name, channel in file.channels().items()}
+
+
+def test_exr_of_each(bag: Path, tmp_path: Path) -> None:
+    """Exactly, without margin."""
+    export(bag, "/cam0/depth", tmp_path / "d")
+    assert np.array_equal(channels(tmp_path / "d/000000.exr")["Z"], DEPTH[0, 2:-2, 2:-2])
+    export(bag, "/cam0/ids", tmp_path / "i")
+    assert np.array_equal(channels(tmp_path / "i/000000.exr")["id"], IDS[0, 2:-2, 2:-2])
+    told = export(bag, "/cam0/labels", tmp_path / "l")
+    assert told["images"] == 1 and told["channels"] == ["Z", "forward_flow.x", "forward_flow.y", "forward_valid"]
+    got = channels(tmp_path / "l/000000.exr")
+    assert np.array_equal(got["forward_flow.y"], FLOW[0, ..., 1])
+    assert np.array_equal(got["forward_valid"], FLOW[0, ..., 0] > 0)
+
+
+def test_png_of_depth_and_ids(bag: Path, tmp_path: Path) -> None:
+    """Whole millimetres; what is too far is counted, the sky is not."""
+    told = export(bag, "/cam0/depth", tmp_path / "d", as_png=True)
+    inner = DEPTH[0, 2:-2, 2:-2].astype(float)
+    with Image.open(tmp_path / "d/000000.png") as image:
+        got = np.asarray(image).astype(int)
+    near = inner < 65
+    assert told["too_far"] == 1 and (got[~near] == 0).all() and (~near).sum() == 2
+    assert np.abs(got[near] - inner[near] * 1000).max() <= 0.5 + 1e-6
+    export(bag, "/cam0/ids", tmp_path / "i", as_png=True)
+    with Image.open(tmp_path / "i/000000.png") as image:
+        assert np.array_equal(np.asarray(image), IDS[0, 2:-2, 2:-2])
+    with pytest.raises(BagError, match="PNG is for depth or ids alone; leave --png out"):
+        export(bag, "/cam0/labels", tmp_path / "l", as_png=True)
+    with pytest.raises(BagError, match="PNG of whole numbers is for depth and ids to a folder"):
+        export(bag, "/cam0/depth", tmp_path / "d.npz", as_png=True)

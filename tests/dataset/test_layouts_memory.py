@@ -1,0 +1,48 @@
+"""What a writer holds does not grow with the length of a sequence."""
+
+from __future__ import annotations
+
+import dataclasses
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sequences import simulated
+
+from evis.dataset.layouts import LAYOUTS, writer_of
+from evis.simulation.step import Step
+
+STEP_NS = 33_333_333
+
+
+def later(step: Step, by_ns: int) -> Step:
+    """The step as it would be at another time."""
+    outputs = vars(step.cameras["cam0"])
+    events = outputs["events"]
+    moved = dataclasses.replace(events, t=events.t + by_ns, t0_ns=events.t0_ns + by_ns)
+    labels = outputs["labels"]
+    between = labels.flow_t + by_ns
+    again = dataclasses.replace(labels, flow_t=between)
+    values = {**outputs, "events": moved, "labels": again}
+    return Step(step.stamp_ns + by_ns, np.zeros(1, np.int32), {"cam0": values}, {}, False)
+
+
+@pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "zarr"])
+def test_memory_does_not_grow(layout: str, tmp_path: Path) -> None:
+    """80 steps take no more at their peak than the first 40, but for a hundredth of what is written."""
+    about, steps = simulated()
+    writer = writer_of(layout)(tmp_path / "s", dataclasses.replace(about, duration_ns=81 * STEP_NS))
+    tracemalloc.start()
+    peaks, written = [], 0
+    for part in (range(40), range(40, 80)):
+        tracemalloc.reset_peak()
+        for k in part:
+            step = later(steps[1], k * STEP_NS)
+            written += sum(array.nbytes for array in step.events.arrays().values())  # type: ignore[union-attr]
+            written += sum(array.nbytes for array in step.labels.arrays().values())  # type: ignore[union-attr]
+            writer.add(step)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+    tracemalloc.stop()
+    writer.close()
+    assert written > 8_000_000 and peaks[1] - peaks[0] < 0.01 * written / 2, peaks
