@@ -16,6 +16,9 @@ LADDER = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
 """Frames per gap are one of these, rounded up, so that few methods are made."""
 GAP_BYTES = 128_000_000
 """The frames of one gap are fewer than this holds, so that large frames need little memory."""
+NEAR_PX = 1.5
+"""Up to this motion a gap gets no sub-frames by `auto`: the sensor's straight line in ln I is as near to the truth as
+what the splat, which blurs by parts of a pixel, makes of it (bench.event_sensor.video)."""
 CUT = 0.5
 """Where flow agrees for less than this share of the picture the gap is a cut, or its motion cannot be found."""
 DOUBT = 0.9
@@ -80,10 +83,16 @@ class Upsampler:
         self._moving, self._agreeing = self._moving + moving, self._agreeing + agreeing
         motion = flow.largest_px
         self._largest = max(self._largest, motion)
-        wanted = self._frames or next((n for n in LADDER if n >= motion), LADDER[-1])
+        wanted = self._frames or self._enough(motion)
         count = self._shortened(wanted, most)
         self._step = max(self._step, motion / count)
         return count
+
+    def _enough(self, motion: float) -> int:
+        """The frames of a gap that keep its motion below a pixel each."""
+        if self._own is None and motion <= NEAR_PX:
+            return 1
+        return next((n for n in LADDER if n >= motion), LADDER[-1])
 
     def _shortened(self, wanted: int, most: int) -> int:
         self.short += wanted > most
@@ -121,7 +130,7 @@ class Upsampler:
                 f"{100 * agreement:.1f} % of the moving pixels, the largest motion is {self._largest:.1f} px between "
                 f"frames{doubt}; elsewhere, at edges that cover or uncover something, events are guessed"
             )
-        if self._step > 1.5:
+        if self._step > NEAR_PX:
             said.append(f"motion is up to {self._step:.1f} px per sub-frame; more than 1 px gives events in bursts")
         if self.left:
             said.append(

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from fractions import Fraction
 
 import numpy as np
@@ -218,3 +223,33 @@ def test_a_bad_frame_among_sub_frames_leaves_a_valid_file(tmp_path, folder, caps
     whole, got = read(tmp_path / "whole.npz"), read(tmp_path / "e.npz")
     assert len(got) == (whole.t <= 320 * MS).sum() > 0
     np.testing.assert_array_equal(got.t, whole.t[: len(got)])
+
+
+def test_ctrl_c_among_sub_frames_leaves_a_valid_file(tmp_path):
+    """Between two gaps of a source that is slow: the events so far, and the frames of the source that they are of."""
+    (tmp_path / "slow_video.py").write_text(
+        "import time\nimport numpy as np\n\nclass Slow:\n    gaps = 0\n    def between(self, a, b, at):\n"
+        "        Slow.gaps += 1\n        if Slow.gaps == 30:\n            print('far enough', flush=True)\n"
+        "        time.sleep(0.02 if Slow.gaps >= 30 else 0)\n"
+        "        return np.stack([a * np.float32(1 - s) + b * np.float32(s) for s in at])\n"
+    )
+    t = np.arange(2000) * MS
+    light = np.broadcast_to(np.exp(5e-9 * t)[:, None, None], (2000, 3, 4)).astype(np.float32)
+    np.savez(tmp_path / "f.npz", luminance=light, t=t)
+    words = ["events", "simulate", "f.npz", "e.npz", "--upsample", "2", "--interpolator", "slow_video:Slow"]
+    code = f"import sys; from evis.cli import main; sys.exit(main({words!r}))"
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=pipe, stderr=pipe, text=True, env=environment, cwd=tmp_path
+    )
+    assert process.stdout is not None and process.stdout.readline() == "far enough\n"
+    time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=600)
+    assert process.returncode == 1
+    assert errors.count("\n") == 1 and "stopped; " in errors
+    frames = int(errors.partition("holds the events of ")[2].split()[0])
+    assert 30 <= frames < 2000
+    # 12 pixels, an event each 0.2 / 5 s
+    assert len(read(tmp_path / "e.npz")) == 12 * int((frames - 1) * 0.005 / 0.2 + 1e-4)
