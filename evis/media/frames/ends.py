@@ -17,9 +17,9 @@ def ends_of(codes: np.ndarray) -> np.ndarray:
     Returns:
         uint8 [H, W], BLACK, FULL or 0.
     """
-    full, lit = codes == np.iinfo(codes.dtype).max, codes != 0
+    flags = (codes != 0).view(np.uint8)
+    flags |= (codes == np.iinfo(codes.dtype).max).view(np.uint8) << 1
     if codes.ndim == 3:
-        full, lit = (a[..., 0] | a[..., 1] | a[..., 2] for a in (full, lit))
-    flags = full.view(np.uint8) << 1
-    flags |= ~lit
+        flags = flags[..., 0] | flags[..., 1] | flags[..., 2]
+    flags ^= BLACK  # until here that bit says that a pixel is lit
     return flags
