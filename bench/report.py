@@ -65,6 +65,7 @@ BY_THEMSELVES = {
     "bench.renderer.gpu": "the renderer on a CUDA device, stage by stage and kernel by kernel",
     "bench.renderer.light": "shading by kind of light, material and sky; noise of soft shadows",
     "bench.measure.disks": "`evis events measure` on disks of known speed",
+    "bench.event_sensor.video": "events of video with and without sub-frames along optical flow, against dense frames",
     "bench.measure.clips": "`evis events measure` on clips of a real wheel (EVIS_TEST_DATA=DIR)",
     "bench.measure.long": "`evis events measure` on long streams: memory and CPU time",
     "bench.event_hashes": "hashes of every scene's events, and whether a change has changed any",

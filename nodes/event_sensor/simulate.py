@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from evis.media.frames.source import FrameBlock
 from nodes.event_sensor.make import make_sensor
 from nodes.event_sensor.parameters import resolve_sensor
 from nodes.event_sensor.sensor import Events
@@ -20,7 +21,8 @@ CHUNK_FRAMES = 32
 
 Frames = Iterable[tuple[Any, ...]]
 """Items (t, image) or (t, image, dlog_dt): t int64 ns, image float, linear luminance [H, W] or RGB [H, W, 3], dlog_dt
-of the same shape, d ln(image)/dt [1/s] or None. Or K frames at once: t [K], image [K, H, W] or [K, H, W, 3]."""
+of the same shape, d ln(image)/dt [1/s] or None. Or K frames at once: t [K], image [K, H, W] or [K, H, W, 3]; so are the
+blocks of `evis.media.frames`."""
 
 
 class Simulation:
@@ -134,6 +136,8 @@ def simulate_frames(
 
 def _item(item: tuple[Any, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """(t [K], image [K, H, W(, 3)] float32, dlog_dt of that shape or None) of one item. Raises ValueError."""
+    if isinstance(item, FrameBlock):
+        item = item[:3]
     if not (isinstance(item, tuple) and len(item) in (2, 3)):
         raise ValueError("frames must be tuples (t, image) or (t, image, dlog_dt)")
     t, image, dlog_dt = np.asarray(item[0]), np.asarray(item[1]), item[2] if len(item) == 3 else None

@@ -50,7 +50,7 @@ def test_npz(tmp_path):
 
 def test_whatever_a_decoder_raises_names_the_file(tmp_path, monkeypatch):
     """Memory that is not there, too; a mistake of the program passes as it is."""
-    from evis.media.frames import png as frames_png
+    from evis.media.frames import images as frames_images
 
     (tmp_path / "f0.png").write_bytes(png(8))
     for fault, kind in (
@@ -58,8 +58,8 @@ def test_whatever_a_decoder_raises_names_the_file(tmp_path, monkeypatch):
         (ValueError("odd"), FramesError),
         (KeyError("x"), KeyError),
     ):
-        monkeypatch.setattr(frames_png, "codes", lambda path: np.zeros((8, 8), np.uint8))
-        monkeypatch.setattr(frames_png, "shaped", lambda *a, fault=fault: (_ for _ in ()).throw(fault))
+        monkeypatch.setattr(frames_images, "codes", lambda file, form: np.zeros((8, 8), np.uint8))
+        monkeypatch.setattr(frames_images, "shaped", lambda *a, fault=fault: (_ for _ in ()).throw(fault))
         with pytest.raises(kind) as raised:
             open_frames(tmp_path, FrameOptions(fps=10))
         assert kind is KeyError or "f0.png" in str(raised.value)

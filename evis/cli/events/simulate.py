@@ -11,14 +11,18 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from evis.cli.events.files import add_output, check_output, counted, holds_whole_us, rounded
+from evis.cli.events.frame_options import add_frame_options, selection_of, upsampler_of
 from evis.cli.events.sensor_options import add_sensor_options, check_sensor_options, sensor_values
 from evis.cli.parser import UsageError
 
 if TYPE_CHECKING:
-    from evis.media.frames.source import FrameBlock, FrameSource
+    from evis.cli.events.coding import Coding
+    from evis.media.frames.selection import Selection
+    from evis.media.frames.source import FrameBlock, FrameOptions, FrameSource
     from nodes.event_sensor.simulate import Simulation
+    from nodes.interpolator.video.upsample import Upsampler
 
-HELP = "events from frames: an .npz, a folder of EXR or PNG, or a video"
+HELP = "events from frames: an .npz, a folder of images, or a video"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,24 +31,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "source",
         metavar="FRAMES",
         help="an .npz of luminance (float32 [T,H,W], linear) and t (int64 [T], ns), optionally dlog_dt, or rgb in "
-        "place of luminance; a folder of EXR (linear) or PNG; or a video",
+        "place of luminance; a folder, or a pattern in quotes, of EXR (linear), PNG, JPEG or TIFF; or a video",
     )
     add_output(parser)
     parser.add_argument("--rebase", action="store_true", help="let the times count from the first frame")
-    group = parser.add_argument_group("frames")
-    group.add_argument("--colour", action="store_true", help="a sensor for each of R, G and B (OUT .npz keeps which)")
-    group.add_argument("--fps", type=float, metavar="HZ", help="frames per second, instead of the times in the files")
-    group.add_argument(
-        "--tone", metavar="CURVE", help="how PNG and video code radiance: srgb, linear or gamma:G, as gamma:2.2 (srgb)"
-    )
-    group.add_argument("--white", type=float, metavar="I", help="radiance of full scale in PNG and video (1)")
+    add_frame_options(parser)
     add_sensor_options(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Reads, simulates and writes block by block."""
+    from evis.cli.events.coding import Coding
     from evis.events import open_writer
-    from evis.media.frames.open import open_frames
     from evis.media.frames.source import FrameOptions
     from nodes.event_sensor.simulate import Simulation
 
@@ -53,10 +51,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     check_output(args.out, args.encoding)
     if not 0 <= args.seed < 2**63:
         raise UsageError(f"--seed is {args.seed}; it must be 0 to 2^63 - 1")
-    options = FrameOptions(args.colour, args.crossing == "hermite", args.fps, args.tone, args.white)
+    chosen = selection_of(args)
+    options = FrameOptions(args.colour, args.crossing == "hermite", args.fps, args.tone, args.white, ends=True)
     try:
         options.check()
-        options.make_tone()
+        tone = options.make_tone()
     except ValueError as error:
         raise UsageError(f"--{error}") from None
     _start_warp(args.device)
@@ -66,19 +65,43 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         simulation.check(args.colour)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    hermite = simulation.parameters["crossing"] == "hermite"
-    with open_frames(args.source, options) as source, _finish_on_signal() as asked:
+    upsampler = upsampler_of(args)
+    known = simulation.parameters
+    hermite = known["crossing"] == "hermite"
+    if hermite and upsampler is not None:
+        raise UsageError("--crossing hermite needs dlog_dt, which sub-frames do not have; take cubic")
+    least = min(known[name] or known["threshold"] for name in ("threshold_on", "threshold_off"))
+    coding = Coding(tone, least, known["dark_level"])
+    with _part(args.source, options, chosen) as source, _finish_on_signal() as asked:
         if hermite and not source.has_slopes:
             raise ValueError(f"{args.source}: no dlog_dt, which --crossing hermite needs; take cubic")
         with open_writer(args.out, source.width, source.height, args.encoding) as writer:
-            tally = _Tally(args.out)
+            tally = _Tally(args.out, coding, upsampler)
             with counted(source.count, "simulating") as step:
-                failure = _pump(simulation, _frames(source, asked, step, args.rebase), writer, tally)
+                frames = _frames(source, asked, step, args.rebase, coding)
+                if upsampler is not None:
+                    frames = _until(asked, upsampler.blocks(frames))
+                failure = _pump(simulation, frames, writer, tally)
             if failure is not None and not simulation.frames:
                 raise failure
     if failure is not None or asked.is_set():
-        raise _stopped(failure, simulation, source, args.out)
+        raise _stopped(failure, simulation, tally.taken(simulation), source, args.out)
     return tally.report(simulation, source)
+
+
+def _part(path: str, options: FrameOptions, chosen: Selection) -> FrameSource:
+    """Opens the frames, or the part of them that is wanted."""
+    from evis.media.frames.open import open_frames
+    from evis.media.frames.selection import SelectedFrames
+
+    source = open_frames(path, options)
+    if chosen.is_all:
+        return source
+    try:
+        return SelectedFrames(source, chosen)
+    except ValueError as error:
+        source.close()
+        raise ValueError(f"{path}: {error}") from None
 
 
 def _start_warp(device: str) -> None:
@@ -93,15 +116,26 @@ def _start_warp(device: str) -> None:
         raise ValueError(f"there is no device '{device}' here; there is {', '.join(known)}")
 
 
-def _frames(source: FrameSource, asked: threading.Event, step: Any, rebase: bool) -> Iterator[FrameBlock]:
+def _frames(
+    source: FrameSource, asked: threading.Event, step: Any, rebase: bool, coding: Coding
+) -> Iterator[FrameBlock]:
     """The source's blocks, until somebody asks to stop."""
     shift: int | None = None
     for block in source.blocks():
         if asked.is_set():
             return
         shift = (int(block.t[0]) if rebase else 0) if shift is None else shift
-        yield block._replace(t=block.t - shift)
+        coding.look(block, source.about.get("bits"))
+        yield block._replace(t=block.t - shift, ends=None)
         step(len(block.t))
+
+
+def _until(asked: threading.Event, blocks: Iterator[FrameBlock]) -> Iterator[FrameBlock]:
+    """What is made of a block of the source can take long: looks between its parts, too, whether to stop."""
+    for block in blocks:
+        yield block
+        if asked.is_set():
+            return
 
 
 def _pump(simulation: Simulation, frames: Iterator[FrameBlock], writer: Any, tally: _Tally) -> Exception | None:
@@ -121,12 +155,12 @@ def _pump(simulation: Simulation, frames: Iterator[FrameBlock], writer: Any, tal
         writer.write(events)
 
 
-def _stopped(failure: Exception | None, simulation: Simulation, source: FrameSource, out: str) -> Exception:
+def _stopped(failure: Exception | None, simulation: Simulation, taken: int, source: FrameSource, out: str) -> Exception:
     """What to tell of a run that ended early: the file is complete up to some frame."""
     from evis.cli.failure import one_line
 
     total = f" of {source.count}" if source.count else ""
-    held = f"{out} holds the events of {simulation.frames}{total} frames, up to t = {simulation.until_ns} ns"
+    held = f"{out} holds the events of {taken}{total} frames, up to t = {simulation.until_ns} ns"
     return ValueError(f"{one_line(failure) if failure is not None else 'stopped'}; {held}")
 
 
@@ -154,7 +188,8 @@ def _finish_on_signal() -> Iterator[threading.Event]:
 class _Tally:
     """What was written, and what the file's format could not keep."""
 
-    def __init__(self, out: str) -> None:
+    def __init__(self, out: str, coding: Coding, upsampler: Upsampler | None) -> None:
+        self._coding, self._upsampler = coding, upsampler
         self._out, self._raw, self._npz = out, holds_whole_us(out), out.lower().endswith(".npz")
         self._events = self._rounded = self._colourless = 0
 
@@ -164,6 +199,10 @@ class _Tally:
         self._rounded += rounded(events) if self._raw else 0
         self._colourless += len(events) if events.c is not None and not self._npz else 0
 
+    def taken(self, simulation: Simulation) -> int:
+        """Counts the frames of the source that the sensor has had."""
+        return simulation.frames if self._upsampler is None else min(self._upsampler.gaps + 1, simulation.frames)
+
     def report(self, simulation: Simulation, source: FrameSource) -> dict[str, Any]:
         """The action's result."""
         counts: dict[str, float] = {name: int(n) for name, n in simulation.counts().items() if n}
@@ -171,13 +210,22 @@ class _Tally:
             "out": self._out, "events": self._events, "width": source.width, "height": source.height,
             "frames": simulation.frames, "source": source.kind, **source.about,
         }  # fmt: skip
+        if self._upsampler is not None:
+            result |= {"source_frames": self.taken(simulation), "upsampling": self._upsampler.report()}
+        result |= self._coding.report()
         if "readout_delay_ns" in counts:
             total_ns, delayed = counts.pop("readout_delay_ns"), counts["readout_delayed"]
             counts["readout_delay_mean_us"] = round(total_ns / delayed / 1000, 3)
             counts["readout_delay_max_us"] = round(simulation.longest_delay_ns / 1000, 3)
         kept = {"times_rounded_to_us": self._rounded, "colour_left_out": self._colourless}
         result |= {name: n for name, n in kept.items() if n} | counts
-        warnings = []
+        warnings = self._coding.warnings(self._upsampler is not None)
+        if (stretched := getattr(source, "stretched", 1.0)) != 1.0:
+            warnings.append(
+                f"the picture is {stretched:.2f} times as wide as it was; --crop a part of OUT's proportions"
+            )
+        if self._upsampler is not None:
+            warnings += self._upsampler.warnings()
         if counts.get("nonfinite") and not simulation.parameters["dark_level"]:
             level = f" {0.01 * source.about['white']:g}" if "white" in source.about else ""
             which = "black samples have" if level else "samples that are 0, negative or not finite have"

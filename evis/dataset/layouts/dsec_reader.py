@@ -13,7 +13,7 @@ from evis.dataset.layouts.dsec_codes import boxes_of, codes_to_disparity, codes_
 from evis.dataset.layouts.hdf5_rows import blosc
 from evis.dataset.layouts.millisecond_index import NAME
 from evis.dataset.layouts.reader import EventArrays, SequenceReader, within
-from evis.media.frames.png import codes
+from evis.media.frames.images import codes
 
 _FLOWS = ("forward_flow", "backward_flow")
 

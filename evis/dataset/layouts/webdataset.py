@@ -23,7 +23,7 @@ from evis.dataset.layouts.joined import joined, no_rows, of_events
 from evis.dataset.layouts.reader import EventArrays, SequenceReader, within
 from evis.dataset.layouts.sample import EVENTS, Sample
 from evis.dataset.layouts.writer import SequenceWriter
-from evis.media.frames.png import codes
+from evis.media.frames.images import codes
 
 SHARD_BYTES = 256 << 20
 """A shard ends with the sample that makes it longer."""

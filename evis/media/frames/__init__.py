@@ -1,1 +1,1 @@
-"""Frames from anywhere as linear luminance: NumPy archives, folders of EXR or PNG, videos."""
+"""Frames from anywhere as linear luminance: NumPy archives, folders of images, videos."""

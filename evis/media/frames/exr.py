@@ -25,7 +25,7 @@ class ExrFrames(FolderFrames):
         options.refuse_tone(path, "EXR")
         super().__init__(path, names, options)
 
-    def _read(self, path: Path) -> tuple[np.ndarray, int | None]:
+    def _read(self, path: Path) -> tuple[np.ndarray, int | None, None]:
         import OpenEXR
 
         try:
@@ -43,7 +43,7 @@ class ExrFrames(FolderFrames):
         if pixels is None or pixels.dtype.kind != "f":
             there = ", ".join(sorted(channels)) or "none"
             raise FramesError(f"{path}: no R, G, B or Y of half or float; it has {there}")
-        return self._image(pixels), _stamp(path, header)
+        return self._image(pixels), _stamp(path, header), None
 
     def _image(self, pixels: np.ndarray) -> np.ndarray:
         if pixels.ndim == 3 and pixels.shape[2] >= 3:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from evis.files.damage import faults_as
-from evis.media.frames.source import FrameOptions, FramesError, ImageSource
+from evis.media.frames.source import FrameOptions, FramesError, ImageSource, NamedImage
 
 TIMES = "times.txt"
 
@@ -30,26 +30,28 @@ class FolderFrames(ImageSource):
             if len(listed) < len(names):
                 self.about["files_left_out"] = len(names) - len(listed)
         self.count, self.channels = len(self._names), 3 if options.colour else 1
-        first, _ = self._load(path / self._names[0], self._times[0])
+        first, *_ = self._load(path / self._names[0], self._times[0])
         self.height, self.width = first.shape[:2]
 
     @abc.abstractmethod
-    def _read(self, path: Path) -> tuple[np.ndarray, int | None]:
-        """(float32 [H, W] or, with colour, [H, W, 3], the file's own time [ns] or None). Raises FramesError."""
+    def _read(self, path: Path) -> tuple[np.ndarray, int | None, np.ndarray | None]:
+        """(float32 [H, W] or, with colour, [H, W, 3], the file's own time [ns] or None, flags of `ends_of` or None).
+        Raises FramesError.
+        """
 
-    def _load(self, path: Path, known: int | None) -> tuple[np.ndarray, int]:
+    def _load(self, path: Path, known: int | None) -> tuple[np.ndarray, int, np.ndarray | None]:
         with faults_as(FramesError, path):
-            image, own = self._read(path)
+            image, own, ends = self._read(path)
         t = own if known is None else known
         if t is None:
             raise FramesError(f"{path}: no time; give --fps, or a {TIMES} with a line `name t_ns` for each file")
-        return image, t
+        return image, t, ends
 
-    def _images(self) -> Iterator[tuple[str, int, np.ndarray]]:
+    def _images(self) -> Iterator[NamedImage]:
         for name, known in zip(self._names, self._times):
             path = self._folder / name
-            image, t = self._load(path, known)
-            yield str(path), t, image
+            image, t, ends = self._load(path, known)
+            yield NamedImage(str(path), t, image, ends)
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

@@ -1,21 +1,25 @@
-"""Opens frames of any kind: NumPy archives, folders of EXR or PNG, videos. One file per kind; this one finds which."""
+"""Opens frames of any kind: NumPy archives, folders of images, videos. One file per kind; this one finds which."""
 
 from __future__ import annotations
 
+import glob
 import os
 from pathlib import Path
 
 from evis.config.suggestions import did_you_mean
 from evis.files.damage import faults_as
 from evis.media.frames.exr import ExrFrames
+from evis.media.frames.images import KINDS, ImageFrames
 from evis.media.frames.npz import NpzFrames
-from evis.media.frames.png import PngFrames
 from evis.media.frames.source import FrameOptions, FramesError, FrameSource
 from evis.media.frames.video import VideoFrames
 
 
 def open_frames(path: str | os.PathLike[str], options: FrameOptions | None = None) -> FrameSource:
-    """Opens frames: an .npz, a folder of EXR or PNG, or a video. Raises FramesError with one line naming the file."""
+    """Opens frames: an .npz, a folder or a pattern of EXR, PNG, JPEG or TIFF files, or a video.
+
+    Raises FramesError with one line naming the file.
+    """
     path, options = Path(path), options or FrameOptions()
     options.check()
     options.make_tone()
@@ -25,10 +29,13 @@ def open_frames(path: str | os.PathLike[str], options: FrameOptions | None = Non
 
 def _open(path: Path, options: FrameOptions) -> FrameSource:
     if not path.exists():
+        if any(c in str(path) for c in "*?["):
+            return _open_pattern(path, options)
         names = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-        raise FramesError(f"{path}: no such file{did_you_mean(path.name, names)}")
+        raise FramesError(f"{path}: no such file or folder{did_you_mean(path.name, names)}")
     if path.is_dir():
-        return _open_folder(path, options)
+        names = [p.name for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
+        return _open_images(path, names, options, str(path))
     try:
         with path.open("rb") as file:
             head = file.read(4)
@@ -38,20 +45,35 @@ def _open(path: Path, options: FrameOptions) -> FrameSource:
         raise FramesError(f"{path}: the file is empty")
     if head.startswith(b"PK") or path.suffix.lower() == ".npz":
         return NpzFrames(path, options)
-    if path.suffix.lower() in (".png", ".exr"):
-        raise FramesError(f"{path}: one image makes no events; give the folder of all of them")
+    if path.suffix.lower() in (*KINDS, ".exr"):
+        raise FramesError(
+            f"{path}: one image makes no events; give the folder of all of them, or a pattern as 'f*.png'"
+        )
     return VideoFrames(path, options)
 
 
-def _open_folder(path: Path, options: FrameOptions) -> FrameSource:
-    names = [p.name for p in path.iterdir() if p.is_file() and not p.name.startswith(".")]
-    kinds = {end: [n for n in names if n.lower().endswith(end)] for end in (".exr", ".png")}
-    exr, png = kinds[".exr"], kinds[".png"]
-    if exr and png:
-        raise FramesError(f"{path}: holds {len(exr)} EXR and {len(png)} PNG files; keep one kind in the folder")
-    if exr:
-        return ExrFrames(path, exr, options)
-    if png:
-        return PngFrames(path, png, options)
+def _open_pattern(pattern: Path, options: FrameOptions) -> FrameSource:
+    """Opens the images of a pattern with *, ? or [], as a shell knows them; it may reach into several folders."""
+    folder = pattern
+    while any(c in str(folder) for c in "*?["):
+        folder = folder.parent
+    found = sorted(p for p in glob.glob(str(pattern)) if os.path.isfile(p))
+    if not found:
+        raise FramesError(f"{pattern}: no file matches the pattern")
+    return _open_images(folder, [os.path.relpath(p, folder) for p in found], options, str(pattern))
+
+
+def _open_images(folder: Path, names: list[str], options: FrameOptions, given: str) -> FrameSource:
+    kinds: dict[str, list[str]] = {}
+    for name in names:
+        end = Path(name).suffix.lower()
+        kind = "EXR" if end == ".exr" else KINDS.get(end)
+        if kind is not None:
+            kinds.setdefault(kind, []).append(name)
+    if len(kinds) > 1:
+        counts = " and ".join(f"{len(kinds[kind])} {kind}" for kind in sorted(kinds))
+        raise FramesError(f"{given}: holds {counts} files; keep one kind in the folder, or give a pattern as 'f*.png'")
+    for kind, images in kinds.items():
+        return ExrFrames(folder, images, options) if kind == "EXR" else ImageFrames(folder, images, options, kind)
     there = ", ".join(sorted({Path(n).suffix or n for n in names})[:5]) or "nothing"
-    raise FramesError(f"{path}: no .exr or .png files in the folder; it has {there}")
+    raise FramesError(f"{given}: no .exr, .png, .jpg or .tif files in the folder; it has {there}")

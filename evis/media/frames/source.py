@@ -30,12 +30,23 @@ class FrameBlock(NamedTuple):
     """Holds K frames of one camera.
 
     t: int64 [K] ns, strictly ascending. image: float32, linear luminance [K, H, W] or RGB [K, H, W, 3]. dlog_dt:
-    float32 of the same shape, d ln(image)/dt [1/s], or None.
+    float32 of the same shape, d ln(image)/dt [1/s], or None. ends: uint8 [K, H, W], flags of the pixels at an end of
+    the code (evis.media.frames.ends), where options ask for them and the frames are coded.
     """
 
     t: np.ndarray
     image: np.ndarray
     dlog_dt: np.ndarray | None = None
+    ends: np.ndarray | None = None
+
+
+class NamedImage(NamedTuple):
+    """Holds one image of a source: the name that an error should give it, t [ns], the image and its ends, or None."""
+
+    name: str
+    t: int
+    image: np.ndarray
+    ends: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -43,7 +54,8 @@ class FrameOptions:
     """Says how frames are to be read.
 
     colour: RGB instead of luminance. slopes: read dlog_dt where there is one. fps: frames per second in place of the
-    times that the files tell. tone, white: inverse tone curve of PNG and video, and the radiance of full scale.
+    times that the files tell. tone, white: inverse tone curve of PNG, JPEG, TIFF and video, and the radiance of full
+    scale. ends: flag the pixels at the ends of the code.
     """
 
     colour: bool = False
@@ -51,6 +63,7 @@ class FrameOptions:
     fps: float | None = None
     tone: str | None = None
     white: float | None = None
+    ends: bool = False
 
     def check(self) -> None:
         """Raises ValueError for a value out of range."""
@@ -64,7 +77,7 @@ class FrameOptions:
     def refuse_tone(self, path: Path, what: str) -> None:
         """Raises where a tone curve is given for frames that are linear already."""
         if self.tone is not None or self.white is not None:
-            raise FramesError(f"{path}: {what} is linear; a tone curve and white are for PNG and video")
+            raise FramesError(f"{path}: {what} is linear; a tone curve and white are for PNG, JPEG, TIFF and video")
 
     def stamp(self, index: int) -> int:
         """Returns the time of a frame at `fps` [ns], rounded once, so that it does not drift."""
@@ -108,21 +121,22 @@ class FrameSource(abc.ABC):
 
 
 class ImageSource(FrameSource):
-    """Checks and gathers single images, which `_images` yields as (name, t [ns], image), into blocks."""
+    """Checks and gathers single images, which `_images` yields, into blocks."""
 
     @abc.abstractmethod
-    def _images(self) -> Iterator[tuple[str, int, np.ndarray]]:
-        """Every frame with the name that an error should give it."""
+    def _images(self) -> Iterator[NamedImage]:
+        """Every frame."""
 
     def blocks(self) -> Iterator[FrameBlock]:
         images, length = self._checked(), self.block_frames()
         while True:
             stamps: list[int] = []
             gathered: list[np.ndarray] = []
+            flags: list[np.ndarray] = []
             failure: Exception | None = None
             while len(stamps) < length:
                 try:
-                    t, image = next(images)
+                    _, t, image, ends = next(images)
                 except StopIteration:
                     break
                 except Exception as error:
@@ -131,16 +145,20 @@ class ImageSource(FrameSource):
                     break
                 stamps.append(t)
                 gathered.append(image)
+                flags += [] if ends is None else [ends]
             if stamps:
-                yield FrameBlock(np.array(stamps, np.int64), np.stack(gathered))
+                yield FrameBlock(
+                    np.array(stamps, np.int64), np.stack(gathered), ends=np.stack(flags) if flags else None
+                )
             if failure is not None:
                 raise failure
             if len(stamps) < length:
                 return
 
-    def _checked(self) -> Iterator[tuple[int, np.ndarray]]:
+    def _checked(self) -> Iterator[NamedImage]:
         last: int | None = None
-        for name, t, image in self._images():
+        for named in self._images():
+            name, t, image, _ = named
             height, width = image.shape[:2]
             if (height, width) != (self.height, self.width):
                 raise FramesError(f"{name}: {width}x{height}, the frames before are {self.width}x{self.height}")
@@ -149,4 +167,4 @@ class ImageSource(FrameSource):
             if last is not None and t <= last:
                 raise FramesError(f"{name}: its time {t} ns does not come after {last} ns of the frame before")
             last = t
-            yield t, image
+            yield named

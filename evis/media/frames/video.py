@@ -11,7 +11,8 @@ import numpy as np
 
 from evis.files.allowance import Allowance
 from evis.files.damage import faults_as
-from evis.media.frames.source import PIXEL_BYTES, FrameOptions, FramesError, ImageSource
+from evis.media.frames.ends import ends_of
+from evis.media.frames.source import PIXEL_BYTES, FrameOptions, FramesError, ImageSource, NamedImage
 from evis.media.frames.tone import shaped
 
 _BT709, _BT601, _UNKNOWN = 1, 5, 2
@@ -47,7 +48,7 @@ class VideoFrames(ImageSource):
         self.channels, self.count = 3 if options.colour else 1, self._track.frames or None
         self.about = {"tone": self._tone.name, "white": self._tone.white}
 
-    def _images(self) -> Iterator[tuple[str, int, np.ndarray]]:
+    def _images(self) -> Iterator[NamedImage]:
         first: Fraction | None = None
         end = Fraction(0)
         index = 0
@@ -60,8 +61,10 @@ class VideoFrames(ImageSource):
             end = at - first
             t = self._options.stamp(index) if self._options.fps else round(end * 1_000_000_000)
             with faults_as(FramesError, name):
-                image = shaped(self._codes(frame), self._tone, self.channels == 3)
-            yield name, t, image
+                codes = self._codes(frame)
+                image = shaped(codes, self._tone, self.channels == 3)
+                ends = ends_of(codes) if self._options.ends else None
+            yield NamedImage(name, t, image, ends)
             index += 1
         self._check_end(index, end)
 
@@ -114,6 +117,7 @@ class VideoFrames(ImageSource):
         # what the file leaves open is Rec. 709 in HD and Rec. 601 below, as players take it
         space = int(frame.colorspace)
         source = (_BT709 if frame.height >= _HD else _BT601) if space == _UNKNOWN else None
+        self.about["bits"] = 16 if deep else 8
         return frame.to_ndarray(format="rgb48le" if deep else "rgb24", src_colorspace=source)
 
     def close(self) -> None:

@@ -219,7 +219,7 @@ class Slow(frames.ImageSource):
             if i == 120:
                 print("far enough", flush=True)
             time.sleep(0.01 if i >= 120 else 0)
-            yield str(i), i * 1_000_000, np.full((3, 4), np.exp(0.005 * i), np.float32)
+            yield frames.NamedImage(str(i), i * 1_000_000, np.full((3, 4), np.exp(0.005 * i), np.float32))
 
 opened.open_frames = lambda path, options: Slow()
 sys.exit(main(["events", "simulate", "slow", {str(tmp_path / "e.npz")!r}, "--threshold", "0.2"]))

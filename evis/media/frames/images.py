@@ -1,0 +1,84 @@
+"""Frames as a folder of PNG, JPEG or TIFF files, 8 or 16 bit, made linear by an inverse tone curve."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evis.files.allowance import Allowance
+from evis.media.frames.ends import ends_of
+from evis.media.frames.folder import FolderFrames
+from evis.media.frames.source import PIXEL_BYTES, FrameOptions, FramesError
+from evis.media.frames.tone import shaped
+
+KINDS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".tif": "TIFF", ".tiff": "TIFF"}
+"""Formats by the end of a file's name, as Pillow calls them."""
+_DEEP_COLOUR = ("RGB;16", "RGBA;16", "RGBX;16")
+"""Raw modes of colour in 16 bits, of which Pillow keeps the high bytes alone; after them comes the order of bytes."""
+
+
+class ImageFrames(FolderFrames):
+    """Reads a folder of PNG, JPEG or TIFF files, grey, RGB or palette; alpha is left out."""
+
+    def __init__(self, path: Path, names: list[str], options: FrameOptions, form: str) -> None:
+        """form: one of KINDS, that of all files."""
+        self._tone, self._form, self.kind = options.make_tone(), form, form.lower()
+        self._ends = options.ends
+        super().__init__(path, names, options)
+        self.about |= {"tone": self._tone.name, "white": self._tone.white}
+
+    def _read(self, path: Path) -> tuple[np.ndarray, int | None, np.ndarray | None]:
+        try:
+            read = codes(path.read_bytes(), self._form)
+        except Exception as error:  # Pillow raises OSError, SyntaxError, ValueError and others for damaged files
+            raise FramesError(f"{path}: cannot be read as {self._form}: {' '.join(str(error).split())[:150]}") from None
+        self.about["bits"] = 8 * read.itemsize
+        return shaped(read, self._tone, self.channels == 3), None, ends_of(read) if self._ends else None
+
+
+def codes(file: bytes, form: str = "PNG") -> np.ndarray:
+    """Reads the bytes of a file of this format, uint8 or uint16 [H, W] or [H, W, 3], without alpha. Raises what Pillow
+    raises, and ValueError.
+    """
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # what is too large is refused here
+        warnings.simplefilter("ignore", UserWarning)  # damage is an error below
+        first = Image.open(io.BytesIO(file), formats=[form])
+    with first as image:
+        Allowance(len(file)).check(image.width * image.height * PIXEL_BYTES)
+        if getattr(image, "n_frames", 1) > 1 and form == "TIFF":
+            raise ValueError(f"it holds {getattr(image, 'n_frames', 0)} pages; write each to a file of its own")
+        rawmode = str(_rawmode(image))
+        if image.mode in ("I", "I;16", "I;16B"):
+            return np.asarray(image).astype(np.uint16)
+        if image.mode == "F":
+            raise ValueError("its pixels are floats; write linear floats as EXR or .npz")
+        if rawmode.startswith(_DEEP_COLOUR):
+            high = np.asarray(image)
+        else:
+            mode = "L" if image.mode in ("1", "L", "LA") else "RGB"
+            if rawmode == "LA;16B":
+                raise ValueError("16 bit grey with alpha is not supported; save it without alpha")
+            return np.asarray(image.convert(mode))
+    # read as if the bytes were in the other order, it gives the low ones
+    with Image.open(io.BytesIO(file), formats=[form]) as image:
+        other = rawmode[:-1] + ("L" if rawmode.endswith("B") else "B")
+        image.tile = [tile._replace(args=_with_rawmode(tile.args, other)) for tile in image.tile]
+        low = np.asarray(image)
+    return (high[..., :3].astype(np.uint16) << 8) | low[..., :3]
+
+
+def _rawmode(image: Any) -> Any:
+    """How the bytes of a pixel lie in the file, as the first of a decoder's arguments says."""
+    args = image.tile[0].args if image.tile else None
+    return args[0] if isinstance(args, tuple) else args
+
+
+def _with_rawmode(args: Any, rawmode: str) -> Any:
+    return (rawmode, *args[1:]) if isinstance(args, tuple) else rawmode
