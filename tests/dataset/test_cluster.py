@@ -73,7 +73,7 @@ def test_a_worker_and_a_node_die_in_mid_run(cluster: Any, tmp_path: Path) -> Non
                 cluster.remove_node(next(iter(cluster.worker_nodes)), allow_graceful=False)
                 cluster.add_node(num_cpus=1)
 
-    made = make(read_recipe(recipe), str(tmp_path / "d"), lambda out: Wounded(None, out, cluster.address, False, False))
+    made = make(read_recipe(recipe), str(tmp_path / "d"), lambda out: Wounded(None, out, cluster.address, False))
     assert victims == ["worker", "node"] and made.made == 8 and sum(made.retried.values()) >= 1
     assert checksums(tmp_path / "d") == expected
 

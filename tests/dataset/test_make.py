@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -22,6 +23,9 @@ from evis.dataset.making.tasks import Answer, Answerer
 from evis.dataset.making.worker import Maker
 from evis.dataset.recipe import Plan
 from evis.dataset.recipe_file import read_recipe
+from evis.dataset.report.sheet import write_sheet
+from evis.dataset.report.summary import summary
+from evis.dataset.report.verify import verify
 
 
 class InThisProcess:
@@ -61,7 +65,7 @@ def test_two_processes_make_the_same_bytes(serial: tuple[Path, dict[str, str]], 
     assert told["made"] == 5 and checksums(tmp_path / "d") == expected
     found = json.loads(evis("dataset", "verify", tmp_path / "d", "--json").stdout)
     assert found["wrong"] == [] and found["events"] == told["events"]
-    evis("dataset", "make", recipe, "--out", tmp_path / "two", "--count", 2, "--workers", 1)
+    make(read_recipe(recipe), str(tmp_path / "two"), InThisProcess, count=2)
     first = {name: digest for name, digest in checksums(tmp_path / "two").items() if name != INDEX}
     assert first.items() <= expected.items() and len(list((tmp_path / "two").glob("*/*"))) == 2
 
@@ -113,7 +117,6 @@ def test_a_killed_run_goes_on_to_the_same_checksums(serial: tuple[Path, dict[str
                     name.removeprefix(f"{file.parent.relative_to(out)}/"): digest for name, digest in expected.items()
                 }.items()
             )
-    assert "--resume" in evis("dataset", "make", recipe, "--out", out, status=1).stderr
     evis("dataset", "make", recipe, "--out", out, "--workers", 2, "--resume")
     assert checksums(out) == expected
 
@@ -183,14 +186,16 @@ def test_places_that_are_not_free(serial: tuple[Path, dict[str, str]], tmp_path:
     """Another recipe's data set, other files, a folder that another run writes into."""
     recipe, expected = serial
     out = recipe.parent / "d"
-    other = write(tmp_path, ("to: 70", "to: 60"))
-    line = evis("dataset", "make", other, "--out", out, "--resume", status=1).stderr
-    assert "another recipe" in line and line.count("\n") == 1
-    assert "is not empty" in evis("dataset", "make", recipe, "--out", recipe.parent, status=1).stderr
+    other = read_recipe(write(tmp_path, ("to: 70", "to: 60")))
+    with pytest.raises(ValueError, match="another recipe"):
+        make(other, str(out), InThisProcess, resume=True)
+    with pytest.raises(ValueError, match="is not empty"):
+        make(read_recipe(recipe), str(recipe.parent), InThisProcess)
+    with pytest.raises(ValueError, match="--resume goes on"):
+        make(read_recipe(recipe), str(out), InThisProcess)
     with LocalStore(str(out)).alone():
-        assert (
-            "another `evis dataset make`" in evis("dataset", "make", recipe, "--out", out, "--resume", status=1).stderr
-        )
+        line = evis("dataset", "make", recipe, "--out", out, "--resume", status=1).stderr
+    assert "another `evis dataset make`" in line and line.count("\n") == 1
     assert checksums(out) == expected
 
 
@@ -204,16 +209,15 @@ def test_an_argument_that_only_the_graph_refuses_is_told_with_its_scene(tmp_path
 
 def test_damage_is_found(serial: tuple[Path, dict[str, str]], tmp_path: Path) -> None:
     """One bit of one file, a file that lacks, and one that nobody wrote."""
-    recipe, _ = serial
     out = tmp_path / "d"
-    evis("dataset", "make", recipe, "--out", out, "--count", 3, "--workers", 1)
-    first, second, third = (Path(out, e["path"]) for e in json.loads((out / INDEX).read_text())["sequences"])
+    shutil.copytree(serial[0].parent / "d", out)
+    first, second, third = (Path(out, e["path"]) for e in json.loads((out / INDEX).read_text())["sequences"][:3])
     data = bytearray((first / "frame.png").read_bytes())
     data[100] ^= 1
     (first / "frame.png").write_bytes(data)
     (second / "about.json").unlink()
     (third / "more.txt").write_text("x")
-    wrong = json.loads(evis("dataset", "verify", out, "--json", status=1).stdout)["wrong"]
+    wrong = verify(str(out))["wrong"]
     assert [line.partition("/frame.png")[1] or line.partition("/about.json")[1] or line for line in wrong] == [
         "/frame.png",
         "/about.json",
@@ -226,10 +230,10 @@ def test_info_and_show(serial: tuple[Path, dict[str, str]], tmp_path: Path) -> N
     from PIL import Image
 
     recipe, _ = serial
-    told = json.loads(evis("dataset", "info", recipe.parent / "d", "--json").stdout)
+    told = summary(str(recipe.parent / "d"))
     assert told["sequences"] == 5 and told["duration_s"] == pytest.approx(0.5) and told["splits"]["train"] == 3
     assert told["scenes"] == {"spinning_disk": 5} and told["events"] > 0
-    evis("dataset", "show", recipe.parent / "d", "--out", tmp_path / "sheet")
+    write_sheet(str(recipe.parent / "d"), str(tmp_path / "sheet"), 48)
     sheet = np.asarray(Image.open(tmp_path / "sheet.png"))
     assert sheet.shape[0] > 100 and sheet.shape[1] > 400 and len(np.unique(sheet.reshape(-1, 3), axis=0)) > 100
     page = (tmp_path / "sheet.html").read_text()

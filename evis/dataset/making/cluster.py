@@ -13,15 +13,12 @@ from evis.dataset.errors import DatasetError
 from evis.dataset.making.tasks import Answer, Answerer
 from evis.dataset.recipe import Plan
 
-START_S = 60.0
-"""Longest wait for the resources of a cluster [s]."""
-
 
 class Actors:
     """Runs workers as actors; one that dies, alone or with its node, is made anew wherever there is room."""
 
-    def __init__(self, count: int | None, out: str, address: str, on_gpu: bool, shared: bool) -> None:
-        """count: None = as many as the cluster has cores, or GPUs. shared: `out` is reached from every node."""
+    def __init__(self, count: int | None, out: str, address: str, on_gpu: bool) -> None:
+        """count: None = as many as the cluster has cores, or GPUs. out: a place that every node reaches."""
         self._own = not ray.is_initialized()
         if self._own:
             try:
@@ -32,10 +29,6 @@ class Actors:
         self.count = count or int(ray.cluster_resources().get(what, 0))
         if not self.count:
             raise DatasetError(f"the cluster at {address} has no {what}; start nodes that have some")
-        hosts = {node["NodeManagerAddress"] for node in ray.nodes() if node["Alive"]}
-        if not shared and len(hosts) > 1 and out.startswith("/"):
-            # A folder that all of them mount is as good as s3://; that it is one cannot be seen from here.
-            self.note = f"{out} must be a folder that all {len(hosts)} machines of the cluster see"
         self._actor = ray.remote(num_cpus=0 if on_gpu else 1, num_gpus=1 if on_gpu else 0)(Answerer)
         self._out = out
         self._all: dict[int, Any] = {}

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from evis.dataset.errors import DatasetError
+from evis.dataset.layouts import writer_of
 from evis.dataset.making.store import Store, is_remote, store_of
 from evis.dataset.making.tasks import Answer, Workers
 from evis.dataset.recipe import Plan, Recipe
@@ -42,6 +43,7 @@ class Made:
 
 def check(recipe: Recipe) -> None:
     """Plans each scene with all arguments at the ends of their ranges. Raises DatasetError with file:line."""
+    writer_of(recipe.layout)  # which may need a package that is not installed
     asked = parse([*recipe.outputs, *(f"labels.{kind}" for kind in recipe.labels)])
     for scene in recipe.scenes:
         for arguments in scene.corners():

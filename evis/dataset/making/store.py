@@ -128,11 +128,18 @@ class LocalStore(Store):
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise DatasetError(f"another `evis dataset make` writes into {self.folder}; wait for its end") from None
-            for part in [*self.folder.glob(f".*{PART}"), *self.folder.glob(f"*/.*{PART}")]:
-                shutil.rmtree(part, ignore_errors=True)
-            yield
+            self._clear()
+            try:
+                yield
+            finally:
+                self._clear()
         finally:
             os.close(descriptor)
+
+    def _clear(self) -> None:
+        """Removes what workers that were killed have left."""
+        for part in [*self.folder.glob(f".*{PART}"), *self.folder.glob(f"*/.*{PART}")]:
+            shutil.rmtree(part, ignore_errors=True)
 
     @contextlib.contextmanager
     def local(self, path: str) -> Iterator[Path]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -57,9 +58,18 @@ class Answerer:
         except MemoryError:
             return {"index": plan["index"], "cause": "the worker ran out of memory"}
         except Exception as error:
-            hopeless = isinstance(error, OSError) and error.errno in HOPELESS
+            if number := _refused(error):
+                return {"index": plan["index"], "cause": f"{plan['path']}: {os.strerror(number)}", "hopeless": True}
             text = " ".join(str(error).split()) or type(error).__name__
             if not isinstance(error, (ValueError, OSError)):
                 text = f"{type(error).__name__}: {text}"
-            return {"index": plan["index"], "cause": text, "hopeless": hopeless}
+            return {"index": plan["index"], "cause": text}
         return {"index": plan["index"], "entry": entry.as_dict()}
+
+
+def _refused(error: Exception) -> int:
+    """The number of the fault for which nothing else can be written either; 0 for any other error."""
+    if isinstance(error, OSError) and error.errno in HOPELESS:
+        return error.errno
+    # HDF5 says it in the text alone.
+    return next((number for number in HOPELESS[:2] if os.strerror(number) in str(error)), 0)

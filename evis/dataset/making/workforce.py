@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 from evis.dataset.errors import DatasetError
 from evis.dataset.making.processes import Processes
-from evis.dataset.making.store import is_remote
 from evis.dataset.making.tasks import Workers
 from evis.dataset.recipe import Recipe
 
@@ -34,7 +33,7 @@ def workforce(recipe: Recipe, count: int | None, address: str | None) -> Callabl
         raise DatasetError(
             "--address needs Ray: pip install 'evis[cluster]'; without --address workers are processes"
         ) from None
-    return lambda out: Actors(count, out, address, on_gpu, shared=is_remote(out))
+    return lambda out: Actors(count, out, address, on_gpu)
 
 
 def devices(corners: list[dict[str, object]]) -> list[object]:
