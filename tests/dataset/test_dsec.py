@@ -196,7 +196,7 @@ def test_what_dsec_does_not_hold_is_said(tmp_path: Path, monkeypatch: pytest.Mon
     assert "DSEC has no segmentation: it is left out" in notes
     assert any("needs a stereo pair" in note for note in notes)
     two = {"cam0": about.cameras["cam0"], "hand": about.cameras["cam0"]}
-    with pytest.raises(LayoutError, match=r"DSEC holds one camera, or a left one .*; a has cam0, hand"):
+    with pytest.raises(LayoutError, match=r"DSEC and MVSEC hold one camera.*; a has cam0, hand"):
         writer_of("dsec")(tmp_path / "b", dataclasses.replace(about, cameras=two))
     monkeypatch.setitem(__import__("sys").modules, "hdf5plugin", None)
     writer = written("dsec", tmp_path / "c", about, steps)

@@ -14,6 +14,7 @@ from typing import Any
 from evis.cli.graph.attach import add_run_option, find_run
 from evis.cli.parser import Parser, UsageError
 from evis.console.printable import all_printable, printable
+from evis.dataset.layouts import LAYOUTS
 
 HELP = "record, play, describe, repair and export bags"
 EXAMPLES = {
@@ -62,11 +63,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     recover.add_argument("out", nargs="?", metavar="OUT", help="file to write (BAG.recovered.mcap)")
     recover.add_argument("--json", action="store_true", help="print JSON")
 
-    export = action("export", "write one topic to files")
+    export = action("export", "write one topic to files, or the whole bag in a layout of data sets")
     export.add_argument("bag", metavar="BAG", help="a bag (.mcap)")
-    export.add_argument("--topic", required=True, metavar="TOPIC", help="as `evis bag info` names it; /env<k>/...")
+    what = export.add_mutually_exclusive_group(required=True)
+    what.add_argument("--topic", metavar="TOPIC", help="as `evis bag info` names it; /env<k>/...")
+    what.add_argument("--layout", choices=list(LAYOUTS), metavar="LAYOUT", help=f"one of {', '.join(LAYOUTS)}")
+    export.add_argument("--env", type=int, metavar="K", help="with --layout: the environment to take of several")
     export.add_argument(
-        "out", metavar="OUT", help="events: .npz .csv .raw; keyframes, images: a folder; others: .npz .jsonl"
+        "out", metavar="OUT", help="events: .npz .csv .raw; keyframes, images, a layout: a folder; others: .npz .jsonl"
     )
     export.add_argument("--half", action="store_true", help="EXR with 16-bit R, G, B; values beyond 65504 are clamped")
     export.add_argument("--json", action="store_true", help="print JSON")
@@ -112,6 +116,10 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
     from evis.bag import BagError
     from evis.bag.export.topics import ENDINGS, FOLDERS, FormatError, export
 
+    if args.layout:
+        return _export_layout(args)
+    if args.env is not None:
+        raise UsageError("--env is for --layout; a topic of environment K is /env<K>/...")
     suffix = Path(args.out).suffix.lower()
     try:
         result = export(args.bag, args.topic, args.out, half=args.half)
@@ -136,6 +144,17 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
             f"evis bag export: {args.bag} is damaged; {result['damaged']} chunks or messages were left out",
             file=sys.stderr,
         )
+    return result
+
+
+def _export_layout(args: argparse.Namespace) -> dict[str, Any]:
+    from evis.dataset.bag_sequence import export
+
+    if args.half:
+        raise UsageError("--half is for --topic of a keyframe")
+    result = export(args.bag, args.layout, args.out, args.env)
+    for note in result["notes"]:
+        print(f"evis bag export: {note}", file=sys.stderr)
     return result
 
 

@@ -20,12 +20,20 @@ LAYOUTS = {
     "dsec": f"{_ROOM}.dsec:DsecWriter",
     "npz": f"{_ROOM}.npz:NpzWriter",
     "zarr": f"{_ROOM}.zarr_arrays:ZarrWriter",
+    "mvsec": f"{_ROOM}.mvsec:MvsecWriter",
+    "coco": f"{_ROOM}.coco:CocoWriter",
+    "webdataset": f"{_ROOM}.webdataset:WebdatasetWriter",
+    "mcap": f"{_ROOM}.mcap:McapWriter",
 }
 """Where the writer of each layout is."""
 READERS = {
     "dsec": f"{_ROOM}.dsec_reader:DsecReader",
     "npz": f"{_ROOM}.npz:NpzReader",
     "zarr": f"{_ROOM}.zarr_arrays:ZarrReader",
+    "mvsec": f"{_ROOM}.mvsec_reader:MvsecReader",
+    "coco": f"{_ROOM}.coco_reader:CocoReader",
+    "webdataset": f"{_ROOM}.webdataset:WebdatasetReader",
+    "mcap": f"{_ROOM}.mcap:McapReader",
 }
 """Where the reader of each layout is."""
 

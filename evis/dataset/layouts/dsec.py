@@ -35,7 +35,7 @@ def sides(cameras: dict[str, CameraInfo], name: str) -> dict[str, str]:
     others = list(cameras)[1:]
     if len(others) > 1 or any(not cameras[other].baseline > 0 for other in others):
         raise LayoutError(
-            f"DSEC holds one camera, or a left one and the right one of its stereo rig; {name} has "
+            f"DSEC and MVSEC hold one camera, or a left and a right one of a stereo rig; {name} has "
             f"{', '.join(cameras)}: take one of them, or the layout npz"
         )
     return dict(zip(cameras, SIDES))

@@ -85,7 +85,8 @@ class DsecReader(SequenceReader):
 
     def _images(self, folder: str, stamps: np.ndarray, t0: int, t1: int) -> tuple[slice, list[np.ndarray]]:
         part = within(stamps, t0, t1)
-        return part, [codes(self.directory / folder / f"{k:06d}.png") for k in range(part.start, part.stop)]
+        paths = [self.directory / folder / f"{k:06d}.png" for k in range(part.start, part.stop)]
+        return part, [codes(path.read_bytes()) for path in paths]
 
 
 def _stack(images: list[np.ndarray]) -> np.ndarray:

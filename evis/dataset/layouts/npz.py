@@ -48,6 +48,16 @@ class GrowingNpy:
         npy.write_array_header_1_0(self._file, about)
 
 
+def pack(path: Path, parts: dict[str, Path]) -> None:
+    """Makes an archive, not compressed, of .npy files, array name -> path, and removes them."""
+    with whole_file(path) as partial, zipfile.ZipFile(partial, "w") as archive:
+        for name, part in parts.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry, part.open("rb") as file:
+                shutil.copyfileobj(file, entry, 1 << 20)
+    for part in parts.values():
+        part.unlink()
+
+
 class NpzWriter(ColumnsWriter):
     """Writes an archive per camera and kind of label; each array grows in a file of its own until the end."""
 
@@ -76,13 +86,7 @@ class NpzWriter(ColumnsWriter):
         for camera, kind in dict.fromkeys((camera, column.partition("/")[0]) for camera, column in self._files):
             folder = self.directory / camera / kind
             columns = [column for c, column in self._files if c == camera and column.startswith(f"{kind}/")]
-            with whole_file(folder.with_suffix(".npz")) as partial, zipfile.ZipFile(partial, "w") as archive:
-                for column in columns:
-                    name = column.partition("/")[2]
-                    with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
-                        with self._path(camera, column).open("rb") as part:
-                            shutil.copyfileobj(part, entry, 1 << 20)
-                    self._path(camera, column).unlink()
+            pack(folder.with_suffix(".npz"), {c.partition("/")[2]: self._path(camera, c) for c in columns})
             folder.rmdir()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from pathlib import Path
 
@@ -25,21 +26,21 @@ class PngFrames(FolderFrames):
 
     def _read(self, path: Path) -> tuple[np.ndarray, int | None]:
         try:
-            read = codes(path)
+            read = codes(path.read_bytes())
         except Exception as error:  # Pillow raises OSError, SyntaxError, ValueError and others for damaged files
             raise FramesError(f"{path}: cannot be read as PNG: {' '.join(str(error).split())[:150]}") from None
         return shaped(read, self._tone, self.channels == 3), None
 
 
-def codes(path: Path) -> np.ndarray:
-    """Reads a PNG file, uint8 or uint16, [H, W] or [H, W, 3]; alpha is left out. Raises what Pillow raises."""
+def codes(file: bytes) -> np.ndarray:
+    """Reads the bytes of a PNG file, uint8 or uint16 [H, W] or [H, W, 3], without alpha. Raises what Pillow raises."""
     from PIL import Image
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # what is too large is refused here
-        first = Image.open(path, formats=["PNG"])
+        first = Image.open(io.BytesIO(file), formats=["PNG"])
     with first as image:
-        Allowance(path.stat().st_size).check(image.width * image.height * PIXEL_BYTES)
+        Allowance(len(file)).check(image.width * image.height * PIXEL_BYTES)
         rawmode = image.tile[0].args if image.tile else None
         if image.mode in ("I", "I;16"):
             return np.asarray(image).astype(np.uint16)
@@ -51,7 +52,7 @@ def codes(path: Path) -> np.ndarray:
                 raise ValueError("16 bit grey with alpha is not supported; save it without alpha")
             return np.asarray(image.convert(mode))
     # Pillow gives 16 bit colour as its high bytes; read as if little-endian, it gives the low ones
-    with Image.open(path, formats=["PNG"]) as image:
+    with Image.open(io.BytesIO(file), formats=["PNG"]) as image:
         image.tile = [tile._replace(args=str(rawmode).replace("16B", "16L")) for tile in image.tile]
         low = np.asarray(image)
     return (high[..., :3].astype(np.uint16) << 8) | low[..., :3]

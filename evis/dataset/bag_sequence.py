@@ -1,0 +1,140 @@
+"""A labelled bag as the steps of a simulation, so that it can be written in any layout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evis.bag import BagError, environments
+from evis.bag.reader import BagReader
+from evis.dataset.about import About
+from evis.dataset.layouts import LayoutError, writer_of
+from evis.dataset.layouts.sample import DENSE, EVENTS, TABLES
+from evis.events.codecs.decoder import Decoder, make_decoder
+from evis.simulation.step import Step, value_of
+from msgs.camera import CameraInfo, EventPacket, Image, Labels
+from msgs.header import Message
+
+WANTED = {"events": "EventPacket", "labels": "Labels", "depth": "Depth", "ids": "Ids", "image": "Image"}
+"""Outputs of a camera that a sequence has, and the messages that bring them."""
+_LOOK = 2
+"""First labels to look at for what kinds there are: those of keyframe 0 have no interval behind them."""
+
+
+def export(bag: str | Path, layout: str, out: str | Path, env: int | None = None) -> dict[str, Any]:
+    """Writes a bag into an empty folder in one of the layouts, and tells what was written.
+
+    env: the environment to take of several. Raises BagError, and LayoutError for what the layout cannot hold.
+    """
+    with BagReader(bag) as reader:
+        sequence = BagSequence(reader, env)
+        writer = writer_of(layout)(Path(out), sequence.about)
+        for step in sequence.steps():
+            writer.add(step)
+        writer.close()
+        result = {"layout": layout, "out": str(out), "events": sum(writer.counts.values()), "notes": writer.notes}
+        return result | ({"problem": reader.problem} if reader.problem else {})
+
+
+class BagSequence:
+    """Reads a bag of one episode step by step. about: what the bag tells of itself."""
+
+    def __init__(self, reader: BagReader, env: int | None = None) -> None:
+        """Looks for cameras and what there is of them. Raises BagError for a bag without events or cameras' infos."""
+        self._reader, self._env = reader, env
+        self._decoders: dict[str, Decoder] = {}
+        self.topics = {
+            topic: (topic[1:].rpartition("/")[0], output)
+            for topic, kind in sorted(reader.topics.items())
+            if WANTED.get(output := topic.rpartition("/")[2]) == kind
+        }
+        cameras = dict.fromkeys(camera for camera, output in self.topics.values() if output == "events")
+        if not cameras:
+            raise BagError(f"{reader.path} has no events; it has {', '.join(sorted(reader.topics)) or 'no topics'}")
+        infos = {camera: self._info(camera) for camera in cameras}
+        # The left camera of a stereo rig is the first one.
+        infos = dict(sorted(infos.items(), key=lambda pair: pair[1].baseline))
+        self.topics = {topic: named for topic, named in self.topics.items() if named[0] in infos}
+        first = next(iter(infos))
+        packet = next(self._messages([f"/{first}/events"]))
+        start = packet.t0_ns if isinstance(packet, EventPacket) else 0
+        told = reader.metadata.get("evis", {})
+        arguments = {key.removeprefix("arg."): value for key, value in told.items() if key.startswith("arg.")}
+        self.about = About(
+            Path(reader.path).stem, arguments.get("scene", told.get("name", "")), arguments, _whole(told.get("seed")),
+            reader.end_ns - start, infos[first].keyframe_rate, infos, self._kinds(first), start,
+        )  # fmt: skip
+
+    def steps(self) -> Iterator[Step]:
+        """Yields what there is of each stamp, in order. Raises LayoutError for a bag of several episodes."""
+        at: int | None = None
+        episode: int | None = None
+        found: dict[str, dict[str, Any]] = {}
+        for topic, message in self._named(self.topics):
+            header, (camera, output) = message.header, self.topics[topic]
+            if isinstance(message, Image) and not message.exposure_ns:
+                continue  # a preview for people, which no sensor has seen
+            if episode not in (None, header.episode):
+                raise LayoutError(f"{self._reader.path} has several episodes; a sequence is one: record each by itself")
+            episode = header.episode
+            if found and (header.stamp_ns != at or output in found.get(camera, {})):
+                yield self._step(at, found)
+                found = {}
+            at = header.stamp_ns
+            found.setdefault(camera, {})[output] = value_of(message)
+        if found:
+            yield self._step(at, found)
+
+    def _step(self, stamp_ns: int | None, found: dict[str, dict[str, Any]]) -> Step:
+        assert stamp_ns is not None
+        ordered = {camera: found[camera] for camera in self.about.cameras if camera in found}
+        return Step(stamp_ns, np.zeros(1, np.int32), ordered, {}, False)
+
+    def _messages(self, topics: list[str]) -> Iterator[Message]:
+        return (message for _, message in self._named(topics))
+
+    def _named(self, topics: Any) -> Iterator[tuple[str, Message]]:
+        for topic, message in self._reader.messages(list(topics)):
+            envs = environments.count(message)
+            if envs > 1 and self._env is None:
+                raise LayoutError(f"{self._reader.path} has {envs} environments; name one of them: --env 0")
+            if envs > 1 and not 0 <= int(self._env or 0) < envs:
+                raise LayoutError(f"{self._reader.path} has no environment {self._env}; it has 0 to {envs - 1}")
+            if self._env is not None and (envs > 1 or environments.tabular(message)):
+                message = environments.split(message, max(envs, self._env + 1))[self._env][0]
+            yield topic, self._decoded(topic, message) if isinstance(message, EventPacket) else message
+
+    def _decoded(self, topic: str, packet: EventPacket) -> EventPacket:
+        """The packet with its events; a sensor's own bytes are decoded by one decoder, which keeps its state."""
+        if packet.t is not None:
+            return packet
+        try:
+            decoder = self._decoders.setdefault(topic, make_decoder(packet.encoding, packet.width, packet.height))
+        except ValueError as error:
+            raise BagError(f"{topic}: {error}") from None
+        events = decoder.decode(b"" if packet.raw is None else packet.raw.tobytes())
+        return replace(packet, t=events.t, x=events.x, y=events.y, p=events.p)
+
+    def _info(self, camera: str) -> CameraInfo:
+        topic = f"/{camera}/info"
+        info = next(self._messages([topic]), None) if topic in self._reader.topics else None
+        if not isinstance(info, CameraInfo):
+            raise BagError(f"{self._reader.path} has no {topic}, which tells the size of {camera}; record it too")
+        return info
+
+    def _kinds(self, camera: str) -> tuple[str, ...]:
+        topic, found = f"/{camera}/labels", dict[str, None]()
+        if topic in self._reader.topics:
+            for _, message in zip(range(_LOOK), self._messages([topic])):
+                assert isinstance(message, Labels)
+                kinds = (*DENSE.items(), *TABLES.items(), ("events", EVENTS))
+                found |= dict.fromkeys(kind for kind, names in kinds if getattr(message, names[0]) is not None)
+        return tuple(found)
+
+
+def _whole(text: str | None) -> int:
+    return int(text) if text is not None and text.lstrip("-").isdecimal() else 0

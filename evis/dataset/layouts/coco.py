@@ -1,0 +1,140 @@
+"""COCO: boxes and masks of things in images, `annotations/instances.json`, with the events beside them.
+
+An image is the frame of a stamp or, without frames, a picture of the events since the stamp before. The events are in
+`events/<camera>/events.npz`.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from evis.bag.export.png import encoded
+from evis.dataset.layouts.npz import NpzWriter
+from evis.dataset.layouts.sample import Sample
+from evis.dataset.layouts.writer import SequenceWriter
+from evis.events.arrays import Events
+from msgs.camera import CameraInfo, Image
+
+ANNOTATIONS = "annotations/instances.json"
+EVENTS = "events"
+_OFF, _ON, _NONE = (30, 70, 220), (220, 40, 40), (255, 255, 255)
+_HELD = {"boxes", "segmentation"}
+
+
+class CocoWriter(SequenceWriter):
+    """Writes an image for each stamp with boxes or a segmentation, and an annotation for each instance in it."""
+
+    LAYOUT = "coco"
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        # of the events alone, in a folder of its own
+        self._events = NpzWriter(self.directory / EVENTS, self.about)
+        folder = self.directory / Path(ANNOTATIONS).parent
+        folder.mkdir()
+        self._parts = {name: _Lines(folder / f".{name}.part") for name in ("images", "annotations")}
+        self._frames: dict[str, Image] = {}
+
+    def _add(self, camera: str, sample: Sample) -> None:
+        self._events._add(camera, Sample(sample.stamp_ns, sample.t0_ns, sample.events))
+        if sample.image is not None:
+            self._frames[camera] = sample.image
+        for kind, _ in sample.kinds():
+            if kind not in _HELD:
+                self.note(f"COCO has no {kind}: it is left out")
+        if "event_instance" in sample.labels:
+            self.note("COCO has no labels of events: they are left out")
+        if _HELD & dict(sample.kinds()).keys():
+            self._annotate(camera, sample)
+
+    def _annotate(self, camera: str, sample: Sample) -> None:
+        number, info = self._parts["images"].count + 1, self.about.cameras[camera]
+        name = f"images/{camera}/{number:06d}.png"
+        path = self.directory / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        frame = self._frames.pop(camera, None)
+        pixels = picture(sample.events, info) if frame is None else np.asarray(frame.data)
+        path.write_bytes(encoded(pixels, "" if frame is None else frame.encoding))
+        told = {"id": number, "file_name": name.removeprefix("images/"), "width": info.width, "height": info.height}
+        self._parts["images"].add({**told, "stamp_ns": sample.stamp_ns, "camera": camera})
+        for instance, box, mask in things(sample):
+            width, height = box[2] - box[0] + 1, box[3] - box[1] + 1
+            category = int(info.semantic[instance]) if info.semantic is not None else 1
+            self._parts["annotations"].add(
+                {
+                    "id": self._parts["annotations"].count + 1, "image_id": number, "category_id": category,
+                    "bbox": [box[0], box[1], width, height], "iscrowd": 0, "track_id": instance,
+                    "area": width * height if mask is None else int(mask.sum()),
+                    "segmentation": [] if mask is None else run_lengths(mask),
+                }
+            )  # fmt: skip
+
+    def _finish(self) -> None:
+        self._events.close()
+        infos = self.about.cameras.values()
+        classes = next((info.classes for info in infos if info.semantic is not None), ["background", "thing"])
+        categories = [{"id": k, "name": name, "supercategory": "thing"} for k, name in enumerate(classes) if k]
+        head = {"info": {"description": self.about.name, "version": "1.0"}, "licenses": [], "categories": categories}
+        with (self.directory / ANNOTATIONS).open("w") as out:
+            out.write(json.dumps(head)[:-1])
+            for name, lines in self._parts.items():
+                out.write(f', "{name}": [')
+                lines.pour(out)
+                out.write("]")
+            out.write("}\n")
+
+
+class _Lines:
+    """Objects of JSON that wait in a file of their own, so that they need not wait in memory."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._file, self.count = path, path.open("w"), 0
+
+    def add(self, thing: dict[str, Any]) -> None:
+        self._file.write((",\n" if self.count else "\n") + json.dumps(thing))
+        self.count += 1
+
+    def pour(self, out: IO[str]) -> None:
+        """Copies all of them, and removes the file."""
+        self._file.close()
+        with self._path.open() as file:
+            shutil.copyfileobj(file, out)
+        self._path.unlink()
+
+
+def things(sample: Sample) -> Iterator[tuple[int, list[int], np.ndarray | None]]:
+    """Yields (instance, box x0 y0 x1 y1 px inclusive, mask [H, W] or None) of what is seen, without the background.
+
+    Boxes are the labels' own; without them they are those of the masks.
+    """
+    ids = sample.labels.get("segmentation")
+    if "box" in sample.labels:
+        for box, instance in zip(sample.labels["box"].tolist(), sample.labels["box_id"].tolist()):
+            yield instance, [int(v) for v in box], None if ids is None else ids == instance
+        return
+    assert ids is not None
+    for instance in np.unique(ids[ids > 0]).tolist():
+        mask = ids == instance
+        rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+        yield instance, [int(v) for v in (columns[0], rows[0], columns[-1], rows[-1])], mask
+
+
+def run_lengths(mask: np.ndarray) -> dict[str, Any]:
+    """Returns COCO's uncompressed run lengths of a mask [H, W]: by columns, the first run is of 0."""
+    flat = np.concatenate([[0], mask.T.reshape(-1).astype(np.int8), [0]])
+    edges = np.flatnonzero(np.diff(flat))
+    bounds = np.concatenate([[0], edges, [] if len(edges) and edges[-1] == mask.size else [mask.size]]).astype(np.int64)
+    return {"size": list(mask.shape), "counts": np.diff(bounds).tolist()}
+
+
+def picture(events: Events, info: CameraInfo) -> np.ndarray:
+    """Draws events uint8 [H, W, 3], the last one of a pixel: ON red, OFF blue, over white."""
+    image = np.full((info.height, info.width, 3), _NONE, np.uint8)
+    image[events.y, events.x] = np.array((_OFF, _ON), np.uint8)[events.p]
+    return image

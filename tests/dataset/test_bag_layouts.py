@@ -1,0 +1,80 @@
+"""`evis bag export BAG --layout`: the same sequence as from the simulation itself."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sequences import written
+
+import evis
+from evis.bag.writer import BagWriter
+from evis.cli import main
+from evis.dataset.about import About
+from evis.dataset.layouts import LAYOUTS, reader_of
+from msgs.camera import Image
+from msgs.header import Header
+
+OUTPUTS = ["events", "info", "labels.boxes", "labels.depth", "labels.segmentation", "labels.forward_flow"]
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: Any) -> tuple[Path, About, tuple[Any, ...]]:
+    """A bag, and the steps that it was recorded from. Its preview, which was not exposed, is no frame."""
+    bag = tmp_path_factory.mktemp("bag") / "a.mcap"
+    with evis.Simulation("spinning_disk", outputs=OUTPUTS, seed=2, width=64, height=48) as sim:
+        steps = [sim.reset(), *(sim.step() for _ in range(3))]
+    with BagWriter(bag, {"evis": {"seed": "2", "arg.scene": "spinning_disk"}}) as writer:
+        writer.write("/cam0/info", steps[0].info)
+        for step in steps:
+            writer.write("/cam0/image", Image(Header(step.stamp_ns), np.zeros((48, 64, 3), np.uint8)))
+            writer.write("/cam0/events", step.events)
+            writer.write("/cam0/labels", step.labels)
+    cameras = {"cam0": steps[0].cameras["cam0"].info}
+    return bag, About("a", "spinning_disk", {}, 2, 100_000_000, 30.0, cameras, ()), tuple(steps)
+
+
+@pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "zarr"])
+def test_a_bag_in_every_layout(recorded: Any, layout: str, tmp_path: Path, capsys: Any) -> None:
+    """Events and labels are those of the steps, array by array."""
+    bag, about, steps = recorded
+    assert main(["bag", "export", str(bag), "--layout", layout, str(tmp_path / "b"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    written(layout, tmp_path / "s", about, steps)
+    got, want = (reader_of(layout)(tmp_path / name) for name in "bs")
+    assert told["events"] == got.count == want.count > 1000 and told["layout"] == layout
+    assert all(np.array_equal(a, b) for a, b in zip(got.events(0, 10**12), want.events(0, 10**12)))
+    assert got.kinds("cam0") == want.kinds("cam0") and got.kinds("cam0")
+    for kind in got.kinds("cam0"):
+        mine, theirs = (reader.labels(kind, 0, 10**12) for reader in (got, want))
+        assert mine.keys() == theirs.keys()
+        assert all(mine[name].tobytes() == theirs[name].tobytes() for name in mine), kind
+    assert got.about.seed == 2 and got.about.duration_ns == 100_000_000
+
+
+def test_what_cannot_be_written_is_said(recorded: Any, tmp_path: Path, capsys: Any) -> None:
+    """A folder that is not empty, an unknown layout, both of topic and layout."""
+    bag = str(recorded[0])
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "x").touch()
+    assert main(["bag", "export", bag, "--layout", "npz", str(tmp_path / "full")]) == 1
+    assert "is not empty; a sequence goes into a folder of its own" in capsys.readouterr().err
+    for words in (["--layout", "dsek"], ["--layout", "npz", "--topic", "/a"], ["--topic", "/a", "--env", "1"], []):
+        assert main(["bag", "export", bag, *words, str(tmp_path / "o")]) == 2
+        assert "--layout" in capsys.readouterr().err and not (tmp_path / "o").exists()
+
+
+def test_one_of_several_environments(tmp_path: Path, capsys: Any) -> None:
+    """It is asked for by number, and its events are those of a run with its own seed."""
+    with evis.Simulation("spinning_disk", outputs=["events", "info"], seed=5, envs=2, width=32, height=24) as sim:
+        sim.run(0.07)
+        sim.save(tmp_path / "a.mcap")
+    assert main(["bag", "export", str(tmp_path / "a.mcap"), "--layout", "npz", str(tmp_path / "b")]) == 1
+    assert "has 2 environments; name one of them: --env 0" in capsys.readouterr().err
+    assert main(["bag", "export", str(tmp_path / "a.mcap"), "--layout", "npz", "--env", "1", str(tmp_path / "c")]) == 0
+    with evis.Simulation("spinning_disk", seed=6, width=32, height=24) as sim:
+        want = np.concatenate([step.events.t for step in sim.run(0.07) if step.events is not None])
+    assert np.array_equal(reader_of("npz")(tmp_path / "c").events(0, 10**12).t, want) and len(want) > 100
