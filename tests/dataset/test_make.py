@@ -16,7 +16,7 @@ import pytest
 from small_recipe import checksums, evis, write
 
 import evis as public
-from evis.dataset.layouts import reader_of
+from evis.dataset.layouts import LAYOUTS, reader_of
 from evis.dataset.making.make import make
 from evis.dataset.making.store import INDEX, LocalStore
 from evis.dataset.making.tasks import Answer, Answerer
@@ -96,6 +96,22 @@ def test_a_reset_simulation_makes_the_bytes_of_a_new_one(tmp_path: Path) -> None
             maker.make(plan)
     assert checksums(tmp_path / "warm") == checksums(tmp_path / "new")
     assert len(set(checksums(tmp_path / "warm").values())) >= 6  # other seeds, other events
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_every_layout_is_the_same_to_the_byte_and_holds_every_event(layout: str, tmp_path: Path) -> None:
+    """Whatever the worker has made before."""
+    if layout == "zarr":
+        pytest.importorskip("zarr")
+    recipe = read_recipe(write(tmp_path, ("layout: npz", f"layout: {layout}\nlabels: [boxes, forward_flow]")))
+    make(recipe, str(tmp_path / "d"), InThisProcess, count=2)
+    maker = Maker(str(tmp_path / "again"))
+    for index in (1, 0):
+        maker.make(recipe.sequence(index))
+    maker.close()
+    again = checksums(tmp_path / "again")
+    assert again and {name: d for name, d in checksums(tmp_path / "d").items() if name != INDEX} == again
+    assert verify(str(tmp_path / "d"))["wrong"] == []
 
 
 def test_a_killed_run_goes_on_to_the_same_checksums(serial: tuple[Path, dict[str, str]], tmp_path: Path) -> None:
