@@ -26,7 +26,7 @@ demo: .venv/base
 test: .venv/dev lint
 	@$(BIN)/python -m pytest -q
 
-# What needs PyTorch, Stable-Baselines3 or tonic: gigabytes, so in an environment of its own. TORCH chooses the build:
+# What needs PyTorch, Stable-Baselines3, Ray or tonic: gigabytes, so in an environment of its own. TORCH chooses the build:
 # `make test-extras TORCH='torch==2.13.0+cpu'` where pip knows of one without CUDA.
 TORCH ?= torch>=2.4,<3
 EXTRAS := .venv-extras/bin

@@ -23,6 +23,7 @@ COMMANDS = {
     "doctor": ("machine.doctor", "check this machine and this installation"),
     "bag": ("graph.bag", "record, play, describe, repair and export bags"),
     "events": ("events", "describe, convert, simulate, measure and draw event recordings"),
+    "dataset": ("dataset", "make data sets from a recipe, describe, check and show them"),
     "camera": ("machine.camera", "find and try USB event cameras"),
     "view": ("graph.view", "open the web visualizer"),
     "bench": ("machine.bench", "measure error against run time, stability, throughput"),

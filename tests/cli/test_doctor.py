@@ -40,12 +40,16 @@ def test_every_dependency_is_looked_for(declared: list[str]) -> None:
 
 
 def test_what_is_optional_is_a_note(declared: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "_version", lambda package: "1.0" if package in ("av", "rosbags") else None)
+    monkeypatch.setattr(
+        doctor, "_version", lambda package: "1.0" if package in ("av", "opencv-python-headless", "rosbags") else None
+    )
     found = finding("extras")
     assert found.level == "note" and found.text.startswith("video; not installed: bench (plots), files (")
     assert "ros (" in found.text, "one of its two packages is not enough"
     monkeypatch.setattr(doctor, "_version", lambda package: "1.0")
-    assert finding("extras") == doctor.Finding("extras", "ok", "video, bench, files, ros, peers, gym, rl")
+    assert finding("extras") == doctor.Finding(
+        "extras", "ok", "video, bench, files, ros, peers, gym, rl, layouts, cluster"
+    )
 
 
 def test_every_extra_is_known_and_on_the_first_page() -> None:

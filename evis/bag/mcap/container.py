@@ -9,6 +9,7 @@ back to its last whole record and closed with its index, as far as there is room
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import struct
 import threading
@@ -70,7 +71,8 @@ class Container:
             self.close()
             raise
         self._flusher = threading.Thread(target=self._flush_in_time, name="bag-flush", daemon=True)
-        self._flusher.start()
+        if math.isfinite(chunk_period_s):  # without it chunks are as large as they are meant to be, whatever the time
+            self._flusher.start()
 
     # -- what is written outside of chunks ---------------------------------------------------------------------------
 

@@ -28,6 +28,8 @@ EXTRAS = {
     "peers": "MuJoCo Warp in evis bench renderer_peers",
     "gym": "environments for reinforcement learning",
     "rl": "training in them, with PyTorch",
+    "layouts": "data sets as Zarr",
+    "cluster": "data sets made on a Ray cluster, and kept on s3",
 }
 """Optional parts of the installation and what they are for; `usb` has a check of its own."""
 MB = 1 << 20

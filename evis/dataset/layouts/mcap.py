@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,8 @@ class McapWriter(SequenceWriter):
         super().__init__(*args)
         about = self.about
         told = {"name": about.name, "scene": about.scene, "seed": str(about.seed), "labels": ",".join(about.labels)}
-        self._bag = BagWriter(self.directory / FILE, {"sequence": told})
+        # Chunks by their size alone: where the time of day cuts them, the same messages are other bytes.
+        self._bag = BagWriter(self.directory / FILE, {"sequence": told}, chunk_period_s=math.inf)
         for name, info in about.cameras.items():
             self._write(f"/{name}/info", dataclasses.replace(info, header=Header(about.start_ns)))
 

@@ -1,0 +1,1 @@
+"""What data sets cost: to make, to keep, to read."""

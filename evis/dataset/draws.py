@@ -1,0 +1,136 @@
+"""Where in its range an argument of a sequence lies: a pure function of what is drawn and of its number."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from evis.random_numbers import GOLDEN, mix, open_uniform
+
+SAMPLINGS = ("random", "latin", "grid")
+"""How arguments are drawn: each by itself, stratified over the sequences (Latin hypercube), or every combination."""
+SCALES = ("linear", "log")
+
+
+def key_of(*names: Any) -> np.uint64:
+    """Returns the key of a stream of random numbers, by what it is for."""
+    text = "/".join(map(str, names)).encode()
+    return np.uint64(int.from_bytes(hashlib.sha256(text).digest()[:8], "little"))
+
+
+def uniform(key: np.uint64, n: int) -> float:
+    """Returns the n-th number of a stream, in (0, 1)."""
+    return float(open_uniform(_bits(key, np.array([n], np.uint64)))[0])
+
+
+def whole(key: np.uint64, n: int) -> int:
+    """Returns the n-th whole number of a stream, in [0, 2^31)."""
+    return int(_bits(key, np.array([n], np.uint64))[0] >> np.uint64(33))
+
+
+def _bits(key: np.uint64, n: np.ndarray) -> np.ndarray:
+    with np.errstate(over="ignore"):
+        return mix(key + (n + np.uint64(1)) * GOLDEN)
+
+
+@functools.lru_cache(maxsize=256)
+def _order(key: int, count: int) -> np.ndarray:
+    """A permutation of `count` strata."""
+    return np.argsort(_bits(np.uint64(key), np.arange(count, dtype=np.uint64)), kind="stable")
+
+
+def stratified(seed: int, names: tuple[Any, ...], n: int, count: int) -> float:
+    """Returns a number in (0, 1) such that of each `count` successive ones every stratum of 1 / count has one."""
+    block, place = divmod(n, count)
+    stratum = int(_order(int(key_of(seed, *names, "strata", block)), count)[place])
+    return (stratum + uniform(key_of(seed, *names, "within"), n)) / count
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Describes the values that an argument takes: `choices`, or a range in every component.
+
+    low, high: of each component, inclusive. whole: whole numbers only. vector: the value is a list. steps: values of
+    each component in a grid, ends included; 0 = not given.
+    """
+
+    name: str
+    choices: tuple[Any, ...] = ()
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
+    whole: bool = False
+    vector: bool = False
+    log: bool = False
+    steps: int = 0
+
+    @property
+    def components(self) -> int:
+        """Numbers that are drawn for one value."""
+        return 1 if self.choices else len(self.low)
+
+    @property
+    def levels(self) -> int:
+        """Number of values in a grid; 0 for a range without steps."""
+        return len(self.choices) if self.choices else self.steps**self.components
+
+    def at(self, places: Sequence[float]) -> Any:
+        """Returns the value at a place in [0, 1) of each component."""
+        if self.choices:
+            return self.choices[min(int(places[0] * len(self.choices)), len(self.choices) - 1)]
+        return self._value([self._number(i, u) for i, u in enumerate(places)])
+
+    def level(self, n: int) -> Any:
+        """Returns the n-th value of the grid."""
+        if self.choices:
+            return self.choices[n]
+        numbers = []
+        for i in range(self.components):
+            n, step = divmod(n, self.steps)
+            part = step / (self.steps - 1) if self.steps > 1 else 0.5
+            numbers.append(self._number(i, part, ends=True))
+        return self._value(numbers)
+
+    def _number(self, component: int, u: float, ends: bool = False) -> float:
+        low, high = self.low[component], self.high[component]
+        if self.whole and not self.log and not ends:
+            return min(int(low) + int(u * (int(high) - int(low) + 1)), int(high))
+        value = math.exp(math.log(low) + u * math.log(high / low)) if self.log else low + u * (high - low)
+        value = min(max(value, low), high)
+        return round(value) if self.whole else value
+
+    def _value(self, numbers: list[float]) -> Any:
+        return numbers if self.vector else numbers[0]
+
+
+def draw(axes: Sequence[Axis], sampling: str, seed: int, scene: str, n: int, count: int) -> dict[str, Any]:
+    """Draws the n-th set of arguments of a scene.
+
+    Args:
+        sampling: one of SAMPLINGS. seed: of the recipe. count: sets that a Latin hypercube stratifies.
+    """
+    if sampling == "grid":
+        values = {}
+        for axis in reversed(axes):  # the last one changes fastest
+            n, level = divmod(n, axis.levels)
+            values[axis.name] = axis.level(level)
+        return {axis.name: values[axis.name] for axis in axes}
+    found = {}
+    for axis in axes:
+        names = [(scene, axis.name, component) for component in range(axis.components)]
+        if sampling == "latin":
+            places = [stratified(seed, name, n, count) for name in names]
+        else:
+            places = [uniform(key_of(seed, *name), n) for name in names]
+        found[axis.name] = axis.at(places)
+    return found
+
+
+def turn(n: int, start: float) -> float:
+    """Returns the n-th point of the golden-ratio sequence in [0, 1), of which every stretch is spread evenly."""
+    return (start + n * 0.6180339887498949) % 1.0

@@ -1,0 +1,49 @@
+"""Chooses who makes the sequences: processes of this machine, or a Ray cluster."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+
+from evis.dataset.errors import DatasetError
+from evis.dataset.making.processes import Processes
+from evis.dataset.making.tasks import Workers
+from evis.dataset.recipe import Recipe
+
+
+def workforce(recipe: Recipe, count: int | None, address: str | None) -> Callable[[str], Workers]:
+    """Returns what makes the workers of a recipe, for the place that it goes to.
+
+    Args:
+        count: of workers; not given, one per core, or per GPU for a recipe that computes there.
+        address: of a Ray cluster, `auto` for the one that this machine belongs to; None = processes of this machine.
+
+    Raises DatasetError where the extra lacks.
+    """
+    on_gpu = any(str(value).startswith("cuda") for scene in recipe.scenes for value in devices(scene.corners()))
+    if address is None:
+        gpus = gpu_count() if on_gpu else 0
+        number = count or gpus or len(os.sched_getaffinity(0))
+        return lambda out: Processes(number, out, gpus)
+    try:
+        from evis.dataset.making.cluster import Actors
+    except ModuleNotFoundError as error:
+        if error.name != "ray":
+            raise
+        raise DatasetError(
+            "--address needs Ray: pip install 'evis[cluster]'; without --address workers are processes"
+        ) from None
+    return lambda out: Actors(count, out, address, on_gpu)
+
+
+def devices(corners: list[dict[str, object]]) -> list[object]:
+    """Lists what a scene's sequences say of their device."""
+    return [arguments.get("device", "cpu") for arguments in corners]
+
+
+def gpu_count() -> int:
+    """Counts the GPUs that this process may use."""
+    import warp as wp
+
+    wp.init()
+    return len(wp.get_cuda_devices())

@@ -1,0 +1,153 @@
+"""A recipe: which sequences a data set has. Each is a pure function of the recipe and its number."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from evis.dataset.draws import Axis, draw, key_of, turn, whole
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Describes one sequence before it is made.
+
+    name: of its folder, also that of a file. path: where it lies below the data set's folder. arguments: of the scene
+    and the launch file. outputs: of the simulation. layout: how it is written.
+    """
+
+    index: int
+    name: str
+    split: str
+    path: str
+    scene: str
+    arguments: dict[str, Any]
+    seed: int
+    duration_s: float
+    outputs: tuple[str, ...]
+    labels: tuple[str, ...]
+    layout: str
+
+    @property
+    def scene_name(self) -> str:
+        """The scene without the folder that it lies in, which may be another on another machine."""
+        return Path(self.scene).stem
+
+    def as_dict(self) -> dict[str, Any]:
+        """Gives it as JSON has it."""
+        return asdict(self)
+
+    @staticmethod
+    def from_dict(values: Mapping[str, Any]) -> Plan:
+        """Makes one of what `as_dict` gave."""
+        lists = {name: tuple(values[name]) for name in ("outputs", "labels")}
+        return Plan(**{**values, **lists})
+
+
+@dataclass(frozen=True)
+class SceneDraws:
+    """Describes what is drawn of one scene. weight: of so many sequences in a round. where: file:line."""
+
+    target: str
+    weight: int
+    constants: dict[str, Any]
+    axes: tuple[Axis, ...]
+    where: str
+
+    @property
+    def name(self) -> str:
+        """What it is called in names of sequences."""
+        return Path(self.target).stem
+
+    @property
+    def combinations(self) -> int:
+        """Number of points of the grid of its axes."""
+        return math.prod(axis.levels for axis in self.axes)
+
+    def corners(self) -> list[dict[str, Any]]:
+        """Lists the arguments with everything at its first and at its last value."""
+        ends = [{axis.name: axis.at([u] * axis.components) for axis in self.axes} for u in (0.0, 1.0 - 2.0**-53)]
+        return [{**self.constants, **values} for values in ends]
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Describes a data set. count: sequences that the recipe asks for; more can be made, and the first ones stay.
+
+    seeds: sequences of each draw of arguments, which differ in their seed alone. duration: an axis, in seconds.
+    splits: share of each, 1 in all; empty = none. text: what the file says, as JSON has it.
+    """
+
+    name: str
+    description: str
+    layout: str
+    count: int
+    duration: Axis
+    seed: int
+    seeds: int
+    sampling: str
+    splits: dict[str, float]
+    outputs: tuple[str, ...]
+    labels: tuple[str, ...]
+    scenes: tuple[SceneDraws, ...]
+    text: dict[str, Any]
+
+    @cached_property
+    def digest(self) -> str:
+        """Tells two recipes apart: a hash of all that decides about sequences, so not of their number in a grid."""
+        said = {key: value for key, value in self.text.items() if key != "description"}
+        if self.sampling != "latin":  # where the number of strata is part of every draw
+            said.pop("sequences", None)
+        return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+
+    @cached_property
+    def _round(self) -> tuple[int, ...]:
+        """The scene of each draw of a round, spread so that no scene stands at its end alone."""
+        places = [((turn + 0.5) / s.weight, i) for i, s in enumerate(self.scenes) for turn in range(s.weight)]
+        return tuple(i for _, i in sorted(places))
+
+    def sequence(self, index: int) -> Plan:
+        """Draws the sequence of this number, 0 or more."""
+        n, _ = divmod(index, self.seeds)
+        rounds, place = divmod(n, len(self._round))
+        scene = self.scenes[self._round[place]]
+        rank = rounds * scene.weight + self._round[:place].count(self._round[place])
+        strata = max(1, math.ceil(self.count * scene.weight / (len(self._round) * self.seeds)))
+        grid = self.sampling == "grid"
+        rank = rank % scene.combinations if grid else rank
+        drawn = draw(scene.axes, self.sampling, self.seed, scene.name, rank, strata)
+        how = "random" if grid else self.sampling
+        (duration,) = draw([self.duration], how, self.seed, "", n, self.count).values()
+        name, split = f"{scene.name}_{index:05d}", self._split(n)
+        return Plan(
+            index=index,
+            name=name,
+            split=split,
+            path=f"{split}/{name}" if split else name,
+            scene=scene.target,
+            arguments={**scene.constants, **drawn},
+            seed=whole(key_of(self.seed, "seed"), index),
+            duration_s=float(duration),
+            outputs=self.outputs,
+            labels=self.labels,
+            layout=self.layout,
+        )
+
+    def sequences(self, count: int | None = None) -> Sequence[Plan]:
+        """Draws the first sequences, as many as the recipe says or `count`."""
+        return [self.sequence(index) for index in range(self.count if count is None else count)]
+
+    def _split(self, n: int) -> str:
+        """The split of a draw; all seeds of one are in the same, so that nothing of it is seen in two."""
+        at, upto = turn(n, 0.0), 0.0
+        for name, share in self.splits.items():
+            upto += share
+            if at < upto:
+                return name
+        return next(reversed(self.splits), "")

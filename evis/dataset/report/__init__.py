@@ -1,0 +1,1 @@
+"""What there is to say of a data set that was made: numbers, whether it is whole, how it looks."""

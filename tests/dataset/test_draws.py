@@ -1,0 +1,94 @@
+"""What a recipe draws: strata are even, grids whole, and a sequence depends on the recipe and its number alone."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_recipe import write
+
+from evis.dataset.draws import Axis, draw
+from evis.dataset.recipe_file import read_recipe
+
+
+@pytest.mark.parametrize("count", [1, 7, 40])
+def test_a_latin_hypercube_has_one_value_in_each_stratum(count: int) -> None:
+    """Of every component, in every block; and the order of one axis says nothing of another's."""
+    axes = [Axis("a", low=(0.0,), high=(1.0,)), Axis("b", low=(-1.0, 2.0), high=(1.0, 3.0), vector=True)]
+    for block in range(2):
+        sets = [draw(axes, "latin", 5, "s", block * count + n, count) for n in range(count)]
+        columns = np.array([[s["a"], (s["b"][0] + 1) / 2, s["b"][1] - 2] for s in sets])
+        assert (np.sort((columns * count).astype(int), axis=0) == np.arange(count)[:, None]).all()
+        if count == 40:
+            assert np.abs(np.corrcoef(columns.T) - np.eye(3)).max() < 0.5
+
+
+def test_random_values_are_uniform() -> None:
+    """By the Kolmogorov-Smirnov distance, whose 0.1 % point at n = 2000 is 1.95 / sqrt(n)."""
+    axis = Axis("a", low=(1.0,), high=(100.0,), log=True)
+    values = np.sort([draw([axis], "random", 1, "s", n, 1)["a"] for n in range(2000)])
+    expected = np.log(values) / np.log(100)
+    assert np.abs(expected - (np.arange(2000) + 0.5) / 2000).max() < 1.95 / np.sqrt(2000)
+
+
+def test_whole_numbers_reach_both_ends_evenly() -> None:
+    axis = Axis("a", low=(2.0,), high=(5.0,), whole=True)
+    found = Counter(draw([axis], "latin", 0, "s", n, 400)["a"] for n in range(400))
+    assert found == {2: 100, 3: 100, 4: 100, 5: 100}
+
+
+def test_a_grid_has_every_combination_once(tmp_path: Path) -> None:
+    """The number of sequences follows from it, and further ones begin again with other seeds."""
+    changes = ("latin", "grid"), ("sequences: 5\n", ""), ("to: 70}", "to: 70, steps: 3}")
+    recipe = read_recipe(write(tmp_path, *changes))
+    assert recipe.count == 6
+    plans = recipe.sequences(12)
+    found = [(plan.arguments["omega"], plan.arguments["texture"]) for plan in plans]
+    assert sorted(found[:6]) == sorted(product([15.0, 42.5, 70.0], [0, 1])) and found[6:] == found[:6]
+    assert len({plan.seed for plan in plans}) == 12
+
+
+def test_a_sequence_does_not_depend_on_how_many_there_are(tmp_path: Path) -> None:
+    path = write(tmp_path)
+    one = read_recipe(path)
+    assert one.sequences(50)[:3] == one.sequences(3) == [read_recipe(path).sequence(n) for n in range(3)]
+
+
+def test_seeds_splits_and_weights(tmp_path: Path) -> None:
+    """Several seeds of a draw are in one split; splits and scenes have their shares in every stretch."""
+    longer = ("duration: 0.1", "duration: {from: 0.1, to: 0.2}\nseeds: 2")
+    plans = read_recipe(write(tmp_path, longer, ("scenes:", "scenes:\n  fidget_spinner: {weight: 3}"))).sequences(400)
+    for first, second in zip(plans[::2], plans[1::2]):
+        assert first.arguments == second.arguments and first.duration_s == second.duration_s
+        assert first.split == second.split and first.seed != second.seed
+    assert Counter(plan.scene for plan in plans[:40]) == {"spinning_disk": 10, "fidget_spinner": 30}
+    for start in (0, 200):
+        assert abs(Counter(plan.split for plan in plans[start : start + 200])["train"] - 120) <= 4
+    assert len({plan.path for plan in plans}) == 400
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "error"),
+    [
+        ("omega:", "omegga:", "small.yaml:10: neither scene spinning_disk nor simulator.yaml has 'omegga'"),
+        ("from: 15, to: 70", "from: 70, to: 15", "small.yaml:10: the range of 'omega' is empty"),
+        ("from: 15, to: 70", "from: 15, to: 99", "small.yaml:10: omega is 99.0 rad/s, the most is 70"),
+        ("from: 15, to: 70", "from: 15", "small.yaml:10: 'omega' needs `from:` and `to:`"),
+        ("choices: [0, 1]", "choices: []", "small.yaml:11: choices of 'texture' must be a list"),
+        ("choices: [0, 1]", "choices: [0, 9]", "small.yaml:11: texture is 9, the most is 4"),
+        ("spinning_disk", "spining_disk", "small.yaml:8: no launch file or scene 'spining_disk'"),
+        ("sampling: latin", "sampling: latim", "did you mean 'latin'?"),
+        ("layout: npz", "layuot: npz", "small.yaml:1: a recipe has no 'layuot'; did you mean 'layout'?"),
+        ("test: 0.4", "test: 0.5", "small.yaml:5: the splits are 1.1 in all; they must be 1"),
+        ("shot_rate: 3.0", "seed: 3", "small.yaml:6: 'seed' is no argument of a recipe's scene"),
+        ("sampling: latin", "sampling: grid", "small.yaml:10: a grid needs `steps:` of the range of 'omega'"),
+        ("sequences: 5\n", "", "does not say how many `sequences:` there are"),
+    ],
+)
+def test_a_wrong_recipe_is_refused_with_its_line(before: str, after: str, error: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError) as caught:
+        read_recipe(write(tmp_path, (before, after)))
+    assert error in str(caught.value) and "\n" not in str(caught.value)
