@@ -93,12 +93,15 @@ class Batch:
         state = simulation.reset().state
         assert state is not None
         positions, velocities = (0 if a is None else a.shape[-1] for a in (state.qpos, state.qvel))
-        camera = simulation.scene.camera(simulation.cameras[0])
         self.rate = simulation.keyframe_rate
-        setting = Setting(
-            self.envs, camera.height, camera.width, self.rate, tuple(state.names), (positions, velocities)
-        )
-        spaces: dict[str, Space[Any]] = {name: part.begin(setting) for name, part in self._parts.items()}
+        spaces: dict[str, Space[Any]] = {}
+        for name, part in self._parts.items():
+            # The state is seen through no camera, and the graph may have none.
+            sees = part.OUTPUT != "state"
+            seen = simulation.scene.camera(part.camera or simulation.cameras[0]) if sees else None
+            height, width = (seen.height, seen.width) if seen else (0, 0)
+            bodies, joints = tuple(state.names), (positions, velocities)
+            spaces[name] = part.begin(Setting(self.envs, height, width, self.rate, bodies, joints, self.action_space))
         self.observation_space = spaces[""] if "" in spaces else Dict(spaces)
         self.steps = np.zeros(self.envs, np.int64)
         """Steps since each environment's reset."""
@@ -110,6 +113,9 @@ class Batch:
         """Episodes of each environment since it was given its seed."""
         self._begun = np.zeros(self.envs, np.int64)
         """Stamp of the reset of each environment."""
+        self._rest = np.clip(np.zeros_like(self.action_space.low), self.action_space.low, self.action_space.high)
+        self._actions = np.tile(self._rest, (self.envs, 1))
+        """Last action of each environment."""
 
     def reset(self, envs: np.ndarray, seeds: np.ndarray | None = None) -> Observed:
         """Puts environments back to their start, and returns what all of them observe.
@@ -124,6 +130,7 @@ class Batch:
         step = self.simulation.reset(seed=[given[env] for env in envs], envs=envs.tolist())
         self.steps[envs] = 0
         self._begun[envs] = step.stamp_ns
+        self._actions[envs] = self._rest
         for part in self._parts.values():
             part.forget(envs)
         return self._observed(step)
@@ -138,6 +145,7 @@ class Batch:
             step = error.step
             diverged[error.envs] = True
         assert step.state is not None
+        self._actions = np.asarray(actions, np.float32).copy()
         self.steps += 1
         state = State(step.state, self.steps / self.rate, controls)
         # One that has diverged is at its next start already, which is not to be judged.
@@ -155,7 +163,7 @@ class Batch:
         ends, starts = (self._begun + stamps[steps] for steps in (self.steps, np.maximum(self.steps - 1, 0)))
         if self._painter:
             self._painter.take(step)
-        moment = Moment(step, starts, ends)
+        moment = Moment(step, starts, ends, self._actions)
         made = {name: part.values(moment) for name, part in self._parts.items()}
         return made[""] if "" in made else made
 

@@ -1,4 +1,4 @@
-"""What an agent may see: events as images or as they are, frames, joints, poses.
+"""What an agent may see: events as images or as they are, frames, joints, poses, what it did itself.
 
 Each says what the simulation must make for it, what its space is, and makes the values of all environments at once.
 """
@@ -18,7 +18,10 @@ from evis.media.colour import luminance_of, srgb_from_linear
 
 @dataclass(frozen=True)
 class Setting:
-    """Tells an observation what it observes. names: of the bodies. joints: numbers of positions and velocities."""
+    """Tells an observation what it observes. names: of the bodies. joints: numbers of positions and velocities.
+
+    action: the space of an action.
+    """
 
     envs: int
     height: int
@@ -26,15 +29,20 @@ class Setting:
     rate: float
     names: tuple[str, ...]
     joints: tuple[int, int]
+    action: Box
 
 
 @dataclass(frozen=True)
 class Moment:
-    """Holds what a step gave, for all environments. start_ns, stamp_ns: int64 [E], the interval of each."""
+    """Holds what a step gave, for all environments. start_ns, stamp_ns: int64 [E], the interval of each.
+
+    actions: float32 [E, nu] of the step as the agent gave them; after a reset those nearest to zero.
+    """
 
     step: Any
     start_ns: np.ndarray
     stamp_ns: np.ndarray
+    actions: np.ndarray
 
     def camera(self, name: str) -> Any:
         """Returns the outputs of a camera, the first one if it has no name."""
@@ -269,3 +277,21 @@ class Poses(Observation):
     def values(self, moment: Moment) -> np.ndarray:
         """Implements Observation.values."""
         return moment.step.state.end_pose[:, self._chosen].astype(np.float32)
+
+
+@dataclass
+class LastAction(Observation):
+    """Gives the action of the step as the agent gave it, float32 [nu]; after a reset the one nearest to zero.
+
+    An agent whose camera moves needs it to tell its own motion from that of what it sees.
+    """
+
+    OUTPUT: ClassVar[str] = "state"
+
+    def begin(self, setting: Setting) -> Box:
+        """Implements Observation.begin."""
+        return setting.action
+
+    def values(self, moment: Moment) -> np.ndarray:
+        """Implements Observation.values."""
+        return moment.actions.copy()

@@ -1,5 +1,7 @@
 """What is observed against what the simulation gave, worked out again in numpy."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -96,3 +98,45 @@ def test_a_surface_forgets_at_a_reset() -> None:
     assert np.any([env.step(np.ones(1))[0] for _ in range(8)])
     assert not env.reset()[0].any()
     env.close()
+
+
+def test_the_last_action_is_forgotten_at_a_reset() -> None:
+    """Of one environment alone, too."""
+    env = evis.env.EventVectorEnv(
+        "CartPole", 2, observation=evis.env.LastAction(), autoreset_mode="Disabled", width=32, height=32, seconds=0.06
+    )
+    assert env.single_observation_space == env.single_action_space
+    assert not env.reset(seed=1)[0].any()
+    for push in (0.25, -0.5, 1.0):
+        seen, _, _, truncated, _ = env.step(np.array([[push], [-push]], np.float32))
+        np.testing.assert_array_equal(seen, [[push], [-push]])
+    assert truncated.all()
+    seen, _ = env.reset(options={"reset_mask": np.array([True, False])})
+    np.testing.assert_array_equal(seen, [[0], [-1]])
+    env.close()
+
+
+def test_cameras_of_different_sizes_and_none_at_all(tmp_path: Path) -> None:
+    (tmp_path / "slide.xml").write_text(
+        "<mujoco><worldbody><body name='b'><joint name='j' type='slide'/><geom size='0.1'/></body></worldbody>"
+        "<actuator><motor joint='j' ctrlrange='-1 1' ctrllimited='true'/></actuator></mujoco>"
+    )
+    (tmp_path / "slide.yaml").write_text(
+        "mjcf: slide.xml\ncameras:\n  near: {position: [1, 0, 0], look_at: [0, 0, 0], fov: 50 deg}\n"
+        "  far: {position: [3, 0, 0], look_at: [0, 0, 0], fov: 50 deg, width: 40, height: 24}\n"
+    )
+
+    def shapes(given: dict[str, str], **observation: evis.env.Observation) -> dict[str, tuple[int, ...]]:
+        task = evis.env.Task(str(tmp_path / "slide.yaml"), observation)
+        env = evis.env.EventEnv(task, width=32, height=16, upsampling=1, interpolator="none", **given)
+        seen, _ = env.reset(seed=1)
+        assert env.observation_space.contains(seen)
+        env.close()
+        return {name: value.shape for name, value in seen.items()}
+
+    counts = evis.env.CountImage
+    assert shapes({"cameras": "near,far"}, far=counts(camera="far"), first=counts()) == {
+        "far": (2, 24, 40),
+        "first": (2, 16, 32),
+    }
+    assert shapes({}, joints=evis.env.Joints(), did=evis.env.LastAction()) == {"joints": (2,), "did": (1,)}

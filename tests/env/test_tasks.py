@@ -72,8 +72,9 @@ def test_a_head_that_looks_at_the_ball_has_it_in_the_middle() -> None:
     [(0.1, -3, 3, 1, False), (0.1, -3, -3, 0, False), (1.9, 3, -3, 0, False), (-0.1, -3, -3, -1, True)],
 )
 def test_a_return(x: float, before: float, after: float, reward: float, ends: bool) -> None:
-    now = state(["paddle", "ball"], [[0], [x, 0, 0]], [before, 0, 0], [after, 0, 0])
+    now = state(["paddle", "ball"], [[0, 0.3], [x, 0.1, 0]], [before, 0, 0], [after, 0, 0])
     assert Pong().reward(now) == reward and Pong().terminated(now) == ends
+    assert np.isclose(Pong().info(now)["across"], -0.2)
 
 
 def test_a_task_of_ones_own_by_functions() -> None:

@@ -31,8 +31,9 @@ class Pong(Task):
         return state.pose("ball")[:, 0] < MISSED_M
 
     def info(self, state: State) -> Mapping[str, np.ndarray]:
-        """Says whether the ball was returned in this step."""
-        return {"returned": returned(state)}
+        """Says whether the ball was returned in this step, and how far the paddle is from it across the table [m]."""
+        across = state.pose("ball")[:, 1] - state.pose("paddle")[:, 1]
+        return {"returned": returned(state), "across": across}
 
 
 def returned(state: State) -> np.ndarray:
