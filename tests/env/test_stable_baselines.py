@@ -1,5 +1,9 @@
 """Stable-Baselines3's own check, and its PPO on environments of one simulation."""
 
+import csv
+import sys
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
@@ -54,3 +58,18 @@ def test_ppo_learns_from_it() -> None:
     model.learn(64)
     assert any((a != b).any() for a, b in zip(before, model.policy.parameters()))
     env.close()
+
+
+@pytest.mark.slow
+def test_a_short_training_of_the_examples_improves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half a minute of the head that follows a ball; doing nothing gives 2.4, and chance 4.8."""
+    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[2] / "examples" / "tasks"))
+    import train
+
+    train.train("PanTilt", minutes=0.5, count=16, seed=0, out=tmp_path)
+    with (tmp_path / "curve.csv").open() as file:
+        returns = [float(row["return"]) for row in csv.DictReader(file)]
+    assert returns[-1] > 1.8 * returns[0], returns
+    assert train.score("PanTilt", tmp_path, episodes=4, seed=500)[:, 0].mean() > 4.8
+    for name in ("train", "observed"):
+        sys.modules.pop(name, None)
