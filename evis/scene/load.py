@@ -111,15 +111,15 @@ def sets_sensor(name_or_path: str) -> bool:
     return "sensor" in _document(find_scene(name_or_path))
 
 
-def starts_at_random(name_or_path: str) -> bool:
-    """Returns True when the seed decides where free bodies or joints start. Reads the YAML only, as `is_dynamic`."""
+def starts_at_random(name_or_path: str) -> tuple[str, ...]:
+    """Names those of which the seed decides the start: free bodies, joints by name. Reads the YAML only."""
     document = _document(find_scene(name_or_path))
     spread, joints = document.get("initial_spread"), document.get("initial_joints")
-    if isinstance(joints, Table) and any(isinstance(v, list) for j in joints.values() if j for v in j.values()):
-        return True
-    return isinstance(spread, Table) and any(
-        str(value).split()[:1] not in (["0"], ["0.0"]) for value in spread.values()
-    )
+    starts = joints.items() if isinstance(joints, Table) else ()
+    drawn = [name for name, start in starts if start and any(isinstance(value, list) for value in start.values())]
+    values = spread.values() if isinstance(spread, Table) else ()
+    free = any(str(value).split()[:1] not in (["0"], ["0.0"]) for value in values)
+    return (*(("free bodies",) if free else ()), *(f"joint {name}" for name in drawn))
 
 
 def drawn_places(name_or_path: str, overrides: Mapping[str, Any]) -> list[str]:

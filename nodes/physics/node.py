@@ -86,15 +86,14 @@ class PhysicsNode(Node):
 
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
-        """Names what is random of the world: what the scene draws, and where free bodies start, if it says how far."""
+        """Names what is random of the world: what the scene draws, and where bodies and joints start at random."""
         from evis.scene.load import drawn_places, parse_args, starts_at_random
 
         scene = params.get("scene")
         found: list[str] = []
         with contextlib.suppress(OSError, ValueError):  # who loads it says so
-            if scene and starts_at_random(scene):
-                found.append("start of free bodies")
             if scene:
+                found += [f"start of {what}" for what in starts_at_random(scene)]
                 found += drawn_places(scene, parse_args(params.get("scene_args")))
         return tuple(found)
 

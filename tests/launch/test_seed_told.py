@@ -42,6 +42,7 @@ def test_what_is_random_is_named() -> None:
     assert "  physics: start of free bodies\n" in as_text(made)
     assert "  event_sensor: threshold mismatch, leak, shot noise, timestamp jitter\n" in as_text(made)
     assert "nothing" not in table(made)
+    assert "  physics: start of joint along, start of joint across\n" in as_text(plan("pong", seed=5))
 
 
 def test_the_start_of_a_scene_depends_on_the_seed_where_that_is_said() -> None:
