@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.command import run
+from bench import command
 from evis.events.representations import count_image, time_surface, voxel_grid
 
 HEIGHT, WIDTH, BINS, TAU_NS = 260, 346, 5, 10_000_000
@@ -116,4 +116,4 @@ def measure(quick: bool) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    run(measure, __doc__ or "")
+    command.run(measure, __doc__ or "")

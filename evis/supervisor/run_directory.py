@@ -68,11 +68,15 @@ def is_live(directory: Path) -> bool:
 
 def live_runs() -> list[Path]:
     """Lists the directories of running graphs, the newest first."""
-    try:
-        folders = [p for p in root().iterdir() if p.is_dir() and (p / "plan.json").exists() and is_live(p)]
-    except OSError:
-        return []
-    return sorted(folders, key=lambda p: p.name, reverse=True)
+    begun: list[tuple[int, Path]] = []
+    with contextlib.suppress(OSError):
+        for folder in root().iterdir():
+            # Those of one second have names in any order. A run that ends just now has no plan.
+            with contextlib.suppress(OSError):
+                since = (folder / "plan.json").stat().st_mtime_ns
+                if is_live(folder):
+                    begun.append((since, folder))
+    return [folder for _, folder in sorted(begun, reverse=True)]
 
 
 def sweep() -> list[Path]:

@@ -109,12 +109,14 @@ def test_black_in_coded_images_is_told_of(tmp_path: Path, evis_here: Evis) -> No
     (tmp_path / "png").mkdir()
     for k, code in enumerate((100, 0, 100)):
         Image.fromarray(np.full((2, 2), code, np.uint8)).save(tmp_path / "png" / f"{k}.png")
-    words = ["events", "simulate", "png", "a.npz", "--fps", "100", "--white", "50", "--json"]
+    words = ["events", "simulate", "png", "a.npz", "--fps", "1000", "--white", "50", "--json"]
     skipped = json.loads(evis_here(*words).out)
-    assert (skipped["events"], skipped["nonfinite"]) == (0, 4) and "--dark-level 0.5" in skipped["warnings"][0]
+    assert (skipped["events"], skipped["nonfinite"]) == (0, 4)
+    assert any("--dark-level 0.5" in text for text in skipped["warnings"])
     seen = json.loads(evis_here(*words, "--dark-level", "0.5").out)
     linear = 50 * ((100 / 255 + 0.055) / 1.055) ** 2.4
-    assert seen["events"] == 4 * 2 * int(np.log((linear + 0.5) / 0.5) / 0.2) and "warnings" not in seen
+    assert seen["events"] == 4 * 2 * int(np.log((linear + 0.5) / 0.5) / 0.2)
+    assert not any("--dark-level" in text for text in seen.get("warnings", []))
 
 
 @pytest.mark.parametrize("suffix", ["raw", "npz", "csv", "aedat4", "h5"])
