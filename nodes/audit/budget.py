@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from evis.scene.model import Camera, Scene
 from nodes.audit.causes import is_still
 
-SHARE = 0.026
+SHARE = 0.024
 """Part of a run's cost that an audit may add: less than 3 %, for estimates are off by a few tenths."""
 
 LEAST, USEFUL, MOST = 4, 16, 64
