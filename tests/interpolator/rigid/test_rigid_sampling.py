@@ -180,6 +180,39 @@ def test_drawing_what_was_seen_lately_is_drawing_all(monkeypatch):
     assert (gap.error() > TOLERANCE).mean() < 1e-3
 
 
+def test_a_shadow_falls_from_where_its_caster_is_whatever_was_drawn_before(monkeypatch):
+    """Discs under a lamp, so many that rays find them by a tree: the second gap alone, and after the first."""
+    monkeypatch.setattr(sparse_raster, "MANY", 1)
+    speed = 3e9 / GAP
+    start = -1.0 - speed * (START - GAP) * 1e-9
+    paths = [
+        Prescribed(pose(start + 0.3 * (k % 8), 0.3 * (k // 8), 2.5), [Linear(np.array([speed, 0, 0]))])
+        for k in range(40)
+    ]
+    things = [*field(150), *((disc(0.1), plain(0.3), path) for path in paths)]
+    scene = world([wall(), *things], camera_motion=sideways(0.5), lights=[lamp()], sky=0.05)
+    view = scene.cameras[0]
+    renderer = Renderer(scene, view)
+    states = [
+        closed_form(scene, np.linspace(START + k * GAP, START + (k + 1) * GAP, 11).round().astype(np.int64))
+        for k in (-2, -1, 0)
+    ]
+    keys = [
+        keyframe(renderer, s, s.pose[:, 0], START + k * GAP, ("radiance", "depth", "motion"))
+        for k, s in zip((-1, 0, 1), states)
+    ]
+
+    def gap(*numbers):
+        rigid, out = Rigid(scene, view, 1, 32), np.empty((1, 32, view.height, view.width), np.float32)
+        for k in numbers:
+            rigid.between(keys[k], keys[k + 1], [False], out)
+        return out
+
+    alone, after = gap(1), gap(0, 1)
+    assert np.abs(np.log(alone[0, 7] / alone[0, 23])).max() > 0.2
+    assert np.array_equal(alone, after)
+
+
 def test_the_faster_the_world_the_more_is_drawn_in_full(monkeypatch):
     """A wall at one depth moves by the same everywhere: 0.3 px a sub-frame leave three to one px."""
     monkeypatch.setattr(sparse_raster, "MANY", 1)
