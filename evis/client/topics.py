@@ -20,6 +20,8 @@ from msgs.topics import SYSTEM_TOPICS, find_topic
 
 _LOOK_MS = 100
 """Longest time between two looks at whether the graph still runs."""
+_CONNECTION_S = 1.0
+"""Longest wait for the publishers of a topic, which are there from the start of the graph."""
 
 
 class TopicReader:
@@ -60,6 +62,13 @@ class TopicReader:
             subscriber.start()
             self._poller.register(subscriber.socket, zmq.POLLIN)
             self._subscribers.append(subscriber)
+        self._wait_for_connections()
+
+    def _wait_for_connections(self) -> None:
+        """What the caller asks of the graph from now on comes after its subscription, so nothing of it is missed."""
+        deadline = time.monotonic() + _CONNECTION_S
+        while time.monotonic() < deadline and not all(s.connected() for s in self._subscribers):
+            time.sleep(0.001)
 
     @property
     def lost(self) -> int:

@@ -253,9 +253,13 @@ def test_a_reset_from_outside(launch: Callable[..., Launched]) -> None:
         assert run.reset() == run.due() == first + 40_000_000
         run.act(wave(2, 2))
         run.act(wave(3, 2))
-        found = {s.header.stamp_ns: s for s in iter(lambda: states.read(0.5), None)}
+        begun = first + 3 * 20_000_000
+        found = {}
+        while begun + 20_000_000 not in found:
+            state = states.read(LIMIT_S)
+            assert state is not None, f"no state at {begun + 20_000_000} ns; there are {sorted(found)}"
+            found[state.header.stamp_ns] = state
     graph.end()
-    begun = first + 3 * 20_000_000
     start = alone({}, 0, envs=2)[0]
     assert found[begun - 20_000_000].episodes.tolist() == [0, 0]
     assert found[begun].episodes.tolist() == [1, 1] and len(found[begun].t) == 1
