@@ -12,7 +12,7 @@ from PIL import Image as PilImage
 from sequences import events_of, labels_of, simulated, written
 
 from evis.dataset.layouts import reader_of
-from evis.dataset.layouts.coco import run_lengths
+from evis.dataset.layouts.coco.masks import run_lengths
 
 
 @pytest.fixture(scope="module")

@@ -17,23 +17,23 @@ from evis.config.suggestions import nearest
 
 _ROOM = "evis.dataset.layouts"
 LAYOUTS = {
-    "dsec": f"{_ROOM}.dsec:DsecWriter",
-    "npz": f"{_ROOM}.npz:NpzWriter",
-    "zarr": f"{_ROOM}.zarr_arrays:ZarrWriter",
-    "mvsec": f"{_ROOM}.mvsec:MvsecWriter",
-    "coco": f"{_ROOM}.coco:CocoWriter",
-    "webdataset": f"{_ROOM}.webdataset:WebdatasetWriter",
-    "mcap": f"{_ROOM}.mcap:McapWriter",
+    "dsec": f"{_ROOM}.dsec.writer:DsecWriter",
+    "npz": f"{_ROOM}.npz.writer:NpzWriter",
+    "zarr": f"{_ROOM}.zarr.writer:ZarrWriter",
+    "mvsec": f"{_ROOM}.mvsec.writer:MvsecWriter",
+    "coco": f"{_ROOM}.coco.writer:CocoWriter",
+    "webdataset": f"{_ROOM}.webdataset.writer:WebdatasetWriter",
+    "mcap": f"{_ROOM}.mcap.writer:McapWriter",
 }
 """Where the writer of each layout is."""
 READERS = {
-    "dsec": f"{_ROOM}.dsec_reader:DsecReader",
-    "npz": f"{_ROOM}.npz:NpzReader",
-    "zarr": f"{_ROOM}.zarr_arrays:ZarrReader",
-    "mvsec": f"{_ROOM}.mvsec_reader:MvsecReader",
-    "coco": f"{_ROOM}.coco_reader:CocoReader",
-    "webdataset": f"{_ROOM}.webdataset:WebdatasetReader",
-    "mcap": f"{_ROOM}.mcap:McapReader",
+    "dsec": f"{_ROOM}.dsec.reader:DsecReader",
+    "npz": f"{_ROOM}.npz.reader:NpzReader",
+    "zarr": f"{_ROOM}.zarr.reader:ZarrReader",
+    "mvsec": f"{_ROOM}.mvsec.reader:MvsecReader",
+    "coco": f"{_ROOM}.coco.reader:CocoReader",
+    "webdataset": f"{_ROOM}.webdataset.reader:WebdatasetReader",
+    "mcap": f"{_ROOM}.mcap.reader:McapReader",
 }
 """Where the reader of each layout is."""
 

@@ -1,9 +1,7 @@
-"""A bag of ROS 2 messages, `sequence.mcap`, as `evis launch --record` makes one: events, labels, info, image."""
+"""Reads a sequence that is a bag."""
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,64 +10,13 @@ import numpy as np
 
 from evis.bag import BagError
 from evis.bag.reader import BagReader
-from evis.bag.writer import BagWriter
 from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.joined import joined, no_rows, of_events
+from evis.dataset.layouts.mcap.writer import COUNTS, FILE
 from evis.dataset.layouts.reader import EventArrays, SequenceReader, within
-from evis.dataset.layouts.sample import DENSE, ENVIRONMENT_AXIS, EVENTS, TABLES, Sample
-from evis.dataset.layouts.writer import SequenceWriter
+from evis.dataset.layouts.sample import DENSE, ENVIRONMENT_AXIS, EVENTS, TABLES
 from msgs.camera import EventPacket, Image, Labels
 from msgs.fields import array_specs
-from msgs.header import Header, Message
-
-FILE = "sequence.mcap"
-_COUNTS = "events"
-_OWNERS = {"box_env": "box", "box3d_env": "box3d_id", "contact_env": "contact_body", "event_env": "event_instance"}
-
-
-class McapWriter(SequenceWriter):
-    """Writes a bag, exact to the nanosecond."""
-
-    LAYOUT = "mcap"
-
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
-        about = self.about
-        told = {"name": about.name, "scene": about.scene, "seed": str(about.seed), "labels": ",".join(about.labels)}
-        # Chunks by their size alone: where the time of day cuts them, the same messages are other bytes.
-        self._bag = BagWriter(self.directory / FILE, {"sequence": told}, chunk_period_s=math.inf)
-        for name, info in about.cameras.items():
-            self._write(f"/{name}/info", dataclasses.replace(info, header=Header(about.start_ns)))
-
-    def _add(self, camera: str, sample: Sample) -> None:
-        e, info = sample.events, self.about.cameras[camera]
-        header, offsets = Header(sample.stamp_ns), np.array([0, len(e)], np.int64)
-        size: dict[str, Any] = {"width": info.width, "height": info.height, "t0_ns": sample.t0_ns}
-        self._write(f"/{camera}/events", EventPacket(header, offsets, e.t, e.x, e.y, e.p, **size))
-        if sample.labels:
-            self._write(f"/{camera}/labels", _message(sample))
-        if sample.image is not None:
-            self._write(f"/{camera}/image", sample.image)
-
-    def _write(self, topic: str, message: Message) -> None:
-        try:
-            self._bag.write(topic, message)
-        except BagError as error:
-            raise LayoutError(str(error)) from None
-
-    def _finish(self) -> None:
-        self._bag.close({_COUNTS: {camera: str(count) for camera, count in self.counts.items()}})
-
-
-def _message(sample: Sample) -> Labels:
-    """The labels as a message, of one environment."""
-    arrays: dict[str, Any] = {
-        name: array[None] if name in ENVIRONMENT_AXIS else array for name, array in sample.labels.items()
-    }
-    for owner, rows in _OWNERS.items():
-        if rows in sample.labels:
-            arrays[owner] = np.zeros(len(sample.labels[rows]), np.int32)
-    return Labels(Header(sample.stamp_ns), names=list(sample.bodies), **arrays)
 
 
 class McapReader(SequenceReader):
@@ -78,7 +25,7 @@ class McapReader(SequenceReader):
     def __init__(self, directory: Path) -> None:
         super().__init__(directory)
         with self._bag() as bag:
-            self._counts = dict(bag.metadata.get(_COUNTS, {}))
+            self._counts = dict(bag.metadata.get(COUNTS, {}))
 
     def _bag(self) -> BagReader:
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import IO, Any
 
 import h5py
@@ -11,65 +10,21 @@ import yaml
 
 from evis.bag.export.png import encoded
 from evis.dataset.layouts import LayoutError
-from evis.dataset.layouts.columns import EVENT_TYPES
-from evis.dataset.layouts.dsec_codes import TRACK, disparity_to_codes, flow_to_codes, tracks
-from evis.dataset.layouts.hdf5_rows import NO_BLOSC, GrowingRows, blosc
-from evis.dataset.layouts.millisecond_index import NAME, MillisecondIndex
-from evis.dataset.layouts.npz import GrowingNpy
-from evis.dataset.layouts.rectification import Rectification, calibration
+from evis.dataset.layouts.dsec.calibration import calibration
+from evis.dataset.layouts.dsec.codes import disparity_to_codes, flow_to_codes
+from evis.dataset.layouts.dsec.event_file import EventFile
+from evis.dataset.layouts.dsec.rectification import Rectification
+from evis.dataset.layouts.dsec.tracks import TRACK, tracks
+from evis.dataset.layouts.hdf5_rows import NO_BLOSC, blosc
+from evis.dataset.layouts.npz.growing_npy import GrowingNpy
 from evis.dataset.layouts.sample import Sample
+from evis.dataset.layouts.stereo_sides import SIDES, sides
 from evis.dataset.layouts.writer import SequenceWriter
-from evis.events.arrays import Events
-from msgs.camera import CameraInfo, Image
+from msgs.camera import Image
 
-SIDES = ("left", "right")
 FLOW_HEAD = "# from_timestamp_us, to_timestamp_us\n"
 EXPOSURE_HEAD = "# exposure_start_timestamp_us, exposure_end_timestamp_us\n"
 _HELD = {"forward_flow", "backward_flow", "boxes", "depth"}
-_US_END = 1 << 32
-"""DSEC's times are uint32 us: 71 minutes."""
-
-
-def sides(cameras: dict[str, CameraInfo], name: str) -> dict[str, str]:
-    """Returns the side of each camera. Raises LayoutError unless they are one camera, or a stereo pair."""
-    others = list(cameras)[1:]
-    if len(others) > 1 or any(not cameras[other].baseline > 0 for other in others):
-        raise LayoutError(
-            f"DSEC and MVSEC hold one camera, or a left and a right one of a stereo rig; {name} has "
-            f"{', '.join(cameras)}: take one of them, or the layout npz"
-        )
-    return dict(zip(cameras, SIDES))
-
-
-class EventFile:
-    """Writes one events.h5."""
-
-    def __init__(self, path: Path, start_us: int) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = h5py.File(path, "w", libver=("earliest", "v110"))
-        self._start_us = start_us
-        self._index = MillisecondIndex(start_us * 1000)
-        packed = blosc() or {"compression": "gzip"}
-        types = {**EVENT_TYPES, "t": np.uint32}
-        self._columns = {n: GrowingRows(self._file, f"events/{n}", (), d, **packed) for n, d in types.items()}
-        self._marks = GrowingRows(self._file, NAME, (), np.uint64, **packed)
-        self._file["t_offset"] = np.int64(start_us)
-
-    def add(self, events: Events) -> None:
-        """Writes events, their times rounded down to us. Raises LayoutError beyond DSEC's 71 minutes."""
-        t = events.t // 1000 - self._start_us
-        if len(t) and int(t[-1]) >= _US_END:
-            raise LayoutError("DSEC's times end after 71 minutes; make shorter sequences, or take the layout npz")
-        for name, values in (("t", t.astype(np.uint32)), ("x", events.x), ("y", events.y), ("p", events.p)):
-            self._columns[name].add(values)
-        self._marks.add(self._index.add(events.t))
-
-    def close(self, end_ns: int) -> None:
-        """Writes the index to its end."""
-        self._marks.add(self._index.finish(end_ns))
-        for rows in (*self._columns.values(), self._marks):
-            rows.flush()
-        self._file.close()
 
 
 class DsecWriter(SequenceWriter):

@@ -7,9 +7,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from evis.dataset.layouts.dsec import sides
-from evis.dataset.layouts.npz import mapped
+from evis.dataset.layouts.npz.archive import mapped
 from evis.dataset.layouts.reader import EventArrays, SequenceReader, within
+from evis.dataset.layouts.stereo_sides import sides
 
 _PLACES = {"depth": ("gt", "depth_image_raw"), "poses": ("gt", "pose"), "image": ("data", "image_raw")}
 

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from evis.dataset.layouts import LayoutError
-from evis.dataset.layouts.coco import ANNOTATIONS, EVENTS
+from evis.dataset.layouts.coco.masks import mask_of
+from evis.dataset.layouts.coco.writer import ANNOTATIONS, EVENTS
 from evis.dataset.layouts.joined import joined
-from evis.dataset.layouts.npz import NpzReader
+from evis.dataset.layouts.npz.reader import NpzReader
 from evis.dataset.layouts.reader import EventArrays, SequenceReader
 
 
@@ -58,18 +59,10 @@ class CocoReader(SequenceReader):
             if kind == "segmentation":
                 ids = np.zeros((info.height, info.width), np.int32)
                 for annotation in things:
-                    ids[_mask(annotation["segmentation"])] = annotation["track_id"]
+                    ids[mask_of(annotation["segmentation"])] = annotation["track_id"]
                 pieces.append((stamp, {"segmentation": ids}))
                 continue
             box = np.array([a["bbox"] for a in things], np.float32).reshape(-1, 4)
             box[:, 2:] += box[:, :2] - 1
             pieces.append((stamp, {"box": box, "box_id": np.array([a["track_id"] for a in things], np.int32)}))
         return joined(kind, pieces, info)
-
-
-def _mask(coded: dict[str, Any]) -> np.ndarray:
-    """The mask [H, W] of run lengths."""
-    counts = np.array(coded["counts"], np.int64)
-    flat = np.repeat(np.arange(len(counts)) % 2 == 1, counts)
-    height, width = coded["size"]
-    return flat.reshape(width, height).T

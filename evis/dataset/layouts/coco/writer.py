@@ -7,15 +7,16 @@ An image is the frame of a stamp or, without frames, a picture of the events sin
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from evis.bag.export.png import encoded
-from evis.dataset.layouts.npz import NpzWriter
+from evis.dataset.layouts.coco.lines import Lines
+from evis.dataset.layouts.coco.masks import run_lengths
+from evis.dataset.layouts.npz.writer import NpzWriter
 from evis.dataset.layouts.sample import Sample
 from evis.dataset.layouts.writer import SequenceWriter
 from evis.events.arrays import Events
@@ -38,7 +39,7 @@ class CocoWriter(SequenceWriter):
         self._events = NpzWriter(self.directory / EVENTS, self.about)
         folder = self.directory / Path(ANNOTATIONS).parent
         folder.mkdir()
-        self._parts = {name: _Lines(folder / f".{name}.part") for name in ("images", "annotations")}
+        self._parts = {name: Lines(folder / f".{name}.part") for name in ("images", "annotations")}
         self._frames: dict[str, Image] = {}
 
     def _add(self, camera: str, sample: Sample) -> None:
@@ -90,24 +91,6 @@ class CocoWriter(SequenceWriter):
             out.write("}\n")
 
 
-class _Lines:
-    """Objects of JSON that wait in a file of their own, so that they need not wait in memory."""
-
-    def __init__(self, path: Path) -> None:
-        self._path, self._file, self.count = path, path.open("w"), 0
-
-    def add(self, thing: dict[str, Any]) -> None:
-        self._file.write((",\n" if self.count else "\n") + json.dumps(thing))
-        self.count += 1
-
-    def pour(self, out: IO[str]) -> None:
-        """Copies all of them, and removes the file."""
-        self._file.close()
-        with self._path.open() as file:
-            shutil.copyfileobj(file, out)
-        self._path.unlink()
-
-
 def things(sample: Sample) -> Iterator[tuple[int, list[int], np.ndarray | None]]:
     """Yields (instance, box x0 y0 x1 y1 px inclusive, mask [H, W] or None) of what is seen, without the background.
 
@@ -123,14 +106,6 @@ def things(sample: Sample) -> Iterator[tuple[int, list[int], np.ndarray | None]]
         mask = ids == instance
         rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
         yield instance, [int(v) for v in (columns[0], rows[0], columns[-1], rows[-1])], mask
-
-
-def run_lengths(mask: np.ndarray) -> dict[str, Any]:
-    """Returns COCO's uncompressed run lengths of a mask [H, W]: by columns, the first run is of 0."""
-    flat = np.concatenate([[0], mask.T.reshape(-1).astype(np.int8), [0]])
-    edges = np.flatnonzero(np.diff(flat))
-    bounds = np.concatenate([[0], edges, [] if len(edges) and edges[-1] == mask.size else [mask.size]]).astype(np.int64)
-    return {"size": list(mask.shape), "counts": np.diff(bounds).tolist()}
 
 
 def picture(events: Events, info: CameraInfo) -> np.ndarray:

@@ -8,11 +8,12 @@ from typing import Any
 import h5py
 import numpy as np
 
-from evis.dataset.layouts.dsec import sides
-from evis.dataset.layouts.dsec_codes import boxes_of, codes_to_disparity, codes_to_flow
+from evis.dataset.layouts.dsec.codes import codes_to_disparity, codes_to_flow
+from evis.dataset.layouts.dsec.tracks import boxes_of
 from evis.dataset.layouts.hdf5_rows import blosc
 from evis.dataset.layouts.millisecond_index import NAME
 from evis.dataset.layouts.reader import EventArrays, SequenceReader, within
+from evis.dataset.layouts.stereo_sides import sides
 from evis.media.frames.images import codes
 
 _FLOWS = ("forward_flow", "backward_flow")

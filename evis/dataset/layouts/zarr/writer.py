@@ -6,21 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from evis.dataset.layouts import LayoutError
-from evis.dataset.layouts.columns import ColumnsReader, ColumnsWriter, check_shape
+from evis.dataset.layouts.columns import ColumnsWriter, check_shape
 from evis.dataset.layouts.whole_chunks import WholeChunks
+from evis.dataset.layouts.zarr.package import FOLDER, zarr
 
-FOLDER = "sequence.zarr"
 _CHUNK_BYTES = 1 << 20
-
-
-def zarr() -> Any:
-    """Returns the package. Raises LayoutError where it is not installed."""
-    try:
-        import zarr as package
-    except ImportError:
-        raise LayoutError("the layout zarr needs the package zarr: pip install 'evis[layouts]'") from None
-    return package
 
 
 class ZarrWriter(ColumnsWriter):
@@ -51,14 +41,3 @@ class ZarrWriter(ColumnsWriter):
         super()._finish()
         for _, chunks in self._columns.values():
             chunks.flush()
-
-
-class ZarrReader(ColumnsReader):
-    """Reads the chunks that are asked for."""
-
-    def _column(self, camera: str, column: str) -> Any:
-        return zarr().open_array(str(self.directory / FOLDER / camera / column), mode="r")
-
-    def _columns(self, camera: str) -> tuple[str, ...]:
-        root = self.directory / FOLDER / camera
-        return tuple(sorted(p.parent.relative_to(root).as_posix() for p in root.glob("*/*/zarr.json")))

@@ -8,10 +8,11 @@ import h5py
 import numpy as np
 
 from evis.dataset.layouts import LayoutError
-from evis.dataset.layouts.dsec import sides
 from evis.dataset.layouts.hdf5_rows import GrowingRows
-from evis.dataset.layouts.npz import GrowingNpy, pack
+from evis.dataset.layouts.npz.archive import pack
+from evis.dataset.layouts.npz.growing_npy import GrowingNpy
 from evis.dataset.layouts.sample import Sample
+from evis.dataset.layouts.stereo_sides import sides
 from evis.dataset.layouts.writer import SequenceWriter
 from evis.geometry import se3
 from msgs.camera import CameraInfo, Image

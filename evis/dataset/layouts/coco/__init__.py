@@ -1,0 +1,1 @@
+"""COCO: images, boxes and masks, with the events beside them."""

@@ -1,0 +1,1 @@
+"""DSEC, with DSEC-Det: a folder as one of its sequences."""

@@ -1,0 +1,40 @@
+"""DSEC-Det's object detections, rows of tracks.npy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+TRACK = np.dtype(
+    [
+        ("t", "<u8"), ("x", "<f8"), ("y", "<f8"), ("h", "<f8"), ("w", "<f8"), ("class_id", "u1"),
+        ("class_confidence", "<f8"), ("track_id", "<u4"),
+    ]
+)  # fmt: skip
+"""A row of tracks.npy: t us; x, y the upper left corner, h, w px."""
+
+
+def tracks(stamp_us: int, boxes: np.ndarray, ids: np.ndarray, semantic: np.ndarray | None) -> np.ndarray:
+    """Returns rows of tracks.npy for boxes [B, 4] x0 y0 x1 y1 px, inclusive, of instances [B].
+
+    class_id counts the classes of CameraInfo from 0, without the background; it is 0 where there are none.
+    """
+    rows = np.zeros(len(boxes), TRACK)
+    rows["t"], rows["track_id"], rows["class_confidence"] = stamp_us, ids, 1.0
+    rows["x"], rows["y"] = boxes[:, 0], boxes[:, 1]
+    rows["w"], rows["h"] = boxes[:, 2] - boxes[:, 0] + 1, boxes[:, 3] - boxes[:, 1] + 1
+    if semantic is not None:
+        rows["class_id"] = np.asarray(semantic)[ids] - 1
+    return rows
+
+
+def boxes_of(rows: np.ndarray) -> dict[str, np.ndarray]:
+    """Returns what `tracks` was made of: stamps `t` ns, `offsets`, `box`, `box_id`, and `class_id`."""
+    t, first = np.unique(rows["t"], return_index=True)
+    box = np.stack((rows["x"], rows["y"], rows["x"] + rows["w"] - 1, rows["y"] + rows["h"] - 1), -1)
+    return {
+        "t": t.astype(np.int64) * 1000,
+        "offsets": np.append(first, len(rows)).astype(np.int64),
+        "box": box.astype(np.float32),
+        "box_id": rows["track_id"].astype(np.int32),
+        "class_id": rows["class_id"],
+    }

@@ -1,0 +1,1 @@
+"""MVSEC: HDF5 files, and its flow as an archive."""
