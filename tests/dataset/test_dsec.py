@@ -15,7 +15,7 @@ from sequences import DURATION_NS, events_of, labels_of, simulated, written
 
 from evis.dataset.about import About
 from evis.dataset.layouts import LayoutError, hdf5_rows, reader_of, writer_of
-from evis.dataset.layouts.dsec.rectification import Rectification
+from evis.dataset.layouts.rectification import Rectification
 from evis.geometry.distortion import Lens, project
 from msgs.camera import CameraInfo, Image
 from msgs.header import Header
@@ -166,8 +166,9 @@ def test_frames_have_their_exposures(tmp_path: Path) -> None:
     spans = (images / "left/exposure_timestamps.txt").read_text().splitlines()
     assert spans[1:] == ["3000, 7000", "36333, 40333", "69666, 73666"]
     for k, pixels in enumerate(pictures):
-        with PilImage.open(images / f"left/rectified/{k:06d}.png") as image:
-            assert np.array_equal(np.asarray(image), pixels[..., 0])
+        for folder in ("rectified", "distorted"):  # dsec-det's loader looks for the latter
+            with PilImage.open(images / f"left/{folder}/{k:06d}.png") as image:
+                assert np.array_equal(np.asarray(image), pixels[..., 0])
     got = reader_of("dsec")(tmp_path / "s").labels("image", 38_000_000, 80_000_000)
     assert got["t"].tolist() == [38_333_000, 71_666_000] and got["exposure_ns"].tolist() == [4_000_000] * 2
     assert np.array_equal(got["image"], [p[..., 0] for p in pictures[1:]])
@@ -203,6 +204,8 @@ def test_what_dsec_does_not_hold_is_said(tmp_path: Path, monkeypatch: pytest.Mon
     assert hdf5_rows.NO_BLOSC in writer.notes
     with h5py.File(tmp_path / "c/events/left/events.h5") as file:
         assert file["events/t"].compression == "gzip"
+    lens = dataclasses.replace(about, cameras={"cam0": lens_info((-0.3, 0.1, 0.0, 0.0, 0.01))})
+    assert any("4 coefficients of distortion" in note for note in writer_of("dsec")(tmp_path / "e", lens).notes)
     long = About("a", "s", {}, 0, 1, 30.0, about.cameras, start_ns=-(1 << 32) * 1000)
     with pytest.raises(LayoutError, match="DSEC's times end after 71 minutes"):
         written("dsec", tmp_path / "d", long, steps)

@@ -1,4 +1,8 @@
-"""DSEC's numbers in PNG files, and its object detections: https://dsec.ifi.uzh.ch/data-format."""
+"""DSEC's numbers in PNG files.
+
+Flow is that of `flow_16bit_to_float` in uzh-rpg/DSEC, scripts/check_optical_flow_submission.py; disparity that of
+`Sequence.get_disparity_map` in scripts/dataset/sequence.py.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""DSEC-Det's object detections, rows of tracks.npy."""
+"""DSEC-Det's object detections, rows of tracks.npy (uzh-rpg/dsec-det, src/dsec_det/label.py)."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import numpy as np
 TRACK = np.dtype(
     [
         ("t", "<u8"), ("x", "<f8"), ("y", "<f8"), ("h", "<f8"), ("w", "<f8"), ("class_id", "u1"),
-        ("class_confidence", "<f8"), ("track_id", "<u4"),
+        ("class_confidence", "<f8"), ("track_id", "<u8"),
     ]
 )  # fmt: skip
-"""A row of tracks.npy: t us; x, y the upper left corner, h, w px."""
+"""A row of tracks.npy: t us, in the clock of the images; x, y the upper left corner, h, w px, not rectified."""
 
 
 def tracks(stamp_us: int, boxes: np.ndarray, ids: np.ndarray, semantic: np.ndarray | None) -> np.ndarray:

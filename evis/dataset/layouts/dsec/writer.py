@@ -1,4 +1,8 @@
-"""DSEC's layout, with DSEC-Det's object detections: a folder as one of DSEC's sequences, for its loaders."""
+"""DSEC's layout, with DSEC-Det's object detections: a folder as one of DSEC's sequences, for its loaders.
+
+Names and places are those of uzh-rpg/DSEC (scripts/dataset/sequence.py), of https://dsec.ifi.uzh.ch/data-format and of
+uzh-rpg/dsec-det (src/dsec_det/directory.py), which looks for frames in the sensor's own pixels in `distorted/`.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +17,10 @@ from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.dsec.calibration import calibration
 from evis.dataset.layouts.dsec.codes import disparity_to_codes, flow_to_codes
 from evis.dataset.layouts.dsec.event_file import EventFile
-from evis.dataset.layouts.dsec.rectification import Rectification
 from evis.dataset.layouts.dsec.tracks import TRACK, tracks
 from evis.dataset.layouts.hdf5_rows import NO_BLOSC, blosc
 from evis.dataset.layouts.npz.growing_npy import GrowingNpy
+from evis.dataset.layouts.rectification import Rectification
 from evis.dataset.layouts.sample import Sample
 from evis.dataset.layouts.stereo_sides import SIDES, sides
 from evis.dataset.layouts.writer import SequenceWriter
@@ -52,6 +56,8 @@ class DsecWriter(SequenceWriter):
                 packed = blosc() or {"compression": "gzip"}
                 file.create_dataset("rectify_map", data=self._rectified[camera].map, **packed)
         infos = list(about.cameras.values())
+        if any(np.any(np.asarray(info.distortion)[4:]) for info in infos):
+            self.note("DSEC's calibration has 4 coefficients of distortion, the lens more: go by rectify_map.h5")
         path = self.directory / "calibration" / "cam_to_cam.yaml"
         path.parent.mkdir()
         path.write_text(yaml.safe_dump(calibration(infos[0], infos[1] if len(infos) > 1 else None)))
@@ -106,7 +112,7 @@ class DsecWriter(SequenceWriter):
         side, pixels = self.sides[camera], np.asarray(image.data)
         rectified = self._rectified[camera]
         self._png(f"images/{side}/rectified", rectified.image(pixels, 0), image.encoding)
-        if not rectified.straight:
+        if not rectified.straight or "boxes" in self.about.labels:
             self._png(f"images/{side}/distorted", pixels, image.encoding)
         middle, half = image.header.stamp_ns, image.exposure_ns // 2
         start, end = (middle - half) // 1000, (middle + half) // 1000

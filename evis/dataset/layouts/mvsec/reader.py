@@ -7,6 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from evis.dataset.layouts.mvsec.event_table import first_row, nanoseconds
 from evis.dataset.layouts.npz.archive import mapped
 from evis.dataset.layouts.reader import EventArrays, SequenceReader, within
 from evis.dataset.layouts.stereo_sides import sides
@@ -17,7 +18,7 @@ _PLACES = {"depth": ("gt", "depth_image_raw"), "poses": ("gt", "pose"), "image":
 class MvsecReader(SequenceReader):
     """Reads events, depth (inf where MVSEC has NaN), the camera's poses as matrices [T, 4, 4], frames and flow.
 
-    Without an index in the files, the first event of a time is found by bisection.
+    Without an index in the files, the first event of a time is found by bisection. Flow of 0 is not valid.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -45,41 +46,25 @@ class MvsecReader(SequenceReader):
     def _events(self, t0: int, t1: int, camera: str) -> EventArrays:
         with self._file("data") as file:
             table = file[f"davis/{self._sides[camera]}/events"]
-            first, end = (_first(table, limit) for limit in (t0, t1))
+            first, end = (first_row(table, limit) for limit in (t0, t1))
             x, y, t, p = table[first : max(first, end)].T
-        return EventArrays(_ns(t), x.astype(np.uint16), y.astype(np.uint16), (p > 0).astype(np.uint8))
+        return EventArrays(nanoseconds(t), x.astype(np.uint16), y.astype(np.uint16), (p > 0).astype(np.uint8))
 
     def _labels(self, kind: str, t0: int, t1: int, camera: str) -> dict[str, np.ndarray]:
         if kind == "forward_flow":
-            stamps = _ns(np.asarray(mapped(self._flow, "timestamps")))
+            stamps = nanoseconds(np.asarray(mapped(self._flow, "timestamps")))
             ends = stamps[1:]
             part = within(ends, t0, t1)
             x, y = (np.asarray(mapped(self._flow, f"{axis}_flow_dist")[part]) for axis in "xy")
             times = np.stack((stamps[:-1][part], ends[part]), -1)
-            flow = np.stack((x, y), -1).astype(np.float32)
-            return {"t": ends[part], "flow_t": times, kind: flow, "forward_valid": np.isfinite(x).astype(np.uint8)}
+            flow: np.ndarray = np.stack((x, y), -1).astype(np.float32)
+            return {"t": ends[part], "flow_t": times, kind: flow, "forward_valid": (flow != 0).any(-1).astype(np.uint8)}
         source, name = _PLACES[kind]
         with self._file(source) as file:
             group = file[f"davis/{self._sides[camera]}"]
-            stamps = _ns(group[f"{name}_ts"][:])
+            stamps = nanoseconds(group[f"{name}_ts"][:])
             part = within(stamps, t0, t1)
             array = group[name][part]
         if kind == "depth":
             array = np.where(np.isnan(array), np.float32(np.inf), array)
         return {"t": stamps[part], {"poses": "pose"}.get(kind, kind): array}
-
-
-def _first(table: h5py.Dataset, t_ns: int) -> int:
-    """The first row at or after a time."""
-    low, high = 0, int(table.shape[0])
-    while low < high:
-        middle = (low + high) // 2
-        if round(float(table[middle, 2]) * 1e9) < t_ns:
-            low = middle + 1
-        else:
-            high = middle
-    return low
-
-
-def _ns(seconds: np.ndarray) -> np.ndarray:
-    return np.rint(np.asarray(seconds, np.float64) * 1e9).astype(np.int64)

@@ -1,4 +1,10 @@
-"""MVSEC's layout: `<name>_data.hdf5`, `<name>_gt.hdf5`, and its flow as npz; the cameras are davis/left and right."""
+"""MVSEC's layout: `<name>_data.hdf5`, `<name>_gt.hdf5`, and its flow as npz; the cameras are davis/left and right.
+
+Names, types and shapes are those of MVSEC's own converter (daniilidis-group/mvsec, branch mvsec_hdf5,
+tools/mvsec_simple_reader/mvsec_h5py.py; tools/gt_flow/compute_flow.py for the archive). The flow at a stamp leads to
+the next one, as daniilidis-group/EV-FlowNet reads it (src/eval_utils.py, estimate_corresponding_gt_flow), and is 0
+where it is not known, which that leaves out (flow_error_dense).
+"""
 
 from __future__ import annotations
 
@@ -9,10 +15,12 @@ import numpy as np
 
 from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.hdf5_rows import GrowingRows
+from evis.dataset.layouts.mvsec.event_table import first_row, nanoseconds
 from evis.dataset.layouts.npz.archive import pack
 from evis.dataset.layouts.npz.growing_npy import GrowingNpy
+from evis.dataset.layouts.rectification import Rectification
 from evis.dataset.layouts.sample import Sample
-from evis.dataset.layouts.stereo_sides import sides
+from evis.dataset.layouts.stereo_sides import SIDES, sides
 from evis.dataset.layouts.writer import SequenceWriter
 from evis.geometry import se3
 from msgs.camera import CameraInfo, Image
@@ -22,7 +30,10 @@ _HELD = {"depth", "poses", "forward_flow"}
 
 
 class MvsecWriter(SequenceWriter):
-    """Writes a sequence as MVSEC has them: times in float64 seconds, polarity -1 or 1, NaN where depth is unknown."""
+    """Writes a sequence as MVSEC has them: times in float64 seconds, polarity -1 or 1, NaN where depth is unknown.
+
+    Events, raw images and flow are in the sensor's own pixels, `depth_image_rect` in rectified ones.
+    """
 
     LAYOUT = "mvsec"
 
@@ -33,6 +44,7 @@ class MvsecWriter(SequenceWriter):
         self._data, self._truth = (
             h5py.File(f"{stem}_{part}.hdf5", "w", libver=("earliest", "v110")) for part in ("data", "gt")
         )
+        self._rectified = {camera: Rectification(info) for camera, info in self.about.cameras.items()}
         self._rows: dict[str, GrowingRows] = {}
         self._flow: dict[str, GrowingNpy] = {}
         self._flow_end = 0.0
@@ -44,30 +56,30 @@ class MvsecWriter(SequenceWriter):
         seconds = sample.stamp_ns * 1e-9
         rows = np.stack((e.x, e.y, e.t * 1e-9, np.where(e.p > 0, 1.0, -1.0)), 1)
         if sample.image is not None:
-            self._image(group, camera, sample.image)
+            self._image(group, sample.image)
         self._grow(self._data, f"{group}/events", rows)
         for kind, arrays in sample.kinds():
             if kind == "depth":
                 known = np.where(np.isfinite(arrays["depth"]), arrays["depth"], np.nan)
                 self._stamped(self._truth, f"{group}/depth_image_raw", known.astype(np.float32), seconds)
+                rectified = self._rectified[camera].image(known, np.nan)
+                self._stamped(self._truth, f"{group}/depth_image_rect", rectified.astype(np.float32), seconds)
             elif kind == "poses" and camera in sample.bodies:
                 pose = arrays["pose"][sample.bodies.index(camera)]
                 self._stamped(self._truth, f"{group}/pose", matrix(pose), seconds)
             elif kind == "forward_flow" and group.endswith("left"):
-                self._add_flow(self.about.cameras[camera], arrays)
+                self._add_flow(group, self.about.cameras[camera], arrays)
             elif kind not in _HELD:
                 self.note(f"MVSEC has no {kind}: it is left out")
         if "event_instance" in sample.labels:
             self.note("MVSEC has no labels of events: they are left out")
 
-    def _image(self, group: str, camera: str, image: Image) -> None:
+    def _image(self, group: str, image: Image) -> None:
         pixels = np.asarray(image.data)
         if pixels.shape[-1] == 3:
             self.note("MVSEC has grey images: colour is left out")
             pixels = np.rint(pixels @ np.array([0.2126, 0.7152, 0.0722])).astype(pixels.dtype)[..., None]
-        before = np.array([max(self.counts[camera] - 1, 0)], np.int64)
         self._stamped(self._data, f"{group}/image_raw", pixels[..., 0], image.header.stamp_ns * 1e-9)
-        self._grow(self._data, f"{group}/image_raw_event_inds", before)
 
     def _stamped(self, file: h5py.File, name: str, array: np.ndarray, seconds: float) -> None:
         self._grow(file, name, array[None])
@@ -80,17 +92,21 @@ class MvsecWriter(SequenceWriter):
             )
         self._rows[name].add(rows)
 
-    def _add_flow(self, info: CameraInfo, arrays: dict[str, np.ndarray]) -> None:
+    def _add_flow(self, group: str, info: CameraInfo, arrays: dict[str, np.ndarray]) -> None:
         start, end = (int(t) for t in arrays["flow_t"])
         if start == end:
             return  # at the start of a run, where no interval ends
         if self._flow and start * 1e-9 != self._flow_end:
             raise LayoutError("MVSEC's flow goes on from where it ended; take labels with flow_from 0 and flow_to 1")
-        flow = np.where(arrays["forward_valid"][..., None] > 0, arrays["forward_flow"], np.nan).astype(np.float64)
-        self._flow_rows(info, start * 1e-9, flow)
+        known = (arrays["forward_valid"][..., None] > 0) & np.isfinite(arrays["forward_flow"])
+        flow = np.where(known, arrays["forward_flow"], 0.0).astype(np.float64)
+        if bool((known.all(-1) & (flow == 0).all(-1)).any()):
+            self.note("MVSEC's flow is 0 where it is unknown: what stands still is not told from it")
+        self._flow_rows(group, info, start * 1e-9, flow)
         self._flow_end = end * 1e-9
 
-    def _flow_rows(self, info: CameraInfo, seconds: float, flow: np.ndarray) -> None:
+    def _flow_rows(self, group: str, info: CameraInfo, seconds: float, flow: np.ndarray) -> None:
+        self._stamped(self._truth, f"{group}/flow_dist", flow.transpose(2, 0, 1), seconds)
         sizes = {"H": info.height, "W": info.width}
         for name, array in zip(FLOW, (np.array(seconds), flow[..., 0], flow[..., 1])):
             if name not in self._flow:
@@ -102,15 +118,24 @@ class MvsecWriter(SequenceWriter):
         if self._flow:
             # The last displacement ends at a stamp of its own, of which there is no displacement.
             info = next(iter(self.about.cameras.values()))
-            self._flow_rows(info, self._flow_end, np.full((info.height, info.width, 2), np.nan))
+            self._flow_rows(f"davis/{SIDES[0]}", info, self._flow_end, np.zeros((info.height, info.width, 2)))
             for file in self._flow.values():
                 file.close()
             parts = {name: self.directory / f"{name}.part.npy" for name in FLOW}
             pack(self.directory / f"{self.about.name}_gt_flow_dist.npz", parts)
         for rows in self._rows.values():
             rows.flush()
+        for side in self.sides.values():
+            self._index_images(self._data[f"davis/{side}"])
         self._data.close()
         self._truth.close()
+
+    def _index_images(self, group: h5py.Group) -> None:
+        """Finds the last event before each image, as MVSEC's converter does."""
+        if "image_raw_ts" in group:
+            stamps = nanoseconds(group["image_raw_ts"][:]).tolist()
+            before = [max(first_row(group["events"], stamp) - 1, 0) for stamp in stamps]
+            group["image_raw_event_inds"] = np.array(before, np.int64)
 
 
 def matrix(pose: np.ndarray) -> np.ndarray:
