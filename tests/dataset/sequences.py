@@ -12,6 +12,8 @@ import evis
 from evis.dataset.about import About
 from evis.dataset.layouts import writer_of
 from evis.simulation.step import Step
+from msgs.camera import Image
+from msgs.header import Header
 
 LABELS = (
     "forward_flow", "backward_flow", "boxes", "depth", "segmentation", "semantic", "events", "poses", "boxes3d",
@@ -55,3 +57,24 @@ def labels_of(steps: tuple[Step, ...], camera: str, name: str) -> tuple[np.ndarr
         if (labels := vars(step.cameras[camera]).get("labels")) is not None and getattr(labels, name) is not None
     ]
     return np.array([stamp for stamp, _ in found]), [array for _, array in found]
+
+
+def framed(steps: tuple[Step, ...], exposure_ns: int = 4_000_000) -> tuple[Step, ...]:
+    """The steps with a grey frame of noise beside the labels of each camera, of their stamp."""
+    made = []
+    for k, step in enumerate(steps):
+        cameras = {}
+        for n, (name, outputs) in enumerate(step.cameras.items()):
+            cameras[name] = dict(vars(outputs))
+            if cameras[name].get("labels") is not None:
+                info = steps[0].cameras[name].info
+                pixels = np.random.default_rng((k, n)).integers(0, 255, (info.height, info.width, 1), np.uint8)
+                cameras[name]["image"] = Image(Header(step.stamp_ns), pixels, "mono8", exposure_ns)
+        made.append(Step(step.stamp_ns, step.episodes, cameras, {}, step.over))
+    return tuple(made)
+
+
+def frames_of(steps: tuple[Step, ...], camera: str) -> np.ndarray:
+    """The frames of a camera, [T, H, W, 1]."""
+    images = [vars(step.cameras[camera]).get("image") for step in steps]
+    return np.stack([image.data for image in images if image is not None])

@@ -1,16 +1,14 @@
-"""Other people's readers open what is written: tonic, pycocotools, webdataset, zarr, and DSEC's public loader."""
+"""Other people's readers open what is written: tonic, pycocotools, webdataset, zarr; more in test_layouts_peers.py."""
 
 from __future__ import annotations
 
-import os
 import shutil
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from sequences import events_of, labels_of, simulated, written
+from sequences import events_of, framed, frames_of, labels_of, simulated, written
 
 from evis.dataset.layouts.sample import EVENTS
 
@@ -57,41 +55,36 @@ def test_tonic_reads_dsec(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
             assert np.abs(image[..., :2] - flow[0])[seen].max() <= 0.5 / 128
 
 
-def test_the_loader_of_dsec_reads_a_stereo_sequence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """uzh-rpg/DSEC, scripts/dataset/sequence.py, at its sensor's 640 x 480: disparity and windows of events."""
-    peers = os.environ.get("EVIS_PEERS", "")
-    scripts = Path(peers) / "DSEC" / "scripts"
-    if not (peers and scripts.is_dir()):
-        pytest.skip("EVIS_PEERS names no folder with a checkout of uzh-rpg/DSEC in DSEC/")
-    for package in ("torch", "cv2", "numba"):
-        pytest.importorskip(package, reason=f"{package} is not installed: make test-extras")
-    monkeypatch.syspath_prepend(str(scripts))
-    for name in [n for n in sys.modules if n.partition(".")[0] in ("dataset", "utils")]:
-        monkeypatch.delitem(sys.modules, name)
-    from dataset.sequence import Sequence  # type: ignore[import-not-found]
-    from utils.eventslicer import EventSlicer  # type: ignore[import-not-found]
-
-    about, steps = simulated("stereo_room", "depth", width=640, height=480)
+def test_tonic_reads_disparity_and_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a stereo pair, with the times of both."""
+    tonic: Any = pytest.importorskip("tonic", reason="tonic is not installed: make test-extras")
+    imageio: Any = pytest.importorskip("imageio", reason="imageio is not installed: make test-extras")
+    about, plain = simulated("stereo_room", "depth")
+    steps = framed(plain)
     written("dsec", tmp_path / "s", about, steps)
-    sequence = Sequence(tmp_path / "s", "train", 20, 15)
+    name = "zurich_city_00_a"
+    recording = tmp_path / "DSEC" / name
+    places = {f"events_{side}": f"events/{side}" for side in ("left", "right")}
+    places |= {f"images_rectified_{side}": f"images/{side}/rectified" for side in ("left", "right")}
+    places |= {"disparity_event": "disparity/event"}
+    for told, place in places.items():
+        shutil.copytree(tmp_path / "s" / place, recording / told)
+    for told, place in (("image_timestamps", "images"), ("disparity_timestamps", "disparity")):
+        (recording / told).mkdir()
+        shutil.copy(tmp_path / "s" / place / "timestamps.txt", recording / told / f"{name}_{told}.txt")
+    monkeypatch.setattr(imageio.plugins.freeimage, "download", lambda: None)
+    data = ["events_left", "events_right", "image_timestamps", "images_rectified_left", "images_rectified_right"]
+    data, target = tonic.datasets.DSEC(str(tmp_path), name, data, ["disparity_event", "disparity_timestamps"])[0]
+    for camera, read in zip(("left", "right"), data):
+        want = events_of(steps, camera)
+        assert np.array_equal(read[f"events_{camera}"]["t"], want["t"] // 1000)
+        assert np.array_equal(read[f"events_{camera}"]["x"], want["x"])
     stamps, depths = labels_of(steps, "left", "depth")
-    assert len(sequence) == len(stamps) - 1  # it leaves the first out, before which there are no events
+    assert data[2].tolist() == target[1].tolist() == (stamps // 1000).tolist()
+    for camera, images in zip(("left", "right"), data[3:]):
+        assert np.array_equal(images, frames_of(steps, camera)[..., 0])
     focal_baseline = about.cameras["left"].k[0, 0] * about.cameras["right"].baseline
-    for k in range(len(sequence)):
-        item = sequence[k]
-        want = focal_baseline / depths[k + 1][0]
-        assert np.abs(item["disparity_gt"] - want)[want >= 1 / 256].max() <= 0.5 / 256 + 1e-5
-        assert item["representation"]["left"].shape == (15, 480, 640) and bool(item["representation"]["left"].any())
-    import h5py
-
-    for camera in ("left", "right"):
-        truth = events_of(steps, camera)
-        t = truth["t"] // 1000
-        with h5py.File(tmp_path / "s" / "events" / camera / "events.h5") as file:
-            slicer = EventSlicer(file)
-            for start, end in ((0, 10_000), (12_345, 54_321), (99_999, 133_333)):
-                got, part = slicer.get_events(start, end), (t >= start) & (t < end)
-                assert np.array_equal(got["t"], t[part]) and np.array_equal(got["x"], truth["x"][part])
+    assert np.abs(target[0] / 256 - focal_baseline / np.concatenate(depths)).max() <= 0.5 / 256
 
 
 def test_pycocotools_reads_coco(tmp_path: Path) -> None:
