@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import OpenEXR
 import pytest
@@ -12,7 +13,7 @@ from PIL import Image
 from evis.bag import BagError
 from evis.bag.export.topics import export
 from evis.bag.writer import BagWriter
-from msgs.camera import Depth, Ids, Labels
+from msgs.camera import Depth, Ids, Labels, Motion
 from msgs.header import Header
 
 RNG = np.random.default_rng(7)
@@ -20,6 +21,7 @@ DEPTH = RNG.uniform(0.1, 60, (1, 9, 11)).astype(np.float32)
 DEPTH[0, 2, 2], DEPTH[0, 3, 3] = np.inf, 70.0
 IDS = RNG.integers(0, 60_000, (1, 9, 11)).astype(np.int32)
 FLOW = RNG.normal(size=(1, 5, 7, 2)).astype(np.float32)
+FLOW[0, 1, :2] = [[300.0, 1.0], [1.0, -257.0]]
 
 
 @pytest.fixture
@@ -64,7 +66,33 @@ def test_png_of_depth_and_ids(bag: Path, tmp_path: Path) -> None:
     export(bag, "/cam0/ids", tmp_path / "i", as_png=True)
     with Image.open(tmp_path / "i/000000.png") as image:
         assert np.array_equal(np.asarray(image), IDS[0, 2:-2, 2:-2])
-    with pytest.raises(BagError, match="PNG is for depth or ids alone; leave --png out"):
-        export(bag, "/cam0/labels", tmp_path / "l", as_png=True)
-    with pytest.raises(BagError, match="PNG of whole numbers is for depth and ids to a folder"):
+    assert (tmp_path / "d/times.txt").read_text() == (tmp_path / "i/times.txt").read_text() == "000000.png 40\n"
+    with pytest.raises(BagError, match="PNG of whole numbers is of depth, ids and flow to a folder"):
         export(bag, "/cam0/depth", tmp_path / "d.npz", as_png=True)
+
+
+def test_png_of_flow_and_labels(bag: Path, tmp_path: Path) -> None:
+    """A folder for each kind; flow as DSEC codes it, what does not fit is not valid and counted."""
+    told = export(bag, "/cam0/labels", tmp_path / "l", as_png=True)
+    assert told["folders"] == ["depth", "forward_flow"] and told["images"] == 2 and told["too_far"] == 1
+    assert told["too_fast"] == 2 and (tmp_path / "l/forward_flow/times.txt").read_text() == "000000.png 50\n"
+    codes = cv2.imread(str(tmp_path / "l/forward_flow/000000.png"), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    fits = (np.abs(FLOW[0]) < 256).all(-1)
+    known = (FLOW[0, ..., 0] > 0) & fits
+    assert codes.dtype == np.uint16 and np.array_equal(codes[..., 2], known) and known.sum() > 5
+    assert np.abs((codes[..., :2].astype(float) - 2**15) / 128 - FLOW[0])[known].max() <= 0.5 / 128
+    with Image.open(tmp_path / "l/depth/000000.png") as image:
+        assert np.asarray(image).shape == (5, 7)
+
+
+def test_png_of_motion(tmp_path: Path) -> None:
+    """Backward vectors in px, without margin; NaN is not valid and not counted."""
+    moved = np.full((1, 9, 11, 2), 1.5, np.float32)
+    moved[0, 4, 5], moved[0, 4, 6] = np.nan, 300.0
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.write("/cam0/motion", Motion(Header(40), moved, margin=2))
+    told = export(tmp_path / "a.mcap", "/cam0/motion", tmp_path / "m", as_png=True)
+    codes = cv2.imread(str(tmp_path / "m/000000.png"), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    assert told["too_fast"] == 1 and told["folders"] == [] and codes.shape == (5, 7, 3)
+    assert codes[2, 3, 2] == codes[2, 4, 2] == 0 and codes[..., 2].sum() == 33
+    assert (codes[..., :2][codes[..., 2] == 1] == 2**15 + 192).all()

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import evis
 from evis.dataset.about import About
-from evis.dataset.layouts import writer_of
+from evis.dataset.layouts import LAYOUTS, writer_of
 from evis.simulation.step import Step
 from msgs.camera import Image
 from msgs.header import Header
@@ -18,6 +19,8 @@ from msgs.header import Header
 LABELS = (
     "forward_flow", "backward_flow", "boxes", "depth", "segmentation", "semantic", "events", "poses", "boxes3d",
 )  # fmt: skip
+EVERY = tuple(pytest.param(name, marks=pytest.mark.extras) if name == "zarr" else name for name in LAYOUTS)
+"""Every layout, as a parameter of tests: the package zarr is an extra."""
 DURATION_NS = 133_333_333
 """Four intervals of 30 Hz; no whole number of milliseconds."""
 

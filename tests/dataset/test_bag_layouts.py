@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sequences import written
+from sequences import EVERY, written
 
 import evis
 from evis.bag.writer import BagWriter
 from evis.cli import main
 from evis.dataset.about import About
-from evis.dataset.layouts import LAYOUTS, reader_of
+from evis.dataset.layouts import reader_of
 from msgs.camera import Image
 from msgs.header import Header
 
@@ -37,7 +37,7 @@ def recorded(tmp_path_factory: Any) -> tuple[Path, About, tuple[Any, ...]]:
     return bag, About("a", "spinning_disk", {}, 2, 100_000_000, 30.0, cameras, ()), tuple(steps)
 
 
-@pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "zarr"])
+@pytest.mark.parametrize("layout", EVERY)
 def test_a_bag_in_every_layout(recorded: Any, layout: str, tmp_path: Path, capsys: Any) -> None:
     """Events and labels are those of the steps, array by array."""
     bag, about, steps = recorded

@@ -9,28 +9,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sequences import DURATION_NS, events_of, labels_of, simulated, written
+from sequences import DURATION_NS, EVERY, events_of, labels_of, simulated, written
 
 import evis
 from evis.dataset.about import About
-from evis.dataset.layouts import LAYOUTS, LayoutError, reader_of, writer_of
+from evis.dataset.layouts import LayoutError, reader_of, writer_of
 from evis.dataset.layouts.sample import DENSE, ENVIRONMENT_AXIS, EVENTS, TABLES
 
 EXACT = {"npz": 1, "zarr": 1, "webdataset": 1, "mcap": 1, "coco": 1, "mvsec": 1, "dsec": 1000}
 """Layouts, and what their times are multiples of [ns]."""
-WHOLE = tuple(name for name in LAYOUTS if name in ("npz", "zarr", "webdataset", "mcap"))
+WHOLE = ("npz", pytest.param("zarr", marks=pytest.mark.extras), "webdataset", "mcap")
 """Layouts that hold every kind of label."""
 
 
-def skip_without(layout: str) -> None:
-    """Zarr is an extra."""
-    if layout == "zarr":
-        pytest.importorskip("zarr", reason="zarr is not installed: make test-extras")
-
-
-@pytest.fixture(params=LAYOUTS)
+@pytest.fixture(params=EVERY)
 def layout(request: Any) -> str:
-    skip_without(request.param)
     return str(request.param)
 
 
@@ -53,7 +46,6 @@ def test_every_event_comes_back(layout: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("layout", WHOLE)
 def test_every_label_comes_back(layout: str, tmp_path: Path) -> None:
     """To the bit, with its stamps."""
-    skip_without(layout)
     about, steps = simulated()
     written(layout, tmp_path / "s", about, steps)
     reader = reader_of(layout)(tmp_path / "s")

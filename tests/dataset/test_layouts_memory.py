@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sequences import simulated
+from sequences import EVERY, simulated
 
-from evis.dataset.layouts import LAYOUTS, writer_of
+from evis.dataset.layouts import writer_of
 from evis.simulation.step import Step
 
 STEP_NS = 33_333_333
@@ -28,9 +28,11 @@ def later(step: Step, by_ns: int) -> Step:
     return Step(step.stamp_ns + by_ns, np.zeros(1, np.int32), {"cam0": values}, {}, False)
 
 
-@pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "zarr"])
-def test_memory_does_not_grow(layout: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("layout", EVERY)
+def test_memory_does_not_grow(layout: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """80 steps take no more at their peak than the first 40, but for a hundredth of what is written."""
+    if layout == "zarr":  # of whose chunks 80 steps would fill none
+        monkeypatch.setattr("evis.dataset.layouts.zarr.writer._CHUNK_BYTES", 1 << 14)
     about, steps = simulated()
     writer = writer_of(layout)(tmp_path / "s", dataclasses.replace(about, duration_ns=81 * STEP_NS))
     tracemalloc.start()

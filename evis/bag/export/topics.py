@@ -13,7 +13,7 @@ import numpy as np
 
 from evis.bag import BagError, environments
 from evis.bag.decoded import decoded_events
-from evis.bag.export import exr, frames, label_images, labels, png, trajectory
+from evis.bag.export import exr, frames, label_images, label_pngs, labels, png, trajectory
 from evis.bag.reader import BagReader
 from evis.bag.ros import jsonform
 from evis.files.whole_file import whole_file
@@ -39,7 +39,7 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False, 
 
     Events: .npz, .csv, .txt, .raw (by evis.events; times that a format rounds are counted). Keyframes to a folder:
     one EXR each (half: R, G, B as 16-bit floats, clamped and counted). Images to a folder: one PNG each, and times.txt.
-    Depth, ids, motion and labels to a folder: one EXR each, or (as_png) 16 bit PNG, see `label_images.write_folder`.
+    Depth, ids, motion and labels to a folder: one EXR each, or (as_png) 16 bit PNG, see `label_pngs.write_folders`.
     Frames: .npz that `evis events simulate` takes. Labels: .npz, see `labels.write`. /state: .npz with every body at
     every sub-step. Any other: .npz (arrays stacked over messages). All: .jsonl (a message per line).
     Of a torn bag what is there is written, and `problem` says what is wrong with it. `other_files` counts the EXR or
@@ -55,7 +55,9 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False, 
         if half and (kind != "Keyframe" or out.suffix):
             raise BagError(f"half is for EXR files of keyframes; {topic} to {out.name} has none")
         if as_png and (kind not in label_images.KINDS or out.suffix):
-            raise BagError(f"PNG of whole numbers is for depth and ids to a folder; {topic} to {out.name} has none")
+            raise BagError(
+                f"PNG of whole numbers is of depth, ids and flow to a folder; {topic} to {out.name} has none"
+            )
         suffix = out.suffix.lower()
         messages = partial(_messages, reader, name, env)
         if suffix == ".jsonl":
@@ -67,7 +69,8 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False, 
         elif kind == "Image" and not suffix:
             result = png.write_folder(messages(), topic, out)
         elif kind in label_images.KINDS and not suffix:
-            result = label_images.write_folder(messages(), topic, out, as_png)
+            save = label_pngs.write_folders if as_png else label_images.write_folder
+            result = save(messages(), topic, out)
         elif kind == "Frames":
             with _whole(out) as file:
                 result = frames.write(messages, topic, file)

@@ -73,7 +73,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "out", metavar="OUT", help="events: .npz .csv .raw; keyframes, images, a layout: a folder; others: .npz .jsonl"
     )
     export.add_argument("--half", action="store_true", help="EXR with 16-bit R, G, B; values beyond 65504 are clamped")
-    export.add_argument("--png", action="store_true", help="depth, ids to a folder: PNG (mm, ids) in place of EXR")
+    export.add_argument(
+        "--png", action="store_true", help="depth, ids, flow, labels to a folder: 16 bit PNG in place of EXR"
+    )
     export.add_argument("--json", action="store_true", help="print JSON")
 
 
@@ -138,7 +140,7 @@ def _export(args: argparse.Namespace) -> dict[str, Any]:
             file=sys.stderr,
         )
     if "other_files" in result:
-        exr = "keyframes" in result or ("channels" in result and not args.png)
+        exr = "keyframes" in result or "channels" in result
         others = f"{result['other_files']} {FOLDERS['Keyframe' if exr else 'Image']} files"
         print(f"evis bag export: {args.out} holds {others} that are not of this export", file=sys.stderr)
     if "damaged" in result:

@@ -8,7 +8,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from evis.dataset.layouts.dsec.codes import codes_to_disparity, codes_to_flow
+from evis.bag.export.flow_codes import codes_to_flow
+from evis.dataset.layouts.dsec.disparity import codes_to_disparity
 from evis.dataset.layouts.dsec.tracks import boxes_of
 from evis.dataset.layouts.hdf5_rows import blosc
 from evis.dataset.layouts.millisecond_index import NAME

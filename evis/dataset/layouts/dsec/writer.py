@@ -12,10 +12,11 @@ import h5py
 import numpy as np
 import yaml
 
+from evis.bag.export.flow_codes import flow_to_codes
 from evis.bag.export.png import encoded
 from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.dsec.calibration import calibration
-from evis.dataset.layouts.dsec.codes import disparity_to_codes, flow_to_codes
+from evis.dataset.layouts.dsec.disparity import disparity_to_codes
 from evis.dataset.layouts.dsec.event_file import EventFile
 from evis.dataset.layouts.dsec.tracks import TRACK, tracks
 from evis.dataset.layouts.hdf5_rows import NO_BLOSC, blosc
