@@ -30,15 +30,18 @@ def later(step: Step, by_ns: int) -> Step:
 
 @pytest.mark.parametrize("layout", EVERY)
 def test_memory_does_not_grow(layout: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """80 steps take no more at their peak than the first 40, but for a hundredth of what is written."""
-    if layout == "zarr":  # of whose chunks 80 steps would fill none
+    """40 more steps take no more at their peak than those before, but for a hundredth of what is written."""
+    before = 40
+    if layout == "zarr":  # smaller chunks, and enough steps that those of images have been full once
+        before = 120
         monkeypatch.setattr("evis.dataset.layouts.zarr.writer._CHUNK_BYTES", 1 << 14)
     about, steps = simulated()
-    writer = writer_of(layout)(tmp_path / "s", dataclasses.replace(about, duration_ns=81 * STEP_NS))
+    writer = writer_of(layout)(tmp_path / "s", dataclasses.replace(about, duration_ns=(before + 41) * STEP_NS))
     tracemalloc.start()
-    peaks, written = [], 0
-    for part in (range(40), range(40, 80)):
+    peaks = []
+    for part in (range(before), range(before, before + 40)):
         tracemalloc.reset_peak()
+        written = 0
         for k in part:
             step = later(steps[1], k * STEP_NS)
             written += sum(array.nbytes for array in step.events.arrays().values())  # type: ignore[union-attr]
@@ -47,4 +50,4 @@ def test_memory_does_not_grow(layout: str, tmp_path: Path, monkeypatch: pytest.M
         peaks.append(tracemalloc.get_traced_memory()[1])
     tracemalloc.stop()
     writer.close()
-    assert written > 8_000_000 and peaks[1] - peaks[0] < 0.01 * written / 2, peaks
+    assert written > 4_000_000 and peaks[1] - peaks[0] < 0.01 * written, peaks

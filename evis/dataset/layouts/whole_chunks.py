@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+_MANY = 64
+
 
 class WholeChunks:
     """Hands rows on in whole chunks; less than one chunk is in memory between calls."""
@@ -19,6 +21,8 @@ class WholeChunks:
         """Takes rows [n, ...], and hands on what makes whole chunks."""
         self._waiting.append(rows)
         self._count += len(rows)
+        if len(self._waiting) >= _MANY:  # a row of 8 bytes costs a hundred as an array of its own
+            self._waiting = [np.concatenate(self._waiting)]
         whole = self._count // self._rows * self._rows
         if whole:
             held = np.concatenate(self._waiting)
