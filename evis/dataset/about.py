@@ -27,7 +27,8 @@ class About:
 
     arguments: of the scene and of the launch file. duration_ns: its length, from start_ns on. keyframe_rate: labels per
     second [Hz]. cameras: by name, the first one first. labels: kinds that were asked for. start_ns: time of its start;
-    every event is later. bodies: names of those that poses and velocities are of, once a writer has seen them.
+    every event is later. bodies: names of those that poses and velocities are of, once a writer has seen them. layout:
+    in which it was written. counts: events of each camera, once they are written.
     """
 
     name: str
@@ -40,6 +41,8 @@ class About:
     labels: tuple[str, ...] = ()
     start_ns: int = 0
     bodies: tuple[str, ...] = field(default=())
+    layout: str = ""
+    counts: Mapping[str, int] = field(default_factory=dict)
 
     def save(self, directory: Path) -> None:
         """Writes it into a folder, with its keys in order, so that equal sequences have equal files."""

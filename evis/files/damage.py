@@ -13,7 +13,7 @@ FAULTS: tuple[type[Exception], ...] = (
 )  # fmt: skip
 """Exceptions that a file's content causes: it ends early, says numbers that cannot be, or wants more than there is.
 Lookups, wrong types, missing names and failed assertions are not among them: those are a reader's own mistakes."""
-_LIBRARIES = ("zipfile", "_lzma", "sqlite3", "zstandard")
+_LIBRARIES = ("zipfile", "tarfile", "_lzma", "sqlite3", "zstandard")
 """Modules with exceptions of their own for damaged data, which are not imported for their names alone."""
 
 

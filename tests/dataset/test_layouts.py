@@ -76,8 +76,9 @@ def test_what_is_known_of_a_sequence_comes_back(layout: str, tmp_path: Path) -> 
     written(layout, tmp_path / "s", about, steps)
     got = reader_of(layout)(tmp_path / "s").about
     for field in dataclasses.fields(About):
-        if field.name not in ("cameras", "bodies"):
+        if field.name not in ("cameras", "bodies", "layout", "counts"):
             assert getattr(got, field.name) == getattr(about, field.name), field.name
+    assert got.layout == layout and got.counts == {"cam0": len(events_of(steps, "cam0")["t"])}
     info, kept = about.cameras["cam0"], got.cameras["cam0"]
     assert np.array_equal(kept.k, info.k) and kept.instances == info.instances and kept.sensor == info.sensor
     assert kept.semantic is not None and kept.semantic.dtype == np.int32

@@ -80,12 +80,12 @@ class ColumnsReader(SequenceReader):
     def _columns(self, camera: str) -> tuple[str, ...]:
         """Lists the columns of a camera."""
 
-    def kinds(self, camera: str) -> tuple[str, ...]:
+    def _kinds(self, camera: str) -> tuple[str, ...]:
         columns = self._columns(camera)
         found = [kind for kind in (*DENSE, *TABLES, "image") if f"{kind}/t" in columns]
         return (*found, *(["events"] if f"events/{EVENTS[0]}" in columns else []))
 
-    def count_of(self, camera: str) -> int:
+    def _count_of(self, camera: str) -> int:
         return int(self._column(camera, "events/t").shape[0])
 
     def _events(self, t0: int, t1: int, camera: str) -> EventArrays:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,7 +12,11 @@ import numpy as np
 
 from evis.dataset.about import About
 from evis.dataset.layouts import LayoutError
+from evis.files.damage import is_fault
 from msgs.camera import CameraInfo
+
+ANEW = "fetch its files again, or make the sequence anew"
+"""What helps where a file is damaged."""
 
 
 class EventArrays(NamedTuple):
@@ -27,8 +32,10 @@ class SequenceReader(ABC):
     """Reads a sequence that was written in some layout, and of its files only the parts that are asked for.
 
     Files are opened where they are read, so a reader may be pickled and used by several processes. Times are ns, as far
-    as the layout holds them.
+    as the layout holds them. What is damaged, missing or of another layout is a LayoutError of one line.
     """
+
+    LAYOUT = ""
 
     def __init__(self, directory: Path) -> None:
         """Opens a sequence. Raises LayoutError for a folder that holds none."""
@@ -37,6 +44,9 @@ class SequenceReader(ABC):
             self.about = About.load(self.directory)
         except ValueError as error:
             raise LayoutError(str(error)) from None
+        if self.about.layout not in ("", self.LAYOUT):
+            text = f"has the layout {self.about.layout}, not {self.LAYOUT}: reader_of('{self.about.layout}') reads it"
+            raise LayoutError(f"{self.directory} {text}")
 
     @property
     def cameras(self) -> Mapping[str, CameraInfo]:
@@ -55,7 +65,9 @@ class SequenceReader(ABC):
 
     def events(self, t0_ns: int, t1_ns: int, camera: str | None = None) -> EventArrays:
         """Reads the events of [t0_ns, t1_ns) of one camera, of the first if none is named. Raises LayoutError."""
-        return self._events(int(t0_ns), int(t1_ns), self._named(camera))
+        name = self._named(camera)
+        with self._told(f"the events of {name}"):
+            return self._events(int(t0_ns), int(t1_ns), name)
 
     def labels(self, kind: str, t0_ns: int, t1_ns: int, camera: str | None = None) -> dict[str, np.ndarray]:
         """Reads the labels of one kind with stamps in [t0_ns, t1_ns).
@@ -70,7 +82,18 @@ class SequenceReader(ABC):
         if kind not in there:
             has = ", ".join(there) or "no labels"
             raise LayoutError(f"{self.directory} has no labels '{kind}' of {name}; it has {has}")
-        return self._labels(kind, int(t0_ns), int(t1_ns), name)
+        with self._told(f"{kind} of {name}"):
+            return self._labels(kind, int(t0_ns), int(t1_ns), name)
+
+    def kinds(self, camera: str) -> tuple[str, ...]:
+        """Lists the kinds of labels that there are of a camera."""
+        with self._told(f"the labels of {camera}"):
+            return self._kinds(self._named(camera))
+
+    def count_of(self, camera: str) -> int:
+        """Returns the number of events of one camera."""
+        with self._told(f"the events of {camera}"):
+            return self._count_of(self._named(camera))
 
     def _named(self, camera: str | None) -> str:
         name = next(iter(self.cameras)) if camera is None else camera
@@ -78,13 +101,24 @@ class SequenceReader(ABC):
             raise LayoutError(f"{self.directory} has no camera '{name}'; it has {', '.join(self.cameras)}")
         return name
 
-    @abstractmethod
-    def kinds(self, camera: str) -> tuple[str, ...]:
-        """Lists the kinds of labels that there are of a camera."""
+    @contextmanager
+    def _told(self, what: str) -> Iterator[None]:
+        """Turns the faults of files into LayoutError, which names the sequence and what helps."""
+        try:
+            yield
+        except LayoutError:
+            raise
+        except Exception as error:
+            if not is_fault(error):
+                raise
+            text = " ".join(str(error).replace(f"{self.directory}/", "").split())[:200] or type(error).__name__
+            raise LayoutError(f"{self.directory}: {what} cannot be read ({text}); {ANEW}") from error
 
     @abstractmethod
-    def count_of(self, camera: str) -> int:
-        """Returns the number of events of one camera."""
+    def _kinds(self, camera: str) -> tuple[str, ...]: ...
+
+    @abstractmethod
+    def _count_of(self, camera: str) -> int: ...
 
     @abstractmethod
     def _events(self, t0: int, t1: int, camera: str) -> EventArrays: ...

@@ -55,7 +55,8 @@ class SequenceWriter(ABC):
         if not self._closed:
             self._closed = True
             self._finish()
-            dataclasses.replace(self.about, bodies=self._bodies).save(self.directory)
+            about = dataclasses.replace(self.about, bodies=self._bodies, layout=self.LAYOUT, counts=self.counts)
+            about.save(self.directory)
 
     def note(self, text: str) -> None:
         """Keeps one line about what the layout cannot hold, once."""

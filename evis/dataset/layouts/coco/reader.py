@@ -13,11 +13,13 @@ from evis.dataset.layouts.coco.masks import mask_of
 from evis.dataset.layouts.coco.writer import ANNOTATIONS, EVENTS
 from evis.dataset.layouts.joined import joined
 from evis.dataset.layouts.npz.reader import NpzReader
-from evis.dataset.layouts.reader import EventArrays, SequenceReader
+from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader
 
 
 class CocoReader(SequenceReader):
     """Reads events in parts; the annotations, which are one JSON document, as a whole."""
+
+    LAYOUT = "coco"
 
     @cached_property
     def _events_reader(self) -> NpzReader:
@@ -30,7 +32,7 @@ class CocoReader(SequenceReader):
         try:
             whole = json.loads(path.read_text())
         except (OSError, ValueError) as error:
-            raise LayoutError(f"{path} cannot be read ({error}); make the sequence anew") from None
+            raise LayoutError(f"{path} cannot be read ({error}); {ANEW}") from None
         found: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in whole["images"]}
         for annotation in whole["annotations"]:
             found[annotation["image_id"]].append(annotation)
@@ -39,10 +41,10 @@ class CocoReader(SequenceReader):
             cameras[image["camera"]].append((image["stamp_ns"], found[image["id"]]))
         return cameras
 
-    def count_of(self, camera: str) -> int:
+    def _count_of(self, camera: str) -> int:
         return self._events_reader.count_of(camera)
 
-    def kinds(self, camera: str) -> tuple[str, ...]:
+    def _kinds(self, camera: str) -> tuple[str, ...]:
         stamps = self._stamps[camera]
         masks = any(a["segmentation"] for _, things in stamps for a in things)
         return (*(["boxes"] if stamps else []), *(["segmentation"] if masks else []))

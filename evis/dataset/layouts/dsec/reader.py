@@ -9,11 +9,12 @@ import h5py
 import numpy as np
 
 from evis.bag.export.flow_codes import codes_to_flow
+from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.dsec.disparity import codes_to_disparity
 from evis.dataset.layouts.dsec.tracks import boxes_of
-from evis.dataset.layouts.hdf5_rows import blosc
+from evis.dataset.layouts.hdf5_reading import dataset, opened
 from evis.dataset.layouts.millisecond_index import NAME
-from evis.dataset.layouts.reader import EventArrays, SequenceReader, within
+from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, within
 from evis.dataset.layouts.stereo_sides import sides
 from evis.media.frames.images import codes
 
@@ -26,12 +27,13 @@ class DsecReader(SequenceReader):
     Times are whole us, in ns.
     """
 
+    LAYOUT = "dsec"
+
     def __init__(self, directory: Path) -> None:
         super().__init__(directory)
-        blosc()
         self._sides = sides(dict(self.cameras), self.about.name)
 
-    def kinds(self, camera: str) -> tuple[str, ...]:
+    def _kinds(self, camera: str) -> tuple[str, ...]:
         side = self._sides[camera]
         places = {f"{way}_flow": f"flow/{way}_timestamps.txt" for way in ("forward", "backward") if side == "left"}
         places |= {"disparity": "disparity/timestamps.txt"} if side == "left" else {}
@@ -40,15 +42,16 @@ class DsecReader(SequenceReader):
         return tuple(kind for kind, place in places.items() if (self.directory / place).exists())
 
     def _file(self, camera: str) -> h5py.File:
-        return h5py.File(self.directory / "events" / self._sides[camera] / "events.h5", "r")
+        return opened(self.directory / "events" / self._sides[camera] / "events.h5")
 
-    def count_of(self, camera: str) -> int:
+    def _count_of(self, camera: str) -> int:
         with self._file(camera) as file:
-            return int(file["events/t"].shape[0])
+            return int(dataset(file, "events/t").shape[0])
 
     def _events(self, t0: int, t1: int, camera: str) -> EventArrays:
         with self._file(camera) as file:
-            offset, index, t = int(file["t_offset"][()]), file[NAME], file["events/t"]
+            offset = int(dataset(file, "t_offset")[()])
+            index, t = dataset(file, NAME), dataset(file, "events/t")
             count, marks = t.shape[0], index.shape[0]
             first, end = (-(-limit // 1000) - offset for limit in (t0, t1))  # us from the start, rounded up
             low = 0 if first < 0 else int(index[first // 1000]) if first // 1000 < marks else count
@@ -56,7 +59,7 @@ class DsecReader(SequenceReader):
             times = t[low : max(low, high)].astype(np.int64)
             part = within(times, first, end)
             rows = slice(low + part.start, low + part.stop)
-            found: list[Any] = [file[f"events/{name}"][rows] for name in "xyp"]
+            found: list[Any] = [dataset(file, f"events/{name}")[rows] for name in "xyp"]
         return EventArrays((times[part] + offset) * 1000, *found)
 
     def _labels(self, kind: str, t0: int, t1: int, camera: str) -> dict[str, np.ndarray]:
@@ -78,17 +81,32 @@ class DsecReader(SequenceReader):
             return {"t": stamps[part], kind: _stack([codes_to_disparity(image) for image in images])}
         spans = self._times(f"images/{side}/exposure_timestamps.txt", 2)
         stamps = self._times("images/timestamps.txt", 1)[:, 0]
+        if len(spans) != len(stamps):
+            raise LayoutError(f"{self.directory}/images has {len(stamps)} times, and {len(spans)} exposures; {ANEW}")
         part, images = self._images(f"images/{side}/rectified", stamps, t0, t1)
         return {"t": stamps[part], "exposure_ns": spans[part, 1] - spans[part, 0], kind: _stack(images)}
 
     def _times(self, name: str, columns: int) -> np.ndarray:
-        lines = np.loadtxt(self.directory / name, np.int64, delimiter=",", ndmin=2)
-        return lines.reshape(-1, columns) * 1000
+        """The times of a text [T, columns], ns. Raises LayoutError unless all its lines are there."""
+        text = (self.directory / name).read_text()
+        rows = [line.split(",") for line in text.splitlines() if not line.startswith("#")]
+        if not text.endswith("\n") or any(len(row) != columns for row in rows):
+            raise LayoutError(f"{self.directory / name} ends early; {ANEW}")
+        return np.array(rows, np.int64).reshape(-1, columns) * 1000
 
     def _images(self, folder: str, stamps: np.ndarray, t0: int, t1: int) -> tuple[slice, list[np.ndarray]]:
         part = within(stamps, t0, t1)
-        paths = [self.directory / folder / f"{k:06d}.png" for k in range(part.start, part.stop)]
-        return part, [codes(path.read_bytes()) for path in paths]
+        if (self.directory / folder / f"{len(stamps):06d}.png").exists():
+            raise LayoutError(f"{self.directory / folder} has more images than there are times of them; {ANEW}")
+        return part, [picture(self.directory / folder / f"{k:06d}.png") for k in range(part.start, part.stop)]
+
+
+def picture(path: Path) -> np.ndarray:
+    """Reads a PNG file, uint8 or uint16 [H, W] or [H, W, 3]. Raises LayoutError."""
+    try:
+        return codes(path.read_bytes())
+    except Exception as error:  # Pillow has errors of many kinds for damaged files
+        raise LayoutError(f"{path} cannot be read ({' '.join(str(error).split())[:150]}); {ANEW}") from error
 
 
 def _stack(images: list[np.ndarray]) -> np.ndarray:

@@ -13,7 +13,7 @@ from evis.bag.reader import BagReader
 from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.joined import joined, no_rows, of_events
 from evis.dataset.layouts.mcap.writer import COUNTS, FILE
-from evis.dataset.layouts.reader import EventArrays, SequenceReader, within
+from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, within
 from evis.dataset.layouts.sample import DENSE, ENVIRONMENT_AXIS, EVENTS, TABLES
 from msgs.camera import EventPacket, Image, Labels
 from msgs.fields import array_specs
@@ -22,6 +22,8 @@ from msgs.fields import array_specs
 class McapReader(SequenceReader):
     """Reads the chunks of the bag that hold what is asked for."""
 
+    LAYOUT = "mcap"
+
     def __init__(self, directory: Path) -> None:
         super().__init__(directory)
         with self._bag() as bag:
@@ -29,14 +31,20 @@ class McapReader(SequenceReader):
 
     def _bag(self) -> BagReader:
         try:
-            return BagReader(self.directory / FILE)
+            bag = BagReader(self.directory / FILE)
         except BagError as error:
-            raise LayoutError(str(error)) from None
+            raise LayoutError(f"{error}; {ANEW}") from None
+        if bag.problem:
+            bag.close()
+            raise LayoutError(f"{self.directory / FILE} is torn ({bag.problem}); {ANEW}")
+        return bag
 
-    def count_of(self, camera: str) -> int:
+    def _count_of(self, camera: str) -> int:
+        if camera not in self._counts:
+            raise LayoutError(f"{self.directory / FILE} does not tell the events of {camera}; {ANEW}")
         return int(self._counts[camera])
 
-    def kinds(self, camera: str) -> tuple[str, ...]:
+    def _kinds(self, camera: str) -> tuple[str, ...]:
         found: dict[str, None] = {}
         with self._bag() as bag:
             if f"/{camera}/labels" in bag.topics:

@@ -7,6 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from evis.dataset.layouts.hdf5_reading import dataset, opened
 from evis.dataset.layouts.mvsec.event_table import first_row, nanoseconds
 from evis.dataset.layouts.npz.archive import mapped
 from evis.dataset.layouts.reader import EventArrays, SequenceReader, within
@@ -21,31 +22,33 @@ class MvsecReader(SequenceReader):
     Without an index in the files, the first event of a time is found by bisection. Flow of 0 is not valid.
     """
 
+    LAYOUT = "mvsec"
+
     def __init__(self, directory: Path) -> None:
         super().__init__(directory)
         self._sides = sides(dict(self.cameras), self.about.name)
 
     def _file(self, part: str) -> h5py.File:
-        return h5py.File(self.directory / f"{self.about.name}_{part}.hdf5", "r")
+        return opened(self.directory / f"{self.about.name}_{part}.hdf5")
 
     @property
     def _flow(self) -> Path:
         return self.directory / f"{self.about.name}_gt_flow_dist.npz"
 
-    def kinds(self, camera: str) -> tuple[str, ...]:
+    def _kinds(self, camera: str) -> tuple[str, ...]:
         found = []
         for kind, (part, name) in _PLACES.items():
             with self._file(part) as file:
                 found += [kind] if f"davis/{self._sides[camera]}/{name}" in file else []
         return (*found, *(["forward_flow"] if self._sides[camera] == "left" and self._flow.exists() else []))
 
-    def count_of(self, camera: str) -> int:
+    def _count_of(self, camera: str) -> int:
         with self._file("data") as file:
-            return int(file[f"davis/{self._sides[camera]}/events"].shape[0])
+            return int(dataset(file, f"davis/{self._sides[camera]}/events").shape[0])
 
     def _events(self, t0: int, t1: int, camera: str) -> EventArrays:
         with self._file("data") as file:
-            table = file[f"davis/{self._sides[camera]}/events"]
+            table = dataset(file, f"davis/{self._sides[camera]}/events")
             first, end = (first_row(table, limit) for limit in (t0, t1))
             x, y, t, p = table[first : max(first, end)].T
         return EventArrays(nanoseconds(t), x.astype(np.uint16), y.astype(np.uint16), (p > 0).astype(np.uint8))
@@ -61,10 +64,10 @@ class MvsecReader(SequenceReader):
             return {"t": ends[part], "flow_t": times, kind: flow, "forward_valid": (flow != 0).any(-1).astype(np.uint8)}
         source, name = _PLACES[kind]
         with self._file(source) as file:
-            group = file[f"davis/{self._sides[camera]}"]
-            stamps = nanoseconds(group[f"{name}_ts"][:])
+            place = f"davis/{self._sides[camera]}/{name}"
+            stamps = nanoseconds(dataset(file, f"{place}_ts")[:])
             part = within(stamps, t0, t1)
-            array = group[name][part]
+            array = dataset(file, place)[part]
         if kind == "depth":
             array = np.where(np.isnan(array), np.float32(np.inf), array)
         return {"t": stamps[part], {"poses": "pose"}.get(kind, kind): array}

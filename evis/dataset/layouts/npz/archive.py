@@ -13,6 +13,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from evis.dataset.layouts import LayoutError
+from evis.dataset.layouts.reader import ANEW
 from evis.files.whole_file import whole_file
 
 _LOCAL_HEADER = 30
@@ -33,7 +34,7 @@ def opened(path: Path) -> zipfile.ZipFile:
     try:
         return zipfile.ZipFile(path)
     except (OSError, zipfile.BadZipFile) as error:
-        raise LayoutError(f"{path} cannot be read ({error}); make the sequence anew") from None
+        raise LayoutError(f"{path} cannot be read ({error}); {ANEW}") from None
 
 
 def mapped(path: Path, name: str) -> np.ndarray:
@@ -42,7 +43,7 @@ def mapped(path: Path, name: str) -> np.ndarray:
         try:
             info = archive.getinfo(f"{name}.npy")
         except KeyError:
-            raise LayoutError(f"{path} has no array {name}; make the sequence anew") from None
+            raise LayoutError(f"{path} has no array {name}; {ANEW}") from None
     if info.compress_type != zipfile.ZIP_STORED:
         raise LayoutError(f"{path} is compressed; np.load reads it, and not in parts")
     with path.open("rb") as file:

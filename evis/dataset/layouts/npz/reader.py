@@ -11,6 +11,8 @@ from evis.dataset.layouts.npz.archive import mapped, opened
 class NpzReader(ColumnsReader):
     """Reads parts of the arrays where they lie in the archives."""
 
+    LAYOUT = "npz"
+
     def _columns(self, camera: str) -> tuple[str, ...]:
         found = []
         for path in sorted((self.directory / camera).glob("*.npz")):

@@ -15,7 +15,7 @@ import numpy as np
 from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.columns import EVENT_TYPES
 from evis.dataset.layouts.joined import joined, no_rows, of_events
-from evis.dataset.layouts.reader import EventArrays, SequenceReader, within
+from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, within
 from evis.dataset.layouts.sample import EVENTS
 from evis.media.frames.images import codes
 
@@ -31,10 +31,13 @@ class _Entry:
 class WebdatasetReader(SequenceReader):
     """Goes over the headers of the shards once, and then reads the samples that are asked for."""
 
+    LAYOUT = "webdataset"
+
     @cached_property
     def _entries(self) -> dict[str, list[_Entry]]:
         found: dict[str, _Entry] = {}
         for shard in sorted(self.directory.glob("*.tar")):
+            _check_end(shard)
             try:
                 with tarfile.open(shard) as tar:
                     for member in tar:
@@ -42,17 +45,23 @@ class WebdatasetReader(SequenceReader):
                         entry = found.setdefault(key, _Entry())
                         entry.parts[part] = shard, member.offset_data, member.size
             except tarfile.TarError as error:
-                raise LayoutError(f"{shard} cannot be read ({error}); make the sequence anew") from None
+                raise LayoutError(f"{shard} cannot be read ({error}); {ANEW}") from None
         cameras: dict[str, list[_Entry]] = {camera: [] for camera in self.cameras}
-        for entry in found.values():
+        for key, entry in found.items():
+            if "json" not in entry.parts:
+                raise LayoutError(f"{self.directory} has no {key}.json in its shards; {ANEW}")
             entry.told = json.loads(_bytes(entry.parts["json"]))
             cameras[entry.told["camera"]].append(entry)
+        for camera, count in self.about.counts.items():
+            there = sum(entry.told["events"] for entry in cameras[camera])
+            if there != count:
+                raise LayoutError(f"{self.directory} has {there} events of {camera}, {count} were written; {ANEW}")
         return cameras
 
-    def count_of(self, camera: str) -> int:
+    def _count_of(self, camera: str) -> int:
         return sum(entry.told["events"] for entry in self._entries[camera])
 
-    def kinds(self, camera: str) -> tuple[str, ...]:
+    def _kinds(self, camera: str) -> tuple[str, ...]:
         found: dict[str, None] = {}
         for entry in self._entries[camera]:
             found |= {part.partition(".")[0]: None for part in entry.parts if part not in ("json", "events.npz")}
@@ -84,6 +93,15 @@ class WebdatasetReader(SequenceReader):
             return {"t": told["stamp_ns"], "exposure_ns": told["exposure_ns"], "image": stacked}
         there = [e for e in self._entries[camera] if t0 <= e.told["stamp_ns"] < t1 and f"{kind}.npz" in e.parts]
         return joined(kind, [(entry.told["stamp_ns"], _arrays(entry, kind)) for entry in there], info)
+
+
+def _check_end(shard: Path) -> None:
+    """Raises LayoutError for a shard that ends between two samples, which tarfile takes for its end."""
+    with shard.open("rb") as file:
+        size = file.seek(0, io.SEEK_END)
+        file.seek(max(size - 2 * tarfile.BLOCKSIZE, 0))
+        if size < 2 * tarfile.BLOCKSIZE or any(file.read()):
+            raise LayoutError(f"{shard} ends early; {ANEW}")
 
 
 def _bytes(place: tuple[Path, int, int]) -> bytes:

@@ -30,7 +30,11 @@ class ZarrWriter(ColumnsWriter):
             row = max(rows.dtype.itemsize * int(np.prod(rows.shape[1:], dtype=np.int64)), 1)
             chunk = (max(_CHUNK_BYTES // row, 1), *(max(n, 1) for n in rows.shape[1:]))
             array = self._root.create_array(
-                f"{camera}/{column}", shape=(0, *rows.shape[1:]), chunks=chunk, dtype=rows.dtype
+                f"{camera}/{column}",
+                shape=(0, *rows.shape[1:]),
+                chunks=chunk,
+                dtype=rows.dtype,
+                config={"write_empty_chunks": True},  # so that one that is missing is not taken for zeros
             )
             self._columns[camera, column] = array, WholeChunks(array.append, chunk[0])
         array, chunks = self._columns[camera, column]
