@@ -9,9 +9,11 @@ from __future__ import annotations
 import io
 import json
 import tarfile
+import zipfile
 from typing import Any
 
 import numpy as np
+from numpy.lib import format as npy
 
 from evis.bag.export.png import encoded
 from evis.dataset.layouts.columns import EVENT_TYPES
@@ -70,6 +72,10 @@ class WebdatasetWriter(SequenceWriter):
 
 
 def _packed(arrays: dict[str, np.ndarray]) -> bytes:
+    """A compressed archive for np.load; level 1 takes a sixth of the time of zlib's own, for a tenth more."""
     data = io.BytesIO()
-    np.savez_compressed(data, **arrays)  # type: ignore[arg-type]
+    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                npy.write_array(entry, np.ascontiguousarray(array), allow_pickle=False)
     return data.getvalue()
