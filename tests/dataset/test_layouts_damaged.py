@@ -96,6 +96,7 @@ def test_zarr_without_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     line = r"the layout zarr needs the package zarr: pip install 'evis\[layouts\]'"
     with pytest.raises(LayoutError, match=line):
         written("zarr", tmp_path / "s", about, steps)
+    assert not (tmp_path / "s").exists()
     folder: Any = tmp_path / "t"
     written("npz", folder, about, steps)
     text = (folder / "about.json").read_text()

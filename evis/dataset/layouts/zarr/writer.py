@@ -19,8 +19,8 @@ class ZarrWriter(ColumnsWriter):
     LAYOUT = "zarr"
 
     def __init__(self, *args: Any) -> None:
+        package = zarr()  # before a folder is made
         super().__init__(*args)
-        package = zarr()
         self._root = package.open_group(str(self.directory / FOLDER), mode="w", zarr_format=3)
         self._root.attrs["scene"], self._root.attrs["name"] = self.about.scene, self.about.name
         self._columns: dict[tuple[str, str], tuple[Any, WholeChunks]] = {}
