@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image as PilImage
-from sequences import events_of, labels_of, simulated, written
+from sequences import events_of, framed, frames_of, labels_of, simulated, written
 
-from evis.dataset.layouts import reader_of
+from evis.dataset.layouts import reader_of, writer_of
 from evis.dataset.layouts.coco.masks import run_lengths
 
 
@@ -77,6 +77,24 @@ def test_the_reader_gives_the_labels(document: tuple[Path, dict[str, Any]]) -> N
     assert np.array_equal(reader.labels("segmentation", 0, 10**12)["segmentation"], np.concatenate(ids))
     got = reader.labels("boxes", int(stamps[1]), int(stamps[3]))
     assert np.array_equal(got["box"], np.concatenate(boxes[1:3])) and got["t"].tolist() == stamps[1:3].tolist()
+
+
+def test_frames_without_boxes_are_left_out_and_said(tmp_path: Path) -> None:
+    """Of three frames between two stamps the last is the image of the second."""
+    about, plain = simulated("warehouse", "boxes", "segmentation")
+    frames = framed(plain)
+    writer = writer_of("coco")(tmp_path / "s", about)
+    bare = [dict(vars(step.cameras["cam0"])) for step in frames[1:3]]
+    for outputs in bare:
+        outputs.pop("labels")
+    for step, outputs in zip(frames[:4], [None, *bare, None]):
+        writer.add(step if outputs is None else type(step)(step.stamp_ns, step.episodes, {"cam0": outputs}, {}, False))
+    writer.close()
+    assert writer.notes == ["COCO has frames of stamps with boxes or a segmentation: others are left out"]
+    whole = json.loads((tmp_path / "s/annotations/instances.json").read_text())
+    for image, k in zip(whole["images"], (0, 3), strict=True):
+        with PilImage.open(tmp_path / "s/images" / image["file_name"]) as file:
+            assert np.array_equal(np.asarray(file), frames_of(frames, "cam0")[k, ..., 0])
 
 
 @pytest.mark.parametrize("cells", [[[0, 0], [0, 0]], [[1, 1], [1, 1]], [[1, 0], [0, 1]], [[0, 1], [0, 1]]])

@@ -109,7 +109,7 @@ class SequenceReader(ABC):
         except LayoutError:
             raise
         except Exception as error:
-            if not is_fault(error):
+            if isinstance(error, MemoryError) or not is_fault(error):
                 raise
             text = " ".join(str(error).replace(f"{self.directory}/", "").split())[:200] or type(error).__name__
             raise LayoutError(f"{self.directory}: {what} cannot be read ({text}); {ANEW}") from error

@@ -31,14 +31,14 @@ class CocoReader(SequenceReader):
         path = self.directory / ANNOTATIONS
         try:
             whole = json.loads(path.read_text())
-        except (OSError, ValueError) as error:
-            raise LayoutError(f"{path} cannot be read ({error}); {ANEW}") from None
-        found: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in whole["images"]}
-        for annotation in whole["annotations"]:
-            found[annotation["image_id"]].append(annotation)
-        cameras: dict[str, list[tuple[int, list[dict[str, Any]]]]] = {camera: [] for camera in self.cameras}
-        for image in whole["images"]:
-            cameras[image["camera"]].append((image["stamp_ns"], found[image["id"]]))
+            found: dict[int, list[dict[str, Any]]] = {image["id"]: [] for image in whole["images"]}
+            for annotation in whole["annotations"]:
+                found[annotation["image_id"]].append(annotation)
+            cameras: dict[str, list[tuple[int, list[dict[str, Any]]]]] = {camera: [] for camera in self.cameras}
+            for image in whole["images"]:
+                cameras[image["camera"]].append((image["stamp_ns"], found[image["id"]]))
+        except (OSError, ValueError, KeyError, TypeError) as error:  # another program's COCO has no stamps
+            raise LayoutError(f"{path} cannot be read ({error!r}); {ANEW}") from None
         return cameras
 
     def _count_of(self, camera: str) -> int:

@@ -45,6 +45,8 @@ class CocoWriter(SequenceWriter):
     def _add(self, camera: str, sample: Sample) -> None:
         self._events._add(camera, Sample(sample.stamp_ns, sample.t0_ns, sample.events))
         if sample.image is not None:
+            if camera in self._frames:
+                self.note("COCO has frames of stamps with boxes or a segmentation: others are left out")
             self._frames[camera] = sample.image
         for kind, _ in sample.kinds():
             if kind not in _HELD:
