@@ -157,13 +157,14 @@ class LabelerNode(Node):
             self.pairing.take(message)
             self._publish_paired()
         if isinstance(message, CameraInfo):
-            self.info = message
+            before, self.info = self.info, message
             self.info.k, self.info.distortion = np.array(message.k), np.array(message.distortion)
             self.info.semantic = None if message.semantic is None else np.array(message.semantic)
             for name in ("env_k", "env_distortion"):
                 array = getattr(message, name)
                 setattr(self.info, name, None if array is None else np.array(array))
-            self.flow = []
+            if before is None or not _same_view(before, self.info):
+                self.flow = []
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Publishes the labels of one stamp."""
@@ -310,3 +311,12 @@ def kinds(asked: Any) -> list[str]:
         if name not in NEEDS:
             raise ValueError(f"no label '{name}'; {nearest(name, NEEDS)}")
     return names
+
+
+def _same_view(a: CameraInfo, b: CameraInfo) -> bool:
+    """Tells whether flow is computed for both in the same way."""
+    names = ("distortion_model", "width", "height", "instance_bodies")
+    lenses = ("k", "distortion", "env_k", "env_distortion")
+    return all(getattr(a, name) == getattr(b, name) for name in names) and all(
+        np.array_equal(getattr(a, name), getattr(b, name)) for name in lenses
+    )
