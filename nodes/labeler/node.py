@@ -131,15 +131,16 @@ class LabelerNode(Node):
             from nodes.labeler.sight import Sight
 
             looks.sight = Sight(scene, camera, p["device"])
-            looks.sight.prepare(len(scene.bodies))
         if "events" in self.kinds and looks.sight is not None:
             from nodes.labeler.event_labels import EventLabeler
 
+            looks.sight.prepare(len(scene.bodies))
             looks.events = EventLabeler(looks.sight, 1e9 / (p["keyframe_rate"] * p["upsampling"]))
         if set(GEOMETRIC[1:3]) & set(self.kinds) and looks.sight is not None:
             from nodes.labeler.interval_flow import IntervalFlow
 
-            looks.between = IntervalFlow(looks.sight)
+            looks.between = IntervalFlow(scene, camera, looks.sight)
+            looks.between.prepare(looks.sight.standing(len(scene.bodies)))
         return looks
 
     def rewind(self, params: Mapping[str, Any]) -> bool:

@@ -16,7 +16,7 @@ INTERVALS = [(KEYFRAME_NS, 2 * KEYFRAME_NS), (2 * KEYFRAME_NS, KEYFRAME_NS), (40
 def flow_of(scene, start, end, envs=1):
     history, sight = History(), Sight(scene, scene.cameras[0])
     history.add(states(scene, 3, envs)[2])
-    return IntervalFlow(sight)(sight.motion(history), np.arange(envs), start, end)
+    return IntervalFlow(scene, scene.cameras[0], sight)(sight.motion(history), np.arange(envs), start, end)
 
 
 def expected(scene, start, end):
