@@ -11,7 +11,7 @@ from evis.config.params import Param
 from evis.config.suggestions import nearest
 from evis.runtime.node import Input, Node, Output
 from evis.scene.model import Scene
-from evis.scene.parameters import SCENE, SEED, camera_of, worlds_of
+from evis.scene.parameters import SCENE, SEED, camera_of, seeds_of, worlds_of
 from msgs.camera import CameraInfo, Depth, Ids, Labels
 from msgs.header import Header, Message
 from msgs.world import WorldState
@@ -149,7 +149,7 @@ class LabelerNode(Node):
             return False
         self.params = dict(params)
         if self.geometry is not None:
-            self.geometry.follow(self.geometry.worlds.from_seed(params["seed"]))
+            self.geometry.follow(self.geometry.worlds.from_seeds(seeds_of(params)))
         return True
 
     def receive(self, port: str, message: Message) -> None:

@@ -12,7 +12,7 @@ from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import appearance
 from evis.scene.model import Camera, Scene
-from evis.scene.parameters import SCENE, SEED, camera_of, scene_of, worlds_of
+from evis.scene.parameters import SCENE, SEED, camera_of, scene_of, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.worlds import Group, Worlds
 from msgs.camera import CameraInfo, Depth, Ids, Keyframe, Motion, Normal
@@ -152,7 +152,7 @@ class RendererNode(Node):
             return False
         self.params = dict(params)
         self._begin()
-        self._follow(self.worlds.from_seed(params["seed"]))
+        self._follow(self.worlds.from_seeds(seeds_of(params)))
         self.publish("info", self._info(Header(0)))
         return True
 
