@@ -114,8 +114,8 @@ class Worlds:
     """Holds the scene of each environment. Environment k has the world of `seeds[k]`."""
 
     def __init__(self, load: Callable[[int, int], Scene], seeds: Sequence[int]) -> None:
-        """load: gives the world of an environment and a seed. Raises ValueError where worlds cannot be simulated side by
-        side."""
+        """load: gives the world of an environment and a seed. Raises ValueError where worlds cannot be simulated side
+        by side."""
         self._load = load
         self.seeds = list(seeds)
         self._configured = self.seeds

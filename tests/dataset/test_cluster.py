@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,13 +62,13 @@ def test_a_worker_and_a_node_die_in_mid_run(cluster: Any, tmp_path: Path) -> Non
     victims: list[str] = []
 
     class Wounded(Actors):
-        def give(self, worker: int, plan: Plan) -> None:
-            super().give(worker, plan)
-            if plan.index == 3 and not victims:
+        def give(self, worker: int, plans: Sequence[Plan]) -> None:
+            super().give(worker, plans)
+            if plans[0].index == 3 and not victims:
                 pid = ray.get(self._all[worker].__ray_call__.remote(lambda actor: os.getpid()))
                 victims.append("worker")
                 os.kill(pid, signal.SIGKILL)
-            elif plan.index == 5 and len(victims) == 1:
+            elif plans[0].index == 5 and len(victims) == 1:
                 victims.append("node")
                 cluster.remove_node(next(iter(cluster.worker_nodes)), allow_graceful=False)
                 cluster.add_node(num_cpus=1)

@@ -32,27 +32,28 @@ class Actors:
         self._actor = ray.remote(num_cpus=0 if on_gpu else 1, num_gpus=1 if on_gpu else 0)(Answerer)
         self._out = out
         self._all: dict[int, Any] = {}
-        self._pending: dict[Any, tuple[int, int]] = {}
+        self._pending: dict[Any, tuple[int, list[int]]] = {}
 
-    def give(self, worker: int, plan: Plan) -> None:
-        """Gives a worker its next plan; makes it where there is none."""
+    def give(self, worker: int, plans: Sequence[Plan]) -> None:
+        """Gives a worker its next plans; makes it where there is none."""
         if worker not in self._all:
             self._all[worker] = self._actor.remote(self._out)
-        self._pending[self._all[worker].answer.remote(plan.as_dict())] = worker, plan.index
+        asked = self._all[worker].answers.remote([plan.as_dict() for plan in plans])
+        self._pending[asked] = worker, [plan.index for plan in plans]
 
     def wait(self, timeout_s: float) -> Sequence[Answer]:
         """Waits for answers."""
-        answers = []
+        answers: list[Answer] = []
         done, _ = ray.wait(list(self._pending), timeout=timeout_s)
         for reference in done:
-            worker, index = self._pending.pop(reference)
+            worker, indices = self._pending.pop(reference)
             try:
-                answers.append(Answer(worker, **ray.get(reference)))
+                answers += [Answer(worker, **told) for told in ray.get(reference)]
             except RayError as error:
                 with contextlib.suppress(Exception):
                     ray.kill(self._all[worker])
                 del self._all[worker]
-                answers.append(Answer(worker, index, cause=_cause(error), died=True))
+                answers += [Answer(worker, index, cause=_cause(error), died=True) for index in indices]
         return answers
 
     def close(self) -> None:

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 
 from evis.dataset.errors import DatasetError
+from evis.dataset.making.batches import batch_size
 from evis.dataset.making.processes import Processes
 from evis.dataset.making.tasks import Workers
 from evis.dataset.recipe import Recipe
@@ -20,7 +21,7 @@ def workforce(recipe: Recipe, count: int | None, address: str | None) -> Callabl
 
     Raises DatasetError where the extra lacks.
     """
-    on_gpu = any(str(value).startswith("cuda") for scene in recipe.scenes for value in devices(scene.corners()))
+    on_gpu = computes_on_gpu(recipe)
     if address is None:
         gpus = gpu_count() if on_gpu else 0
         number = count or gpus or len(os.sched_getaffinity(0))
@@ -34,6 +35,25 @@ def workforce(recipe: Recipe, count: int | None, address: str | None) -> Callabl
             "--address needs Ray: pip install 'evis[cluster]'; without --address workers are processes"
         ) from None
     return lambda out: Actors(count, out, address, on_gpu)
+
+
+def usual_batch(recipe: Recipe, sequences: int, workers: int | None) -> int:
+    """Returns how many sequences a worker makes at once: on a CPU one, which is fastest there."""
+    if not computes_on_gpu(recipe):
+        return 1
+    import warp as wp
+
+    wp.init()
+    memory = [int(device.total_memory) for device in wp.get_cuda_devices()]
+    if not memory:
+        return 1  # they are on other machines
+    share = max(1, -(-(workers or len(memory)) // len(memory)))
+    return batch_size(recipe, sequences, workers or len(memory), min(memory) // (2 * share))
+
+
+def computes_on_gpu(recipe: Recipe) -> bool:
+    """Says whether sequences of a recipe are made on a GPU."""
+    return any(str(value).startswith("cuda") for scene in recipe.scenes for value in devices(scene.corners()))
 
 
 def devices(corners: list[dict[str, object]]) -> list[object]:
