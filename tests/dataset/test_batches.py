@@ -19,6 +19,7 @@ from evis.dataset.making.finished import Entry
 from evis.dataset.making.make import make
 from evis.dataset.making.tasks import Answerer
 from evis.dataset.making.worker import Maker
+from evis.dataset.making.workforce import usual_workers
 from evis.dataset.recipe import Plan, Recipe
 from evis.dataset.recipe_file import read_recipe
 
@@ -109,6 +110,12 @@ def test_a_gpu_makes_as_many_at_once_as_its_memory_holds(tmp_path: Path) -> None
     each = BYTES_PER_PIXEL * 640 * 480
     assert [batch_size(recipe, 100, 2, room * each + 1) for room in (0, 1, 5, 1000)] == [1, 1, 5, 16]
     assert batch_size(recipe, 5, 2, 1000 * each) == 3
+
+
+def test_workers_share_gpus_where_there_are_cores_for_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    for cores, gpus, expected in ((2, 0, 2), (32, 2, 8), (2, 2, 2), (6, 4, 4), (16, 1, 4)):
+        monkeypatch.setattr("os.sched_getaffinity", lambda pid, n=cores: set(range(n)))
+        assert usual_workers(gpus) == expected
 
 
 def test_what_cannot_be_simulated_side_by_side_is_made_one_by_one(tmp_path: Path, by_itself: list[int]) -> None:

@@ -17,19 +17,23 @@ from evis.dataset.recipe import Plan
 class Actors:
     """Runs workers as actors; one that dies, alone or with its node, is made anew wherever there is room."""
 
-    def __init__(self, count: int | None, out: str, address: str, on_gpu: bool) -> None:
-        """count: None = as many as the cluster has cores, or GPUs. out: a place that every node reaches."""
+    def __init__(self, count: int | None, out: str, address: str, per_gpu: int) -> None:
+        """count: None = as many as the cluster has cores, or `per_gpu` for each GPU, where that is above 0. out: a
+        place that every node reaches."""
         self._own = not ray.is_initialized()
         if self._own:
             try:
                 ray.init(address=address, log_to_driver=False, logging_level="ERROR")
             except (ConnectionError, ValueError, RuntimeError) as error:
                 raise DatasetError(f"no Ray cluster at {address}: {' '.join(str(error).split())}") from None
-        what = "GPU" if on_gpu else "CPU"
-        self.count = count or int(ray.cluster_resources().get(what, 0))
-        if not self.count:
+        what = "GPU" if per_gpu else "CPU"
+        there = int(ray.cluster_resources().get(what, 0))
+        if not there:
             raise DatasetError(f"the cluster at {address} has no {what}; start nodes that have some")
-        self._actor = ray.remote(num_cpus=0 if on_gpu else 1, num_gpus=1 if on_gpu else 0)(Answerer)
+        self.count = count or there * max(1, per_gpu)
+        # Ray gives each actor a part of one GPU, which is the only one that it sees.
+        part = {"num_cpus": 0, "num_gpus": 1 / -(-self.count // there)} if per_gpu else {"num_cpus": 1}
+        self._actor = ray.remote(**part)(Answerer)
         self._out = out
         self._all: dict[int, Any] = {}
         self._pending: dict[Any, tuple[int, list[int]]] = {}
