@@ -115,6 +115,13 @@ def find_points(
     normals[e, n] = wp.vec3(normal)
 
 
+@wp.func
+def carried_point(before: Ways, after: Ways, e: wp.int32, i: wp.int32, point: wp.vec3d):
+    """Carries a point along with its body, from the camera's frame at one instant to that at another."""
+    fixed = before.turn[e, i] * point + before.shift[e, i]
+    return wp.transpose(after.turn[e, i]) * (fixed - after.shift[e, i])
+
+
 @wp.kernel
 def carry_points(
     # in
@@ -136,35 +143,28 @@ def carry_points(
     i = instances[e, n] - 1
     carried[e, n] = points[e, n]
     if i >= 0:
-        point = before.turn[e, i] * points[e, n] + before.shift[e, i]
-        carried[e, n] = wp.transpose(after.turn[e, i]) * (point - after.shift[e, i])
+        carried[e, n] = carried_point(before, after, e, i, points[e, n])
 
 
-@wp.kernel
-def project_straight(
-    # in
-    k: wp.mat33d,
-    points: wp.array2d(dtype=wp.vec3d),
-    # out
-    places: wp.array2d(dtype=wp.vec2d),
-):
-    """Projects points [E, P] of the camera's frame as a pinhole does; NaN for those that no pixel could see."""
-    e, n = wp.tid()
-    point = points[e, n]
-    nowhere = wp.float64(wp.nan)
-    places[e, n] = wp.vec2d(nowhere, nowhere)
+@wp.func
+def straight_place(k: wp.mat33d, point: wp.vec3d):
+    """Projects a point of the camera's frame as a pinhole does; NaN for one that no pixel could see."""
+    place = wp.vec2d(wp.float64(wp.nan), wp.float64(wp.nan))
     if point[2] > wp.float64(0.0):
         x = point[0] / point[2]
         y = point[1] / point[2]
-        places[e, n] = wp.vec2d(k[0, 0] * x + k[0, 1] * y + k[0, 2], k[1, 1] * y + k[1, 2])
+        place = wp.vec2d(k[0, 0] * x + k[0, 1] * y + k[0, 2], k[1, 1] * y + k[1, 2])
+    return place
 
 
 @wp.kernel
 def flow_to_places(
     # in
     surfaces: Surfaces,
+    before: Ways,
     ways: Ways,
     shell: wp.array(dtype=wp.int32),
+    k: wp.mat33d,
     width: wp.int32,
     height: wp.int32,
     instances: wp.array2d(dtype=wp.int32),
@@ -180,29 +180,35 @@ def flow_to_places(
     A ray is sent towards those alone that come into the image with their front ahead, and only up to them.
 
     Args:
-        surfaces, ways: what there is, and where it is when they have come there.
+        surfaces, before, ways: what there is, where it was, and where it is when they have come there.
         width, height: of the image [px].
         shell: [I], whether an instance can cover itself (SHELL_*).
         instances, normals: of the points' surfaces [E, P], as of `find_points`.
-        points: [E, P] in the camera's frame then.
-        places: [E, P] of the points in the image [px].
+        k: of a pinhole [px].
+        points: [E, P] in the camera's frame before, as of `find_points`.
+        places: [E, P] of the points in the image then [px], of a lens; empty for a pinhole.
         flow: [E, P] px, NaN for the background.
         valid: [E, P], 1 where the point is in the image and nothing covers it.
     """
     e, n = wp.tid()
     i = instances[e, n] - 1
     valid[e, n] = wp.uint8(0)
-    place = places[e, n]
-    pixel = wp.vec2d(wp.float64(n % width), wp.float64(n // width))
-    flow[e, n] = wp.vec2(place - pixel)
+    flow[e, n] = wp.vec2(wp.nan, wp.nan)
+    if i < 0:
+        return
+    point = carried_point(before, ways, e, i, points[e, n])
+    place = straight_place(k, point)
+    if surfaces.lens == 1:
+        place = places[e, n]
+    flow[e, n] = wp.vec2(place - wp.vec2d(wp.float64(n % width), wp.float64(n // width)))
     edge = wp.float64(-0.5)
     right = wp.float64(width) + edge
     low = wp.float64(height) + edge
     # What is NaN is nowhere.
-    if i < 0 or not (place[0] >= edge and place[0] <= right and place[1] >= edge and place[1] <= low):
+    if not (place[0] >= edge and place[0] <= right and place[1] >= edge and place[1] <= low):
         return
-    far = wp.length(points[e, n])
-    d = points[e, n] / far
+    far = wp.length(point)
+    d = point / far
     begin = beginning(surfaces, d)
     front = wp.dot(normals[e, n], wp.vec3(ways.turn[e, i] * d)) < wp.float32(0.0)
     if not (far >= begin and (front or surfaces.two_sided[i] != 0)):

@@ -87,16 +87,16 @@ class Instants:
         sight, device, (width, height) = self._sight, self._device, self._sight.size
         seen = self.seen(start)
         shape = seen.ids.shape
-        points, places = self._empty(start, wp.vec3d), self._empty(start, wp.vec2d)
         flow, valid = self._empty(start, wp.vec2), self._empty(start, wp.uint8)
-        given = [start.ways, end.ways, seen.ids, seen.points]
-        wp.launch(kernels.carry_points, shape, given, [points], device=device)
-        if sight.lens is None:
-            wp.launch(kernels.project_straight, shape, [wp.mat33d(*sight.k.ravel()), points], [places], device=device)
-        else:
+        places: wp.array = wp.empty((0, 0), dtype=wp.vec2d, device=device)
+        if sight.lens is not None:
+            points = self._empty(start, wp.vec3d)
+            given = [start.ways, end.ways, seen.ids, seen.points]
+            wp.launch(kernels.carry_points, shape, given, [points], device=device)
             projected = sight.project(points.numpy().reshape(-1, 3))
             places = wp.array(projected.reshape(*shape, 2), dtype=wp.vec2d, device=device)
-        given = [sight.surfaces, end.ways, self._shell, width, height, seen.ids, seen.normals, points, places]
+        given = [sight.surfaces, start.ways, end.ways, self._shell, wp.mat33d(*sight.k.ravel()), width, height]
+        given += [seen.ids, seen.normals, seen.points, places]
         wp.launch(kernels.flow_to_places, shape, given, [flow, valid], device=device)
         image = len(start.poses), height, width
         return flow.numpy().reshape(*image, 2), valid.numpy().reshape(image)
