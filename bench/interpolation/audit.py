@@ -39,7 +39,7 @@ class Recorded:
     simulated second.
     """
 
-    def __init__(self, scene: str, seconds: float, size: Mapping[str, int], rate: float, upsampling: int) -> None:
+    def __init__(self, scene: str, seconds: float, size: Mapping[str, Any], rate: float, upsampling: int) -> None:
         self.seconds = seconds
         self.gaps: list[Gap] = []
         spent = [0.0]

@@ -11,6 +11,10 @@ from typing import Any
 from evis.config.secret import SecretError, fetch
 from evis.config.suggestions import did_you_mean, nearest
 
+EACH = "each"
+"""Of a node's parameters, beside those it declares: what environments have for themselves, a mapping for each of them.
+Only a graph that is held in Python has it (evis.simulation.each)."""
+
 
 class ParamError(ValueError):
     """Says that a node does not have a parameter or cannot take its value. The text names the node, the key and the

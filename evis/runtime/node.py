@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
-from evis.config.params import Param, resolve
+from evis.config.params import EACH, Param, resolve
 from msgs.header import Message
 
 if TYPE_CHECKING:
@@ -112,8 +112,10 @@ class Node:
     """A source is driven by `step` and not by its inputs."""
 
     def __init__(self, name: str, params: Mapping[str, Any]) -> None:
+        """params: of PARAMS, and perhaps EACH, which a graph that is held in Python may have."""
         self.name = name
-        self.params = resolve(name, self.PARAMS, params)
+        shared = {key: value for key, value in params.items() if key != EACH}
+        self.params = resolve(name, self.PARAMS, shared) | ({EACH: params[EACH]} if EACH in params else {})
         self.runtime: Runtime  # set by the executor before setup
         self._totals: dict[str, float] = {}
 

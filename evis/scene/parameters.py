@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from evis.config.params import Param
+from evis.config.params import EACH, Param
 from evis.scene.load import parse_args
 from evis.scene.model import Camera, Scene
 from evis.scene.worlds import Worlds, family
@@ -27,15 +27,31 @@ def scene_of(owner: str, params: Mapping[str, Any], *, visuals: bool = True, tex
     is shared within the process, and nobody may write to it. visuals and textures as of `load_scene`. Raises
     ValueError, FileNotFoundError.
     """
-    return family(*_asked(owner, params), visuals=visuals, textures=textures).world(int(params.get("seed") or 0))
+    own = of_environment(params, 0)
+    return family(*_asked(owner, own), visuals=visuals, textures=textures).world(int(own.get("seed") or 0))
 
 
 def worlds_of(owner: str, params: Mapping[str, Any], *, visuals: bool = True, textures: bool = True) -> Worlds:
-    """Returns the worlds of all environments, `envs` from `seed` on. Raises as scene_of does, and ValueError where they
-    do not go together."""
-    first = int(params.get("seed") or 0)
-    seeds = range(first, first + int(params.get("envs") or 1))
-    return Worlds(family(*_asked(owner, params), visuals=visuals, textures=textures).world, seeds)
+    """Returns the worlds of all environments, `envs` from `seed` on, or with the seeds and the scene's arguments that
+    each has in EACH. Raises as scene_of does, and ValueError where they do not go together."""
+    seeds = seeds_of(params)
+    alike = EACH not in params or len({own.get("scene_args") for own in params[EACH]}) == 1
+    asked = [_asked(owner, of_environment(params, env)) for env in range(1 if alike else len(seeds))]
+    families = [family(*one, visuals=visuals, textures=textures) for one in asked]
+    return Worlds(lambda env, seed: families[0 if alike else env].world(seed), seeds)
+
+
+def of_environment(params: Mapping[str, Any], env: int) -> Mapping[str, Any]:
+    """Returns the parameters of one environment: its own in EACH, the others as all have them."""
+    each = params.get(EACH)
+    return {**params, **each[env]} if each else params
+
+
+def seeds_of(params: Mapping[str, Any]) -> list[int]:
+    """Returns the seed of each environment: `seed` + k, or what it has in EACH."""
+    first, envs = int(params.get("seed") or 0), int(params.get("envs") or 1)
+    each = params.get(EACH) or [{}] * envs
+    return [int(each[env].get("seed", first + env)) for env in range(envs)]
 
 
 def _asked(owner: str, params: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:

@@ -6,10 +6,14 @@ about one texel per pixel.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 FINE = 1024
 """Texels along each side before filtering."""
+KEPT = 6
+"""Patterns that are kept unfiltered, 8 MB each: scenes that are loaded again often differ in their filter alone."""
 
 
 def blobs(size: int, seed: int, feature: float, low: float = 0.0, high: float = 1.0) -> np.ndarray:
@@ -92,9 +96,12 @@ def add_wedge(image: np.ndarray, angle: float, value: float) -> np.ndarray:
     return (image + cover * (value - image)).astype(np.float32)
 
 
+@lru_cache(maxsize=KEPT)
 def _blurred_noise(seed: int, feature: float) -> np.ndarray:
     white = np.random.Generator(np.random.Philox(key=seed)).standard_normal((FINE, FINE))
-    return _gaussian(white, feature * FINE)
+    smooth = _gaussian(white, feature * FINE)
+    smooth.flags.writeable = False
+    return smooth
 
 
 def _gaussian(image: np.ndarray, sigma: float) -> np.ndarray:

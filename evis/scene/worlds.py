@@ -75,6 +75,8 @@ class Family:
 
 
 _families: OrderedDict[Hashable, Family] = OrderedDict()
+_used: weakref.WeakValueDictionary[Hashable, Family] = weakref.WeakValueDictionary()
+"""All that somebody uses, however many."""
 
 
 def family(name_or_path: str, overrides: Mapping[str, Any], *, visuals: bool = True, textures: bool = True) -> Family:
@@ -85,10 +87,11 @@ def family(name_or_path: str, overrides: Mapping[str, Any], *, visuals: bool = T
     """
     arguments = tuple(sorted((key, type(value).__name__, str(value)) for key, value in overrides.items()))
     whole = str(find_scene(name_or_path).absolute()), arguments, visuals, True
-    key = whole if textures or whole in _families else (*whole[:-1], False)
-    known = _families.get(key)
+    key = whole if textures or whole in _used else (*whole[:-1], False)
+    known = _used.get(key)
     if known is None or not unchanged(known.files):
-        known = _families[key] = Family(name_or_path, overrides, visuals, key[-1])
+        known = _used[key] = Family(name_or_path, overrides, visuals, key[-1])
+    _families[key] = known
     _families.move_to_end(key)
     while len(_families) > FAMILIES:
         _families.popitem(last=False)
@@ -110,15 +113,16 @@ def lock(part: Any) -> None:
 class Worlds:
     """Holds the scene of each environment. Environment k has the world of `seeds[k]`."""
 
-    def __init__(self, load: Callable[[int], Scene], seeds: Sequence[int]) -> None:
-        """load: gives the world of a seed. Raises ValueError where worlds cannot be simulated side by side."""
+    def __init__(self, load: Callable[[int, int], Scene], seeds: Sequence[int]) -> None:
+        """load: gives the world of an environment and a seed. Raises ValueError where worlds cannot be simulated side
+        by side."""
         self._load = load
         self.seeds = list(seeds)
         self._configured = self.seeds
         """Those of environments that were not given another one at a reset."""
         self._keys: dict[Any, dict[int, Hashable]] = {}
         """Keys of scenes that were computed, by number of the scene."""
-        self.scenes = [load(seed) for seed in self.seeds]
+        self.scenes = [load(env, seed) for env, seed in enumerate(self.seeds)]
         for env in range(1, len(self.scenes)):
             self._check(env, self.scenes[env])
 
@@ -143,10 +147,9 @@ class Worlds:
         given = zip(own[:, SEED].tolist(), self._configured)
         return self._of([other if seed == CONFIGURED else seed for seed, other in given], self._configured)
 
-    def from_seed(self, first: int) -> Worlds:
-        """Returns the worlds of a run with another seed."""
-        seeds = list(range(first, first + len(self.seeds)))
-        return self._of(seeds, seeds)
+    def from_seeds(self, seeds: Sequence[int]) -> Worlds:
+        """Returns the worlds of a run with other seeds, one for each environment."""
+        return self._of(list(seeds), list(seeds))
 
     def _of(self, seeds: list[int], configured: list[int]) -> Worlds:
         if seeds == self.seeds and configured == self._configured:
@@ -156,7 +159,7 @@ class Worlds:
         worlds.scenes = list(self.scenes)
         for env, (new, old) in enumerate(zip(seeds, self.seeds)):
             if new != old:
-                worlds.scenes[env] = self._load(new)
+                worlds.scenes[env] = self._load(env, new)
                 worlds._check(env, worlds.scenes[env])
         if worlds.scenes[0] is not self.scenes[0]:
             for env, scene in enumerate(worlds.scenes):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +22,7 @@ from evis.runtime.plan import Plan
 from evis.scene.parameters import SCENE, scene_of
 from evis.simulation.actuators import actuators_of
 from evis.simulation.auto import Chosen, without_auto
+from evis.simulation.each import together
 from evis.simulation.errors import SimulationError, SimulationWarning
 from evis.simulation.outputs import LABELS, Asked
 from msgs.topics import SYSTEM_TOPICS
@@ -44,6 +46,8 @@ class Graph:
     controller: str = ""
     actuators: Actuators = field(default_factory=Actuators)
     start: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    each: Sequence[Plan] = ()
+    """The plans of environments that have arguments of their own, as they would be by themselves."""
 
     @property
     def acts(self) -> bool:
@@ -54,13 +58,17 @@ class Graph:
 class Planner:
     """Plans one simulation again and again: with another seed, or with a recorder.
 
-    target: what may stand after `evis launch`. asked: outputs. arguments: of the launch file and the scene.
+    target: what may stand after `evis launch`. asked: outputs. arguments: of the launch file and the scene. each: those
+    that environments have for themselves, a mapping for each of them, also their `seed`; none = all have the same.
     """
 
-    def __init__(self, target: str, asked: Asked, arguments: Mapping[str, Any]) -> None:
+    def __init__(
+        self, target: str, asked: Asked, arguments: Mapping[str, Any], each: Sequence[Mapping[str, Any]] = ()
+    ) -> None:
         self._target = target
         self._asked = asked
         self._arguments = dict(arguments)
+        self._each = [dict(own) for own in each]
         self._found = Graph(Plan("", "", ""))
         self._chosen: Chosen | None = None
         """In place of auto; for every seed the same, as one interpolator stays from reset to reset."""
@@ -69,7 +77,17 @@ class Planner:
 
     def plan(self, seed: int, record: str | None = None) -> Graph:
         """Makes the plan. record: path of a bag that is recorded. Raises SimulationError in one line."""
-        given = {name: value for name, value in self._arguments.items() if value is not None}
+        if not self._each:
+            return self._plan(seed, record, self._arguments)
+        seeds = [int(own.get("seed", seed + env)) for env, own in enumerate(self._each)]
+        shared = {**self._arguments, "envs": len(self._each)}
+        others = [{**shared, **{name: value for name, value in own.items() if name != "seed"}} for own in self._each]
+        graphs = [self._plan(own, record, arguments) for own, arguments in zip(seeds, others)]
+        each = [copy.deepcopy(graph.plan) for graph in graphs]
+        return dataclasses.replace(graphs[0], plan=together([graph.plan for graph in graphs]), each=each)
+
+    def _plan(self, seed: int, record: str | None, arguments: Mapping[str, Any]) -> Graph:
+        given = {name: value for name, value in arguments.items() if value is not None}
         if self._asked.labels:
             named = given.get(LABELS, [])
             given[LABELS] = [*(named.split(",") if isinstance(named, str) else named), *self._asked.labels]

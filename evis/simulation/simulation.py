@@ -13,6 +13,7 @@ from evis.runtime.collection import uncollected
 from evis.scene.model import Scene
 from evis.scene.parameters import SCENE, scene_of
 from evis.simulation.actuators import Actuator, each
+from evis.simulation.each import alone, info_of
 from evis.simulation.errors import SimulationError
 from evis.simulation.graph import Planner
 from evis.simulation.outputs import parse
@@ -36,7 +37,14 @@ class Simulation:
     """
 
     def __init__(
-        self, scene_or_launch: str | Path, /, *, outputs: Sequence[str] = ("events",), seed: int = 0, **arguments: Any
+        self,
+        scene_or_launch: str | Path,
+        /,
+        *,
+        outputs: Sequence[str] = ("events",),
+        seed: int = 0,
+        each: Sequence[Mapping[str, Any]] = (),
+        **arguments: Any,
     ) -> None:
         """Plans the graph and prepares its nodes; the first time that takes as long as its kernels take to compile.
 
@@ -46,6 +54,8 @@ class Simulation:
             outputs: what steps are to have: events, frames, keyframe, depth, ids, motion, normal, labels, imu, state,
                 of all cameras, or of one (`cam1.events`), or one kind of label (`labels.flow`).
             seed: of what is random; environment k has seed + k.
+            each: arguments that parallel environments have for themselves, a mapping for each of them: of the scene,
+                as far as they change values and not what there is, of the event sensor, and `seed`.
             arguments: those of the launch file and of the scene, as `evis launch NAME --help` lists them.
 
         Raises:
@@ -54,7 +64,7 @@ class Simulation:
         self._closed = True
         self._asked = parse(outputs)
         self._own_seed = self._seed = seed
-        self._planner = Planner(str(scene_or_launch), self._asked, arguments)
+        self._planner = Planner(str(scene_or_launch), self._asked, arguments, each)
         with uncollected():
             self._graphs = {seed: self._planner.plan(seed)}
             self._run = Run(self._graphs[seed], self._asked)
@@ -203,6 +213,21 @@ class Simulation:
             steps.append(self.step(action))
             action = None
         return steps
+
+    def alone(self, step: Step, env: int) -> Step:
+        """Gives what a step of parallel environments has of one of them: what a simulation of that environment by
+        itself, with its seed, would have given. Events are in numpy arrays.
+
+        Raises SimulationError for an output that cannot be taken apart, and for an environment that is not there.
+        """
+        if not 0 <= env < self.envs:
+            raise SimulationError(f"there is no environment {env}; there are {self.envs}, 0 to {self.envs - 1}")
+        told = {name: info for name, outputs in step.cameras.items() if (info := vars(outputs).get("info")) is not None}
+        if not told:
+            return alone(step, env, {})
+        graph = self._run.graph
+        plan = graph.each[env] if graph.each else self._planner.plan(self._seed + env).plan
+        return alone(step, env, {name: info_of(info, env, plan, graph.physics) for name, info in told.items()})
 
     def finish(self) -> Step:
         """Ends the run, and returns what the nodes had held back: the last events of a sensor that looks ahead."""

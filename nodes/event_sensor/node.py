@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from evis.config.params import Param
+from evis.config.params import EACH, Param
 from evis.runtime.node import Input, Node, Output
-from evis.scene.parameters import SCENE
+from evis.scene.parameters import SCENE, seeds_of
 from msgs.camera import EventPacket, EventSignal, Frames, Keyframe
 from msgs.header import Header, Message
 from msgs.own_time import STAMP
@@ -118,19 +118,23 @@ class EventSensorNode(Node):
 
         seed: of the first environment, None = the node's. number: of the reset at which its time begins.
         """
-        seed = self.params["seed"] if seed is None else seed
-        each = resolve_each(self.name, {**self.params, "seed": seed}, envs)
+        if EACH in self.params and seed is not None:
+            raise ValueError(f"{self.name}: environments with parameters of their own begin anew together only")
+        params = self.params if seed is None else {**self.params, "seed": seed}
+        seed, each = params["seed"], resolve_each(self.name, params, envs)
         for name in SHARED:
             if each[0][name] != self._resolved[name]:
                 raise ValueError(
                     f"{self.name}: {name} is {each[0][name]} with seed {seed}, and was {self._resolved[name]}; "
                     "environments side by side need the same"
                 )
-        if len(each) == 1:
-            return self._one(height, width, envs, each[0], seed, number)
+        seeds = seeds_of({**params, "envs": envs})
+        if len(each) == 1 and seeds == list(range(seeds[0], seeds[0] + envs)):
+            return self._one(height, width, envs, each[0], seeds[0], number)
         from nodes.event_sensor.separate import SeparateSensors
 
-        return SeparateSensors([self._one(height, width, 1, p, seed + env, number) for env, p in enumerate(each)])
+        made = [self._one(height, width, 1, each[env % len(each)], own, number) for env, own in enumerate(seeds)]
+        return SeparateSensors(made)
 
     def _one(self, height: int, width: int, envs: int, p: Mapping[str, Any], seed: int, number: int) -> Any:
         """A sensor, or another event model behind the same interface."""

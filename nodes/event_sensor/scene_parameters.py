@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from evis.config.params import EACH
 from evis.scene.load import sets_sensor
-from evis.scene.parameters import scene_of, worlds_of
+from evis.scene.parameters import of_environment, scene_of, worlds_of
 from nodes.event_sensor.parameters import SENSOR, resolve_sensor
 
 SHARED = ("model", "crossing")
@@ -19,16 +20,19 @@ def resolve_with_scene(owner: str, params: Mapping[str, Any]) -> dict[str, Any]:
     params: of a node, with `scene` and what it takes to load it. Raises ValueError, for a parameter that the sensor
     does not have too, and FileNotFoundError.
     """
-    return _resolved(owner, params, scene_of(owner, params, visuals=False).sensor if has_parameters(params) else {})
+    of_scene = scene_of(owner, params, visuals=False).sensor if has_parameters(params) else {}
+    return _resolved(owner, of_environment(params, 0), of_scene)
 
 
 def resolve_each(owner: str, params: Mapping[str, Any], envs: int) -> list[dict[str, Any]]:
     """Returns the parameters of every environment; one for all where they are the same. Raises as
     `resolve_with_scene` does, and ValueError where environments differ in what they cannot."""
-    if not has_parameters(params):
-        return [_resolved(owner, params, {})]
-    worlds = worlds_of(owner, {**params, "envs": envs}, visuals=False)
-    found = [_resolved(owner, params, scene.sensor) for scene in worlds.scenes]
+    own = [of_environment(params, env) for env in range(envs if EACH in params else 1)]
+    if has_parameters(params):
+        scenes = worlds_of(owner, {**params, "envs": envs}, visuals=False).scenes
+        found = [_resolved(owner, own[env % len(own)], scene.sensor) for env, scene in enumerate(scenes)]
+    else:
+        found = [_resolved(owner, one, {}) for one in own]
     for env, one in enumerate(found):
         for name in SHARED:
             if one[name] != found[0][name]:

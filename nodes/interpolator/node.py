@@ -13,7 +13,7 @@ from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import appearance, shown
 from evis.scene.model import Scene
-from evis.scene.parameters import SCENE, SEED, camera_of, worlds_of
+from evis.scene.parameters import SCENE, SEED, camera_of, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.worlds import Group, Worlds
 from msgs.camera import Depth, Frames, Keyframe, Motion
@@ -167,7 +167,7 @@ class InterpolatorNode(Node):
         self._release()
         self.interpolator.forget()
         if self.worlds is not None:
-            self._follow(self.worlds.from_seed(params["seed"]))
+            self._follow(self.worlds.from_seeds(seeds_of(params)))
         return True
 
     def _follow(self, worlds: Worlds) -> None:

@@ -10,19 +10,27 @@ from __future__ import annotations
 
 import numpy as np
 
+from evis.scene.model import Camera, Scene
+from nodes.labeler.instants import Instant, Instants
 from nodes.labeler.motion_kernels import Motion
 from nodes.labeler.sight import Sight
 
-COVERED = 1e-4
-"""By how much of its distance another surface has to be nearer to cover a point: above all float32 roundings."""
+KEPT = 2
+"""Instants that are kept: an interval's ends, of which the later one is where the next interval begins."""
 
 
 class IntervalFlow:
     """Computes flow between two instants for one camera."""
 
-    def __init__(self, sight: Sight) -> None:
-        self._sight = sight
-        self._directions, _ = sight.pixels()
+    def __init__(self, scene: Scene, camera: Camera, sight: Sight) -> None:
+        """sight: of the same camera."""
+        self._instants = Instants(scene, camera, sight)
+        self._known: list[Instant] = []
+
+    def prepare(self, motion: Motion) -> None:
+        """Compiles and loads the kernels, as a node does before the graph starts. motion: any."""
+        self(motion, np.zeros(1, np.int64), 0, 0)
+        self._known = []
 
     def __call__(self, motion: Motion, envs: np.ndarray, start: int, end: int) -> tuple[np.ndarray, np.ndarray]:
         """Computes displacements of environments int64 [E] from `start` to `end` [ns], either of which may be the
@@ -30,24 +38,11 @@ class IntervalFlow:
 
         Returns float32 [E, H, W, 2] px, NaN where there is no surface, and whether each is valid, uint8 [E, H, W].
         """
-        sight, (width, height) = self._sight, self._sight.size
-        pixels = len(self._directions)
-        env = np.repeat(envs.astype(np.int32), pixels)
-        directions = np.tile(self._directions, (len(envs), 1))
-        times = np.full(len(env), start, np.int64)
-        ids, distances = sight.look(motion, env, times, directions)
-        seen = np.flatnonzero(ids)
-        points = directions[seen] * distances[seen, None].astype(np.float64)
-        later = np.full(len(seen), end, np.int64)
-        moved = sight.carried(motion, env[seen], times[seen], later, ids[seen], points)
-        places = sight.project(moved)
-        flow = np.full((len(env), 2), np.nan, np.float32)
-        grid = np.stack((seen % pixels % width, seen % pixels // width), -1)
-        flow[seen] = places - grid
-        far = np.linalg.norm(moved, axis=-1)
-        inside = ((places >= -0.5) & (places <= np.array([width, height]) - 0.5)).all(-1)
-        there, reach = sight.look(motion, env[seen], later, moved / np.maximum(far, 1e-300)[:, None])
-        open_to_view = (there == ids[seen]) & (np.abs(reach - far) <= COVERED * far)
-        valid = np.zeros(len(env), np.uint8)
-        valid[seen] = inside & open_to_view
-        return flow.reshape(len(envs), height, width, 2), valid.reshape(len(envs), height, width)
+        return self._instants.flow(self._at(motion, envs, start), self._at(motion, envs, end))
+
+    def _at(self, motion: Motion, envs: np.ndarray, t: int) -> Instant:
+        """What is where at a time; what was seen is kept as long as everything is in the same place."""
+        found = self._instants.at(motion, envs, t)
+        known = next((one for one in self._known if one.same(found)), found)
+        self._known = [*(one for one in self._known if one is not known), known][-KEPT:]
+        return known

@@ -11,7 +11,7 @@ from evis.config.params import Param
 from evis.config.suggestions import nearest
 from evis.runtime.node import Input, Node, Output
 from evis.scene.model import Scene
-from evis.scene.parameters import SCENE, SEED, camera_of, worlds_of
+from evis.scene.parameters import SCENE, SEED, camera_of, seeds_of, worlds_of
 from msgs.camera import CameraInfo, Depth, Ids, Labels
 from msgs.header import Header, Message
 from msgs.world import WorldState
@@ -131,15 +131,16 @@ class LabelerNode(Node):
             from nodes.labeler.sight import Sight
 
             looks.sight = Sight(scene, camera, p["device"])
-            looks.sight.prepare(len(scene.bodies))
         if "events" in self.kinds and looks.sight is not None:
             from nodes.labeler.event_labels import EventLabeler
 
+            looks.sight.prepare(len(scene.bodies))
             looks.events = EventLabeler(looks.sight, 1e9 / (p["keyframe_rate"] * p["upsampling"]))
         if set(GEOMETRIC[1:3]) & set(self.kinds) and looks.sight is not None:
             from nodes.labeler.interval_flow import IntervalFlow
 
-            looks.between = IntervalFlow(looks.sight)
+            looks.between = IntervalFlow(scene, camera, looks.sight)
+            looks.between.prepare(looks.sight.standing(len(scene.bodies)))
         return looks
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
@@ -148,7 +149,7 @@ class LabelerNode(Node):
             return False
         self.params = dict(params)
         if self.geometry is not None:
-            self.geometry.follow(self.geometry.worlds.from_seed(params["seed"]))
+            self.geometry.follow(self.geometry.worlds.from_seeds(seeds_of(params)))
         return True
 
     def receive(self, port: str, message: Message) -> None:
@@ -157,13 +158,14 @@ class LabelerNode(Node):
             self.pairing.take(message)
             self._publish_paired()
         if isinstance(message, CameraInfo):
-            self.info = message
+            before, self.info = self.info, message
             self.info.k, self.info.distortion = np.array(message.k), np.array(message.distortion)
             self.info.semantic = None if message.semantic is None else np.array(message.semantic)
             for name in ("env_k", "env_distortion"):
                 array = getattr(message, name)
                 setattr(self.info, name, None if array is None else np.array(array))
-            self.flow = []
+            if before is None or not _same_view(before, self.info):
+                self.flow = []
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Publishes the labels of one stamp."""
@@ -310,3 +312,12 @@ def kinds(asked: Any) -> list[str]:
         if name not in NEEDS:
             raise ValueError(f"no label '{name}'; {nearest(name, NEEDS)}")
     return names
+
+
+def _same_view(a: CameraInfo, b: CameraInfo) -> bool:
+    """Tells whether flow is computed for both in the same way."""
+    names = ("distortion_model", "width", "height", "instance_bodies")
+    lenses = ("k", "distortion", "env_k", "env_distortion")
+    return all(getattr(a, name) == getattr(b, name) for name in names) and all(
+        np.array_equal(getattr(a, name), getattr(b, name)) for name in lenses
+    )

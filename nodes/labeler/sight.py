@@ -16,7 +16,7 @@ from msgs.header import Header
 from msgs.own_time import ORIGIN
 from msgs.world import WorldState
 from nodes.labeler.motion_kernels import Motion
-from nodes.labeler.sight_kernels import Surfaces, carry_points, first_surfaces, flow_of_surfaces
+from nodes.labeler.sight_kernels import Surfaces, first_surfaces, flow_of_surfaces
 from nodes.renderer.geometry.triangles import flatten
 from nodes.renderer.raster.cameras import lens_of
 
@@ -139,15 +139,17 @@ class Sight:
     def __init__(self, scene: Scene, camera: Camera, device: str = "cpu") -> None:
         """Takes the scene's meshes. Raises ValueError naming an instance or a camera that is not usable."""
         geometry = flatten(scene)
-        self._device = wp.get_device(device)
+        self.device = wp.get_device(device)
         self._meshes: dict[int, wp.Mesh] = {}
         self.lens: Lens | None = None
         if lens_of(camera) != "none":
             self.lens = Lens.of(camera.distortion_model, camera.distortion)
         self.k = np.asarray(camera.k, np.float64)
         self.size = (camera.width, camera.height)
+        self.shell = geometry.shell
+        """Whether an instance can cover itself (SHELL_*), int32 [I]."""
         s: Any = Surfaces()
-        self._surfaces = s
+        self.surfaces = s
         s.mesh = self._put(np.array([self._mesh(mesh) for mesh in geometry.meshes], np.uint64), wp.uint64)
         s.body = self._put(geometry.body, wp.int32)
         offset = se3.make_pose(geometry.translation, se3.from_matrix(geometry.rotation))
@@ -157,12 +159,16 @@ class Sight:
         s.two_sided = self._put(sides, wp.int32)
         s.camera, s.near, s.lens = scene.body_index(camera.name), float(camera.near), int(self.lens is not None)
 
+    def standing(self, bodies: int) -> Motion:
+        """Gives the motion of so many bodies that stand in one place, for kernels to be compiled with."""
+        pose, still = np.tile(se3.IDENTITY, (1, 1, bodies, 1)), np.zeros((1, 1, bodies, 6))
+        history = History()
+        history.add(WorldState.dense(Header(0), np.zeros(1, np.int64), pose, still, np.zeros(1, np.int32)))
+        return self.motion(history)
+
     def prepare(self, bodies: int) -> None:
         """Compiles and loads the kernels, as a node does before the graph starts. bodies: of the scene."""
-        pose, still = np.tile(se3.IDENTITY, (1, 1, bodies, 1)), np.zeros((1, 1, bodies, 6))
-        history, time = History(), np.zeros(1, np.int64)
-        history.add(WorldState.dense(Header(0), time, pose, still, np.zeros(1, np.int32)))
-        motion, env = self.motion(history), np.zeros(1, np.int32)
+        motion, env, time = self.standing(bodies), np.zeros(1, np.int32), np.zeros(1, np.int64)
         ahead = np.array([[0.0, 0.0, 1.0]])
         self.look(motion, env, time, ahead)
         nothing = np.zeros(1, np.int32), np.full(1, np.inf, np.float32)
@@ -212,10 +218,10 @@ class Sight:
         Returns:
             ids int32 [Q], 0 for the background, and distances float32 [Q] m from the camera's centre, inf there.
         """
-        found: wp.array = wp.empty(len(t), dtype=wp.int32, device=self._device)
-        distance: wp.array = wp.empty(len(t), dtype=wp.float32, device=self._device)
-        given = [self._surfaces, motion, *self._question(env, t, directions)]
-        wp.launch(first_surfaces, len(t), given, [found, distance], device=self._device)
+        found: wp.array = wp.empty(len(t), dtype=wp.int32, device=self.device)
+        distance: wp.array = wp.empty(len(t), dtype=wp.float32, device=self.device)
+        given = [self.surfaces, motion, *self._question(env, t, directions)]
+        wp.launch(first_surfaces, len(t), given, [found, distance], device=self.device)
         return found.numpy(), distance.numpy()
 
     def flow(
@@ -223,33 +229,22 @@ class Sight:
         surface: Sequence[np.ndarray],
     ) -> np.ndarray:  # fmt: skip
         """Computes the flow float32 [Q, 2] px/s of surfaces, (ids, distances) as `look` gives them, at times t."""
-        out: wp.array = wp.empty((len(t), 2), dtype=wp.float32, device=self._device)
+        out: wp.array = wp.empty((len(t), 2), dtype=wp.float32, device=self.device)
         image = self._put(derivative, wp.vec3d)
         ids, distances = self._put(surface[0], wp.int32), self._put(surface[1], wp.float32)
-        given = [self._surfaces, motion, *self._question(env, t, directions), image, ids, distances]
-        wp.launch(flow_of_surfaces, len(t), given, [out], device=self._device)
-        return out.numpy()
-
-    def carried(
-        self, motion: Motion, env: np.ndarray, start: np.ndarray, end: np.ndarray, ids: np.ndarray, points: np.ndarray
-    ) -> np.ndarray:
-        """Gives points of surfaces, float64 [Q, 3] in the camera's frame at times `start` int64 [Q] ns, where their
-        bodies have carried them at times `end`, in the camera's frame then."""
-        out: wp.array = wp.empty(len(env), dtype=wp.vec3d, device=self._device)
-        given = [self._put(env, wp.int32), self._put(start, wp.int64), self._put(end, wp.int64)]
-        given += [self._put(ids, wp.int32), self._put(points, wp.vec3d)]
-        wp.launch(carry_points, len(env), [self._surfaces, motion, *given], [out], device=self._device)
+        given = [self.surfaces, motion, *self._question(env, t, directions), image, ids, distances]
+        wp.launch(flow_of_surfaces, len(t), given, [out], device=self.device)
         return out.numpy()
 
     def motion(self, history: History) -> Motion:
         """Gives a history's motion on this device."""
-        return history.motion(self._device)
+        return history.motion(self.device)
 
     def _question(self, env: np.ndarray, t: np.ndarray, directions: np.ndarray) -> list[wp.array]:
         return [self._put(env, wp.int32), self._put(t, wp.int64), self._put(directions, wp.vec3d)]
 
     def _put(self, values: np.ndarray, dtype: Any) -> wp.array:
-        return wp.array(np.ascontiguousarray(values), dtype=dtype, device=self._device)
+        return wp.array(np.ascontiguousarray(values), dtype=dtype, device=self.device)
 
     def _mesh(self, mesh: Any) -> int:
         """Id of the ray-tracing structure of a mesh about its middle, one for all its instances; 0 for an empty one."""
@@ -261,6 +256,6 @@ class Sight:
             self._meshes[id(mesh)] = wp.Mesh(
                 points=self._put(points, wp.vec3),
                 indices=self._put(np.asarray(mesh.faces).reshape(-1), wp.int32),
-                bvh_constructor="sah" if self._device.is_cpu else None,
+                bvh_constructor="sah" if self.device.is_cpu else None,
             )
         return int(self._meshes[id(mesh)].id)

@@ -41,11 +41,13 @@ class Surfaces:
 def met(
     surfaces: Surfaces, i: wp.int32, origin: wp.vec3, direction: wp.vec3, reach: wp.float32
 ):  # fmt: skip
-    """Finds how far along a ray of the mesh's own frame its first visible triangle is; `reach` where there is none."""
+    """Finds how far along a ray of the mesh's own frame its first visible triangle is, `reach` where there is none, and
+    the triangle's normal there."""
     mesh = surfaces.mesh[i]
     gone = wp.float32(0.0)
     turn = wp.int32(0)
     found = reach
+    normal = wp.vec3()
     while turn < MOST_BACKS and gone < reach:
         query = wp.mesh_query_ray(mesh, origin + gone * direction, direction, reach - gone)
         turn += 1
@@ -53,10 +55,30 @@ def met(
             turn = MOST_BACKS
         elif surfaces.two_sided[i] != 0 or wp.dot(query.normal, direction) < wp.float32(0.0):
             found = gone + query.t
+            normal = query.normal
             turn = MOST_BACKS
         else:
             gone += query.t + LIFT * (wp.length(origin) + gone + query.t + surfaces.radius[i])
-    return found
+    return found, normal
+
+
+@wp.func
+def in_the_way(surfaces: Surfaces, i: wp.int32, to: wp.vec3d, ahead: wp.vec3d, reach: wp.float32):
+    """Tells whether a ray could meet an instance, whose middle is at `to` from the ray's start, before `reach`."""
+    along = wp.dot(to, ahead)
+    away = to - along * ahead
+    radius = wp.float64(surfaces.radius[i])
+    wide = radius + wp.float64(1.0e-9) * wp.abs(along)
+    return wp.dot(away, away) <= wide * wide and along >= -wide and along - wide <= wp.float64(reach)
+
+
+@wp.func
+def beginning(surfaces: Surfaces, direction: wp.vec3d):
+    """Computes at what distance in a direction, of the camera's frame, things begin to be seen."""
+    begin = surfaces.near
+    if surfaces.lens == 0:
+        begin = surfaces.near / direction[2]
+    return begin
 
 
 @wp.kernel
@@ -93,24 +115,18 @@ def first_surfaces(
     u = fraction(motion, gap, times[n])
     eye = pose_of(motion, env, surfaces.camera, gap, u)
     ahead = wp.transform_vector(eye, d)
-    begin = surfaces.near
-    if surfaces.lens == 0:
-        begin = surfaces.near / d[2]
+    begin = beginning(surfaces, d)
     start = wp.transform_get_translation(eye) + begin * ahead
     reach = FAR
     for i in range(surfaces.mesh.shape[0]):
         if surfaces.mesh[i] != wp.uint64(0):
             frame = wp.transform_multiply(pose_of(motion, env, surfaces.body[i], gap, u), surfaces.offset[i])
             to = wp.transform_get_translation(frame) - start
-            along = wp.dot(to, ahead)
-            away = to - along * ahead
-            radius = wp.float64(surfaces.radius[i])
-            wide = radius + wp.float64(1.0e-9) * wp.abs(along)
-            if wp.dot(away, away) <= wide * wide and along >= -wide and along - wide <= wp.float64(reach):
+            if in_the_way(surfaces, i, to, ahead, reach):
                 back = wp.quat_inverse(wp.transform_get_rotation(frame))
                 local = wp.vec3(wp.quat_rotate(back, -to))
                 towards = wp.vec3(wp.quat_rotate(back, ahead))
-                distance = met(surfaces, i, local, towards, reach)
+                distance, _normal = met(surfaces, i, local, towards, reach)
                 if distance < reach:
                     reach = distance
                     instances[n] = i + 1
@@ -159,38 +175,3 @@ def flow_of_surfaces(
     moving = wp.quat_rotate(wp.quat_inverse(wp.transform_get_rotation(eye.pose)), seen) / distance
     flow[n, 0] = wp.float32(wp.dot(image[n, 0], moving))
     flow[n, 1] = wp.float32(wp.dot(image[n, 1], moving))
-
-
-@wp.kernel
-def carry_points(
-    # in
-    surfaces: Surfaces,
-    motion: Motion,
-    envs: wp.array(dtype=wp.int32),
-    starts: wp.array(dtype=wp.int64),
-    ends: wp.array(dtype=wp.int64),
-    instances: wp.array(dtype=wp.int32),
-    points: wp.array(dtype=wp.vec3d),
-    # out
-    carried: wp.array(dtype=wp.vec3d),
-):
-    """Carries points along with their bodies from one instant to another.
-
-    Args:
-        surfaces, motion, envs: as of `first_surfaces`.
-        starts, ends: of each point [Q] ns.
-        instances: [Q] ids, of which none is the background.
-        points: [Q] in the camera's frame at the start.
-        carried: [Q] in the camera's frame at the end.
-    """
-    n = wp.tid()
-    env = envs[n]
-    body = surfaces.body[instances[n] - 1]
-    gap = gap_at(motion, starts[n])
-    u = fraction(motion, gap, starts[n])
-    point = wp.transform_point(pose_of(motion, env, surfaces.camera, gap, u), points[n])
-    point = wp.transform_point(wp.transform_inverse(pose_of(motion, env, body, gap, u)), point)
-    gap = gap_at(motion, ends[n])
-    u = fraction(motion, gap, ends[n])
-    point = wp.transform_point(pose_of(motion, env, body, gap, u), point)
-    carried[n] = wp.transform_point(wp.transform_inverse(pose_of(motion, env, surfaces.camera, gap, u)), point)

@@ -12,12 +12,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from evis.config.params import Param
+from evis.config.params import EACH, Param
 from evis.runtime.clock import NS, keyframe_count, keyframe_stamp, times_slower
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import motion
 from evis.scene.model import Scene
-from evis.scene.parameters import SCENE, worlds_of
+from evis.scene.parameters import SCENE, seeds_of, worlds_of
 from msgs.header import Header, Message
 from msgs.own_time import CONFIGURED
 from msgs.world import Action, Reset, WorldState
@@ -114,7 +114,8 @@ class PhysicsNode(Node):
         for note in scene.notes:
             self.warn(f"scene {scene.name}: {note}")
         self.engine: Engine
-        if len(worlds.groups(motion)) == 1:
+        apart = p.get(EACH) and scene.dynamic
+        if len(worlds.groups(motion)) == 1 and not apart:
             self.engine = self._engine(scene, p["seed"], p["envs"])
         else:
             from nodes.physics.separate import SeparateEngines
@@ -143,10 +144,10 @@ class PhysicsNode(Node):
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Puts the engine back to time 0, with another seed where that is all that differs and moves nothing else."""
-        if {**params, "seed": 0} != {**self.params, "seed": 0}:
+        if EACH in params or {**params, "seed": 0} != {**self.params, "seed": 0}:
             return False
-        configured = self.worlds.from_seed(self.params["seed"])
-        worlds = configured.from_seed(params["seed"])
+        configured = self.worlds.from_seeds(seeds_of(self.params))
+        worlds = configured.from_seeds(seeds_of(params))
         if len(worlds.changed(configured, motion)):
             return False
         self.params, self.worlds = dict(params), worlds

@@ -12,7 +12,7 @@ from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import appearance
 from evis.scene.model import Camera, Scene
-from evis.scene.parameters import SCENE, SEED, camera_of, scene_of, worlds_of
+from evis.scene.parameters import SCENE, SEED, camera_of, scene_of, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.worlds import Group, Worlds
 from msgs.camera import CameraInfo, Depth, Ids, Keyframe, Motion, Normal
@@ -146,16 +146,18 @@ class RendererNode(Node):
         self._episodes = np.zeros(0, np.int32)
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
-        """Forgets the last keyframe; what another seed draws no differently is as it was."""
+        """Forgets the last keyframe, and tells of the camera as a new run does: the sensor's seed is another; what that
+        draws no differently is as it was."""
         if {**params, "seed": 0} != {**self.params, "seed": 0}:
             return False
         self.params = dict(params)
         self._begin()
-        self._follow(self.worlds.from_seed(params["seed"]), Header(0))
+        self._follow(self.worlds.from_seeds(seeds_of(params)))
+        self.publish("info", self._info(Header(0)))
         return True
 
-    def _follow(self, worlds: Worlds, header: Header) -> None:
-        """Sees these worlds from now on, and tells of them."""
+    def _follow(self, worlds: Worlds) -> None:
+        """Sees these worlds from now on."""
         before, self.worlds, self.scene = self.worlds, worlds, worlds.scenes[0]
         changed = worlds.changed(before, appearance)
         if len(changed):
@@ -169,8 +171,6 @@ class RendererNode(Node):
                     self.renderer = SeparateRenderers(Parts.of_all(self.renderer, envs), envs)
                 self.renderer.change(groups, self._each(groups))
             self.renderer.prepare(self._wanted())
-        if worlds.drawn() != before.drawn():
-            self.publish("info", self._info(header))
 
     def _renderers(self, groups: Sequence[Group]) -> Renderer | SupersampledRenderer | SeparateRenderers:
         """Makes what renders all environments."""
@@ -213,8 +213,11 @@ class RendererNode(Node):
             )
         worlds = self.worlds.follow(state.own)
         if worlds is not self.worlds:
-            h = state.header
-            self._follow(worlds, Header(h.stamp_ns, clock=h.clock, episode=h.episode))
+            before = self.worlds.drawn()
+            self._follow(worlds)
+            if worlds.drawn() != before:
+                h = state.header
+                self.publish("info", self._info(Header(h.stamp_ns, clock=h.clock, episode=h.episode)))
         poses = np.array(state.end_pose)
         wanted = self._wanted()
         on_gpu = self.renderer.device.is_cuda

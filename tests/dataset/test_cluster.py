@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,18 +62,18 @@ def test_a_worker_and_a_node_die_in_mid_run(cluster: Any, tmp_path: Path) -> Non
     victims: list[str] = []
 
     class Wounded(Actors):
-        def give(self, worker: int, plan: Plan) -> None:
-            super().give(worker, plan)
-            if plan.index == 3 and not victims:
+        def give(self, worker: int, plans: Sequence[Plan]) -> None:
+            super().give(worker, plans)
+            if plans[0].index == 3 and not victims:
                 pid = ray.get(self._all[worker].__ray_call__.remote(lambda actor: os.getpid()))
                 victims.append("worker")
                 os.kill(pid, signal.SIGKILL)
-            elif plan.index == 5 and len(victims) == 1:
+            elif plans[0].index == 5 and len(victims) == 1:
                 victims.append("node")
                 cluster.remove_node(next(iter(cluster.worker_nodes)), allow_graceful=False)
                 cluster.add_node(num_cpus=1)
 
-    made = make(read_recipe(recipe), str(tmp_path / "d"), lambda out: Wounded(None, out, cluster.address, False))
+    made = make(read_recipe(recipe), str(tmp_path / "d"), lambda out: Wounded(None, out, cluster.address, 0))
     assert victims == ["worker", "node"] and made.made == 8 and sum(made.retried.values()) >= 1
     assert checksums(tmp_path / "d") == expected
 
@@ -106,3 +106,22 @@ def test_a_data_set_on_s3(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         assert checksums(tmp_path / "there") == checksums(tmp_path / "here")
     finally:
         server.stop()
+
+
+def test_workers_share_gpus_of_a_cluster(cluster: Any, tmp_path: Path) -> None:
+    """As Ray counts them: three actors on a node that says it has two, none of which computes there."""
+    from evis.dataset.making.cluster import Actors
+
+    cluster.add_node(num_cpus=1, num_gpus=2)
+    cluster.wait_for_nodes()
+    hands: list[Actors] = []
+
+    def three(out: str) -> Actors:
+        hands.append(Actors(3, out, cluster.address, 4))
+        return hands[0]
+
+    recipe = write(tmp_path)
+    made = make(read_recipe(recipe), str(tmp_path / "d"), three, batch=2)
+    assert hands[0].count == 3 and made.made == 5 and not made.retried
+    make(read_recipe(recipe), str(tmp_path / "one"), lambda out: Processes(1, out))
+    assert checksums(tmp_path / "d") == checksums(tmp_path / "one")

@@ -9,43 +9,25 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+from in_this_process import InThisProcess
 from small_recipe import checksums, evis, write
 
 import evis as public
 from evis.dataset.layouts import LAYOUTS, reader_of
 from evis.dataset.making.make import make
 from evis.dataset.making.store import INDEX, LocalStore
-from evis.dataset.making.tasks import Answer, Answerer
+from evis.dataset.making.tasks import Answer
 from evis.dataset.making.worker import Maker
 from evis.dataset.recipe import Plan
 from evis.dataset.recipe_file import read_recipe
 from evis.dataset.report.sheet import write_sheet
 from evis.dataset.report.summary import summary
 from evis.dataset.report.verify import verify
-
-
-class InThisProcess:
-    """One worker, here."""
-
-    count = 1
-
-    def __init__(self, out: str) -> None:
-        self.answerer = Answerer(out)
-        self.answers: list[Answer] = []
-
-    def give(self, worker: int, plan: Plan) -> None:
-        self.answers.append(Answer(worker, **self.answerer.answer(plan.as_dict())))
-
-    def wait(self, timeout_s: float) -> list[Answer]:
-        answers, self.answers = self.answers, []
-        return answers
-
-    def close(self) -> None:
-        pass
 
 
 @pytest.fixture(scope="module")
@@ -145,9 +127,9 @@ def test_a_killed_worker_is_replaced(serial: tuple[Path, dict[str, str]], tmp_pa
     victims = []
 
     class Killed(Processes):
-        def give(self, worker: int, plan: Plan) -> None:
-            super().give(worker, plan)
-            if plan.index == 1 and not victims:
+        def give(self, worker: int, plans: Sequence[Plan]) -> None:
+            super().give(worker, plans)
+            if plans[0].index == 1 and not victims:
                 victims.append(self._all[worker].process.pid)
                 os.kill(victims[0], signal.SIGKILL)
 
@@ -160,11 +142,11 @@ def test_what_fails_is_listed_with_its_cause_and_the_rest_is_made(tmp_path: Path
     """A sequence whose worker is killed each time; --resume tries it again."""
 
     class Fails(InThisProcess):
-        def give(self, worker: int, plan: Plan) -> None:
-            if plan.index == 2:
-                self.answers.append(Answer(worker, 2, cause="the worker was killed", died=True))
+        def give(self, worker: int, plans: Sequence[Plan]) -> None:
+            if plans[0].index == 2:
+                self.told.append(Answer(worker, 2, cause="the worker was killed", died=True))
             else:
-                super().give(worker, plan)
+                super().give(worker, plans)
 
     said: list[str] = []
     recipe = read_recipe(write(tmp_path))

@@ -8,6 +8,7 @@ from evis.geometry import distortion, interpolate, pinhole, se3
 from evis.geometry.distortion import Lens
 from evis.scene.motion import Linear, Sinusoid, Swing
 from nodes.labeler.event_labels import EventLabeler
+from nodes.labeler.instants import Instants
 from nodes.labeler.sight import History, Sight
 
 STEP = KEYFRAME_NS / 8
@@ -143,10 +144,13 @@ def test_motion_in_the_kernel_is_that_of_the_interpolation():
     history = History()
     history.add(WorldState.dense(state.header, state.t, pose, twist, np.zeros(1, np.int32)))
     sight = Sight(scene, scene.cameras[0])
-    t = np.sort(rng.integers(0, KEYFRAME_NS, 300))
-    start = np.full(len(t), int(state.t[0]))
-    points = rng.normal(0, 1, (300, 3))
-    carried = sight.carried(sight.motion(history), np.zeros(300, np.int32), start, t, np.full(300, 2, np.int32), points)
+    t = np.sort(rng.integers(0, KEYFRAME_NS, 50))
+    points = rng.normal(0, 1, (50, 3))
+    instants, motion = Instants(scene, scene.cameras[0], sight), sight.motion(history)
+    ways = [instants.at(motion, np.zeros(1), int(time)).ways for time in (state.t[0], *t)]
+    turn, shift = (np.array([getattr(way, name).numpy()[0, 1] for way in ways]) for name in ("turn", "shift"))
+    on_body = points @ turn[0].T + shift[0]
+    carried = np.einsum("nji,nj->ni", turn[1:], on_body - shift[1:])
     now = interpolate.pose_at(t, state.t, pose, twist)[0]
     world_points = se3.transform(
         now[:, 0], se3.transform(se3.inverse(pose[0, 0, 0]), se3.transform(pose[0, 0, 2], points))

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from label_world import HEIGHT, KEYFRAME_NS, WIDTH, seen, states, world
 
-from evis.geometry import pinhole, se3
+from evis.geometry import distortion, pinhole, se3
+from evis.geometry.distortion import Lens
 from evis.scene.motion import Linear, Sinusoid, Swing
 from nodes.labeler.interval_flow import IntervalFlow
 from nodes.labeler.sight import History, Sight
@@ -16,7 +17,7 @@ INTERVALS = [(KEYFRAME_NS, 2 * KEYFRAME_NS), (2 * KEYFRAME_NS, KEYFRAME_NS), (40
 def flow_of(scene, start, end, envs=1):
     history, sight = History(), Sight(scene, scene.cameras[0])
     history.add(states(scene, 3, envs)[2])
-    return IntervalFlow(sight)(sight.motion(history), np.arange(envs), start, end)
+    return IntervalFlow(scene, scene.cameras[0], sight)(sight.motion(history), np.arange(envs), start, end)
 
 
 def expected(scene, start, end):
@@ -78,3 +79,23 @@ def test_nothing_moves_within_an_instant_and_environments_stand_side_by_side():
     flow, valid = flow_of(scene, KEYFRAME_NS, KEYFRAME_NS, envs=2)
     assert flow.shape == (2, HEIGHT, WIDTH, 2) and valid.dtype == np.uint8
     assert np.abs(flow).max() < 1e-5 and valid.mean() > 0.99 and np.array_equal(flow[0], flow[1])
+
+
+def test_a_lens_bends_displacements():
+    """The occluder crosses at 8 m/s and 1 m: where the lens shows its points 5 ms later, and the wall stays."""
+    coefficients = (-0.2, 0.05, 0.0, 0.0, 0.0)
+    scene = world(model="plumb_bob", coefficients=coefficients)
+    start, end = 40_000_000, 45_000_000
+    flow, valid = flow_of(scene, start, end)
+    lens, k = Lens.of("plumb_bob", coefficients), scene.cameras[0].k
+    rays = distortion.unproject(k, lens, pinhole.pixel_grid(WIDTH, HEIGHT).reshape(-1, 2))
+    points = rays / rays[:, 2:]
+    centre = scene.bodies[1].trajectory.pose(np.array([start]))[0, :2]
+    mine = (np.abs(points[:, :2] - centre) < np.array([0.095, 0.295])).all(1)
+    there = distortion.project(k, lens, points + np.array([8.0 * 5e-3, 0.0, 0.0]))
+    moved = (there - pinhole.pixel_grid(WIDTH, HEIGHT).reshape(-1, 2))[mine]
+    assert mine.sum() > 100 and np.abs(flow.reshape(-1, 2)[mine] - moved).max() < 2e-5
+    inside = ((there >= -0.5) & (there <= np.array([WIDTH, HEIGHT]) - 0.5)).all(-1)
+    assert np.array_equal(valid.reshape(-1)[mine] == 1, inside[mine])
+    corner = flow[0, :4, :4]
+    assert np.abs(corner).max() < 1e-5 and valid[0, :4, :4].all()

@@ -66,6 +66,21 @@ def test_a_reset_run_is_the_first_run_again() -> None:
     assert other != first
 
 
+def test_every_run_tells_of_its_camera_as_a_new_one_does() -> None:
+    """CameraInfo comes once in a run, at keyframe 0, and has the seed of that run."""
+    arguments: dict[str, Any] = {"outputs": ["events", "info"], "threshold_mismatch": 0.03, "shot_rate": 5.0, **SIZE}
+    with evis.Simulation("spinning_disk", seed=2, **arguments) as sim:
+        for seed in (2, 7, 7, 3):
+            info = sim.reset(seed=seed).info
+            with evis.Simulation("spinning_disk", seed=seed, **arguments) as new:
+                expected = new.reset().info
+            assert info.sensor["seed"] == seed and info.scalars() == expected.scalars()
+            assert {name: a.tobytes() for name, a in info.arrays().items()} == {
+                name: a.tobytes() for name, a in expected.arrays().items()
+            }
+            assert sim.step().info is None
+
+
 def test_actions_reach_the_step_that_begins_at_their_stamp(tmp_path: Path) -> None:
     """The same states as with a controller node of a launch file, which answers every state; and the saved bag too."""
     (tmp_path / "swing_node.py").write_text(CONTROLLER)

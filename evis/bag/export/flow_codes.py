@@ -13,10 +13,13 @@ def flow_to_codes(flow: np.ndarray, valid: np.ndarray) -> np.ndarray:
     What is not finite or does not fit, below -256 px or from 256 px on, is not valid.
     """
     with np.errstate(invalid="ignore"):
-        codes = np.rint(flow.astype(np.float64) * SCALE) + ZERO
-        known = (valid > 0) & ((codes >= 0) & (codes < 1 << 16)).all(-1)
-    both = np.where(known[..., None], codes, ZERO)
-    return np.concatenate((both, known[..., None]), -1).astype(np.uint16)
+        codes = np.rint(flow * np.float32(SCALE)) + np.float32(ZERO)  # a power of two: exact in float32 too
+        inside = (codes >= 0) & (codes < 1 << 16)
+    known = (valid > 0) & inside[..., 0] & inside[..., 1]
+    codes[~known] = ZERO
+    out = np.empty((*known.shape, 3), np.uint16)
+    out[..., :2], out[..., 2] = codes, known
+    return out
 
 
 def codes_to_flow(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -20,25 +20,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--count", type=int, metavar="N", help="how many sequences, in place of what the recipe says")
     parser.add_argument("--duration", type=float, metavar="S", help="length of each, in place of what the recipe says")
     parser.add_argument("--workers", type=int, metavar="N", help="processes; not given, one per core, or per GPU")
+    parser.add_argument(
+        "--batch", type=int, metavar="N",
+        help="sequences that a worker makes at once; not given, 1 on a CPU, and on a GPU what its memory holds",
+    )  # fmt: skip
     parser.add_argument("--address", metavar="CLUSTER", help="a Ray cluster, `auto` for this machine's (evis[cluster])")
     parser.add_argument("--resume", action="store_true", help="go on with a data set that was begun")
 
 
 def run(args: argparse.Namespace) -> int:
     """Makes what is not there yet; 1 where a sequence has failed."""
-    for name in ("count", "workers"):
+    for name in ("count", "workers", "batch"):
         if (value := getattr(args, name)) is not None and value < 1:
             raise UsageError(f"--{name} is {value}; the least is 1")
     from evis.cli.dataset.progress import SequenceProgress
     from evis.dataset.making.make import make
-    from evis.dataset.making.workforce import workforce
+    from evis.dataset.making.workforce import usual_batch, workforce
     from evis.dataset.recipe_file import read_recipe
 
     recipe = read_recipe(args.recipe, args.duration)
-    workers = workforce(recipe, args.workers, args.address)
-    with SequenceProgress() as progress:
-        made = make(recipe, args.out, workers, args.count, args.resume, progress.tick, progress.say)
     wanted = recipe.count if args.count is None else args.count
+    workers = workforce(recipe, args.workers, args.address)
+    batch = args.batch or usual_batch(recipe, wanted, args.workers)
+    with SequenceProgress() as progress:
+        made = make(recipe, args.out, workers, args.count, args.resume, progress.tick, progress.say, batch=batch)
     if args.json:
         print(json.dumps({**dataclasses.asdict(made), "out": args.out, "wanted": wanted}))
     else:

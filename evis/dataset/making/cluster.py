@@ -17,42 +17,47 @@ from evis.dataset.recipe import Plan
 class Actors:
     """Runs workers as actors; one that dies, alone or with its node, is made anew wherever there is room."""
 
-    def __init__(self, count: int | None, out: str, address: str, on_gpu: bool) -> None:
-        """count: None = as many as the cluster has cores, or GPUs. out: a place that every node reaches."""
+    def __init__(self, count: int | None, out: str, address: str, per_gpu: int) -> None:
+        """count: None = as many as the cluster has cores, or `per_gpu` for each GPU, where that is above 0. out: a
+        place that every node reaches."""
         self._own = not ray.is_initialized()
         if self._own:
             try:
                 ray.init(address=address, log_to_driver=False, logging_level="ERROR")
             except (ConnectionError, ValueError, RuntimeError) as error:
                 raise DatasetError(f"no Ray cluster at {address}: {' '.join(str(error).split())}") from None
-        what = "GPU" if on_gpu else "CPU"
-        self.count = count or int(ray.cluster_resources().get(what, 0))
-        if not self.count:
+        what = "GPU" if per_gpu else "CPU"
+        there = int(ray.cluster_resources().get(what, 0))
+        if not there:
             raise DatasetError(f"the cluster at {address} has no {what}; start nodes that have some")
-        self._actor = ray.remote(num_cpus=0 if on_gpu else 1, num_gpus=1 if on_gpu else 0)(Answerer)
+        self.count = count or there * max(1, per_gpu)
+        # Ray gives each actor a part of one GPU, which is the only one that it sees.
+        part = {"num_cpus": 0, "num_gpus": 1 / -(-self.count // there)} if per_gpu else {"num_cpus": 1}
+        self._actor = ray.remote(**part)(Answerer)
         self._out = out
         self._all: dict[int, Any] = {}
-        self._pending: dict[Any, tuple[int, int]] = {}
+        self._pending: dict[Any, tuple[int, list[int]]] = {}
 
-    def give(self, worker: int, plan: Plan) -> None:
-        """Gives a worker its next plan; makes it where there is none."""
+    def give(self, worker: int, plans: Sequence[Plan]) -> None:
+        """Gives a worker its next plans; makes it where there is none."""
         if worker not in self._all:
             self._all[worker] = self._actor.remote(self._out)
-        self._pending[self._all[worker].answer.remote(plan.as_dict())] = worker, plan.index
+        asked = self._all[worker].answers.remote([plan.as_dict() for plan in plans])
+        self._pending[asked] = worker, [plan.index for plan in plans]
 
     def wait(self, timeout_s: float) -> Sequence[Answer]:
         """Waits for answers."""
-        answers = []
+        answers: list[Answer] = []
         done, _ = ray.wait(list(self._pending), timeout=timeout_s)
         for reference in done:
-            worker, index = self._pending.pop(reference)
+            worker, indices = self._pending.pop(reference)
             try:
-                answers.append(Answer(worker, **ray.get(reference)))
+                answers += [Answer(worker, **told) for told in ray.get(reference)]
             except RayError as error:
                 with contextlib.suppress(Exception):
                     ray.kill(self._all[worker])
                 del self._all[worker]
-                answers.append(Answer(worker, index, cause=_cause(error), died=True))
+                answers += [Answer(worker, index, cause=_cause(error), died=True) for index in indices]
         return answers
 
     def close(self) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,8 @@ from evis.dataset.recipe import Plan
 ENTRY = "sequence.json"
 """Lies in the folder of every finished sequence: dataset.json is made of these."""
 BLOCK = 1 << 20
+AT_ONCE = 8
+"""Files that are brought to the disk at the same time: a file system writes several in one go."""
 
 
 @dataclass(frozen=True)
@@ -60,4 +64,6 @@ def sha256_of(path: Path, sync: bool = False) -> str:
 def files_of(folder: Path) -> dict[str, str]:
     """Brings all files below a folder to the disk, and returns their checksums by path."""
     files = sorted(path for path in folder.rglob("*") if path.is_file())
-    return {path.relative_to(folder).as_posix(): sha256_of(path, sync=True) for path in files}
+    with ThreadPoolExecutor(AT_ONCE) as hands:
+        digests = hands.map(partial(sha256_of, sync=True), files)
+        return {path.relative_to(folder).as_posix(): digest for path, digest in zip(files, digests)}

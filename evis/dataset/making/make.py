@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from evis.dataset.errors import DatasetError
 from evis.dataset.layouts import writer_of
+from evis.dataset.making.batches import batches
 from evis.dataset.making.store import Store, is_remote, store_of
 from evis.dataset.making.tasks import Answer, Workers
 from evis.dataset.recipe import Plan, Recipe
@@ -77,6 +78,7 @@ def make(
     tick: Callable[[Made, int], None] = lambda made, wanted: None,
     say: Callable[[str], None] = lambda line: None,
     retries: int = RETRIES,
+    batch: int = 1,
 ) -> Made:
     """Makes the sequences that are not there yet; what is there stays, whatever happens.
 
@@ -87,13 +89,14 @@ def make(
         resume: go on with what is there; failed ones are tried again.
         tick: is told of progress, and how many sequences are wanted.
         say: is told in one line of each sequence that has failed.
+        batch: how many sequences a worker makes at once, as environments of one simulation, where they can be.
 
     Raises DatasetError, OSError before anything is made.
     """
     check(recipe)
     store = open_store(recipe, out, resume)
     with store.alone():
-        run = _Run(recipe, store, recipe.sequences(count), tick, say, retries)
+        run = _Run(recipe, store, recipe.sequences(count), tick, say, retries, batch)
         if run.todo:
             hands = workers(out if is_remote(out) else str(store_path(out)))
             try:
@@ -120,30 +123,33 @@ class _Run:
         tick: Callable[[Made, int], None],
         say: Callable[[str], None],
         retries: int,
+        batch: int,
     ) -> None:
         self._recipe, self._store, self._plans = recipe, store, plans
         self._tick, self._say, self._retries = tick, say, retries
         self._entries = {entry["index"]: entry for entry in store.entries()}
         self._tries: dict[int, int] = {}
         self._began = time.monotonic()
-        self.todo = deque(plan for plan in plans if plan.index not in self._entries)
+        self.todo = deque(batches([plan for plan in plans if plan.index not in self._entries], batch))
         self.made = Made(there=len(self._entries))
         self.save()
 
     def go(self, workers: Workers) -> None:
         """Keeps all workers busy until everything is made, has failed, or nothing can be written any more."""
         idle = set(range(min(workers.count, len(self.todo))))
-        busy: dict[int, Plan] = {}
+        busy: dict[int, dict[int, Plan]] = {}
         while (self.todo or busy) and not self.made.stopped:
             while idle and self.todo:
                 worker = min(idle)
                 idle.remove(worker)
-                busy[worker] = self.todo.popleft()
-                workers.give(worker, busy[worker])
+                plans = self.todo.popleft()
+                busy[worker] = {plan.index: plan for plan in plans}
+                workers.give(worker, plans)
             for answer in workers.wait(TICK_S):
-                plan = busy.pop(answer.worker)
-                idle.add(answer.worker)
-                self._take(plan, answer)
+                self._take(busy[answer.worker].pop(answer.index), answer)
+                if not busy[answer.worker]:
+                    del busy[answer.worker]
+                    idle.add(answer.worker)
             self.made.seconds = time.monotonic() - self._began
             self._tick(self.made, len(self._plans))
             if time.monotonic() - self._saved > INDEX_EVERY_S:
@@ -163,7 +169,7 @@ class _Run:
         tries = self._tries[plan.index] = self._tries.get(plan.index, 0) + 1
         if tries <= self._retries:
             self.made.retried[plan.index] = tries
-            self.todo.append(plan)
+            self.todo.append([plan])  # by itself: nobody else shall suffer from it, nor it from others
             return
         self.made.failed[plan.index] = answer.cause
         self._say(f"{plan.name} failed {tries} times: {answer.cause}")

@@ -1,4 +1,4 @@
-"""A worker's process: `python -m evis.dataset.making.process OUT` reads plans and answers each, a line of JSON each."""
+"""A worker's process: `python -m evis.dataset.making.process OUT` reads lists of plans, and answers each in a line."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def main(out: str) -> int:
 
     answerer = Answerer(out)
     for line in sys.stdin:
-        answer: dict[str, Any] = answerer.answer(json.loads(line))
-        answers.write(json.dumps(answer) + "\n")
+        told: list[dict[str, Any]] = answerer.answers(json.loads(line))
+        answers.write(json.dumps(told) + "\n")
     return 0
 
 

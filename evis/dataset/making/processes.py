@@ -25,11 +25,11 @@ PATIENCE_S = 5.0
 
 @dataclass
 class _Process:
-    """One worker. index: of the sequence that it makes; None = none. log: what it prints."""
+    """One worker. indices: of the sequences that it makes. log: what it prints."""
 
     process: subprocess.Popen[bytes]
     log: IO[bytes]
-    index: int | None = None
+    indices: Sequence[int] = ()
 
 
 class Processes:
@@ -42,15 +42,15 @@ class Processes:
         self._all: dict[int, _Process] = {}
         self._selector = selectors.DefaultSelector()
 
-    def give(self, worker: int, plan: Plan) -> None:
-        """Gives a worker its next plan; starts it where there is none."""
+    def give(self, worker: int, plans: Sequence[Plan]) -> None:
+        """Gives a worker its next plans; starts it where there is none."""
         if worker not in self._all:
             self._start(worker)
         known = self._all[worker]
-        known.index = plan.index
+        known.indices = [plan.index for plan in plans]
         assert known.process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # its end is noticed where answers are read
-            known.process.stdin.write(json.dumps(plan.as_dict()).encode() + b"\n")
+            known.process.stdin.write(json.dumps([plan.as_dict() for plan in plans]).encode() + b"\n")
             known.process.stdin.flush()
 
     def wait(self, timeout_s: float) -> Sequence[Answer]:
@@ -61,8 +61,8 @@ class Processes:
             known = self._all[worker]
             line = known.process.stdout.readline() if known.process.stdout else b""
             if line.endswith(b"\n"):
-                answers.append(Answer(worker, **json.loads(line)))
-                known.index = None
+                answers += [Answer(worker, **told) for told in json.loads(line)]
+                known.indices = ()
             else:
                 answers += self._ended(worker)
         return answers
@@ -97,7 +97,7 @@ class Processes:
         known.log.seek(max(0, known.log.tell() - 1000))
         words = known.log.read().decode(errors="replace").strip().splitlines()[-1:]
         self._release(known)
-        if known.index is None:
+        if not known.indices:
             return []
         if status == -signal.SIGKILL:
             cause = "the worker was killed; if nobody did that by hand, the machine ran out of memory: fewer --workers"
@@ -105,12 +105,12 @@ class Processes:
             cause = f"the worker was ended by {signal.Signals(-status).name}"
         else:
             cause = f"the worker ended with exit status {status}: {' '.join(words) or 'no message'}"
-        return [Answer(worker, known.index, cause=cause, died=True)]
+        return [Answer(worker, index, cause=cause, died=True) for index in known.indices]
 
     def close(self) -> None:
         """Ends all workers; what one is making is broken off, and nothing of it stays."""
         for known in self._all.values():
-            if known.index is not None:
+            if known.indices:
                 known.process.kill()
             elif known.process.stdin is not None:
                 known.process.stdin.close()

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from evis.dataset.making.finished import Entry
 from evis.dataset.making.worker import Maker
 from evis.dataset.recipe import Plan
 
@@ -35,11 +36,12 @@ class Workers(Protocol):
 
     count: int
 
-    def give(self, worker: int, plan: Plan) -> None:
-        """Gives a worker its next plan, and first makes it anew where it has died."""
+    def give(self, worker: int, plans: Sequence[Plan]) -> None:
+        """Gives a worker plans that it may make at once, and first makes it anew where it has died."""
 
     def wait(self, timeout_s: float) -> Sequence[Answer]:
-        """Waits for answers, at least one unless the time is over."""
+        """Waits for answers, at least one unless the time is over; those of plans that were given together come
+        together."""
 
     def close(self) -> None:
         """Ends all workers."""
@@ -50,21 +52,41 @@ class Answerer:
 
     def __init__(self, out: str) -> None:
         self._maker = Maker(out)
+        self._apart: set[str] = set()
+        """Scenes of which sequences could not be made together."""
 
-    def answer(self, plan: dict[str, Any]) -> dict[str, Any]:
-        """Makes one sequence; returns the fields of an Answer but for its worker."""
+    def answers(self, plans: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+        """Makes sequences, at once where that can be; returns the fields of an Answer but for its worker, of each."""
+        wanted = [Plan.from_dict(plan) for plan in plans]
+        if len(wanted) > 1 and wanted[0].scene not in self._apart:
+            try:
+                made = self._maker.make_together(wanted)
+                return [_told(plan, one) for plan, one in zip(wanted, made)]
+            except Exception as error:
+                if _refused(error):
+                    return [_told(plan, error) for plan in wanted]
+                self._apart.add(wanted[0].scene)  # by themselves they may well do
+        return [self._answer(plan) for plan in wanted]
+
+    def _answer(self, plan: Plan) -> dict[str, Any]:
         try:
-            entry = self._maker.make(Plan.from_dict(plan))
-        except MemoryError:
-            return {"index": plan["index"], "cause": "the worker ran out of memory"}
+            return _told(plan, self._maker.make(plan))
         except Exception as error:
-            if number := _refused(error):
-                return {"index": plan["index"], "cause": f"{plan['path']}: {os.strerror(number)}", "hopeless": True}
-            text = " ".join(str(error).split()) or type(error).__name__
-            if not isinstance(error, (ValueError, OSError)):
-                text = f"{type(error).__name__}: {text}"
-            return {"index": plan["index"], "cause": text}
-        return {"index": plan["index"], "entry": entry.as_dict()}
+            return _told(plan, error)
+
+
+def _told(plan: Plan, made: Entry | Exception) -> dict[str, Any]:
+    """The fields of an Answer."""
+    if isinstance(made, Entry):
+        return {"index": plan.index, "entry": made.as_dict()}
+    if isinstance(made, MemoryError):
+        return {"index": plan.index, "cause": "the worker ran out of memory"}
+    if number := _refused(made):
+        return {"index": plan.index, "cause": f"{plan.path}: {os.strerror(number)}", "hopeless": True}
+    text = " ".join(str(made).split()) or type(made).__name__
+    if not isinstance(made, (ValueError, OSError)):
+        text = f"{type(made).__name__}: {text}"
+    return {"index": plan.index, "cause": text}
 
 
 def _refused(error: Exception) -> int:

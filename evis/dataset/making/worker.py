@@ -1,111 +1,141 @@
-"""Makes sequences one after another, with simulations that stay warm; every worker makes the same bytes."""
+"""Makes sequences, one after another or several at once; every worker makes the same bytes."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from evis.dataset.about import About
 from evis.dataset.layouts import writer_of
 from evis.dataset.making.finished import Entry, files_of
 from evis.dataset.making.frame import write_frame
 from evis.dataset.making.store import store_of
+from evis.dataset.making.warm import Warm
 from evis.dataset.recipe import Plan
-from evis.runtime.clock import keyframe_count, keyframe_stamp
-from evis.simulation.errors import SimulationWarning
-from evis.simulation.simulation import Simulation
-from msgs.camera import CameraInfo
-
-MOST_WARM = 4
-"""Most simulations that are kept, one for each scene and size."""
-BESIDES = ("info", "keyframe")
-"""Outputs that are needed whatever a recipe asks for: what the cameras are, and the picture of the contact sheet."""
+from evis.simulation.errors import SimulationError, SimulationWarning
+from evis.simulation.step import Step, on_host
 
 
 class Maker:
-    """Makes sequences into one data set. A second one of a scene finds kernels, meshes and textures in memory."""
+    """Makes sequences into one data set."""
 
     def __init__(self, out: str) -> None:
         """out: the data set's folder, local or as fsspec names it."""
         self._store = store_of(out)
-        self._warm: dict[Any, tuple[Any, Simulation, dict[str, CameraInfo]]] = {}
+        self._warm = Warm(besides=["keyframe"])  # for the picture of the contact sheet
 
     def make(self, plan: Plan) -> Entry:
         """Makes one sequence, which is there in full or not at all. Raises what the simulation or the disk raises."""
-        with self._store.place(plan.path) as folder, warnings.catch_warnings():
-            warnings.simplefilter("ignore", SimulationWarning)  # said to nobody; what counts is an error
-            events, duration_ns, notes = self._simulate(plan, folder)
-            entry = Entry(plan, duration_ns, events, files_of(folder), notes)
-            self._store.publish(folder, entry)
+        with self._store.place(plan.path) as folder, _silent():
+            with self._warm.play(plan) as playing:
+                written = Written(plan, playing.about, folder)
+                for k, step in enumerate(playing.steps()):
+                    written.add(step, picture=k == middle(playing.keyframes))
+            return self._publish(written)
+
+    def make_together(self, plans: Sequence[Plan]) -> list[Entry | Exception]:
+        """Makes sequences as environments of one simulation; gives of each what it is, or why it is not there.
+
+        What one of them raises for itself, and what it diverges by, leaves the others as they are. Raises what the
+        simulation raises, also where sequences cannot be simulated side by side; none of them is there then.
+        """
+        with ExitStack() as places, _silent():
+            folders = [places.enter_context(self._store.place(plan.path)) for plan in plans]
+            failed: dict[int, Exception] = {}
+            with self._warm.play_together(plans) as playing:
+                all_written = [Written(*one) for one in zip(plans, playing.abouts, folders)]
+                for k, step in enumerate(playing.steps()):
+                    failed |= {env: SimulationError(why) for env, why in playing.fallen.items()}
+                    bring_events(step)
+                    for env in set(range(len(plans))) - set(failed):
+                        with _noted(failed, env):
+                            part = playing.alone(step, env)
+                            all_written[env].add(part, picture=k == middle(playing.keyframes))
+            entries: list[Entry | Exception] = []
+            for env, written in enumerate(all_written):
+                if env not in failed:
+                    with _noted(failed, env):
+                        entries.append(self._publish(written))
+                if env in failed:
+                    entries.append(failed[env])
+            return entries
+
+    def _publish(self, written: Written) -> Entry:
+        """Makes what was written a finished sequence."""
+        notes = written.close()
+        duration_ns = written.about.duration_ns
+        entry = Entry(written.plan, duration_ns, written.events, files_of(written.folder), notes)
+        self._store.publish(written.folder, entry)
         return entry
-
-    def _simulate(self, plan: Plan, folder: Path) -> tuple[int, int, tuple[str, ...]]:
-        """Writes the layout's files; returns the number of events, the length [ns], and what the layout cannot hold."""
-        with self._simulation(plan) as (simulation, cameras):
-            step = simulation.reset(seed=plan.seed)
-            cameras |= {name: o.info for name, o in step.cameras.items() if o.info is not None}
-            last = max(keyframe_count(round(plan.duration_s * 1e9), simulation.keyframe_rate) - 1, 1)
-            about = About(
-                name=plan.name,
-                scene=plan.scene_name,
-                arguments=dict(plan.arguments),
-                seed=plan.seed,
-                duration_ns=keyframe_stamp(last, simulation.keyframe_rate),
-                keyframe_rate=simulation.keyframe_rate,
-                cameras={name: _with_seed(info, plan.seed) for name, info in cameras.items()},
-                labels=plan.labels,
-            )
-            writer = writer_of(plan.layout)(folder, about)
-            events, picture = 0, None
-            for k in range(last + 2):
-                if k:
-                    step = simulation.step() if k <= last else simulation.finish()
-                if k == (last + 1) // 2:
-                    picture = step.keyframe
-                events += events_in(step)
-                writer.add(step)
-            writer.close()
-            if picture is not None:
-                write_frame(folder, picture)
-        return events, about.duration_ns, tuple(writer.notes)
-
-    @contextmanager
-    def _simulation(self, plan: Plan) -> Iterator[tuple[Simulation, dict[str, CameraInfo]]]:
-        """A simulation of these arguments, and its cameras; the last one where only the seed is another."""
-        place = (plan.scene, plan.arguments.get("width"), plan.arguments.get("height"))
-        wanted = (plan.arguments, plan.outputs, plan.labels)
-        before = self._warm.pop(place, None)
-        if before is None or before[0] != wanted:
-            if before is not None:
-                before[1].close()
-            outputs = [*dict.fromkeys((*plan.outputs, *BESIDES)), *(f"labels.{kind}" for kind in plan.labels)]
-            before = wanted, Simulation(plan.scene, outputs=outputs, seed=plan.seed, **plan.arguments), {}
-        try:
-            yield before[1], before[2]
-        except BaseException:
-            before[1].close()  # whatever state it is in, the next sequence shall not begin with it
-            raise
-        self._warm[place] = before
-        while len(self._warm) > MOST_WARM:
-            self._warm.pop(next(iter(self._warm)))[1].close()
 
     def close(self) -> None:
         """Ends all simulations."""
-        for _, simulation, _ in self._warm.values():
-            simulation.close()
-        self._warm.clear()
+        self._warm.close()
 
 
-def _with_seed(info: CameraInfo, seed: int) -> CameraInfo:
-    """A camera's description, which is latched and comes once, with the seed of this run."""
-    return replace(info, sensor={**info.sensor, "seed": seed}) if "seed" in info.sensor else info
+class Written:
+    """Writes one sequence into its folder. events: how many there were so far."""
+
+    def __init__(self, plan: Plan, about: About, folder: Path) -> None:
+        self.plan, self.about, self.folder = plan, about, folder
+        self.events = 0
+        self._writer = writer_of(plan.layout)(folder, about)
+        self._picture: Any = None
+
+    def add(self, step: Step, picture: bool) -> None:
+        """Writes a step. picture: whether it is that of the contact sheet."""
+        if picture:
+            self._picture = step.keyframe
+        self.events += events_in(step)
+        self._writer.add(step)
+
+    def close(self) -> tuple[str, ...]:
+        """Writes what is left; gives what the layout cannot hold."""
+        self._writer.close()
+        if self._picture is not None:
+            write_frame(self.folder, self._picture)
+        return tuple(self._writer.notes)
+
+
+def middle(keyframes: int) -> int:
+    """Gives the number of the keyframe of which the contact sheet has a picture."""
+    return (keyframes + 1) // 2
+
+
+def bring_events(step: Step) -> None:
+    """Brings a step's events from a GPU to numpy arrays, those of all environments at once."""
+    first = next(iter(step.cameras.values()))
+    for outputs in step.cameras.values():
+        packet = vars(outputs).get("events")
+        if packet is not None and packet.t is not None and not isinstance(packet.t, np.ndarray):
+            outputs.events = on_host(packet)
+    if "events" in vars(first):
+        step.events = first.events
 
 
 def events_in(step: Any) -> int:
     """Counts the events of a step, of all cameras."""
     packets = [vars(outputs).get("events") for outputs in step.cameras.values()]
     return sum(len(packet.t) for packet in packets if packet is not None and packet.t is not None)
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Says to nobody what simulations warn of; what counts is an error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SimulationWarning)
+        yield
+
+
+@contextmanager
+def _noted(failed: dict[int, Exception], env: int) -> Iterator[None]:
+    """Notes what one environment raises."""
+    try:
+        yield
+    except Exception as error:
+        failed[env] = error

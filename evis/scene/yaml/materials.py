@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from evis.scene.model import Material
 from evis.scene.pictures import load_picture
 from evis.scene.yaml.reader import Fields
 
+SMALL = 512
+"""Texels along the side of pictures that are kept for other scenes, 3 MB at most."""
 KINDS = ("blobs", "noise", "checker", "bricks", "planks", "image")
 
 
@@ -55,11 +58,24 @@ def _texture(fields: Fields, folder: Path, made: dict[Any, Any]) -> np.ndarray:
     fields.done()
     key = make, arguments, sector
     if key not in made:
-        image = make(*arguments)
-        image = image if sector is None else textures.add_wedge(image, *sector)
-        made[key] = np.ascontiguousarray(np.repeat(np.clip(image, 0.0, 1.0)[..., None], 3, axis=-1))
+        made[key] = _small_picture(*key) if arguments[0] <= SMALL else _picture(*key)
     picture: np.ndarray = made[key]
     return picture
+
+
+def _picture(
+    make: Callable[..., np.ndarray], arguments: tuple[Any, ...], sector: tuple[float, float] | None
+) -> np.ndarray:
+    """Makes a picture, float32 [h, w, 3]. sector: angle [rad] and value of its wedge."""
+    image = make(*arguments)
+    image = image if sector is None else textures.add_wedge(image, *sector)
+    picture = np.ascontiguousarray(np.repeat(np.clip(image, 0.0, 1.0)[..., None], 3, axis=-1))
+    picture.flags.writeable = False
+    return picture
+
+
+_small_picture = lru_cache(maxsize=16)(_picture)
+"""Shared by scenes that differ in other things, as the sequences of a data set do."""
 
 
 def _recipe(kind: str, fields: Fields) -> tuple[Callable[..., np.ndarray], tuple[Any, ...]]:

@@ -19,7 +19,7 @@ def test_vary_draws_a_world_for_every_seed(name: str) -> None:
     assert load_scene(name, small, textures=False).drawn == [] and drawn_places(name, small) == []
     assert "vary" in scene_args(name)
     vary = {**small, "vary": 1}
-    worlds = Worlds(lambda seed: load_scene(name, vary, textures=False, seed=seed), range(4))
+    worlds = Worlds(lambda env, seed: load_scene(name, vary, textures=False, seed=seed), range(4))
     drawn = worlds.drawn()
     assert len(drawn) >= 7 and drawn_places(name, vary)
     assert all(len(set(map(str, values))) > 1 for place, values in drawn.items() if "texture" not in place)

@@ -1,0 +1,121 @@
+"""Environments with arguments and seeds of their own: their plans as one, and what a step has of one of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from evis.config.params import EACH
+from evis.runtime.plan import Plan
+from evis.scene.parameters import SCENE, camera_of, scene_of
+from evis.scene.stereo import baseline
+from evis.simulation.errors import SimulationError
+from evis.simulation.step import CameraOutputs, Step, on_host
+from msgs.camera import CameraInfo, EventPacket, Image
+from msgs.fields import array_specs
+from msgs.header import Message
+from nodes.event_sensor.parameters import SENSOR
+
+OWN = ("scene_args", "seed")
+"""Parameters of any node that environments may have for themselves."""
+
+
+def together(plans: Sequence[Plan]) -> Plan:
+    """Makes one plan of those that environments would have by themselves; it is the first one, changed.
+
+    They may differ in arguments of the scene, which decide values and not what there is, in parameters of the event
+    sensor, and in seeds. Raises SimulationError naming anything else.
+    """
+    first = plans[0]
+    for env, plan in enumerate(plans):
+        if list(plan.nodes) != list(first.nodes):
+            raise SimulationError(f"environment {env} needs other nodes than environment 0; simulate it by itself")
+    for name, node in first.nodes.items():
+        rows = [plan.nodes[name].params for plan in plans]
+        own = [key for key in rows[0] if any(row[key] != rows[0][key] for row in rows)]
+        may = (*OWN, *SENSOR) if node.target.endswith(":EventSensorNode") else OWN
+        if shared := [key for key in own if key not in may]:
+            raise SimulationError(
+                f"environments have {shared[0]} of {name} in common; environment 0 has {rows[0][shared[0]]!r}, another "
+                f"one {next(row[shared[0]] for row in rows if row[shared[0]] != rows[0][shared[0]])!r}"
+            )
+        keys = dict.fromkeys([*own, *(["seed"] if "seed" in rows[0] else [])])
+        if keys:
+            node.params = {**node.params, EACH: [{key: row[key] for key in keys} for row in rows]}
+    return first
+
+
+def alone(step: Step, env: int, infos: Mapping[str, CameraInfo]) -> Step:
+    """Gives what a step has of one environment, as if that had been simulated by itself.
+
+    infos: CameraInfo of each camera for that environment, in the place of one that the step has. Raises
+    SimulationError for an output that cannot be taken apart.
+    """
+    cameras = {
+        name: {key: _part(key, value, env, infos.get(name)) for key, value in vars(outputs).items()}
+        for name, outputs in step.cameras.items()
+    }
+    first = next(iter(step.cameras), "")
+    of_no_camera = {
+        key: _part(key, value, env, None)
+        for key, value in vars(step).items()
+        if key not in ("stamp_ns", "episodes", "over", "cameras") and key not in vars(step.cameras.get(first, _NONE))
+    }
+    return Step(step.stamp_ns, step.episodes[env : env + 1], cameras, of_no_camera, step.over)
+
+
+_NONE = CameraOutputs({})
+
+
+def _part(name: str, value: Any, env: int, info: CameraInfo | None) -> Any:
+    if value is None or isinstance(value, CameraInfo):
+        return None if value is None else info
+    if isinstance(value, EventPacket):
+        return _events(value, env)
+    if isinstance(value, Image):
+        raise SimulationError(f"{name} is of environment 0 alone; simulate environments one at a time for it")
+    return _message(value, env) if isinstance(value, Message) else value[env : env + 1]
+
+
+def _events(packet: EventPacket, env: int) -> EventPacket:
+    packet = packet if isinstance(packet.t, np.ndarray) else on_host(packet)
+    first, end = packet.env_offsets[env : env + 2].tolist()
+    columns: dict[str, Any] = {name: getattr(packet, name) for name in ("t", "x", "y", "p", "c")}
+    columns = {name: column if column is None else column[first:end] for name, column in columns.items()}
+    whole: Any = packet
+    part: EventPacket = dataclasses.replace(whole, **columns, env_offsets=np.array([0, end - first]))
+    return part
+
+
+def _message(message: Message, env: int) -> Message:
+    """Arrays that lead with E are cut; of tables the rows of the environment are taken."""
+    found: dict[str, Any] = {}
+    specs = array_specs(type(message))
+    for name, array in message.arrays().items():
+        table = f"{name.split('_')[0]}_env"
+        if specs[name].dims[0] == "E":
+            found[name] = array[env : env + 1]
+        elif table in specs:
+            mine = getattr(message, table) == env
+            found[name] = np.zeros(int(mine.sum()), np.int32) if name == table else array[mine]
+    whole: Any = message
+    part: Message = dataclasses.replace(whole, **found)
+    return part
+
+
+def info_of(info: CameraInfo, env: int, plan: Plan, physics: str) -> CameraInfo:
+    """Gives the CameraInfo of one environment, as it would have been by itself.
+
+    info: of all of them. plan: that of the environment by itself. physics: its node that steps the world.
+    """
+    scene = scene_of("simulation", {key: plan.nodes[physics].params.get(key) for key in (*SCENE, "seed")})
+    lens: dict[str, Any] = {}
+    if info.env_k is not None and info.env_distortion is not None:
+        lens = {"k": info.env_k[env], "distortion": info.env_distortion[env], "env_k": None, "env_distortion": None}
+    drawn = {place: values[env : env + 1] for place, values in info.drawn.items() if values[env] is not None}
+    sensor = plan.sensors.get(f"/{info.name}", {})
+    apart = baseline(scene, camera_of(scene, info.name))
+    return dataclasses.replace(info, envs=1, sensor=sensor, drawn=drawn, baseline=apart, **lens)

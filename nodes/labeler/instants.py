@@ -1,0 +1,105 @@
+"""Everything that a camera sees at one instant, in several environments, and flow from one instant to another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from evis.scene.model import Camera, Scene
+from nodes.labeler import instant_kernels as kernels
+from nodes.labeler.motion_kernels import Motion
+from nodes.labeler.sight import Sight
+from nodes.renderer.raster.visibility import Visibility
+
+
+@dataclass
+class Seen:
+    """Holds what every pixel sees, on the device: ids int32 [E, P], 0 for the background, points [E, P] in the camera's
+    frame, and normals [E, P] in the frame of their mesh."""
+
+    ids: wp.array
+    points: wp.array
+    normals: wp.array
+
+
+@dataclass
+class Instant:
+    """Holds where things are at an instant, and what the pixels see of them once somebody has looked.
+
+    poses: of the bodies, float64 [E, N, 7]. ways: of the meshes, on the device.
+    """
+
+    poses: np.ndarray
+    ways: Any
+    seen: Seen | None = None
+
+    def same(self, other: Instant) -> bool:
+        """Tells whether everything is where it is at another instant."""
+        return np.array_equal(self.poses, other.poses)
+
+
+class Instants:
+    """Looks at instants with one camera."""
+
+    def __init__(self, scene: Scene, camera: Camera, sight: Sight) -> None:
+        """sight: of the same camera."""
+        self._scene, self._camera, self._sight, self._device = scene, camera, sight, sight.device
+        self._directions: wp.array = wp.array(sight.pixels()[0], dtype=wp.vec3d, device=self._device)
+        self._raster: Visibility | None = None
+        self._shell: wp.array = wp.array(sight.shell, dtype=wp.int32, device=self._device)
+
+    def at(self, motion: Motion, envs: np.ndarray, t: int) -> Instant:
+        """Finds where things are in environments int64 [E] at a time [ns], which outside the motion's counts to its
+        nearest end."""
+        bodies, instances = (len(envs), motion.place.shape[0]), (len(envs), len(self._shell))
+        poses: wp.array = wp.empty(bodies, dtype=wp.transformd, device=self._device)
+        ways: Any = kernels.Ways()
+        ways.turn = wp.empty(instances, dtype=wp.mat33d, device=self._device)
+        ways.shift = wp.empty(instances, dtype=wp.vec3d, device=self._device)
+        of: wp.array = wp.array(envs.astype(np.int32), dtype=wp.int32, device=self._device)
+        wp.launch(kernels.find_poses, bodies, [motion, of, t], [poses], device=self._device)
+        given = [self._sight.surfaces, motion, of, t]
+        wp.launch(kernels.find_ways, instances, given, [ways], device=self._device)
+        return Instant(np.array(poses.numpy()).reshape(*bodies, 7), ways)
+
+    def seen(self, instant: Instant) -> Seen:
+        """Gives what every pixel sees."""
+        if instant.seen is None:
+            envs, device = len(instant.poses), self._device
+            if self._raster is None or self._raster.envs != envs:
+                self._raster = Visibility(self._scene, self._camera, envs, device=str(device))
+            raster = self._raster
+            raster.update(instant.poses)
+            seen = Seen(*(self._empty(instant, kind) for kind in (wp.int32, wp.vec3d, wp.vec3)))
+            given = [instant.ways, int(self._sight.lens is not None), self._directions]
+            given += [raster.packed.reshape(seen.ids.shape)]
+            given += [raster.triangles, raster.triangle_instance, raster.points]
+            wp.launch(kernels.find_points, seen.ids.shape, given, [seen.ids, seen.points, seen.normals], device=device)
+            instant.seen = seen
+        return instant.seen
+
+    def flow(self, start: Instant, end: Instant) -> tuple[np.ndarray, np.ndarray]:
+        """Gives how far what pixels see at one instant has moved at another, float32 [E, H, W, 2] px, and whether it is
+        seen there, uint8 [E, H, W]."""
+        sight, device, (width, height) = self._sight, self._device, self._sight.size
+        seen = self.seen(start)
+        shape = seen.ids.shape
+        flow, valid = self._empty(start, wp.vec2), self._empty(start, wp.uint8)
+        places: wp.array = wp.empty((0, 0), dtype=wp.vec2d, device=device)
+        if sight.lens is not None:
+            points = self._empty(start, wp.vec3d)
+            given = [start.ways, end.ways, seen.ids, seen.points]
+            wp.launch(kernels.carry_points, shape, given, [points], device=device)
+            projected = sight.project(points.numpy().reshape(-1, 3))
+            places = wp.array(projected.reshape(*shape, 2), dtype=wp.vec2d, device=device)
+        given = [sight.surfaces, start.ways, end.ways, self._shell, wp.mat33d(*sight.k.ravel()), width, height]
+        given += [seen.ids, seen.normals, seen.points, places]
+        wp.launch(kernels.flow_to_places, shape, given, [flow, valid], device=device)
+        image = len(start.poses), height, width
+        return flow.numpy().reshape(*image, 2), valid.numpy().reshape(image)
+
+    def _empty(self, instant: Instant, kind: Any) -> wp.array:
+        return wp.empty((len(instant.poses), len(self._directions)), dtype=kind, device=self._device)

@@ -1,0 +1,94 @@
+"""Environments with arguments and seeds of their own give what each gives by itself, to the bit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import evis
+from msgs.header import Message
+
+SIZE = {"width": 40, "height": 30}
+CASES: dict[str, tuple[str, dict[str, Any], list[dict[str, Any]], list[str]]] = {
+    "arguments, sensor, seeds": (
+        "spinning_disk",
+        {"shot_rate": 3.0, "threshold_mismatch": 0.03},
+        [
+            {"omega": 20.0, "texture": 1, "seed": 5},
+            {"omega": 60.0, "defocus": 0.4, "centre": [0.1, -0.1], "seed": 77},
+            {"threshold": 0.3, "standoff": 1.05, "seed": 5},
+        ],
+        ["events", "info", "keyframe", "depth", "state", "labels.forward_flow", "labels.boxes", "labels.poses"],
+    ),
+    "seeds alone, labels of events": (
+        "spinning_disk",
+        {"leak_rate": 1.0},
+        [{"seed": 9}, {"seed": 3}],
+        ["events", "info", "labels.events"],
+    ),
+    "worlds that are drawn, with an engine": (
+        "falling_objects",
+        {"vary": 1, "shot_rate": 2.0},
+        [{"seed": 4}, {"seed": 40}],
+        ["events", "info", "state", "labels.boxes3d", "labels.velocities"],
+    ),
+}
+
+
+def same(a: Any, b: Any) -> None:
+    """Two outputs, bit for bit."""
+    if isinstance(a, Message):
+        assert type(a) is type(b) and a.scalars() == b.scalars()
+        mine, other = a.arrays(), b.arrays()
+        assert mine.keys() == other.keys()
+        for name in mine:
+            same(mine[name], other[name])
+    elif isinstance(a, np.ndarray):
+        assert a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+    else:
+        assert a == b
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_environments_are_what_they_are_by_themselves(case: str) -> None:
+    """At every step, from CameraInfo to what the sensor held back; also after a reset."""
+    scene, shared, each, outputs = CASES[case]
+    with evis.Simulation(scene, outputs=outputs, each=each, **SIZE, **shared) as sim:
+        sim.run(0.05)
+        steps = [sim.reset(), sim.step(), sim.step(), sim.finish()]
+        for env, own in enumerate(each):
+            with evis.Simulation(scene, outputs=outputs, **SIZE, **{**shared, **own}) as single:
+                for step, expected in zip(steps, [single.reset(), single.step(), single.step(), single.finish()]):
+                    part = sim.alone(step, env)
+                    assert vars(part).keys() == vars(expected).keys() and part.stamp_ns == expected.stamp_ns
+                    for name in outputs:
+                        name = name.partition(".")[0]
+                        same(getattr(part, name), getattr(expected, name))
+        assert len({sim.alone(steps[2], env).events.t.tobytes() for env in range(len(each))}) == len(each)
+
+
+def test_environments_of_one_seed_after_the_other_can_be_taken_apart_too() -> None:
+    with evis.Simulation("spinning_disk", envs=2, seed=6, outputs=["events", "info"], shot_rate=9.0, **SIZE) as sim:
+        steps = [sim.reset(), sim.step()]
+        with evis.Simulation("spinning_disk", seed=7, outputs=["events", "info"], shot_rate=9.0, **SIZE) as single:
+            for step, expected in zip(steps, [single.reset(), single.step()]):
+                same(sim.alone(step, 1).events, expected.events)
+                same(sim.alone(step, 1).info, expected.info)
+        with pytest.raises(evis.SimulationError, match="no environment 2; there are 2"):
+            sim.alone(steps[0], 2)
+
+
+@pytest.mark.parametrize(
+    ("each", "words"),
+    [
+        ([{"keyframe_rate": 30}, {"keyframe_rate": 60}], "environments have keyframe_rate of physics in common"),
+        ([{"width": 40}, {"width": 50}], "environments have width of .* in common; environment 0 has 40"),
+        ([{"omega": 20}, {"omga": 30}], "omga"),
+    ],
+)
+def test_what_environments_have_in_common_is_named(each: list[dict[str, Any]], words: str) -> None:
+    with pytest.raises(evis.SimulationError, match=words) as told:
+        evis.Simulation("spinning_disk", each=each, height=30)
+    assert "\n" not in str(told.value)
