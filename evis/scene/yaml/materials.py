@@ -11,10 +11,13 @@ import numpy as np
 from evis.scene import textures
 from evis.scene.errors import SceneError
 from evis.scene.model import Material
+from evis.scene.own.picture import read_picture
 from evis.scene.pictures import load_picture
+from evis.scene.sources import note
+from evis.scene.yaml.own_files import drawn_file
 from evis.scene.yaml.reader import Fields
 
-KINDS = ("blobs", "noise", "checker", "bricks", "planks", "image")
+KINDS = ("blobs", "noise", "leaves", "checker", "bricks", "planks", "image")
 
 
 def read_material(
@@ -22,7 +25,7 @@ def read_material(
 ) -> Material:
     """Reads one entry of `materials:`; albedo, emission [W/(sr m^2)], roughness, metallic, two_sided, texture.
 
-    folder: where image files are looked for. textures=False: no texture is made. made: pictures made by code before,
+    folder: where image files are looked for. textures=False: no texture is made. made: pictures made or read before,
     which are not made again.
     """
     section = fields.section("texture", "texture")
@@ -43,28 +46,47 @@ def read_material(
 def _texture(fields: Fields, folder: Path, made: dict[Any, Any]) -> np.ndarray:
     """float32 [h, w, 3] of a `texture:` map."""
     kind = fields.text("kind", choices=KINDS)
-    if kind == "image":
+    own = drawn_file(fields, "texture", folder)
+    if kind == "image" and own is None:
         image = _image(fields, folder)
         fields.done()
         return image
-    make, arguments = _recipe(kind, fields)
+    size = fields.whole("size", 256, minimum=2, maximum=4096)
+    make, arguments = _recipe(kind, fields, size) if kind != "image" else (None, ())
     wedge = fields.section("wedge", "wedge")
     sector = (wedge.angle("angle"), wedge.fraction("value", 0.5)) if wedge else None
     if wedge:
         wedge.done()
     fields.done()
-    key = make, arguments, sector
+    key = (own, size) if own else (make, arguments, sector)
     if key not in made:
-        image = make(*arguments)
-        image = image if sector is None else textures.add_wedge(image, *sector)
-        made[key] = np.ascontiguousarray(np.repeat(np.clip(image, 0.0, 1.0)[..., None], 3, axis=-1))
+        made[key] = _own_picture(fields, own, size) if own else _made(make, arguments, sector)
     picture: np.ndarray = made[key]
     return picture
 
 
-def _recipe(kind: str, fields: Fields) -> tuple[Callable[..., np.ndarray], tuple[Any, ...]]:
+def _made(
+    make: Callable[..., np.ndarray] | None, arguments: tuple[Any, ...], sector: tuple[float, float] | None
+) -> np.ndarray:
+    """A picture by code, linear float32 [h, w, 3]."""
+    assert make is not None
+    image = make(*arguments)
+    image = image if sector is None else textures.add_wedge(image, *sector)
+    image = np.clip(image, 0.0, 1.0)
+    return np.ascontiguousarray(image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=-1))
+
+
+def _own_picture(fields: Fields, path: Path, size: int) -> np.ndarray:
+    """A picture of the user's, at most `size` texels long where above 0."""
+    try:
+        return read_picture(note(path), size)
+    except SceneError as error:
+        key = "folder" if size else "file"
+        raise fields.error(key, f"names what cannot be used: {error}; mend it or take it away") from None
+
+
+def _recipe(kind: str, fields: Fields, size: int) -> tuple[Callable[..., np.ndarray], tuple[Any, ...]]:
     """What makes a picture, with its arguments."""
-    size = fields.whole("size", 256, minimum=2, maximum=4096)
     low, high = fields.fraction("low", 0.0), fields.fraction("high", 1.0)
     if kind == "checker":
         return textures.checker, (size, fields.whole("cells", 8, minimum=1), low, high)
@@ -74,6 +96,9 @@ def _recipe(kind: str, fields: Fields) -> tuple[Callable[..., np.ndarray], tuple
             raise fields.error("cells", f"is {cells}; the rows of bricks must be even in number")
         make = textures.bricks if kind == "bricks" else textures.planks
         return make, (size, cells, low, high, joint, _seed(fields))
+    if kind == "leaves":
+        feature = fields.number("feature", 0.2, above=0.0, maximum=0.5)
+        return textures.leaves, (size, _seed(fields), feature, low, high, fields.fraction("colour", 1.0))
     feature = fields.number("feature", 0.02, above=0.0)
     return (textures.blobs if kind == "blobs" else textures.noise), (size, _seed(fields), feature, low, high)
 
@@ -88,6 +113,8 @@ def _image(fields: Fields, folder: Path) -> np.ndarray:
     path = folder / name
     if not path.is_file():
         raise fields.error("file", f"names {name}, which is not in {folder or '.'}")
+    if path.suffix.lower() == ".exr":
+        return _own_picture(fields, path, 0)
     try:
         return load_picture(path)
     except SceneError as error:
