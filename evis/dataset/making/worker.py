@@ -77,13 +77,13 @@ class Maker:
     def _simulation(self, plan: Plan) -> Iterator[tuple[Simulation, dict[str, CameraInfo]]]:
         """A simulation of these arguments, and its cameras; the last one where only the seed is another."""
         place = (plan.scene, plan.arguments.get("width"), plan.arguments.get("height"))
-        wanted = (plan.arguments, plan.outputs, plan.labels)
+        wanted = (plan.given, plan.outputs, plan.labels)
         before = self._warm.pop(place, None)
         if before is None or before[0] != wanted:
             if before is not None:
                 before[1].close()
             outputs = [*dict.fromkeys((*plan.outputs, *BESIDES)), *(f"labels.{kind}" for kind in plan.labels)]
-            before = wanted, Simulation(plan.scene, outputs=outputs, seed=plan.seed, **plan.arguments), {}
+            before = wanted, Simulation(plan.scene, outputs=outputs, seed=plan.seed, **plan.given), {}
         try:
             yield before[1], before[2]
         except BaseException:
