@@ -51,6 +51,7 @@ docs: .venv/base
 	@$(BIN)/python docs/rooms.py
 	@$(BIN)/python -m bench.documents
 	@$(BIN)/python -m evis.demo.gallery --out docs/scenes
+	@$(BIN)/python -m evis.demo.sheets --out docs/recipes
 
 clean:
 	rm -rf .venv .venv-extras demo report build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,8 @@ class Plan:
     """Describes one sequence before it is made.
 
     name: of its folder, also that of a file. path: where it lies below the data set's folder. arguments: of the scene
-    and the launch file. outputs: of the simulation. layout: how it is written.
+    and the launch file, as the recipe has them. folders: those of them that are folders, where they lie here.
+    outputs: of the simulation. layout: how it is written.
     """
 
     index: int
@@ -33,6 +35,12 @@ class Plan:
     outputs: tuple[str, ...]
     labels: tuple[str, ...]
     layout: str
+    folders: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The arguments as the simulation is given them on this machine."""
+        return {**self.arguments, **self.folders}
 
     @property
     def scene_name(self) -> str:
@@ -52,13 +60,18 @@ class Plan:
 
 @dataclass(frozen=True)
 class SceneDraws:
-    """Describes what is drawn of one scene. weight: of so many sequences in a round. where: file:line."""
+    """Describes what is drawn of one scene. weight: of so many sequences in a round. where: file:line.
+
+    home: the recipe's folder, from where folders among the arguments, those of the names `folders`, begin.
+    """
 
     target: str
     weight: int
     constants: dict[str, Any]
     axes: tuple[Axis, ...]
     where: str
+    home: str = ""
+    folders: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -71,9 +84,21 @@ class SceneDraws:
         return math.prod(axis.levels for axis in self.axes)
 
     def corners(self) -> list[dict[str, Any]]:
-        """Lists the arguments with everything at its first and at its last value."""
+        """Lists the arguments with everything at its first and at its last value, as a simulation is given them."""
         ends = [{axis.name: axis.at([u] * axis.components) for axis in self.axes} for u in (0.0, 1.0 - 2.0**-53)]
-        return [{**self.constants, **values} for values in ends]
+        found = [{**self.constants, **values} for values in ends]
+        return [{**arguments, **self.places(arguments)} for arguments in found]
+
+    def places(self, arguments: Mapping[str, Any]) -> dict[str, str]:
+        """Finds where the folders among some arguments lie; "" is none."""
+        given = {name: os.path.expanduser(arguments[name]) for name in self.folders if arguments.get(name)}
+        return {name: os.path.abspath(os.path.join(self.home, folder)) for name, folder in given.items()}
+
+    def all_folders(self) -> dict[str, str]:
+        """Lists all folders that a sequence may read from, as the recipe names them, and where each lies."""
+        named = [{axis.name: choice} for axis in self.axes for choice in axis.choices if axis.name in self.folders]
+        named += [{name: self.constants[name]} for name in self.folders if name in self.constants]
+        return {str(one[name]): place for one in named for name, place in self.places(one).items()}
 
 
 @dataclass(frozen=True)
@@ -81,7 +106,8 @@ class Recipe:
     """Describes a data set. count: sequences that the recipe asks for; more can be made, and the first ones stay.
 
     seeds: sequences of each draw of arguments, which differ in their seed alone. duration: an axis, in seconds.
-    splits: share of each, 1 in all; empty = none. text: what the file says, as JSON has it.
+    splits: share of each, 1 in all; empty = none. text: what the file says, as JSON has it. files: those of the user's
+    that the scenes are made of, name -> SHA-256.
     """
 
     name: str
@@ -97,6 +123,7 @@ class Recipe:
     labels: tuple[str, ...]
     scenes: tuple[SceneDraws, ...]
     text: dict[str, Any]
+    files: dict[str, str] = field(default_factory=dict)
 
     @cached_property
     def digest(self) -> str:
@@ -104,7 +131,19 @@ class Recipe:
         said = {key: value for key, value in self.text.items() if key != "description"}
         if self.sampling != "latin":  # where the number of strata is part of every draw
             said.pop("sequences", None)
+        if self.files:
+            said["files"] = self.files
         return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()
+
+    def changed(self, index: Mapping[str, Any]) -> str:
+        """Names the first of the user's files that is another than that of a data set of this recipe; "" = none is."""
+        before = index.get("recipe_files", {})
+        said = {key: value for key, value in index.get("recipe", {}).items() if key not in ("name", "description")}
+        mine = {key: value for key, value in self.text.items() if key not in ("name", "description")}
+        if said != mine:
+            return ""
+        names = [name for name in {**before, **self.files} if before.get(name) != self.files.get(name)]
+        return names[0] if names else ""
 
     @cached_property
     def _round(self) -> tuple[int, ...]:
@@ -125,18 +164,20 @@ class Recipe:
         how = "random" if grid else self.sampling
         (duration,) = draw([self.duration], how, self.seed, "", n, self.count).values()
         name, split = f"{scene.name}_{index:05d}", self._split(n)
+        arguments = {**scene.constants, **drawn}
         return Plan(
             index=index,
             name=name,
             split=split,
             path=f"{split}/{name}" if split else name,
             scene=scene.target,
-            arguments={**scene.constants, **drawn},
+            arguments=arguments,
             seed=whole(key_of(self.seed, "seed"), index),
             duration_s=float(duration),
             outputs=self.outputs,
             labels=self.labels,
             layout=self.layout,
+            folders=scene.places(arguments),
         )
 
     def sequences(self, count: int | None = None) -> Sequence[Plan]:

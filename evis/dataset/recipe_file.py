@@ -17,6 +17,7 @@ from evis.dataset.draws import SAMPLINGS, SCALES, Axis
 from evis.dataset.errors import DatasetError
 from evis.dataset.layouts import LAYOUTS
 from evis.dataset.recipe import Recipe, SceneDraws
+from evis.dataset.recipe_sources import files_of, folders_of
 from evis.launch.target import Target, read_target, scene_arguments
 from evis.simulation.outputs import NAMES
 
@@ -41,6 +42,7 @@ OWN = {
     "pace": "nothing waits for the clock here",
 }
 """Arguments of launch files that a recipe gives itself."""
+METHOD = "interpolator"
 LONGEST = 1e6
 """Longest sequence [s]."""
 
@@ -99,6 +101,7 @@ def read_recipe(name: str | Path, duration_s: float | None = None) -> Recipe:
         labels=tuple(map(str, values["labels"])),
         scenes=scenes,
         text={**_plain(table), "sequences": count},
+        files=files_of(scenes),
     )
 
 
@@ -131,7 +134,10 @@ def _scenes(table: Table, path: Path, sampling: str) -> list[SceneDraws]:
                     axes[key] = value
                 else:
                     constants[key] = value
-        found.append(SceneDraws(target, weight, constants, tuple(axes.values()), scenes.where(name)))
+        where = next((p for p in (submap(entry, "arguments"), shared) if METHOD in p), None)
+        _repeatable(where.where(METHOD) if where else scenes.where(name), graph, constants, axes)
+        home, folders = os.path.abspath(path.parent), tuple(folders_of(graph))
+        found.append(SceneDraws(target, weight, constants, tuple(axes.values()), scenes.where(name), home, folders))
     stems = [scene.name for scene in found]
     if twice := next((stem for stem in stems if stems.count(stem) > 1), None):
         raise LaunchError(f"{scenes.where()}: two scenes are called {twice}; their sequences would have the same names")
@@ -154,6 +160,16 @@ def _declared(part: Table, key: str, known: Mapping[str, Param], scene: str, gra
     if known[key].secret:
         raise LaunchError(f"{part.where(key)}: '{key}' is a secret, which a data set does not keep")
     return known[key]
+
+
+def _repeatable(where: str, graph: Target, constants: Mapping[str, Any], axes: Mapping[str, Axis]) -> None:
+    """Raises LaunchError where a sequence would depend on the machine that makes it. where: of the argument."""
+    default = graph.launch.arguments[METHOD].param.default if METHOD in graph.launch.arguments else ""
+    if "auto" in (axes[METHOD].choices if METHOD in axes else (constants.get(METHOD, default),)):
+        raise LaunchError(
+            f"{where}: interpolator: auto chooses by how fast this machine is, and a sequence must be the same on all; "
+            "write what `evis launch SCENE interpolator:=auto --explain` chooses: none, splat or rigid"
+        )
 
 
 def _axis(table: Table, key: str, param: Param, sampling: str) -> Any:

@@ -23,7 +23,9 @@ MAX_PIXELS = 16384
 """Largest width and height of a camera [px]."""
 _SECTIONS = ("materials", "world", "bodies", "lights")
 """What an included file adds to the scene's own; of the rest, the scene's own counts."""
-_TYPES: dict[str, type] = {"float": float, "int": int, "str": str, "bool": bool, "vector": list}
+FOLDER = "folder"
+"""Type of an argument that names a folder of the user's; "" = none."""
+_TYPES: dict[str, type] = {"float": float, "int": int, "str": str, "bool": bool, "vector": list, FOLDER: str}
 
 
 def load_scene(
@@ -71,7 +73,18 @@ def _values(path: Path, table: Table, overrides: Mapping[str, Any], draws: Draws
             values[key] = param.convert(f"scene {path.stem}, {fields.table.where('default')}", key, value)
         if key in components:
             values[key] = _vector(path.stem, key, values[key], *components[key])
+    for key in _folders(table):
+        if values[key]:  # from where it was given: by the scene file, or by who asks for the scene
+            home = Path() if key in overrides else path.parent
+            values[key] = str((home / Path(values[key]).expanduser()).absolute())
     return values
+
+
+def _folders(table: Table) -> list[str]:
+    """Names the arguments that are folders."""
+    declared = table.get("args")
+    entries = declared.items() if isinstance(declared, Table) else ()
+    return [name for name, entry in entries if isinstance(entry, Table) and entry.get("type") == FOLDER]
 
 
 def _drawn_default(path: Path, table: Table, key: str, before: Mapping[str, Any], draws: Draws) -> Fields | None:
@@ -98,6 +111,11 @@ def scene_args(name_or_path: str) -> dict[str, Param]:
     """Returns the arguments of a scene, name -> typed parameter; width and height are always among them."""
     path = find_scene(name_or_path)
     return _arguments(path, _document(path))[0]
+
+
+def folder_args(name_or_path: str) -> list[str]:
+    """Names the arguments of a scene that are folders, of pictures or meshes. Reads the YAML only."""
+    return _folders(_document(find_scene(name_or_path)))
 
 
 def is_dynamic(name_or_path: str) -> bool:

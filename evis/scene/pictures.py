@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from evis.files.allowance import Allowance, AllowanceError
-from evis.scene.colour import linear_from_bytes
+from evis.scene.colour import linear_from_bytes, linear_from_srgb
 from evis.scene.errors import SceneError
 from evis.scene.sources import note
 
@@ -58,6 +58,11 @@ def load_picture(source: Path | bytes) -> np.ndarray:
 def texels_of(picture: Any) -> np.ndarray:
     """Returns the texels of a picture that Pillow has open and `check_picture` has let pass."""
     try:
+        if picture.mode.startswith("I;16"):  # grey of 16 bits, of which Pillow's conversion would leave the lowest 8
+            grey = linear_from_srgb(np.asarray(picture, np.float64) / 65535)
+            return np.repeat(grey[..., None], 3, axis=2)
+        if picture.mode in ("I", "F"):
+            raise ValueError(f"its texels are of the kind {picture.mode}; save it with 8 or 16 bits a channel")
         return linear_from_bytes(np.asarray(picture.convert("RGB")))
     except Exception as error:  # Pillow raises OSError, SyntaxError, ValueError and others for damaged files
         raise SceneError(f"which is a damaged picture: {_line(error)}") from None

@@ -7,6 +7,7 @@ about one texel per pixel.
 from __future__ import annotations
 
 from functools import lru_cache
+from math import floor
 
 import numpy as np
 
@@ -14,6 +15,8 @@ FINE = 1024
 """Texels along each side before filtering."""
 KEPT = 6
 """Patterns that are kept unfiltered, 8 MB each: scenes that are loaded again often differ in their filter alone."""
+RADII = 12
+"""Radius of the largest leaf over that of the smallest."""
 
 
 def blobs(size: int, seed: int, feature: float, low: float = 0.0, high: float = 1.0) -> np.ndarray:
@@ -32,6 +35,47 @@ def noise(size: int, seed: int, feature: float, low: float = 0.0, high: float = 
     smooth = _blurred_noise(seed, feature)
     unit = np.clip(0.5 + (smooth - smooth.mean()) / (5.0 * smooth.std()), 0.0, 1.0)
     return _shrink(low + (high - low) * unit, size)
+
+
+def leaves(
+    size: int, seed: int, feature: float, low: float = 0.0, high: float = 1.0, colour: float = 1.0
+) -> np.ndarray:
+    """Makes opaque leaves, disks and squares, that cover each other: edges and corners of all sizes, as pictures of
+    the world have them (the dead leaves model; Lee, Mumford and Huang, Int. J. Computer Vision 41, 2001).
+
+    float32 [size, size, 3], tileable. feature: radius of the largest leaf, of the width. Radii r are distributed as
+    r^-3 down to a twelfth of that. colour: 0 = all leaves grey, 1 = channels independent.
+    """
+    fine = 2 * size
+    random = np.random.Generator(np.random.Philox(key=[seed, 2]))
+    least, most = feature / RADII, feature
+    # So many that of the ground a share of e^-5 stays bare: a leaf has pi times the mean of r^2.
+    count = int(5 * (least**-2 - most**-2) / (2 * np.pi * np.log(RADII)))
+    radius = (least**-2 + random.random(count) * (most**-2 - least**-2)) ** -0.5
+    x, y, turn = random.random(count), random.random(count), random.random(count) * np.pi
+    angular = random.random(count) < 0.5
+    value = random.random((count + 1, 3)) ** 2  # as many dark ones as the logarithm of light asks for
+    value = low + (high - low) * (colour * value + (1 - colour) * value[:, :1])
+    image = np.full((fine, fine, 3), value[-1], np.float32)
+    texel = np.arange(3 * fine) + 0.5
+    cosine, sine = np.cos(turn), np.sin(turn)
+    for k in range(count):
+        half = radius[k] * (np.pi**0.5 / 2 if angular[k] else 1.0) * fine  # of a square's side, as large as the disk
+        reach = half * (2**0.5 if angular[k] else 1.0)
+        left, top, n = floor(x[k] * fine - reach), floor(y[k] * fine - reach), int(2 * reach) + 2
+        dx = texel[:n] + (left - x[k] * fine)
+        dy = (texel[:n] + (top - y[k] * fine))[:, None]
+        if angular[k]:
+            c, s = cosine[k], sine[k]
+            inside = (np.abs(c * dx + s * dy) < half) & (np.abs(c * dy - s * dx) < half)
+        else:
+            inside = dx * dx + dy * dy < half**2
+        if left >= 0 and top >= 0 and left + n <= fine and top + n <= fine:
+            image[top : top + n, left : left + n][inside] = value[k]
+        else:
+            rows, columns = np.nonzero(inside)
+            image[(top + rows) % fine, (left + columns) % fine] = value[k]
+    return 0.25 * (image[::2, ::2] + image[1::2, ::2] + image[::2, 1::2] + image[1::2, 1::2])
 
 
 def checker(size: int, cells: int, low: float = 0.0, high: float = 1.0) -> np.ndarray:

@@ -15,6 +15,7 @@ from evis.scene.parameters import SCENE, SEED, camera_of, seeds_of, worlds_of
 from msgs.camera import CameraInfo, Depth, Ids, Labels
 from msgs.header import Header, Message
 from msgs.world import WorldState
+from nodes.labeler.box_groups import OF, groups
 
 if TYPE_CHECKING:
     from nodes.labeler.geometry import Looks
@@ -59,6 +60,8 @@ class LabelerNode(Node):
             float, 0.0, "where forward_flow begins, as a part of the packet's interval: 0 = the stamp before", "", 0, 1
         ),
         "flow_to": Param(float, 1.0, "where forward_flow ends and backward_flow begins: 1 = the stamp", "", 0, 1),
+        "box_of": Param(str, "instance", "what has a box of its own: each instance, or each body", choices=OF),
+        "box_classes": Param(list, None, "classes of what gets boxes; not given = all", optional=True),
         "keyframe_rate": Param(float, 30.0, "rate of the states", "Hz", 1e-3, 1e6),
         "upsampling": Param(int, 8, "frames per keyframe interval (K), the sensor's steps", "", 1, 4096),
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
@@ -80,14 +83,20 @@ class LabelerNode(Node):
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
         """Names the inputs of the labels asked for. Raises ValueError for one that does not exist."""
         asked = kinds(params.get("labels"))
-        return frozenset().union(*(NEEDS[kind] for kind in asked)) if wanted else frozenset()
+        found = frozenset().union(*(NEEDS[kind] for kind in asked)) if wanted else frozenset()
+        return found | {"info"} if "ids" in found and _some_boxes(params) else found
 
     @classmethod
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Tells that an interval is of use for the flow over one alone."""
-        if {"forward_flow", "backward_flow"} & set(kinds(params.get("labels"))):
-            return {}
-        return dict.fromkeys(("flow_from", "flow_to"), "no label is a flow over an interval (labels:=forward_flow)")
+        """Tells that an interval is of use for the flow over one alone, and what has boxes for boxes alone."""
+        asked = set(kinds(params.get("labels")))
+        idle: dict[str, str] = {}
+        if not {"forward_flow", "backward_flow"} & asked:
+            why = "no label is a flow over an interval (labels:=forward_flow)"
+            idle |= dict.fromkeys(("flow_from", "flow_to"), why)
+        if "boxes" not in asked:
+            idle |= dict.fromkeys(("box_of", "box_classes"), "no label is of boxes (labels:=boxes)")
+        return idle
 
     def setup(self) -> None:
         """Checks the list of labels, and prepares what looks at meshes. Raises ValueError for an empty interval."""
@@ -96,6 +105,7 @@ class LabelerNode(Node):
         self.pure = labels
         self.kinds = kinds(self.params["labels"])
         self.info: CameraInfo | None = None
+        self.boxed: np.ndarray | None = None
         self.flow: list[labels.FlowField] = []
         self.pairing: Any = None
         self.geometry: Any = None
@@ -166,6 +176,7 @@ class LabelerNode(Node):
                 setattr(self.info, name, None if array is None else np.array(array))
             if before is None or not _same_view(before, self.info):
                 self.flow = []
+            self.boxed = None
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Publishes the labels of one stamp."""
@@ -179,7 +190,7 @@ class LabelerNode(Node):
         i = self.pure.crop(np.asarray(ids.ids), ids.margin) if ids is not None else None
         self._images(out, state, z, i)
         if "boxes" in self.kinds and i is not None:
-            out.box, out.box_env, out.box_id = self.pure.boxes(i)
+            out.box, out.box_env, out.box_id = self.pure.boxes(self._boxed(i) if _some_boxes(self.params) else i)
         if state is not None:
             self._bodies(out, state)
             self._meshes(out, state)
@@ -237,6 +248,14 @@ class LabelerNode(Node):
                 fields[e % len(fields)](state.end_pose[e], twist[e], depth[e], ids[e], arrays["flow"][e])
         for name, array in arrays.items():
             setattr(out, name, array)
+
+    def _boxed(self, ids: np.ndarray) -> np.ndarray:
+        """Ids with those of instances that share a box made one, and of those without a box 0."""
+        if self.boxed is None:
+            if self.info is None:
+                raise ValueError(f"{self.name} has no CameraInfo of {self.params['camera']}, which box_classes needs")
+            self.boxed = groups(self.info, self.params["box_of"], self.params["box_classes"])
+        return np.take(self.boxed, ids)
 
     def _classes(self) -> np.ndarray:
         """Semantic id of each instance id."""
@@ -303,6 +322,11 @@ class LabelerNode(Node):
             flow, valid = self.geometry.flow(self.now, start, end)
             setattr(out, f"{name}_flow", flow)
             setattr(out, f"{name}_valid", valid)
+
+
+def _some_boxes(params: Mapping[str, Any]) -> bool:
+    """Whether not every instance has a box of its own."""
+    return params.get("box_of", OF[0]) != OF[0] or params.get("box_classes") is not None
 
 
 def kinds(asked: Any) -> list[str]:

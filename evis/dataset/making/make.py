@@ -63,6 +63,8 @@ def open_store(recipe: Recipe, out: str, resume: bool) -> Store:
     if index is not None and index.get("recipe_digest") != recipe.digest:
         other = index.get("recipe", {}).get("name", "another one")
         which = f"this one as it was before ({other})" if other == recipe.name else other
+        if changed := recipe.changed(index):
+            which = f"this one as it was before {changed} changed"
         raise DatasetError(f"{out} holds the data set of another recipe, {which}; name a new folder")
     if index is not None and not resume:
         raise DatasetError(f"{out} holds this data set already; --resume goes on with it")
@@ -182,6 +184,7 @@ class _Run:
                 "format": FORMAT,
                 "recipe": {"name": recipe.name, **recipe.text},
                 "recipe_digest": recipe.digest,
+                **({"recipe_files": recipe.files} if recipe.files else {}),
                 "layout": recipe.layout,
                 "sequences": [self._entries[index] for index in sorted(self._entries)],
                 "failed": [{"index": index, "cause": self.made.failed[index]} for index in sorted(self.made.failed)],

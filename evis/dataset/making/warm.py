@@ -86,12 +86,12 @@ class Warm:
         with a simulation of its own.
         """
         place = (plan.scene, plan.arguments.get("width"), plan.arguments.get("height"))
-        wanted = (plan.arguments, plan.outputs, plan.labels)
+        wanted = (plan.given, plan.outputs, plan.labels)
         known = self._kept.pop(place, None)
         if known is not None and known[0] != wanted:
             known[1].close()
             known = None
-        simulation = known[1] if known is not None else self._made(plan, seed=plan.seed, **plan.arguments)
+        simulation = known[1] if known is not None else self._made(plan, seed=plan.seed, **plan.given)
         try:
             yield Playing(plan, simulation)
         except BaseException:
@@ -107,8 +107,8 @@ class Warm:
 
         Raises SimulationError also where they cannot be environments of one simulation.
         """
-        shared = {name: value for name, value in plans[0].arguments.items() if _shared(name, value, plans)}
-        own = [{name: value for name, value in plan.arguments.items() if name not in shared} for plan in plans]
+        shared = {name: value for name, value in plans[0].given.items() if _shared(name, value, plans)}
+        own = [{name: value for name, value in plan.given.items() if name not in shared} for plan in plans]
         each = [{**arguments, "seed": plan.seed} for arguments, plan in zip(own, plans)]
         simulation = self._made(plans[0], each=each, **shared)
         try:
@@ -129,7 +129,7 @@ class Warm:
 
 def _shared(name: str, value: Any, plans: Sequence[Plan]) -> bool:
     """Whether all sequences have one value of an argument."""
-    return all(name in plan.arguments and plan.arguments[name] == value for plan in plans)
+    return all(name in plan.given and plan.given[name] == value for plan in plans)
 
 
 def last_keyframe(plan: Plan, simulation: Simulation) -> int:

@@ -4,14 +4,15 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
 `40 deg`; colours are linear Rec. 709, one number is a grey; a value may be drawn by the environment's seed, see
 `drawing`; `${...}` is arithmetic over the arguments.
 
-    args:       {NAME: {type: float|int|str|bool|vector, default, min, max, choices, unit, help}}; width, height: always
+    args:       {NAME: {type: float|int|str|bool|vector|folder, default, min, max, choices, unit, help}};
+                width, height: always
     cameras:    {NAME: FRAME + {fov (vertical) | focal (px), width, height, near, supersampling,
                 rate (keyframes per second), distortion: {model: plumb_bob|equidistant, coefficients}}}
     bodies:     {NAME: FRAME + {motion: [MOTION], shapes: [SHAPE], semantic}}
     world:      [SHAPE], static
     materials:  {NAME: {albedo, emission, roughness, metallic, two_sided, texture: {kind: image, file} or
-                {kind: blobs|noise|checker|bricks|planks, size, low, high, seed, feature, cells, joint,
-                wedge: {angle, value}}}}
+                {kind: blobs|noise|leaves|checker|bricks|planks, size, low, high, seed, feature, colour,
+                cells, joint, wedge: {angle, value}}, where folder: DIR draws a picture of DIR in its place}}
     lights:     {NAME: {kind: directional, direction, irradiance} | {kind: point, position, intensity}
                 | {kind: spot, position, direction|look_at, intensity, cone, full: half-angles}
                 | {kind: area, position, direction|look_at, up, size, radiance}; all: body, shadows,
@@ -41,18 +42,21 @@ The file is YAML; every key is optional but `cameras` (an MJCF may do without). 
             in the body's frame, chained: {kind: spin, axis, rate} | {kind: swing, axis, amplitude, frequency, phase}
             | {kind: turn, axis, times, angles, loop, start_rate, end_rate}, a spline
     SHAPE:  {shape: box (size, edge: radius of round edges | tile) | sphere | ellipsoid | cylinder | capsule | disk
+            | torus (radius, tube) | rock (radius, rough, seed)
             | plane (size, repeat | tile, cells) | mesh (vertices, faces), material, name, position, rotation}
             or {shape: mesh, file: X.obj|ply|stl|gltf|glb, scale, up: y|z, crease}, with the file's own materials
+            folder: DIR draws a mesh of DIR in the shape's place
             semantic: the class of the thing; else its body's, its name or its body's name, without what copies add
 
-Entries of bodies, cameras, lights, world and shapes may have `copies:` and stand for many, see `copies`.
+Entries of bodies, cameras, lights, world, shapes and materials may have `copies:` and stand for many, see `copies`.
 Paths are relative to the scene file.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +78,7 @@ from evis.scene.yaml.lights import read_light
 from evis.scene.yaml.materials import read_material
 from evis.scene.yaml.motion import read_motion
 from evis.scene.yaml.reader import Fields
-from evis.scene.yaml.tessellate import read_parts, read_shape
+from evis.scene.yaml.tessellate import read_own, read_parts, read_shape
 
 SUBSTEP_NS = 1_000_000
 """Sub-step of /state unless the scene says otherwise [ns]: the 1 kHz that controllers and inertial sensors use."""
@@ -304,12 +308,13 @@ class _Builder:
         return self.index[name]
 
     def _materials(self, textures: bool) -> None:
-        for name, fields in self.top.sections("materials", "material").items():
-            self._add_material(read_material(name, fields, self.folder, textures, self.made), fields)
+        for name, entry in self.top.sections("materials", "material").items():
+            for ending, fields in self._copies(entry):
+                self._add_material(read_material(name + ending, fields, self.folder, textures, self.made), fields)
 
     def _add_material(self, material: Material, fields: Fields) -> None:
         if material.name in self.materials:
-            raise fields.error(None, "has a name that the MJCF uses already")
+            raise fields.error(None, f"has the name '{material.name}', which another material has already")
         self._take(0 if material.texture is None else material.texture.nbytes, fields)
         self.materials[material.name] = len(self.scene.materials)
         self.scene.materials.append(material)
@@ -329,6 +334,8 @@ class _Builder:
                 self._file(label, body, fields, material, pose, semantic)
             elif material is None:
                 raise fields.error(None, "needs 'material', such as grey, with materials: {grey: {albedo: 0.5}}")
+            elif (own := read_own(fields, self.folder, self.textures, self.made)) is not None:
+                self._parts(label, body, fields, material, pose, semantic, own)
             else:
                 mesh = read_shape(fields, self.made)
                 self._add_instance(Instance(label, body, mesh, material, pose, semantic), fields)
@@ -354,14 +361,30 @@ class _Builder:
     ) -> None:
         """Every mesh of a file as an instance, with the file's materials unless the entry names one."""
         parts = read_parts(fields, self.folders, self.textures, self.made)
+        if material is not None:
+            parts = [replace(part, material=None) for part in parts]
+        elif any(part.material is None for part in parts):
+            raise fields.error("file", f"names {fields.text('file')}, which has no material; add 'material'")
+        self._parts(label, body, fields, material, pose, semantic, parts)
+
+    def _parts(
+        self,
+        label: str,
+        body: int,
+        fields: Fields,
+        material: int | None,
+        pose: np.ndarray,
+        semantic: str,
+        parts: Sequence[Any],
+    ) -> None:
+        """Every part of a mesh as an instance, with its own material; those without one get `material`."""
         for i, part in enumerate(parts):
             chosen = material
-            if chosen is None:
-                if part.material is None:
-                    raise fields.error("file", f"names {fields.text('file')}, which has no material; add 'material'")
+            if part.material is not None:
                 if part.material.name not in self.materials:
                     self._add_material(part.material, fields)
                 chosen = self.materials[part.material.name]
+            assert chosen is not None
             name = label if len(parts) == 1 else f"{label}_{i}"
             self._add_instance(Instance(name, body, part.mesh, chosen, pose, semantic), fields)
 

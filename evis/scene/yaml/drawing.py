@@ -69,7 +69,10 @@ def drawn_within(value: Any, arguments: Mapping[str, Any], place: str = "") -> I
             yield place
     elif isinstance(value, Table):
         for key, inner in value.items():
-            if not (key == "random" and place.endswith(".copies")):
+            if key == "folder":
+                if not _settled_folder(inner, arguments):
+                    yield f"{place}.{key}"
+            elif not (key == "random" and place.endswith(".copies")):
                 yield from drawn_within(inner, arguments, f"{place}.{key}" if place else key)
             elif isinstance(inner, Table):
                 yield from drawn_within(inner.get("seed"), arguments, f"{place}.random.seed")
@@ -91,6 +94,14 @@ def _settled(value: Table, arguments: Mapping[str, Any]) -> bool:
     if isinstance(normal, dict):
         return bool(normal.get("sigma") == 0)
     return bool(_plain(filled.get("from")) == _plain(filled.get("to")))
+
+
+def _settled_folder(name: Any, arguments: Mapping[str, Any]) -> bool:
+    """Whether the `folder:` of a texture or shape names none, so that nothing is drawn from it."""
+    try:
+        return not substitute(name, arguments)
+    except ExpressionError:
+        return False
 
 
 def _plain(value: Any) -> Any:

@@ -12,12 +12,15 @@ import numpy as np
 from evis.scene import textures
 from evis.scene.errors import SceneError
 from evis.scene.model import Material
+from evis.scene.own.picture import read_picture
 from evis.scene.pictures import load_picture
+from evis.scene.sources import note
+from evis.scene.yaml.own_files import drawn_file
 from evis.scene.yaml.reader import Fields
 
 SMALL = 512
 """Texels along the side of pictures that are kept for other scenes, 3 MB at most."""
-KINDS = ("blobs", "noise", "checker", "bricks", "planks", "image")
+KINDS = ("blobs", "noise", "leaves", "checker", "bricks", "planks", "image")
 
 
 def read_material(
@@ -25,7 +28,7 @@ def read_material(
 ) -> Material:
     """Reads one entry of `materials:`; albedo, emission [W/(sr m^2)], roughness, metallic, two_sided, texture.
 
-    folder: where image files are looked for. textures=False: no texture is made. made: pictures made by code before,
+    folder: where image files are looked for. textures=False: no texture is made. made: pictures made or read before,
     which are not made again.
     """
     section = fields.section("texture", "texture")
@@ -46,30 +49,37 @@ def read_material(
 def _texture(fields: Fields, folder: Path, made: dict[Any, Any]) -> np.ndarray:
     """float32 [h, w, 3] of a `texture:` map."""
     kind = fields.text("kind", choices=KINDS)
-    if kind == "image":
+    own = drawn_file(fields, "texture", folder)
+    if kind == "image" and own is None:
         image = _image(fields, folder)
         fields.done()
         return image
-    make, arguments = _recipe(kind, fields)
+    size = fields.whole("size", 256, minimum=2, maximum=4096)
+    make, arguments = _recipe(kind, fields, size) if kind != "image" else (None, ())
     wedge = fields.section("wedge", "wedge")
     sector = (wedge.angle("angle"), wedge.fraction("value", 0.5)) if wedge else None
     if wedge:
         wedge.done()
     fields.done()
-    key = make, arguments, sector
+    key = (own, size) if own else (make, arguments, sector)
     if key not in made:
-        made[key] = _small_picture(*key) if arguments[0] <= SMALL else _picture(*key)
+        if own:
+            made[key] = _own_picture(fields, own, size)
+        else:
+            made[key] = _small_picture(*key) if arguments[0] <= SMALL else _picture(*key)
     picture: np.ndarray = made[key]
     return picture
 
 
 def _picture(
-    make: Callable[..., np.ndarray], arguments: tuple[Any, ...], sector: tuple[float, float] | None
+    make: Callable[..., np.ndarray] | None, arguments: tuple[Any, ...], sector: tuple[float, float] | None
 ) -> np.ndarray:
-    """Makes a picture, float32 [h, w, 3]. sector: angle [rad] and value of its wedge."""
+    """Makes a picture by code, linear float32 [h, w, 3]. sector: angle [rad] and value of its wedge."""
+    assert make is not None
     image = make(*arguments)
     image = image if sector is None else textures.add_wedge(image, *sector)
-    picture = np.ascontiguousarray(np.repeat(np.clip(image, 0.0, 1.0)[..., None], 3, axis=-1))
+    image = np.clip(image, 0.0, 1.0)
+    picture = np.array(image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=-1), order="C")
     picture.flags.writeable = False
     return picture
 
@@ -78,9 +88,17 @@ _small_picture = lru_cache(maxsize=16)(_picture)
 """Shared by scenes that differ in other things, as the sequences of a data set do."""
 
 
-def _recipe(kind: str, fields: Fields) -> tuple[Callable[..., np.ndarray], tuple[Any, ...]]:
+def _own_picture(fields: Fields, path: Path, size: int) -> np.ndarray:
+    """A picture of the user's, at most `size` texels long where above 0."""
+    try:
+        return read_picture(note(path), size)
+    except SceneError as error:
+        key = "folder" if size else "file"
+        raise fields.error(key, f"names what cannot be used: {error}; mend it or take it away") from None
+
+
+def _recipe(kind: str, fields: Fields, size: int) -> tuple[Callable[..., np.ndarray], tuple[Any, ...]]:
     """What makes a picture, with its arguments."""
-    size = fields.whole("size", 256, minimum=2, maximum=4096)
     low, high = fields.fraction("low", 0.0), fields.fraction("high", 1.0)
     if kind == "checker":
         return textures.checker, (size, fields.whole("cells", 8, minimum=1), low, high)
@@ -90,6 +108,9 @@ def _recipe(kind: str, fields: Fields) -> tuple[Callable[..., np.ndarray], tuple
             raise fields.error("cells", f"is {cells}; the rows of bricks must be even in number")
         make = textures.bricks if kind == "bricks" else textures.planks
         return make, (size, cells, low, high, joint, _seed(fields))
+    if kind == "leaves":
+        feature = fields.number("feature", 0.2, above=0.0, maximum=0.5)
+        return textures.leaves, (size, _seed(fields), feature, low, high, fields.fraction("colour", 1.0))
     feature = fields.number("feature", 0.02, above=0.0)
     return (textures.blobs if kind == "blobs" else textures.noise), (size, _seed(fields), feature, low, high)
 
@@ -104,6 +125,8 @@ def _image(fields: Fields, folder: Path) -> np.ndarray:
     path = folder / name
     if not path.is_file():
         raise fields.error("file", f"names {name}, which is not in {folder or '.'}")
+    if path.suffix.lower() == ".exr":
+        return _own_picture(fields, path, 0)
     try:
         return load_picture(path)
     except SceneError as error:

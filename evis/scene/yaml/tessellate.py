@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from evis.scene.errors import SceneError
 from evis.scene.folders import Folders
-from evis.scene.mesh import shapes
+from evis.scene.mesh import shapes, solids
 from evis.scene.model import Mesh
+from evis.scene.yaml.own_files import drawn_file
 from evis.scene.yaml.reader import Fields
 
-KINDS = ("box", "sphere", "ellipsoid", "cylinder", "capsule", "plane", "disk", "mesh")
+KINDS = ("box", "sphere", "ellipsoid", "cylinder", "capsule", "torus", "rock", "plane", "disk", "mesh")
 Recipe = tuple[Callable[..., Mesh], tuple[Any, ...]]
 
 
@@ -58,6 +60,10 @@ def _recipe(fields: Fields) -> Recipe:
         return shapes.sphere, (radius,)
     if kind == "disk":
         return shapes.disk, (radius,)
+    if kind == "torus":
+        return solids.torus, (radius, fields.number("tube", above=0.0))
+    if kind == "rock":
+        return solids.rock, (radius, fields.fraction("rough", 0.4), fields.whole("seed", 0, maximum=(1 << 32) - 1))
     height = fields.number("height", above=0.0)
     return (shapes.cylinder if kind == "cylinder" else shapes.capsule), (radius, height)
 
@@ -79,6 +85,30 @@ def _triples(fields: Fields, key: str) -> np.ndarray:
     if value.ndim != 2 or value.shape[1] != 3 or not np.isfinite(value).all():
         raise fields.error(key, "must be a list of [a, b, c] with finite numbers")
     return value
+
+
+def read_own(fields: Fields, home: Path, textures: bool, made: dict[Any, Any]) -> list[Any] | None:
+    """Reads the mesh of the user's that takes the place of a shape, scaled into its box; None where none does.
+
+    home: the scene's folder.
+    """
+    path = drawn_file(fields, "shape", home)
+    if path is None:
+        return None
+    from evis.scene.own.mesh import fitted, read_mesh
+
+    key = path, textures
+    if key not in made:
+        try:
+            made[key] = read_mesh(path, textures)
+        except SceneError as error:
+            raise fields.error("folder", f"names what cannot be used: {error}; mend it or take it away") from None
+    shape = read_shape(fields, made)
+    fit = *key, shape.vertices.tobytes()
+    if fit not in made:
+        made[fit] = fitted(made[key], shape)
+    parts: list[Any] = made[fit]
+    return parts
 
 
 def read_parts(fields: Fields, folders: Folders, textures: bool, made: dict[Any, Any]) -> list[Any]:
