@@ -12,7 +12,7 @@ from evis.dataset.layouts.dsec import sides
 from evis.dataset.layouts.dsec_codes import boxes_of, codes_to_disparity, codes_to_flow
 from evis.dataset.layouts.hdf5_rows import blosc
 from evis.dataset.layouts.millisecond_index import NAME
-from evis.dataset.layouts.reader import EventArrays, SequenceReader, within
+from evis.dataset.layouts.reader import EventArrays, SequenceReader, spans, within
 from evis.media.frames.images import codes
 
 _FLOWS = ("forward_flow", "backward_flow")
@@ -57,6 +57,21 @@ class DsecReader(SequenceReader):
             found: list[Any] = [file[f"events/{name}"][rows] for name in "xyp"]
         return EventArrays((times[part] + offset) * 1000, *found)
 
+    def _rows(self, first: int, end: int, camera: str) -> EventArrays:
+        with self._file(camera) as file:
+            found: list[Any] = [file[f"events/{name}"][first:end] for name in "xyp"]
+            t = (file["events/t"][first:end].astype(np.int64) + int(file["t_offset"][()])) * 1000
+        return EventArrays(t, *found)
+
+    def _intervals(self, kind: str, camera: str) -> np.ndarray:
+        if kind in _FLOWS:
+            return np.sort(self._times_of(f"flow/{kind.removesuffix('_flow')}_timestamps.txt", 2), 1)
+        names = {"disparity": "disparity/timestamps.txt", "image": "images/timestamps.txt"}
+        if kind in names:
+            t = self._times_of(names[kind], 1)[:, 0]
+            return spans(t, None)
+        return super()._intervals(kind, camera)
+
     def _labels(self, kind: str, t0: int, t1: int, camera: str) -> dict[str, np.ndarray]:
         side = self._sides[camera]
         if kind == "boxes":
@@ -64,22 +79,22 @@ class DsecReader(SequenceReader):
             return boxes_of(rows[within(rows["t"].astype(np.int64) * 1000, t0, t1)])
         if kind in _FLOWS:
             way = kind.removesuffix("_flow")
-            times = self._times(f"flow/{way}_timestamps.txt", 2)
+            times = self._times_of(f"flow/{way}_timestamps.txt", 2)
             part, images = self._images(f"flow/{way}", times.max(1), t0, t1)
             pairs = [codes_to_flow(image) for image in images]
             ends = np.sort(times[part], 1)
             flow, valid = (_stack([pair[i] for pair in pairs]) for i in range(2))
             return {"t": ends[:, 1], "flow_t": ends, kind: flow, f"{way}_valid": valid}
         if kind == "disparity":
-            stamps = self._times("disparity/timestamps.txt", 1)[:, 0]
+            stamps = self._times_of("disparity/timestamps.txt", 1)[:, 0]
             part, images = self._images("disparity/event", stamps, t0, t1)
             return {"t": stamps[part], kind: _stack([codes_to_disparity(image) for image in images])}
-        spans = self._times(f"images/{side}/exposure_timestamps.txt", 2)
-        stamps = self._times("images/timestamps.txt", 1)[:, 0]
+        spans = self._times_of(f"images/{side}/exposure_timestamps.txt", 2)
+        stamps = self._times_of("images/timestamps.txt", 1)[:, 0]
         part, images = self._images(f"images/{side}/rectified", stamps, t0, t1)
         return {"t": stamps[part], "exposure_ns": spans[part, 1] - spans[part, 0], kind: _stack(images)}
 
-    def _times(self, name: str, columns: int) -> np.ndarray:
+    def _times_of(self, name: str, columns: int) -> np.ndarray:
         lines = np.loadtxt(self.directory / name, np.int64, delimiter=",", ndmin=2)
         return lines.reshape(-1, columns) * 1000
 

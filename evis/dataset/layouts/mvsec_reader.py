@@ -46,8 +46,11 @@ class MvsecReader(SequenceReader):
         with self._file("data") as file:
             table = file[f"davis/{self._sides[camera]}/events"]
             first, end = (_first(table, limit) for limit in (t0, t1))
-            x, y, t, p = table[first : max(first, end)].T
-        return EventArrays(_ns(t), x.astype(np.uint16), y.astype(np.uint16), (p > 0).astype(np.uint8))
+            return _arrays(table[first : max(first, end)])
+
+    def _rows(self, first: int, end: int, camera: str) -> EventArrays:
+        with self._file("data") as file:
+            return _arrays(file[f"davis/{self._sides[camera]}/events"][first:end])
 
     def _labels(self, kind: str, t0: int, t1: int, camera: str) -> dict[str, np.ndarray]:
         if kind == "forward_flow":
@@ -67,6 +70,11 @@ class MvsecReader(SequenceReader):
         if kind == "depth":
             array = np.where(np.isnan(array), np.float32(np.inf), array)
         return {"t": stamps[part], {"poses": "pose"}.get(kind, kind): array}
+
+
+def _arrays(rows: np.ndarray) -> EventArrays:
+    x, y, t, p = rows.T
+    return EventArrays(_ns(t), x.astype(np.uint16), y.astype(np.uint16), (p > 0).astype(np.uint8))
 
 
 def _first(table: h5py.Dataset, t_ns: int) -> int:
