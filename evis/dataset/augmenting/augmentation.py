@@ -70,6 +70,8 @@ class Augment:
 
     def drawn(self, seed: int, epoch: int, sequence: int, window: int, height: int, width: int) -> Drawn:
         """Draws what is done with a window. Raises DatasetError for a crop that is larger than the camera's image."""
+        if self == Augment():
+            return Drawn(np.uint64(0), False, False, False, 0, 0, height, width)
         crop = self.crop or (height, width)
         if crop[0] > height or crop[1] > width:
             raise DatasetError(f"crop={self.crop} of a camera of ({height}, {width}) px; crops are smaller")

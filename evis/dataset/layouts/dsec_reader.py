@@ -13,8 +13,10 @@ from evis.dataset.layouts.dsec_codes import boxes_of, codes_to_disparity, codes_
 from evis.dataset.layouts.hdf5_rows import blosc
 from evis.dataset.layouts.millisecond_index import NAME
 from evis.dataset.layouts.reader import EventArrays, SequenceReader, spans, within
+from evis.files.hdf5_open import opened
 from evis.media.frames.images import codes
 
+_LAST_US = (1 << 32) - 1
 _FLOWS = ("forward_flow", "backward_flow")
 
 
@@ -27,6 +29,7 @@ class DsecReader(SequenceReader):
     def __init__(self, directory: Path) -> None:
         super().__init__(directory)
         blosc()
+        self._indices: dict[str, np.ndarray] = {}
         self._sides = sides(dict(self.cameras), self.about.name)
 
     def kinds(self, camera: str) -> tuple[str, ...]:
@@ -38,30 +41,35 @@ class DsecReader(SequenceReader):
         return tuple(kind for kind, place in places.items() if (self.directory / place).exists())
 
     def _file(self, camera: str) -> h5py.File:
-        return h5py.File(self.directory / "events" / self._sides[camera] / "events.h5", "r")
+        return opened(self.directory / "events" / self._sides[camera] / "events.h5")
 
     def count_of(self, camera: str) -> int:
-        with self._file(camera) as file:
-            return int(file["events/t"].shape[0])
+        return int(self._file(camera)["events/t"].shape[0])
+
+    def _index(self, camera: str) -> np.ndarray:
+        """ms_to_idx, kept."""
+        if camera not in self._indices:
+            self._indices[camera] = self._file(camera)[NAME][:]
+        return self._indices[camera]
 
     def _events(self, t0: int, t1: int, camera: str) -> EventArrays:
-        with self._file(camera) as file:
-            offset, index, t = int(file["t_offset"][()]), file[NAME], file["events/t"]
-            count, marks = t.shape[0], index.shape[0]
-            first, end = (-(-limit // 1000) - offset for limit in (t0, t1))  # us from the start, rounded up
-            low = 0 if first < 0 else int(index[first // 1000]) if first // 1000 < marks else count
-            high = 0 if end < 0 else int(index[-(-end // 1000)]) if -(-end // 1000) < marks else count
-            times = t[low : max(low, high)].astype(np.int64)
-            part = within(times, first, end)
-            rows = slice(low + part.start, low + part.stop)
-            found: list[Any] = [file[f"events/{name}"][rows] for name in "xyp"]
-        return EventArrays((times[part] + offset) * 1000, *found)
+        file, index = self._file(camera), self._index(camera)
+        offset, t = int(file["t_offset"][()]), file["events/t"]
+        count, marks = t.shape[0], len(index)
+        first, end = (-(-limit // 1000) - offset for limit in (t0, t1))  # us from the start, rounded up
+        low = 0 if first < 0 else int(index[first // 1000]) if first // 1000 < marks else count
+        high = 0 if end < 0 else int(index[-(-end // 1000)]) if -(-end // 1000) < marks else count
+        times = t[low : max(low, high)]
+        limits = np.array([first, end]).clip(0, _LAST_US).astype(times.dtype)
+        part = slice(*np.searchsorted(times, limits).tolist())
+        rows = slice(low + part.start, low + max(part.start, part.stop))
+        found: list[Any] = [file[f"events/{name}"][rows] for name in "xyp"]
+        return EventArrays(_ns(times[part], offset), *found)
 
     def _rows(self, first: int, end: int, camera: str) -> EventArrays:
-        with self._file(camera) as file:
-            found: list[Any] = [file[f"events/{name}"][first:end] for name in "xyp"]
-            t = (file["events/t"][first:end].astype(np.int64) + int(file["t_offset"][()])) * 1000
-        return EventArrays(t, *found)
+        file = self._file(camera)
+        found: list[Any] = [file[f"events/{name}"][first:end] for name in "xyp"]
+        return EventArrays(_ns(file["events/t"][first:end], int(file["t_offset"][()])), *found)
 
     def _intervals(self, kind: str, camera: str) -> np.ndarray:
         if kind in _FLOWS:
@@ -102,6 +110,14 @@ class DsecReader(SequenceReader):
         part = within(stamps, t0, t1)
         paths = [self.directory / folder / f"{k:06d}.png" for k in range(part.start, part.stop)]
         return part, [codes(path.read_bytes()) for path in paths]
+
+
+def _ns(t: np.ndarray, offset_us: int) -> np.ndarray:
+    """Times of uint32 us in ns."""
+    found = t.astype(np.int64)
+    found += offset_us
+    found *= 1000
+    return found
 
 
 def _stack(images: list[np.ndarray]) -> np.ndarray:

@@ -17,6 +17,7 @@ from evis.dataset.loading.stored import labelled
 from evis.dataset.making.warm import Playing
 from evis.dataset.recipe import Plan
 from evis.dataset.streaming.rows import Rows
+from evis.events.arrays import Events
 from evis.simulation.step import Step
 
 _US = 1000
@@ -141,7 +142,7 @@ class Live:
         if EVENTS[0] in piece.labels:
             self._marks.add({name: piece.labels[name] for name in EVENTS}, 0, 0)
         # Their arrays are held once, above.
-        self._pieces.append(Piece(piece.stamp_ns, piece.t0_ns, piece.events[:0], piece.labels, piece.image))
+        self._pieces.append(Piece(piece.stamp_ns, piece.t0_ns, Events.empty(), piece.labels, piece.image))
 
     def _forget(self, t_ns: int) -> None:
         """Forgets what was before a time."""
