@@ -28,7 +28,6 @@ class DsecReader(SequenceReader):
 
     def __init__(self, directory: Path) -> None:
         super().__init__(directory)
-        blosc()
         self._indices: dict[str, np.ndarray] = {}
         self._sides = sides(dict(self.cameras), self.about.name)
 
@@ -41,6 +40,7 @@ class DsecReader(SequenceReader):
         return tuple(kind for kind, place in places.items() if (self.directory / place).exists())
 
     def _file(self, camera: str) -> h5py.File:
+        blosc()  # in each process that reads, also where the reader came from another one
         return opened(self.directory / "events" / self._sides[camera] / "events.h5")
 
     def count_of(self, camera: str) -> int:

@@ -128,7 +128,9 @@ class Sequence:
             raise
         except _UNREADABLE as error:
             text = " ".join(str(error).split()) or type(error).__name__
+            remedy = "`evis dataset verify` tells which files are damaged, make those sequences anew"
+            if "plugin" in text:  # as HDF5 calls a compression that it does not know
+                remedy = "its compression needs hdf5plugin: pip install 'evis[files]'"
             raise DatasetError(
-                f"{self._out}/{self._path} cannot be read as {self._layout} ({text}); "
-                "`evis dataset verify` tells which files are damaged, make those sequences anew"
+                f"{self._out}/{self._path} cannot be read as {self._layout} ({text}); {remedy}"
             ) from None

@@ -96,6 +96,18 @@ def test_a_cut_hdf5_file(tmp_path: Path) -> None:
     assert data[0].name in text and "cannot be read as dsec" in text and "evis dataset verify" in text
 
 
+def test_a_compression_that_is_not_installed(small: Made) -> None:
+    """HDF5 says it so, and a file that is not damaged is not called so."""
+    sequence = evis.dataset.open(small[1])[0]
+
+    def read() -> None:
+        with sequence.readable():
+            raise OSError("Can't synchronously read data (can't open directory (/usr/local/lib/plugin))")
+
+    text = refusal(read)
+    assert "pip install 'evis[files]'" in text and "damaged" not in text
+
+
 def test_without_pytorch(small: Made, monkeypatch: pytest.MonkeyPatch) -> None:
     """numpy's iterators are named instead."""
     for name in [

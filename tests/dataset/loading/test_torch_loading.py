@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_set import HEIGHT, WIDTH, same
+from made_set import HEIGHT, WIDTH, made, same
 
 import evis
 from evis.dataset import Augment
@@ -51,6 +51,17 @@ def test_a_loader_gives_what_numpy_gives(small: Made, workers: int, start: str |
     images = evis.dataset.open(small[1]).windows(**HOW | {"labels": ["forward_flow"]})
     usual = torch.utils.data.DataLoader(images.torch(), batch_size=6)
     for a, b in zip(usual, images.batches(6), strict=True):
+        same(plain(a), b)
+
+
+@pytest.mark.parametrize("start", ["fork", "spawn"])
+def test_workers_open_files_of_their_own(tmp_path: Path, start: str) -> None:
+    """HDF5, which the parent has open already when workers begin."""
+    _, out = made(tmp_path, ("layout: npz", "layout: dsec"), ("depth, events]", "depth]"))
+    windows = evis.dataset.open(out).windows(seconds=0.02, representation="count_image")
+    expected = list(windows.batches(5))
+    loader = torch.utils.data.DataLoader(windows.torch(), 5, num_workers=2, multiprocessing_context=start)
+    for a, b in zip(loader, expected, strict=True):
         same(plain(a), b)
 
 
