@@ -56,6 +56,7 @@ SUBJECTS = {
     "environments": ("bench.graph.environments", "steps per second of environments, beside Gymnasium's frames"),
     "dataset": ("bench.dataset.making", "sequences per hour, beside a shell loop of evis launch"),
     "layouts": ("bench.dataset.layouts", "bytes per event of each layout of data sets, writing and reading"),
+    "loading": ("bench.dataset.loading", "windows of data sets: read beside h5py's bare read, simulated beside read"),
     "bag": ("bench.graph.bag", "recording speed"),
     "camera": ("bench.graph.camera", "camera node on emulated USB: sustained rate, losses, CPU share, latency"),
 }

@@ -5,6 +5,7 @@
     events = evis.open("recording.raw")           any recording or bag
     sensor = evis.EventSensor(260, 346)           frames in, events out
     scene = evis.load_scene("spinning_disk")      bodies, cameras, lights
+    data = evis.dataset.open("disks")             sequences of a data set, for training
 
 What stands here is imported when it is first used, so that `import evis` takes next to no time.
 """
@@ -17,6 +18,7 @@ from evis.neighbours import install as _meet_neighbours
 TYPE_CHECKING = False
 """As typing's, which takes more time than the rest of this import; type checkers and editors go by the name."""
 if TYPE_CHECKING:
+    from evis import dataset as dataset
     from evis.client import connect as connect
     from evis.event_sensor import EventSensor as EventSensor
     from evis.recordings import open_recorded as open
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Diverged", "EventSensor", "Simulation", "SimulationError", "SimulationWarning", "__version__", "connect",
-    "load_scene", "open",
+    "dataset", "load_scene", "open",
 ]  # fmt: skip
 _LAZY = {
     "Diverged": "evis.simulation.errors:Diverged",
@@ -39,10 +41,11 @@ _LAZY = {
     "SimulationError": "evis.simulation.errors:SimulationError",
     "SimulationWarning": "evis.simulation.errors:SimulationWarning",
     "connect": "evis.client:connect",
+    "dataset": "evis.dataset:",
     "load_scene": "evis.scene.load:load_scene",
     "open": "evis.recordings:open_recorded",
 }
-"""Public name -> module:attribute."""
+"""Public name -> module:attribute, or the module itself."""
 
 _meet_neighbours()
 
@@ -56,7 +59,7 @@ if not TYPE_CHECKING:  # who checks types shall not take any name for granted
             value = version("evis")
         elif name in _LAZY:
             module, _, attribute = _LAZY[name].partition(":")
-            value = getattr(import_module(module), attribute)
+            value = getattr(import_module(module), attribute) if attribute else import_module(module)
         else:
             raise AttributeError(f"module 'evis' has no attribute '{name}'; it has {', '.join(__all__)}")
         globals()[name] = value

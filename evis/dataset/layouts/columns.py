@@ -15,7 +15,7 @@ import numpy as np
 
 from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.millisecond_index import NAME, MillisecondIndex
-from evis.dataset.layouts.reader import EventArrays, SequenceReader, within
+from evis.dataset.layouts.reader import EventArrays, SequenceReader, spans, within
 from evis.dataset.layouts.sample import DENSE, EVENTS, TABLES, Sample
 from evis.dataset.layouts.writer import SequenceWriter
 
@@ -91,6 +91,14 @@ class ColumnsReader(SequenceReader):
     def _events(self, t0: int, t1: int, camera: str) -> EventArrays:
         part = self._part(t0, t1, camera)
         return EventArrays(*(np.asarray(self._column(camera, f"events/{name}")[part]) for name in EVENT_TYPES))
+
+    def _rows(self, first: int, end: int, camera: str) -> EventArrays:
+        return EventArrays(*(np.asarray(self._column(camera, f"events/{name}")[first:end]) for name in EVENT_TYPES))
+
+    def _intervals(self, kind: str, camera: str) -> np.ndarray:
+        flow = kind in ("forward_flow", "backward_flow")
+        flow_t = np.asarray(self._column(camera, f"{kind}/flow_t")[:]) if flow else None
+        return spans(np.asarray(self._column(camera, f"{kind}/t")[:]), flow_t)
 
     def _part(self, t0: int, t1: int, camera: str) -> slice:
         """Which events lie in [t0, t1): by the index to the millisecond, and then by their times."""

@@ -9,16 +9,18 @@ import h5py
 from evis.dataset.layouts import LayoutError
 from evis.dataset.layouts.hdf5_rows import blosc
 from evis.dataset.layouts.reader import ANEW
+from evis.files import hdf5_open
 
 _BLOSC = 32001
 """Of the filters registered with the HDF Group."""
 
 
 def opened(path: Path) -> h5py.File:
-    """Opens a file to read. Raises LayoutError for one that is not there, OSError for a damaged one."""
+    """Opens a file to read, which stays open for others. Raises LayoutError for one that is not there, OSError for a
+    damaged one."""
     if not path.is_file():
         raise LayoutError(f"{path} is not there; {ANEW}")
-    return h5py.File(path, "r")
+    return hdf5_open.opened(path)
 
 
 def dataset(file: h5py.File, name: str) -> h5py.Dataset:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -17,6 +18,10 @@ from msgs.camera import CameraInfo
 
 ANEW = "fetch its files again, or make the sequence anew"
 """What helps where a file is damaged."""
+BLOCK_NS = 20_000_000
+"""Where a layout has no rows of events, they are counted by blocks so long, of which one is read for a row."""
+LABELS_NS = 500_000_000
+"""Labels are gone over so much at a time, so that memory does not grow with length."""
 
 
 class EventArrays(NamedTuple):
@@ -47,6 +52,9 @@ class SequenceReader(ABC):
         if self.about.layout not in ("", self.LAYOUT):
             text = f"has the layout {self.about.layout}, not {self.LAYOUT}: reader_of('{self.about.layout}') reads it"
             raise LayoutError(f"{self.directory} {text}")
+        self._known: dict[str, tuple[str, ...]] = {}
+        self._blocks: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self._times: dict[tuple[str, str], np.ndarray] = {}
 
     @property
     def cameras(self) -> Mapping[str, CameraInfo]:
@@ -78,10 +86,7 @@ class SequenceReader(ABC):
         kind that the sequence does not have.
         """
         name = self._named(camera)
-        there = self.kinds(name)
-        if kind not in there:
-            has = ", ".join(there) or "no labels"
-            raise LayoutError(f"{self.directory} has no labels '{kind}' of {name}; it has {has}")
+        self._there(kind, name)
         with self._told(f"{kind} of {name}"):
             return self._labels(kind, int(t0_ns), int(t1_ns), name)
 
@@ -94,6 +99,28 @@ class SequenceReader(ABC):
         """Returns the number of events of one camera."""
         with self._told(f"the events of {camera}"):
             return self._count_of(self._named(camera))
+
+    def rows(self, first: int, end: int, camera: str | None = None) -> EventArrays:
+        """Reads the events with the numbers [first, end) of one camera, of the first if none is named."""
+        name = self._named(camera)
+        with self._told(f"the events of {name}"):
+            return self._rows(int(first), int(end), name)
+
+    def stamps(self, kind: str, camera: str | None = None) -> np.ndarray:
+        """Returns when the labels of a kind are: int64 [T, 2] ns, the two ends of the interval of a flow over one, and
+        twice the stamp for all others. Raises LayoutError for a kind that the sequence does not have.
+        """
+        name = self._named(camera)
+        self._there(kind, name)
+        with self._told(f"{kind} of {name}"):
+            return self._intervals(kind, name)
+
+    def _there(self, kind: str, name: str) -> None:
+        if name not in self._known:
+            self._known[name] = self.kinds(name)
+        if kind not in self._known[name]:
+            has = ", ".join(self._known[name]) or "no labels"
+            raise LayoutError(f"{self.directory} has no labels '{kind}' of {name}; it has {has}")
 
     def _named(self, camera: str | None) -> str:
         name = next(iter(self.cameras)) if camera is None else camera
@@ -125,6 +152,41 @@ class SequenceReader(ABC):
 
     @abstractmethod
     def _labels(self, kind: str, t0: int, t1: int, camera: str) -> dict[str, np.ndarray]: ...
+
+    def _rows(self, first: int, end: int, camera: str) -> EventArrays:
+        """As `rows`; a layout that keeps events in rows overrides it."""
+        if end <= first:
+            return self._events(self.about.start_ns, self.about.start_ns, camera)
+        edges, before = self._edges(camera)
+        a = int(np.searchsorted(before, first, "right")) - 1
+        b = max(int(np.searchsorted(before, end)), a + 1)
+        found = self._events(int(edges[a]), int(edges[min(b, len(edges) - 1)]), camera)
+        return EventArrays(*(column[first - before[a] : end - before[a]] for column in found))
+
+    def _edges(self, camera: str) -> tuple[np.ndarray, np.ndarray]:
+        """Borders of blocks of BLOCK_NS [ns], and the number of events before each; found in one pass, and kept."""
+        if camera not in self._blocks:
+            start, end = self.about.start_ns, self.about.start_ns + self.duration_ns + 1  # an event may be at the end
+            edges = np.array([*range(start, end, BLOCK_NS), end])
+            counts = [len(self._events(int(t0), int(t1), camera).t) for t0, t1 in itertools.pairwise(edges)]
+            self._blocks[camera] = edges, np.concatenate([[0], np.cumsum(counts)])
+        return self._blocks[camera]
+
+    def _intervals(self, kind: str, camera: str) -> np.ndarray:
+        """As `stamps`; a layout that keeps them by themselves overrides it."""
+        if (kind, camera) not in self._times:
+            start, end = self.about.start_ns, self.about.start_ns + self.duration_ns + 1
+            found = []
+            for t0 in range(start, end, LABELS_NS):
+                labels = self._labels(kind, t0, min(t0 + LABELS_NS, end), camera)
+                found.append(spans(labels["t"], labels.get("flow_t")))
+            self._times[kind, camera] = np.concatenate(found)
+        return self._times[kind, camera]
+
+
+def spans(t: np.ndarray, flow_t: np.ndarray | None) -> np.ndarray:
+    """Returns stamps as `SequenceReader.stamps` does: flow_t [T, 2] where there is one, else t [T] twice."""
+    return np.stack((t, t), -1).astype(np.int64) if flow_t is None else np.asarray(flow_t, np.int64).reshape(-1, 2)
 
 
 def within(t: np.ndarray, t0: int, t1: int) -> slice:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -59,15 +59,23 @@ class Sample:
                 yield kind, {name: self.labels[name] for name in names}
 
 
-def samples(step: Step) -> Iterator[tuple[str, Sample]]:
-    """Yields (camera, what the step has of it). Raises LayoutError for several environments, and undecoded events."""
+def host(array: Any) -> Any:
+    """Returns an array of numpy, wherever the given one is."""
+    return array if isinstance(array, np.ndarray) else np.asarray(array.numpy())
+
+
+def samples(step: Step, taken: Callable[[Any], Any] = host) -> Iterator[tuple[str, Sample]]:
+    """Yields (camera, what the step has of it). Raises LayoutError for several environments, and undecoded events.
+
+    taken: makes of an array, numpy's or Warp's, what the sample is to have.
+    """
     if len(step.episodes) > 1:
         raise LayoutError(f"a sequence is of one environment, the step has {len(step.episodes)}; write each by itself")
     for camera, outputs in step.cameras.items():
-        yield camera, _sample(camera, step.stamp_ns, outputs)
+        yield camera, _sample(camera, step.stamp_ns, outputs, taken)
 
 
-def _sample(camera: str, stamp_ns: int, outputs: CameraOutputs) -> Sample:
+def _sample(camera: str, stamp_ns: int, outputs: CameraOutputs, taken: Callable[[Any], Any]) -> Sample:
     there = vars(outputs)
     sample = Sample(stamp_ns, stamp_ns, Events.empty())
     packet = there.get("events")
@@ -75,22 +83,17 @@ def _sample(camera: str, stamp_ns: int, outputs: CameraOutputs) -> Sample:
         if packet.t is None:
             raise LayoutError(f"the events of {camera} are in the encoding '{packet.encoding}'; decode them first")
         sample.t0_ns = packet.t0_ns
-        t, x, y, p = (host(getattr(packet, name)) for name in "txyp")
+        t, x, y, p = (taken(getattr(packet, name)) for name in "txyp")
         sample.events = Events(t, x, y, p)
     if there.get("labels") is not None:
         labels: Labels = there["labels"]
         for name, array in labels.arrays().items():
             if not name.endswith("_env"):
-                whole = host(array)
+                whole = taken(array)
                 sample.labels[name] = whole[0] if name in ENVIRONMENT_AXIS else whole
         sample.bodies = tuple(labels.names)
     for output, kind in (("depth", "depth"), ("ids", "segmentation")):
         if there.get(output) is not None:
-            sample.labels.setdefault(kind, host(there[output])[0])
+            sample.labels.setdefault(kind, taken(there[output])[0])
     sample.image = there.get("image")
     return sample
-
-
-def host(array: Any) -> np.ndarray:
-    """Returns an array of numpy, wherever the given one is."""
-    return array if isinstance(array, np.ndarray) else np.asarray(array.numpy())

@@ -52,6 +52,9 @@ class CocoReader(SequenceReader):
     def _events(self, t0: int, t1: int, camera: str) -> EventArrays:
         return self._events_reader.events(t0, t1, camera)
 
+    def _rows(self, first: int, end: int, camera: str) -> EventArrays:
+        return self._events_reader.rows(first, end, camera)
+
     def _labels(self, kind: str, t0: int, t1: int, camera: str) -> dict[str, np.ndarray]:
         info = self.cameras[camera]
         pieces: list[tuple[int, dict[str, np.ndarray]]] = []

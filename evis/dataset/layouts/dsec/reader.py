@@ -14,10 +14,11 @@ from evis.dataset.layouts.dsec.disparity import codes_to_disparity
 from evis.dataset.layouts.dsec.tracks import boxes_of
 from evis.dataset.layouts.hdf5_reading import dataset, opened
 from evis.dataset.layouts.millisecond_index import NAME
-from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, within
+from evis.dataset.layouts.reader import ANEW, EventArrays, SequenceReader, spans, within
 from evis.dataset.layouts.stereo_sides import sides
 from evis.media.frames.images import codes
 
+_LAST_US = (1 << 32) - 1
 _FLOWS = ("forward_flow", "backward_flow")
 
 
@@ -31,6 +32,7 @@ class DsecReader(SequenceReader):
 
     def __init__(self, directory: Path) -> None:
         super().__init__(directory)
+        self._indices: dict[str, np.ndarray] = {}
         self._sides = sides(dict(self.cameras), self.about.name)
 
     def _kinds(self, camera: str) -> tuple[str, ...]:
@@ -45,22 +47,41 @@ class DsecReader(SequenceReader):
         return opened(self.directory / "events" / self._sides[camera] / "events.h5")
 
     def _count_of(self, camera: str) -> int:
-        with self._file(camera) as file:
-            return int(dataset(file, "events/t").shape[0])
+        return int(dataset(self._file(camera), "events/t").shape[0])
+
+    def _index(self, camera: str) -> np.ndarray:
+        """ms_to_idx, kept."""
+        if camera not in self._indices:
+            self._indices[camera] = dataset(self._file(camera), NAME)[:]
+        return self._indices[camera]
 
     def _events(self, t0: int, t1: int, camera: str) -> EventArrays:
-        with self._file(camera) as file:
-            offset = int(dataset(file, "t_offset")[()])
-            index, t = dataset(file, NAME), dataset(file, "events/t")
-            count, marks = t.shape[0], index.shape[0]
-            first, end = (-(-limit // 1000) - offset for limit in (t0, t1))  # us from the start, rounded up
-            low = 0 if first < 0 else int(index[first // 1000]) if first // 1000 < marks else count
-            high = 0 if end < 0 else int(index[-(-end // 1000)]) if -(-end // 1000) < marks else count
-            times = t[low : max(low, high)].astype(np.int64)
-            part = within(times, first, end)
-            rows = slice(low + part.start, low + part.stop)
-            found: list[Any] = [dataset(file, f"events/{name}")[rows] for name in "xyp"]
-        return EventArrays((times[part] + offset) * 1000, *found)
+        file, index = self._file(camera), self._index(camera)
+        offset, t = int(dataset(file, "t_offset")[()]), dataset(file, "events/t")
+        count, marks = t.shape[0], len(index)
+        first, end = (-(-limit // 1000) - offset for limit in (t0, t1))  # us from the start, rounded up
+        low = 0 if first < 0 else int(index[first // 1000]) if first // 1000 < marks else count
+        high = 0 if end < 0 else int(index[-(-end // 1000)]) if -(-end // 1000) < marks else count
+        times = t[low : max(low, high)]
+        limits = np.array([first, end]).clip(0, _LAST_US).astype(times.dtype)
+        part = slice(*np.searchsorted(times, limits).tolist())
+        rows = slice(low + part.start, low + max(part.start, part.stop))
+        found: list[Any] = [dataset(file, f"events/{name}")[rows] for name in "xyp"]
+        return EventArrays(_ns(times[part], offset), *found)
+
+    def _rows(self, first: int, end: int, camera: str) -> EventArrays:
+        file = self._file(camera)
+        found: list[Any] = [dataset(file, f"events/{name}")[first:end] for name in "xyp"]
+        return EventArrays(_ns(dataset(file, "events/t")[first:end], int(dataset(file, "t_offset")[()])), *found)
+
+    def _intervals(self, kind: str, camera: str) -> np.ndarray:
+        if kind in _FLOWS:
+            return np.sort(self._times_of(f"flow/{kind.removesuffix('_flow')}_timestamps.txt", 2), 1)
+        names = {"disparity": "disparity/timestamps.txt", "image": "images/timestamps.txt"}
+        if kind in names:
+            t = self._times_of(names[kind], 1)[:, 0]
+            return spans(t, None)
+        return super()._intervals(kind, camera)
 
     def _labels(self, kind: str, t0: int, t1: int, camera: str) -> dict[str, np.ndarray]:
         side = self._sides[camera]
@@ -69,24 +90,26 @@ class DsecReader(SequenceReader):
             return boxes_of(rows[within(rows["t"].astype(np.int64) * 1000, t0, t1)])
         if kind in _FLOWS:
             way = kind.removesuffix("_flow")
-            times = self._times(f"flow/{way}_timestamps.txt", 2)
+            times = self._times_of(f"flow/{way}_timestamps.txt", 2)
             part, images = self._images(f"flow/{way}", times.max(1), t0, t1)
             pairs = [codes_to_flow(image) for image in images]
             ends = np.sort(times[part], 1)
             flow, valid = (_stack([pair[i] for pair in pairs]) for i in range(2))
             return {"t": ends[:, 1], "flow_t": ends, kind: flow, f"{way}_valid": valid}
         if kind == "disparity":
-            stamps = self._times("disparity/timestamps.txt", 1)[:, 0]
+            stamps = self._times_of("disparity/timestamps.txt", 1)[:, 0]
             part, images = self._images("disparity/event", stamps, t0, t1)
             return {"t": stamps[part], kind: _stack([codes_to_disparity(image) for image in images])}
-        spans = self._times(f"images/{side}/exposure_timestamps.txt", 2)
-        stamps = self._times("images/timestamps.txt", 1)[:, 0]
-        if len(spans) != len(stamps):
-            raise LayoutError(f"{self.directory}/images has {len(stamps)} times, and {len(spans)} exposures; {ANEW}")
+        exposures = self._times_of(f"images/{side}/exposure_timestamps.txt", 2)
+        stamps = self._times_of("images/timestamps.txt", 1)[:, 0]
+        if len(exposures) != len(stamps):
+            raise LayoutError(
+                f"{self.directory}/images has {len(stamps)} times, and {len(exposures)} exposures; {ANEW}"
+            )
         part, images = self._images(f"images/{side}/rectified", stamps, t0, t1)
-        return {"t": stamps[part], "exposure_ns": spans[part, 1] - spans[part, 0], kind: _stack(images)}
+        return {"t": stamps[part], "exposure_ns": exposures[part, 1] - exposures[part, 0], kind: _stack(images)}
 
-    def _times(self, name: str, columns: int) -> np.ndarray:
+    def _times_of(self, name: str, columns: int) -> np.ndarray:
         """The times of a text [T, columns], ns. Raises LayoutError unless all its lines are there."""
         text = (self.directory / name).read_text()
         rows = [line.split(",") for line in text.splitlines() if not line.startswith("#")]
@@ -107,6 +130,14 @@ def picture(path: Path) -> np.ndarray:
         return codes(path.read_bytes())
     except Exception as error:  # Pillow has errors of many kinds for damaged files
         raise LayoutError(f"{path} cannot be read ({' '.join(str(error).split())[:150]}); {ANEW}") from error
+
+
+def _ns(t: np.ndarray, offset_us: int) -> np.ndarray:
+    """Times of uint32 us in ns."""
+    found = t.astype(np.int64)
+    found += offset_us
+    found *= 1000
+    return found
 
 
 def _stack(images: list[np.ndarray]) -> np.ndarray:

@@ -38,20 +38,23 @@ class MvsecReader(SequenceReader):
     def _kinds(self, camera: str) -> tuple[str, ...]:
         found = []
         for kind, (part, name) in _PLACES.items():
-            with self._file(part) as file:
-                found += [kind] if f"davis/{self._sides[camera]}/{name}" in file else []
+            file = self._file(part)
+            found += [kind] if f"davis/{self._sides[camera]}/{name}" in file else []
         return (*found, *(["forward_flow"] if self._sides[camera] == "left" and self._flow.exists() else []))
 
     def _count_of(self, camera: str) -> int:
-        with self._file("data") as file:
-            return int(dataset(file, f"davis/{self._sides[camera]}/events").shape[0])
+        file = self._file("data")
+        return int(dataset(file, f"davis/{self._sides[camera]}/events").shape[0])
 
     def _events(self, t0: int, t1: int, camera: str) -> EventArrays:
-        with self._file("data") as file:
-            table = dataset(file, f"davis/{self._sides[camera]}/events")
-            first, end = (first_row(table, limit) for limit in (t0, t1))
-            x, y, t, p = table[first : max(first, end)].T
-        return EventArrays(nanoseconds(t), x.astype(np.uint16), y.astype(np.uint16), (p > 0).astype(np.uint8))
+        file = self._file("data")
+        table = dataset(file, f"davis/{self._sides[camera]}/events")
+        first, end = (first_row(table, limit) for limit in (t0, t1))
+        return _arrays(table[first : max(first, end)])
+
+    def _rows(self, first: int, end: int, camera: str) -> EventArrays:
+        file = self._file("data")
+        return _arrays(dataset(file, f"davis/{self._sides[camera]}/events")[first:end])
 
     def _labels(self, kind: str, t0: int, t1: int, camera: str) -> dict[str, np.ndarray]:
         if kind == "forward_flow":
@@ -63,11 +66,16 @@ class MvsecReader(SequenceReader):
             flow: np.ndarray = np.stack((x, y), -1).astype(np.float32)
             return {"t": ends[part], "flow_t": times, kind: flow, "forward_valid": (flow != 0).any(-1).astype(np.uint8)}
         source, name = _PLACES[kind]
-        with self._file(source) as file:
-            place = f"davis/{self._sides[camera]}/{name}"
-            stamps = nanoseconds(dataset(file, f"{place}_ts")[:])
-            part = within(stamps, t0, t1)
-            array = dataset(file, place)[part]
+        file = self._file(source)
+        place = f"davis/{self._sides[camera]}/{name}"
+        stamps = nanoseconds(dataset(file, f"{place}_ts")[:])
+        part = within(stamps, t0, t1)
+        array = dataset(file, place)[part]
         if kind == "depth":
             array = np.where(np.isnan(array), np.float32(np.inf), array)
         return {"t": stamps[part], {"poses": "pose"}.get(kind, kind): array}
+
+
+def _arrays(rows: np.ndarray) -> EventArrays:
+    x, y, t, p = rows.T
+    return EventArrays(nanoseconds(t), x.astype(np.uint16), y.astype(np.uint16), (p > 0).astype(np.uint8))

@@ -1,0 +1,1 @@
+"""Reading data sets for training: sequences, windows of their events beside labels, batches, streams."""

@@ -1,0 +1,69 @@
+"""Joins samples to a batch; what differs in length is joined in a row, with offsets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from evis.dataset.augmenting.arrays import module_of
+from evis.dataset.errors import DatasetError
+from evis.dataset.layouts.sample import EVENTS, TABLES
+
+_OF_TABLES = {name: kind for kind, names in TABLES.items() for name in names} | {"class_id": "boxes"}
+"""Array with a row for each box or contact -> its kind of label."""
+
+
+def collate(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Joins samples of windows to a batch of B, for a DataLoader's collate_fn too.
+
+    Arrays of equal shape get an axis B in front, and numbers become int64 [B]. Events that are no image are joined to
+    t, x, y, p [n] with `env_offsets` int64 [B + 1], as the functions of evis.events.representations take a batch; the
+    labels of events go with them. Boxes and contacts are joined too, `boxes_offsets` [B + 1] delimits them.
+
+    Samples of tensors make tensors on their device, those of numpy arrays numpy arrays. Raises DatasetError for images
+    of different size.
+    """
+    batch: dict[str, Any] = {}
+    for name, first in samples[0].items():
+        values = [sample[name] for sample in samples]
+        if isinstance(first, dict):
+            batch[name] = {column: _joined([value[column] for value in values]) for column in first}
+            batch[name]["env_offsets"] = _offsets([value["t"] for value in values])
+        elif name in EVENTS:
+            batch[name] = _joined(values)
+        elif name in _OF_TABLES:
+            batch[name] = _joined(values)
+            batch[f"{_OF_TABLES[name]}_offsets"] = _offsets(values)
+        elif hasattr(first, "shape"):
+            batch[name] = _stacked(name, values)
+        else:
+            like = next((v for v in samples[0].values() if hasattr(v, "shape")), None)
+            like = samples[0]["events"]["t"] if like is None else like
+            batch[name] = _whole_numbers(values, like)
+    return batch
+
+
+def _joined(values: list[Any]) -> Any:
+    return module_of(values[0]).concatenate(values)
+
+
+def _offsets(values: list[Any]) -> Any:
+    return _whole_numbers(np.concatenate([[0], np.cumsum([len(value) for value in values])]).tolist(), values[0])
+
+
+def _whole_numbers(values: list[int], like: Any) -> Any:
+    """int64, numpy's or PyTorch's; in the host's memory, as who reads such numbers is there."""
+    if isinstance(like, np.ndarray):
+        return np.array(values, np.int64)
+    return module_of(like).tensor(values, dtype=module_of(like).int64)
+
+
+def _stacked(name: str, values: list[Any]) -> Any:
+    if len(shapes := {tuple(value.shape) for value in values}) > 1:
+        sizes = " and ".join(str(list(shape)) for shape in sorted(shapes))
+        raise DatasetError(
+            f"{name} of a batch has the shapes {sizes}; Augment(crop=(height, width)) makes images of equal size"
+        )
+    return module_of(values[0]).stack(values)

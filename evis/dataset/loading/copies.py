@@ -1,0 +1,22 @@
+"""Sequences that lie where fsspec reaches, copied here at their first use, once in each process."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import functools
+from pathlib import Path
+
+from evis.dataset.making.store import is_remote, store_of
+
+_COPIES = contextlib.ExitStack()
+"""What is copied stays until the process ends; a forked worker, which leaves without this, removes nothing of it."""
+atexit.register(_COPIES.close)
+
+
+@functools.cache
+def local_folder(out: str, path: str) -> Path:
+    """Returns the folder of a sequence on this machine. Raises DatasetError, OSError."""
+    if not is_remote(out):
+        return Path(out, path)
+    return _COPIES.enter_context(store_of(out).local(path))

@@ -1,0 +1,1 @@
+"""Data sets without files: what is simulated while it is used."""

@@ -1,0 +1,137 @@
+"""What cannot be read or made is told in one line that names it and the remedy."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from made_set import made
+
+import evis
+from evis.dataset import Augment
+from evis.dataset.errors import DatasetError
+from evis.dataset.layouts import LayoutError
+
+Made = tuple[Path, Path]
+
+
+def refusal(what: Callable[..., Any], *args: Any, **how: Any) -> str:
+    """The one line with which a call is refused."""
+    with pytest.raises((DatasetError, LayoutError)) as caught:
+        what(*args, **how)
+    text = str(caught.value)
+    assert "\n" not in text and len(text) < 400
+    return text
+
+
+def test_no_data_set(tmp_path: Path) -> None:
+    assert "evis dataset make" in refusal(lambda: evis.dataset.open(tmp_path / "none"))
+    assert f"{tmp_path} holds no data set" in refusal(lambda: evis.dataset.open(tmp_path))
+    (tmp_path / "dataset.json").write_text("{")
+    assert "dataset.json is damaged" in refusal(lambda: evis.dataset.open(tmp_path))
+    (tmp_path / "s").mkdir()
+    (tmp_path / "s" / "about.json").write_text("{}")
+    assert "make the sequence anew" in refusal(lambda: evis.dataset.open(tmp_path / "s"))
+
+
+def test_windows_that_cannot_be(small: Made) -> None:
+    data = evis.dataset.open(small[1])
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({}, "seconds=0.05 or events=20000"),
+        ({"seconds": 1, "events": 5}, "one of them"),
+        ({"seconds": 0}, "the window is 0 s"),
+        ({"seconds": float("nan")}, "the window is nan s"),
+        ({"events": 2.5}, "the window is 2.5 events; it must be more than 0, and whole"),
+        ({"seconds": 0.1, "stride": -1}, "the stride is -1 s"),
+        ({"seconds": 3}, "windows of 3 s are longer than any sequence"),
+        ({"events": 10**7}, "windows of 10000000 events are longer than any sequence"),
+        ({"seconds": 0.1, "representation": "voxelgrid"}, "did you mean 'voxel_grid'?"),
+        ({"seconds": 0.1, "representation": "voxel_grid"}, "missing 1 required positional argument: 'bins'"),
+        ({"seconds": 0.1, "representation": "voxel_grid", "bin": 5}, "has no option 'bin'; did you mean 'bins'?"),
+        ({"seconds": 0.1, "representation": "voxel_grid", "bins": 0}, "bins is 0; it must be a whole number"),
+        ({"seconds": 0.1, "bins": 5}, "no argument 'bins', or it needs a representation="),
+        ({"seconds": 0.1, "labels": "depth"}, "labels and arguments are lists"),
+        ({"seconds": 0.1, "labels": ["flwo"]}, "has no labels 'flwo' of cam0; it has depth, "),
+        ({"seconds": 0.001, "stride": 0.05, "labels": ["depth"]}, "which come 30 times a second; make windows longer"),
+        ({"events": 100, "labels": ["events"]}, "take windows by seconds="),
+        ({"seconds": 0.1, "camera": "cam7"}, "has no camera 'cam7'; it has cam0"),
+        ({"seconds": 0.1, "augment": Augment(flip_x=2)}, "it is a share, from 0 to 1"),
+        ({"seconds": 0.1, "augment": Augment(noise=-1)}, "a rate per pixel, 0 Hz or more"),
+        ({"seconds": 0.1, "augment": Augment(crop=(0, 4))}, "it is (height, width) in pixels"),
+        ({"seconds": 0.1, "augment": Augment(flip_y=0.5), "labels": ["poses"]}, "a mirrored image has no poses"),
+    ]
+    for how, text in cases:
+        assert text in refusal(data.windows, **how), how
+    assert "no split 'trian'; did you mean 'train'?" in refusal(lambda: data.split("trian"))
+    assert "has no camera 'cam1'" in refusal(lambda: data[0].events(camera="cam1"))
+    assert "crops are smaller" in refusal(lambda: data.windows(seconds=0.1, augment=Augment(crop=(999, 9)))[0])
+    wrong = data.windows(seconds=0.1, arguments=["omgea"])
+    assert "has no argument 'omgea' in its recipe; it has width" in refusal(lambda: wrong[0])
+
+
+def test_a_file_that_is_cut(small: Made, tmp_path: Path) -> None:
+    """Of every kind that is read in parts; the rest of the data set can still be read."""
+    for name in ("cam0/events.npz", "cam0/depth.npz"):
+        shutil.copytree(small[1], tmp_path / name)
+        data = evis.dataset.open(tmp_path / name)
+        path = data[1].folder / name
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        text = refusal(lambda data=data: list(data[1:2].windows(seconds=0.05, labels=["depth"])))
+        assert str(path) in text or data[1].name in text
+        assert "make the sequence anew" in text or "evis dataset verify" in text
+        assert len(data[2:].windows(seconds=0.05, labels=["depth"])[0]["depth"]) > 0
+
+
+def test_a_cut_hdf5_file(tmp_path: Path) -> None:
+    """h5py tells of it in words of its own."""
+    _, out = made(tmp_path, ("layout: npz", "layout: dsec"), ("sequences: 3", "sequences: 1"), (", events]", "]"))
+    data = evis.dataset.open(out)
+    path = data[0].folder / "events/left/events.h5"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    text = refusal(lambda: data.windows(seconds=0.05)[0])
+    assert data[0].name in text and "cannot be read as dsec" in text and "evis dataset verify" in text
+
+
+def test_a_compression_that_is_not_installed(small: Made) -> None:
+    """HDF5 says it so, and a file that is not damaged is not called so."""
+    sequence = evis.dataset.open(small[1])[0]
+
+    def read() -> None:
+        with sequence.readable():
+            raise OSError("Can't synchronously read data (can't open directory (/usr/local/lib/plugin))")
+
+    text = refusal(read)
+    assert "pip install 'evis[files]'" in text and "damaged" not in text
+
+
+def test_without_pytorch(small: Made, monkeypatch: pytest.MonkeyPatch) -> None:
+    """numpy's iterators are named instead."""
+    for name in [
+        n for n in sys.modules if n.partition(".")[0] == "torch" or n.endswith((".torch_data", ".torch_stream"))
+    ]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    windows = evis.dataset.open(small[1]).windows(seconds=0.05)
+    for call in (windows.torch, windows.torch_iterable):
+        assert "pip install torch; without it go over `.batches(32)`" in refusal(call)
+    how = {"sequences": 1, "seconds": 0.1}
+    assert "pip install torch" in refusal(lambda: evis.dataset.stream(small[0], arrays="torch", **how))
+    assert len(list(evis.dataset.stream(small[0], **how).batches(2))) == 1
+
+
+def test_streams_that_cannot_be(small: Made) -> None:
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({"seconds": 0.1, "labels": ["flow"]}, "small makes no labels 'flow'; it makes backward_flow, "),
+        ({"seconds": 2}, "windows of 2 s are longer than the sequences of small, 0.2 s"),
+        ({"seconds": 0.1, "split": "tset"}, "has no split 'tset'; did you mean 'test'?"),
+        ({"seconds": 0.1, "arrays": "jax"}, "it is torch or numpy"),
+        ({"seconds": 0.1, "representation": "time_surfac"}, "did you mean 'time_surface'?"),
+    ]
+    for how, text in cases:
+        assert text in refusal(evis.dataset.stream, small[0], **how), how
+    never = evis.dataset.stream(small[0], arrays="numpy", events=10**8)
+    assert "5 sequences in a row gave no window" in refusal(lambda: next(iter(never)))

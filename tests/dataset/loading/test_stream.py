@@ -1,0 +1,94 @@
+"""What is simulated while it is used is what the data set on the disk gives, to the byte."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made_set import same
+
+import evis
+from evis.dataset import Augment
+from evis.dataset.making import warm
+from evis.dataset.recipe_file import read_recipe
+
+Made = tuple[Path, Path]
+EVERYTHING = Augment(flip_x=0.5, flip_y=0.5, reverse=0.5, crop=(20, 24), drop=0.1, noise=10.0)
+LABELS = ["forward_flow", "boxes", "depth"]
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"seconds": 1 / 30, "representation": "voxel_grid", "bins": 5, "labels": LABELS, "arguments": ["omega"]},
+        {"seconds": 0.05, "stride": 0.02, "labels": ["depth", "events"]},
+        {"events": 700, "stride": 300, "labels": ["depth"]},
+        {"events": 1000, "representation": "count_image"},
+        {"seconds": 0.07, "stride": 0.03, "labels": LABELS, "augment": EVERYTHING, "seed": 5},
+    ],
+    ids=lambda how: "-".join(map(str, how)),
+)
+def test_a_stream_gives_what_the_data_set_gives(small: Made, how: dict[str, Any]) -> None:
+    windows = evis.dataset.open(small[1]).windows(**how)
+    stream = evis.dataset.stream(small[0], sequences=3, arrays="numpy", **how)
+    got = list(stream)
+    stream.close()
+    assert len(got) == len(windows) >= 9
+    assert stream.left_out["windows without a label"] == windows.left_out["windows without a label"]
+    for a, b in zip(got, windows):
+        same(a, b)
+
+
+@pytest.fixture
+def same_arguments(small: Made) -> Path:
+    """A recipe whose sequences differ in their seed alone, so that the second is there in no time."""
+    recipe = small[0].with_name("same.yaml")
+    recipe.write_text(small[0].read_text().replace("omega: {from: 15, to: 70}", "omega: 30"))
+    return recipe
+
+
+def test_splits_numbers_workers(same_arguments: Path) -> None:
+    """Each worker has sequences of its own, and together they have what one has."""
+    plans = read_recipe(same_arguments).sequences(12)
+    how: dict[str, Any] = {"seconds": 0.1, "arrays": "numpy"}
+    train = evis.dataset.stream(same_arguments, sequences=3, split="train", **how)
+    own = [sample["sequence"] for sample in train]
+    assert own == [p.index for p in plans if p.split == "train" for _ in range(2)][:6]
+    parts = [[s["sequence"] for s in train.samples(w, 2)] for w in range(2)]
+    assert parts == [[*own[:2], *own[4:]], own[2:4]]
+    endless = evis.dataset.stream(same_arguments, **how)
+    some = list(itertools.islice(endless, 9))
+    assert [s["sequence"] for s in some][::2] == [0, 1, 2, 3, 4]
+    later = evis.dataset.stream(same_arguments, sequences=1, first=2, **how)
+    same(next(iter(later)), some[4])
+    for stream in (train, later, endless):
+        stream.close()
+
+
+def test_windows_that_wait_come_in_another_order(same_arguments: Path) -> None:
+    """All of them once, the same each time."""
+    how: dict[str, Any] = {"sequences": 3, "seconds": 0.02, "arrays": "numpy"}
+    plain, mixed, again = (
+        [(s["sequence"], s["window"]) for s in evis.dataset.stream(same_arguments, shuffle=wait, **how)]
+        for wait in (0, 12, 12)
+    )
+    assert plain != mixed == again and sorted(mixed) == plain
+    assert np.abs(np.diff([10 * s + w for s, w in mixed])).mean() > 3
+
+
+def test_its_simulations_stay_warm(same_arguments: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sequence whose arguments are those of the last one resets its simulation."""
+    made = []
+
+    class Counted(warm.Simulation):  # type: ignore[misc]
+        def __init__(self, *args: Any, **kwargs: Any) -> None:
+            made.append(args)
+            super().__init__(*args, **kwargs)
+
+    monkeypatch.setattr(warm, "Simulation", Counted)
+    stream = evis.dataset.stream(same_arguments, sequences=3, seconds=0.1, arrays="numpy")
+    assert len(list(stream)) == 6 and len(made) == 1
+    stream.close()
