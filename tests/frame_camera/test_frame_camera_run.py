@@ -142,9 +142,9 @@ def test_images_in_colour():
     assert np.ptp(image.data.astype(int), axis=2).max() > 0
 
 
-def test_the_same_bytes_composed_as_processes_and_stepped(tmp_path):
+def test_the_same_bytes_as_processes_and_stepped_in_one(tmp_path):
     bags = {}
-    for name, words in {"composed": ("--compose",), "processes": (), "split": ("--split",)}.items():
+    for name, words in {"processes": (), "split": ("--split",)}.items():
         told = launch(tmp_path, *words, "--record", str(tmp_path / f"{name}.mcap"))
         assert told["nodes"]["frame_camera"]["counters"]["unfinished_exposures"] == 1
         with BagReader(tmp_path / f"{name}.mcap") as reader:
