@@ -1,7 +1,5 @@
 """Gathers the light of an exposure, and reads it out as pixels: EMVA 1288's linear camera model."""
 
-from typing import Any
-
 import warp as wp
 
 from nodes.frame_camera.noise_kernels import electrons_of, stream_of_pixel, two_normals
@@ -75,7 +73,9 @@ def expose(
 
 
 @wp.kernel
-def remember(frames: wp.array3d(dtype=wp.float32), moved: wp.array(dtype=wp.int32), before: wp.array2d(dtype=Any)):
+def remember(
+    frames: wp.array3d(dtype=wp.float32), moved: wp.array(dtype=wp.int32), before: wp.array2d(dtype=wp.float32)
+):
     """Keeps the last frame of environments that have moved on, for the start of the next gap."""
     env, pixel = wp.tid()
     if moved[env] != 0:
