@@ -108,7 +108,7 @@ class Pruner:
 
         What is made on demand is read by default only where somebody has demanded it already.
         """
-        globs, named = _globs(node), self._named(node)
+        globs, named = globs_of(node), self._named(node)
         available = [t for t in self._available(node) if t in named or self._by_default(t)]
         choose = getattr(node.cls, "dynamic_inputs", None)
         if choose is not None:
@@ -131,7 +131,7 @@ class Pruner:
 
     def _named(self, node: Wired) -> set[str]:
         """What such a reader is told to take by name."""
-        return {t for glob in _globs(node) for t in fnmatch.filter(self._available(node), glob)}
+        return {t for glob in globs_of(node) for t in fnmatch.filter(self._available(node), glob)}
 
     def _by_default(self, topic: str) -> bool:
         if topic in SYSTEM_TOPICS:
@@ -140,7 +140,8 @@ class Pruner:
         return not publisher.spec.on_demand or publisher.name in self.demand.inputs
 
 
-def _globs(node: Wired) -> list[str]:
+def globs_of(node: Wired) -> list[str]:
+    """Lists the globs of topics that a node which takes what it is told was given."""
     return [g if g.startswith(("/", "*")) else f"/{g}" for g in map(str, node.params.get("topics") or [])]
 
 

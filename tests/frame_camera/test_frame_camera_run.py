@@ -14,7 +14,8 @@ import pytest
 import evis
 from evis.bag.export.topics import export
 from evis.bag.reader import BagReader
-from evis.launch.planner import Options, plan_target
+from evis.launch.expand import NodeSpec
+from evis.launch.planner import Options, attach, plan_target
 from msgs.camera import Image
 
 SMALL = {"width": 64, "height": 48, "omega": 20.0, "audit": 0}
@@ -58,6 +59,15 @@ def test_a_recording_has_the_preview_unless_there_are_images():
         assert ("/cam0/keyframe" in read, "/cam0/image" in read) == (
             wanted == "/cam0/keyframe", wanted == "/cam0/image",
         )  # fmt: skip
+
+
+def test_a_recorder_that_joins_a_running_graph_makes_its_preview(tmp_path):
+    """Unless it is told to wait for images, or there are some."""
+    for given, topics, wanted in (({}, [], False), ({}, ["/cam0/image"], True), ({"image": True}, [], True)):
+        plan = plan_target("spinning_disk", {**SMALL, **given}, Options(0.1, view=False))
+        attach(plan, NodeSpec("late", "recorder", "here", {"path": "x.mcap", "topics": topics}), tmp_path)
+        read = plan.nodes["late"].inputs["messages"]
+        assert ("/cam0/image" in read, "/cam0/keyframe" in read) == (wanted, not wanted)
 
 
 def test_arguments_without_effect_are_refused():
