@@ -37,7 +37,7 @@ SENSOR: dict[str, Param] = {
     "image_gain": Param(float, 1.0, "of the amplifier; 1 = full well is full scale", "", 1e-3, 1e4),
     "image_gamma": Param(float, 1.0, "a pixel's value is its level to the power 1/gamma; 1 = linear", "", 0.1, 10),
     "image_sensitivity": Param(
-        float, 1e7, "electrons of a pixel per second and radiance", "1/s per W/(sr m^2)", 1e-6, 1e18
+        float, 1e7, "electrons of a pixel per second and radiance", "1/s per W/(sr m^2)", 1e-6, 1e15
     ),
     "full_well": Param(float, 20000.0, "electrons that a pixel can hold", "e-", 1, 1e9),
     "photon_noise": Param(bool, False, "photon shot noise: electrons are Poisson distributed"),
