@@ -49,6 +49,7 @@ lint: .venv/dev
 # Pictures and tables of docs/ that code makes. Figures are measured anew by `evis bench ... --docs docs/performance.md`.
 docs: .venv/base
 	@$(BIN)/python docs/rooms.py
+	@$(BIN)/python docs/frame_camera.py
 	@$(BIN)/python -m bench.documents
 	@$(BIN)/python -m evis.demo.gallery --out docs/scenes
 	@$(BIN)/python -m evis.demo.sheets --out docs/recipes

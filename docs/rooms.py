@@ -19,7 +19,14 @@ LAYERS: tuple[tuple[str, str, tuple[tuple[str, ...], ...]], ...] = (
         "nodes: the data's way, left to right",
         "#e6f1ea",
         (
-            ("nodes/physics", "nodes/renderer", "nodes/interpolator", "nodes/event_sensor", "nodes/recorder"),
+            (
+                "nodes/physics",
+                "nodes/renderer",
+                "nodes/interpolator",
+                "nodes/event_sensor",
+                "nodes/frame_camera",
+                "nodes/recorder",
+            ),
             (
                 "nodes/camera",
                 "nodes/rate_divider",
@@ -71,6 +78,7 @@ TELLS = {
     "nodes/renderer": "/keyframe, /depth, ...",
     "nodes/interpolator": "/frames",
     "nodes/event_sensor": "/events",
+    "nodes/frame_camera": "/image",
     "evis/launch": "YAML to a plan",
     "evis/supervisor": "processes of a plan",
     "evis/runtime": "runs a node",

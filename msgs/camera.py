@@ -241,9 +241,19 @@ class Trigger(Message):
 
 @dataclass
 class Image(Message):
-    """Carries an image for people, or a real sensor's frame. `encoding` as in sensor_msgs/Image (rgb8, mono8)."""
+    """Carries an image for people, or a frame of a real or simulated sensor, one environment's.
+
+    `encoding` as in sensor_msgs/Image (rgb8, mono8, mono16 with a sensor's bits at the top). A frame's stamp is the
+    middle of its exposure, from the first row's start to the last row's end; an image for people has no exposure.
+    """
 
     header: Header
     data: np.ndarray = array("uint8|uint16|float32", "H W ?", "channels last, 1 or 3")
     encoding: str = "rgb8"
     exposure_ns: int = 0
+    """How long each row was exposed."""
+    line_delay_ns: int = 0
+    """How much later a row is exposed than the one above it; 0 for a global shutter."""
+    env: int = 0
+    """Environment that it is of, of the `envs` that there are."""
+    envs: int = 1

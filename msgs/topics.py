@@ -69,7 +69,7 @@ TOPICS: tuple[Topic, ...] = (
     Topic("/<cam>/audit", Audit, True, False, 16, True, "error of the events so far, by an audit of some pixels"),
     Topic("/<cam>/imu", Imu, True, False, 16, True, "inertial samples"),
     Topic("/<cam>/trigger", Trigger, True, False, 16, True, "external trigger edges"),
-    Topic("/<cam>/image", Image, True, False, 2, True, "8-bit image: preview, or a real sensor's frame"),
+    Topic("/<cam>/image", Image, True, False, 2, True, "frame of a real or simulated sensor, or a preview"),
 )
 
 SYSTEM_TOPICS = tuple(row.pattern for row in TOPICS if not row.lockstep)

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from msgs.camera import CameraInfo, EventPacket
+from msgs.camera import CameraInfo, EventPacket, Image
 from msgs.fields import array_specs
 from msgs.header import Message
 
 
 def count(message: Message) -> int:
-    """Counts the environments in a message, 0 where it has no such axis."""
+    """Counts the environments in a message, 0 where it has no such axis. An image is of one, and names it."""
     if isinstance(message, EventPacket):
         return max(len(message.env_offsets) - 1, 0)
     specs = array_specs(type(message))
@@ -60,6 +60,14 @@ def split(message: Message, envs: int) -> list[tuple[Message, dict[str, list[int
                     rows[key] = picked.tolist()
         result.append((dataclasses.replace(message, **changes), rows))  # type: ignore[type-var]
     return result
+
+
+def of_one(message: Message, env: int) -> Message | None:
+    """Gives what a message holds of an environment, None for an image of another one."""
+    if isinstance(message, Image):
+        return message if message.env == env else None
+    # Tables alone do not tell how many environments there are.
+    return split(message, max(count(message), env + 1))[env][0]
 
 
 def fits(message: Message, envs: int) -> bool:

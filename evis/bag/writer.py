@@ -13,7 +13,7 @@ from evis.bag.mcap.container import CHUNK_BYTES, CHUNK_PERIOD_S, Container
 from evis.bag.ros import events, jsonform, mapping, schemas
 from evis.bag.ros import messages as ros
 from evis.bag.ros.cdr import ros_time
-from msgs.camera import EventPacket
+from msgs.camera import EventPacket, Image
 from msgs.header import Message
 
 if TYPE_CHECKING:
@@ -97,6 +97,10 @@ class BagWriter:
                 self._add(at, waiting, log_time)
         self._begin_episode(message.header.episode)
         envs = environments.count(message)
+        if isinstance(message, Image) and message.envs > 1:
+            self._write(topic, f"/env{message.env}", message.env, message, log_time, {})
+            self.messages[topic] += 1
+            return
         self._envs = max(self._envs, envs)
         envs = envs or (self._envs if environments.tabular(message) else 1)
         if envs > 1 and environments.fits(message, envs):

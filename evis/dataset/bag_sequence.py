@@ -99,13 +99,16 @@ class BagSequence:
 
     def _named(self, topics: Any) -> Iterator[tuple[str, Message]]:
         for topic, message in self._reader.messages(list(topics)):
-            envs = environments.count(message)
+            envs = message.envs if isinstance(message, Image) else environments.count(message)
             if envs > 1 and self._env is None:
                 raise LayoutError(f"{self._reader.path} has {envs} environments; name one of them: --env 0")
             if envs > 1 and not 0 <= int(self._env or 0) < envs:
                 raise LayoutError(f"{self._reader.path} has no environment {self._env}; it has 0 to {envs - 1}")
             if self._env is not None and (envs > 1 or environments.tabular(message)):
-                message = environments.split(message, max(envs, self._env + 1))[self._env][0]
+                found = environments.of_one(message, self._env)
+                if found is None:
+                    continue
+                message = found
             yield topic, self._decoded(topic, message) if isinstance(message, EventPacket) else message
 
     def _decoded(self, topic: str, packet: EventPacket) -> EventPacket:

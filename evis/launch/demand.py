@@ -48,7 +48,11 @@ class Pruner:
                 self._need(node, set(node.spec.keep))
         for node in (n for n in self._nodes if n.spec.on_demand and n.spec.keep):
             self._need(node, set(node.spec.keep))
-        for node in (n for n in sinks if n.any_port is not None):
+        readers = [n for n in sinks if n.any_port is not None]
+        for node in readers:
+            for topic in self._named(node) & set(self._chosen(node)):
+                self._want(topic)
+        for node in readers:
             self._read(node)
         return self.demand
 
@@ -104,9 +108,8 @@ class Pruner:
 
         What is made on demand is read by default only where somebody has demanded it already.
         """
-        globs = [g if g.startswith(("/", "*")) else f"/{g}" for g in map(str, node.params.get("topics") or [])]
-        own = set(node.outputs.values())
-        available = [*sorted(set(self._publishers) - own), *SYSTEM_TOPICS]
+        globs, named = globs_of(node), self._named(node)
+        available = [t for t in self._available(node) if t in named or self._by_default(t)]
         choose = getattr(node.cls, "dynamic_inputs", None)
         if choose is not None:
             params = dict(node.params)
@@ -120,14 +123,26 @@ class Pruner:
             topics = matching(globs, available, node.spec.where, must=not self._partial)
         else:
             topics = [t for t in available if find_topic(t).recorded]
-        named = {t for glob in globs for t in fnmatch.filter(available, glob)}
-        return [t for t in topics if t in named or self._by_default(t)]
+        return topics
+
+    def _available(self, node: Wired) -> list[str]:
+        own = set(node.outputs.values())
+        return [*sorted(set(self._publishers) - own), *SYSTEM_TOPICS]
+
+    def _named(self, node: Wired) -> set[str]:
+        """What such a reader is told to take by name."""
+        return {t for glob in globs_of(node) for t in fnmatch.filter(self._available(node), glob)}
 
     def _by_default(self, topic: str) -> bool:
         if topic in SYSTEM_TOPICS:
             return True
         publisher = self._publishers[topic][0]
         return not publisher.spec.on_demand or publisher.name in self.demand.inputs
+
+
+def globs_of(node: Wired) -> list[str]:
+    """Lists the globs of topics that a node which takes what it is told was given."""
+    return [g if g.startswith(("/", "*")) else f"/{g}" for g in map(str, node.params.get("topics") or [])]
 
 
 def matching(globs: Iterable[str], available: Iterable[str], where: str, *, must: bool = True) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import fnmatch
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from evis.config.secret import Redactor
 from evis.launch import catalog
 from evis.launch.catalog import comes_with_evis, files_of
 from evis.launch.checks import check_files
-from evis.launch.demand import Demand, Pruner, left_out
+from evis.launch.demand import Demand, Pruner, globs_of, left_out
 from evis.launch.expand import Expanded, NodeSpec, expand
 from evis.launch.files import LaunchFile, load
 from evis.launch.order import data_flow_order
@@ -25,7 +26,7 @@ from evis.launch.unused_arguments import check_effect
 from evis.launch.wiring import Wired, publishers, secret_values, wire
 from evis.runtime.node import Node
 from evis.runtime.plan import Edge, LeftOut, NodePlan, Plan, TopicPlan
-from msgs.camera import Keyframe
+from msgs.camera import Image, Keyframe
 from msgs.topics import SYSTEM_TOPICS, find_topic
 
 COMPOSED = "graph"
@@ -178,7 +179,7 @@ def attach(plan: Plan, spec: NodeSpec, folder: Path) -> None:
                 "a topic has one publisher: start the graph without that node, or give this one's topic another name "
                 "by `remap` in a launch file"
             )
-    available = {name: (node, "") for name in plan.topics}
+    available = {name: (node, "") for name in plan.topics if name not in _unmade_images(plan, node)}
     demand = Pruner([node], available).attached(node)
     planned = NodePlan(node.name, node.target, node.params, spec.process, demand.inputs[node.name])
     planned.outputs = dict(node.outputs)
@@ -190,6 +191,17 @@ def attach(plan: Plan, spec: NodeSpec, folder: Path) -> None:
         for topic in topics:
             if topic not in SYSTEM_TOPICS:
                 plan.topics[topic].edges.append(Edge(node.name, port, "tap"))
+
+
+def _unmade_images(plan: Plan, node: Wired) -> set[str]:
+    """Images that a running graph could make and does not: for who is not told to take them there are none, so that a
+    recorder makes its preview.
+    """
+    if node.any_port is None:
+        return set()
+    dormant = {topic for other in plan.nodes.values() if other.dormant for topic in other.outputs.values()}
+    images = {topic for topic in dormant & plan.topics.keys() if plan.topics[topic].type == Image.__name__}
+    return images - {topic for glob in globs_of(node) for topic in fnmatch.filter(images, glob)}
 
 
 def _choose(nodes: list[Wired], demand: Demand) -> list[Wired]:

@@ -12,7 +12,7 @@ import numpy as np
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from evis.simulation.outputs import STATE, Asked
-from msgs.camera import EventPacket
+from msgs.camera import EventPacket, Image
 from msgs.header import Header, Message
 from msgs.world import Action, WorldState
 
@@ -42,7 +42,8 @@ class CallerNode(Node):
 
     def setup(self) -> None:
         """Begins with nothing taken."""
-        self.taken: dict[str, Message] = {}
+        self.taken: dict[str, list[Message]] = {}
+        """Topic -> its last message; of images, which come at their own rate, all."""
         self._asked_for: dict[str, bool] = {}
         """Topic -> whether the caller wants its messages, or only to know how far the run is."""
         self.stamp_ns = 0
@@ -68,14 +69,15 @@ class CallerNode(Node):
         if not self._asked_for[port]:
             return
         message.keep()
-        if port in self.taken:
-            self.taken[port].release()
-        self.taken[port] = message
+        before = self.taken.get(port, [])
+        if before and not isinstance(message, Image):
+            before.pop().release()
+        self.taken[port] = [*before, message]
 
-    def take(self) -> dict[str, Message]:
-        """Hands over what has arrived, topic -> message, whose arrays are the caller's own from now on."""
+    def take(self) -> dict[str, list[Message]]:
+        """Hands over what has arrived, topic -> messages, whose arrays are the caller's own from now on."""
         taken, self.taken = self.taken, {}
-        return {topic: self._placed(owned(message)) for topic, message in taken.items()}
+        return {topic: [self._placed(owned(message)) for message in found] for topic, found in taken.items()}
 
     def _placed(self, message: Message) -> Message:
         """Brings the columns of events to the device: those of a packet without any are made on the host."""

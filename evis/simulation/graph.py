@@ -108,6 +108,7 @@ class Planner:
         if plan.mode == "live":
             raise SimulationError(f"{plan.name} is live: a camera does not wait for steps; start it with `evis launch`")
         plan.nodes = {name: node for name, node in plan.nodes.items() if node.process == COMPOSED}
+        plan.topics = {name: topic for name, topic in plan.topics.items() if topic.node in plan.nodes}
         for node in plan.nodes.values():
             node.outside = {}  # the caller alone acts and resets
         return dataclasses.replace(self._found, plan=plan)

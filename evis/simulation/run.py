@@ -19,7 +19,7 @@ from evis.simulation.caller import CallerNode
 from evis.simulation.errors import Diverged, SimulationError, SimulationWarning
 from evis.simulation.graph import CALLER, Graph, needs_sockets
 from evis.simulation.outputs import OF_CAMERA, Asked
-from evis.simulation.step import Step, value_of
+from evis.simulation.step import IMAGE, IMAGES, Step, value_of
 from evis.supervisor.run_directory import RunDirectory
 
 MOST_KEPT = 64_000_000
@@ -229,7 +229,10 @@ class Run:
         cameras: dict[str, dict[str, Any]] = {name: {} for name in self.cameras}
         others: dict[str, Any] = {}
         for topic, camera, name in self._topics:
-            (cameras[camera] if camera else others)[name] = value_of(taken.get(topic))
+            found = taken.get(topic, [])
+            (cameras[camera] if camera else others)[name] = value_of(found[-1] if found else None)
+            if name == IMAGE:
+                cameras[camera][IMAGES] = tuple(found)
         episodes = np.zeros(self.envs, np.int32) if self._caller.episodes is None else self._caller.episodes
         self.last = Step(self.stamp_ns, episodes, cameras, others, self.over)
         return self.last

@@ -13,7 +13,9 @@ from msgs.camera import CameraInfo, Depth, EventPacket, Frames, Ids, Image, Imu,
 from msgs.header import Message
 from msgs.world import WorldState
 
-IMAGES = {Keyframe: "image", Depth: "depth", Motion: "motion", Ids: "ids", Normal: "normal"}
+IMAGE, IMAGES = "image", "images"
+"""The last image of a step, and all of them: a frame sensor has a rate of its own."""
+HOLDS_ONE = {Keyframe: "image", Depth: "depth", Motion: "motion", Ids: "ids", Normal: "normal"}
 """Messages that hold one image, which is what a caller gets, without margin."""
 
 
@@ -43,6 +45,9 @@ class CameraOutputs:
     audit: Audit | None
     info: CameraInfo | None
     image: Image | None
+    """The last of `images`."""
+    images: tuple[Image, ...]
+    """Images whose exposure has ended in this interval, by their stamps and then by environment (`env`)."""
 
     def __init__(self, values: Mapping[str, Any]) -> None:
         vars(self).update(values)
@@ -91,7 +96,7 @@ class Step(CameraOutputs):
 
 def value_of(message: Message | None) -> Any:
     """Gives what the caller gets of a message: its image without margin where it holds one, else itself."""
-    field = IMAGES.get(type(message))  # type: ignore[arg-type]
+    field = HOLDS_ONE.get(type(message))  # type: ignore[arg-type]
     if message is None or field is None:
         return message
     image, margin = getattr(message, field), getattr(message, "margin", 0)

@@ -14,6 +14,7 @@ MAY_USE = {
     "event_sensor": {"interpolator", "renderer"},
     "labeler": {"renderer"},
     "audit": {"event_sensor", "interpolator", "renderer"},
+    "frame_camera": {"event_sensor", "interpolator"},
 }
 WHOLE_CHAIN = ("nodes", "interpolator", "auto")
 """What measures the whole chain may use all of it, and no node uses that."""

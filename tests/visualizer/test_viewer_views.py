@@ -272,6 +272,16 @@ def test_camera_images_keep_their_values(data: np.ndarray, encoding: str, expect
     assert np.abs(np.atleast_1d(picture(view)[2, 2]).astype(int) - expected).max() <= 6
 
 
+def test_an_image_of_another_environment_is_passed_by() -> None:
+    """Images come one by one, each of its environment; a panel of one that is not there shows the last."""
+    views = [ImageView("image", env) for env in (0, 1, 7)]
+    for env in (0, 1):
+        image = ImageMessage(Header(0), np.full((4, 4, 1), 60 + 100 * env, np.uint8), "mono8", 1, 0, env, 2)
+        for view in views:
+            view.capture(image)
+    assert [round(float(picture(view)[2, 2]), -1) for view in views] == [60, 160, 160]
+
+
 def test_frames_show_the_last_one() -> None:
     luminance = np.stack([np.full((8, 8), 1e-3, np.float32), np.tile(np.linspace(0, 1, 8, dtype=np.float32), (8, 1))])
     view = ImageView("luminance", 0)

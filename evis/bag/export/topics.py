@@ -67,6 +67,7 @@ def export(bag: str | Path, topic: str, out: str | Path, *, half: bool = False, 
         elif kind == "Keyframe" and not suffix:
             result = _keyframes(reader, name, env, out, half)
         elif kind == "Image" and not suffix:
+            _check_one(reader, name, env)
             result = png.write_folder(messages(), topic, out)
         elif kind in label_images.KINDS and not suffix:
             save = label_pngs.write_folders if as_png else label_images.write_folder
@@ -123,13 +124,18 @@ def _resolve(reader: BagReader, topic: str) -> tuple[str, int | None]:
     raise BagError(f"{reader.path} has no topic '{topic}'; it has {known}")
 
 
+def _check_one(reader: BagReader, topic: str, env: int | None) -> None:
+    """Raises BagError for images of several environments, which would be one film."""
+    numbers = {s.env for s in reader.streams.values() if s.topic == topic}
+    if env is None and len(numbers) > 1:
+        raise BagError(f"{topic} has {len(numbers)} environments; name one of them: /env0{topic}")
+
+
 def _messages(reader: BagReader, topic: str, env: int | None) -> Iterator[Message]:
     for _, message in reader.messages([topic]):
-        if env is None:
-            yield message
-            continue
-        # Tables alone do not tell how many environments there are.
-        yield environments.split(message, max(environments.count(message), env + 1))[env][0]
+        found = message if env is None else environments.of_one(message, env)
+        if found is not None:
+            yield found
 
 
 def _events(reader: BagReader, topic: str, env: int | None, out: Path) -> dict[str, Any]:

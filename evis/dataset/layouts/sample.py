@@ -72,6 +72,9 @@ def samples(step: Step, taken: Callable[[Any], Any] = host) -> Iterator[tuple[st
     if len(step.episodes) > 1:
         raise LayoutError(f"a sequence is of one environment, the step has {len(step.episodes)}; write each by itself")
     for camera, outputs in step.cameras.items():
+        for image in vars(outputs).get("images", ())[:-1]:
+            stamp_ns = image.header.stamp_ns
+            yield camera, Sample(stamp_ns, stamp_ns, Events.empty(), image=image)
         yield camera, _sample(camera, step.stamp_ns, outputs, taken)
 
 

@@ -6,6 +6,7 @@ import threading
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+from msgs.camera import Image
 from msgs.header import Header, Message
 
 
@@ -53,7 +54,9 @@ class TopicView:
         raise TypeError(f"{type(self).__name__} does not draw")
 
     def capture(self, message: Message) -> None:
-        """Takes a message; its arrays are not used after return."""
+        """Takes a message; its arrays are not used after return. An image of another environment is passed by."""
+        if isinstance(message, Image) and message.env != min(self.env, message.envs - 1):
+            return
         picked = self.pick(message), header_meta(message.header)
         with self._lock:
             self._newest = picked

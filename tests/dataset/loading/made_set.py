@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +37,9 @@ class Here:
     def __init__(self, out: str) -> None:
         self._answerer, self._answers = Answerer(out), list[Answer]()
 
-    def give(self, worker: int, plan: Plan) -> None:
-        self._answers.append(Answer(worker, **self._answerer.answer(plan.as_dict())))
+    def give(self, worker: int, plans: Sequence[Plan]) -> None:
+        told = self._answerer.answers([plan.as_dict() for plan in plans])
+        self._answers += [Answer(worker, **fields) for fields in told]
 
     def wait(self, timeout_s: float) -> list[Answer]:
         found, self._answers = self._answers, []

@@ -1,0 +1,1 @@
+"""Frames of an active-pixel sensor beside the events: exposure, motion blur, shutter, noise and quantisation."""
