@@ -14,9 +14,12 @@ _COPIES = contextlib.ExitStack()
 atexit.register(_COPIES.close)
 
 
-@functools.cache
 def local_folder(out: str, path: str) -> Path:
     """Returns the folder of a sequence on this machine. Raises DatasetError, OSError."""
-    if not is_remote(out):
-        return Path(out, path)
+    return copied(out, path) if is_remote(out) else Path(out, path)
+
+
+@functools.cache
+def copied(out: str, path: str) -> Path:
+    """Copies a sequence here, once. Raises DatasetError, OSError."""
     return _COPIES.enter_context(store_of(out).local(path))
