@@ -13,7 +13,7 @@ from evis.runtime.plan import Plan
 from evis.scene.parameters import SCENE, camera_of, scene_of
 from evis.scene.stereo import baseline
 from evis.simulation.errors import SimulationError
-from evis.simulation.step import CameraOutputs, Step, on_host
+from evis.simulation.step import IMAGE, IMAGES, CameraOutputs, Step, on_host
 from msgs.camera import CameraInfo, EventPacket, Image
 from msgs.fields import array_specs
 from msgs.header import Message
@@ -55,9 +55,12 @@ def alone(step: Step, env: int, infos: Mapping[str, CameraInfo]) -> Step:
     SimulationError for an output that cannot be taken apart.
     """
     cameras = {
-        name: {key: _part(key, value, env, infos.get(name)) for key, value in vars(outputs).items()}
+        name: {key: _part(key, value, env, infos.get(name)) for key, value in vars(outputs).items() if key != IMAGE}
         for name, outputs in step.cameras.items()
     }
+    for outputs in cameras.values():
+        if IMAGES in outputs:
+            outputs[IMAGE] = next(reversed(outputs[IMAGES]), None)
     first = next(iter(step.cameras), "")
     of_no_camera = {
         key: _part(key, value, env, None)
@@ -75,9 +78,16 @@ def _part(name: str, value: Any, env: int, info: CameraInfo | None) -> Any:
         return None if value is None else info
     if isinstance(value, EventPacket):
         return _events(value, env)
-    if isinstance(value, Image):
-        raise SimulationError(f"{name} is of environment 0 alone; simulate environments one at a time for it")
+    if name == IMAGES:
+        return tuple(_image(image) for image in value if image.env == env)
     return _message(value, env) if isinstance(value, Message) else value[env : env + 1]
+
+
+def _image(image: Image) -> Image:
+    """The image of an environment that is by itself."""
+    whole: Any = image
+    alone: Image = dataclasses.replace(whole, env=0, envs=1)
+    return alone
 
 
 def _events(packet: EventPacket, env: int) -> EventPacket:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,11 +38,12 @@ class FrameCamera:
     """Exposes and reads out images of E environments from frames that come gap by gap."""
 
     def __init__(
-        self, settings: Settings, envs: int, shape: tuple[int, int, int], device: str = "cpu", seed: int = 0,
+        self, settings: Settings, seeds: Sequence[int], shape: tuple[int, int, int], device: str = "cpu",
         defocus_px: float = 0.0,
     ) -> None:  # fmt: skip
-        """shape: height, width and channels of the frames. seed: of environment 0, environment k having seed + k."""
-        self._settings, self._seed, self._shape = settings, seed, shape
+        """seeds: one of each environment. shape: height, width and channels of the frames."""
+        self._settings, self._seeds, self._shape = settings, tuple(seeds), shape
+        envs = len(seeds)
         self._device = wp.get_device(device)
         self._size = int(np.prod(shape))
         rows = shape[0]
@@ -174,7 +176,7 @@ class FrameCamera:
 
     def _stream(self, env: int, row: np.ndarray) -> np.uint64:
         """The random stream of an environment's images since its reset."""
-        seed = self._seed + env if row[SEED] == CONFIGURED else int(row[SEED])
+        seed = self._seeds[env] if row[SEED] == CONFIGURED else int(row[SEED])
         first = mix(np.array([seed % 2**64], np.uint64) ^ SALT)
         again = np.array([int(row[NUMBER]) % 2**64], np.uint64)
         return np.uint64(mix(first ^ (again * GOLDEN + np.uint64(2)))[0])

@@ -9,6 +9,7 @@ import numpy as np
 
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
+from evis.scene.parameters import seeds_of
 from msgs.camera import Frames, Image, Keyframe
 from msgs.header import Header, Message
 from msgs.own_time import STAMP
@@ -83,7 +84,8 @@ class FrameCameraNode(Node):
         from nodes.frame_camera.camera import FrameCamera
 
         p = self.params
-        return FrameCamera(self._settings, envs, shape, p["device"], p["seed"], p["defocus_px"] or 0.0)
+        seeds = seeds_of({**p, "envs": envs})
+        return FrameCamera(self._settings, seeds, shape, p["device"], p["defocus_px"] or 0.0)
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Begins anew; only the seed may differ."""

@@ -113,7 +113,7 @@ def test_a_gpu_makes_as_many_at_once_as_its_memory_holds(tmp_path: Path) -> None
 
 
 def test_workers_share_gpus_where_there_are_cores_for_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    for cores, gpus, expected in ((2, 0, 2), (32, 2, 8), (2, 2, 2), (6, 4, 4), (16, 1, 4)):
+    for cores, gpus, expected in ((2, 0, 2), (32, 2, 28), (2, 2, 2), (6, 4, 4), (16, 1, 14), (8, 1, 8)):
         monkeypatch.setattr("os.sched_getaffinity", lambda pid, n=cores: set(range(n)))
         assert usual_workers(gpus) == expected
 

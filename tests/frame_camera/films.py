@@ -32,7 +32,7 @@ def film(
     """
     settings = settings_of("camera", given.pop("preset", "ideal"), {**LINEAR, **given})
     first = np.asarray(light(0.0), np.float32)
-    camera = FrameCamera(settings, envs, (*first.shape, 1), device, seed, defocus_px)
+    camera = FrameCamera(settings, range(seed, seed + envs), (*first.shape, 1), device, defocus_px)
     found, at = [], 0
     whole = np.broadcast_to(first, (envs, 1, *first.shape))
     found += camera.push(whole, np.zeros((envs, 1), np.int64), np.ones(envs, bool), rows_of(envs, 0))

@@ -28,6 +28,12 @@ CASES: dict[str, tuple[str, dict[str, Any], list[dict[str, Any]], list[str]]] = 
         [{"seed": 9}, {"seed": 3}],
         ["events", "info", "labels.events"],
     ),
+    "images of a frame sensor": (
+        "spinning_disk",
+        {"image": True, "image_rate": 70.0, "photon_noise": True, "read_noise": 20.0},
+        [{"seed": 9}, {"seed": 3, "omega": 20.0}],
+        ["events", "info", "image"],
+    ),
     "worlds that are drawn, with an engine": (
         "falling_objects",
         {"vary": 1, "shot_rate": 2.0},
@@ -45,6 +51,10 @@ def same(a: Any, b: Any) -> None:
         assert mine.keys() == other.keys()
         for name in mine:
             same(mine[name], other[name])
+    elif isinstance(a, tuple):
+        assert len(a) == len(b)
+        for one, other in zip(a, b):
+            same(one, other)
     elif isinstance(a, np.ndarray):
         assert a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
     else:
@@ -66,6 +76,7 @@ def test_environments_are_what_they_are_by_themselves(case: str) -> None:
                     for name in outputs:
                         name = name.partition(".")[0]
                         same(getattr(part, name), getattr(expected, name))
+                    same(vars(part).get("images"), vars(expected).get("images"))
         assert len({sim.alone(steps[2], env).events.t.tobytes() for env in range(len(each))}) == len(each)
 
 
