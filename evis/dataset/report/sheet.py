@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from evis.dataset.making.store import is_remote
-from evis.dataset.report.summary import opened, summary
+from evis.dataset.report.summary import opened, summary, value_text
 from evis.dataset.report.tiles import tiles
 from evis.files.whole_file import whole_file
 
@@ -102,7 +102,9 @@ def _page(out: str, told: dict[str, Any], entries: list[dict[str, Any]], strips:
     for entry, strip in zip(entries, strips):
         data = io.BytesIO()
         strip.save(data, "PNG")
-        said = ", ".join(f"{key} {value}" for key, value in {"seed": entry["seed"], **entry["arguments"]}.items())
+        said = ", ".join(
+            f"{key} {value_text(value)}" for key, value in {"seed": entry["seed"], **entry["arguments"]}.items()
+        )
         parts.append(
             f'<figure><img alt="{html.escape(entry["name"])}" '
             f'src="data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}">'

@@ -51,14 +51,21 @@ def _ranges(arguments: list[dict[str, Any]]) -> dict[str, str]:
     found = {}
     for name in names:
         values = [each[name] for each in arguments if name in each]
-        if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
-            found[name] = f"{min(values):.4g} to {max(values):.4g}" if min(values) < max(values) else f"{values[0]:.4g}"
+        rows = [value if isinstance(value, list) else [value] for value in values]
+        if len({len(row) for row in rows}) == 1 and all(_is_number(part) for row in rows for part in row):
+            low, high = (value_text([end(column) for column in zip(*rows)]) for end in (min, max))
+            found[name] = low if low == high else f"{low} to {high}"
         else:
-            shown = sorted({_text(value) for value in values})
+            shown = sorted({value_text(value) for value in values})
             found[name] = ", ".join(shown[:6]) + (f" and {len(shown) - 6} more" if len(shown) > 6 else "")
     return found
 
 
-def _text(value: Any) -> str:
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def value_text(value: Any) -> str:
+    """Writes the value of an argument to four digits, a vector with commas."""
     parts = value if isinstance(value, list) else [value]
-    return ",".join(f"{part:.3g}" if isinstance(part, float) else str(part) for part in parts)
+    return ",".join(f"{part:.4g}" if isinstance(part, float) else str(part) for part in parts)
