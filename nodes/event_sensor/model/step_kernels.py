@@ -6,6 +6,16 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.struct
+class Between:
+    """Further samples between the frames, see batch.SampleLists; with empty arrays where there are none."""
+
+    first: wp.array(dtype=wp.int32)
+    offset: wp.array(dtype=wp.int32)
+    value: wp.array(dtype=wp.float32)
+    shared: wp.int32
+
+
+@wp.struct
 class Message:
     """The frames of a message, see batch.Batch; [E, frames, H, W, C] flat. The first `count` settle now."""
 
@@ -17,6 +27,7 @@ class Message:
     t_base: wp.int64
     t_before: wp.int64
     episodes: wp.array2d(dtype=wp.int32)
+    between: Between
 
 
 @wp.func
@@ -29,6 +40,7 @@ def message_of(
     t_base: wp.int64,
     t_before: wp.int64,
     episodes: wp.array2d(dtype=wp.int32),
+    between: Between,
 ):
     """Makes a Message in a kernel: the host takes 3 us to fill in a field of a struct, as long as a row of pixels."""
     message = Message()
@@ -40,6 +52,7 @@ def message_of(
     message.t_base = t_base
     message.t_before = t_before
     message.episodes = episodes
+    message.between = between
     return message
 
 
@@ -67,7 +80,10 @@ class Sample:
 
 @wp.struct
 class Step:
-    """The time between two frames: from `start` to `now`, h ns, to frame k of the message; per_h = 1 / h."""
+    """The time between two samples: from `start` to `now`, h ns; per_h = 1 / h.
+
+    k: the frame of the message that it ends at, or the next one after a further sample.
+    """
 
     k: wp.int32
     start: wp.int64
