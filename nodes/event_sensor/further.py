@@ -15,9 +15,11 @@ import warp as wp
 from nodes.event_sensor.arrays import on_device
 from nodes.event_sensor.batch import SampleLists, Size
 from nodes.event_sensor.further_kernels import FINE, REASONS, check_lists
+from nodes.event_sensor.model.step_kernels import Between
 
 MOST = (1 << 31) - 1
 """Entries of one message."""
+NONE = Between()
 
 
 @dataclass
@@ -61,6 +63,15 @@ def frames_only(p: Mapping[str, Any]) -> str:
     if p["defocus_px"] > 0:
         return "defocus_px blurs whole frames; leave it out, or give frames at all of the instants"
     return ""
+
+
+def between(lists: SampleLists | None) -> Between:
+    """Gives kernels the further samples of a message."""
+    if lists is None:
+        return NONE
+    struct: Any = Between()
+    struct.first, struct.offset, struct.value, struct.shared = lists.first, lists.offset, lists.value, lists.shared
+    return struct  # type: ignore[no-any-return]
 
 
 def check(lists: SampleLists, size: Size, t: np.ndarray, t_base: int, fresh: np.ndarray) -> None:

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.batch import Batch, SampleLists, Size
+from nodes.event_sensor.batch import Batch, Size
 from nodes.event_sensor.cpu.nonideal_kernels import rows_kernel
 from nodes.event_sensor.cuda.nonideal_kernels import pixels_kernel
+from nodes.event_sensor.further import between
 from nodes.event_sensor.model.features import features_of
 from nodes.event_sensor.model.fixed_pattern import pattern_of
 from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.model.state_kernels import FrequentState, Rare, arrays_of, frequent_state, runs_of
-from nodes.event_sensor.model.step_kernels import Between
 
 
 class NonIdeal:
@@ -29,7 +29,6 @@ class NonIdeal:
         features = self._features = features_of(p)
         self._make = pixels_kernel if device.is_cuda else rows_kernel
         self._make(features)
-        self._nothing = Between()
         self._size, self._device, self.in_place = size, device, not device.is_cuda
 
         def state() -> tuple[FrequentState, wp.array]:
@@ -56,7 +55,7 @@ class NonIdeal:
         """Events of a batch to `keys`, as many as fit. In place: from pixel resume - 1 to the first without room."""
         b = batch
         message = [b.images, b.slopes, b.frames, b.count, b.t, b.t_base, b.t_before, b.episodes]
-        message.append(self._nothing if b.further is None else between(b.further))
+        message.append(between(b.further))
         if self.in_place:
             runs = [runs_of(b.images), runs_of(b.slopes)]
             inputs = [sensor, b.begin, *message, *runs, resume]
@@ -69,10 +68,3 @@ class NonIdeal:
 
     def swap(self) -> None:
         self._before, self._after = self._after, self._before
-
-
-def between(lists: SampleLists) -> Between:
-    """Gives kernels the further samples of a message."""
-    struct: Any = Between()
-    struct.first, struct.offset, struct.value, struct.shared = lists.first, lists.offset, lists.value, lists.shared
-    return struct  # type: ignore[no-any-return]

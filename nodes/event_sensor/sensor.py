@@ -266,7 +266,9 @@ class EventSensor:
         check_noise(self._unlit, f"{self.envs} x {self._size}", t_base, t)
         lists = self._lists(further, t, t_base, fresh)
         images, slopes = on_device(luminance, self._device), self._nothing
-        if not self._optics.clear:
+        if further is not None and self._optics.traces:
+            images, lists = self._optics.traced(images, lists, t, int(t[0]) if again else self._last_stamp, fresh)
+        elif not self._optics.clear:
             sharp = images
             images = self._optics.seen(sharp, t, int(t[0]) if again else self._last_stamp, fresh)
         if self._hermite:
@@ -290,8 +292,6 @@ class EventSensor:
         why = frames_only(self.parameters)
         if why:
             raise ValueError(f"event sensor got further samples between the frames, but {why}")
-        if not self._optics.clear:
-            raise ValueError("event sensor takes further samples between the frames without bandwidth_hz")
         lists = further.on(self._shape, self._device)
         check(lists, self._shape, t, t_base, fresh)
         return lists if lists.offset.size else None
