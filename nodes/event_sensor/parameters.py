@@ -62,5 +62,16 @@ def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[st
     return resolve(owner, SENSOR, {**PRESETS[preset].values, **explicit})
 
 
+def frames_only(p: Mapping[str, Any]) -> str:
+    """Tells why a sensor takes whole frames alone; empty where it does not. p: all of SENSOR, resolved."""
+    if p["model"] != "evis":
+        return f"event model {p['model']} takes frames alone; event model evis takes both"
+    if p["crossing"] != "linear":
+        return f"crossing={p['crossing']} is for frames alone; between further samples ln I is a line, crossing=linear"
+    if p["defocus_px"] > 0:
+        return "defocus_px blurs whole frames; leave it out, or give frames at all of the instants"
+    return ""
+
+
 NODE: dict[str, Param] = {name: _of_preset(name, param) for name, param in SENSOR.items()}
 """SENSOR for a node of the graph, where a value that is not given is the preset's."""

@@ -40,14 +40,14 @@ from nodes.event_sensor.device_events import DeviceEvents, Pending, Ready
 from nodes.event_sensor.engines import FLOOR as FLOOR
 from nodes.event_sensor.engines import make_engine, sensor_struct, unlit_rate
 from nodes.event_sensor.further import Further as Further
-from nodes.event_sensor.further import check, frames_only
+from nodes.event_sensor.further import check
 from nodes.event_sensor.look_ahead import LookAhead
 from nodes.event_sensor.message_limit import check_noise
 from nodes.event_sensor.model.features import marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
 from nodes.event_sensor.optics.optics import Optics
-from nodes.event_sensor.parameters import resolve_sensor
+from nodes.event_sensor.parameters import frames_only, resolve_sensor
 from nodes.event_sensor.readout.packet import Events as Events
 from nodes.event_sensor.readout.packet import merged, parted
 
@@ -164,6 +164,11 @@ class EventSensor:
     def begins_again(self) -> bool:
         """Whether another episode has other random numbers although its time is the same."""
         return self._readout is None
+
+    @property
+    def takes_further(self) -> bool:
+        """Whether it takes further samples of single pixels between the frames."""
+        return not frames_only(self.parameters)
 
     @property
     def stamp(self) -> int:
