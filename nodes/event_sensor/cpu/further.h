@@ -37,7 +37,7 @@ static const auto walk_further = [](const auto& sensor, const auto& luminance, c
     wp::int64 when[RUN];
     for (; inner < size; inner++) {
         const int index = env * size + inner;
-        const int list = index / shared;
+        const int list = shared == 1 ? index : index / shared;
         int i = firsts[list];
         const int end = firsts[list + 1];
         if (i == end) continue;
@@ -153,14 +153,35 @@ static const auto walk_further = [](const auto& sensor, const auto& luminance, c
 
 // Merges n sorted keys into the `count` sorted keys of a list, which has room for them.
 static const auto merge_sorted = [](const auto& more, wp::int64 n, wp::int64 count, const auto& keys) {
+    typedef wp::int64 longs __attribute__((vector_size(64)));
     const wp::int64* source = more.data;
     wp::int64* list = keys.data;
-    wp::int64 a = count - 1;
-    wp::int64 b = n - 1;
-    for (wp::int64 to = count + n - 1; b >= 0; to--) {
-        const bool own = a >= 0 && list[a] > source[b];
-        list[to] = own ? list[a] : source[b];
-        a -= own;
-        b -= !own;
+    wp::int64 left = count;
+    for (wp::int64 b = n - 1; b >= 0; b--) {
+        // The keys of the list above this one, in strides that grow, then by halves.
+        const wp::int64 key = source[b];
+        wp::int64 above = left;
+        wp::int64 stride = 1;
+        while (above - stride >= 0 && list[above - stride] > key) {
+            above -= stride;
+            stride *= 2;
+        }
+        wp::int64 below = above - stride >= 0 ? above - stride : -1;
+        while (above - below > 1) {
+            const wp::int64 middle = (above + below) / 2;
+            const bool higher = list[middle] > key;
+            above = higher ? middle : above;
+            below = higher ? below : middle;
+        }
+        // From the top down, eight at a time: what is written over has been read.
+        wp::int64 from = left;
+        for (; from - 8 >= above; from -= 8) {
+            longs eight;
+            memcpy(&eight, list + from - 8, sizeof(eight));
+            memcpy(list + from - 8 + b + 1, &eight, sizeof(eight));
+        }
+        for (; from > above; from--) list[from + b] = list[from - 1];
+        list[above + b] = key;
+        left = above;
     }
 };
