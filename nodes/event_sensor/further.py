@@ -5,7 +5,6 @@ Between two neighbouring samples of a pixel, of a frame or further, ln I is a st
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,12 +13,9 @@ import warp as wp
 
 from nodes.event_sensor.arrays import on_device
 from nodes.event_sensor.batch import SampleLists, Size
-from nodes.event_sensor.further_kernels import FINE, REASONS, check_lists
-from nodes.event_sensor.model.step_kernels import Between
 
 MOST = (1 << 31) - 1
 """Entries of one message."""
-NONE = Between()
 
 
 @dataclass
@@ -36,6 +32,18 @@ class Further:
     first: Any
     offset: Any
     value: Any
+
+    def of(self, envs: slice, total: int) -> Further:
+        """Gives those of some neighbouring environments out of `total`."""
+        first = self.first.numpy() if isinstance(self.first, wp.array) else np.asarray(self.first)
+        pixels = (len(first) - 1) // total
+        first = first[envs.start * pixels : envs.stop * pixels + 1]
+        own = slice(int(first[0]), int(first[-1]))
+        return Further(first - first[:1], self.offset[own], self.value[own])
+
+    def none(self) -> Further:
+        """Gives none of as many pixels."""
+        return Further(np.zeros(len(self.first), np.int32), self.offset[:0], self.value[:0])
 
     def on(self, size: Size, device: Any) -> SampleLists:
         """Gives the lists of a sensor's pixels on its device. Raises ValueError for lengths and types that do not
@@ -54,32 +62,14 @@ class Further:
         return SampleLists(first, offset, value, shared)
 
 
-def frames_only(p: Mapping[str, Any]) -> str:
-    """Tells why a sensor takes whole frames alone; empty where it does not. p: all of SENSOR, resolved."""
-    if p["model"] != "evis":
-        return f"event model {p['model']} takes frames alone; event model evis takes both"
-    if p["crossing"] != "linear":
-        return f"crossing={p['crossing']} is for frames alone; between further samples ln I is a line, crossing=linear"
-    if p["defocus_px"] > 0:
-        return "defocus_px blurs whole frames; leave it out, or give frames at all of the instants"
-    return ""
-
-
-def between(lists: SampleLists | None) -> Between:
-    """Gives kernels the further samples of a message."""
-    if lists is None:
-        return NONE
-    struct: Any = Between()
-    struct.first, struct.offset, struct.value, struct.shared = lists.first, lists.offset, lists.value, lists.shared
-    return struct  # type: ignore[no-any-return]
-
-
 def check(lists: SampleLists, size: Size, t: np.ndarray, t_base: int, fresh: np.ndarray) -> None:
     """Raises ValueError where lists do not ascend, or leave the message.
 
     t: int64 [K] ns, stamps of the frames. t_base: [ns], where offsets are 0. fresh: bool [E], environments that begin
     an episode with the first frame.
     """
+    from nodes.event_sensor.further_kernels import FINE, REASONS, check_lists
+
     device = lists.first.device
     stamps: wp.array = wp.array(np.asarray(t - t_base, np.int64), device=device)
     begins: wp.array = wp.array(np.asarray(fresh, np.int32), device=device)

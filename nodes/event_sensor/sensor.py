@@ -37,10 +37,11 @@ from nodes.event_sensor.arrays import on_device, shape_of
 from nodes.event_sensor.batch import Batch, SampleLists, Size
 from nodes.event_sensor.cpu.listing import Listing
 from nodes.event_sensor.device_events import DeviceEvents, Pending, Ready
+from nodes.event_sensor.effects import frames_only
 from nodes.event_sensor.engines import FLOOR as FLOOR
 from nodes.event_sensor.engines import make_engine, sensor_struct, unlit_rate
 from nodes.event_sensor.further import Further as Further
-from nodes.event_sensor.further import check, frames_only
+from nodes.event_sensor.further import check
 from nodes.event_sensor.look_ahead import LookAhead
 from nodes.event_sensor.message_limit import check_noise
 from nodes.event_sensor.model.features import marks
@@ -164,6 +165,11 @@ class EventSensor:
     def begins_again(self) -> bool:
         """Whether another episode has other random numbers although its time is the same."""
         return self._readout is None
+
+    @property
+    def takes_further(self) -> bool:
+        """Whether it takes further samples of single pixels between the frames."""
+        return not frames_only(self.parameters)
 
     @property
     def stamp(self) -> int:

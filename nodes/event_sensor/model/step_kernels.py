@@ -1,6 +1,11 @@
 """What the functions of a pixel hand to each other: where it is, the step, the light in it, how far it has come."""
 
+from typing import TYPE_CHECKING, Any
+
 import warp as wp
+
+if TYPE_CHECKING:
+    from nodes.event_sensor.batch import SampleLists
 
 wp.set_module_options({"enable_backward": False})
 
@@ -13,6 +18,18 @@ class Between:
     offset: wp.array(dtype=wp.int32)
     value: wp.array(dtype=wp.float32)
     shared: wp.int32
+
+
+NOTHING = Between()
+
+
+def between(lists: "SampleLists | None") -> Between:
+    """Returns the further samples of a message for kernels."""
+    if lists is None:
+        return NOTHING
+    struct: Any = Between()
+    struct.first, struct.offset, struct.value, struct.shared = lists.first, lists.offset, lists.value, lists.shared
+    return struct  # type: ignore[no-any-return]
 
 
 @wp.struct

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from nodes.event_sensor.batch import SampleLists
-from nodes.event_sensor.further import between
+from nodes.event_sensor.model.step_kernels import between
 from nodes.event_sensor.optics import trace_kernels as kernels
 from nodes.event_sensor.optics.photoreceptor_simd_kernels import Receptor
 
