@@ -51,6 +51,7 @@ def check_lists(
             wrong = wp.static(WRONG_LIST)
         before = wp.int64(0)
         k = int(0)
+        frame = stamps[0]
         while wrong < 0 and i < stop:
             now = wp.int64(offset[i])
             if now <= before:
@@ -58,9 +59,10 @@ def check_lists(
             elif now >= last:
                 wrong = wp.static(TOO_LATE)
             else:
-                while stamps[k] < now:
+                while frame < now:
                     k += 1
-                if stamps[k] == now:
+                    frame = stamps[k]
+                if frame == now:
                     wrong = wp.static(AT_FRAME)
                 if k == 0 and begins[env] != 0:
                     wrong = wp.static(NOT_BEGUN)
