@@ -198,7 +198,8 @@ class EventSensor:
 
         On a CUDA device the ideal sensor has up to CALLS calls in flight: this launches the work and returns, and
         result() waits for it. The frames must stay unchanged until then. A call for which there is no room any more,
-        because the results of earlier ones were not taken, raises ValueError. Other sensors are done at once.
+        because the results of earlier ones were not taken, raises ValueError. Other sensors are done at once. Further
+        samples are checked before they are used, for which a call waits until they are there.
         """
         batch, begins = self._take(luminance, t, episodes, dlog_dt, further)
         if self._pipelined:
