@@ -63,6 +63,7 @@ SUBJECTS = {
 """Name -> module with `measure(quick)` and perhaps `plot(sections, folder)`, and what it measures."""
 
 BY_THEMSELVES = {
+    "bench.event_sensor.further": "cost of further samples of single pixels between frames",
     "bench.event_sensor.gpu": "the sensor on a CUDA device, against its memory's bandwidth",
     "bench.interpolation.gpu": "gaps on a CUDA device, and where their time goes",
     "bench.renderer.gpu": "the renderer on a CUDA device, stage by stage and kernel by kernel",

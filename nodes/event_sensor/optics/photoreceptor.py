@@ -19,10 +19,12 @@ move by as much as 1e-9 ln I moves its crossing (a few ns), and a float32 result
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import warp as wp
 
+from nodes.event_sensor.batch import SampleLists
 from nodes.event_sensor.optics import photoreceptor_kernels as kernels
 from nodes.event_sensor.optics import photoreceptor_simd_kernels as simd
 from nodes.event_sensor.optics.photoreceptor_simd_kernels import Receptor
@@ -33,7 +35,8 @@ class Photoreceptor:
 
     bandwidth_hz: corner of each pole [Hz], above 0, at intensities from bandwidth_level on; below, it is proportional
     to I + dark_level. bandwidth_level 0: the same for every intensity. poles: 1 or 2. dark_level: I_dark, in the unit
-    of the luminance. State: 12 bytes per pixel and channel with one pole, 20 with two. Raises ValueError.
+    of the luminance. chord: how far a line between two samples of `trace` may lie from the output [ln I]. State: 12
+    bytes per pixel and channel with one pole, 20 with two. Raises ValueError.
     """
 
     def __init__(
@@ -47,6 +50,7 @@ class Photoreceptor:
         poles: int = 1,
         dark_level: float = 0.0,
         device: str = "cpu",
+        chord: float = 0.004,
     ) -> None:
         if not (math.isfinite(bandwidth_hz) and bandwidth_hz > 0):
             raise ValueError(f"bandwidth_hz {bandwidth_hz:g} must be above 0 and finite; without a limit leave it out")
@@ -58,6 +62,8 @@ class Photoreceptor:
         self._device = wp.get_device(device)
         make = kernels.low_pass_gpu if self._device.is_cuda else kernels.low_pass
         self._kernel = make(poles, bandwidth_level > 0)
+        self._kind, self._chord = (poles, bandwidth_level > 0), chord
+        self._tracer: Any = None
         self._envs, self._size = envs, height * width * channels
         self._rate = 2.0 * math.pi * bandwidth_hz
         values = {
@@ -76,6 +82,7 @@ class Photoreceptor:
         self._second: wp.array = wp.zeros(total if poles == 2 else 0, dtype=wp.float64, device=self._device)
         self._place: wp.array = wp.empty(simd.BLOCK, dtype=wp.int32, device="cpu")
         self._filtered: wp.array | None = None
+        self._unmarked: wp.array = wp.empty(0, dtype=wp.uint8, device="cpu")
 
     def advance(
         self, images: wp.array, t: np.ndarray, t_base: int, fresh: np.ndarray, in_place: bool = False
@@ -89,29 +96,69 @@ class Photoreceptor:
         one. in_place: the result goes to `images`, which takes no further memory. Raises ValueError when the number of
         samples does not fit.
         """
+        self._check(images, t)
+        if in_place:
+            filtered = images
+        else:
+            if self._filtered is None or self._filtered.shape != images.shape:
+                self._filtered = wp.empty(images.shape, dtype=wp.float32, device=self._device)
+            filtered = self._filtered
+        self._filter(self._kernel, images.flatten(), t, t_base, fresh, filtered.flatten(), self._unmarked)
+        return filtered
+
+    def _check(self, images: wp.array, t: np.ndarray) -> None:
         count = len(t)
         if math.prod(images.shape) != self._envs * count * self._size:
             raise ValueError(
                 f"photoreceptor got images {tuple(images.shape)} with {count} stamps, "
                 f"expected {self._envs} x {count} x {self._size} samples"
             )
-        device = self._device
+
+    def _filter(
+        self, kernel: wp.Kernel, images: wp.array, t: np.ndarray, t_base: int, fresh: np.ndarray, filtered: wp.array,
+        bent: wp.array,
+    ) -> None:  # fmt: skip
+        """Filters flat frames by a kernel; where that is one that marks pixels, in `bent`."""
+        device, count = self._device, len(t)
         gaps = np.diff(np.asarray(t, np.int64), prepend=np.int64(t_base))
         seconds: wp.array = wp.array(np.maximum(gaps, 0) * 1e-9, dtype=wp.float64, device=device)
         steps: wp.array = wp.empty(count, dtype=wp.vec2d, device=device)
         wp.launch(kernels.responses, count, [self._rate, seconds], [steps], device=device)
-        if in_place:
-            filtered = images
-        else:
-            if self._filtered is None or self._filtered.shape != images.shape:
-                self._filtered = wp.empty(images.shape, dtype=wp.float32, device=device)
-            filtered = self._filtered
         starts: wp.array = wp.array(np.asarray(fresh, np.int32), device=device)
-        state = [self._last, self._first, self._second]
+        state = self._state()
         threads = (self._envs, self._size)
         if not device.is_cuda:
             threads = (self._envs, -(-self._size // simd.BLOCK))
             state.append(self._place)
-        inputs = [self._receptor, starts, seconds, steps, images.flatten(), *state]
-        wp.launch(self._kernel, threads, inputs, [filtered.flatten()], device=device)
-        return filtered
+        inputs, outputs = [self._receptor, starts, seconds, steps, images], [filtered]
+        if not device.is_cuda:
+            inputs.append(self._chord)
+            outputs.append(bent)
+        wp.launch(kernel, threads, [*inputs, *state], outputs, device=device)
+
+    def _state(self) -> list[wp.array]:
+        return [self._last, self._first, self._second]
+
+    def trace(
+        self, images: wp.array, lists: SampleLists | None, t: np.ndarray, t_base: int, fresh: np.ndarray
+    ) -> tuple[wp.array, SampleLists | None]:
+        """Filtered frames and further samples, as of `advance`, such that lines of ln(I + dark_level) between them are
+        the output to within `chord`, whatever the samples of the input; None where lines from frame to frame will do.
+
+        lists: further samples of the input, between which it is a line too. Returned arrays are overwritten by the next
+        call. Steps longer than 2^31 ns get no samples but those that they have.
+        """
+        self._check(images, t)
+        images = images.flatten()
+        stamps: wp.array = wp.array(np.asarray(t, np.int64) - t_base, device=self._device)
+        starts: wp.array = wp.array(np.asarray(fresh, np.int32), device=self._device)
+        if self._tracer is None:
+            from nodes.event_sensor.optics.trace import Tracer
+
+            self._tracer = Tracer(*self._kind, self._receptor, self._chord, self._device)
+        tracer, state = self._tracer, self._state()
+        tracer.begin(images, state)
+        if not self._device.is_cuda:
+            kernel = kernels.low_pass(*self._kind, True)
+            self._filter(kernel, images, t, t_base, fresh, tracer.filtered, tracer.bent)
+        return tracer.filtered, tracer.trace(images, lists, stamps, starts, state)
