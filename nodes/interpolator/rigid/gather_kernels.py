@@ -20,8 +20,9 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Portion:
-    """Holds sub-frames that are looked up together: those in `count` slots from slot0 on of `packed` [P E, H, W]; slot
-    s is sub-frame index[s] of `upsampling`, and in each of them lights that flicker have that `strength`, [P E].
+    """Holds instants that are looked up together: those in `count` slots from slot0 on of `packed` [P E, H, W]; slot
+    s is at index[s] / upsampling of the gap and frame[s] of `frames` in each environment's output, and lights that
+    flicker have that `strength` then, [P E].
 
     quiet [E, H, W]: z-buffer entries with which nothing has changed. pieces: of each triangle, its body (the world's
     index being their number) and its patch. tolerance: difference of the keyframes' log radiance up to which it is
@@ -30,12 +31,14 @@ class Portion:
 
     slot0: int
     envs: int
+    frames: int
     upsampling: int
     tolerance: float
     relight: int
     count: int
     keyframes: wp.vec2i
     index: wp.array(dtype=int)
+    frame: wp.array(dtype=int)
     strength: wp.array(dtype=float)
     packed: wp.array3d(dtype=wp.uint64)
     quiet: wp.array3d(dtype=wp.uint64)
@@ -139,7 +142,7 @@ def make_gather(
         pixels: wp.array(dtype=int),
         count: wp.array(dtype=int),
     ):
-        """Computes frames [E K, h, w] of a portion.
+        """Computes the frames [E frames, h, w] of a portion.
 
         Listed: `todo` has the pixels to do, as indices into [.., E, h, w] from slot0 on; on a CPU entries first..last -
         1, on a GPU (last < 0) todo_count[band] of them, shared by `workers` threads. Otherwise a thread does one
@@ -189,7 +192,7 @@ def make_gather(
                 n += portion.slot0 * envs
             env = n % envs
             i = portion.index[n // envs]
-            frame = env * portion.upsampling + i - 1
+            frame = env * portion.frames + portion.frame[n // envs]
             hit = portion.packed[n, y, x]
             changed = wp.bool(True)
             if wp.static(not listed):
@@ -277,17 +280,17 @@ def make_place(channels: int) -> wp.Kernel:
         first: int,
         band: int,
         envs: int,
-        upsampling: int,
+        per_env: int,
         margin: int,
-        index: wp.array(dtype=int),
+        which: wp.array(dtype=int),
         pixels: wp.array(dtype=int),
         count: wp.array(dtype=int),
         radiance: wp.array3d(dtype=wp.vec3),
         # out
         frames: wp.array3d(dtype=pixel),
     ):
-        """Computes radiance [P E, H, W] of the listed pixels, as luminance (equation (3)) or RGB, into frames [E K, h,
-        w]."""
+        """Computes radiance [P E, H, W] of the listed pixels, as luminance (equation (3)) or RGB, into frames [E
+        per_env, h, w], which[slot] of its environment."""
         j = wp.tid()
         width = radiance.shape[2]
         height = radiance.shape[1]
@@ -296,7 +299,7 @@ def make_place(channels: int) -> wp.Kernel:
             x = at % width
             y = at // width % height
             n = at // (width * height)
-            frame = n % envs * upsampling + index[n // envs] - 1
+            frame = n % envs * per_env + which[n // envs]
             colour = radiance[n, y, x]
             if wp.static(channels == 1):
                 frames[frame, y - margin, x - margin] = fused_luminance(colour)

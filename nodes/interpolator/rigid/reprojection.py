@@ -47,6 +47,7 @@ class Reprojection:
         self._envs, self._upsampling, self._two_pass = envs, layout.upsampling, layout.two_pass
         self._tolerance, self._relight, self._device = layout.tolerance, int(layout.relight), v.device
         self._index = [v.put(np.array(part, np.int32), wp.int32) for part in layout.portions]
+        self._frame = [v.put(np.array(part, np.int32) - 1, wp.int32) for part in layout.portions]
         slots = layout.slots
         self._inner = envs * (v.shape[1] - 2 * v.margin) * (v.shape[2] - 2 * v.margin)
         whole = envs * v.shape[1] * v.shape[2] if exact else 0
@@ -91,7 +92,7 @@ class Reprojection:
         shadow casters."""
         v = self._v
         self._lit = None
-        pair.displace(v.camera_body, v.poses)
+        pair.displace(v.camera_body, v.poses, pair.turn, pair.shift)
         self._placed = v.device.is_cuda or self._changes.any
         if self._placed:
             self._shading.place()
@@ -137,9 +138,14 @@ class Reprojection:
         """What the gather reads of a portion and of the scene."""
         portion: Any = Portion()
         portion.slot0, portion.count, portion.envs = part.slot0, part.count, self._envs
-        portion.upsampling, portion.tolerance, portion.relight = self._upsampling, self._tolerance, self._relight
+        portion.frames = portion.upsampling = self._upsampling
+        portion.tolerance, portion.relight = self._tolerance, self._relight
         portion.keyframes = wp.vec2i(pair.a.number, pair.b.number)
-        portion.index, portion.strength = self._index[part.number], self.strength
+        portion.index, portion.frame, portion.strength = (
+            self._index[part.number],
+            self._frame[part.number],
+            self.strength,
+        )
         portion.packed, portion.quiet, portion.pieces = self._v.packed, quiet, self._pieces
         return portion
 
@@ -179,7 +185,7 @@ class Reprojection:
         workers = 1 if self._device.is_cpu else LIST_WORKERS
         for band, first in enumerate(firsts):
             given: list[Any] = [workers, first, band, self._envs, self._upsampling, self._v.margin]
-            given += [self._index[part.number], self._pixels, count, self._radiance]
+            given += [self._frame[part.number], self._pixels, count, self._radiance]
             wp.launch(self._place, workers, given, [frames], device=self._device)
 
 

@@ -178,7 +178,7 @@ class Sampling:
     def _split(self, count: int) -> list[int]:
         return [count * k // self.bands for k in range(self.bands + 1)]
 
-    def launch(self, launches: list[tuple[wp.Kernel, int, list[Any]]]) -> None:
+    def launch(self, launches: list[tuple[wp.Kernel, Any, list[Any]]]) -> None:
         """Launches kernels, on a CPU for each band: (kernel, threads, arguments)."""
         if self._pool is None:
             for kernel, dim, given in launches:

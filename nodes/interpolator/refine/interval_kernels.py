@@ -1,0 +1,286 @@
+"""Intervals of single pixels between two of their samples: which are cut, where, and which are straight."""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from evis.gpu.append_kernels import take_place
+from nodes.interpolator.refine.path_kernels import Way, make_preview
+from nodes.interpolator.refine.sight_kernels import Targets, seen_between
+from nodes.interpolator.rigid.keyframe_kernels import log_of
+from nodes.interpolator.rigid.log_kernels import apart
+from nodes.interpolator.rigid.look_up_kernels import make_keyframes
+from nodes.interpolator.rigid.plan_kernels import joined
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
+
+wp.set_module_options({"enable_backward": False})
+
+LENGTHS = wp.constant(1 << 15)
+"""More than the instants of a coarse interval."""
+
+
+@cache
+def make_intervals(channels: int) -> Any:
+    """Makes the struct of a list of intervals; channels: 1 (luminance) or 3 (RGB).
+
+    at: the instant at which it is cut and the pixel, index into [slots, E, h, w]. ends: LENGTHS times the instant of
+    its start, counted from that of its coarse interval, plus that of its end. first, last: radiance at its ends;
+    before, after: z-buffer entries there.
+    """
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+
+    class Intervals:
+        at: wp.array(dtype=int)
+        ends: wp.array(dtype=int)
+        first: wp.array(dtype=pixel)
+        last: wp.array(dtype=pixel)
+        before: wp.array(dtype=wp.uint64)
+        after: wp.array(dtype=wp.uint64)
+
+    Intervals.__qualname__ = f"Intervals{channels}"
+    return wp.struct(Intervals)
+
+
+@wp.struct
+class Cut:
+    """Says when an interval is cut. jump: difference of ln I of its ends; bend: distance of a sample in it from the
+    straight line; slots: instants within a coarse interval, 2^n - 1; rows: of the coarse frames and probes; probes: per
+    coarse interval, plus 1; blind: length of an interval from which on one whose ends show different surfaces is cut
+    also where these are alike, for there may be a third one."""
+
+    jump: float
+    bend: float
+    slots: int
+    rows: int
+    probes: int
+    blind: int
+    envs: int
+    height: int
+    width: int
+    margin: int
+
+
+@cache
+def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
+    """Makes the kernels `begin`, `see` and `split`; arguments as of make_look_up."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    preview = make_preview(lens, channels, flicker)
+    Keyframes: Any = make_keyframes(channels, flicker)
+    Intervals: Any = make_intervals(channels)
+
+    @wp.func
+    def put(
+        intervals: Intervals,
+        place: int,
+        at: int,
+        low: int,
+        high: int,
+        first: pixel,
+        last: pixel,
+        before: wp.uint64,
+        after: wp.uint64,
+    ):
+        """Writes an interval into a list."""
+        intervals.at[place] = at
+        intervals.ends[place] = low * LENGTHS + high
+        intervals.first[place] = first
+        intervals.last[place] = last
+        intervals.before[place] = before
+        intervals.after[place] = after
+
+    @wp.func
+    def bend_of(
+        view: CameraView,
+        cut: Cut,
+        keys: Keyframes,
+        k: int,
+        coarse: int,
+        env: int,
+        x: int,
+        y: int,
+        before: wp.uint64,
+        after: wp.uint64,
+        pieces: wp.array(dtype=wp.vec2i),
+    ):
+        """Previews coarse interval k of a pixel that sees one surface, in the nearer one of the keyframes: by how much
+        it is off a straight line, and where."""
+        patch = wp.int32(0)
+        body = keys.turn.shape[1] - 1
+        nearest = wp.vec2(1.0, 1.0)
+        t = triangle_of(after)
+        if t != MISS:
+            patch = pieces[t][1]
+            body = pieces[t][0]
+            nearest = wp.vec2(depth_of(before), depth_of(after))
+        which = wp.int32(0)
+        if 2 * k >= coarse and k > 0:
+            which = 1
+        rows = which * cut.rows
+        way = Way()
+        way.start = wp.where(k > 0, rows + k * cut.envs + env, -1)
+        way.end = rows + wp.where(k + 1 == coarse, 0, k + 1) * cut.envs + env
+        way.row = rows + (coarse + k * (cut.probes - 1)) * cut.envs + env
+        way.stride = cut.envs
+        way.parts = cut.probes
+        base = keys.first[which] + env * view.width * view.height
+        worst, where = preview(view, keys, base, way, patch, body, x, y, nearest)
+        return worst, where
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def begin(
+        # in
+        view: CameraView,
+        cut: Cut,
+        row0: int,
+        span: int,
+        window: wp.vec2i,
+        coarse: int,
+        room: int,
+        band: int,
+        held: wp.array(dtype=int),
+        pieces: wp.array(dtype=wp.vec2i),
+        keys: Keyframes,
+        image: wp.array3d(dtype=pixel),
+        start: wp.array3d(dtype=wp.uint64),
+        packed: wp.array3d(dtype=wp.uint64),
+        frames: wp.array3d(dtype=pixel),
+        # out
+        intervals: Intervals,
+        count: wp.array(dtype=int),
+    ):
+        """Lists the coarse intervals window[0] .. window[1] - 1 that are to be cut, from `room` on.
+
+        coarse: frames of the gap. image, start: keyframe A and its z-buffer, with the margin. packed [rows, H, W]:
+        z-buffers of B, of the sub-frames 1 .. K - 1, and of the probes. frames: [E K, h, w].
+        """
+        env, row, part = wp.tid()
+        if held[env] == 1:
+            return
+        y = row0 + row
+        m = cut.margin
+        inner = cut.envs * cut.height * cut.width
+        for x in range(part * span, wp.min(part * span + span, cut.width)):
+            a = image[env, y + m, x + m]
+            before = start[env, y + m, x + m]
+            if window[0] > 0:
+                a = frames[env * coarse + window[0] - 1, y, x]
+                before = packed[window[0] * cut.envs + env, y + m, x + m]
+            for k in range(window[0], window[1]):
+                slot = wp.where(k + 1 == coarse, 0, k + 1)
+                b = frames[env * coarse + k, y, x]
+                after = packed[slot * cut.envs + env, y + m, x + m]
+                if a != b or before != after:
+                    taken = apart(log_of(a), log_of(b)) > cut.jump
+                    place = (cut.slots + 1) // 2
+                    if joined(before, after, pieces):
+                        bend, where = bend_of(view, cut, keys, k, coarse, env, x + m, y + m, before, after, pieces)
+                        if bend > cut.bend:
+                            taken = True
+                            place = wp.clamp(int(where * float(cut.slots + 1) + 0.5), 1, cut.slots)
+                    else:
+                        taken = True
+                    for n in range(1, cut.probes):
+                        row_n = (coarse + k * (cut.probes - 1) + n - 1) * cut.envs + env
+                        between = packed[row_n, y + m, x + m]
+                        if not (joined(before, between, pieces) or joined(between, after, pieces)):
+                            taken = True
+                            place = n * (cut.slots + 1) // cut.probes
+                    if taken:
+                        at = ((k - window[0]) * cut.slots + place - 1) * inner
+                        at += (env * cut.height + y) * cut.width + x
+                        put(intervals, room + take_place(count, band), at, 0, cut.slots + 1, a, b, before, after)
+                a = b
+                before = after
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def see(
+        # in
+        view: CameraView,
+        cut: Cut,
+        first: int,
+        last: int,
+        workers: int,
+        targets: Targets,
+        intervals: Intervals,
+        # out
+        packed: wp.array3d(dtype=wp.uint64),
+    ):
+        """Finds what is seen where intervals first .. last - 1 are cut, into z-buffers [slots E, H, W]."""
+        j = first + wp.tid()
+        while j < last:
+            at = intervals.at[j]
+            x = at % cut.width + cut.margin
+            y = at // cut.width % cut.height + cut.margin
+            n = at // (cut.width * cut.height)
+            d = pixel_ray(view, x, y)
+            packed[n, y, x] = seen_between(view, targets, n, d, intervals.before[j], intervals.after[j])
+            j += workers
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def split(
+        # in
+        cut: Cut,
+        base: int,
+        first: int,
+        last: int,
+        workers: int,
+        known: int,
+        room: int,
+        band: int,
+        pieces: wp.array(dtype=wp.vec2i),
+        packed: wp.array3d(dtype=wp.uint64),
+        frames: wp.array3d(dtype=pixel),
+        intervals: Intervals,
+        # out
+        pixels: wp.array(dtype=int),
+        instants: wp.array(dtype=int),
+        values: wp.array(dtype=pixel),
+        halves: Intervals,
+        count: wp.array(dtype=int),
+    ):
+        """Notes where intervals first .. last - 1 were cut, evaluated in `frames` [slots E, h, w], as samples, from
+        `known` on, and lists their parts that are to be cut, from `room` on.
+
+        base: instant of the slot before the first one.
+        """
+        j = first + wp.tid()
+        inner = cut.envs * cut.height * cut.width
+        while j < last:
+            at = intervals.at[j]
+            x = at % cut.width
+            y = at // cut.width % cut.height
+            n = at // (cut.width * cut.height)
+            slot = n // cut.envs
+            middle = frames[n, y, x]
+            pixels[known + j - first] = at % inner
+            # A coarse instant lies between the slots of two coarse intervals.
+            instants[known + j - first] = base + slot + 1 + slot // cut.slots
+            values[known + j - first] = middle
+            low = intervals.ends[j] // LENGTHS
+            high = intervals.ends[j] % LENGTHS
+            place = slot % cut.slots + 1
+            a = intervals.first[j]
+            b = intervals.last[j]
+            before = intervals.before[j]
+            after = intervals.after[j]
+            now = packed[n, y + cut.margin, x + cut.margin]
+            log_a = log_of(a)
+            log_b = log_of(b)
+            log_m = log_of(middle)
+            share = float(place - low) / float(high - low)
+            bent = apart(log_m, log_a + share * (log_b - log_a)) > cut.bend
+            if not bent and (apart(log_a, log_b) > cut.jump or high - low > cut.blind):
+                bent = not joined(before, after, pieces)
+            if bent and place > low + 1:
+                if apart(log_a, log_m) > cut.jump or not joined(before, now, pieces):
+                    to = at + ((low + place) // 2 - place) * inner
+                    put(halves, room + take_place(count, band), to, low, place, a, middle, before, now)
+            if bent and high > place + 1:
+                if apart(log_m, log_b) > cut.jump or not joined(now, after, pieces):
+                    to = at + ((place + high) // 2 - place) * inner
+                    put(halves, room + take_place(count, band), to, place, high, middle, b, now, after)
+            j += workers
+
+    return begin, see, split
