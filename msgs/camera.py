@@ -5,12 +5,12 @@ Image arrays lead with E (environments). With an over-render margin, H and W inc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
-from msgs.fields import MessageError, array
+from msgs.fields import MessageError, array, array_specs
 from msgs.header import Header, Message
 from msgs.own_time import own_rows
 
@@ -140,6 +140,56 @@ class Frames(Message):
     """Pixels that no keyframe saw and that were filled from a neighbouring surface."""
     reshaded: int = 0
     """Pixels that were shaded at their own time, for the keyframes do not show them in full."""
+
+
+@dataclass
+class Samples(Message):
+    """Carries what Frames does and, between the frames, further samples of single pixels.
+
+    Between two neighbouring samples of a pixel, of a frame or further, ln I is a straight line. Pixel (y, x) of
+    environment e, q = (e H + y) W + x, has the further samples first[q] to first[q + 1] - 1, in the order of time, none
+    of them at the stamp of a frame. Environments that begin an episode have none before their first frame.
+    """
+
+    header: Header
+    t: np.ndarray = array("int64", "K", "stamps of the frames [ns], ascending, the last is header.stamp_ns")
+    episodes: np.ndarray = array("int32", "E", "episode of each environment")
+    first: np.ndarray = array("int32", "?", "[E H W + 1] where the further samples of each pixel begin")
+    offset: np.ndarray = array("int32", "R", "[ns] after the gap's start, the stamp before t[0]")
+    luminance: np.ndarray | None = array("float32", "E K H W", "of the frames, linear, Rec. 709", optional=True)
+    rgb: np.ndarray | None = array("float32", "E K H W 3", "of the frames, linear, for colour events", optional=True)
+    further: np.ndarray | None = array("float32", "R", "luminance of the further samples", optional=True)
+    further_rgb: np.ndarray | None = array("float32", "R 3", "RGB of the further samples", optional=True)
+    own: np.ndarray | None = own_rows()
+    own_t: np.ndarray | None = array("int64", "E K", "stamps of the frames in own time [ns]", optional=True)
+    filled: int = 0
+    """Pixels that no keyframe saw and that were filled from a neighbouring surface."""
+    reshaded: int = 0
+    """Pixels that were shaded at their own time, for the keyframes do not show them in full."""
+
+    def check(self) -> None:
+        """Checks as every message does; also raises MessageError unless `first` and `offset` are those of pixels."""
+        super().check()
+        image = self.luminance if self.rgb is None else self.rgb
+        pixels = None if image is None else image.shape[0] * image.shape[2] * image.shape[3]
+        first, offset = np.asarray(self.first, np.int64), np.asarray(self.offset, np.int64)
+        if pixels is not None and len(first) != pixels + 1:
+            raise MessageError(f"Samples.first has {len(first)} entries, {pixels} pixels take {pixels + 1}")
+        if not len(first) or first[0] != 0 or first[-1] != len(offset) or (np.diff(first) < 0).any():
+            raise MessageError(f"Samples.first does not ascend from 0 to the {len(offset)} further samples")
+        pixel_begins = np.isin(np.arange(1, len(offset)), first)
+        if (offset <= 0).any() or not (pixel_begins | (np.diff(offset) > 0)).all():
+            raise MessageError("Samples.offset does not ascend from above 0 within each pixel")
+
+    def of(self, envs: slice) -> Samples:
+        """Returns the samples of some neighbouring environments, as a message of these alone; of numpy arrays only."""
+        specs, arrays = array_specs(Samples), self.arrays()
+        cut: dict[str, Any] = {name: array[envs] for name, array in arrays.items() if specs[name].dims[0] == "E"}
+        pixels = (len(self.first) - 1) // max(len(self.episodes), 1)
+        first = self.first[envs.start * pixels : envs.stop * pixels + 1]
+        own = slice(int(first[0]), int(first[-1]))
+        cut |= {name: array[own] for name, array in arrays.items() if specs[name].dims[0] == "R"}
+        return replace(self, **(cut | {"first": first - first[:1]}))
 
 
 @dataclass

@@ -44,7 +44,7 @@ def sense(
 
     def feed(sensor: EventSensor | Model, part: slice) -> Events:
         images, t = frames.luminance[None, part], frames.t[part]
-        more = {"dlog_dt": frames.dlog_dt[None, part]} if slopes else {}
+        more: dict[str, Any] = {"dlog_dt": frames.dlog_dt[None, part]} if slopes else {}
         return sensor.process(images, t, episodes, **more)
 
     warm = make(height, width)

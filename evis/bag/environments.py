@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from msgs.camera import CameraInfo, EventPacket
+from msgs.camera import CameraInfo, EventPacket, Samples
 from msgs.fields import array_specs
 from msgs.header import Message
 
@@ -42,6 +42,8 @@ def split(message: Message, envs: int) -> list[tuple[Message, dict[str, list[int
         return [(_events(message, e), {}) for e in range(envs)]
     if isinstance(message, CameraInfo):
         return [(_info(message, e), {}) for e in range(envs)]
+    if isinstance(message, Samples):
+        return [(message.of(slice(e, e + 1)), {}) for e in range(envs)]
     specs = array_specs(type(message))
     arrays = {n: np.asarray(a) for n, a in message.arrays().items()}
     sorted_tables = {n: bool((np.diff(arrays[n]) >= 0).all()) for n in arrays if _table(n, specs) == n}
@@ -88,6 +90,7 @@ def join(parts: Sequence[tuple[Message, dict[str, list[int]]]]) -> Message:
         return _join_events([m for m, _ in parts])  # type: ignore[misc]
     if isinstance(first, CameraInfo):
         return _join_infos([m for m, _ in parts])  # type: ignore[misc]
+    lists = _join_lists([m for m, _ in parts]) if isinstance(first, Samples) else {}  # type: ignore[misc]
     specs = array_specs(type(first))
     changes: dict[str, Any] = {}
     for name in first.arrays():
@@ -103,7 +106,17 @@ def join(parts: Sequence[tuple[Message, dict[str, list[int]]]]) -> Message:
                 order = np.concatenate([np.array(rows[key], np.int64) for _, rows in parts])
                 joined = joined[np.argsort(order)]
             changes[name] = joined
-    return dataclasses.replace(first, **changes)  # type: ignore[type-var]
+    return dataclasses.replace(first, **changes, **lists)  # type: ignore[type-var]
+
+
+def _join_lists(parts: list[Samples]) -> dict[str, Any]:
+    """The lists of all environments, of messages of one each."""
+    specs = array_specs(Samples)
+    names = [name for name in parts[0].arrays() if specs[name].dims[0] == "R"]
+    sizes = np.cumsum([0, *(int(p.first[-1]) for p in parts)])
+    firsts = [np.zeros(1, np.int32), *(p.first[1:] + size for p, size in zip(parts, sizes))]
+    joined = {name: np.concatenate([np.asarray(getattr(p, name)) for p in parts]) for name in names}
+    return {"first": np.concatenate(firsts).astype(np.int32), **joined}
 
 
 def _join_events(packets: list[EventPacket]) -> EventPacket:

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from evis.config.params import ParamError
 from msgs.topics import TOPICS, UnknownTopic, find_topic
 
-FRAMES = "frames"
+SUB_FRAMES = ("frames", "samples")
 FIRST_ENV = "/env0"
 """Prefix of the preview where there are several environments: the first stands for all."""
 
@@ -16,7 +16,8 @@ FIRST_ENV = "/env0"
 def select(available: Iterable[str], globs: Sequence[str] = ()) -> list[str]:
     """Selects the topics that are recorded: those that the topic table records by default, and those that match a glob.
 
-    Sub-frames (1 GB/s, made again bit for bit by a lock-step replay) only match a glob whose last part names them.
+    Sub-frames (1 GB/s, made again bit for bit by a lock-step replay), with further samples of single pixels or without,
+    only match a glob whose last part names them.
     """
     return [name for name in available if _default(name) or any(_matches(name, g) for g in globs)]
 
@@ -30,7 +31,8 @@ def _default(name: str) -> bool:
 
 def _matches(name: str, glob: str) -> bool:
     glob = glob if glob.startswith(("/", "*")) else "/" + glob
-    if name.endswith("/" + FRAMES) and FRAMES not in glob.rsplit("/", 1)[-1]:
+    last = name.rpartition("/")[2]
+    if last in SUB_FRAMES and last not in glob.rpartition("/")[2]:
         return False
     return fnmatchcase(name, glob)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from msgs.camera import CameraInfo, EventPacket, Frames, Keyframe
+from msgs.camera import CameraInfo, EventPacket, Frames, Keyframe, Samples
 from msgs.header import Message
 
 
@@ -29,6 +29,8 @@ class NodeProfile:
     first_stamp_ns: int | None = None
     """So far back that `stamp_ns` minus it is all the time that was played."""
     episode: int = 0
+    _framed: dict[str, int] = field(default_factory=dict)
+    """Stamp of the last frames that were counted of each camera."""
     first_event_at: float = 0.0
     """time.monotonic() when the first packet with an event left; 0 = not yet."""
 
@@ -45,8 +47,12 @@ class NodeProfile:
                 self.counters["lost"] += message.lost
         elif isinstance(message, Keyframe):
             self.keyframes += message.image.shape[0]
-        elif isinstance(message, Frames):
-            self.frames += len(message.t) * len(message.episodes)
+        elif isinstance(message, Frames | Samples):
+            camera = topic.rpartition("/")[0]
+            # Both may be there, which have the same frames.
+            if self._framed.get(camera) != message.header.stamp_ns:
+                self.frames += len(message.t) * len(message.episodes)
+            self._framed[camera] = message.header.stamp_ns
 
     def _pass(self, message: Message) -> None:
         """Time goes on to a message; a description that a recording began with is no part of what is played of it."""

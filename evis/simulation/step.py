@@ -9,7 +9,20 @@ from typing import Any
 import numpy as np
 
 from msgs.audit import Audit
-from msgs.camera import CameraInfo, Depth, EventPacket, Frames, Ids, Image, Imu, Keyframe, Labels, Motion, Normal
+from msgs.camera import (
+    CameraInfo,
+    Depth,
+    EventPacket,
+    Frames,
+    Ids,
+    Image,
+    Imu,
+    Keyframe,
+    Labels,
+    Motion,
+    Normal,
+    Samples,
+)
 from msgs.header import Message
 from msgs.world import WorldState
 
@@ -28,6 +41,8 @@ class CameraOutputs:
     """t, x, y, p of the interval that ends here; environment e has [env_offsets[e], env_offsets[e + 1])."""
     frames: Frames | None
     """luminance [E, K, H, W] at the K times `t`."""
+    samples: Samples | None
+    """The same, and between these times further samples of single pixels."""
     keyframe: Any
     """Linear radiance [E, H, W, 3]."""
     depth: Any

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from evis.random_numbers import mix
 from msgs.own_time import CONFIGURED, NUMBER, ORIGIN, SEED, STAMP, alike
+
+if TYPE_CHECKING:
+    from nodes.event_sensor.further import Further
 
 Columns = dict[str, np.ndarray]
 Make = Callable[[int, int, int], Any]
@@ -75,7 +78,13 @@ class Apart:
         self._rows, self._episodes = rows, episodes.copy()
 
     def process(
-        self, image: Any, t: np.ndarray, own_t: np.ndarray | None, own: np.ndarray | None, episodes: np.ndarray
+        self,
+        image: Any,
+        t: np.ndarray,
+        own_t: np.ndarray | None,
+        own: np.ndarray | None,
+        episodes: np.ndarray,
+        further: Further | None = None,
     ) -> tuple[Columns, np.ndarray]:
         """Senses the frames of a message, and gives its events by environment, and int64 [E + 1] offsets.
 
@@ -85,6 +94,7 @@ class Apart:
             own_t: int64 [E, K] ns, in own time, None = t.
             own: the rows of msgs.own_time, None = all began together.
             episodes: int32 [E]; where it differs from the last message's an environment begins anew.
+            further: samples between the frames, in own time.
         """
         rows = common(episodes, int(t[-1])) if own is None else np.array(own)
         own_t = np.broadcast_to(t, (len(rows), len(t))) if own_t is None else own_t
@@ -93,7 +103,7 @@ class Apart:
         self._rows, self._episodes = rows, np.array(episodes)
         self.t_base = int(t[-1])
         for part in self._parts:
-            self._sense(part, image, own_t, found)
+            self._sense(part, image, own_t, found, further)
         self._parts = [part for part in self._parts if part.live.any()]
         return self._joined(found)
 
@@ -149,20 +159,25 @@ class Apart:
         part.live, part.leaving = np.ones(count, bool), np.zeros(count, bool)
         part.numbers, part.moved, part.origin = numbers, True, int(row[ORIGIN])
 
-    def _sense(self, part: Part, image: Any, own_t: np.ndarray, found: list[list[tuple[Columns, int]]]) -> None:
+    def _sense(
+        self, part: Part, image: Any, own_t: np.ndarray, found: list[list[tuple[Columns, int]]],
+        further: Further | None,
+    ) -> None:  # fmt: skip
         """The events of a part, unless the message is of others alone."""
         assert self._rows is not None
         inner = int(np.argmax(part.live))
         t, before = own_t[part.span.start + inner], part.stamp
         frames = image[part.span]
+        between = None if further is None else further.of(part.span, len(self._rows))
         if part.moved:
             # The last frame is the keyframe that they begin with.
             t, frames = t[-1:], frames[:, len(t) - 1 : len(t)]
+            between = between and between.none()
         elif int(t[-1]) <= part.stamp:
             return
         rows = self._rows[part.span]
         part.numbers = np.where(part.live, rows[:, NUMBER], part.numbers).astype(np.int32)
-        columns, offsets = _events(part.sensor, frames, t, part.numbers)
+        columns, offsets = _events(part.sensor, frames, t, part.numbers, between)
         part.stamp = int(t[-1])
         self.t_base = min(self.t_base, part.sensor.t_base + part.origin)
         for n, env in enumerate(range(part.span.start, part.span.stop)):
@@ -204,10 +219,12 @@ def common(episodes: np.ndarray, stamp_ns: int) -> np.ndarray:
     return rows
 
 
-def _events(sensor: Any, frames: Any, t: np.ndarray, numbers: np.ndarray) -> tuple[Columns, np.ndarray]:
-    """The events of frames, on the host."""
+def _events(
+    sensor: Any, frames: Any, t: np.ndarray, numbers: np.ndarray, further: Further | None
+) -> tuple[Columns, np.ndarray]:
+    """The events of frames and of samples between them, on the host."""
     if hasattr(sensor, "advance"):
-        return _read(sensor, sensor.advance(frames, t, numbers))
+        return _read(sensor, sensor.advance(frames, t, numbers, further=further if sensor.takes_further else None))
     events = sensor.process(np.ascontiguousarray(frames), t, numbers)
     return {name: getattr(events, name) for name in ("t", "x", "y", "p")}, events.env_offsets
 

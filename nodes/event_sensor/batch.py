@@ -9,13 +9,27 @@ import numpy as np
 import warp as wp
 
 
+@dataclass(frozen=True)
+class SampleLists:
+    """Further samples between the frames, on the sensor's device, see further.Further; `first` counts lists.
+
+    A list is that of `shared` neighbouring pixels and channels: entry i has the values value[i shared] and after.
+    """
+
+    first: wp.array
+    offset: wp.array
+    value: wp.array
+    shared: int
+
+
 @dataclass
 class Batch:
     """Frames of a message. images, slopes: [E, frames, H, W, C]; the first `count` settle now.
 
     t: int64 [frames]. t_base, t_before: the stamp before t[0] and the one before that. begin: int32 [E], bit k set
     where frame k (0 or 1) begins an episode. episodes: int32 [2, E], of frame 0 and of the later ones. These three are
-    of numpy (or rows of it); after `on` they are Warp arrays, and images and slopes are flat.
+    of numpy (or rows of it); after `on` they are Warp arrays, and images and slopes are flat. further: samples between
+    the frames, from t_base on.
     """
 
     images: wp.array
@@ -27,6 +41,7 @@ class Batch:
     t_before: int
     begin: Any
     episodes: Any
+    further: SampleLists | None = None
 
     def on(self, device: Any) -> Batch:
         """The same with everything on the device."""

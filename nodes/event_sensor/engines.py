@@ -30,7 +30,7 @@ def unlit_rate(p: Mapping[str, Any]) -> float:
     return float(min(rate, 1e6 / p["refractory_us"]) if p["refractory_us"] else rate)
 
 
-def make_engine(size: Size, seed: int, p: Mapping[str, Any], device: Any) -> Any:
+def make_engine(size: Size, seed: int, p: Mapping[str, Any], device: Any, layout: KeyLayout) -> Any:
     """The engine for resolved parameters: the ideal one unless a curve or a fault is asked for.
 
     Only what is asked for is imported, for a module of kernels costs some ms.
@@ -48,7 +48,7 @@ def make_engine(size: Size, seed: int, p: Mapping[str, Any], device: Any) -> Any
         from nodes.event_sensor.cuda.ideal import IdealPasses
 
         return IdealPasses(size.envs * size.pixels, size.pixels, frame, device)
-    return Ideal(size.envs * size.pixels, frame)
+    return Ideal(size.envs * size.pixels, frame, layout)
 
 
 def sensor_struct(p: Mapping[str, Any], shape: tuple[int, int, int], layout: KeyLayout, seed: int) -> Sensor:

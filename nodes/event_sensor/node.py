@@ -12,15 +12,17 @@ import numpy as np
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from evis.scene.parameters import SCENE
-from msgs.camera import EventPacket, EventSignal, Frames, Keyframe
+from msgs.camera import EventPacket, EventSignal, Frames, Keyframe, Samples
 from msgs.header import Header, Message
 from msgs.own_time import STAMP
+from nodes.event_sensor.effects import frames_only
 from nodes.event_sensor.parameters import NODE
 from nodes.event_sensor.presets import PRESETS
 from nodes.event_sensor.scene_parameters import SHARED, resolve_each, resolve_with_scene
 
 if TYPE_CHECKING:
     from nodes.event_sensor.apart import Apart
+    from nodes.event_sensor.further import Further
     from nodes.event_sensor.sensor import Events, EventSensor
 
 COUNTER_NAMES = {"nonfinite": "nonfinite_samples", "clipped": "clipped_samples", "dropped": "dropped_events"}
@@ -39,7 +41,11 @@ class EventSensorNode(Node):
     PARAMS = {
         "camera": Param(str, "cam0", "which camera of the scene"),
         "source": Param(
-            str, "frames", "frames (interpolator) or keyframe (renderer, K = 1)", choices=("frames", "keyframe")
+            str,
+            "frames",
+            "samples or frames (interpolator), or keyframe (renderer, K = 1); a sensor that cannot take "
+            "further samples between the frames reads frames instead",
+            choices=("frames", "samples", "keyframe"),
         ),
         "preset": Param(str, "ideal", "sensor whose faults to have; ideal has none", choices=tuple(PRESETS)),
         "seed": Param(int, 0, "seed of the sensor's random streams; environment k has seed + k", "", 0, 2**63 - 1),
@@ -52,6 +58,7 @@ class EventSensorNode(Node):
     BRINGS = {"preset": {name: {"width": p.width, "height": p.height} for name, p in PRESETS.items() if p.width}}
     INPUTS = {
         "frames": Input("/{camera}/frames", on_device=True),
+        "samples": Input("/{camera}/samples", on_device=True),
         "keyframe": Input("/{camera}/keyframe", on_device=True),
     }
     OUTPUTS = {"events": Output("/{camera}/events"), "signal": Output("/{camera}/signal")}
@@ -81,8 +88,8 @@ class EventSensorNode(Node):
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """One of the two: frames where an interpolator runs, keyframes where it is left out."""
-        return frozenset({params["source"]})
+        """One of the three: samples or frames where an interpolator runs, keyframes where it is left out."""
+        return frozenset({_source(params)})
 
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
@@ -93,6 +100,7 @@ class EventSensorNode(Node):
         from evis.gpu.devices import device_named
 
         self._resolved = resolve_with_scene(self.name, self.params)
+        self._source = _source(self.params)
         self._marked = self.wants("signal")
         if self._marked and not self._resolved["model"].startswith("evis"):
             raise ValueError(
@@ -111,7 +119,13 @@ class EventSensorNode(Node):
         one = np.ones((1, 2, 2, 3), np.float32)
         warm = self._of_keyframe(Keyframe(Header(0), np.zeros(1, np.int32), radiance=one))
         for k in range(2):
-            sensor.process(warm, np.array([k]), np.zeros(1, np.int32))
+            sensor.process(warm, np.array([10 * k]), np.zeros(1, np.int32))
+        if self._source == "samples":
+            from nodes.event_sensor.further import Further
+
+            values = np.ones((1, 3) if self.params["colour"] else 1, np.float32)
+            one_more = Further(np.array([0, 1, 1, 1, 1]), np.array([5]), values)
+            sensor.process(warm, np.array([20]), np.zeros(1, np.int32), further=one_more)
 
     def _make(self, height: int, width: int, envs: int, seed: int | None = None, number: int = 0) -> Any:
         """The sensor, or one for each environment where the scene draws them different parameters.
@@ -171,16 +185,18 @@ class EventSensorNode(Node):
         return True
 
     def update(self, inputs: Mapping[str, Message]) -> None:
-        message = inputs[self.params["source"]]
+        message, further = inputs[self._source], None
         if isinstance(message, Keyframe):
             image, t = self._of_keyframe(message), np.array([message.header.stamp_ns])
         else:
-            assert isinstance(message, Frames)
+            assert isinstance(message, Frames | Samples)
             image, t = self._of_frames(message), message.t
+            if isinstance(message, Samples):
+                further = self._further(message)
         envs, _, height, width = image.shape[:4]
         self._size = (height, width)
         if message.own is not None or self._apart is not None:
-            self._update_apart(message, image, t)
+            self._update_apart(message, image, t, further)
             return
         if self._sensor is None:
             self._sensor = self._make(height, width, envs)
@@ -188,11 +204,14 @@ class EventSensorNode(Node):
             self._publish_held()  # time has gone back to begin an episode
         self._header, self._episodes = message.header, np.array(message.episodes)
         if self._resolved["model"].startswith("evis"):
-            self._publish(self._sensor, self._sensor.advance(image, t, message.episodes))
+            between = further if self._sensor.takes_further else None
+            self._publish(self._sensor, self._sensor.advance(image, t, message.episodes, further=between))
         else:
             self._publish_events(self._sensor.process(image, t, message.episodes))
 
-    def _update_apart(self, message: Keyframe | Frames, image: Any, t: np.ndarray) -> None:
+    def _update_apart(
+        self, message: Keyframe | Frames | Samples, image: Any, t: np.ndarray, further: Further | None
+    ) -> None:
         """Events of environments that do not share their time."""
         if self._apart is None:
             from nodes.event_sensor.apart import Apart
@@ -202,10 +221,10 @@ class EventSensorNode(Node):
             if self._sensor is not None:
                 self._apart.adopt(self._sensor, self._episodes, self._header.stamp_ns)
         self._header = message.header
-        own_t = message.own_t if isinstance(message, Frames) else None
+        own_t = None if isinstance(message, Keyframe) else message.own_t
         if message.own is not None and own_t is None:
             own_t = message.own[:, [STAMP]]
-        found = self._apart.process(image, t, own_t, message.own, message.episodes)
+        found = self._apart.process(image, t, own_t, message.own, message.episodes, further)
         self._publish_columns(*found)
 
     def _publish_columns(self, columns: Mapping[str, np.ndarray], offsets: np.ndarray) -> None:
@@ -300,7 +319,7 @@ class EventSensorNode(Node):
         inner = made[:, m : made.shape[1] - m, m : made.shape[2] - m].contiguous()
         return inner.reshape((inner.shape[0], 1, *inner.shape[1:]))
 
-    def _of_frames(self, message: Frames) -> np.ndarray:
+    def _of_frames(self, message: Frames | Samples) -> np.ndarray:
         image = message.rgb if self.params["colour"] else message.luminance
         if image is None:
             want, have = ("rgb", "luminance") if self.params["colour"] else ("luminance", "rgb")
@@ -308,3 +327,19 @@ class EventSensorNode(Node):
                 f"{self.name}: frames carry {have}, the sensor needs {want}; set colour alike on both nodes"
             )
         return image
+
+    def _further(self, message: Samples) -> Further:
+        """The samples of a message between its frames."""
+        from nodes.event_sensor.further import Further
+
+        value = message.further_rgb if self.params["colour"] else message.further
+        if value is None:
+            raise ValueError(f"{self.name}: samples lack the values between the frames; set colour alike on both nodes")
+        return Further(message.first, message.offset, value)
+
+
+def _source(params: Mapping[str, Any]) -> str:
+    """The input port: not samples where the sensor takes frames alone."""
+    if params["source"] != "samples":
+        return str(params["source"])
+    return "frames" if frames_only(resolve_with_scene("event sensor", params)) else "samples"

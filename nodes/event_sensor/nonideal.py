@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from nodes.event_sensor.model.features import features_of
 from nodes.event_sensor.model.fixed_pattern import pattern_of
 from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.model.state_kernels import FrequentState, Rare, arrays_of, frequent_state, runs_of
+from nodes.event_sensor.model.step_kernels import between
 
 
 class NonIdeal:
@@ -24,8 +26,9 @@ class NonIdeal:
 
     def __init__(self, size: Size, seed: int, p: Mapping[str, Any], device: Any) -> None:
         total = size.envs * size.pixels
-        features = features_of(p)
-        self._kernel = (pixels_kernel if device.is_cuda else rows_kernel)(features)
+        features = self._features = features_of(p)
+        self._make = pixels_kernel if device.is_cuda else rows_kernel
+        self._make(features)
         self._size, self._device, self.in_place = size, device, not device.is_cuda
 
         def state() -> tuple[FrequentState, wp.array]:
@@ -52,6 +55,7 @@ class NonIdeal:
         """Events of a batch to `keys`, as many as fit. In place: from pixel resume - 1 to the first without room."""
         b = batch
         message = [b.images, b.slopes, b.frames, b.count, b.t, b.t_base, b.t_before, b.episodes]
+        message.append(between(b.further))
         if self.in_place:
             runs = [runs_of(b.images), runs_of(b.slopes)]
             inputs = [sensor, b.begin, *message, *runs, resume]
@@ -59,7 +63,8 @@ class NonIdeal:
         else:
             inputs = [sensor, b.begin, *message, *self._before]
             outputs = [*self._after, self._rare, keys, counters]
-        wp.launch(self._kernel, self._size.threads(not self.in_place), inputs, outputs, device=self._device)
+        kernel = self._make(replace(self._features, further=b.further is not None))
+        wp.launch(kernel, self._size.threads(not self.in_place), inputs, outputs, device=self._device)
 
     def swap(self) -> None:
         self._before, self._after = self._after, self._before

@@ -34,11 +34,14 @@ import warp as wp
 
 from evis.gpu.devices import device_named
 from nodes.event_sensor.arrays import on_device, shape_of
-from nodes.event_sensor.batch import Batch, Size
+from nodes.event_sensor.batch import Batch, SampleLists, Size
 from nodes.event_sensor.cpu.listing import Listing
 from nodes.event_sensor.device_events import DeviceEvents, Pending, Ready
+from nodes.event_sensor.effects import frames_only
 from nodes.event_sensor.engines import FLOOR as FLOOR
 from nodes.event_sensor.engines import make_engine, sensor_struct, unlit_rate
+from nodes.event_sensor.further import Further as Further
+from nodes.event_sensor.further import check
 from nodes.event_sensor.look_ahead import LookAhead
 from nodes.event_sensor.message_limit import check_noise
 from nodes.event_sensor.model.features import marks
@@ -108,8 +111,8 @@ class EventSensor:
         self._layout = KeyLayout.of(height, width, envs, marks(p))
         seed = (seed + (1 << 63)) % (1 << 64) - (1 << 63)
         self._sensor = sensor_struct(p, (height, width, channels), self._layout, seed)
-        size = Size(height, width, channels, envs)
-        self._engine = make_engine(size, seed, p, self._device)
+        size = self._shape = Size(height, width, channels, envs)
+        self._engine = make_engine(size, seed, p, self._device, self._layout)
         self._size = size.pixels
         self._unlit = unlit_rate(p) * envs * size.pixels
         self._ahead = p["model"] == "evis" and p["crossing"] in LOOK_AHEAD
@@ -164,6 +167,11 @@ class EventSensor:
         return self._readout is None
 
     @property
+    def takes_further(self) -> bool:
+        """Whether it takes further samples of single pixels between the frames."""
+        return not frames_only(self.parameters)
+
+    @property
     def stamp(self) -> int:
         """Events up to this stamp [ns] have been given: that of the last frame, with look-ahead of the one before."""
         return self._settled
@@ -174,9 +182,10 @@ class EventSensor:
         t: np.ndarray,
         episodes: np.ndarray,
         dlog_dt: Frames | None = None,
+        further: Further | None = None,
     ) -> Events:
         """Events of K frames: `advance`, then `read` into new arrays."""
-        return self._events(self.advance(luminance, t, episodes, dlog_dt))
+        return self._events(self.advance(luminance, t, episodes, dlog_dt, further))
 
     def process_async(
         self,
@@ -184,6 +193,7 @@ class EventSensor:
         t: np.ndarray,
         episodes: np.ndarray,
         dlog_dt: Frames | None = None,
+        further: Further | None = None,
     ) -> Pending | Ready:
         """Events of K frames, which stay on the sensor's device; `result()` of what this returns gives them.
 
@@ -191,7 +201,7 @@ class EventSensor:
         result() waits for it. The frames must stay unchanged until then. A call for which there is no room any more,
         because the results of earlier ones were not taken, raises ValueError. Other sensors are done at once.
         """
-        batch, begins = self._take(luminance, t, episodes, dlog_dt)
+        batch, begins = self._take(luminance, t, episodes, dlog_dt, further)
         if self._pipelined:
             self._left = None
             pending: Pending = self._side.submit(batch, self._settled, defer=True)
@@ -228,6 +238,7 @@ class EventSensor:
         t: np.ndarray,
         episodes: np.ndarray,
         dlog_dt: Frames | None = None,
+        further: Further | None = None,
     ) -> int:
         """Take K frames and return how many events they make; `read` gives them.
 
@@ -236,12 +247,16 @@ class EventSensor:
         sensor's device, and must have been written there on Warp's stream, the default stream, or one that is
         synchronised. t: int64 [K] ns, ascending, after the stamps seen before. episodes: int [E]; where it differs from
         the last call's, the first frame sets the reference and fires nothing. dlog_dt: float32, of luminance's shape,
-        d ln I/dt [1/s], for crossing=hermite, NaN where it is not known. Events lie in (t_base, stamp], which is
-        (previous stamp, t[-1]] without look-ahead; with it, each bound is the frame before. Raises ValueError.
+        d ln I/dt [1/s], for crossing=hermite, NaN where it is not known. further: samples of single pixels between the
+        frames, for crossing=linear; such a pixel has the events that frames at its samples would give. Events lie in
+        (t_base, stamp], which is (previous stamp, t[-1]] without look-ahead; with it, each bound is the frame before.
+        Raises ValueError.
         """
-        return self._settle(*self._take(luminance, t, episodes, dlog_dt))
+        return self._settle(*self._take(luminance, t, episodes, dlog_dt, further))
 
-    def _take(self, luminance: Any, t: np.ndarray, episodes: np.ndarray, dlog_dt: Any) -> tuple[Batch, np.ndarray]:
+    def _take(
+        self, luminance: Any, t: np.ndarray, episodes: np.ndarray, dlog_dt: Any, further: Further | None
+    ) -> tuple[Batch, np.ndarray]:
         """A message, checked, seen through the optics, joined to the frame that is held; and where episodes begin."""
         t = np.ascontiguousarray(t, dtype=np.int64)
         episodes = np.asarray(episodes, dtype=np.int32)
@@ -255,8 +270,11 @@ class EventSensor:
         t_base = self._settled if begun else int(t[0])
         self._layout.check_span(t_base, t)
         check_noise(self._unlit, f"{self.envs} x {self._size}", t_base, t)
+        lists = self._lists(further, t, t_base, fresh)
         images, slopes = on_device(luminance, self._device), self._nothing
-        if not self._optics.clear:
+        if further is not None and self._optics.traces:
+            images, lists = self._optics.traced(images, lists, t, int(t[0]) if again else self._last_stamp, fresh)
+        elif not self._optics.clear:
             sharp = images
             images = self._optics.seen(sharp, t, int(t[0]) if again else self._last_stamp, fresh)
         if self._hermite:
@@ -269,9 +287,20 @@ class EventSensor:
             self._episodes = episodes.copy()
         episodes, self._last_stamp = self._episodes, int(t[-1])
         if not self._ahead:
-            return self._batch(images, slopes, t, len(t), t_base, [fresh], [episodes]), fresh
+            return self._batch(images, slopes, t, len(t), t_base, [fresh], [episodes], lists), fresh
         images, t, begins, of = self._waiting.join(images, t, fresh, episodes)
         return self._batch(images, slopes, t, len(t) - 1, t_base, begins, of), begins[0]
+
+    def _lists(self, further: Further | None, t: np.ndarray, t_base: int, fresh: np.ndarray) -> SampleLists | None:
+        """Further samples of a message, checked; None where there are none."""
+        if further is None:
+            return None
+        why = frames_only(self.parameters)
+        if why:
+            raise ValueError(f"event sensor got further samples between the frames, but {why}")
+        lists = further.on(self._shape, self._device)
+        check(lists, self._shape, t, t_base, fresh)
+        return lists if lists.offset.size else None
 
     def finish(self) -> int:
         """Take no more frames; returns how many events were held back. `advance` may go on afterwards."""
@@ -322,6 +351,7 @@ class EventSensor:
         t_base: int,
         begins: list[np.ndarray],
         episodes: list[np.ndarray],
+        lists: SampleLists | None = None,
     ) -> Batch:
         """The first `count` frames, after which the sensor's time is; later frames are only looked at."""
         self.t_base = t_base
@@ -329,7 +359,7 @@ class EventSensor:
         for k, more in enumerate(begins[1:], 1):
             flags = flags | (more.astype(np.int64) << k)
         of = (episodes[0], episodes[-1])
-        batch = Batch(images, slopes, t, len(t), count, t_base, self._settled_before, flags, of)
+        batch = Batch(images, slopes, t, len(t), count, t_base, self._settled_before, flags, of, lists)
         if count:
             self._settled_before, self._settled = int(t[count - 2]) if count > 1 else t_base, int(t[count - 1])
         else:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from nodes.event_sensor.readout.packet import Events
+
+if TYPE_CHECKING:
+    from nodes.event_sensor.further import Further
 
 
 class SeparateSensors:
@@ -26,11 +29,17 @@ class SeparateSensors:
         self._told([len(part.t) for part in parts])
         return Events(t, x, y, p, None, self.env_offsets())
 
-    def advance(self, luminance: Any, t: np.ndarray, episodes: np.ndarray) -> int:
-        """Takes frames and returns how many events they make, as EventSensor.advance does."""
-        return self._told(
-            [s.advance(luminance[k : k + 1], t, episodes[k : k + 1]) for k, s in enumerate(self._sensors)]
-        )
+    def advance(self, luminance: Any, t: np.ndarray, episodes: np.ndarray, *, further: Further | None = None) -> int:
+        """Takes frames and returns how many events they make, as EventSensor.advance does.
+
+        Of samples between the frames a sensor that takes frames alone gets none.
+        """
+        counts = []
+        for k, sensor in enumerate(self._sensors):
+            one = slice(k, k + 1)
+            between = None if further is None or not sensor.takes_further else further.of(one, len(self._sensors))
+            counts.append(sensor.advance(luminance[one], t, episodes[one], further=between))
+        return self._told(counts)
 
     def finish(self) -> int:
         """Takes no more frames; returns how many events were held back."""
@@ -40,6 +49,11 @@ class SeparateSensors:
         self._counts = np.array(counts, np.int64)
         self.t_base = getattr(self._sensors[0], "t_base", 0)
         return int(self._counts.sum())
+
+    @property
+    def takes_further(self) -> bool:
+        """Whether any of its sensors takes further samples between the frames."""
+        return any(getattr(sensor, "takes_further", False) for sensor in self._sensors)
 
     @property
     def begins_again(self) -> bool:

@@ -20,7 +20,9 @@ PARAMS = {
     "bag": Param(str, "", "the bag to replay"),
     "topics": Param(list, [], "globs of topics to play, all when none is given"),
     "exclude": Param(list, [], "globs of topics to leave out"),
-    "regenerate": Param(bool, False, "leave out what the graph makes again from keyframes: frames, events, labels"),
+    "regenerate": Param(
+        bool, False, "leave out what the graph makes again from keyframes: frames, samples, events, labels"
+    ),
     "pace": Param(str, "fast", "fast, realtime, or a speed such as 0.5, half as fast as recorded"),
     "start": Param(float, 0.0, "where in the bag to begin, after its first stamp", "s", minimum=0.0),
     "duration": Param(float, None, "seconds to replay", "s", minimum=0.0, optional=True),

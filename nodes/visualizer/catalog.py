@@ -17,6 +17,7 @@ from nodes.visualizer.views.tables import BoxView, MovingView, SeriesView, Table
 VIEWS: dict[str, dict[str, str]] = {
     "Keyframe": {"radiance": "image"},
     "Frames": {"luminance": "image"},
+    "Samples": {"luminance": "image"},
     "Image": {"image": "image"},
     "Depth": {"depth": "image"},
     "Motion": {"motion": "image"},

@@ -20,6 +20,7 @@ from msgs.camera import (
     Labels,
     Motion,
     Normal,
+    Samples,
     Trigger,
 )
 from msgs.diagnostics import Diagnostics
@@ -71,6 +72,8 @@ def scene(k: int, envs: int = 1, seed: int = 0) -> dict[str, Message]:
     moving = [[1, 3], [], [0, 1, 2, 3]][k % 3]
     depth = f32(e, h, w)
     depth[0, 0, 0] = np.inf
+    lists = np.append(0, np.sort(rng.integers(0, e * h * w + 1, e * h * w))).astype(np.int32)
+    lists[-1] = e * h * w
     return {
         "/state": WorldState.dense(
             header(),
@@ -107,6 +110,15 @@ def scene(k: int, envs: int = 1, seed: int = 0) -> dict[str, Message]:
         "/cam0/normal": Normal(header(), f32(e, h, w, 3)),
         "/cam0/frames": Frames(
             header(), np.array([stamp - 5, stamp]), episodes, f32(e, 2, h, w), dlog_dt=f32(e, 2, h, w)
+        ),
+        "/cam0/samples": Samples(
+            header(),
+            np.array([stamp - 5, stamp]),
+            episodes,
+            lists,
+            np.arange(1, e * h * w + 1, dtype=np.int32),
+            luminance=f32(e, 2, h, w),
+            further=f32(e * h * w),
         ),
         "/cam0/events": EventPacket(
             header(),

@@ -17,7 +17,7 @@ from evis.bag.info import describe
 from evis.bag.reader import BagReader
 from evis.bag.ros import mapping, transforms
 from evis.bag.writer import BagWriter
-from msgs.camera import EventPacket, Keyframe, Labels
+from msgs.camera import EventPacket, Keyframe, Labels, Samples
 from msgs.diagnostics import Diagnostics
 from msgs.fields import array_specs
 from msgs.header import Header, Message
@@ -98,6 +98,13 @@ def instances(draw, kind):
             arrays[name] = draw(hnp.arrays(np.float64, (1, steps, len(chosen), size)))
         if steps and draw(st.booleans()):
             arrays["end_pose"][:, arrays["moving"]] = arrays["moving_pose"][:, -1]
+    if kind is Samples:
+        image = arrays.get("rgb", arrays.get("luminance"))
+        pixels = 1 if image is None else image.shape[2] * image.shape[3]
+        count = len(arrays["offset"]) if pixels else 0
+        arrays |= {name: array[:count] for name, array in arrays.items() if name in ("further", "further_rgb")}
+        arrays["first"] = np.append(np.zeros(pixels, np.int32), np.int32(count))
+        arrays["offset"] = np.arange(1, count + 1, dtype=np.int32)
     message = kind(draw(HEADERS), **arrays, **scalars)
     message.header.clock = message.header.clock or "sim"
     return message

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from msgs.camera import Depth, EventPacket, Frames, Keyframe
+from msgs.camera import Depth, EventPacket, Frames, Keyframe, Samples
 from msgs.codec import MAX_HEADER, attach, decode, decode_header, encode
 from msgs.diagnostics import Diagnostics
 from msgs.fields import MessageError, TypeMismatch, array_specs, plain_fields
@@ -47,6 +47,8 @@ def messages(draw: st.DrawFn) -> Message:
         lengths["N"] = draw(st.integers(0, 3))
         moving = sorted(draw(st.sets(st.integers(0, 2)))) if lengths["N"] == 3 else list(range(lengths["N"]))
         lengths["B"] = len(moving)
+    if kind is Samples:
+        lengths |= {"E": 1, "H": 1, "W": 2}
     arrays = {}
     for name, spec in array_specs(kind).items():
         if spec.optional and draw(st.booleans()):
@@ -66,6 +68,9 @@ def messages(draw: st.DrawFn) -> Message:
         arrays[name] = array
     if kind is WorldState:
         arrays["moving"] = np.array(moving, np.int32)
+    if kind is Samples:  # all of the second pixel
+        count = len(arrays["offset"])
+        arrays["first"], arrays["offset"] = np.array([0, 0, count], np.int32), np.arange(1, count + 1, dtype=np.int32)
     scalars = {name: draw(SCALARS[annotation]) for name, annotation in plain_fields(kind).items()}
     return kind(draw(headers), **arrays, **scalars)
 
@@ -84,7 +89,7 @@ def frames_of(message: Message) -> list[bytes]:
 
 
 def test_every_type_of_the_table_is_drawn():
-    assert len(TYPES) == 19 and {k for t in TYPES for k in plain_fields(t).values()} == set(SCALARS) - {"bool"}
+    assert len(TYPES) == 20 and {k for t in TYPES for k in plain_fields(t).values()} == set(SCALARS) - {"bool"}
 
 
 @relaxed
@@ -273,3 +278,28 @@ def test_message_fields_stay_in_step_with_dataclasses():
     for kind in TYPES:
         names = [f.name for f in dataclasses.fields(kind)]
         assert sorted(names) == sorted(["header", *array_specs(kind), *plain_fields(kind)])
+
+
+@pytest.mark.parametrize(
+    ("first", "offset", "text"),
+    [
+        ([0, 1], [5, 6], r"Samples.first has 2 entries, 2 pixels take 3"),
+        ([0, 1, 1], [5, 6], r"Samples.first does not ascend from 0 to the 2 further samples"),
+        ([1, 1, 2], [5, 6], r"Samples.first does not ascend from 0"),
+        ([0, 3, 2], [5, 6], r"Samples.first does not ascend from 0"),
+        ([0, 2, 2], [6, 6], r"Samples.offset does not ascend from above 0 within each pixel"),
+        ([0, 1, 2], [0, 6], r"Samples.offset does not ascend from above 0"),
+        ([0, 1, 2], [6, 5], None),
+        ([0, 0, 2], [6, 7], None),
+    ],
+)
+def test_lists_of_samples_are_checked(first, offset, text):
+    message = Samples(
+        Header(10), np.array([10]), np.zeros(1, np.int32), np.array(first, np.int32), np.array(offset, np.int32),
+        luminance=np.ones((1, 1, 1, 2), np.float32), further=np.ones(len(offset), np.float32),
+    )  # fmt: skip
+    if text is None:
+        message.check()
+    else:
+        with pytest.raises(MessageError, match=text):
+            message.check()

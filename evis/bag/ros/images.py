@@ -16,6 +16,7 @@ PARTS: dict[str, dict[str, str]] = {
     "Normal": {"normal": ""},
     "Image": {"data": ""},
     "Frames": {"luminance": "", "rgb": "/rgb", "dlog_dt": "/dlog_dt"},
+    "Samples": {"luminance": "", "rgb": "/rgb"},
     "Labels": {"flow": "/flow", "depth": "/depth", "segmentation": "/segmentation", "semantic": "/semantic"},
 }
 """Message -> array field -> what is added to the topic's name."""

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 META = "/meta"
 """Suffix of the topic of the closing message."""
 ROS_TYPES = {
-    **dict.fromkeys(["Keyframe", "Depth", "Motion", "Ids", "Normal", "Image", "Frames"], schemas.IMAGE),
+    **dict.fromkeys(["Keyframe", "Depth", "Motion", "Ids", "Normal", "Image", "Frames", "Samples"], schemas.IMAGE),
     "CameraInfo": schemas.CAMERA_INFO,
     "EventPacket": schemas.EVENT_PACKET,
     "Imu": schemas.IMU,
@@ -41,7 +41,7 @@ FOREIGN = {
     schemas.EVENT_PACKET: "EventPacket", schemas.IMAGE: "Image", schemas.IMU: "Imu", schemas.CAMERA_INFO: "CameraInfo",
 }  # fmt: skip
 """ROS type -> message, for bags that another program recorded."""
-UNCOMPRESSED = ("Keyframe", "Frames")
+UNCOMPRESSED = ("Keyframe", "Frames", "Samples")
 """HDR radiance is noise to a compressor: it costs time and saves little."""
 
 

@@ -1,10 +1,11 @@
 #pragma once
 #include "warp/native/builtin.h"
 
-// Lists the pixels of a row whose samples leave their inactive range, or that wake by `t_end`; the others keep their
-// last sample.
+// Lists the pixels of a row whose samples leave their inactive range, that wake by `t_end` or that have further samples;
+// the others keep their last sample.
 static const auto list_active_row = [](const auto& luminance, wp::int64 at, wp::int64 stride, int count,
-    wp::int64 t_end, const auto& state, int index, int row, const auto& rare, const auto& active) {
+    wp::int64 t_end, const auto& state, int index, int row, const auto& rare, const auto& first,
+    int shared, const auto& active) {
     typedef float floats __attribute__((vector_size(64)));
     typedef int ints __attribute__((vector_size(64)));
     typedef wp::int64 longs __attribute__((vector_size(128)));
@@ -15,6 +16,7 @@ static const auto list_active_row = [](const auto& luminance, wp::int64 at, wp::
     float* lasts = state.last.data + index;
     const bool timed = state.wake.shape[0] > 0;
     const wp::int64* wakes = timed ? state.wake.data + index : nullptr;
+    const bool apart = first.shape[0] > 0;
     const wp::int64 end = (wp::int64)(count - 1) * stride;
     int* list = active.data + 1;
     int n = 0;
@@ -27,6 +29,14 @@ static const auto list_active_row = [](const auto& luminance, wp::int64 at, wp::
         for (wp::int64 k = 0; k <= end; k += stride) {
             memcpy(&sample, v + k + i, many * sizeof(float));
             stays &= (sample >= low) & (sample <= high);
+        }
+        if (apart) {
+            ints none = {};
+            for (int lane = 0; lane < many; lane++) {
+                const int list = (index + i + lane) / shared;
+                none[lane] = -(first.data[list] == first.data[list + 1]);
+            }
+            stays &= none;
         }
         flags still = __builtin_convertvector(stays, flags);
         if (timed) {

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from nodes.event_sensor.batch import Batch, SampleLists
 from nodes.event_sensor.cpu.ideal_kernels import (
     AT_STEP,
     FULL,
     GROUP,
+    JOINS,
     NEEDED,
     OUTGROWN,
     STATUS,
@@ -19,7 +21,8 @@ from nodes.event_sensor.cpu.ideal_kernels import (
     ideal_kernel,
 )
 from nodes.event_sensor.cpu.simd_kernels import IdealState, room_for_block
-from nodes.event_sensor.model.sensor_kernels import Sensor
+from nodes.event_sensor.model.keys import KeyLayout
+from nodes.event_sensor.model.sensor_kernels import EVENTS, LEFT, Sensor
 from nodes.event_sensor.model.state_kernels import Reference
 
 FIRST_ROOM = 4096
@@ -65,9 +68,12 @@ class Ideal:
     sorts = True
     """Its keys come in order."""
 
-    def __init__(self, total: int, frame: bool) -> None:
-        """total: pixels and channels of all environments. frame: events carry the stamp of their frame."""
-        self._kernel = ideal_kernel(frame)
+    def __init__(self, total: int, frame: bool, layout: KeyLayout) -> None:
+        """total: pixels and channels of all environments. frame: events carry the stamp of their frame. layout: of
+        their keys."""
+        self._kernel, self._frame, self._layout = ideal_kernel(frame), frame, layout
+        self._none: wp.array = wp.zeros(0, dtype=wp.int32, device="cpu")
+        self._further: Any = None
         self._state: Any = IdealState()
         self._state.last = wp.zeros(total, dtype=wp.float32, device="cpu")
         self._state.low = wp.full(total, float("inf"), dtype=wp.float32, device="cpu")
@@ -87,15 +93,37 @@ class Ideal:
         if not resume:
             self._progress[:] = 0
             self._lists.empty()
+        lists = batch.further
         inputs = [sensor, batch.images, batch.t, batch.t_base, batch.begin]
-        while True:
+        inputs += [self._none, 1] if lists is None else [lists.first, lists.shared]
+        kernel = self._kernel if lists is None else ideal_kernel(self._frame, True)
+        while self._progress[STATUS] != JOINS:
             kept = [self._state, self._work, self._lists.kernel, self._progress_there]
-            wp.launch(self._kernel, 1, [*inputs, *kept], [keys, counters], device="cpu")
+            wp.launch(kernel, 1, [*inputs, *kept], [keys, counters], device="cpu")
+            if self._progress[STATUS] == FULL:
+                counters.numpy()[-1] = self._progress[NEEDED]
+                return
             if self._progress[STATUS] != OUTGROWN:
                 break
             self._lists.grow(int(self._progress[STEP]), int(self._progress[NEEDED]))
-        if self._progress[STATUS] == FULL:
-            counters.numpy()[-1] = self._progress[NEEDED]
+        if lists is not None:
+            self._join(sensor, batch, lists, keys, counters.numpy())
+
+    def _join(self, sensor: Sensor, batch: Batch, lists: SampleLists, keys: wp.array, counters: np.ndarray) -> None:
+        """Adds the events of the pixels with further samples, once there is room for all."""
+        if self._further is None:
+            from nodes.event_sensor.cpu.further import FurtherPixels
+
+            self._further = FurtherPixels(self._layout)
+        if self._progress[STATUS] != JOINS:
+            self._further.sense(sensor, batch, lists, self._state, counters)
+            self._progress[STATUS] = JOINS
+        count, more = int(counters[EVENTS]), len(self._further.keys)
+        if count + more > sensor.capacity:
+            counters[LEFT] = count + more
+            return
+        self._further.join(keys, count)
+        counters[EVENTS] += more
 
     def swap(self) -> None:
         """The state is changed in place."""

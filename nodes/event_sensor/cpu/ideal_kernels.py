@@ -22,6 +22,8 @@ from nodes.event_sensor.cpu.simd_kernels import (
     cross_levels,
     emit_listed,
     keep_last,
+    keep_last_of_others,
+    leave_further,
     list_active,
     take_samples,
 )
@@ -32,8 +34,9 @@ wp.set_module_options({"enable_backward": False})
 
 GROUP = 8
 """Steps whose events are listed before they are sorted."""
-DONE, OUTGROWN, FULL = 0, 1, 2
-"""How a launch ends: all is done, a step's list or the sorted keys need more room and the next launch goes on."""
+DONE, OUTGROWN, FULL, JOINS = 0, 1, 2, 3
+"""How a launch ends: all is done, a step's list or the sorted keys need more room and the next launch goes on. Beyond:
+only the events of pixels with further samples have to join the others."""
 STATUS, NEEDED, STEP, AT_ENV, AT_GROUP, AT_BLOCK, AT_STEP = range(7)
 """Progress: status, places needed, by which list, and where to go on."""
 
@@ -113,8 +116,11 @@ def sort_group(
 
 
 @lru_cache
-def ideal_kernel(frame: bool) -> Any:
-    """Makes the kernel, for one thread. frame: events carry the stamp of their frame, not of their crossing."""
+def ideal_kernel(frame: bool, further: bool = False) -> Any:
+    """Makes the kernel, for one thread. frame: events carry the stamp of their frame, not of their crossing.
+
+    further: pixels that have further samples between the frames are left as they are, for further_kernels.
+    """
 
     @wp.kernel(module="unique")
     def sense(
@@ -124,6 +130,8 @@ def ideal_kernel(frame: bool) -> Any:
         t: wp.array(dtype=wp.int64),
         t_base: wp.int64,
         fresh: wp.array(dtype=wp.int32),
+        first: wp.array(dtype=wp.int32),
+        shared: wp.int32,
         # in and out
         state: IdealState,
         work: Listed,
@@ -158,6 +166,8 @@ def ideal_kernel(frame: bool) -> Any:
                             ahead = wp.int64(many) - wp.int64(k - group) * stride
                         here = at + wp.int64(k) * stride
                         n = list_active(luminance, here, ahead, state, index, many, work)
+                        if wp.static(further):
+                            n = leave_further(first, shared, index, n, work)
                         if n > 0:
                             span = t[k] - step_start(k, t, t_base)
                             take_samples(sensor, luminance, here, stride, k, state, index, n, work)
@@ -175,9 +185,13 @@ def ideal_kernel(frame: bool) -> Any:
                             lists.taken[k - group] = place + events
                         k += 1
                     if end == count:
-                        keep_last(
-                            sensor, luminance, at + wp.int64(count - 1) * stride, stride, count, index, many, state
-                        )
+                        here = at + wp.int64(count - 1) * stride
+                        if wp.static(further):
+                            keep_last_of_others(
+                                sensor, luminance, here, stride, count, index, many, first, shared, state, work
+                            )
+                        else:
+                            keep_last(sensor, luminance, here, stride, count, index, many, state)
                     block += BLOCK
                     k = group
                 if not sort_group(sensor, env, group, end, t, t_base, lists, keys, counters, progress):

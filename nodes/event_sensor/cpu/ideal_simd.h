@@ -199,3 +199,27 @@ static const auto keep_last = [](const auto& sensor, const auto& luminance, wp::
                 break;
             }
 };
+
+// Takes those with further samples out of the n listed pixels; returns how many are left.
+static const auto leave_further = [](const auto& first, int shared, int index, int n, const auto& work) {
+    int* place = work.place.data;
+    int left = 0;
+    for (int i = 0; i < n; i++) {
+        const int list = (index + place[i]) / shared;
+        place[left] = place[i];
+        left += first.data[list] == first.data[list + 1];
+    }
+    return left;
+};
+
+// Keeps the last good sample of every pixel of a block that has no further samples.
+static const auto keep_last_of_others = [](const auto& sensor, const auto& luminance, wp::int64 at, wp::int64 stride,
+    int count, int index, int size, const auto& first, int shared, const auto& state, const auto& work) {
+    float* lasts = state.last.data + index;
+    memcpy(work.before.data, lasts, size * sizeof(float));
+    keep_last(sensor, luminance, at, stride, count, index, size, state);
+    for (int i = 0; i < size; i++) {
+        const int list = (index + i) / shared;
+        lasts[i] = first.data[list] == first.data[list + 1] ? lasts[i] : work.before.data[i];
+    }
+};

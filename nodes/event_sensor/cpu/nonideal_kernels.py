@@ -17,7 +17,7 @@ from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.pixel_kernels import place_of, sense_pixel
 from nodes.event_sensor.model.sensor_kernels import EVENTS, LEFT, Sensor
 from nodes.event_sensor.model.state_kernels import RUN, FrequentState, Rare, Run
-from nodes.event_sensor.model.step_kernels import message_of
+from nodes.event_sensor.model.step_kernels import Between, message_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -68,6 +68,7 @@ def rows_kernel(features: Features) -> Any:
         t_base: wp.int64,
         t_before: wp.int64,
         episodes: wp.array2d(dtype=wp.int32),
+        between: Between,
         luminance_runs: wp.array(dtype=Run),
         slope_runs: wp.array(dtype=Run),
         resume: wp.int32,
@@ -84,7 +85,7 @@ def rows_kernel(features: Features) -> Any:
         env, y = wp.tid()
         if counters[LEFT] != wp.int64(0):
             return
-        message = message_of(luminance, dlog_dt, frames, count, t, t_base, t_before, episodes)
+        message = message_of(luminance, dlog_dt, frames, count, t, t_base, t_before, episodes, between)
         row = sensor.width * sensor.channels
         size = sensor.height * row
         start = env * size + y * row
@@ -107,7 +108,10 @@ def rows_kernel(features: Features) -> Any:
             while active[j + 1] < going_on:
                 j += 1
         elif wp.static(straight) and whole:
-            list_active_row(luminance, at_first, wp.int64(size), count, t_end, state, start, row, rare, active)
+            list_active_row(
+                luminance, at_first, wp.int64(size), count, t_end, state, start, row, rare, between.first,
+                between.shared, active,
+            )  # fmt: skip
         else:
             active[0] = 0
             i = int(0)

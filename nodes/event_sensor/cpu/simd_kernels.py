@@ -163,3 +163,25 @@ def keep_last(
 ):  # fmt: skip
     """Keeps the last good samples of a block, whose first pixel is at `at` in the last of `count` frames."""
     ...
+
+
+@wp.func_native(ideal("return leave_further(first, shared, index, n, work);"))
+def leave_further(
+    first: wp.array(dtype=wp.int32), shared: wp.int32, index: wp.int32, n: wp.int32, work: Listed
+) -> wp.int32:
+    """Takes those with further samples out of the n listed pixels; returns how many are left.
+
+    first, shared: see batch.Lists. index: of the block's first pixel.
+    """
+    ...
+
+
+@wp.func_native(
+    ideal("keep_last_of_others(sensor, luminance, at, stride, count, index, size, first, shared, state, work);")
+)
+def keep_last_of_others(
+    sensor: Sensor, luminance: wp.array(dtype=wp.float32), at: wp.int64, stride: wp.int64, count: wp.int32,
+    index: wp.int32, size: wp.int32, first: wp.array(dtype=wp.int32), shared: wp.int32, state: IdealState, work: Listed,
+):  # fmt: skip
+    """Does what keep_last does for the pixels of a block without further samples."""
+    ...

@@ -10,7 +10,12 @@ IMAGES = wp.constant(0)
 T_BASE = wp.constant(1)
 SPAN = wp.constant(2)
 """The last stamp less t_base."""
-STAMPS = wp.constant(3)
+FIRST = wp.constant(3)
+"""Address of `first` of the further samples, see batch.SampleLists; 0 where there are none. Then `offset`, `value`."""
+OFFSET = wp.constant(4)
+VALUE = wp.constant(5)
+SHARED = wp.constant(6)
+STAMPS = wp.constant(7)
 """From here on: K stamps, then for each environment not 0 where an episode begins."""
 
 # Counters, int64, beyond those of nodes.event_sensor.model.sensor_kernels.

@@ -1,11 +1,15 @@
 # ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
 """The ideal sensor on a GPU: one pass over all pixels that finds those with something in them, one over these.
 
-The first pass reads every sample and the inactive range once and writes the last sample: 4 K + 12 bytes a pixel for K
-frames. The second has a thread for every pixel that left its range, so that a warp does not wait for the few that fire.
+Pixels that have further samples between the frames are listed too, and walked through all samples in the order of time.
+
+The first pass reads every sample of a frame and the inactive range once and writes the last sample: 4 K + 12 bytes a
+pixel for K frames. The second has a thread for every pixel that left its range, so that a warp does not wait for the
+few that fire.
 
 State is changed in place. A pixel that finds no room for the events of a step leaves its state as it was before that
-step and the step's number in the list of active pixels; the next launch, with more room, goes on from there.
+step and the number of its sample, among the pixel's, in the list of active pixels; the next launch, with more room,
+goes on from there.
 """
 
 from functools import lru_cache
@@ -14,7 +18,18 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place_of_many, take_room
-from nodes.event_sensor.cuda.call_kernels import ACTIVE, BLOCKED, FULL_FROM, IMAGES, STAMPS, T_BASE
+from nodes.event_sensor.cuda.call_kernels import (
+    ACTIVE,
+    BLOCKED,
+    FIRST,
+    FULL_FROM,
+    IMAGES,
+    OFFSET,
+    SHARED,
+    STAMPS,
+    T_BASE,
+    VALUE,
+)
 from nodes.event_sensor.model.crossing_kernels import crossing_on_line
 from nodes.event_sensor.model.key_kernels import key_head, key_tail, key_time
 from nodes.event_sensor.model.sensor_kernels import (
@@ -56,6 +71,32 @@ def inside(v: wp.float32, low: wp.float32, high: wp.float32):
 
 
 @wp.func
+def list_of(call: wp.array(dtype=wp.int64), index: wp.int32):
+    """Returns where the further samples of a pixel and channel begin and end."""
+    found = wp.vec2i(0, 0)
+    if call[FIRST] != wp.int64(0):
+        first = wp.array(ptr=wp.uint64(call[FIRST]), shape=(1,), dtype=wp.int32)
+        one = index // wp.int32(call[SHARED])
+        found = wp.vec2i(first[one], first[one + 1])
+    return found
+
+
+@wp.func
+def offset_at(call: wp.array(dtype=wp.int64), entry: wp.int32):
+    """Returns when a further sample is [ns after the call's start]."""
+    offset = wp.array(ptr=wp.uint64(call[OFFSET]), shape=(1,), dtype=wp.int32)
+    return wp.int64(offset[entry])
+
+
+@wp.func
+def value_at(call: wp.array(dtype=wp.int64), entry: wp.int32, index: wp.int32):
+    """Returns a further sample of a pixel and channel."""
+    value = wp.array(ptr=wp.uint64(call[VALUE]), shape=(1,), dtype=wp.float32)
+    shared = wp.int32(call[SHARED])
+    return value[wp.int64(entry) * wp.int64(shared) + wp.int64(index % shared)]
+
+
+@wp.func
 def must_wait(sensor: Sensor, before: wp.array(dtype=wp.int64)):
     """Tells whether the call before, whose counters these are, did not end: the state is not yet that after it."""
     return before[BLOCKED] != wp.int64(0) or before[EVENTS] > sensor.capacity
@@ -76,14 +117,14 @@ def find_active(
     filled: wp.array(dtype=wp.int32),
     counters: wp.array(dtype=wp.int64),
 ):
-    """Lists the active pixels, each with the frame to go on from. A thread is EACH pixels and channels.
+    """Lists the active pixels, each with the sample to go on from. A thread is EACH pixels and channels.
 
     Args:
         sensor, call, frames: as in pipeline.Source.
         size: pixels and channels of an environment.
         before: counters of the call before.
         state: the last sample of inactive pixels is kept in it.
-        active: number of a pixel, and of the frame to go on from, which is 0.
+        active: number of a pixel, and of the sample to go on from, which is 0.
         filled: events in each bucket, set to 0.
         counters: of this call, int64 [COUNTS].
     """
@@ -127,7 +168,9 @@ def find_active(
     for j in range(wp.static(EACH)):
         i = first + j * wp.static(BLOCK)
         if i < active.shape[0]:
-            if good[j] != 0 and call[STAMPS + frames + i // size] == wp.int64(0):
+            entries = list_of(call, i)
+            resting = good[j] != 0 and entries[0] == entries[1]
+            if resting and call[STAMPS + frames + i // size] == wp.int64(0):
                 state.last[i] = v[j]
             else:
                 active[take_place_of_many(counters, ACTIVE)] = wp.vec2i(i, 0)
@@ -155,13 +198,13 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """Takes a pixel through the frames from `first` on; returns the frame whose events found no room, or -1.
+        """Takes a pixel through its samples from number `first` on; returns that whose events found no room, or -1.
 
         Args:
             sensor, call, frames: as in pipeline.Source.
             size: pixels and channels of an environment.
             index: the pixel among all.
-            first: frame to go on from.
+            first: sample to go on from; those of frames and those between count together.
             state: of all pixels.
             keys, counters: the list of events, and how many there are.
         """
@@ -181,21 +224,45 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
         pixel.net = state.counts[index][0]
         pixel.n_off = state.counts[index][1]
         base = state.base[index]
-        k = int(first)
-        if k == 0 and call[STAMPS + frames + env] != wp.int64(0):
+        if first == 0 and call[STAMPS + frames + env] != wp.int64(0):
             pixel.low = float(wp.inf)
+        entries = list_of(call, index)
+        entry = int(entries[0])
         start = t_base
-        if k > 0:
-            start = call[STAMPS + k - 1]
+        k = int(0)
+        if entry == entries[1]:
+            k = first
+            if k > 0:
+                start = call[STAMPS + k - 1]
+        number = int(k)
+        while number < first:
+            # Past the samples that an earlier launch has dealt with.
+            start = call[STAMPS + k]
+            between = bool(False)
+            if entry < entries[1]:
+                between = t_base + offset_at(call, entry) < start
+            if between:
+                start = t_base + offset_at(call, entry)
+                entry += 1
+            else:
+                k += 1
+            number += 1
         l_last = wp.float64(0.0)
         known = bool(False)
         stuck = int(-1)
         following = images[at + wp.int64(k) * stride]
         while k < frames:
             v = following
-            # On its way while this one is dealt with.
-            following = images[at + wp.int64(wp.min(k + 1, frames - 1)) * stride]
             now = call[STAMPS + k]
+            between = bool(False)
+            if entry < entries[1]:
+                between = t_base + offset_at(call, entry) < now
+            if between:
+                now = t_base + offset_at(call, entry)
+                v = value_at(call, entry, index)
+            else:
+                # On its way while this one is dealt with.
+                following = images[at + wp.int64(wp.min(k + 1, frames - 1)) * stride]
             if v >= pixel.low and v <= pixel.high:
                 pixel.last = v
                 known = bool(False)
@@ -224,7 +291,7 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
                     slot = room(counters, EVENTS, n)
                     if slot + wp.int64(n) > sensor.capacity:
                         wp.atomic_min(counters, FULL_FROM, slot)
-                        stuck = k
+                        stuck = number
                         break
                     span = now - start
                     slope = wp.float64(span) / (l1 - l0)
@@ -250,7 +317,11 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
                 l_last = l1
                 known = bool(True)
             start = now
-            k += 1
+            number += 1
+            if between:
+                entry += 1
+            else:
+                k += 1
         state.last[index] = pixel.last
         state.low[index] = pixel.low
         state.high[index] = pixel.high
@@ -280,7 +351,7 @@ def sense_kernel(frame: bool, room: Any = take_room) -> Any:
             size: pixels and channels of an environment.
             threads: how many there are.
             state: of all pixels.
-            active: as of find_active; -1 for a pixel that is done, else the frame whose events found no room.
+            active: as of find_active; -1 for a pixel that is done, else the sample whose events found no room.
             keys, counters: the list of events, and how many there are.
         """
         if counters[BLOCKED] != wp.int64(0):

@@ -12,7 +12,7 @@ from nodes.event_sensor.model.features import Features
 from nodes.event_sensor.model.pixel_kernels import place_of, sense_pixel
 from nodes.event_sensor.model.sensor_kernels import Sensor
 from nodes.event_sensor.model.state_kernels import FrequentState, Rare
-from nodes.event_sensor.model.step_kernels import message_of
+from nodes.event_sensor.model.step_kernels import Between, message_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -35,6 +35,7 @@ def pixels_kernel(features: Features) -> Any:
         t_base: wp.int64,
         t_before: wp.int64,
         episodes: wp.array2d(dtype=wp.int32),
+        between: Between,
         before: FrequentState,
         side_before: wp.array(dtype=wp.int32),
         # out
@@ -49,14 +50,14 @@ def pixels_kernel(features: Features) -> Any:
         Args:
             sensor: its parameters.
             begin: per environment, bits of the frames (0 and 1) at which an episode begins.
-            luminance, dlog_dt, frames, count, t, t_base, t_before, episodes: see step_kernels.Message.
+            luminance, dlog_dt, frames, count, t, t_base, t_before, episodes, between: see step_kernels.Message.
             before, after: state of every pixel before and after the message.
             side_before, side_after: which of both rows of `rare` is a pixel's, before and after.
             rare: state that few steps need, [2, pixels and channels of all environments].
             keys, counters: the list of events, int64 [capacity], and sensor_kernels.COUNTERS.
         """
         env, y, column = wp.tid()
-        message = message_of(luminance, dlog_dt, frames, count, t, t_base, t_before, episodes)
+        message = message_of(luminance, dlog_dt, frames, count, t, t_base, t_before, episodes, between)
         place = place_of(sensor, env, y, column // sensor.channels, column % sensor.channels)
         sense(
             sensor, place, begin[env], message, before, side_before, after, side_after, rare, keys, counters

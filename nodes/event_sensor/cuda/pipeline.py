@@ -39,7 +39,7 @@ class Source(Protocol):
 
         Args:
             sensor: its parameters, with the room that there is for events.
-            call: parameters of the call, int64 [3 + K + E], see call_kernels.
+            call: parameters of the call, int64 [7 + K + E], see call_kernels.
             frames: K.
             filled: events in each bucket, int32.
             counters: of this call, int64 [COUNTS].
@@ -172,7 +172,7 @@ class Pipeline:
                 call.graphs.clear()
 
     def parameters(self, frames: int) -> np.ndarray:
-        """Returns the int64 [3 + K + E] of the next call, to be filled: see nodes.event_sensor.cuda.call_kernels.
+        """Returns the int64 [7 + K + E] of the next call, to be filled: see nodes.event_sensor.cuda.call_kernels.
 
         Raises ValueError where too many calls are in flight.
         """

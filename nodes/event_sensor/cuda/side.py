@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from nodes.event_sensor.cuda.call_kernels import IMAGES, SPAN, STAMPS, T_BASE
+from nodes.event_sensor.cuda.call_kernels import (
+    FIRST,
+    IMAGES,
+    OFFSET,
+    SHARED,
+    SPAN,
+    STAMPS,
+    T_BASE,
+    VALUE,
+)
 from nodes.event_sensor.cuda.ideal import IdealPasses
 from nodes.event_sensor.cuda.pipeline import Pipeline
 from nodes.event_sensor.cuda.relaunched import Relaunched
@@ -61,11 +70,17 @@ class DeviceSide:
         count = batch.count
         call = self.pipeline.parameters(count)
         call[IMAGES], call[T_BASE], call[SPAN] = batch.images.ptr, batch.t_base, stamp - batch.t_base
+        lists = batch.further
+        if lists is None:
+            call[FIRST] = 0
+        else:
+            call[FIRST], call[OFFSET], call[VALUE] = lists.first.ptr, lists.offset.ptr, lists.value.ptr
+            call[SHARED] = lists.shared
         call[STAMPS : STAMPS + count] = batch.t[:count]
         call[STAMPS + count :] = batch.begin
         if self._relaunched is not None:
             self._relaunched.batch = batch.on(self._device)
-        return self.pipeline.submit(count, (batch.t_base, stamp), batch.images, defer)
+        return self.pipeline.submit(count, (batch.t_base, stamp), (batch.images, lists), defer)
 
     def fill(self, batch: Any, stamp: int) -> None:
         """Launches a batch as `submit` does, and waits for the events."""

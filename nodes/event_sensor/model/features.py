@@ -19,6 +19,8 @@ class Features:
     mismatch: bool = False
     cap: bool = False
     marked: bool = False
+    further: bool = False
+    """Pixels have further samples between the frames; of straight lines alone."""
 
     @property
     def ahead(self) -> bool:

@@ -116,6 +116,38 @@ def sample_read(features: Features) -> Any:
 
 
 @lru_cache
+def next_sample(features: Features) -> Any:
+    """Makes the function that tells whether a further sample of a pixel comes before the next frame."""
+    further = features.further
+
+    @wp.func(inline=True)
+    def before_frame(
+        # in
+        message: Message,
+        place: Place,
+        entry: wp.int32,
+        end: wp.int32,
+        # in and out
+        step: Step,
+        sample: Sample,
+    ):
+        """Returns True, and the step and the sample at its end, where entry number `entry` of the list is next."""
+        found = bool(False)
+        if wp.static(further):
+            if entry < end:
+                now = message.t_base + wp.int64(message.between.offset[entry])
+                if now < step.now:
+                    found = True
+                    step.now = now
+                    shared = message.between.shared
+                    value = wp.int64(entry) * wp.int64(shared) + wp.int64(place.index % shared)
+                    sample.light = message.between.value[value]
+        return found, step, sample
+
+    return before_frame
+
+
+@lru_cache
 def step_signal(features: Features) -> Any:
     """Makes the function of what a pixel sees in a step."""
     frame, leak, curved = features.crossing == "frame", features.leak, features.curved
@@ -250,6 +282,7 @@ def sense_pixel(features: Features, at_once: Any = None) -> Any:
     """Makes the function of all steps of one pixel in a message. at_once: see emission_kernels.crossings_fired."""
     surely_active = features.hasty or at_once is not None
     curved, timed, hasty, coin = features.curved, features.timed, features.hasty, features.coin
+    further, before_frame = features.further, next_sample(features)
     inactive_frames, sample_at = frames_at_rest(features), sample_read(features)
     curve_inactive, rest = surely_inactive(features), range_left(features)
     read_own, begin_episode, passed = own_parameters(features), episode_start(features), passed_step(features)
@@ -271,7 +304,7 @@ def sense_pixel(features: Features, at_once: Any = None) -> Any:
         keys: wp.array(dtype=wp.int64),
         counters: wp.array(dtype=wp.int64),
     ):
-        """Takes a pixel through the frames of a message; writes its events as keys, and counts."""
+        """Takes a pixel through the samples of a message; writes its events as keys, and counts."""
         index = place.index
         stride = wp.int64(sensor.height * sensor.width * sensor.channels)
         first = wp.int64(place.env) * wp.int64(message.frames) * stride + wp.int64(place.inner)
@@ -284,9 +317,14 @@ def sense_pixel(features: Features, at_once: Any = None) -> Any:
         step.start = message.t_base
         start_before = wp.int64(message.t_before)
         k = int(0)
+        entry = int(0)  # of the further samples, the next one
+        entries = int(0)  # and where they end
+        if wp.static(further):
+            entry = message.between.first[index // message.between.shared]
+            entries = message.between.first[index // message.between.shared + 1]
         if wp.static(hasty):
             # Most pixels are inactive through the whole message: the short way.
-            if begin == 0:
+            if begin == 0 and entry == entries:
                 at_rest, last = inactive_frames(message, frequent, first, stride)
                 k = at_rest
                 frequent.last = last
@@ -307,7 +345,8 @@ def sense_pixel(features: Features, at_once: Any = None) -> Any:
             step.k = k
             step.now = message.t[k]
             sample = sample_at(sensor, message, begin, k, first, stride)
-            begins = k < 2 and ((begin >> k) & 1) != 0
+            between, step, sample = before_frame(message, place, entry, entries, step, sample)
+            begins = k < 2 and ((begin >> k) & 1) != 0 and not between
             if begins:
                 frequent.low = float(wp.inf)
                 named = False
@@ -348,7 +387,10 @@ def sense_pixel(features: Features, at_once: Any = None) -> Any:
             frequent = rest(sensor, step, own, levels, not inactive, state, frequent)
             start_before = step.start
             step.start = step.now
-            k += 1
+            if between:
+                entry += 1
+            else:
+                k += 1
         if counters[EVENTS] <= sensor.capacity:
             if loaded:
                 if two_sided:

@@ -1,8 +1,35 @@
 """What the functions of a pixel hand to each other: where it is, the step, the light in it, how far it has come."""
 
+from typing import TYPE_CHECKING, Any
+
 import warp as wp
 
+if TYPE_CHECKING:
+    from nodes.event_sensor.batch import SampleLists
+
 wp.set_module_options({"enable_backward": False})
+
+
+@wp.struct
+class Between:
+    """Further samples between the frames, see batch.SampleLists; with empty arrays where there are none."""
+
+    first: wp.array(dtype=wp.int32)
+    offset: wp.array(dtype=wp.int32)
+    value: wp.array(dtype=wp.float32)
+    shared: wp.int32
+
+
+NOTHING = Between()
+
+
+def between(lists: "SampleLists | None") -> Between:
+    """Returns the further samples of a message for kernels."""
+    if lists is None:
+        return NOTHING
+    struct: Any = Between()
+    struct.first, struct.offset, struct.value, struct.shared = lists.first, lists.offset, lists.value, lists.shared
+    return struct  # type: ignore[no-any-return]
 
 
 @wp.struct
@@ -17,6 +44,7 @@ class Message:
     t_base: wp.int64
     t_before: wp.int64
     episodes: wp.array2d(dtype=wp.int32)
+    between: Between
 
 
 @wp.func
@@ -29,6 +57,7 @@ def message_of(
     t_base: wp.int64,
     t_before: wp.int64,
     episodes: wp.array2d(dtype=wp.int32),
+    between: Between,
 ):
     """Makes a Message in a kernel: the host takes 3 us to fill in a field of a struct, as long as a row of pixels."""
     message = Message()
@@ -40,6 +69,7 @@ def message_of(
     message.t_base = t_base
     message.t_before = t_before
     message.episodes = episodes
+    message.between = between
     return message
 
 
@@ -67,7 +97,10 @@ class Sample:
 
 @wp.struct
 class Step:
-    """The time between two frames: from `start` to `now`, h ns, to frame k of the message; per_h = 1 / h."""
+    """The time between two samples: from `start` to `now`, h ns; per_h = 1 / h.
+
+    k: the frame of the message that it ends at, or the next one after a further sample.
+    """
 
     k: wp.int32
     start: wp.int64

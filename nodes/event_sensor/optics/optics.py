@@ -8,7 +8,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from nodes.event_sensor.batch import SampleLists
 from nodes.event_sensor.optics import slope_kernels
+
+CHORD = 1 / 50
+"""Of the smaller threshold: how far a line between two of its samples may lie from the photoreceptor's output."""
 
 
 class Optics:
@@ -39,7 +43,20 @@ class Optics:
                 poles=p["bandwidth_poles"],
                 dark_level=p["dark_level"],
                 device=str(device),
+                chord=CHORD * min(p["threshold_on"], p["threshold_off"]),
             )
+
+    @property
+    def traces(self) -> bool:
+        """What comes out is a curve between the samples of what goes in."""
+        return self._photoreceptor is not None
+
+    def traced(
+        self, images: wp.array, lists: SampleLists | None, t: np.ndarray, before: int, fresh: np.ndarray
+    ) -> tuple[wp.array, SampleLists | None]:
+        """Flat frames and further samples through the photoreceptor, as Photoreceptor.trace; see `seen`."""
+        assert self._photoreceptor is not None
+        return self._photoreceptor.trace(images, lists, t, before, fresh)
 
     @property
     def clear(self) -> bool:

@@ -19,10 +19,12 @@ move by as much as 1e-9 ln I moves its crossing (a few ns), and a float32 result
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import warp as wp
 
+from nodes.event_sensor.batch import SampleLists
 from nodes.event_sensor.optics import photoreceptor_kernels as kernels
 from nodes.event_sensor.optics import photoreceptor_simd_kernels as simd
 from nodes.event_sensor.optics.photoreceptor_simd_kernels import Receptor
@@ -33,7 +35,8 @@ class Photoreceptor:
 
     bandwidth_hz: corner of each pole [Hz], above 0, at intensities from bandwidth_level on; below, it is proportional
     to I + dark_level. bandwidth_level 0: the same for every intensity. poles: 1 or 2. dark_level: I_dark, in the unit
-    of the luminance. State: 12 bytes per pixel and channel with one pole, 20 with two. Raises ValueError.
+    of the luminance. chord: how far a line between two samples of `trace` may lie from the output [ln I]. State: 12
+    bytes per pixel and channel with one pole, 20 with two. Raises ValueError.
     """
 
     def __init__(
@@ -47,6 +50,7 @@ class Photoreceptor:
         poles: int = 1,
         dark_level: float = 0.0,
         device: str = "cpu",
+        chord: float = 0.004,
     ) -> None:
         if not (math.isfinite(bandwidth_hz) and bandwidth_hz > 0):
             raise ValueError(f"bandwidth_hz {bandwidth_hz:g} must be above 0 and finite; without a limit leave it out")
@@ -58,6 +62,8 @@ class Photoreceptor:
         self._device = wp.get_device(device)
         make = kernels.low_pass_gpu if self._device.is_cuda else kernels.low_pass
         self._kernel = make(poles, bandwidth_level > 0)
+        self._kind, self._chord = (poles, bandwidth_level > 0), chord
+        self._tracer: Any = None
         self._envs, self._size = envs, height * width * channels
         self._rate = 2.0 * math.pi * bandwidth_hz
         values = {
@@ -107,7 +113,7 @@ class Photoreceptor:
                 self._filtered = wp.empty(images.shape, dtype=wp.float32, device=device)
             filtered = self._filtered
         starts: wp.array = wp.array(np.asarray(fresh, np.int32), device=device)
-        state = [self._last, self._first, self._second]
+        state = self._state()
         threads = (self._envs, self._size)
         if not device.is_cuda:
             threads = (self._envs, -(-self._size // simd.BLOCK))
@@ -115,3 +121,26 @@ class Photoreceptor:
         inputs = [self._receptor, starts, seconds, steps, images.flatten(), *state]
         wp.launch(self._kernel, threads, inputs, [filtered.flatten()], device=device)
         return filtered
+
+    def _state(self) -> list[wp.array]:
+        return [self._last, self._first, self._second]
+
+    def trace(
+        self, images: wp.array, lists: SampleLists | None, t: np.ndarray, t_base: int, fresh: np.ndarray
+    ) -> tuple[wp.array, SampleLists | None]:
+        """Filtered frames and further samples, as of `advance`, such that lines of ln(I + dark_level) between them are
+        the output to within `chord`, whatever the samples of the input; None where lines from frame to frame will do.
+
+        lists: further samples of the input, between which it is a line too. Returned arrays are overwritten by the next
+        call. Steps longer than 2^31 ns get no samples but those that they have.
+        """
+        if self._tracer is None:
+            from nodes.event_sensor.optics.trace import Tracer
+
+            self._tracer = Tracer(*self._kind, self._receptor, self._chord, self._device)
+        stamps: wp.array = wp.array(np.asarray(t, np.int64) - t_base, device=self._device)
+        starts: wp.array = wp.array(np.asarray(fresh, np.int32), device=self._device)
+        traced: tuple[wp.array, SampleLists | None] = self._tracer(
+            images.flatten(), lists, stamps, starts, self._state()
+        )
+        return traced

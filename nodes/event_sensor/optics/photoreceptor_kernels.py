@@ -64,6 +64,20 @@ def kept(e: wp.float64):
     return (e + GRAIN) - GRAIN
 
 
+@wp.func
+def poles_after(
+    e1: wp.float64, e2: wp.float64, grown: wp.float64, a: wp.float64, df: wp.vec2d, two: wp.bool
+):  # fmt: skip
+    """Computes how far the poles are behind after a step of a = dt / tau in which L grows by `grown`.
+
+    df: response(a). two: the second pole is there.
+    """
+    second = e2
+    if two:
+        second = kept(e2 * df[0] + e1 * (a * df[0]) + grown * (df[0] - wp.float64(2.0) * df[1]))
+    return kept(e1 * df[0] - grown * df[1]), second
+
+
 @functools.cache
 def exact_step(poles: int, varying: bool) -> Any:
     """Makes the function of one step of a pixel, with the library's ln and exp."""
@@ -104,9 +118,7 @@ def exact_step(poles: int, varying: bool) -> Any:
                 df = response(a)
             elif wp.static(two):
                 a = receptor.rate * seconds
-            if wp.static(two):
-                second = kept(e2 * df[0] + e1 * (a * df[0]) + grown * (df[0] - wp.float64(2.0) * df[1]))
-            first = kept(e1 * df[0] - grown * df[1])
+            first, second = poles_after(e1, e2, grown, a, df, wp.static(two))
         y = first
         if wp.static(two):
             y = second

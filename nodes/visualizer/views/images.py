@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from msgs.camera import Depth, Frames, Ids, Image, Keyframe, Labels, Motion, Normal
+from msgs.camera import Depth, Frames, Ids, Image, Keyframe, Labels, Motion, Normal, Samples
 from msgs.header import Message
 from nodes.visualizer import colour
 from nodes.visualizer.views.part import TopicView
@@ -69,7 +69,7 @@ class ImageView(TopicView):
         match message:
             case Image():
                 return message.data, {"encoding": message.encoding}
-            case Frames():
+            case Frames() | Samples():
                 last = message.rgb if message.rgb is not None else message.luminance
                 return None if last is None else (self._of_env(last)[-1], {})
             case Keyframe():

@@ -1,0 +1,358 @@
+# ruff: noqa: RUF046 - int(0) is how a Warp kernel declares a variable that changes
+"""The photoreceptor's output between samples: a curve, told by as many samples as lines between them need.
+
+Between two input samples L is a line, and with s = (t - t0) / tau, G = dL/dt tau, A = e1 + G and B = e2 + 2 G the poles
+are behind it by
+
+    e1(s) = A exp(-s) - G,   e2(s) = (B + A s) exp(-s) - 2 G,
+
+so the output L + e bends by A exp(-s), or (B + A s - 2 A) exp(-s), and a chord over ds lies at most ds^2 / 8 of its
+largest value there beside it. Output samples are set as far apart as keeps that below `chord`. Where the corner follows
+the light, and the light changes much between two samples, the input's line is cut into pieces first, so that 1 / tau is
+nearly constant in each.
+"""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from nodes.event_sensor.model.sensor_kernels import LARGEST
+from nodes.event_sensor.model.step_kernels import Between
+from nodes.event_sensor.optics.photoreceptor_kernels import corner, exact_step, poles_after, response
+from nodes.event_sensor.optics.photoreceptor_simd_kernels import Receptor
+
+wp.set_module_options({"enable_backward": False})
+
+PIECE = wp.constant(wp.float64(0.1))
+"""Change of ln I over which 1 / tau counts as constant where it follows the light."""
+MOST_PIECES = wp.constant(wp.float64(256.0))
+LAST_OFFSET = wp.constant(wp.int64(0x7FFFFFFF))
+
+
+@wp.struct
+class Output:
+    """Samples made so far: their number, and room for so many; offset [ns], value."""
+
+    room: wp.int32
+    offset: wp.array(dtype=wp.int32)
+    value: wp.array(dtype=wp.float32)
+
+
+@wp.func
+def put(output: Output, made: wp.int32, now: wp.int64, light: wp.float32):
+    """Writes output sample number `made`, where there is room for it; returns how many there are."""
+    if made < output.room:
+        output.offset[made] = wp.int32(now)
+        output.value[made] = light
+    return made + 1
+
+
+@wp.func
+def light_of(receptor: Receptor, level: wp.float64, behind: wp.float64):
+    """Computes the intensity of a level exp(L), behind which the output is by `behind`."""
+    return wp.clamp(wp.float32(level * wp.exp(behind) - receptor.dark), 0.0, LARGEST)
+
+
+@functools.cache
+def curve_samples(poles: int) -> Any:
+    """Makes the function of the output samples inside of a piece of a line."""
+    two = poles == 2
+
+    @wp.func
+    def trace_piece(
+        # in
+        receptor: Receptor,
+        chord: wp.float64,
+        start: wp.int64,
+        end: wp.int64,
+        level: wp.float64,
+        grown: wp.float64,
+        a: wp.float64,
+        e1: wp.float64,
+        e2: wp.float64,
+        made: wp.int32,
+        output: Output,
+    ):
+        """Writes the output between `start` and `end` [ns]; returns how many output samples there are.
+
+        level: exp(L) of the input at the start. grown: dL of the piece, whose length is `a` in tau.
+        """
+        count = wp.int32(made)
+        # A and B times a, which need no division.
+        first = e1 * a + grown
+        second = e2 * a + wp.float64(2.0) * grown
+        bend = wp.abs(first)
+        if wp.static(two):
+            bend = wp.abs(second - wp.float64(2.0) * first) + a * wp.abs(first)
+        if bend * a > wp.float64(8.0) * chord and end <= LAST_OFFSET:
+            length = wp.float64(end - start)
+            least = a / length  # a nanosecond
+            g = grown / a
+            first = first / a
+            second = second / a
+            s = wp.float64(0.0)
+            here = wp.int64(start)
+            while s < a:
+                decay = wp.exp(-s)
+                step = a
+                if wp.static(two):
+                    now_bends = wp.abs(second + first * (s - wp.float64(2.0))) * decay
+                    tilt = wp.abs(first) * decay
+                    left = wp.abs(second + first * s) * decay + tilt
+                    if left > chord and now_bends * a * a > wp.float64(4.0) * chord:
+                        step = wp.sqrt(wp.float64(4.0) * chord / now_bends)
+                    if left > chord and tilt * step * step * step > wp.float64(4.0) * chord:
+                        step = wp.pow(wp.float64(4.0) * chord / tilt, wp.float64(1.0 / 3.0))
+                else:
+                    now_bends = wp.abs(first) * decay
+                    # What is left of it bends no more than that.
+                    if now_bends > chord and now_bends * a * a > wp.float64(8.0) * chord:
+                        step = wp.sqrt(wp.float64(8.0) * chord / now_bends)
+                s += wp.max(step, least)
+                now = start + wp.int64(s / a * length)
+                if s < a and now > here and now < end:
+                    here = now
+                    place = wp.float64(now - start) / length
+                    u = place * a
+                    e = first * wp.exp(-u) - g
+                    if wp.static(two):
+                        e = (second + first * u) * wp.exp(-u) - wp.float64(2.0) * g
+                    count = put(output, count, now, light_of(receptor, level, grown * place + e))
+        return count
+
+    return trace_piece
+
+
+@functools.cache
+def traced_step(poles: int, varying: bool) -> Any:
+    """Makes the function of a pixel's output up to the next sample of the input."""
+    two = poles == 2
+    exact, trace_piece = exact_step(poles, varying), curve_samples(poles)
+
+    @wp.func
+    def step(
+        # in
+        receptor: Receptor,
+        chord: wp.float64,
+        start: wp.int64,
+        now: wp.int64,
+        v: wp.float32,
+        last: wp.float32,
+        e1: wp.float64,
+        e2: wp.float64,
+        made: wp.int32,
+        output: Output,
+    ):
+        """Filters one sample; returns the output, the last good sample, both e and the number of output samples."""
+        seconds = wp.float64(now - start) * wp.float64(1.0e-9)
+        good = v >= 0.0 and v <= LARGEST
+        begun = last >= 0.0
+        count = wp.int32(made)
+        first = wp.float64(e1)
+        second = wp.float64(e2)
+        from_sample = wp.float32(last)
+        at = wp.int64(start)
+        moves = v != last or e1 != wp.float64(0.0) or e2 != wp.float64(0.0)
+        a = wp.float64(0.0)
+        grown = wp.float64(0.0)
+        if begun and good and moves:
+            level = wp.max(wp.float64(last) + receptor.dark, receptor.floor)
+            if v != last:
+                grown = wp.log(wp.max(wp.float64(v) + receptor.dark, receptor.floor) / level)
+            before = receptor.rate
+            after = receptor.rate
+            if wp.static(varying):
+                before = corner(receptor, last)
+                after = corner(receptor, v)
+                if before != after and wp.abs(grown) > PIECE:
+                    # All pieces but the last, which ends at the sample.
+                    pieces = wp.min(wp.ceil(wp.abs(grown) / PIECE), wp.min(MOST_PIECES, wp.float64(now - start)))
+                    if now > LAST_OFFSET:
+                        pieces = wp.float64(1.0)
+                    whole = wp.float64(now - start)
+                    j = wp.float64(1.0)
+                    while j < pieces:
+                        to = start + wp.int64(whole * j / pieces)
+                        part = grown * (wp.float64(to - at) / whole)
+                        seen = light_of(receptor, level, part)
+                        there = corner(receptor, seen)
+                        a = wp.float64(0.5) * (before + there) * wp.float64(to - at) * wp.float64(1.0e-9)
+                        count = trace_piece(receptor, chord, at, to, level, part, a, first, second, count, output)
+                        first, second = poles_after(first, second, part, a, response(a), wp.static(two))
+                        level = level * wp.exp(part)
+                        behind = first
+                        if wp.static(two):
+                            behind = second
+                        count = put(output, count, to, light_of(receptor, level, behind))
+                        at = to
+                        before = there
+                        from_sample = seen
+                        j += wp.float64(1.0)
+                    grown = grown * (wp.float64(now - at) / whole)
+                    seconds = wp.float64(now - at) * wp.float64(1.0e-9)
+            a = wp.float64(0.5) * (before + after) * seconds
+            count = trace_piece(receptor, chord, at, now, level, grown, a, first, second, count, output)
+        constant = wp.vec2d()
+        if wp.static(not varying):
+            constant = response(receptor.rate * seconds)
+        out, seen_last, first, second = exact(receptor, v, from_sample, first, second, seconds, constant)
+        return out, seen_last, first, second, count
+
+    return step
+
+
+@functools.cache
+def traced_pixel(poles: int, varying: bool) -> Any:
+    """Makes the function of a pixel's output in a message."""
+    two = poles == 2
+    step = traced_step(poles, varying)
+
+    @wp.func
+    def trace(
+        # in
+        receptor: Receptor,
+        chord: wp.float64,
+        fresh: wp.bool,
+        stamps: wp.array(dtype=wp.int64),
+        luminance: wp.array(dtype=wp.float32),
+        between: Between,
+        index: wp.int32,
+        made: wp.int32,
+        keeps: wp.bool,
+        # in and out
+        last_sample: wp.array(dtype=wp.float32),
+        first_pole: wp.array(dtype=wp.float64),
+        second_pole: wp.array(dtype=wp.float64),
+        # out
+        filtered: wp.array(dtype=wp.float32),
+        output: Output,
+    ):
+        """Writes the frames and the output samples of a pixel; returns how many output samples there are.
+
+        stamps: of the frames [ns after the message's start]. made: output samples so far. keeps: the state and frames
+        are written, not only counted.
+        """
+        count = stamps.shape[0]
+        env = index // receptor.size
+        at = wp.int64(env) * wp.int64(count) * wp.int64(receptor.size) + wp.int64(index - env * receptor.size)
+        entry = int(0)
+        entries = int(0)
+        if between.first.shape[0] > 0:
+            entry = between.first[index // between.shared]
+            entries = between.first[index // between.shared + 1]
+        last = last_sample[index]
+        if fresh:
+            last = float(-1.0)
+        e1 = first_pole[index]
+        e2 = wp.float64(0.0)
+        if wp.static(two):
+            e2 = second_pole[index]
+        total = wp.int32(made)
+        start = wp.int64(0)
+        k = int(0)
+        while k < count:
+            now = stamps[k]
+            v = luminance[at]
+            inside = bool(False)
+            if entry < entries:
+                when = wp.int64(between.offset[entry])
+                if when < now:
+                    inside = True
+                    now = when
+                    v = between.value[
+                        wp.int64(entry) * wp.int64(between.shared) + wp.int64(index % between.shared)
+                    ]  # fmt: skip
+            out = wp.float32(v)
+            if v != last or e1 != wp.float64(0.0) or e2 != wp.float64(0.0):
+                out, last, e1, e2, total = step(receptor, chord, start, now, v, last, e1, e2, total, output)
+            start = now
+            if inside:
+                total = put(output, total, now, out)
+                entry += 1
+            else:
+                if keeps:
+                    filtered[at] = out
+                at += wp.int64(receptor.size)
+                k += 1
+        if keeps:
+            last_sample[index] = last
+            first_pole[index] = e1
+            if wp.static(two):
+                second_pole[index] = e2
+        return total
+
+    return trace
+
+
+@functools.cache
+def tracing(poles: int, varying: bool) -> wp.Kernel:
+    """Makes the kernel for a CPU, whose threads run one after the other: each goes on behind the one before."""
+    trace = traced_pixel(poles, varying)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def trace_all(
+        # in
+        receptor: Receptor,
+        chord: wp.float64,
+        fresh: wp.array(dtype=wp.int32),
+        stamps: wp.array(dtype=wp.int64),
+        luminance: wp.array(dtype=wp.float32),
+        between: Between,
+        # in and out
+        last_sample: wp.array(dtype=wp.float32),
+        first_pole: wp.array(dtype=wp.float64),
+        second_pole: wp.array(dtype=wp.float64),
+        # out
+        filtered: wp.array(dtype=wp.float32),
+        first: wp.array(dtype=wp.int32),
+        output: Output,
+    ):
+        """Traces a pixel a thread. first: where its output samples begin; its first entry is 0."""
+        index = wp.tid()
+        first[index + 1] = trace(
+            receptor, chord, fresh[index // receptor.size] != 0, stamps, luminance, between, index, first[index], True,
+            last_sample, first_pole, second_pole, filtered, output,
+        )  # fmt: skip
+
+    return trace_all
+
+
+@functools.cache
+def tracing_gpu(poles: int, varying: bool) -> wp.Kernel:
+    """Makes the kernel for a GPU, of two launches: one counts output samples, one writes them and the state."""
+    trace = traced_pixel(poles, varying)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def trace_or_count(
+        # in
+        receptor: Receptor,
+        chord: wp.float64,
+        fresh: wp.array(dtype=wp.int32),
+        stamps: wp.array(dtype=wp.int64),
+        luminance: wp.array(dtype=wp.float32),
+        between: Between,
+        writes: wp.bool,
+        first: wp.array(dtype=wp.int32),
+        # in and out
+        last_sample: wp.array(dtype=wp.float32),
+        first_pole: wp.array(dtype=wp.float64),
+        second_pole: wp.array(dtype=wp.float64),
+        # out
+        filtered: wp.array(dtype=wp.float32),
+        counts: wp.array(dtype=wp.int32),
+        output: Output,
+    ):
+        """Counts the output samples of a pixel, or writes them from first[pixel] on."""
+        index = wp.tid()
+        made = int(0)
+        if writes:
+            made = first[index]
+        total = trace(
+            receptor, chord, fresh[index // receptor.size] != 0, stamps, luminance, between, index, made, writes,
+            last_sample, first_pole, second_pole, filtered, output,
+        )  # fmt: skip
+        if not writes:
+            counts[index] = total
+
+    return trace_or_count
