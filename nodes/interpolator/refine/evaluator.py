@@ -25,8 +25,8 @@ class Evaluator:
     """Evaluates listed pixels at the instants that are in its slots, `slots` x E rows, for the gap that a `Rigid` has
     just made frames of.
 
-    packed uint64 [slots E, H, W]: what is seen, to be written before; frames [slots E, h, w]: radiance. Of both only
-    what was listed holds anything. bands: threads, each with lists of its own.
+    hits uint64 [list]: z-buffer entries, to be written before; values [list]: radiance. bands: threads, each with a
+    part of the list.
     """
 
     def __init__(self, rigid: Rigid, slots: int, threads: int, light_samples: int) -> None:
@@ -46,27 +46,26 @@ class Evaluator:
         changes = change.features if change else LightChanges()
         self._changes = changes
         channels, exact = layout.channels, layout.exact_flicker
+        self._room = 0
         self.size = (v.shape[1] - 2 * v.margin, v.shape[2] - 2 * v.margin)
         self.bands = len(v.row_tiles.rows)
-        pixel: Any = wp.float32 if channels == 1 else wp.vec3
-        self.packed, bodies = v.packed, len(v.names) + 2
+        self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
+        bodies = len(v.names) + 2
         with wp.ScopedDevice(v.device):
-            self.frames = wp.empty((v.envs, *self.size), dtype=pixel)
             self._radiance = wp.empty(v.shape, dtype=wp.vec3)
             self._turn = wp.empty((2 * v.envs, bodies), dtype=wp.mat33)
             self._shift = wp.empty((2 * v.envs, bodies), dtype=wp.vec3)
             self._count = wp.zeros(self.bands, dtype=wp.int32)
             self._none = wp.zeros(self.bands, dtype=wp.int32)
-            self._anew = wp.empty(0, dtype=wp.int32)
+            self._frame = wp.zeros(slots, dtype=wp.int32)
             self._index: wp.array = wp.zeros(slots, dtype=wp.int32)
             self._strength = wp.zeros(v.envs if exact else 0, dtype=wp.float32)
-        # A slot is a frame of its own, of all environments in turn.
-        self._frame: wp.array = v.put(np.arange(slots) * self._envs, wp.int32)
         f = self.shading.features
         kind = (f.textures, f.smooth, f.tinted) if textured_in(self.shading, layout) else None
-        self._gather = make_gather(v.lens, channels, exact, True, changes, layout.detailed, kind)
-        self._place = make_place(channels)
+        self._gather = make_gather(v.lens, channels, exact, True, changes, layout.detailed, kind, True)
+        self._place = make_place(channels, True)
         self.targets = self._make_targets()
+        self.reserve(1)
         self.shaded = 0
         """Pixels that were shaded since the gap began."""
 
@@ -105,14 +104,21 @@ class Evaluator:
                 strength = [waveform_strength(waveform, int(t)) for t in shown]
                 self._strength.assign(np.array(strength, np.float32))
 
+    def reserve(self, size: int) -> None:
+        """Makes room for lists; what is there is lost where there is none."""
+        if size > self._room:
+            self._room = size + size // 2
+            with wp.ScopedDevice(self.visibility.device):
+                self.hits = wp.empty(self._room, dtype=wp.uint64)
+                self.values = wp.empty(self._room, dtype=self._pixel)
+                self._anew, self._places = (wp.empty(self._room, dtype=wp.int32) for _ in range(2))
+
     def evaluate(self, listed: wp.array, starts: Sequence[int], counts: Sequence[int]) -> None:
-        """Computes `frames` of listed pixels, int32 indices into [slots, E, h, w]: of band k, counts[k] from starts[k]
+        """Computes `values` of listed pixels, int32 indices into [slots, E, h, w]: of band k, counts[k] from starts[k]
         on."""
         v, rigid = self.visibility, self._rigid
-        room = max(start + count for start, count in zip(starts, counts))
-        if self._anew.size < room:
-            self._anew = v.empty(2 * room, wp.int32)
         self._count.zero_()
+        values = self.values.reshape((1, 1, -1))
         keys = rigid.pair.kernel()
         keys.turn, keys.shift = self._turn, self._shift
         portion = self._portion()
@@ -121,7 +127,7 @@ class Evaluator:
         for k, (start, count) in enumerate(zip(starts, counts)):
             threads = min(count, 1) if v.device.is_cpu else count
             given: list[Any] = [v.view, start, start + count, max(threads, 1), k, *how, listed, self._none]
-            launches.append((self._gather, threads, [*given, self.frames, self._anew, self._count]))
+            launches.append((self._gather, threads, [*given, values, self._anew, self._places, self._count]))
         rigid.sampling.launch([one for one in launches if one[1]])
         found = self._count.numpy()
         if not found.any():
@@ -130,8 +136,8 @@ class Evaluator:
         self.shading.shade_list(self._radiance, self._anew, self._count, list(starts), True)
         workers = 1 if v.device.is_cpu else LIST_WORKERS
         for k, start in enumerate(starts):
-            given = [workers, start, k, self._envs, 1, v.margin, self._frame, self._anew, self._count, self._radiance]
-            wp.launch(self._place, workers, given, [self.frames], device=v.device)
+            given = [workers, start, k, self._envs, 1, v.margin, self._frame, self._anew, self._places, self._count]
+            wp.launch(self._place, workers, [*given, self._radiance], [values], device=v.device)
 
     def _portion(self) -> Any:
         """What the gather reads of the slots and of the scene."""
@@ -139,7 +145,9 @@ class Evaluator:
         layout, rigid = self._rigid.layout, self._rigid
         portion.slot0, portion.count, portion.envs, portion.frames = 0, self._slots, self._envs, 1
         portion.upsampling, portion.tolerance, portion.relight = self._upsampling, layout.tolerance, int(layout.relight)
+        portion.pace = layout.pace
         portion.keyframes = wp.vec2i(rigid.pair.a.number, rigid.pair.b.number)
         portion.index, portion.frame, portion.strength = self._index, self._frame, self._strength
-        portion.packed, portion.quiet, portion.pieces = self.packed, rigid.quiet, rigid.pieces
+        portion.packed = self.hits.reshape((1, 1, -1))
+        portion.quiet, portion.pieces = rigid.quiet, rigid.pieces
         return portion

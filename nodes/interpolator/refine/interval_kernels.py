@@ -17,6 +17,8 @@ from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
 
+STRAIGHT = wp.constant(0.5)
+"""Part of the bend up to which what a keyframe shows of an interval is taken for a straight line."""
 LENGTHS = wp.constant(1 << 15)
 """More than the instants of a coarse interval."""
 
@@ -26,7 +28,7 @@ def make_intervals(channels: int) -> Any:
     """Makes the struct of a list of intervals; channels: 1 (luminance) or 3 (RGB).
 
     at: the instant at which it is cut and the pixel, index into [slots, E, h, w]. ends: LENGTHS times the instant of
-    its start, counted from that of its coarse interval, plus that of its end. first, last: radiance at its ends;
+    its start, counted from that of its coarse interval, plus that of its end. first, last: ln of radiance at its ends;
     before, after: z-buffer entries there.
     """
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
@@ -100,12 +102,13 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         env: int,
         x: int,
         y: int,
+        rise: pixel,
         before: wp.uint64,
         after: wp.uint64,
         pieces: wp.array(dtype=wp.vec2i),
     ):
         """Previews coarse interval k of a pixel that sees one surface, in the nearer one of the keyframes: by how much
-        it is off a straight line, and where."""
+        it is off a straight line, where, and whether the keyframe shows all of the change `rise` of ln I."""
         patch = wp.int32(0)
         body = keys.turn.shape[1] - 1
         nearest = wp.vec2(1.0, 1.0)
@@ -125,8 +128,11 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         way.stride = cut.envs
         way.parts = cut.probes
         base = keys.first[which] + env * view.width * view.height
-        worst, where = preview(view, keys, base, way, patch, body, x, y, nearest)
-        return worst, where
+        worst, where, change, whole = preview(view, keys, base, way, patch, body, x, y, nearest)
+        known = wp.bool(False)
+        if wp.static(not flicker):
+            known = whole and apart(change, rise) <= cut.bend
+        return worst, where, known
 
     @wp.kernel(module="unique", enable_backward=False)
     def begin(
@@ -167,15 +173,23 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
             if window[0] > 0:
                 a = frames[env * coarse + window[0] - 1, y, x]
                 before = packed[window[0] * cut.envs + env, y + m, x + m]
+            log_a = log_of(a)
             for k in range(window[0], window[1]):
                 slot = wp.where(k + 1 == coarse, 0, k + 1)
                 b = frames[env * coarse + k, y, x]
                 after = packed[slot * cut.envs + env, y + m, x + m]
+                log_b = log_a
+                if a != b:
+                    log_b = log_of(b)
                 if a != b or before != after:
-                    taken = apart(log_of(a), log_of(b)) > cut.jump
+                    taken = apart(log_a, log_b) > cut.jump
                     place = (cut.slots + 1) // 2
                     if joined(before, after, pieces):
-                        bend, where = bend_of(view, cut, keys, k, coarse, env, x + m, y + m, before, after, pieces)
+                        bend, where, known = bend_of(
+                            view, cut, keys, k, coarse, env, x + m, y + m, log_b - log_a, before, after, pieces
+                        )
+                        if known and taken:
+                            taken = bend > STRAIGHT * cut.bend
                         if bend > cut.bend:
                             taken = True
                             place = wp.clamp(int(where * float(cut.slots + 1) + 0.5), 1, cut.slots)
@@ -190,8 +204,11 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
                     if taken:
                         at = ((k - window[0]) * cut.slots + place - 1) * inner
                         at += (env * cut.height + y) * cut.width + x
-                        put(intervals, room + take_place(count, band), at, 0, cut.slots + 1, a, b, before, after)
+                        put(
+                            intervals, room + take_place(count, band), at, 0, cut.slots + 1, log_a, log_b, before, after
+                        )
                 a = b
+                log_a = log_b
                 before = after
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -205,9 +222,9 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         targets: Targets,
         intervals: Intervals,
         # out
-        packed: wp.array3d(dtype=wp.uint64),
+        hits: wp.array(dtype=wp.uint64),
     ):
-        """Finds what is seen where intervals first .. last - 1 are cut, into z-buffers [slots E, H, W]."""
+        """Finds what is seen where intervals first .. last - 1 are cut, as z-buffer entries."""
         j = first + wp.tid()
         while j < last:
             at = intervals.at[j]
@@ -215,7 +232,7 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
             y = at // cut.width % cut.height + cut.margin
             n = at // (cut.width * cut.height)
             d = pixel_ray(view, x, y)
-            packed[n, y, x] = seen_between(view, targets, n, d, intervals.before[j], intervals.after[j])
+            hits[j] = seen_between(view, targets, n, d, intervals.before[j], intervals.after[j])
             j += workers
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -230,8 +247,8 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         room: int,
         band: int,
         pieces: wp.array(dtype=wp.vec2i),
-        packed: wp.array3d(dtype=wp.uint64),
-        frames: wp.array3d(dtype=pixel),
+        hits: wp.array(dtype=wp.uint64),
+        radiance: wp.array(dtype=pixel),
         intervals: Intervals,
         # out
         pixels: wp.array(dtype=int),
@@ -240,7 +257,7 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         halves: Intervals,
         count: wp.array(dtype=int),
     ):
-        """Notes where intervals first .. last - 1 were cut, evaluated in `frames` [slots E, h, w], as samples, from
+        """Notes where intervals first .. last - 1 were cut, of that radiance, as samples, from
         `known` on, and lists their parts that are to be cut, from `room` on.
 
         base: instant of the slot before the first one.
@@ -249,11 +266,8 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         inner = cut.envs * cut.height * cut.width
         while j < last:
             at = intervals.at[j]
-            x = at % cut.width
-            y = at // cut.width % cut.height
-            n = at // (cut.width * cut.height)
-            slot = n // cut.envs
-            middle = frames[n, y, x]
+            slot = at // inner
+            middle = radiance[j]
             pixels[known + j - first] = at % inner
             # A coarse instant lies between the slots of two coarse intervals.
             instants[known + j - first] = base + slot + 1 + slot // cut.slots
@@ -261,13 +275,11 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
             low = intervals.ends[j] // LENGTHS
             high = intervals.ends[j] % LENGTHS
             place = slot % cut.slots + 1
-            a = intervals.first[j]
-            b = intervals.last[j]
+            log_a = intervals.first[j]
+            log_b = intervals.last[j]
             before = intervals.before[j]
             after = intervals.after[j]
-            now = packed[n, y + cut.margin, x + cut.margin]
-            log_a = log_of(a)
-            log_b = log_of(b)
+            now = hits[j]
             log_m = log_of(middle)
             share = float(place - low) / float(high - low)
             bent = apart(log_m, log_a + share * (log_b - log_a)) > cut.bend
@@ -276,11 +288,11 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
             if bent and place > low + 1:
                 if apart(log_a, log_m) > cut.jump or not joined(before, now, pieces):
                     to = at + ((low + place) // 2 - place) * inner
-                    put(halves, room + take_place(count, band), to, low, place, a, middle, before, now)
+                    put(halves, room + take_place(count, band), to, low, place, log_a, log_m, before, now)
             if bent and high > place + 1:
                 if apart(log_m, log_b) > cut.jump or not joined(now, after, pieces):
                     to = at + ((place + high) // 2 - place) * inner
-                    put(halves, room + take_place(count, band), to, place, high, middle, b, now, after)
+                    put(halves, room + take_place(count, band), to, place, high, log_m, log_b, now, after)
             j += workers
 
     return begin, see, split

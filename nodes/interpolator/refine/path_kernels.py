@@ -84,8 +84,9 @@ def make_preview(lens: str, channels: int, flicker: bool) -> Any:
         nearest: wp.vec2,
     ):
         """Gives by how much ln of a keyframe's radiance is off a straight line in time at most, on the way of a pixel
-        over a surface, and at which fraction of it. base: of the keyframe. nearest: how far away the surface is at both
-        ends."""
+        over a surface, at which fraction of it, how much it changes in all, and whether it shows all of the way. base:
+        of the keyframe. nearest: how far away the surface is at both ends."""
+        whole = wp.bool(True)
         worst = wp.float32(0.0)
         where = wp.float32(0.5)
         d = pixel_ray(view, x, y)
@@ -93,7 +94,8 @@ def make_preview(lens: str, channels: int, flicker: bool) -> Any:
         start = middle + place_then(view, keys, way.start, body, d, nearest[0])
         end = middle + place_then(view, keys, way.end, body, d, nearest[1])
         if not (inside(view, start) and inside(view, end)):
-            return worst, where
+            none = keys.logs[base] - keys.logs[base]
+            return worst, where, none, False
         first = between_pixels(view, keys, base, start)
         last = between_pixels(view, keys, base, end)
         before = start
@@ -105,7 +107,7 @@ def make_preview(lens: str, channels: int, flicker: bool) -> Any:
                 row = way.row + (n - 1) * way.stride
                 after = middle + place_then(view, keys, row, body, d, away)
                 if not inside(view, after):
-                    return worst, where
+                    return worst, where, last - first, False
             step = after - before
             length = wp.length(step)
             if length > LEAST_STEP or n > 1:
@@ -115,13 +117,15 @@ def make_preview(lens: str, channels: int, flicker: bool) -> Any:
                     at = before + g * step
                     f = (float(n - 1) + g) / float(way.parts)
                     here = base + int(at[1] + 0.5) * view.width + int(at[0] + 0.5)
-                    if keys.patch[here] == patch and f < 0.999:
+                    if keys.patch[here] != patch:
+                        whole = wp.bool(False)
+                    elif f < 0.999:
                         value = between_pixels(view, keys, base, at)
                         off = apart(value, first + f * (last - first))
                         if off > worst:
                             worst = off
                             where = f
             before = after
-        return worst, where
+        return worst, where, last - first, whole
 
     return preview

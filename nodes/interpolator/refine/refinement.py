@@ -112,6 +112,7 @@ class Refinement:
         while any(counts):
             ends = [start + count for start, count in zip(starts, counts)]
             bands = [(k, *pair) for k, pair in enumerate(zip(starts, ends)) if pair[1] > pair[0]]
+            evaluator.reserve(max(ends))
             given: list[tuple[Any, int, list[Any]]] = []
             for _, start, end in bands:
                 threads = 1 if v.device.is_cpu else end - start
@@ -119,7 +120,7 @@ class Refinement:
                     (
                         self._see,
                         threads,
-                        [v.view, cut, start, end, threads, evaluator.targets, here.kernel, v.packed],
+                        [v.view, cut, start, end, threads, evaluator.targets, here.kernel, evaluator.hits],
                     )
                 )
             self._rigid.sampling.launch(given)
@@ -133,7 +134,7 @@ class Refinement:
             for k, start, end in bands:
                 threads = 1 if v.device.is_cpu else end - start
                 inputs = [cut, first << instants.depth, start, end, threads, known[k], rooms[k], k]
-                inputs += [self._rigid.pieces, v.packed, evaluator.frames, here.kernel, *self._made]
+                inputs += [self._rigid.pieces, evaluator.hits, evaluator.values, here.kernel, *self._made]
                 given.append((self._split, threads, [*inputs, there.kernel, found]))
             self._rigid.sampling.launch(given)
             total = known[-1]

@@ -20,6 +20,9 @@ MANY_FRAMES = 16
 """Frames of a gap from which on details finer than pixels count: of fewer, events are further off because of the time
 between frames, and what details cost for each keyframe is shared by fewer frames."""
 
+EVER = 1.0e9
+"""Path [px] that is longer than any."""
+
 PORTION, LEAST = {True: 1 << 21, False: 1 << 25}, 8
 """Pixels of the sub-frames that are worked on at once, on a CPU and on a GPU: what caches and memory hold; and least
 sub-frames where there are lines between samples, in which case it is as on a CPU with one environment."""
@@ -70,6 +73,12 @@ class Layout:
     def detailed(self) -> bool:
         """Tells whether frames are so close together that what is finer than a keyframe's pixels counts."""
         return self.probes > 0 or self.upsampling >= MANY_FRAMES
+
+    @property
+    def pace(self) -> float:
+        """Gives the path [px] per frame from which on details finer than pixels do not matter: events between frames
+        that are further apart than these are off for that reason."""
+        return EVER if self.probes > 0 else 1.0
 
     @property
     def instants(self) -> int:
