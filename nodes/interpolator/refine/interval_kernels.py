@@ -93,6 +93,33 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         intervals.after[place] = after
 
     @wp.func
+    def probed(
+        cut: Cut,
+        coarse: int,
+        k: int,
+        env: int,
+        x: int,
+        y: int,
+        low: int,
+        high: int,
+        before: wp.uint64,
+        after: wp.uint64,
+        pieces: wp.array(dtype=wp.vec2i),
+        packed: wp.array3d(dtype=wp.uint64),
+    ):
+        """Finds an instant between low and high of coarse interval k at which a probe shows what neither end does; 0
+        for none."""
+        for n in range(1, cut.probes):
+            place = n * (cut.slots + 1) // cut.probes
+            if place > low and place < high:
+                row = (coarse + k * (cut.probes - 1) + n - 1) * cut.envs + env
+                between = packed[row, y + cut.margin, x + cut.margin]
+                if between != before and between != after:
+                    if not (joined(before, between, pieces) or joined(between, after, pieces)):
+                        return place
+        return 0
+
+    @wp.func
     def bend_of(
         view: CameraView,
         cut: Cut,
@@ -181,9 +208,10 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
                 log_b = log_a
                 if a != b:
                     log_b = log_of(b)
+                taken = wp.bool(False)
+                place = (cut.slots + 1) // 2
                 if a != b or before != after:
                     taken = apart(log_a, log_b) > cut.jump
-                    place = (cut.slots + 1) // 2
                     if joined(before, after, pieces):
                         bend, where, known = bend_of(
                             view, cut, keys, k, coarse, env, x + m, y + m, log_b - log_a, before, after, pieces
@@ -195,18 +223,15 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
                             place = wp.clamp(int(where * float(cut.slots + 1) + 0.5), 1, cut.slots)
                     else:
                         taken = True
-                    for n in range(1, cut.probes):
-                        row_n = (coarse + k * (cut.probes - 1) + n - 1) * cut.envs + env
-                        between = packed[row_n, y + m, x + m]
-                        if not (joined(before, between, pieces) or joined(between, after, pieces)):
-                            taken = True
-                            place = n * (cut.slots + 1) // cut.probes
-                    if taken:
-                        at = ((k - window[0]) * cut.slots + place - 1) * inner
-                        at += (env * cut.height + y) * cut.width + x
-                        put(
-                            intervals, room + take_place(count, band), at, 0, cut.slots + 1, log_a, log_b, before, after
-                        )
+                third = probed(cut, coarse, k, env, x, y, 0, cut.slots + 1, before, after, pieces, packed)
+                if third > 0:
+                    taken = True
+                    place = third
+                if taken:
+                    at = ((k - window[0]) * cut.slots + place - 1) * inner
+                    at += (env * cut.height + y) * cut.width + x
+                    to = room + take_place(count, band)
+                    put(intervals, to, at, 0, cut.slots + 1, log_a, log_b, before, after)
                 a = b
                 log_a = log_b
                 before = after
@@ -216,23 +241,36 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         # in
         view: CameraView,
         cut: Cut,
+        first_interval: int,
+        coarse: int,
         first: int,
         last: int,
         workers: int,
+        packed: wp.array3d(dtype=wp.uint64),
         targets: Targets,
         intervals: Intervals,
         # out
         hits: wp.array(dtype=wp.uint64),
     ):
-        """Finds what is seen where intervals first .. last - 1 are cut, as z-buffer entries."""
+        """Finds what is seen where intervals first .. last - 1 are cut, as z-buffer entries.
+
+        first_interval: the first coarse interval of the slots. coarse, packed: as of `begin`.
+        """
         j = first + wp.tid()
         while j < last:
             at = intervals.at[j]
             x = at % cut.width + cut.margin
             y = at // cut.width % cut.height + cut.margin
             n = at // (cut.width * cut.height)
-            d = pixel_ray(view, x, y)
-            hits[j] = seen_between(view, targets, n, d, intervals.before[j], intervals.after[j])
+            slot = n // cut.envs
+            place = slot % cut.slots + 1
+            probe = place * cut.probes // (cut.slots + 1)
+            if place * cut.probes == probe * (cut.slots + 1):
+                k = first_interval + slot // cut.slots
+                hits[j] = packed[(coarse + k * (cut.probes - 1) + probe - 1) * cut.envs + n % cut.envs, y, x]
+            else:
+                d = pixel_ray(view, x, y)
+                hits[j] = seen_between(view, targets, n, d, intervals.before[j], intervals.after[j])
             j += workers
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -240,6 +278,7 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         # in
         cut: Cut,
         base: int,
+        coarse: int,
         first: int,
         last: int,
         workers: int,
@@ -247,6 +286,7 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         room: int,
         band: int,
         pieces: wp.array(dtype=wp.vec2i),
+        packed: wp.array3d(dtype=wp.uint64),
         hits: wp.array(dtype=wp.uint64),
         radiance: wp.array(dtype=pixel),
         intervals: Intervals,
@@ -260,7 +300,7 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         """Notes where intervals first .. last - 1 were cut, of that radiance, as samples, from
         `known` on, and lists their parts that are to be cut, from `room` on.
 
-        base: instant of the slot before the first one.
+        base: instant of the slot before the first one. coarse, packed: as of `begin`.
         """
         j = first + wp.tid()
         inner = cut.envs * cut.height * cut.width
@@ -285,14 +325,33 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
             bent = apart(log_m, log_a + share * (log_b - log_a)) > cut.bend
             if not bent and (apart(log_a, log_b) > cut.jump or high - low > cut.blind):
                 bent = not joined(before, after, pieces)
-            if bent and place > low + 1:
-                if apart(log_a, log_m) > cut.jump or not joined(before, now, pieces):
-                    to = at + ((low + place) // 2 - place) * inner
-                    put(halves, room + take_place(count, band), to, low, place, log_a, log_m, before, now)
-            if bent and high > place + 1:
-                if apart(log_m, log_b) > cut.jump or not joined(now, after, pieces):
-                    to = at + ((place + high) // 2 - place) * inner
-                    put(halves, room + take_place(count, band), to, place, high, log_m, log_b, now, after)
+            q = at % inner
+            k = (base + slot + slot // cut.slots) // (cut.slots + 1)
+            x = q % cut.width
+            y = q // cut.width % cut.height
+            env = q // (cut.width * cut.height)
+            for side in range(2):
+                start = wp.where(side == 0, low, place)
+                end = wp.where(side == 0, place, high)
+                ahead = wp.where(side == 0, before, now)
+                behind = wp.where(side == 0, now, after)
+                if end > start + 1:
+                    middle_of = (start + end) // 2
+                    step = apart(log_a, log_m)
+                    if side == 1:
+                        step = apart(log_m, log_b)
+                    taken = bent and (step > cut.jump or not joined(ahead, behind, pieces))
+                    third = probed(cut, coarse, k, env, x, y, start, end, ahead, behind, pieces, packed)
+                    if third > 0:
+                        taken = True
+                        middle_of = third
+                    if taken:
+                        to = room + take_place(count, band)
+                        at_next = at + (middle_of - place) * inner
+                        if side == 0:
+                            put(halves, to, at_next, start, end, log_a, log_m, ahead, behind)
+                        else:
+                            put(halves, to, at_next, start, end, log_m, log_b, ahead, behind)
             j += workers
 
     return begin, see, split

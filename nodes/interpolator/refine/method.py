@@ -12,7 +12,7 @@ from nodes.interpolator.refine.refinement import Refinement
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
 
-PROBES = 2
+PROBES = 4
 """Times per frame at which it is found out what all pixels see."""
 
 

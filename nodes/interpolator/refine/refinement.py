@@ -116,13 +116,9 @@ class Refinement:
             given: list[tuple[Any, int, list[Any]]] = []
             for _, start, end in bands:
                 threads = 1 if v.device.is_cpu else end - start
-                given.append(
-                    (
-                        self._see,
-                        threads,
-                        [v.view, cut, start, end, threads, evaluator.targets, here.kernel, evaluator.hits],
-                    )
-                )
+                inputs = [v.view, cut, first, instants.coarse, start, end, threads, self._rigid.visibility.packed]
+                inputs += [evaluator.targets, here.kernel, evaluator.hits]
+                given.append((self._see, threads, inputs))
             self._rigid.sampling.launch(given)
             evaluator.evaluate(here.kernel.at, starts, counts)
             known = (total + np.concatenate([[0], np.cumsum(counts)])).tolist()
@@ -133,8 +129,15 @@ class Refinement:
             given = []
             for k, start, end in bands:
                 threads = 1 if v.device.is_cpu else end - start
-                inputs = [cut, first << instants.depth, start, end, threads, known[k], rooms[k], k]
-                inputs += [self._rigid.pieces, evaluator.hits, evaluator.values, here.kernel, *self._made]
+                inputs = [cut, first << instants.depth, instants.coarse, start, end, threads, known[k], rooms[k], k]
+                inputs += [
+                    self._rigid.pieces,
+                    self._rigid.visibility.packed,
+                    evaluator.hits,
+                    evaluator.values,
+                    here.kernel,
+                    *self._made,
+                ]
                 given.append((self._split, threads, [*inputs, there.kernel, found]))
             self._rigid.sampling.launch(given)
             total = known[-1]

@@ -144,3 +144,27 @@ def test_a_margin_changes_no_time():
     """What enters the image is looked up in the margin, so values differ a little; where samples are does not much."""
     plain_one, wide = (refined(tumbling(), 4, 100_000, margin=m)[1] for m in (0, 8))
     assert abs(len(plain_one[0]) - len(wide[0])) < 0.1 * len(wide[0])
+
+
+def test_a_pole_between_two_frames_is_not_missed():
+    """It goes by 20 px from frame to frame, 5 from probe to probe: it covers each pixel of its way for width / speed."""
+    speed, half = 200.0, 0.04
+    start = pose(-speed * (START + GAP / 2) * 1e-9, 0, 2.0)
+    pole = Prescribed(start, [Linear(np.array([speed, 0.0, 0.0]))])
+    scene = world([(quad(4.0), plain(0.2), Prescribed(pose(z=3.0))), (box((half, 2.0, half)), plain(0.9), pole)])
+    frames, (pixels, ns, values) = refined(scene, 4, 20_000)
+    height, width = frames.shape[1:]
+    row = height // 2
+    unseen, found = 0, []
+    for x in range(4, width - 4):
+        if (frames[:, row, x] > 0.15).any():
+            continue
+        unseen += 1
+        bright = np.sort(ns[(pixels == row * width + x) & (values > 0.15)])
+        if len(bright):
+            found.append(bright[-1] - bright[0])
+    assert unseen > 20
+    # A probe finds it where it stands then: 3.2 of every 5 px, and the sides of a box are seen too.
+    assert len(found) > 0.5 * unseen
+    nearest = 2.0 - half
+    assert np.median(found) == pytest.approx(2 * half / speed * 1e9 * 2.0 / nearest, abs=6 * 20_000)
