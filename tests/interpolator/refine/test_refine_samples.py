@@ -147,7 +147,7 @@ def test_a_margin_changes_no_time():
 
 
 def test_a_pole_between_two_frames_is_not_missed():
-    """It goes by 20 px from frame to frame, 5 from probe to probe: it covers each pixel of its way for width / speed."""
+    """It goes by 20 px from frame to frame, 5 from probe to probe, and covers a pixel for width over speed."""
     speed, half = 200.0, 0.04
     start = pose(-speed * (START + GAP / 2) * 1e-9, 0, 2.0)
     pole = Prescribed(start, [Linear(np.array([speed, 0.0, 0.0]))])
