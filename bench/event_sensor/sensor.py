@@ -14,6 +14,7 @@ from typing import Any
 
 from bench import command
 from bench.event_sensor.accuracy import RATES, closed_forms, edges, sinusoids
+from bench.event_sensor.further import further
 from bench.event_sensor.peers import QUOTED
 from bench.event_sensor.speed import omissions, speed
 
@@ -21,7 +22,7 @@ from bench.event_sensor.speed import omissions, speed
 def measure(quick: bool = False) -> dict[str, Any]:
     """Measures all tables; quick: fewer pixels, frames and repetitions."""
     sections: dict[str, Any] = {}
-    for table in (sinusoids, closed_forms, speed, edges, omissions):
+    for table in (sinusoids, closed_forms, speed, edges, omissions, further):
         sections |= table(quick)
     return sections
 

@@ -86,14 +86,3 @@ def _of_model(model: str, resolved: Mapping[str, Any]) -> dict[str, str]:
         if name in uses and all(n in uses for n in needed) and not all(resolved[n] for n in needed)
     }
     return found | _of_thresholds(resolved)
-
-
-def frames_only(p: Mapping[str, Any]) -> str:
-    """Tells why a sensor takes whole frames alone; empty where it does not. p: all of SENSOR, resolved."""
-    if p["model"] != "evis":
-        return f"event model {p['model']} takes frames alone; event model evis takes both"
-    if p["crossing"] != "linear":
-        return f"crossing={p['crossing']} is for frames alone; between further samples ln I is a line, crossing=linear"
-    if p["defocus_px"] > 0:
-        return "defocus_px blurs whole frames; leave it out, or give frames at all of the instants"
-    return ""

@@ -40,15 +40,14 @@ def check_lists(
     last = stamps[count - 1]
     pixel = env * pixels + thread * each
     end = pixel + each
+    stop = first[pixel]
+    if pixel == 0 and stop != 0:
+        wp.atomic_min(found, 0, wp.int64(wp.static(WRONG_LIST)))
     while pixel < end:
-        i = first[pixel]
+        i = stop
         stop = first[pixel + 1]
         wrong = int(-1)
         if i < 0 or stop < i or stop > offset.shape[0]:
-            wrong = wp.static(WRONG_LIST)
-        if pixel == 0 and i != 0:
-            wrong = wp.static(WRONG_LIST)
-        if pixel + 2 == first.shape[0] and stop != offset.shape[0]:
             wrong = wp.static(WRONG_LIST)
         before = wp.int64(0)
         k = int(0)
@@ -70,3 +69,6 @@ def check_lists(
         if wrong >= 0:
             wp.atomic_min(found, 0, wp.int64(pixel) * wp.int64(wp.static(len(REASONS))) + wp.int64(wrong))
         pixel += 1
+    if end + 1 == first.shape[0] and stop != offset.shape[0]:
+        wrong_end = wp.int64(end - 1) * wp.int64(wp.static(len(REASONS))) + wp.int64(wp.static(WRONG_LIST))
+        wp.atomic_min(found, 0, wrong_end)

@@ -15,8 +15,7 @@ from evis.scene.parameters import SCENE
 from msgs.camera import EventPacket, EventSignal, Frames, Keyframe, Samples
 from msgs.header import Header, Message
 from msgs.own_time import STAMP
-from nodes.event_sensor.effects import frames_only
-from nodes.event_sensor.parameters import NODE
+from nodes.event_sensor.parameters import NODE, source_of
 from nodes.event_sensor.presets import PRESETS
 from nodes.event_sensor.scene_parameters import SHARED, resolve_each, resolve_with_scene
 
@@ -89,7 +88,7 @@ class EventSensorNode(Node):
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
         """One of the three: samples or frames where an interpolator runs, keyframes where it is left out."""
-        return frozenset({_source(params)})
+        return frozenset({source_of(params["source"], lambda: resolve_with_scene("event sensor", params))})
 
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
@@ -100,7 +99,7 @@ class EventSensorNode(Node):
         from evis.gpu.devices import device_named
 
         self._resolved = resolve_with_scene(self.name, self.params)
-        self._source = _source(self.params)
+        self._source = source_of(self.params["source"], lambda: self._resolved)
         self._marked = self.wants("signal")
         if self._marked and not self._resolved["model"].startswith("evis"):
             raise ValueError(
@@ -336,10 +335,3 @@ class EventSensorNode(Node):
         if value is None:
             raise ValueError(f"{self.name}: samples lack the values between the frames; set colour alike on both nodes")
         return Further(message.first, message.offset, value)
-
-
-def _source(params: Mapping[str, Any]) -> str:
-    """The input port: not samples where the sensor takes frames alone."""
-    if params["source"] != "samples":
-        return str(params["source"])
-    return "frames" if frames_only(resolve_with_scene("event sensor", params)) else "samples"

@@ -5,7 +5,7 @@ A value that is not given comes from the preset, and from the ideal sensor where
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -60,6 +60,25 @@ def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[st
         Param(str, "ideal", "", choices=tuple(PRESETS)).convert(owner, "preset", preset)
     explicit = {key: value for key, value in given.items() if value is not None}
     return resolve(owner, SENSOR, {**PRESETS[preset].values, **explicit})
+
+
+def frames_only(p: Mapping[str, Any]) -> str:
+    """Tells why a sensor takes whole frames alone; empty where it does not. p: all of SENSOR, resolved."""
+    if p["model"] != "evis":
+        return f"event model {p['model']} takes frames alone; event model evis takes both"
+    if p["crossing"] != "linear":
+        return f"crossing={p['crossing']} is for frames alone; between further samples ln I is a line, crossing=linear"
+    if p["defocus_px"] > 0:
+        return "defocus_px blurs whole frames; leave it out, or give frames at all of the instants"
+    return ""
+
+
+def source_of(source: str, resolved: Callable[[], Mapping[str, Any]]) -> str:
+    """Gives the port that is read: frames in place of samples where the sensor takes frames alone.
+
+    resolved: gives all of SENSOR, resolved; it is asked only where it matters.
+    """
+    return "frames" if source == "samples" and frames_only(resolved()) else source
 
 
 NODE: dict[str, Param] = {name: _of_preset(name, param) for name, param in SENSOR.items()}

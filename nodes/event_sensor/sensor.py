@@ -37,7 +37,6 @@ from nodes.event_sensor.arrays import on_device, shape_of
 from nodes.event_sensor.batch import Batch, SampleLists, Size
 from nodes.event_sensor.cpu.listing import Listing
 from nodes.event_sensor.device_events import DeviceEvents, Pending, Ready
-from nodes.event_sensor.effects import frames_only
 from nodes.event_sensor.engines import FLOOR as FLOOR
 from nodes.event_sensor.engines import make_engine, sensor_struct, unlit_rate
 from nodes.event_sensor.further import Further as Further
@@ -48,7 +47,7 @@ from nodes.event_sensor.model.features import marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
 from nodes.event_sensor.optics.optics import Optics
-from nodes.event_sensor.parameters import resolve_sensor
+from nodes.event_sensor.parameters import frames_only, resolve_sensor
 from nodes.event_sensor.readout.packet import Events as Events
 from nodes.event_sensor.readout.packet import merged, parted
 

@@ -205,7 +205,7 @@ static const auto leave_further = [](const auto& first, int shared, int index, i
     int* place = work.place.data;
     int left = 0;
     for (int i = 0; i < n; i++) {
-        const int list = (index + place[i]) / shared;
+        const int list = shared == 1 ? index + place[i] : (index + place[i]) / shared;
         place[left] = place[i];
         left += first.data[list] == first.data[list + 1];
     }
@@ -218,8 +218,15 @@ static const auto keep_last_of_others = [](const auto& sensor, const auto& lumin
     float* lasts = state.last.data + index;
     memcpy(work.before.data, lasts, size * sizeof(float));
     keep_last(sensor, luminance, at, stride, count, index, size, state);
+    const float* before = work.before.data;
+    if (shared == 1) {
+        const int* firsts = first.data + index;
+#pragma clang loop vectorize(assume_safety)
+        for (int i = 0; i < size; i++) lasts[i] = firsts[i] == firsts[i + 1] ? lasts[i] : before[i];
+        return;
+    }
     for (int i = 0; i < size; i++) {
         const int list = (index + i) / shared;
-        lasts[i] = first.data[list] == first.data[list + 1] ? lasts[i] : work.before.data[i];
+        lasts[i] = first.data[list] == first.data[list + 1] ? lasts[i] : before[i];
     }
 };

@@ -12,5 +12,5 @@ extern const int MOST_BITS;
 extern const double REACH;
 extern const wp::uint64 STREAM;
 // Of optics/photoreceptor_simd_kernels.py.
-extern const bool TWO, VARYING;
-extern const double LN2, GRAIN;
+extern const bool TWO, VARYING, BENDS;
+extern const double LN2, GRAIN, PIECE;

@@ -82,6 +82,7 @@ class Photoreceptor:
         self._second: wp.array = wp.zeros(total if poles == 2 else 0, dtype=wp.float64, device=self._device)
         self._place: wp.array = wp.empty(simd.BLOCK, dtype=wp.int32, device="cpu")
         self._filtered: wp.array | None = None
+        self._unmarked: wp.array = wp.empty(0, dtype=wp.uint8, device="cpu")
 
     def advance(
         self, images: wp.array, t: np.ndarray, t_base: int, fresh: np.ndarray, in_place: bool = False
@@ -95,32 +96,45 @@ class Photoreceptor:
         one. in_place: the result goes to `images`, which takes no further memory. Raises ValueError when the number of
         samples does not fit.
         """
+        self._check(images, t)
+        if in_place:
+            filtered = images
+        else:
+            if self._filtered is None or self._filtered.shape != images.shape:
+                self._filtered = wp.empty(images.shape, dtype=wp.float32, device=self._device)
+            filtered = self._filtered
+        self._filter(self._kernel, images.flatten(), t, t_base, fresh, filtered.flatten(), self._unmarked)
+        return filtered
+
+    def _check(self, images: wp.array, t: np.ndarray) -> None:
         count = len(t)
         if math.prod(images.shape) != self._envs * count * self._size:
             raise ValueError(
                 f"photoreceptor got images {tuple(images.shape)} with {count} stamps, "
                 f"expected {self._envs} x {count} x {self._size} samples"
             )
-        device = self._device
+
+    def _filter(
+        self, kernel: wp.Kernel, images: wp.array, t: np.ndarray, t_base: int, fresh: np.ndarray, filtered: wp.array,
+        bent: wp.array,
+    ) -> None:  # fmt: skip
+        """Filters flat frames by a kernel; where that is one that marks pixels, in `bent`."""
+        device, count = self._device, len(t)
         gaps = np.diff(np.asarray(t, np.int64), prepend=np.int64(t_base))
         seconds: wp.array = wp.array(np.maximum(gaps, 0) * 1e-9, dtype=wp.float64, device=device)
         steps: wp.array = wp.empty(count, dtype=wp.vec2d, device=device)
         wp.launch(kernels.responses, count, [self._rate, seconds], [steps], device=device)
-        if in_place:
-            filtered = images
-        else:
-            if self._filtered is None or self._filtered.shape != images.shape:
-                self._filtered = wp.empty(images.shape, dtype=wp.float32, device=device)
-            filtered = self._filtered
         starts: wp.array = wp.array(np.asarray(fresh, np.int32), device=device)
         state = self._state()
         threads = (self._envs, self._size)
         if not device.is_cuda:
             threads = (self._envs, -(-self._size // simd.BLOCK))
             state.append(self._place)
-        inputs = [self._receptor, starts, seconds, steps, images.flatten(), *state]
-        wp.launch(self._kernel, threads, inputs, [filtered.flatten()], device=device)
-        return filtered
+        inputs, outputs = [self._receptor, starts, seconds, steps, images], [filtered]
+        if not device.is_cuda:
+            inputs.append(self._chord)
+            outputs.append(bent)
+        wp.launch(kernel, threads, [*inputs, *state], outputs, device=device)
 
     def _state(self) -> list[wp.array]:
         return [self._last, self._first, self._second]
@@ -134,13 +148,17 @@ class Photoreceptor:
         lists: further samples of the input, between which it is a line too. Returned arrays are overwritten by the next
         call. Steps longer than 2^31 ns get no samples but those that they have.
         """
+        self._check(images, t)
+        images = images.flatten()
+        stamps: wp.array = wp.array(np.asarray(t, np.int64) - t_base, device=self._device)
+        starts: wp.array = wp.array(np.asarray(fresh, np.int32), device=self._device)
         if self._tracer is None:
             from nodes.event_sensor.optics.trace import Tracer
 
             self._tracer = Tracer(*self._kind, self._receptor, self._chord, self._device)
-        stamps: wp.array = wp.array(np.asarray(t, np.int64) - t_base, device=self._device)
-        starts: wp.array = wp.array(np.asarray(fresh, np.int32), device=self._device)
-        traced: tuple[wp.array, SampleLists | None] = self._tracer(
-            images.flatten(), lists, stamps, starts, self._state()
-        )
-        return traced
+        tracer, state = self._tracer, self._state()
+        tracer.begin(images, state)
+        if not self._device.is_cuda:
+            kernel = kernels.low_pass(*self._kind, True)
+            self._filter(kernel, images, t, t_base, fresh, tracer.filtered, tracer.bent)
+        return tracer.filtered, tracer.trace(images, lists, stamps, starts, state)

@@ -132,10 +132,24 @@ def exact_step(poles: int, varying: bool) -> Any:
     return step
 
 
+@wp.func
+def halved(half: wp.float64):
+    """Returns half of a = dt / tau, or a part of it that is within reach of step_block, and how often it was halved."""
+    part = half
+    count = int(0)
+    while part > simd.REACH:
+        part = wp.float64(0.5) * part
+        count += 1
+    return part, count
+
+
 @functools.cache
-def low_pass(poles: int, varying: bool) -> wp.Kernel:
-    """Makes the filter with one pole or two, with a corner that follows the intensity (`varying`) or not, for a CPU."""
-    exact, step_block = exact_step(poles, varying), simd.step_block(poles, varying)
+def low_pass(poles: int, varying: bool, bends: bool = False) -> wp.Kernel:
+    """Makes the filter with one pole or two, with a corner that follows the intensity (`varying`) or not, for a CPU.
+
+    bends: pixels are marked whose output may lie further than `chord` from lines between the frames.
+    """
+    exact, step_block = exact_step(poles, varying), simd.step_block(poles, varying, bends)
     two = poles == 2
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -146,6 +160,7 @@ def low_pass(poles: int, varying: bool) -> wp.Kernel:
         seconds: wp.array(dtype=wp.float64),
         steps: wp.array(dtype=wp.vec2d),
         luminance: wp.array(dtype=wp.float32),
+        chord: wp.float64,
         # in and out: last good sample (-1: none yet), how far the poles are behind it in ln I; places in a block
         last_sample: wp.array(dtype=wp.float32),
         first_pole: wp.array(dtype=wp.float64),
@@ -153,6 +168,7 @@ def low_pass(poles: int, varying: bool) -> wp.Kernel:
         place: wp.array(dtype=wp.int32),
         # out
         filtered: wp.array(dtype=wp.float32),
+        bent: wp.array(dtype=wp.uint8),
     ):
         """Filters a block of pixels per thread, through all frames."""
         env, block = wp.tid()
@@ -175,12 +191,10 @@ def low_pass(poles: int, varying: bool) -> wp.Kernel:
             together = not (wp.static(varying) and half > simd.WIDEST)
             if together:
                 if wp.static(varying):
-                    while half > simd.REACH:
-                        half = wp.float64(0.5) * half
-                        halvings += 1
+                    half, halvings = halved(half)
                 alone = step_block(
                     receptor, luminance, at, ahead, index, size, half, halvings, steps[k][0], steps[k][1], last_sample,
-                    first_pole, second_pole, filtered, place,
+                    first_pole, second_pole, filtered, place, chord, bent,
                 )  # fmt: skip
             j = int(0)
             while j < alone:
@@ -188,6 +202,8 @@ def low_pass(poles: int, varying: bool) -> wp.Kernel:
                 if together:
                     i = place[j]
                 here = index + i
+                if wp.static(bends):
+                    bent[here] = wp.uint8(1)
                 e2 = wp.float64(0.0)
                 if wp.static(two):
                     e2 = second_pole[here]

@@ -4,7 +4,8 @@
 // Filters one step of a block of pixels, 16 at a time; returns how many samples it lists in `place` and leaves alone.
 static const auto step_block = [](const auto& receptor, const auto& luminance, wp::int64 at, wp::int64 ahead,
     int index, int size, double half, int halvings, double constant_d, double constant_f, const auto& last_sample,
-    const auto& first_pole, const auto& second_pole, const auto& filtered, const auto& place) {
+    const auto& first_pole, const auto& second_pole, const auto& filtered, const auto& place, double chord,
+    const auto& bent) {
     typedef double doubles __attribute__((vector_size(128)));
     typedef wp::int64 longs __attribute__((vector_size(128)));
     typedef float floats __attribute__((vector_size(64)));
@@ -85,6 +86,18 @@ static const auto step_block = [](const auto& receptor, const auto& luminance, w
             f = f * (1.0 / doubled);
             a = x * doubled;
         }
+        if constexpr (BENDS) {
+            // See trace_kernels: pixels whose output may lie further than `chord` from a line, or whose line has pieces.
+            const auto size_of = [&](doubles x) { return x < zero ? -x : x; };
+            const doubles lead = fma(e1, a, grown);
+            const doubles tilt = size_of(lead);
+            const doubles longest = a > 3.0 ? a : zero + 3.0;
+            const doubles bend = TWO ? fma(longest, tilt, size_of(fma(e2, a, 2.0 * (grown - lead)))) : tilt;
+            longs found = (bend * a > 8.0 * chord * (1.0 - 1e-6)) & (bend > chord * (1.0 - 1e-6) * a);
+            if (VARYING) found |= size_of(grown) > PIECE * (1.0 - 1e-6);
+            for (unsigned bends = mask_of(found & good); bends != 0; bends &= bends - 1)
+                bent.data[index + i + __builtin_ctz(bends)] = 1;
+        }
         const doubles e1_before = e1;
         doubles y = (fma(e1, d, -(grown * f)) + GRAIN) - GRAIN;
         e1 = good ? y : e1;
@@ -122,4 +135,22 @@ static const auto step_block = [](const auto& receptor, const auto& luminance, w
     }
     if (i < size) step(i, size - i);
     return listed;
+};
+
+// Takes one pixel alone through a step, to the bits of step_block; returns the output, or -1 where the sample would be
+// listed, which is left alone.
+static const auto step_alone = [](const auto& receptor, float sample, int index, double half, int halvings,
+    double constant_d, double constant_f, const auto& last_sample, const auto& first_pole, const auto& second_pole) {
+    struct Light {
+        float* data;
+    };
+    struct Places {
+        int* data;
+    };
+    float out = 0.0f;
+    int listed = 0;
+    const Places place = {&listed};
+    const int left = step_block(receptor, Light{&sample}, 0, 0, index, 1, half, halvings, constant_d, constant_f,
+        last_sample, first_pole, second_pole, Light{&out}, place, 0.0, place);
+    return left ? -1.0f : out;
 };

@@ -42,35 +42,57 @@ class Receptor:
 STEP = Path(__file__).with_name("photoreceptor_simd.h")
 CALL = """
 return step_block(receptor, luminance, at, ahead, index, size, half, halvings, constant_d, constant_f,
-                  last_sample, first_pole, second_pole, filtered, place);"""
+                  last_sample, first_pole, second_pole, filtered, place, chord, bent);"""
+ALONE = """
+return step_alone(receptor, sample, index, half, halvings, constant_d, constant_f, last_sample, first_pole,
+                  second_pole);"""
+PIECE = wp.constant(wp.float64(0.1))
+"""Change of ln I along a line over which 1 / tau counts as constant, where it follows the light and is traced."""
+
+
+def constants(poles: int, varying: bool, bends: bool) -> dict[str, Any]:
+    """Returns what the header has of the filter."""
+    filters = {"TWO": poles == 2, "VARYING": varying, "BENDS": bends}
+    return {**CONSTANTS, **filters, "LN2": math.log(2.0), "GRAIN": float(GRAIN), "PIECE": float(PIECE)}
 
 
 @cache
-def step_block(poles: int, varying: bool) -> Any:
+def step_block(poles: int, varying: bool, bends: bool = False) -> Any:
     """Makes the function of one step of a block of pixels.
 
     It returns how many samples it lists in `place` and leaves alone: those that are bad, too
-    dark for a normal logarithm, or the first of their pixel.
+    dark for a normal logarithm, or the first of their pixel. bends: it marks pixels in `bent` whose output may lie
+    further than `chord` from a line between the samples.
     """
-    values = {
-        **CONSTANTS,
-        "TWO": poles == 2,
-        "VARYING": varying,
-        "LN2": math.log(2.0),
-        "GRAIN": float(GRAIN),
-    }
 
-    @wp.func_native(native_code([STEP], CALL, values))
+    @wp.func_native(native_code([STEP], CALL, constants(poles, varying, bends)))
     def step(
         receptor: Receptor, luminance: wp.array(dtype=wp.float32), at: wp.int64, ahead: wp.int64, index: wp.int32,
         size: wp.int32, half: wp.float64, halvings: wp.int32, constant_d: wp.float64, constant_f: wp.float64,
         last_sample: wp.array(dtype=wp.float32), first_pole: wp.array(dtype=wp.float64),
         second_pole: wp.array(dtype=wp.float64), filtered: wp.array(dtype=wp.float32), place: wp.array(dtype=wp.int32),
+        chord: wp.float64, bent: wp.array(dtype=wp.uint8),
     ) -> wp.int32:  # fmt: skip
         """at, index: of the block's first pixel, in the frame and in the state. ahead: how far on the next frame is.
 
         half: rate * seconds / 2 / 2^halvings, not above REACH. constant_d, constant_f: where the corner is constant.
         """
+        ...
+
+    return step
+
+
+@cache
+def step_alone(poles: int, varying: bool) -> Any:
+    """Makes the function of one step of one pixel, to the bits of step_block."""
+
+    @wp.func_native(native_code([STEP], ALONE, constants(poles, varying, False)))
+    def step(
+        receptor: Receptor, sample: wp.float32, index: wp.int32, half: wp.float64, halvings: wp.int32,
+        constant_d: wp.float64, constant_f: wp.float64, last_sample: wp.array(dtype=wp.float32),
+        first_pole: wp.array(dtype=wp.float64), second_pole: wp.array(dtype=wp.float64),
+    ) -> wp.float32:  # fmt: skip
+        """Moves the pixel's state on, and returns the output; -1 and nothing done where step_block lists the sample."""
         ...
 
     return step

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from nodes.event_sensor.batch import SampleLists
@@ -23,8 +22,11 @@ class Tracer:
         self._receptor, self._chord, self._device = receptor, chord, device
         self._kernel = (kernels.tracing_gpu if device.is_cuda else kernels.tracing)(poles, varying)
         self._output: Any = kernels.Output()
-        self._first: wp.array | None = None
-        self._filtered: wp.array | None = None
+        self._first: wp.array = wp.zeros(1, dtype=wp.int32, device=device)
+        self._before: list[wp.array] = []
+        self.filtered: wp.array = wp.empty(0, dtype=wp.float32, device=device)
+        self.bent: wp.array = wp.empty(0, dtype=wp.uint8, device="cpu")
+        """On a CPU: the pixels whose output may be no line between samples."""
         self._grow(FIRST_ROOM)
 
     def _grow(self, room: int) -> None:
@@ -34,42 +36,44 @@ class Tracer:
         self._output.offset = wp.empty(room, dtype=wp.int32, device=self._device)
         self._output.value = wp.empty(room, dtype=wp.float32, device=self._device)
 
-    def __call__(
-        self, images: wp.array, lists: SampleLists | None, stamps: wp.array, fresh: wp.array, state: list[wp.array]
-    ) -> tuple[wp.array, SampleLists | None]:
-        """Returns frames and further samples. images: flat. stamps: int64 [K], after the message's start [ns]. state:
-        last sample and poles, which move on."""
+    def begin(self, images: wp.array, state: list[wp.array]) -> None:
+        """Keeps the state before a message, last sample and poles, and makes room for its flat frames."""
         pixels = state[0].size
-        if self._filtered is None or self._filtered.size != images.size:
-            self._filtered = wp.empty(images.size, dtype=wp.float32, device=self._device)
-        if self._first is None:
+        if self.filtered.size != images.size:
+            self.filtered = wp.empty(images.size, dtype=wp.float32, device=self._device)
+        if self._first.size != pixels + 1:
             self._first = wp.zeros(pixels + 1, dtype=wp.int32, device=self._device)
-        inputs = [self._receptor, self._chord, fresh, stamps, images, between(lists)]
-        count = (self._on_gpu if self._device.is_cuda else self._on_cpu)(inputs, state, pixels)
-        output = self._output
-        traced = SampleLists(self._first, output.offset[:count], output.value[:count], 1) if count else None
-        return self._filtered, traced
+        if not self._device.is_cuda:
+            self._before = [wp.clone(values) for values in state]
+            self.bent = wp.zeros(pixels, dtype=wp.uint8, device="cpu")
 
-    def _on_cpu(self, inputs: list[Any], state: list[wp.array], pixels: int) -> int:
-        assert self._first is not None
-        before = [np.array(values.numpy()) for values in state]
+    def trace(
+        self, images: wp.array, lists: SampleLists | None, stamps: wp.array, fresh: wp.array, state: list[wp.array]
+    ) -> SampleLists | None:
+        """Returns further samples of the output; `filtered` are its frames, which on a CPU were filtered before.
+
+        stamps: int64 [K], after the message's start [ns]. state: moves on.
+        """
+        inputs = [self._receptor, self._chord, fresh, stamps, images, between(lists)]
+        count = (self._on_gpu if self._device.is_cuda else self._on_cpu)(inputs, state)
+        output = self._output
+        return SampleLists(self._first, output.offset[:count], output.value[:count], 1) if count else None
+
+    def _on_cpu(self, inputs: list[Any], state: list[wp.array]) -> int:
+        inputs = [*inputs, self.bent, *self._before]
         while True:
-            outputs = [self._filtered, self._first, self._output]
-            wp.launch(self._kernel, pixels, [*inputs, *state], outputs, device="cpu")
+            outputs = [self.filtered, self._first, self._output]
+            wp.launch(self._kernel, state[0].size, [*inputs, *state], outputs, device="cpu")
             count = int(self._first.numpy()[-1])
             if count <= self._output.room:
                 return count
-            # Once more, from the state before, with room for all.
-            self._grow(count + count // 4)
-            for values, old in zip(state, before):
-                values.numpy()[:] = old
+            self._grow(count + count // 4)  # and once more, from the state before
 
-    def _on_gpu(self, inputs: list[Any], state: list[wp.array], pixels: int) -> int:
-        assert self._first is not None
+    def _on_gpu(self, inputs: list[Any], state: list[wp.array]) -> int:
         counts = self._first[1:]
         for writes in (False, True):
-            outputs = [self._filtered, counts, self._output]
-            wp.launch(self._kernel, pixels, [*inputs, writes, self._first, *state], outputs, device=self._device)
+            outputs = [self.filtered, counts, self._output]
+            wp.launch(self._kernel, state[0].size, [*inputs, writes, self._first, *state], outputs, device=self._device)
             if not writes:
                 wp.utils.array_scan(counts, counts, inclusive=True)
                 count = int(self._first[-1:].numpy()[0])

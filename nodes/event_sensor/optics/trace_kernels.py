@@ -19,13 +19,11 @@ import warp as wp
 
 from nodes.event_sensor.model.sensor_kernels import LARGEST
 from nodes.event_sensor.model.step_kernels import Between
-from nodes.event_sensor.optics.photoreceptor_kernels import corner, exact_step, poles_after, response
-from nodes.event_sensor.optics.photoreceptor_simd_kernels import Receptor
+from nodes.event_sensor.optics.photoreceptor_kernels import corner, exact_step, halved, poles_after, response
+from nodes.event_sensor.optics.photoreceptor_simd_kernels import PIECE, WIDEST, Receptor, step_alone
 
 wp.set_module_options({"enable_backward": False})
 
-PIECE = wp.constant(wp.float64(0.1))
-"""Change of ln I over which 1 / tau counts as constant where it follows the light."""
 MOST_PIECES = wp.constant(wp.float64(256.0))
 LAST_OFFSET = wp.constant(wp.int64(0x7FFFFFFF))
 
@@ -125,10 +123,13 @@ def curve_samples(poles: int) -> Any:
 
 
 @functools.cache
-def traced_step(poles: int, varying: bool) -> Any:
-    """Makes the function of a pixel's output up to the next sample of the input."""
+def traced_step(poles: int, varying: bool, gpu: bool) -> Any:
+    """Makes the function of a pixel's output up to the next sample of the input.
+
+    On a CPU its steps have the bits of those of many pixels together, so that nothing hangs on which of both it is.
+    """
     two = poles == 2
-    exact, trace_piece = exact_step(poles, varying), curve_samples(poles)
+    exact, trace_piece, alone = exact_step(poles, varying), curve_samples(poles), step_alone(poles, varying)
 
     @wp.func
     def step(
@@ -143,8 +144,15 @@ def traced_step(poles: int, varying: bool) -> Any:
         e2: wp.float64,
         made: wp.int32,
         output: Output,
+        index: wp.int32,
+        last_sample: wp.array(dtype=wp.float32),
+        first_pole: wp.array(dtype=wp.float64),
+        second_pole: wp.array(dtype=wp.float64),
     ):
-        """Filters one sample; returns the output, the last good sample, both e and the number of output samples."""
+        """Filters one sample; returns the output, the last good sample, both e and the number of output samples.
+
+        last_sample, first_pole, second_pole: used on the way where this is a CPU.
+        """
         seconds = wp.float64(now - start) * wp.float64(1.0e-9)
         good = v >= 0.0 and v <= LARGEST
         begun = last >= 0.0
@@ -196,6 +204,23 @@ def traced_step(poles: int, varying: bool) -> Any:
         constant = wp.vec2d()
         if wp.static(not varying):
             constant = response(receptor.rate * seconds)
+        if wp.static(not gpu):
+            half = wp.float64(0.5) * receptor.rate * seconds
+            if at == start and not (wp.static(varying) and half > WIDEST):
+                last_sample[index] = last
+                first_pole[index] = first
+                if wp.static(two):
+                    second_pole[index] = second
+                halvings = int(0)
+                if wp.static(varying):
+                    half, halvings = halved(half)
+                light = alone(
+                    receptor, v, index, half, halvings, constant[0], constant[1], last_sample, first_pole, second_pole
+                )  # fmt: skip
+                if light >= 0.0:
+                    if wp.static(two):
+                        second = second_pole[index]
+                    return light, last_sample[index], first_pole[index], second, count
         out, seen_last, first, second = exact(receptor, v, from_sample, first, second, seconds, constant)
         return out, seen_last, first, second, count
 
@@ -203,10 +228,10 @@ def traced_step(poles: int, varying: bool) -> Any:
 
 
 @functools.cache
-def traced_pixel(poles: int, varying: bool) -> Any:
+def traced_pixel(poles: int, varying: bool, gpu: bool) -> Any:
     """Makes the function of a pixel's output in a message."""
     two = poles == 2
-    step = traced_step(poles, varying)
+    step = traced_step(poles, varying, gpu)
 
     @wp.func
     def trace(
@@ -265,7 +290,10 @@ def traced_pixel(poles: int, varying: bool) -> Any:
                     ]  # fmt: skip
             out = wp.float32(v)
             if v != last or e1 != wp.float64(0.0) or e2 != wp.float64(0.0):
-                out, last, e1, e2, total = step(receptor, chord, start, now, v, last, e1, e2, total, output)
+                out, last, e1, e2, total = step(
+                    receptor, chord, start, now, v, last, e1, e2, total, output,
+                    index, last_sample, first_pole, second_pole,
+                )  # fmt: skip
             start = now
             if inside:
                 total = put(output, total, now, out)
@@ -288,10 +316,11 @@ def traced_pixel(poles: int, varying: bool) -> Any:
 @functools.cache
 def tracing(poles: int, varying: bool) -> wp.Kernel:
     """Makes the kernel for a CPU, whose threads run one after the other: each goes on behind the one before."""
-    trace = traced_pixel(poles, varying)
+    two = poles == 2
+    trace = traced_pixel(poles, varying, False)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def trace_all(
+    def trace_bent(
         # in
         receptor: Receptor,
         chord: wp.float64,
@@ -299,6 +328,10 @@ def tracing(poles: int, varying: bool) -> wp.Kernel:
         stamps: wp.array(dtype=wp.int64),
         luminance: wp.array(dtype=wp.float32),
         between: Between,
+        bent: wp.array(dtype=wp.uint8),
+        last_before: wp.array(dtype=wp.float32),
+        first_before: wp.array(dtype=wp.float64),
+        second_before: wp.array(dtype=wp.float64),
         # in and out
         last_sample: wp.array(dtype=wp.float32),
         first_pole: wp.array(dtype=wp.float64),
@@ -308,20 +341,34 @@ def tracing(poles: int, varying: bool) -> wp.Kernel:
         first: wp.array(dtype=wp.int32),
         output: Output,
     ):
-        """Traces a pixel a thread. first: where its output samples begin; its first entry is 0."""
-        index = wp.tid()
-        first[index + 1] = trace(
-            receptor, chord, fresh[index // receptor.size] != 0, stamps, luminance, between, index, first[index], True,
-            last_sample, first_pole, second_pole, filtered, output,
-        )  # fmt: skip
+        """Traces a pixel a thread, from the state before, where it is bent or has further samples.
 
-    return trace_all
+        The others are as they were filtered. first: where output samples begin; its first entry is 0.
+        """
+        index = wp.tid()
+        total = first[index]
+        wanted = bent[index] != wp.uint8(0)
+        if not wanted and between.first.shape[0] > 0:
+            entry = index // between.shared
+            wanted = between.first[entry] != between.first[entry + 1]
+        if wanted:
+            last_sample[index] = last_before[index]
+            first_pole[index] = first_before[index]
+            if wp.static(two):
+                second_pole[index] = second_before[index]
+            total = trace(
+                receptor, chord, fresh[index // receptor.size] != 0, stamps, luminance, between, index, total, True,
+                last_sample, first_pole, second_pole, filtered, output,
+            )  # fmt: skip
+        first[index + 1] = total
+
+    return trace_bent
 
 
 @functools.cache
 def tracing_gpu(poles: int, varying: bool) -> wp.Kernel:
     """Makes the kernel for a GPU, of two launches: one counts output samples, one writes them and the state."""
-    trace = traced_pixel(poles, varying)
+    trace = traced_pixel(poles, varying, True)
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_or_count(

@@ -73,6 +73,22 @@ def merged(gap: Gap, env: int, y: int, x: int) -> tuple[np.ndarray, np.ndarray]:
     return t[order], np.concatenate([gap.frames[env, :, y, x], gap.further.value[own]])[order]
 
 
+def in_parts(gaps: list[Gap], size: int) -> list[Gap]:
+    """The same in messages of `size` frames."""
+    parts = []
+    for gap in gaps:
+        start = gap.start
+        stamp = gap.start + gap.further.offset.astype(np.int64)
+        for a in range(0, len(gap.t), size):
+            b = min(a + size, len(gap.t))
+            inside = (stamp > start) & (stamp <= gap.t[b - 1])
+            first = np.concatenate(([0], np.cumsum(inside)))[gap.further.first].astype(np.int32)
+            further = Further(first, (stamp - start)[inside].astype(np.int32), gap.further.value[inside])
+            parts.append(Gap(start, gap.t[a:b], np.ascontiguousarray(gap.frames[:, a:b]), further))
+            start = int(gap.t[b - 1])
+    return parts
+
+
 def tell(events: Events) -> list[tuple[int, ...]]:
     """(environment, t, y, x, channel, p, signal) of each event, in the packet's order."""
     env = np.repeat(np.arange(len(events.env_offsets) - 1), np.diff(events.env_offsets))

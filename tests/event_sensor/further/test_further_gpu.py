@@ -10,6 +10,10 @@ from nodes.event_sensor.cuda.ideal import IdealPasses
 from nodes.event_sensor.cuda.side import DeviceSide
 from nodes.event_sensor.engines import sensor_struct
 from nodes.event_sensor.model.keys import KeyLayout
+from nodes.event_sensor.model.step_kernels import between
+from nodes.event_sensor.optics.photoreceptor import Photoreceptor
+from nodes.event_sensor.optics.trace import Tracer
+from nodes.event_sensor.optics.trace_kernels import tracing_gpu
 from nodes.event_sensor.parameters import resolve_sensor
 
 DEVICES = ["cpu", pytest.param("cuda:0", marks=pytest.mark.gpu)]
@@ -54,10 +58,50 @@ def test_passes_are_as_on_a_cpu(device, shape, room):
     assert_same(passes(gaps, device, room), sensed(gaps)[0])
 
 
+@pytest.mark.parametrize("poles", [1, 2])
+@pytest.mark.parametrize("level", [0.0, 1.0])
+def test_the_photoreceptor_counts_and_then_writes(poles, level):
+    """The GPU's two launches, made on a CPU: frames, lists and values are those of the CPU's one, to float32."""
+    shape = (2, 3, 4)
+    gaps = random_gaps(np.random.default_rng(5), shape, 3, 4, 6.0, bad=0.0)
+    gaps[1].frames[0, 1, :, 2], gaps[2].further.value[5:9] = np.nan, -1.0
+    device = wp.get_device("cpu")
+    params = {"bandwidth_hz": 80.0, "bandwidth_level": level, "poles": poles}
+    one, two = (Photoreceptor(3, 4, 2, **params) for _ in range(2))
+    state = [np.array(values.numpy()) for values in two._state()]
+    state = [wp.array(values, device=device) for values in state]
+    tracer = Tracer(poles, level > 0, two._receptor, two._chord, device)
+    tracer._kernel = tracing_gpu(poles, level > 0)
+    for k, gap in enumerate(gaps):
+        lists = gap.further.on(Size(3, 4, 1, 2), device)
+        images, fresh = wp.array(gap.frames.ravel(), device=device), np.full(2, k == 0)
+        frames, made = one.trace(images, lists, gap.t, gap.start, fresh)
+        tracer.begin(images, state)
+        stamps, starts = wp.array(gap.t - gap.start, device=device), wp.array(fresh.astype(np.int32), device=device)
+        count = tracer._on_gpu([two._receptor, two._chord, starts, stamps, images, between(lists)], state)
+        np.testing.assert_allclose(tracer.filtered.numpy(), frames.numpy(), rtol=3e-7)
+        if k == 0:
+            assert made is None and count == 0
+            continue
+        assert count == made.offset.size > 200
+        assert np.array_equal(tracer._first.numpy(), made.first.numpy())
+        assert np.array_equal(tracer._output.offset.numpy()[:count], made.offset.numpy())
+        np.testing.assert_allclose(tracer._output.value.numpy()[:count], made.value.numpy(), rtol=3e-7)
+
+
 @pytest.mark.gpu
-@pytest.mark.parametrize(
-    "params", [{}, {"refractory_us": 200.0}, {"shot_rate": 100.0, "leak_rate": 10.0}, {"bandwidth_hz": 200.0}]
-)
+def test_a_photoreceptor_is_as_on_a_cpu():
+    """An event moves by as much as the last bit of a float32 moves its crossing."""
+    gaps = random_gaps(np.random.default_rng(1), (2, 12, 15), 4, 5, 9.0, 0.02)
+    a, b = (
+        np.array(sorted(sensed(gaps, device=device, bandwidth_hz=200.0)[0], key=lambda e: (e[0], e[2], e[3], e[1])))
+        for device in ("cuda:0", "cpu")
+    )
+    assert len(a) == len(b) > 1000 and np.median(np.abs(a[:, 1] - b[:, 1])) <= 2
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("params", [{}, {"refractory_us": 200.0}, {"shot_rate": 100.0, "leak_rate": 10.0}])
 def test_sensors_are_as_on_a_cpu(params):
     gaps = random_gaps(np.random.default_rng(1), (2, 12, 15), 4, 5, 9.0, 0.02)
     assert_same(sensed(gaps, device="cuda:0", **params)[0], sensed(gaps, **params)[0])

@@ -1,11 +1,10 @@
 """Further samples between frames: a pixel has the events that frames at all of its samples would give it."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from further_rig import Gap, merged, no_further, random_gaps, sensed, sensed_alone
+from further_rig import Gap, in_parts, merged, no_further, random_gaps, sensed, sensed_alone
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -68,20 +67,7 @@ def test_pixels_without_any_are_as_in_frames_alone():
 @pytest.mark.parametrize("split", [1, 2, 5])
 def test_any_split_of_a_gap_gives_the_same(split):
     gaps = random_gaps(np.random.default_rng(9), (2, 4, 5), 3, 10, 12.0)
-    parts = []
-    for gap in gaps:
-        edges = [0, *range(split, len(gap.t), split), len(gap.t)]
-        start = gap.start
-        for a, b in pairwise(edges):
-            if a == b:
-                continue
-            stamp = gap.start + gap.further.offset.astype(np.int64)
-            inside = (stamp > start) & (stamp <= gap.t[b - 1])
-            first = np.concatenate(([0], np.cumsum(inside)))[gap.further.first].astype(np.int32)
-            further = Further(first, (stamp - start)[inside].astype(np.int32), gap.further.value[inside])
-            parts.append(Gap(start, gap.t[a:b], np.ascontiguousarray(gap.frames[:, a:b]), further))
-            start = int(gap.t[b - 1])
-    assert sorted(sensed(parts)[0]) == sorted(sensed(gaps)[0])
+    assert sorted(sensed(in_parts(gaps, split))[0]) == sorted(sensed(gaps)[0])
 
 
 def test_an_episode_begins_with_its_first_frame():

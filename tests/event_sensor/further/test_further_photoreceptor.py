@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import warp as wp
-from further_rig import Gap, random_gaps, sensed
+from further_rig import Gap, in_parts, random_gaps, sensed
 
 from nodes.event_sensor.batch import Size
 from nodes.event_sensor.further import Further
@@ -139,13 +139,26 @@ def test_nothing_hangs_on_other_environments_or_on_the_message():
         if env == 2:
             none = Further(np.zeros(9, int), np.zeros(0, int), np.zeros(0))
             quiet = [Gap(g.start, g.t, g.frames, none) for g in alone]
-            halves = []
-            for g in quiet:
-                middle = len(g.t) // 2
-                if middle:
-                    halves.append(Gap(g.start, g.t[:middle], np.ascontiguousarray(g.frames[:, :middle]), none))
-                halves.append(Gap(0, g.t[middle:], np.ascontiguousarray(g.frames[:, middle:]), none))
+            halves = in_parts(quiet, 3)
             assert sensed(halves, **params)[0] == sensed(quiet, **params)[0]
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+@pytest.mark.parametrize("level", [0.0, 1.0])
+def test_pixels_that_bend_are_filtered_as_those_that_do_not(poles, level):
+    """Light that changes little, so that most pixels bend in some steps alone: any split gives the same bytes."""
+    rng = np.random.default_rng(11)
+    gaps = random_gaps(rng, (1, 12, 20), 6, 8, 0.3, bad=0.0)
+    light = np.cumsum(rng.normal(0, 0.03, (1, 1 + 6 * 8, 12, 20)) * rng.uniform(0, 2, (12, 20)), 1)
+    light = np.exp(np.where(rng.random(light.shape) < 0.01, light + 0.3, light)).astype(np.float32)
+    for k, gap in enumerate(gaps):
+        gap.frames = np.ascontiguousarray(light[:, :1] if k == 0 else light[:, 1 + 8 * (k - 1) : 1 + 8 * k])
+        gap.further.value[:] = np.exp(0.1 * np.log(gap.further.value))
+    params = {"bandwidth_hz": 60.0, "bandwidth_level": level, "bandwidth_poles": poles, "threshold": 0.05}
+    found = sensed(gaps, **params)[0]
+    assert len(found) > 1000
+    for size in (1, 3):
+        assert sorted(sensed(in_parts(gaps, size), **params)[0]) == sorted(found)
 
 
 def test_bad_samples_and_many_of_its_own():
