@@ -16,7 +16,7 @@ from msgs.audit import Audit as AuditMessage
 from msgs.camera import Frames, Keyframe, Samples
 from msgs.header import Header, Message
 from msgs.world import WorldState
-from nodes.event_sensor.parameters import NODE
+from nodes.event_sensor.parameters import NODE, source_of
 from nodes.event_sensor.presets import PRESETS
 from nodes.event_sensor.scene_parameters import resolve_with_scene
 from nodes.renderer import parameters
@@ -215,8 +215,4 @@ class AuditNode(Node):
 
 def _source(params: Mapping[str, Any]) -> str:
     """The input port: that of the sensor."""
-    from nodes.event_sensor.effects import frames_only
-
-    if params["source"] != "samples":
-        return str(params["source"])
-    return "frames" if frames_only(resolve_with_scene("audit", params)) else "samples"
+    return source_of(params["source"], lambda: resolve_with_scene("audit", params))
