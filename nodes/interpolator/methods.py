@@ -74,7 +74,7 @@ def _rigid(gap: Gap) -> Method:
     from nodes.interpolator.rigid import Rigid, RigidOptions
 
     assert gap.scene is not None and gap.camera is not None
-    if gap.time_tolerance_ns == 0:
+    if gap.time_tolerance_ns == 0 or gap.light.get("paths") is not None:
         return Rigid(gap.scene, gap.camera, *gap.bodies, RigidOptions(**gap.light), worlds=gap.worlds)
     from nodes.interpolator.refine.method import PROBES, Refined
 

@@ -89,7 +89,9 @@ class InterpolatorNode(Node):
         if method == "rigid":
             found = parameters.without_effect(params)
             if params["time_tolerance"] > 0:
-                found = {**found, "sample_px": "with time_tolerance every pixel of the frames is looked up"}
+                if parameters.by_paths(params):
+                    return found | {"time_tolerance": "light by paths goes by frames alone"}
+                found = found | {"sample_px": "with time_tolerance every pixel of the frames is looked up"}
             return found
         light = ("tolerance", "sample_px", "time_tolerance", *(name for name in LIGHT if name != "supersampling"))
         found = dict.fromkeys(light, f"method {method} shades nothing anew")
@@ -127,6 +129,8 @@ class InterpolatorNode(Node):
         height, width = (n * ((length or 0) + 2 * p["margin"]) for length in size)
         self._expected = (height, width) if all(size) else None
         self._fineness = n
+        if self._sampled and n > 1:
+            self.warn("time_tolerance changes nothing where a pixel is the mean of several samples (supersampling)")
         self._warm(self.interpolator, p["envs"])
         self._device = device_named(p["device"])
         self._field = "rgb" if p["colour"] else "luminance"
