@@ -8,8 +8,8 @@ import warp as wp
 from evis.gpu.append_kernels import take_place
 from nodes.interpolator.refine.path_kernels import Way, make_preview
 from nodes.interpolator.refine.sight_kernels import Targets, seen_between
-from nodes.interpolator.rigid.keyframe_kernels import log_of
-from nodes.interpolator.rigid.log_kernels import apart
+from nodes.interpolator.rigid.keyframe_kernels import equal, log_of
+from nodes.interpolator.rigid.log_kernels import apart, radiance_of
 from nodes.interpolator.rigid.look_up_kernels import make_keyframes
 from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
@@ -120,6 +120,33 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         return 0
 
     @wp.func
+    def flickers(
+        cut: Cut,
+        keys: Keyframes,
+        k: int,
+        coarse: int,
+        env: int,
+        at: int,
+        log_a: pixel,
+        log_b: pixel,
+        strength: wp.array(dtype=float),
+    ):
+        """Finds the probe in coarse interval k at which light that flickers has a pixel furthest off a straight line,
+        and the instant; 0 where it is not off by more than cut.bend. at: of the pixel in keyframe B."""
+        worst = cut.bend
+        place = wp.int32(0)
+        logs = keys.logs[keys.first[1] + at]
+        end = log_of(radiance_of(logs, strength[wp.where(k + 1 == coarse, 0, k + 1) * cut.envs + env]))
+        for n in range(1, cut.probes):
+            row = (coarse + k * (cut.probes - 1) + n - 1) * cut.envs + env
+            value = log_b + log_of(radiance_of(logs, strength[row])) - end
+            off = apart(value, log_a + float(n) / float(cut.probes) * (log_b - log_a))
+            if off > worst:
+                worst = off
+                place = n * (cut.slots + 1) // cut.probes
+        return place
+
+    @wp.func
     def bend_of(
         view: CameraView,
         cut: Cut,
@@ -175,6 +202,7 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         held: wp.array(dtype=int),
         pieces: wp.array(dtype=wp.vec2i),
         keys: Keyframes,
+        strength: wp.array(dtype=float),
         image: wp.array3d(dtype=pixel),
         start: wp.array3d(dtype=wp.uint64),
         packed: wp.array3d(dtype=wp.uint64),
@@ -185,8 +213,9 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
     ):
         """Lists the coarse intervals window[0] .. window[1] - 1 that are to be cut, from `room` on.
 
-        coarse: frames of the gap. image, start: keyframe A and its z-buffer, with the margin. packed [rows, H, W]:
-        z-buffers of B, of the sub-frames 1 .. K - 1, and of the probes. frames: [E K, h, w].
+        coarse: frames of the gap. strength [rows]: of lights that flicker. image, start: keyframe A and its z-buffer,
+        with the margin. packed [rows, H, W]: z-buffers of B, of the sub-frames 1 .. K - 1, and of the probes. frames:
+        [E K, h, w].
         """
         env, row, part = wp.tid()
         if held[env] == 1:
@@ -206,11 +235,11 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
                 b = frames[env * coarse + k, y, x]
                 after = packed[slot * cut.envs + env, y + m, x + m]
                 log_b = log_a
-                if a != b:
+                if not equal(a, b):
                     log_b = log_of(b)
                 taken = wp.bool(False)
                 place = (cut.slots + 1) // 2
-                if a != b or before != after:
+                if not equal(a, b) or before != after:
                     taken = apart(log_a, log_b) > cut.jump
                     if joined(before, after, pieces):
                         bend, where, known = bend_of(
@@ -223,6 +252,12 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
                             place = wp.clamp(int(where * float(cut.slots + 1) + 0.5), 1, cut.slots)
                     else:
                         taken = True
+                if wp.static(flicker):
+                    at_b = (env * view.height + y + m) * view.width + x + m
+                    lit_then = flickers(cut, keys, k, coarse, env, at_b, log_a, log_b, strength)
+                    if lit_then > 0:
+                        taken = True
+                        place = lit_then
                 third = probed(cut, coarse, k, env, x, y, 0, cut.slots + 1, before, after, pieces, packed)
                 if third > 0:
                     taken = True

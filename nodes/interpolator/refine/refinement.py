@@ -160,15 +160,9 @@ class Refinement:
         given = []
         for k in range(evaluator.bands):
             inputs = [v.view, cut, edges[k], span, wp.vec2i(first, last), instants.coarse, starts[k], k, self._held]
-            inputs += [
-                rigid.pieces,
-                rigid.pair.kernel(),
-                rigid.pair.a.image,
-                rigid.pair.a.packed,
-                rigid.visibility.packed,
-                frames,
-            ]
-            given.append((self._begin, (envs, edges[k + 1] - edges[k], width // span), [*inputs, lists.kernel, found]))
+            inputs += [rigid.pieces, rigid.pair.kernel(), rigid.strength, rigid.pair.a.image, rigid.pair.a.packed]
+            inputs += [rigid.visibility.packed, frames, lists.kernel, found]
+            given.append((self._begin, (envs, edges[k + 1] - edges[k], width // span), inputs))
         rigid.sampling.launch(given)
         return starts[:-1], found.numpy().tolist()
 

@@ -108,6 +108,11 @@ class Rigid:
         self._told = [wp.zeros(n.size, dtype=wp.int32, device="cpu", pinned=not cpu) for n in counted]
         self._buffer: wp.array | None = None
 
+    @property
+    def strength(self) -> wp.array:
+        """Gives how strong lights that flicker are at what was drawn, float32 [slots E], empty without such."""
+        return self._reprojection.strength
+
     def settle(self) -> None:
         """Takes what it remembers now for what it knows when an episode begins: after it was warmed up."""
         if self._sparse is not None:
