@@ -104,6 +104,7 @@ class Report:
     radiance is not finite. reshaded: shaded anew at their own time. samples: all pixels of the sub-frames that were
     made. sampled: those of them that `rigid` looked up or shaded, the others being as in the later keyframe or between
     two that it did; on a GPU without such, all. refined: further samples of single pixels between the frames.
+    unreached: 1 where these are not as close as the tolerance of time asks for.
     """
 
     filled: int = 0
@@ -112,6 +113,7 @@ class Report:
     samples: int = 0
     sampled: int = 0
     refined: int = 0
+    unreached: int = 0
 
 
 class Method(Protocol):

@@ -229,7 +229,7 @@ class InterpolatorNode(Node):
         self._kept = list(inputs.values())
         report = self.interpolator.report
         counts = {"filled_pixels": report.filled, "reshaded_pixels": report.reshaded}
-        counts["further_samples"] = report.refined
+        counts |= {"further_samples": report.refined, "gaps_above_time_tolerance": report.unreached}
         counts["nonfinite_pixels" if self._method == "rigid" else "nonfinite_motion"] = report.nonfinite
         for name, amount in counts.items():
             if amount:

@@ -9,8 +9,9 @@ import numpy as np
 
 from evis.runtime.clock import subframe_stamps
 
-ROWS = 1 << 23
-"""Pixels of all instants that are placed together: what their z-buffers take, of which little is touched."""
+ROWS, MOST = 1 << 23, 1 << 27
+"""Pixels of all instants that are placed together, of which little is touched: as many as a window has, if it holds
+several coarse intervals, and most."""
 
 DEEPEST = 10
 """Most times that a coarse interval is halved."""
@@ -19,11 +20,12 @@ DEEPEST = 10
 @dataclass(frozen=True)
 class Instants:
     """Says how finely a gap is cut: K coarse intervals of 2^depth instants each, `windows` of which are worked on one
-    after the other; per_window: coarse intervals of one."""
+    after the other; per_window: coarse intervals of one. reached: whether that is fine enough."""
 
     coarse: int
     depth: int
     per_window: int
+    reached: bool = True
 
     @property
     def count(self) -> int:
@@ -61,9 +63,9 @@ def instants_of(gap_ns: int, coarse: int, tolerance_ns: float, pixels: int) -> I
 
     pixels: of an instant, in all environments.
     """
-    depth = max(0, math.ceil(math.log2(max(gap_ns / coarse / (2 * tolerance_ns), 1e-9))))
+    wanted = max(0, math.ceil(math.log2(max(gap_ns / coarse / (2 * tolerance_ns), 1e-9))))
     room = max(1, ROWS // max(pixels, 1))
-    depth = min(depth, DEEPEST, max(3, int(math.log2(room + 1))))
+    depth = min(wanted, DEEPEST, max(3, int(math.log2(MOST // max(pixels, 1) + 1))))
     per_window = max(1, min(coarse, room // max((1 << depth) - 1, 1)))
     # As many in each window as in any other.
-    return Instants(coarse, depth, -(-coarse // -(-coarse // per_window)))
+    return Instants(coarse, depth, -(-coarse // -(-coarse // per_window)), depth == wanted)

@@ -38,4 +38,5 @@ class Refined:
         report = self.rigid.between(a, b, held, out)
         self.further = self.refinement.further(a, b, np.asarray(held, bool), self.rigid.frames)
         report.refined, report.reshaded = self.refinement.evaluated, report.reshaded + self.refinement.shaded
+        report.unreached = int(not self.refinement.reached)
         return report

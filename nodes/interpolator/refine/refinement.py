@@ -64,6 +64,8 @@ class Refinement:
         self._held = wp.zeros(layout.envs, dtype=wp.int32, device=v.device)
         self.evaluated = self.shaded = 0
         """Samples of the last gap, and those of them that were shaded."""
+        self.reached = True
+        """Whether these are as close as the tolerance of time asks for, where need be."""
 
     def further(self, a: KeyframeView, b: KeyframeView, held: np.ndarray, frames: wp.array) -> Further | None:
         """Gives samples between the frames [E K, h, w] of the gap just made, None where there are none."""
@@ -73,6 +75,7 @@ class Refinement:
         gap = int((ends - starts)[~held].max(initial=0))
         self.evaluated = self.shaded = 0
         instants = instants_of(gap, rigid.layout.upsampling, self._tolerance_ns, self._pixels)
+        self.reached = instants.reached and gap < 1 << 31
         if gap <= 0 or gap >= 1 << 31 or instants.depth == 0:
             return None
         if a.own is None and b.own is None:
