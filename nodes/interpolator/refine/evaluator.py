@@ -44,7 +44,6 @@ class Evaluator:
         change = rigid.change
         self._change: Any = change.beside(self.shading) if change else Change()
         changes = change.features if change else LightChanges()
-        self._changes = changes
         channels, exact = layout.channels, layout.exact_flicker
         self._room = 0
         self.size = (v.shape[1] - 2 * v.margin, v.shape[2] - 2 * v.margin)
