@@ -12,12 +12,14 @@ import numpy as np
 from evis.events.measure.distance import EventStream, log_error
 from evis.runtime.clock import NS, keyframe_count, keyframe_stamp
 from evis.scene.model import Camera, Scene
+from nodes.event_sensor.further import Further
 from nodes.event_sensor.sensor import EventSensor
 from nodes.interpolator.auto.setting import LIGHT
 from nodes.interpolator.auto.world import World
 from nodes.interpolator.interpolator import Interpolator
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.methods import reads
+from nodes.interpolator.samples import Further as Samples
 from nodes.interpolator.warm_up import LONGEST
 from nodes.interpolator.warm_up import images as made_up
 from nodes.renderer.geometry.triangles import is_static
@@ -36,7 +38,8 @@ class Run:
 
     shaded: pixels of keyframes and those shaded between them. remembered: those of them whose light the renderer can
     remember from the keyframe before. frame_error: root mean square of ln I against dense rendering over the
-    sub-frames that were compared, in thresholds. reshaded, filled: pixels of sub-frames.
+    sub-frames that were compared, in thresholds. reshaded, filled: pixels of sub-frames. refined: samples of single
+    pixels between them.
     """
 
     streams: dict[str, EventStream]
@@ -47,6 +50,7 @@ class Run:
     remembered: int = 0
     reshaded: int = 0
     filled: int = 0
+    refined: int = 0
     samples: int = 0
     frame_errors: list[float] = field(default_factory=list)
 
@@ -69,11 +73,13 @@ class Sensors:
         self._parts: dict[str, list] = {c: [] for c in crossings}
         self.seconds = dict.fromkeys(crossings, 0.0)
 
-    def process(self, frames: np.ndarray, t: np.ndarray, share: float = 1.0) -> None:
-        """Takes frames float32 [1, K, H, W] at stamps int64 [K] ns; share: by how much their time counts."""
+    def process(self, frames: np.ndarray, t: np.ndarray, share: float = 1.0, between: Samples | None = None) -> None:
+        """Takes frames float32 [1, K, H, W] at stamps int64 [K] ns; share: by how much their time counts; between:
+        samples of single pixels."""
+        further = None if between is None else Further(*between.arrays(False))
         for crossing, sensor in self._sensors.items():
             start = time.process_time()
-            self._parts[crossing].append(sensor.process(frames, t, np.zeros(1, np.int32)))
+            self._parts[crossing].append(sensor.process(frames, t, np.zeros(1, np.int32), further=further))
             self.seconds[crossing] += (time.process_time() - start) * share
 
     def streams(self) -> dict[str, EventStream]:
@@ -173,8 +179,9 @@ def _once(
             run.remembered += remembered
             run.reshaded += report.reshaded
             run.filled += report.filled
+            run.refined += report.refined
             run.samples += frames.size
-        sensors.process(frames, t, share * (k > skipped))
+        sensors.process(frames, t, share * (k > skipped), interpolator.further)
         for i, at in enumerate(t.tolist()):
             if truth is not None and at in truth:
                 run.frame_errors.append(log_error(frames[0, i], truth[at], THRESHOLD))

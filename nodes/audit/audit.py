@@ -19,6 +19,7 @@ from nodes.audit.looking import Looking
 from nodes.audit.motion import Motion
 from nodes.audit.report import AuditReport, Units
 from nodes.audit.sampled_sensor import SampledSensor
+from nodes.event_sensor.further import Further
 from nodes.event_sensor.sensor import EventSensor
 
 if TYPE_CHECKING:
@@ -79,6 +80,7 @@ class Audit:
         self._stamps: list[int] = []
         self._values: list[np.ndarray] = []
         self._times: list[np.ndarray] = []
+        self._between: list[Further | None] = []
         self._units: list[Units] = []
 
     @property
@@ -86,11 +88,19 @@ class Audit:
         """Gives how often brute force has looked at a pixel."""
         return self._look.looks
 
-    def push(self, luminance: Any, t: np.ndarray, episodes: np.ndarray, state: WorldState, margin: int = 0) -> bool:
+    def push(
+        self,
+        luminance: Any,
+        t: np.ndarray,
+        episodes: np.ndarray,
+        state: WorldState,
+        margin: int = 0,
+        further: Further | None = None,
+    ) -> bool:
         """Takes the frames of a gap and the states within it; True when there is something new to report.
 
         luminance: [E, K, h, w(, 3)], numpy or an array of a device. t: int64 [K] ns. episodes: int [E]. margin: pixels
-        beyond the image on every side.
+        beyond the image on every side. further: samples of single pixels between the frames.
         """
         mine = np.asarray(episodes)[self.drawing.envs]
         fresh = np.ones(len(mine), bool) if self._episodes is None else mine != self._episodes
@@ -102,6 +112,8 @@ class Audit:
             self._begin(fresh, mine, int(t[-1]))
         self._values.append(self.drawing.values(luminance, margin))
         self._times.append(np.array(t, np.int64))
+        size = luminance.shape[2], luminance.shape[3]
+        self._between.append(None if further is None else self.drawing.between(further, *size))
         self._stamps.append(int(t[-1]))
         if fresh.any():
             self._work(fresh)
@@ -159,7 +171,7 @@ class Audit:
         begins = np.zeros(len(valid), bool) if fresh is None else np.repeat(fresh, each) & valid
         going = valid & ~begins & (np.isin(np.arange(len(valid)), self._last.pixel))
         t = np.concatenate(self._times)
-        run = self._events(np.concatenate(self._values, 1), t)
+        run = self._events()
         start = self._take(going, self._last)
         if len(start.pixel):
             stamps = base_stamps(
@@ -179,16 +191,24 @@ class Audit:
             self._last = Samples(
                 *(np.concatenate(pair) for pair in zip(vars(self._last).values(), vars(first).values()))
             ).ordered()
-        self._values, self._times, self._stamps = [], [], self._stamps[-1:]
+        self._values, self._times, self._between, self._stamps = [], [], [], self._stamps[-1:]
         self._motion.forget()
 
-    def _events(self, values: np.ndarray, t: np.ndarray) -> Train:
-        """Events of the run's luminance float32 [A, K, n], by pixel and time."""
-        made = self._run.process(values[:, :, None], t, np.asarray(self._episodes, np.int32))
-        env = np.repeat(np.arange(len(values)), np.diff(made.env_offsets))
-        pixel = env * self.drawing.each + made.x.astype(np.int64)
-        order = np.lexsort((made.t, pixel))
-        return pixel[order], made.t[order], made.p[order]
+    def _events(self) -> Train:
+        """Events of the run's luminance since the last time, by pixel and time."""
+        gaps = zip(self._values, self._times, self._between)
+        if all(between is None for between in self._between):
+            gaps = zip([np.concatenate(self._values, 1)], [np.concatenate(self._times)], [None])
+        pixels, times, signs = [], [], []
+        for values, t, between in gaps:
+            made = self._run.process(values[:, :, None], t, np.asarray(self._episodes, np.int32), further=between)
+            env = np.repeat(np.arange(len(values)), np.diff(made.env_offsets))
+            pixels.append(env * self.drawing.each + made.x.astype(np.int64))
+            times.append(made.t)
+            signs.append(made.p)
+        pixel, time, sign = (np.concatenate(parts) for parts in (pixels, times, signs))
+        order = np.lexsort((time, pixel))
+        return pixel[order], time[order], sign[order]
 
     def _only(self, train: Train, which: np.ndarray) -> Train:
         kept = which[train[0]]

@@ -11,6 +11,7 @@ from evis.media.colour import REC709
 from evis.scene.model import Camera, Scene
 from nodes.audit.gather_kernels import gather
 from nodes.audit.pixels import Blocks, chances, draw, scan_times, scores_of
+from nodes.event_sensor.further import Further
 
 _ENVS = 3
 """Part of the key of the random numbers that choose environments."""
@@ -73,6 +74,19 @@ class Drawing:
             red, green, blue = (np.float32(w) * taken[..., k].astype(np.float32) for k, w in enumerate(REC709))
             taken = red + green + blue
         return np.ascontiguousarray(taken, np.float32)
+
+    def between(self, further: Further, height: int, width: int) -> Further:
+        """Gives further samples, in luminance, of the pixels alone, as of images [A, 1, n]."""
+        pixel = (self.envs[:, None] * height + self.pixels[..., 1]) * width + self.pixels[..., 0]
+        first, offset, value = (a.numpy() if isinstance(a, wp.array) else a for a in vars(further).values())
+        begins, ends = first[pixel.reshape(-1)].astype(np.int64), first[pixel.reshape(-1) + 1].astype(np.int64)
+        each = ends - begins
+        starts = np.concatenate([[0], np.cumsum(each)])
+        which = np.repeat(begins - starts[:-1], each) + np.arange(starts[-1])
+        value = value[which]
+        if value.ndim == 2:
+            value = value @ np.array(REC709, np.float32)
+        return Further(starts.astype(np.int32), offset[which], np.ascontiguousarray(value, np.float32))
 
     @property
     def score(self) -> np.ndarray:

@@ -13,10 +13,10 @@ from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import whole
 from evis.scene.parameters import SCENE, camera_of, scene_of, worlds_of
 from msgs.audit import Audit as AuditMessage
-from msgs.camera import Frames, Keyframe
+from msgs.camera import Frames, Keyframe, Samples
 from msgs.header import Header, Message
 from msgs.world import WorldState
-from nodes.event_sensor.parameters import NODE
+from nodes.event_sensor.parameters import NODE, source_of
 from nodes.event_sensor.presets import PRESETS
 from nodes.event_sensor.scene_parameters import resolve_with_scene
 from nodes.renderer import parameters
@@ -25,7 +25,7 @@ from nodes.renderer.parameters import LIGHT
 if TYPE_CHECKING:
     from nodes.audit.audit import Audit
 
-SENSOR = ("model", "threshold", "threshold_on", "threshold_off", "dark_level", "crossing")
+SENSOR = ("model", "threshold", "threshold_on", "threshold_off", "dark_level", "crossing", "defocus_px")
 """Parameters of the run's sensor that an audit shares with it."""
 
 ON_GPU = "on a GPU it costs more than the run itself; audit:=64 asks for it"
@@ -49,7 +49,10 @@ class AuditNode(Node):
         ),
         "camera": Param(str, "cam0", "which camera of the scene"),
         "colour": Param(bool, False, "frames are linear RGB, for colour events, instead of luminance"),
-        "source": Param(str, "frames", "frames (interpolator) or keyframe (K = 1)", choices=("frames", "keyframe")),
+        "source": Param(
+            str, "frames", "samples or frames (interpolator) or keyframe (K = 1), as the sensor reads",
+            choices=("frames", "samples", "keyframe"),
+        ),
         "seed": Param(int, 0, "seed of the choice of pixels; environment k has seed + k", "", 0, 2**63 - 1),
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "envs": Param(int, 1, "parallel environments that are expected", minimum=1, maximum=65536),
@@ -63,6 +66,7 @@ class AuditNode(Node):
     }  # fmt: skip
     INPUTS: ClassVar[Mapping[str, Input]] = {
         "frames": Input("/{camera}/frames", on_device=True),
+        "samples": Input("/{camera}/samples", on_device=True),
         "keyframe": Input("/{camera}/keyframe", on_device=True),
         "state": Input("/state"),
     }
@@ -70,8 +74,8 @@ class AuditNode(Node):
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
-        """The states, and frames or keyframes."""
-        return frozenset({"state", params["source"]})
+        """The states, and what the sensor reads."""
+        return frozenset({"state", _source(params)})
 
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
@@ -115,6 +119,7 @@ class AuditNode(Node):
         from nodes.audit.budget import Rates, pixels_for
 
         p = self.params
+        self._source = _source(p)
         self._scene, alike = worlds_of(self.name, p).groups(whole)[0]
         # Those from 0 on that have its world: further ones are never looked at.
         envs = int(np.cumprod(alike == np.arange(len(alike))).sum())
@@ -140,9 +145,10 @@ class AuditNode(Node):
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Takes the frames of a gap."""
-        message, state = inputs[self.params["source"]], inputs["state"]
-        assert isinstance(message, Keyframe | Frames) and isinstance(state, WorldState)
+        message, state = inputs[self._source], inputs["state"]
+        assert isinstance(message, Keyframe | Frames | Samples) and isinstance(state, WorldState)
         image: Any
+        further = None
         if isinstance(message, Keyframe):
             image, t, margin = message.image, np.array([message.header.stamp_ns]), message.margin
             image = (
@@ -152,6 +158,11 @@ class AuditNode(Node):
             )
         else:
             image, t, margin = (message.rgb if message.luminance is None else message.luminance), message.t, 0
+            if isinstance(message, Samples) and message.offset.size:
+                from nodes.event_sensor.further import Further
+
+                value = message.further_rgb if message.further is None else message.further
+                further = Further(message.first, message.offset, value)
         header = message.header
         if message.own is not None:
             self._end()
@@ -159,7 +170,7 @@ class AuditNode(Node):
         if header.stamp_ns <= self._header.stamp_ns:
             self._audit.finish()  # time has gone back to begin an episode
         self._header = Header(header.stamp_ns, clock=header.clock, episode=header.episode)
-        if self._audit.push(image, t, message.episodes, state, margin):
+        if self._audit.push(image, t, message.episodes, state, margin, further):
             self._publish()
 
     def _end(self) -> None:
@@ -200,3 +211,8 @@ class AuditNode(Node):
                 f"error {message.vp:.2f} ({message.vp_low:.2f} to {message.vp_high:.2f}) is above audit_limit "
                 f"{self.params['audit_limit']:g}: {cause}"
             )
+
+
+def _source(params: Mapping[str, Any]) -> str:
+    """The input port: that of the sensor."""
+    return source_of(params["source"], lambda: resolve_with_scene("audit", params))

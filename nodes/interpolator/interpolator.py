@@ -20,6 +20,7 @@ from nodes.interpolator.keyframe import KeyframeView, Method, Report, States, ow
 from nodes.interpolator.luminance import luminance_of, rgb_of, scalars
 from nodes.interpolator.methods import METHODS, Gap
 from nodes.interpolator.passthrough import crop
+from nodes.interpolator.samples import Further
 from nodes.renderer.raster.cameras import finer
 
 if TYPE_CHECKING:
@@ -59,6 +60,7 @@ class Interpolator:
         tolerance: float = 0.1,
         sample_px: float | None = None,
         adaptive_px: float = 0.0,
+        time_tolerance: float = 0.0,
     ) -> None:
         """method: a key of METHODS. upsampling: K. colour: frames are linear RGB instead of luminance.
 
@@ -70,6 +72,8 @@ class Interpolator:
         a CPU, 0 on a GPU.
         adaptive_px: displacement per frame that is allowed: a gap has as many frames as that takes, `upsampling` at
         most; 0 = always `upsampling`.
+        time_tolerance: of the time at which what a pixel shows crosses a threshold [s], for which `rigid` takes
+        `further` samples of single pixels; 0 = none.
         """
         if method not in METHODS:
             raise ValueError(f"there is no interpolation method '{method}'; {nearest(method, METHODS)}")
@@ -83,6 +87,7 @@ class Interpolator:
         self._light |= {"tolerance": tolerance, "sample_px": sample_px}
         self.upsampling = 1 if method == "none" else upsampling
         self._reads = METHODS[method].reads
+        self._time_tolerance_ns = time_tolerance * 1e9
         self._colour = colour
         self._device = device_named(device)
         self._threads = threads
@@ -100,6 +105,8 @@ class Interpolator:
         self._samples = 1
         self._made: Any = new_frames((0,))
         self.report = Report()
+        self.further: Further | None = None
+        """Samples of single pixels between the frames made last, if there are any."""
         self.own_t: np.ndarray | None = None
         """Times int64 [E, K] ns of the frames made last, in own time, where environments have times of their own."""
 
@@ -145,11 +152,14 @@ class Interpolator:
         out = allocate(self._frames_shape(len(stamps), self._samples))
         fine = self._frames_shape(len(stamps), 1)
         made = out if self._samples == 1 else self._fine(fine, isinstance(out, wp.array))
+        self.further = None
         if self._last is None or held.all() or replaces:
             crop(view, margin, made)
             self.report = Report()
         else:
-            self.report = self._method_of(len(stamps)).between(self._last, view, held, made)
+            method = self._method_of(len(stamps))
+            self.report = method.between(self._last, view, held, made)
+            self.further = getattr(method, "further", None)
         self.own_t = None
         if own is not None:
             alone = self._last is None or held.all() or replaces
@@ -325,6 +335,7 @@ class Interpolator:
         gap = Gap(
             height, width, envs, upsampling, margin, 3 if self._colour else 1, str(self._device), self._threads,
             self._scene, camera, self._light, self._shared, self._worlds,
+            self._time_tolerance_ns if self._samples == 1 else 0.0,
         )  # fmt: skip
         return METHODS[self._name].make(gap)
 

@@ -103,7 +103,8 @@ class Report:
     filled: seen by no keyframe and guessed from a neighbour. nonfinite: sources dropped because their motion or their
     radiance is not finite. reshaded: shaded anew at their own time. samples: all pixels of the sub-frames that were
     made. sampled: those of them that `rigid` looked up or shaded, the others being as in the later keyframe or between
-    two that it did; on a GPU without such, all.
+    two that it did; on a GPU without such, all. refined: further samples of single pixels between the frames.
+    unreached: 1 where these are not as close as the tolerance of time asks for.
     """
 
     filled: int = 0
@@ -111,6 +112,8 @@ class Report:
     reshaded: int = 0
     samples: int = 0
     sampled: int = 0
+    refined: int = 0
+    unreached: int = 0
 
 
 class Method(Protocol):

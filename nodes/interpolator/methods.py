@@ -30,6 +30,7 @@ class Gap:
         scene, camera: those of the renderer; the camera is as fine as the keyframes.
         light: options of a method that shades: light_samples, paths, tolerance, sample_px.
         worlds: the scene of each environment where they move differently, and look alike.
+        time_tolerance_ns: of the time of a crossing, by further samples of single pixels; 0 = frames only.
         shared: memory of one stream of keyframes, which its methods of several K use together.
     """
 
@@ -46,6 +47,7 @@ class Gap:
     light: Mapping[str, Any] = field(default_factory=dict)
     shared: dict[str, Any] = field(default_factory=dict)
     worlds: Sequence[Scene] = ()
+    time_tolerance_ns: float = 0.0
 
     @property
     def images(self) -> tuple[int, int, int, int, int, int, str, int]:
@@ -72,7 +74,13 @@ def _rigid(gap: Gap) -> Method:
     from nodes.interpolator.rigid import Rigid, RigidOptions
 
     assert gap.scene is not None and gap.camera is not None
-    return Rigid(gap.scene, gap.camera, *gap.bodies, RigidOptions(**gap.light), worlds=gap.worlds)
+    if gap.time_tolerance_ns == 0 or gap.light.get("paths") is not None:
+        return Rigid(gap.scene, gap.camera, *gap.bodies, RigidOptions(**gap.light), worlds=gap.worlds)
+    from nodes.interpolator.refine.method import PROBES, Refined
+
+    options = RigidOptions(**gap.light, probes=PROBES)
+    rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds)
+    return Refined(rigid, gap.time_tolerance_ns, gap.threads, options.light_samples)
 
 
 def _splat(gap: Gap) -> Method:

@@ -16,11 +16,12 @@ from evis.scene.model import Scene
 from evis.scene.parameters import SCENE, SEED, camera_of, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.worlds import Group, Worlds
-from msgs.camera import Depth, Frames, Keyframe, Motion
+from msgs.camera import Depth, Frames, Keyframe, Motion, Samples
 from msgs.header import Header, Message
 from msgs.own_time import STAMP
 from msgs.world import WorldState
 from nodes.interpolator.methods import HELP, METHODS, reads
+from nodes.interpolator.samples import none_of
 from nodes.renderer import parameters
 from nodes.renderer.parameters import LIGHT
 
@@ -55,6 +56,12 @@ class InterpolatorNode(Node):
         "tolerance": Param(
             float, 0.1, "error of ln I that rigid looks for, to shade anew; less costs more", "ln I", 0.001, 10
         ),
+        "time_tolerance": Param(
+            float, 0.0,
+            "for rigid: error of the time at which a pixel's ln I crosses a threshold, to which single pixels are "
+            "looked at between the frames; 0 = frames only",
+            "s", 0, 1,
+        ),
         "colour": Param(bool, False, "frames are linear RGB, for colour events, instead of luminance"),
         **SCENE,
         "scene": replace(SCENE["scene"], help="world that was rendered, for rigid; without it splat is used"),
@@ -72,7 +79,7 @@ class InterpolatorNode(Node):
         "motion": Input("/{camera}/motion", on_device=True),
         "state": Input("/state"),
     }
-    OUTPUTS = {"frames": Output("/{camera}/frames")}
+    OUTPUTS = {"frames": Output("/{camera}/frames"), "samples": Output("/{camera}/samples")}
     interpolator: Interpolator | SeparateInterpolators
 
     @classmethod
@@ -80,8 +87,13 @@ class InterpolatorNode(Node):
         """Names the parameters that only `rigid` reads, for other methods."""
         method = usable(params)
         if method == "rigid":
-            return parameters.without_effect(params)
-        light = ("tolerance", "sample_px", *(name for name in LIGHT if name != "supersampling"))
+            found = parameters.without_effect(params)
+            if params["time_tolerance"] > 0:
+                if parameters.by_paths(params):
+                    return found | {"time_tolerance": "light by paths goes by frames alone"}
+                found = found | {"sample_px": "with time_tolerance every pixel of the frames is looked up"}
+            return found
+        light = ("tolerance", "sample_px", "time_tolerance", *(name for name in LIGHT if name != "supersampling"))
         found = dict.fromkeys(light, f"method {method} shades nothing anew")
         if "state" not in reads(method):
             found |= dict.fromkeys(("scene", "scene_args"), f"method {method} needs no scene")
@@ -102,6 +114,8 @@ class InterpolatorNode(Node):
 
         p = self.params
         self._method = method = usable(p)
+        # Nobody would read what lies between the frames.
+        self._sampled = p["time_tolerance"] > 0 and self.wants("samples")
         if method != p["method"]:
             self.warn(f"method {p['method']} needs the scene that was rendered (scene:=NAME); {method} is used instead")
         worlds = self.worlds = worlds_of(self.name, p) if "state" in reads(method) else None
@@ -115,6 +129,8 @@ class InterpolatorNode(Node):
         height, width = (n * ((length or 0) + 2 * p["margin"]) for length in size)
         self._expected = (height, width) if all(size) else None
         self._fineness = n
+        if self._sampled and n > 1:
+            self.warn("time_tolerance changes nothing where a pixel is the mean of several samples (supersampling)")
         self._warm(self.interpolator, p["envs"])
         self._device = device_named(p["device"])
         self._field = "rgb" if p["colour"] else "luminance"
@@ -145,6 +161,7 @@ class InterpolatorNode(Node):
         p = self.params
         light = parameters.light_options(p if scene else {})
         how = {key: p[key] for key in ("colour", "device", "threads", "tolerance", "sample_px", "adaptive_px")}
+        how["time_tolerance"] = p["time_tolerance"] if self._sampled else 0.0
         camera = camera_of(scene, p["camera"]) if scene else None
         return Interpolator(self._method, p["upsampling"], scene=scene, camera=camera, worlds=worlds, **how, **light)
 
@@ -212,17 +229,36 @@ class InterpolatorNode(Node):
         self._kept = list(inputs.values())
         report = self.interpolator.report
         counts = {"filled_pixels": report.filled, "reshaded_pixels": report.reshaded}
+        counts |= {"further_samples": report.refined, "gaps_above_time_tolerance": report.unreached}
         counts["nonfinite_pixels" if self._method == "rigid" else "nonfinite_motion"] = report.nonfinite
         for name, amount in counts.items():
             if amount:
                 self.count(name, amount)
         header = Header(key.header.stamp_ns, clock=key.header.clock, episode=key.header.episode)
         images: dict[str, Any] = {self._field: frames}
+        if self._sampled:
+            self._publish_samples(key, t, frames, header)
+            if not self.wants("frames"):
+                return
         message = Frames(header, t=t, episodes=np.array(key.episodes), filled=report.filled, **images)
         message.reshaded = report.reshaded
         if key.own is not None:
             message.own, message.own_t = np.array(key.own), self.interpolator.own_t
         self.publish("frames", message)
+
+    def _publish_samples(self, key: Keyframe, t: np.ndarray, frames: Any, header: Header) -> None:
+        """The frames with what was found between them."""
+        found, report = self.interpolator.further, self.interpolator.report
+        pixels = frames.shape[0] * frames.shape[2] * frames.shape[3]
+        colour, on_device = self.params["colour"], not isinstance(frames, np.ndarray)
+        first, offset, value = none_of(pixels, colour) if found is None else found.arrays(on_device)
+        message = Samples(header, t=t, episodes=np.array(key.episodes), first=first, offset=offset)
+        setattr(message, self._field, frames)
+        setattr(message, "further_rgb" if colour else "further", value)
+        message.filled, message.reshaded = report.filled, report.reshaded
+        if key.own is not None:
+            message.own, message.own_t = np.array(key.own), self.interpolator.own_t
+        self.publish("samples", message)
 
     def _states(self, state: Message | None) -> States | None:
         """Converts a /state message into what the method gets. Raises ValueError where that is of another scene."""
@@ -243,8 +279,13 @@ class InterpolatorNode(Node):
             import warp as wp
 
             pixel = wp.vec3 if self.params["colour"] else wp.float32
-            return self.loan_on("frames", device, **{field: (shape[:4], pixel)})[field]
-        return self.loan("frames", **{field: (shape, np.float32)})[field]
+            return self.loan_on(self._port, device, **{field: (shape[:4], pixel)})[field]
+        return self.loan(self._port, **{field: (shape, np.float32)})[field]
+
+    @property
+    def _port(self) -> str:
+        """The output whose memory frames are written into."""
+        return "samples" if self._sampled else "frames"
 
     def _release(self) -> None:
         for message in self._kept:

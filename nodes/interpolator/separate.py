@@ -14,6 +14,7 @@ from evis.scene.parts import Parts
 from evis.scene.worlds import Group
 from nodes.interpolator.interpolator import Allocate, Image, Interpolator, new_frames
 from nodes.interpolator.keyframe import Report, States
+from nodes.interpolator.samples import Further, joined
 
 NOBODY = 1 << 20
 """Added to the number of an episode, for it to be another one."""
@@ -33,6 +34,7 @@ class SeparateInterpolators:
         self._stamp, self._episodes = parts.all[0].last
         self.report = Report()
         self.own_t: np.ndarray | None = None
+        self.further: Further | None = None
 
     def change(self, groups: Sequence[Group], make: Sequence[Callable[[], Interpolator]]) -> list[Interpolator]:
         """Gives environments whose worlds are others from now on interpolators of their own, by group."""
@@ -76,6 +78,7 @@ class SeparateInterpolators:
         stamps = np.array([stamp_ns])
         self.report = Report()
         self.own_t = None if own is None else np.repeat(own[:, None], count, axis=1)
+        found: list[tuple[np.ndarray, np.ndarray, Further | None]] = []
         for part in self._parts.parts:
             mine, live, interpolator = part.inputs, part.live, part.made
             its_image, its_depth, its_motion = (_of(array, mine) for array in (image, depth, motion))
@@ -95,11 +98,13 @@ class SeparateInterpolators:
                 for item in fields(Report):
                     total = getattr(self.report, item.name) + getattr(interpolator.report, item.name)
                     setattr(self.report, item.name, total)
+                found.append((part.envs[live], np.flatnonzero(live), interpolator.further))
             if out is None:
                 out = allocate((len(episodes), count, *frames.shape[2:4], *_channels(frames)))
             if len(t) == count:
                 stamps = t
             _place(frames, out, part.envs, live)
+        self.further = joined(found, len(episodes), out.shape[2] * out.shape[3], self._device)
         return stamps, out
 
     def _scratch(self, shape: tuple[int, ...]) -> Any:

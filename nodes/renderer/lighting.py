@@ -57,6 +57,8 @@ class ShadingOptions:
     on a GPU; the image is the same."""
     merged: bool | None = None
     """Whether what stands still in the world is one structure for rays, None: for paths on a GPU."""
+    traced: bool = False
+    """Whether there are structures for rays also where no light has shadows: for who asks them what is seen."""
 
 
 class Shading:
@@ -73,7 +75,13 @@ class Shading:
     with them, see `Paths`.
     """
 
-    def __init__(self, visibility: Visibility, options: ShadingOptions = ShadingOptions()) -> None:
+    def __init__(
+        self,
+        visibility: Visibility,
+        options: ShadingOptions = ShadingOptions(),
+        meshes: dict[int, wp.Mesh] | None = None,
+    ) -> None:
+        """meshes: see Occluders."""
         scene, geometry = visibility.scene, visibility.geometry
         self.visibility, self.scene, self.device = visibility, scene, visibility.device
         self._half, paths, on_gpu = options.half, options.paths, self.device.is_cuda
@@ -88,7 +96,8 @@ class Shading:
         shadows = any(light.shadows for light in scene.lights) and len(geometry.triangles) > 0
         rays = paths is not None and len(geometry.triangles) > 0
         self._merged = rays and on_gpu if options.merged is None else options.merged
-        self.occluders = Occluders(visibility, geometry.static, shadows or rays, merged=self._merged)
+        active = shadows or rays or options.traced
+        self.occluders = Occluders(visibility, geometry.static, active, merged=self._merged, meshes=meshes)
         cached = options.remember and self._cacheable()
         self._listed = not options.remember
         self._still_place = -1

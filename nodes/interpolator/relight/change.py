@@ -104,9 +104,27 @@ class LightChange:
 
     def place(self) -> None:
         """Notes where the cameras of the slots are: a launch only."""
-        v = self._v
+        self.place_beside(self._v, self.kernel)
+
+    def place_beside(self, v: Visibility, kernel: Any) -> None:
+        """Notes where the cameras of the slots of another visibility are, in the struct of `beside`: a launch only."""
         given = [v.poses, v.camera_body, wp.vec3d(*self._origin_of())]
-        wp.launch(swept_kernels.place_cameras, v.envs, given, [self.kernel.swept.place], device=v.device)
+        wp.launch(swept_kernels.place_cameras, v.envs, given, [kernel.swept.place], device=v.device)
+
+    def beside(self, shading: Shading) -> Any:
+        """Makes the kernels' struct of the same gaps for the slots of another shading of the scene."""
+        other: Any = change_kernels.Change()
+        for name in ("then", "casters_then", "eye_then", "flags", "instance", "normals", "alpha", "half", "weight"):
+            setattr(other, name, getattr(self.kernel, name))
+        for name in ("carried", "least", "even", "bend", "turned"):
+            setattr(other, name, getattr(self.kernel, name))
+        other.now, other.sky, other.casters = shading.lights.kernel, shading.sky, shading.occluders.casters
+        swept = Swept()
+        for name in ("lower", "upper", "size", "lamp", "radius", "shadow", "kind"):
+            setattr(swept, name, getattr(self.kernel.swept, name))
+        swept.place = shading.visibility.empty(shading.visibility.envs, wp.vec3)
+        other.swept = swept
+        return other
 
     def disquiet(self, pieces: wp.array, quiet: wp.array) -> None:
         """Takes from what is quiet [E, H, W] where a shadow may pass, keyframe B being in the first slot: a launch

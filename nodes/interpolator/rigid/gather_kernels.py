@@ -20,22 +20,27 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Portion:
-    """Holds sub-frames that are looked up together: those in `count` slots from slot0 on of `packed` [P E, H, W]; slot
-    s is sub-frame index[s] of `upsampling`, and in each of them lights that flicker have that `strength`, [P E].
+    """Holds instants that are looked up together: those in `count` slots from slot0 on of `packed` [P E, H, W]; slot
+    s is at index[s] / upsampling of the gap and frame[s] of `frames` in each environment's output, and lights that
+    flicker have that `strength` then, [P E].
 
     quiet [E, H, W]: z-buffer entries with which nothing has changed. pieces: of each triangle, its body (the world's
     index being their number) and its patch. tolerance: difference of the keyframes' log radiance up to which it is
-    blended; relight: 1 where all but the sky is to be shaded anew. keyframes: numbers of A and B in their pair.
+    blended; pace: path [px] per unit of `index` from which on what is finer than a keyframe's pixels does not matter;
+    relight: 1 where all but the sky is to be shaded anew. keyframes: numbers of A and B in their pair.
     """
 
     slot0: int
     envs: int
+    frames: int
     upsampling: int
     tolerance: float
+    pace: float
     relight: int
     count: int
     keyframes: wp.vec2i
     index: wp.array(dtype=int)
+    frame: wp.array(dtype=int)
     strength: wp.array(dtype=float)
     packed: wp.array3d(dtype=wp.uint64)
     quiet: wp.array3d(dtype=wp.uint64)
@@ -71,13 +76,15 @@ def make_gather(
     changes: LightChanges,
     detailed: bool,
     kind: tuple[bool, bool, bool] | None,
+    single: bool = False,
 ) -> wp.Kernel:
     """Makes the kernel that looks up the pixels of sub-frames in both keyframes.
 
     lens: `none` or a distortion model. channels: 1 (luminance) or 3 (RGB). flicker: as of LOGS. listed: the kernel
     looks up listed pixels, also at silhouettes; otherwise it goes through all and lists those at silhouettes. changes:
     of light in the scene. detailed: as of make_look_up. kind: whether the scene has textures, shading normals of its
-    own and colours at vertices, if textures are looked up at their own time.
+    own and colours at vertices, if textures are looked up at their own time. single: pixels are listed one by one: what
+    they see and their radiance stand where they do in the list, not in images.
     """
     log_albedo = make_log_albedo(*kind) if kind and listed else None
     relit, asked = (make_relit(changes), make_asked(changes)) if changes.any else (None, None)
@@ -137,15 +144,17 @@ def make_gather(
         # out
         frames: wp.array3d(dtype=pixel),
         pixels: wp.array(dtype=int),
+        places: wp.array(dtype=int),
         count: wp.array(dtype=int),
     ):
-        """Computes frames [E K, h, w] of a portion.
+        """Computes the frames [E frames, h, w] of a portion.
 
         Listed: `todo` has the pixels to do, as indices into [.., E, h, w] from slot0 on; on a CPU entries first..last -
         1, on a GPU (last < 0) todo_count[band] of them, shared by `workers` threads. Otherwise a thread does one
         pixel, and what needs a careful look goes to `todo`. What no keyframe shows goes to `pixels` from `first`
         on, as indices into [P E, H, W]; count[band]: how many. So does that of which the keyframes differ by more than
-        the tolerance in log radiance.
+        the tolerance in log radiance. Single pixels: portion.packed and frames are [1, 1, list]; z-buffers of what is
+        listed in `pixels` are written to those that are shown, and `places` says where they were listed.
         """
         width = view.width - 2 * view.margin
         height = view.height - 2 * view.margin
@@ -189,8 +198,17 @@ def make_gather(
                 n += portion.slot0 * envs
             env = n % envs
             i = portion.index[n // envs]
-            frame = env * portion.upsampling + i - 1
-            hit = portion.packed[n, y, x]
+            frame = env * portion.frames + portion.frame[n // envs]
+            hit = wp.uint64(0)
+            row_out = y - m
+            column_out = x - m
+            if wp.static(single):
+                hit = portion.packed[0, 0, j]
+                frame = wp.int32(0)
+                row_out = wp.int32(0)
+                column_out = j
+            else:
+                hit = portion.packed[n, y, x]
             changed = wp.bool(True)
             if wp.static(not listed):
                 changed = hit != portion.quiet[env, y, x]
@@ -206,11 +224,14 @@ def make_gather(
                     if s.sky == 0:
                         shift_b = keys.shift[n + keys.turn.shape[0] / 2, body]
                         flag = asked(change, body, env, n, hit, s.point, keys.shift[n, body], shift_b)
-                apart_b = float(portion.upsampling - i)
-                state_a, value = look_up(view, keys, keys.first[0] + base, s, m_a, portion.tolerance, float(i))
+                apart_a = portion.pace * float(i)
+                apart_b = portion.pace * float(portion.upsampling - i)
+                state_a, value = look_up(view, keys, keys.first[0] + base, s, m_a, portion.tolerance, apart_a)
                 state_b, other = look_up(view, keys, keys.first[1] + base, s, m_b, portion.tolerance, apart_b)
                 if wp.static(log_albedo is not None):
                     if state_a == BARE or state_b == BARE:
+                        if wp.static(single):
+                            shown.packed[n, y, x] = hit
                         texture = log_albedo(view, pixel_at(n, y, x), shown, surfaces)
                         if texture == 0.0:
                             state_a = wp.where(state_a == BARE, HIDDEN, state_a)
@@ -249,25 +270,29 @@ def make_gather(
                     todo[take_place(todo_count, band)] = at
                 elif told and unchanged:
                     # The keyframe's own pixel, to the last bit: nothing has changed.
-                    frames[frame, y - m, x - m] = keys.image[env, y, x]
+                    frames[frame, row_out, column_out] = keys.image[env, y, x]
                 elif told:
                     if not seen_a:
                         value = other
                     elif seen_b:
                         value += share * (other - value)
-                    frames[frame, y - m, x - m] = radiance_of(value, portion.strength[n])
+                    frames[frame, row_out, column_out] = radiance_of(value, portion.strength[n])
                 else:
-                    pixels[first + take_place(count, band)] = (n * view.height + y) * view.width + x
+                    place = first + take_place(count, band)
+                    pixels[place] = (n * view.height + y) * view.width + x
+                    if wp.static(single):
+                        shown.packed[n, y, x] = hit
+                        places[place] = j
             else:
-                frames[frame, y - m, x - m] = keys.image[env, y, x]
+                frames[frame, row_out, column_out] = keys.image[env, y, x]
             j += workers
 
     return gather
 
 
 @cache
-def make_place(channels: int) -> wp.Kernel:
-    """Makes the kernel that writes shaded pixels into the frames."""
+def make_place(channels: int, single: bool = False) -> wp.Kernel:
+    """Makes the kernel that writes shaded pixels into the frames; single: as of make_gather."""
     pixel = wp.float32 if channels == 1 else wp.vec3
 
     @wp.kernel(module="unique", enable_backward=False)
@@ -277,17 +302,18 @@ def make_place(channels: int) -> wp.Kernel:
         first: int,
         band: int,
         envs: int,
-        upsampling: int,
+        per_env: int,
         margin: int,
-        index: wp.array(dtype=int),
+        which: wp.array(dtype=int),
         pixels: wp.array(dtype=int),
+        places: wp.array(dtype=int),
         count: wp.array(dtype=int),
         radiance: wp.array3d(dtype=wp.vec3),
         # out
         frames: wp.array3d(dtype=pixel),
     ):
-        """Computes radiance [P E, H, W] of the listed pixels, as luminance (equation (3)) or RGB, into frames [E K, h,
-        w]."""
+        """Computes radiance [P E, H, W] of the listed pixels, as luminance (equation (3)) or RGB, into frames [E
+        per_env, h, w], which[slot] of its environment."""
         j = wp.tid()
         width = radiance.shape[2]
         height = radiance.shape[1]
@@ -296,12 +322,18 @@ def make_place(channels: int) -> wp.Kernel:
             x = at % width
             y = at // width % height
             n = at // (width * height)
-            frame = n % envs * upsampling + index[n // envs] - 1
+            frame = n % envs * per_env + which[n // envs]
+            y_out = y - margin
+            x_out = x - margin
             colour = radiance[n, y, x]
+            if wp.static(single):
+                frame = wp.int32(0)
+                y_out = wp.int32(0)
+                x_out = places[first + j]
             if wp.static(channels == 1):
-                frames[frame, y - margin, x - margin] = fused_luminance(colour)
+                frames[frame, y_out, x_out] = fused_luminance(colour)
             else:
-                frames[frame, y - margin, x - margin] = colour
+                frames[frame, y_out, x_out] = colour
             j += workers
 
     return place

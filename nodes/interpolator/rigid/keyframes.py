@@ -51,11 +51,12 @@ class Pair:
         """Begins a gap: B becomes A, and the other keyframe is to be filled."""
         self.a, self.b = self.b, self.a
 
-    def displace(self, camera: int, poses: wp.array) -> None:
-        """Computes `turn` and `shift` for poses transformd [P E, N] of the sub-frames: launches only."""
+    def displace(self, camera: int, poses: wp.array, turn: wp.array, shift: wp.array) -> None:
+        """Computes how bodies at poses transformd [R, N] have moved since A, then since B, turn mat33 and shift vec3
+        [2 R, N + 2]: launches only."""
         rows = poses.shape[0]
         for k, then in enumerate((self.a, self.b)):
-            out = [array[k * rows : (k + 1) * rows] for array in (self.turn, self.shift)]
+            out = [array[k * rows : (k + 1) * rows] for array in (turn, shift)]
             wp.launch(displace, out[0].shape, [camera, poses, then.poses], out, device=poses.device)
 
     def kernel(self) -> Any:

@@ -20,6 +20,9 @@ MANY_FRAMES = 16
 """Frames of a gap from which on details finer than pixels count: of fewer, events are further off because of the time
 between frames, and what details cost for each keyframe is shared by fewer frames."""
 
+EVER = 1.0e9
+"""Path [px] that is longer than any."""
+
 PORTION, LEAST = {True: 1 << 21, False: 1 << 25}, 8
 """Pixels of the sub-frames that are worked on at once, on a CPU and on a GPU: what caches and memory hold; and least
 sub-frames where there are lines between samples, in which case it is as on a CPU with one environment."""
@@ -37,6 +40,9 @@ class RigidOptions:
     sample_px: float | None = None
     """Path [px] of a pixel over the surface that it shows, up to which a sub-frame may be a line between two others; 0:
     none is; None: SAMPLE_PX."""
+    probes: int = 0
+    """Times per frame at which it is found out what pixels see, for who looks at single pixels between the frames: then
+    all frames are there at once, and none of their pixels is on a line between two others. 0: frames only."""
     on_device: bool | None = None
     """Whether all is decided on the device, None: for a GPU; otherwise by lists that the host divides. The frames are
     the same, bit for bit."""
@@ -49,7 +55,7 @@ class Layout:
     envs: E. upsampling: K. channels: 1 or 3. portions: sub-frames, counted from 1, in the slots of each portion; the
     first begins with keyframe B itself, so that its z-buffer is there for all the others. step: path [px] between two
     samples of a pixel, 0 = all are looked up. tolerance: of log radiance. on_device: see RigidOptions. flicker: whether
-    lights do. waveform: of all that flicker, if they share one.
+    lights do. waveform: of all that flicker, if they share one. probes: see RigidOptions.
     """
 
     envs: int
@@ -61,21 +67,38 @@ class Layout:
     on_device: bool
     flicker: bool
     waveform: Waveform | None
+    probes: int = 0
 
     @property
     def detailed(self) -> bool:
         """Tells whether frames are so close together that what is finer than a keyframe's pixels counts."""
-        return self.upsampling >= MANY_FRAMES
+        return self.probes > 0 or self.upsampling >= MANY_FRAMES
+
+    @property
+    def pace(self) -> float:
+        """Gives the path [px] per frame from which on details finer than pixels do not matter: events between frames
+        that are further apart than these are off for that reason."""
+        return EVER if self.probes > 0 else 1.0
+
+    @property
+    def instants(self) -> int:
+        """Gives the times of a gap at which it is found out what pixels see; every so many of them there is a frame."""
+        return self.upsampling * max(self.probes, 1)
 
     @property
     def slots(self) -> int:
-        """Gives sub-frames of a portion, at most."""
-        return len(self.portions[0])
+        """Gives what is drawn at once: sub-frames of a portion, at most, and probes."""
+        return len(self.shown[0])
 
     @property
     def shown(self) -> list[list[int]]:
-        """Gives the sub-frame, counted from 0, of each slot of each portion; those left over repeat the last one."""
-        return [[part[min(s, len(part) - 1)] - 1 for s in range(self.slots)] for part in self.portions]
+        """Gives the instant, counted from 0, of each slot of each portion: of sub-frames first, of which those left
+        over repeat the last one, then of the probes between them."""
+        if self.probes:
+            frames = [part * self.probes - 1 for part in self.portions[0]]
+            return [[*frames, *(i for i in range(self.instants) if (i + 1) % self.probes)]]
+        longest = len(self.portions[0])
+        return [[part[min(s, len(part) - 1)] - 1 for s in range(longest)] for part in self.portions]
 
     @property
     def ratio(self) -> float:
@@ -111,11 +134,15 @@ def layout_of(
     flicker = bool(waveforms)
     waveform = waveforms.pop() if len(waveforms) == 1 else None
     # Light that flickers is on no line.
-    step = 0.0 if flicker else SAMPLE_PX[cpu] if asked.sample_px is None else asked.sample_px
+    step = 0.0 if flicker or asked.probes else SAMPLE_PX[cpu] if asked.sample_px is None else asked.sample_px
     # Lines end with a portion, which must not depend on the device or on other environments.
     at_once = max(LEAST, PORTION[True] // pixels) if step > 0 else max(1, PORTION[cpu] // (envs * pixels))
+    if asked.probes:
+        at_once = upsampling
     slots = -(-upsampling // -(-upsampling // at_once))
     order = [upsampling, *range(1, upsampling)]
     portions = [order[k : k + slots] for k in range(0, upsampling, slots)]
     on_device = not cpu if asked.on_device is None else asked.on_device
-    return Layout(envs, upsampling, channels, portions, step, asked.tolerance, on_device, flicker, waveform)
+    return Layout(
+        envs, upsampling, channels, portions, step, asked.tolerance, on_device, flicker, waveform, asked.probes
+    )

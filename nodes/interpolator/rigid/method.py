@@ -68,45 +68,50 @@ class Rigid:
         """scene, camera: those of the renderer. upsampling: K. margin: pixels beyond the image on every side. channels:
         1 or 3. threads: of a CPU. worlds: see Placement."""
         asked, cpu = options or RigidOptions(), wp.get_device(device).is_cpu
-        self._layout = layout_of(scene, camera, envs, upsampling, margin, channels, cpu, asked)
-        slots, step = self._layout.slots, self._layout.step
-        self._placement = Placement(scene, worlds)
-        sparse = True if len(self._placement.movers) else None
+        self.layout = layout_of(scene, camera, envs, upsampling, margin, channels, cpu, asked)
+        slots, step = self.layout.slots, self.layout.step
+        self.placement = Placement(scene, worlds)
+        sparse = True if len(self.placement.movers) else None
         v = self.visibility = Visibility(scene, camera, envs * slots, margin, device, threads, sparse=sparse)
-        self._places = Slots(scene, v, self._placement, slots)
+        self._places = Slots(scene, v, self.placement, slots)
         self.shading = Shading(v, ShadingOptions(asked.light_samples, asked.paths, remember=False))
         self._device = v.device
-        self._size = (v.shape[1] - 2 * margin, v.shape[2] - 2 * margin)
-        textured = textured_in(self.shading, self._layout)
+        self.size = (v.shape[1] - 2 * margin, v.shape[2] - 2 * margin)
+        textured = textured_in(self.shading, self.layout)
         keyframe, bodies = (envs, *v.shape[1:]), len(scene.bodies)
-        self._pair = Pair(keyframe, slots, bodies, channels, self._device, self._layout.exact_flicker, textured)
+        self.pair = Pair(keyframe, slots, bodies, channels, self._device, self.layout.exact_flicker, textured)
         self._at_b: KeyframeView | None = None
         self._held = np.zeros(envs, bool)
         """Environments that begun an episode with that keyframe."""
         self._even = True
         self._graphs, self._beside = CudaGraphs(self._device), Branch(self._device)
         pieces, patches = pieces_of(scene, v.geometry.triangle_instance)
-        self._pieces = v.put(pieces, wp.vec2i)
+        self.pieces = v.put(pieces, wp.vec2i)
         self._moving = v.put(self._may_move(pieces[:, 1], patches), wp.int32)
         with wp.ScopedDevice(self._device):
-            self._quiet = wp.empty(keyframe, dtype=wp.uint64)
+            self.quiet = wp.empty(keyframe, dtype=wp.uint64)
             self._still = wp.zeros((envs, bodies + 2), dtype=wp.int32)
             # Of the last sub-frame of the portion before.
-            self._before = wp.empty((envs, bodies), dtype=wp.transformd), wp.empty_like(self._quiet)
+            self._before = wp.empty((envs, bodies), dtype=wp.transformd), wp.empty_like(self.quiet)
         self._flags = np.zeros(self._still.shape, np.int32)
         # As many threads as share the visibility's rows, for these shade the lists.
         tiles = len(v.row_tiles.rows)
         pool = ThreadPoolExecutor(tiles) if tiles > 1 else None
         lit_by_paths = asked.paths is not None
-        self._change = make_light_change(self.shading, envs, self._placement.movers, asked.tolerance, lit_by_paths)
-        self._sampling = Sampling(v, self._pieces, self._layout, pool, self._change)
-        self._reprojection = Reprojection(self.shading, self._sampling, self._pieces, self._layout, self._change)
+        self.change = make_light_change(self.shading, envs, self.placement.movers, asked.tolerance, lit_by_paths)
+        self.sampling = Sampling(v, self.pieces, self.layout, pool, self.change)
+        self._reprojection = Reprojection(self.shading, self.sampling, self.pieces, self.layout, self.change)
         self._sparse = SparseRaster(v, envs, step) if step > 0 and SparseRaster.pays(v) else None
         self._strides = [1] * envs
         # What the report needs, where the host reads it.
         counted = self._reprojection.counted
         self._told = [wp.zeros(n.size, dtype=wp.int32, device="cpu", pinned=not cpu) for n in counted]
         self._buffer: wp.array | None = None
+
+    @property
+    def strength(self) -> wp.array:
+        """Gives how strong lights that flicker are at what was drawn, float32 [slots E], empty without such."""
+        return self._reprojection.strength
 
     def settle(self) -> None:
         """Takes what it remembers now for what it knows when an episode begins: after it was warmed up."""
@@ -121,23 +126,23 @@ class Rigid:
         held = np.asarray(held, bool)
         together = a.own is None and b.own is None
         if together:
-            stamps = subframe_stamps(a.stamp_ns, b.stamp_ns, self._layout.upsampling)
+            stamps = subframe_stamps(a.stamp_ns, b.stamp_ns, self.layout.instants)
         else:
-            stamps = own_subframes(a, b, held, self._layout.upsampling)
+            stamps = own_subframes(a, b, held, self.layout.instants)
         places = self._places
         places.begin(stamps, a.states, b.states, held)
         begun = self._begun(a, held)
         if self._at_b is not a:
             self._prepare(a)
-        self._pair.swap()
+        self.pair.swap()
         self._at_b, self._held = b, held
         if self._sparse is not None:
             for env in np.flatnonzero(begun).tolist():
                 self._sparse.begin(env)
-                self._sparse.look(env, self._pair.a.packed[env].numpy())
-            self._strides = self._sparse.strides(places.camera_path(), self._pair.a.packed)
-        frames = self._target(out)
-        for portion, slots in enumerate(self._layout.shown):
+                self._sparse.look(env, self.pair.a.packed[env].numpy())
+            self._strides = self._sparse.strides(places.camera_path(), self.pair.a.packed)
+        frames = self.frames = self._target(out)
+        for portion, slots in enumerate(self.layout.shown):
             self.shading.update(places.place(slots))
             # Launches that were recorded before the occluders' trees were built know others.
             builds = self.shading.occluders.builds
@@ -147,19 +152,19 @@ class Rigid:
             # While a GPU draws.
             if portion == 0:
                 self._take(b, held)
-            if self._layout.flicker:
-                shown = np.repeat(stamps[slots], self._layout.envs) if together else stamps.T[slots].reshape(-1)
+            if self.layout.flicker:
+                shown = np.repeat(stamps[slots], self.layout.envs) if together else stamps.T[slots].reshape(-1)
                 self.shading.set_times(shown)
-            if self._layout.waveform is not None:
+            if self.layout.waveform is not None:
                 times, which = np.unique(shown, return_inverse=True)
-                strength = np.array([waveform_strength(self._layout.waveform, int(t)) for t in times], np.float32)
+                strength = np.array([waveform_strength(self.layout.waveform, int(t)) for t in times], np.float32)
                 self._reprojection.strength.assign(strength[which.reshape(-1)])
             self._graphs.run(("look", portion, self._even, builds), partial(self._reproject, portion, frames))
         self._even = not self._even
         if frames is self._buffer:
             self._hand_over(frames, out)
         if self._device.is_cuda and together:
-            self._placement.expect(stamps)
+            self.placement.expect(stamps)
         return self._report()
 
     def _begun(self, a: KeyframeView, held: np.ndarray) -> np.ndarray:
@@ -179,10 +184,10 @@ class Rigid:
 
     def _take(self, b: KeyframeView, held: np.ndarray) -> None:
         """What does not depend on the sub-frames: the later keyframe, and what stands still before it."""
-        self._pair.b.take(b.image)
-        flags = self._places.still(self._layout.flicker, held)
-        if self._change is not None:
-            flags = self._change.begin(self._places.moved, self._places.before, self._places.rest, flags)
+        self.pair.b.take(b.image)
+        flags = self._places.still(self.layout.flicker, held)
+        if self.change is not None:
+            flags = self.change.begin(self._places.moved, self._places.before, self._places.rest, flags)
         if flags is not self._flags and not np.array_equal(flags, self._flags):
             self._still.assign(flags)
         self._flags = flags
@@ -190,8 +195,8 @@ class Rigid:
     def _draw(self, portion: int) -> None:
         """Who is seen in a portion of the sub-frames, for what is placed; the first one begins with B itself, the last
         one ends with it. Launches only, which a GPU may have recorded."""
-        v, part = self.visibility, self._layout.portions[portion]
-        first, closed = int(portion == 0), portion == len(self._layout.portions) - 1
+        v, part = self.visibility, self.layout.portions[portion]
+        first, closed = int(portion == 0), portion == len(self.layout.portions) - 1
         v.arrive()
         if max(self._strides) > 1 and self._sparse is not None:
             placed = partial(self._launch_beside, portion)
@@ -202,32 +207,30 @@ class Rigid:
 
     def _reproject(self, portion: int, frames: wp.array) -> None:
         """The frames of a portion that is drawn. Launches only."""
-        v, part = self.visibility, self._layout.portions[portion]
-        first, closed = int(portion == 0), portion == len(self._layout.portions) - 1
+        v, part = self.visibility, self.layout.portions[portion]
+        first, closed = int(portion == 0), portion == len(self.layout.portions) - 1
         count = len(part) - first
         with self._beside.aside():
             if closed:
-                m, image = v.margin, self._pair.b.image
-                by_env = frames.reshape((self._layout.envs, self._layout.upsampling, *self._size))
-                wp.copy(
-                    by_env[:, self._layout.upsampling - 1], image[:, m : image.shape[1] - m, m : image.shape[2] - m]
-                )
+                m, image = v.margin, self.pair.b.image
+                by_env = frames.reshape((self.layout.envs, self.layout.upsampling, *self.size))
+                wp.copy(by_env[:, self.layout.upsampling - 1], image[:, m : image.shape[1] - m, m : image.shape[2] - m])
             if first:
                 self._find_quiet()
-                if self._change is not None:
-                    self._change.disquiet(self._pieces, self._quiet)
+                if self.change is not None:
+                    self.change.disquiet(self.pieces, self.quiet)
         if first:
-            if self._layout.waveform is not None:
-                self._pair.b.take_lights(partial(self._reprojection.light, placed=True))
-            self._pair.b.fill(v, self._layout.envs, self._pieces, self._moving, self._reprojection.nonfinite)
-            self._reprojection.take_albedo(self._pair.b)
+            if self.layout.waveform is not None:
+                self.pair.b.take_lights(partial(self._reprojection.light, placed=True))
+            self.pair.b.fill(v, self.layout.envs, self.pieces, self._moving, self._reprojection.nonfinite)
+            self._reprojection.take_albedo(self.pair.b)
         self._beside.join()
         if count:
-            before = (self._pair.a.poses, self._pair.a.packed) if first else self._before
+            before = (self.pair.a.poses, self.pair.a.packed) if first else self._before
             given = SubframeRange(portion, first, count, part[first] - 1, closed, before)
-            self._reprojection.reproject(given, self._pair, self._quiet, frames)
+            self._reprojection.reproject(given, self.pair, self.quiet, frames)
             if not closed:
-                last = slice((len(part) - 1) * self._layout.envs, len(part) * self._layout.envs)
+                last = slice((len(part) - 1) * self.layout.envs, len(part) * self.layout.envs)
                 for source, target in zip((v.poses, v.packed), self._before):
                     wp.copy(target, source[last])
         if closed:
@@ -240,24 +243,24 @@ class Rigid:
             if portion == 0:
                 self._reprojection.clear()
                 self._take_poses()
-            self._reprojection.place(self._pair)
-            if self._change is not None:
-                self._change.place()
+            self._reprojection.place(self.pair)
+            if self.change is not None:
+                self.change.place()
 
     def _report(self) -> Report:
         if self._device.is_cuda:
             wp.synchronize_stream(self._device.stream)
         count, sampled = (told.numpy() for told in self._told)
-        samples = self._layout.envs * (self._layout.upsampling - 1) * self._size[0] * self._size[1]
-        looked_up = samples if self._layout.two_pass else int(sampled.sum())
+        samples = self.layout.envs * (self.layout.upsampling - 1) * self.size[0] * self.size[1]
+        looked_up = samples if self.layout.two_pass else int(sampled.sum())
         return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=looked_up)
 
     def _find_quiet(self) -> None:
         """Pixels that do not change unless something comes before them."""
-        v, a, b = self.visibility, self._pair.a, self._pair.b
-        given = [v.span, a.packed, v.packed[: self._layout.envs], a.image, b.image, self._pieces, self._still]
-        dim = (self._layout.envs, v.shape[1], v.shape[2] // v.span)
-        wp.launch(keyframe_kernels.find_quiet, dim, given, [self._quiet], device=self._device)
+        v, a, b = self.visibility, self.pair.a, self.pair.b
+        given = [v.span, a.packed, v.packed[: self.layout.envs], a.image, b.image, self.pieces, self._still]
+        dim = (self.layout.envs, v.shape[1], v.shape[2] // v.span)
+        wp.launch(keyframe_kernels.find_quiet, dim, given, [self.quiet], device=self._device)
 
     def _prepare(self, view: KeyframeView) -> None:
         """A keyframe whose z-buffer is not there from the gap before."""
@@ -268,25 +271,25 @@ class Rigid:
         else:
             v.draw()
         v.drawn()
-        self._pair.b.take(view.image)
+        self.pair.b.take(view.image)
         self._take_poses()
-        if self._layout.waveform is not None:
+        if self.layout.waveform is not None:
             self.shading.update(placed)
-            self._pair.b.take_lights(partial(self._reprojection.light, placed=False))
-        self._pair.b.fill(self.visibility, self._layout.envs, self._pieces, self._moving, self._reprojection.nonfinite)
-        self._reprojection.take_albedo(self._pair.b)
+            self.pair.b.take_lights(partial(self._reprojection.light, placed=False))
+        self.pair.b.fill(self.visibility, self.layout.envs, self.pieces, self._moving, self._reprojection.nonfinite)
+        self._reprojection.take_albedo(self.pair.b)
 
     def _take_poses(self) -> None:
         """Where bodies, lights and casters are at keyframe B: launches only."""
-        b = self._pair.b
-        b.take_poses(self.visibility, self._layout.envs)
-        if self._change is not None:
-            self._change.take(b.number, b.poses)
+        b = self.pair.b
+        b.take_poses(self.visibility, self.layout.envs)
+        if self.change is not None:
+            self.change.take(b.number, b.poses)
 
     def _target(self, out: np.ndarray | wp.array) -> wp.array:
         """The output on a CPU, a buffer in its place on a GPU, as [E K, h, w] pixels."""
-        pixel: Any = wp.float32 if self._layout.channels == 1 else wp.vec3
-        shape = (self._layout.envs * self._layout.upsampling, *self._size)
+        pixel: Any = wp.float32 if self.layout.channels == 1 else wp.vec3
+        shape = (self.layout.envs * self.layout.upsampling, *self.size)
         if self._device.is_cpu:
             given = out.numpy() if isinstance(out, wp.array) else out
             return wp.array(given, dtype=pixel, shape=shape, copy=False, device="cpu")

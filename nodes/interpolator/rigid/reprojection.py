@@ -44,9 +44,11 @@ class Reprojection:
         v = self._v = shading.visibility
         self._shading, self._sampling, self._pieces = shading, sampling, pieces
         envs, channels, exact = layout.envs, layout.channels, layout.exact_flicker
+        self._pace = layout.pace
         self._envs, self._upsampling, self._two_pass = envs, layout.upsampling, layout.two_pass
         self._tolerance, self._relight, self._device = layout.tolerance, int(layout.relight), v.device
         self._index = [v.put(np.array(part, np.int32), wp.int32) for part in layout.portions]
+        self._frame = [v.put(np.array(part, np.int32) - 1, wp.int32) for part in layout.portions]
         slots = layout.slots
         self._inner = envs * (v.shape[1] - 2 * v.margin) * (v.shape[2] - 2 * v.margin)
         whole = envs * v.shape[1] * v.shape[2] if exact else 0
@@ -55,6 +57,7 @@ class Reprojection:
         with wp.ScopedDevice(v.device):
             self._radiance = wp.empty(v.shape, dtype=wp.vec3)
             self._pixels = wp.empty(slots * self._inner, dtype=wp.int32)
+            self._places = wp.empty(0, dtype=wp.int32)
             self._count = wp.zeros(sampling.counts.size + 1, dtype=wp.int32)
             self.strength = wp.zeros(slots * envs if exact else 0, dtype=wp.float32)
             self._all: wp.array = wp.array(np.arange(whole, dtype=np.int32))
@@ -91,7 +94,7 @@ class Reprojection:
         shadow casters."""
         v = self._v
         self._lit = None
-        pair.displace(v.camera_body, v.poses)
+        pair.displace(v.camera_body, v.poses, pair.turn, pair.shift)
         self._placed = v.device.is_cuda or self._changes.any
         if self._placed:
             self._shading.place()
@@ -137,9 +140,15 @@ class Reprojection:
         """What the gather reads of a portion and of the scene."""
         portion: Any = Portion()
         portion.slot0, portion.count, portion.envs = part.slot0, part.count, self._envs
-        portion.upsampling, portion.tolerance, portion.relight = self._upsampling, self._tolerance, self._relight
+        portion.frames = portion.upsampling = self._upsampling
+        portion.pace = self._pace
+        portion.tolerance, portion.relight = self._tolerance, self._relight
         portion.keyframes = wp.vec2i(pair.a.number, pair.b.number)
-        portion.index, portion.strength = self._index[part.number], self.strength
+        portion.index, portion.frame, portion.strength = (
+            self._index[part.number],
+            self._frame[part.number],
+            self.strength,
+        )
         portion.packed, portion.quiet, portion.pieces = self._v.packed, quiet, self._pieces
         return portion
 
@@ -147,14 +156,14 @@ class Reprojection:
         """Look up all pixels of a portion but those that need care, which are listed."""
         todo = self._sampling.everything(part)
         given: list[Any] = [self._v.view, 0, 0, 1, todo.at, *how, todo.pixels, self._sampling.counts]
-        given += [frames, self._pixels, self._count]
+        given += [frames, self._pixels, self._places, self._count]
         wp.launch(self._first_look, part.count * self._inner, given, device=self._device, block_dim=BLOCK)
         return todo
 
     def _look_up(self, todo: Todo, how: list[Any], frames: wp.array) -> list[int]:
         """Look up what is listed. Gives where the list of each band begins of what no keyframe shows."""
         view = self._v.view
-        shared = [*how, todo.pixels, self._sampling.counts, frames, self._pixels, self._count]
+        shared = [*how, todo.pixels, self._sampling.counts, frames, self._pixels, self._places, self._count]
         if todo.starts is None:
             given: list[Any] = [view, 0, -1, CARE_WORKERS, todo.at, *shared]
             wp.launch(self._gather, CARE_WORKERS, given, device=self._device, block_dim=BLOCK)
@@ -179,7 +188,7 @@ class Reprojection:
         workers = 1 if self._device.is_cpu else LIST_WORKERS
         for band, first in enumerate(firsts):
             given: list[Any] = [workers, first, band, self._envs, self._upsampling, self._v.margin]
-            given += [self._index[part.number], self._pixels, count, self._radiance]
+            given += [self._frame[part.number], self._pixels, self._places, count, self._radiance]
             wp.launch(self._place, workers, given, [frames], device=self._device)
 
 

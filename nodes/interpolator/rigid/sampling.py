@@ -178,11 +178,11 @@ class Sampling:
     def _split(self, count: int) -> list[int]:
         return [count * k // self.bands for k in range(self.bands + 1)]
 
-    def launch(self, launches: list[tuple[wp.Kernel, int, list[Any]]]) -> None:
-        """Launches kernels, on a CPU for each band: (kernel, threads, arguments)."""
+    def launch(self, launches: list[tuple[wp.Kernel, Any, list[Any]]]) -> None:
+        """Launches kernels, for each band: (kernel, threads, arguments)."""
         if self._pool is None:
             for kernel, dim, given in launches:
-                wp.launch(kernel, dim, given, device="cpu")
+                wp.launch(kernel, dim, given, device=self._v.device)
             return
         recorded = [wp.launch(kernel, dim, given, device="cpu", record_cmd=True) for kernel, dim, given in launches]
         list(self._pool.map(lambda command: command.launch(), recorded))

@@ -153,6 +153,23 @@ class TiledRaster:
         wp.launch(self._tiles, WORKERS, [v.view, WORKERS, *large], device=v.device, block_dim=TILE_BLOCK)
 
 
+class NoRaster:
+    """Draws nothing: for who finds by himself what the pixels show."""
+
+    local = True
+
+    def __init__(self, arrays: SceneArrays, still: np.ndarray) -> None:
+        """still: of no use."""
+        self.vertices = arrays.points.reshape((1, -1))
+
+    def clear(self) -> None:
+        """Does nothing."""
+
+    def draw(self, packed: wp.array, still: bool, moving: bool, cleared: Callable[[], None] = lambda: None) -> None:
+        """Does nothing but call `cleared`."""
+        cleared()
+
+
 def part_of(first_moving: int, count: int, still: bool, moving: bool) -> tuple[int, int]:
     """Gives the start and the number of the still items, which come first, of the others, or of both."""
     start = 0 if still else first_moving

@@ -14,7 +14,7 @@ from nodes.renderer.geometry.pose_upload import PoseUpload
 from nodes.renderer.geometry.poses import InstancePoses, check_poses, check_shape, check_values, same_bytes
 from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.raster import output_kernels
-from nodes.renderer.raster.raster import RowRaster, TiledRaster
+from nodes.renderer.raster.raster import NoRaster, RowRaster, TiledRaster
 from nodes.renderer.raster.scene_arrays import SceneArrays
 
 wp.config.log_level = wp.LOG_WARNING
@@ -46,8 +46,10 @@ class Visibility(SceneArrays):
         tiled: bool | None = None,
         layered: bool = True,
         sparse: bool | None = None,
+        drawn: bool = True,
     ) -> None:
-        """sparse: whether only bodies that may move are sent from one instant to the next; None = where it pays."""
+        """sparse: whether only bodies that may move are sent from one instant to the next; None = where it pays. drawn:
+        False for who fills `packed` himself and never draws."""
         super().__init__(scene, camera, envs, margin, device, threads)
         geometry = self.geometry
         still = geometry.static & is_static(scene, self.camera_body)
@@ -73,7 +75,7 @@ class Visibility(SceneArrays):
             self.put(geometry.translation, wp.vec3d),
         ]
         tiled = self.device.is_cuda if tiled is None else tiled
-        self.raster = (TiledRaster if tiled else RowRaster)(self, still)
+        self.raster = ((TiledRaster if tiled else RowRaster) if drawn else NoRaster)(self, still)
         self.vertices, self.view.local = self.raster.vertices, int(self.raster.local)
         self._graphs, self._cleared = CudaGraphs(self.device), Branch(self.device)
 

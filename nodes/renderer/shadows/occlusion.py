@@ -38,10 +38,12 @@ class Occluders:
         active: bool,
         trees: bool | None = None,
         merged: bool = False,
+        meshes: dict[int, wp.Mesh] | None = None,
     ) -> None:
+        """meshes: ray-tracing structures by the id of their mesh, that others of the same scene have made already."""
         geometry, put = visibility.geometry, visibility.put
         self._visibility = visibility
-        self._blas: dict[int, wp.Mesh] = {}
+        self.meshes: dict[int, wp.Mesh] = {} if meshes is None else meshes
         ids = np.array([self._mesh(mesh) if active else 0 for mesh in geometry.meshes], np.uint64)
         order = np.argsort(~still, kind="stable")
         order = order[ids[order] != 0]
@@ -156,16 +158,16 @@ class Occluders:
         """Id of the ray-tracing structure of a mesh, built once for all its instances; 0 for an empty one."""
         if not len(mesh.faces):
             return 0
-        if id(mesh) not in self._blas:
+        if id(mesh) not in self.meshes:
             points = np.asarray(mesh.vertices, np.float64)
             points = points - (points.min(0) + points.max(0)) / 2
             put: Any = self._visibility.put
-            self._blas[id(mesh)] = wp.Mesh(
+            self.meshes[id(mesh)] = wp.Mesh(
                 points=put(points, wp.vec3),
                 indices=put(np.asarray(mesh.faces).reshape(-1), wp.int32),
                 bvh_constructor="sah",
             )
-        return int(self._blas[id(mesh)].id)
+        return int(self.meshes[id(mesh)].id)
 
 
 def half_extents(visibility: Visibility) -> np.ndarray:

@@ -1,0 +1,152 @@
+"""Single pixels at instants of their own: seen, looked up in both keyframes, and shaded where neither shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from nodes.interpolator.keyframe import States
+from nodes.interpolator.refine.sight_kernels import Targets
+from nodes.interpolator.relight.change_kernels import Change
+from nodes.interpolator.relight.features import LightChanges
+from nodes.interpolator.rigid.gather_kernels import Portion, make_gather, make_place
+from nodes.interpolator.rigid.method import Rigid
+from nodes.interpolator.rigid.reprojection import textured_in
+from nodes.interpolator.rigid.slots import Slots
+from nodes.renderer.lighting import LIST_WORKERS, Shading, ShadingOptions
+from nodes.renderer.lights.lights import waveform_strength
+from nodes.renderer.raster.visibility import Visibility
+
+
+class Evaluator:
+    """Evaluates listed pixels at the instants that are in its slots, `slots` x E rows, for the gap that a `Rigid` has
+    just made frames of.
+
+    hits uint64 [list]: z-buffer entries, to be written before; values [list]: radiance. bands: threads, each with a
+    part of the list.
+    """
+
+    def __init__(self, rigid: Rigid, slots: int, threads: int, light_samples: int) -> None:
+        self._rigid, layout = rigid, rigid.layout
+        coarse = rigid.visibility
+        scene, camera, self._envs, self._slots = coarse.scene, coarse.camera, layout.envs, slots
+        sparse = True if len(rigid.placement.movers) else None
+        v = self.visibility = Visibility(
+            scene, camera, self._envs * slots, coarse.margin, str(coarse.device), threads,
+            layered=False, sparse=sparse, drawn=False,
+        )  # fmt: skip
+        options = ShadingOptions(light_samples, None, remember=False, traced=True)
+        self.shading = Shading(v, options, rigid.shading.occluders.meshes)
+        self.places = Slots(scene, v, rigid.placement, slots)
+        change = rigid.change
+        self._change: Any = change.beside(self.shading) if change else Change()
+        changes = change.features if change else LightChanges()
+        channels, exact = layout.channels, layout.exact_flicker
+        self._room = 0
+        self.size = (v.shape[1] - 2 * v.margin, v.shape[2] - 2 * v.margin)
+        self.bands = len(v.row_tiles.rows)
+        self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
+        bodies = len(v.names) + 2
+        with wp.ScopedDevice(v.device):
+            self._radiance = wp.empty(v.shape, dtype=wp.vec3)
+            self._turn = wp.empty((2 * v.envs, bodies), dtype=wp.mat33)
+            self._shift = wp.empty((2 * v.envs, bodies), dtype=wp.vec3)
+            self._count = wp.zeros(self.bands, dtype=wp.int32)
+            self._none = wp.zeros(self.bands, dtype=wp.int32)
+            self._frame = wp.zeros(slots, dtype=wp.int32)
+            self._index: wp.array = wp.zeros(slots, dtype=wp.int32)
+            self._strength = wp.zeros(v.envs if exact else 0, dtype=wp.float32)
+        f = self.shading.features
+        kind = (f.textures, f.smooth, f.tinted) if textured_in(self.shading, layout) else None
+        self._gather = make_gather(v.lens, channels, exact, True, changes, layout.detailed, kind, True)
+        self._place = make_place(channels, True)
+        self.targets = self._make_targets()
+        self.reserve(1)
+        self.shaded = 0
+        """Pixels that were shaded since the gap began."""
+
+    def _make_targets(self) -> Any:
+        v, targets = self.visibility, Targets()
+        targets.vertices, targets.triangles, targets.instance = v.vertices, v.triangles, v.triangle_instance
+        targets.two_sided, targets.pieces = v.two_sided, self._rigid.pieces
+        targets.first = v.put(v.geometry.first, wp.int32)
+        targets.casters = self.shading.occluders.casters
+        return targets
+
+    def begin(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> None:
+        """Begins a gap; arguments as of Slots.begin, for all instants."""
+        self._stamps, self.shaded = stamps, 0
+        self.places.begin(stamps, a, b, held)
+
+    def place(self, instants: Sequence[int], upsampling: int) -> None:
+        """Places what may move at instants, counted from 1 of `upsampling`, one for each slot."""
+        v, rigid, shading = self.visibility, self._rigid, self.shading
+        shading.update(self.places.place([i - 1 for i in instants]))
+        v.settle()
+        v.place_instances()
+        rigid.pair.displace(v.camera_body, v.poses, self._turn, self._shift)
+        shading.place()
+        shading.placed()
+        if rigid.change is not None:
+            rigid.change.place_beside(v, self._change)
+        self._index.assign(np.array(instants, np.int32))
+        self._upsampling = upsampling
+        if rigid.layout.flicker:
+            shown = self._stamps[..., np.array(instants) - 1]
+            shown = np.repeat(shown, self._envs) if shown.ndim == 1 else shown.T.reshape(-1)
+            shading.set_times(shown)
+            waveform = rigid.layout.waveform
+            if waveform is not None:
+                strength = [waveform_strength(waveform, int(t)) for t in shown]
+                self._strength.assign(np.array(strength, np.float32))
+
+    def reserve(self, size: int) -> None:
+        """Makes room for lists; what is there is lost where there is none."""
+        if size > self._room:
+            self._room = size + size // 2
+            with wp.ScopedDevice(self.visibility.device):
+                self.hits = wp.empty(self._room, dtype=wp.uint64)
+                self.values = wp.empty(self._room, dtype=self._pixel)
+                self._anew, self._places = (wp.empty(self._room, dtype=wp.int32) for _ in range(2))
+
+    def evaluate(self, listed: wp.array, starts: Sequence[int], counts: Sequence[int]) -> None:
+        """Computes `values` of listed pixels, int32 indices into [slots, E, h, w]: of band k, counts[k] from starts[k]
+        on."""
+        v, rigid = self.visibility, self._rigid
+        self._count.zero_()
+        values = self.values.reshape((1, 1, -1))
+        keys = rigid.pair.kernel()
+        keys.turn, keys.shift = self._turn, self._shift
+        portion = self._portion()
+        how = [portion, keys, self._change, self.shading.seen, self.shading.surfaces]
+        launches: list[tuple[wp.Kernel, int, list[Any]]] = []
+        for k, (start, count) in enumerate(zip(starts, counts)):
+            threads = min(count, 1) if v.device.is_cpu else count
+            given: list[Any] = [v.view, start, start + count, max(threads, 1), k, *how, listed, self._none]
+            launches.append((self._gather, threads, [*given, values, self._anew, self._places, self._count]))
+        rigid.sampling.launch([one for one in launches if one[1]])
+        found = self._count.numpy()
+        if not found.any():
+            return
+        self.shaded += int(found.sum())
+        self.shading.shade_list(self._radiance, self._anew, self._count, list(starts), True)
+        workers = 1 if v.device.is_cpu else LIST_WORKERS
+        for k, start in enumerate(starts):
+            given = [workers, start, k, self._envs, 1, v.margin, self._frame, self._anew, self._places, self._count]
+            wp.launch(self._place, workers, [*given, self._radiance], [values], device=v.device)
+
+    def _portion(self) -> Any:
+        """What the gather reads of the slots and of the scene."""
+        portion: Any = Portion()
+        layout, rigid = self._rigid.layout, self._rigid
+        portion.slot0, portion.count, portion.envs, portion.frames = 0, self._slots, self._envs, 1
+        portion.upsampling, portion.tolerance, portion.relight = self._upsampling, layout.tolerance, int(layout.relight)
+        portion.pace = layout.pace
+        portion.keyframes = wp.vec2i(rigid.pair.a.number, rigid.pair.b.number)
+        portion.index, portion.frame, portion.strength = self._index, self._frame, self._strength
+        portion.packed = self.hits.reshape((1, 1, -1))
+        portion.quiet, portion.pieces = rigid.quiet, rigid.pieces
+        return portion

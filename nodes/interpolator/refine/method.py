@@ -1,0 +1,42 @@
+"""`rigid` with further samples of single pixels between its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+
+from nodes.interpolator.keyframe import KeyframeView, Report
+from nodes.interpolator.refine.refinement import Refinement
+from nodes.interpolator.rigid.method import Rigid
+from nodes.interpolator.samples import Further
+
+PROBES = 4
+"""Times per frame at which it is found out what all pixels see."""
+
+
+class Refined:
+    """Makes the frames of `Rigid`, few of them, and finds when what single pixels show changes between them.
+
+    further: of the gap made last, None without any.
+    """
+
+    def __init__(self, rigid: Rigid, tolerance_ns: float, threads: int = 1, light_samples: int = 16) -> None:
+        """tolerance_ns: of the time of a crossing."""
+        self.rigid, self.refinement = rigid, Refinement(rigid, tolerance_ns, threads, light_samples)
+        self.further: Further | None = None
+
+    def settle(self) -> None:
+        """See Rigid."""
+        self.rigid.settle()
+
+    def between(
+        self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
+    ) -> Report:
+        """See Method."""
+        report = self.rigid.between(a, b, held, out)
+        self.further = self.refinement.further(a, b, np.asarray(held, bool), self.rigid.frames)
+        report.refined, report.reshaded = self.refinement.evaluated, report.reshaded + self.refinement.shaded
+        report.unreached = int(not self.refinement.reached)
+        return report

@@ -1,0 +1,154 @@
+"""What single pixels see at instants of their own: what they saw just before and after, else whatever a ray meets."""
+
+import warp as wp
+
+from nodes.renderer.raster.depth_kernels import MISS, triangle_of
+from nodes.renderer.raster.triangle_kernels import corners_of, edge_normal, edge_slack
+from nodes.renderer.raster.view_kernels import CameraView
+from nodes.renderer.shadows.ray_kernels import Casters, sphere_met
+
+wp.set_module_options({"enable_backward": False})
+
+SKY = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
+"""A z-buffer entry of a pixel that sees nothing."""
+FAR = wp.constant(1.0e30)
+"""Depth [m] behind everything."""
+OUTSIDE = wp.constant(-1.0e30)
+BESIDE = wp.constant(-1.0)
+"""Least weight of a corner up to which a smooth patch goes on as the plane of a triangle that a ray just misses."""
+BACKS = wp.constant(8)
+"""Faces seen from behind that a ray goes through before it is given up."""
+
+
+@wp.struct
+class Targets:
+    """Holds what rays are asked of: triangles, their instances' places [R, I] in the camera's frame (`casters`, with a
+    structure for each mesh), which of these are two-sided and have triangles first[i] ..; pieces: body and patch of
+    each triangle; vertices: as of triangle_kernels.corner."""
+
+    vertices: wp.array2d(dtype=wp.vec3)
+    triangles: wp.array(dtype=wp.vec3i)
+    instance: wp.array(dtype=int)
+    two_sided: wp.array(dtype=int)
+    first: wp.array(dtype=int)
+    pieces: wp.array(dtype=wp.vec2i)
+    casters: Casters
+
+
+@wp.func
+def entry_of(z: float, t: int):
+    """Packs a z-buffer entry."""
+    return (wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)) | wp.uint64(t)
+
+
+@wp.func
+def met(view: CameraView, targets: Targets, row: int, t: int, d: wp.vec3):
+    """Gives where a ray meets the plane of a triangle (its depth), and the least weight of a corner there: 0 or more
+    inside, as the raster tells it, OUTSIDE where the triangle is not seen."""
+    i = targets.instance[t]
+    turn = targets.casters.rotation[row, i]
+    place = targets.casters.translation[row, i]
+    a, b, c = corners_of(view, targets.vertices, targets.triangles, turn, place, row, t)
+    normal = wp.cross(b - a, c - a)
+    offset = wp.dot(normal, a)
+    if not (offset < 0.0 or (offset > 0.0 and targets.two_sided[i] == 1)):
+        return FAR, OUTSIDE
+    slope = wp.dot(normal, d)
+    z = offset / slope
+    if slope == 0.0 or z < view.near:
+        return FAR, OUTSIDE
+    sign = wp.where(offset > 0.0, 1.0, -1.0)
+    w0 = sign * wp.dot(edge_normal(b, c), d) + edge_slack(view, b, c)
+    w1 = sign * wp.dot(edge_normal(c, a), d) + edge_slack(view, c, a)
+    w2 = sign * wp.dot(edge_normal(a, b), d) + edge_slack(view, a, b)
+    return z, wp.min(w0, wp.min(w1, w2)) / wp.abs(slope)
+
+
+@wp.func
+def traced(view: CameraView, targets: Targets, row: int, i: int, d: wp.vec3, until: float):
+    """Gives the depth and the triangle at which a ray meets instance i before the depth `until`; else that depth and
+    MISS."""
+    casters = targets.casters
+    centre = casters.translation[row, i]
+    length = wp.length(d)
+    u = d / length
+    far = until * length
+    if casters.mesh[i] == wp.uint64(0) or not sphere_met(centre, casters.radius[i], u, wp.min(far, FAR)):
+        return until, MISS
+    inverse = wp.transpose(casters.rotation[row, i])
+    origin = -(inverse * centre)
+    u = inverse * u
+    start = view.near * wp.where(view.distorted == 1, 1.0, length)
+    for _k in range(BACKS):
+        q = wp.mesh_query_ray(casters.mesh[i], origin + start * u, u, far - start)
+        if not q.result:
+            return until, MISS
+        if targets.two_sided[i] == 1 or wp.dot(q.normal, u) < 0.0:
+            return (start + q.t) / length, targets.first[i] + q.face
+        start += q.t + 1.0e-5 * casters.radius[i]
+    return until, MISS
+
+
+@wp.func
+def seen_of_all(view: CameraView, targets: Targets, row: int, d: wp.vec3):
+    """Gives the z-buffer entry of a ray that is tried against everything."""
+    z = float(FAR)
+    t = wp.int32(MISS)
+    for i in range(targets.casters.mesh.shape[0]):
+        nearer, hit = traced(view, targets, row, i, d, z)
+        if hit != MISS:
+            z = nearer
+            t = hit
+    if t == MISS:
+        return SKY
+    return entry_of(z, t)
+
+
+@wp.func
+def seen_between(view: CameraView, targets: Targets, row: int, d: wp.vec3, before: wp.uint64, after: wp.uint64):
+    """Gives the z-buffer entry of a ray at an instant between two at which it had those entries."""
+    t = triangle_of(before)
+    u = triangle_of(after)
+    z = float(FAR)
+    hit = wp.int32(MISS)
+    z_t = float(FAR)
+    z_u = float(FAR)
+    in_t = float(OUTSIDE)
+    in_u = float(OUTSIDE)
+    if t != MISS:
+        z_t, in_t = met(view, targets, row, t, d)
+        if in_t >= 0.0:
+            z = z_t
+            hit = t
+    if u != MISS and u != t:
+        z_u, in_u = met(view, targets, row, u, d)
+        if in_u >= 0.0 and z_u < z:
+            z = z_u
+            hit = u
+    alike = t == u
+    if t != MISS and u != MISS and not alike:
+        alike = targets.pieces[t][1] == targets.pieces[u][1]
+    if alike and hit == MISS and wp.max(in_t, in_u) >= BESIDE:
+        # The patch goes on between the two.
+        hit = wp.where(in_t >= in_u, t, u)
+        z = wp.where(in_t >= in_u, z_t, z_u)
+    elif t != MISS or u != MISS:
+        if not alike or hit == MISS:
+            i = wp.int32(-1)
+            if t != MISS and in_t < 0.0:
+                i = targets.instance[t]
+                nearer, there = traced(view, targets, row, i, d, z)
+                if there != MISS:
+                    z = nearer
+                    hit = there
+            if u != MISS and in_u < 0.0:
+                if targets.instance[u] != i:
+                    nearer, there = traced(view, targets, row, targets.instance[u], d, z)
+                    if there != MISS:
+                        z = nearer
+                        hit = there
+            if hit == MISS and t != MISS and u != MISS:
+                return seen_of_all(view, targets, row, d)
+    if hit == MISS:
+        return SKY
+    return entry_of(z, hit)

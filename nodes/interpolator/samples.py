@@ -1,0 +1,66 @@
+"""Samples of single pixels between the frames of a gap."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import warp as wp
+
+
+@dataclass
+class Further:
+    """Holds samples between the frames of a gap.
+
+    first int32 [E H W + 1]: samples of pixel q = (e H + y) W + x are first[q] .. first[q + 1] - 1, ascending in time.
+    offset int32 [R]: ns after the keyframe before, in the environment's own time. value float32 [R], in colour vec3:
+    linear radiance. Warp arrays on the method's device.
+    """
+
+    first: wp.array
+    offset: wp.array
+    value: wp.array
+
+    def arrays(self, on_device: bool) -> tuple[Any, Any, Any]:
+        """Gives first, offset and value, float32 [R] or [R, 3]; on_device: as Warp arrays, where colours are vec3."""
+        if on_device:
+            return self.first, self.offset, self.value
+        return self.first.numpy(), self.offset.numpy(), self.value.numpy()
+
+
+def none_of(pixels: int, colour: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gives first, offset and value of that many pixels without any."""
+    return np.zeros(pixels + 1, np.int32), np.zeros(0, np.int32), np.zeros((0, 3) if colour else 0, np.float32)
+
+
+def joined(
+    parts: Sequence[tuple[np.ndarray, np.ndarray, Further | None]], envs: int, pixels: int, device: Any
+) -> Further | None:
+    """Joins the samples of groups of the E environments, of that many pixels each, on a device: of each group which
+    environments it has, in which rows of its own they are, and its samples. None where there are none."""
+    import warp as wp
+
+    lists: list[tuple[np.ndarray, np.ndarray, np.ndarray] | None] = [None] * envs
+    for mine, rows, found in parts:
+        if found is not None:
+            first, offset, value = found.arrays(False)
+            for env, row in zip(mine.tolist(), rows.tolist()):
+                begins = first[row * pixels : (row + 1) * pixels + 1]
+                own = slice(int(begins[0]), int(begins[-1]))
+                lists[env] = np.diff(begins), offset[own], value[own]
+    some = [one for one in lists if one is not None]
+    if not some:
+        return None
+    counts = [np.zeros(pixels, np.int64) if one is None else one[0] for one in lists]
+    first = np.concatenate([[0], np.cumsum(np.concatenate(counts))]).astype(np.int32)
+    offset, value = (np.concatenate([one[k] for one in some]) for k in (1, 2))
+    pixel: Any = wp.vec3 if value.ndim == 2 else wp.float32
+    return Further(
+        wp.array(first, dtype=wp.int32, device=device),
+        wp.array(offset, dtype=wp.int32, device=device),
+        wp.array(value, dtype=pixel, device=device),
+    )

@@ -1,0 +1,214 @@
+"""Samples of single pixels between the frames: their values against frames there, their times against closed forms."""
+
+import numpy as np
+import pytest
+from rigid_rig import (
+    FOCAL,
+    GAP,
+    START,
+    camera,
+    closed_form,
+    disc,
+    keyframe,
+    lamp,
+    luminance,
+    painted,
+    plain,
+    pose,
+    quad,
+    world,
+)
+
+from evis.runtime.clock import subframe_stamps
+from evis.scene.model import Mesh, Waveform
+from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
+from nodes.interpolator.refine.method import Refined
+from nodes.interpolator.rigid import Rigid, RigidOptions
+from nodes.renderer.renderer import Renderer
+
+
+def refined(scene, upsampling, tolerance_ns, threads=1, held=False, margin=0, device="cpu", **options):
+    """Frames float32 [K, h, w] and further samples (pixel, ns, value) of one gap from START on."""
+    view = scene.cameras[0]
+    renderer = Renderer(scene, view, margin=margin)
+    times = [np.array([START - GAP, START]), np.linspace(START, START + GAP, 11).round().astype(np.int64)]
+    first, second = (closed_form(scene, t) for t in times)
+    a = keyframe(renderer, first, first.pose[:, 0], START)
+    b = keyframe(renderer, second, first.pose[:, -1], START + GAP)
+    out = np.full((1, upsampling, view.height, view.width), np.nan, np.float32)
+    how = RigidOptions(**options, probes=4)
+    rigid = Rigid(scene, view, 1, upsampling, margin, device=device, threads=threads, options=how)
+    if not tolerance_ns:
+        rigid.between(a, b, [held], out)
+        return out[0], None
+    method = Refined(rigid, tolerance_ns, threads)
+    method.between(a, b, [held], out)
+    found = method.further
+    if found is None:
+        return out[0], None
+    starts = found.first.numpy()
+    assert starts[0] == 0 and starts[-1] == found.offset.size
+    pixels = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    return out[0], (pixels, found.offset.numpy(), found.value.numpy())
+
+
+def box(half):
+    """Box with sides 2 half."""
+    x, y, z = half
+    corners = np.array([(i, j, k) for i in (-x, x) for j in (-y, y) for k in (-z, z)], np.float32)
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([f for a, b, c, d in sides for f in ((a, b, c), (a, c, d))], np.int32)
+    return Mesh(corners, faces)
+
+
+def tumbling(**how):
+    """A textured disc that turns and swings before a wall, and a lit box that tumbles before both."""
+    turn, up = np.array([0.0, 0.0, 1.0]), np.array([0.3, 1.0, 0.2]) / np.linalg.norm([0.3, 1.0, 0.2])
+    swing = [Spin(turn, 60.0), Sinusoid(np.array([0.2, 0.1, 0.3]), 20.0)]
+    things = [
+        (quad(4.0), painted(1024), Prescribed(pose(z=3.0))),
+        (disc(0.5), painted(), Prescribed(pose(0, 0, 2, (0.6, 0, 0)), swing)),
+        (box((0.1, 0.3, 0.1)), plain(0.7), Prescribed(pose(0.2, 0, 1.2), [Spin(up, 90.0)])),
+    ]
+    return world(things, **{"lights": [lamp()], **how})
+
+
+def test_an_instant_has_what_a_frame_then_would_have():
+    """Halves of coarse intervals are the odd frames of twice as many, but for the rounding of depths."""
+    scene = tumbling()
+    _, (pixels, ns, values) = refined(scene, 4, GAP / 4 / 4 * 1.01)
+    frames, _ = refined(scene, 8, 0)
+    stamps = subframe_stamps(0, GAP, 8)
+    index = np.searchsorted(stamps, ns)
+    assert (stamps[index] == ns).all() and (index % 2 == 0).all() and len(ns) > 1000
+    there = frames.reshape(8, -1)[index, pixels]
+    apart = np.abs(np.log(values / there))
+    # On an edge a pixel may see either side.
+    assert (apart > 3e-6).mean() < 0.001
+
+
+def errors_of(scene, **how):
+    """|ln I - ln I_true| of further samples, the truth rendered at every third instant."""
+    _, (pixels, ns, values) = refined(scene, 4, 50_000, **how)
+    renderer = Renderer(scene, scene.cameras[0])
+    errors = []
+    for t in np.unique(ns)[::3].tolist():
+        pose_then = closed_form(scene, np.array([START + t])).pose[:, 0]
+        dense = luminance(renderer.render(pose_then, t_ns=START + t)["radiance"]).reshape(-1)
+        here = ns == t
+        errors.append(np.log(values[here] / dense[pixels[here]]))
+    return np.abs(np.concatenate(errors))
+
+
+def test_values_are_those_of_dense_rendering():
+    errors = errors_of(tumbling())
+    assert len(errors) > 1000
+    assert np.median(errors) < 0.01 and np.quantile(errors, 0.99) < 0.1
+
+
+def test_values_through_a_lens():
+    errors = errors_of(tumbling(view=camera(model="equidistant", coefficients=(0.02, -0.01, 0.0, 0.0))))
+    assert len(errors) > 1000
+    assert np.median(errors) < 0.02 and np.quantile(errors, 0.98) < 0.1
+
+
+def test_values_under_a_lamp_that_flickers():
+    """On what does not turn against it: elsewhere frames are as far off."""
+    lights = [lamp(waveform=Waveform("sine", 400.0, 0.6))]
+    flight = Prescribed(pose(-5.0 * START * 1e-9, 0, 2.0), [Linear(np.array([5.0, 0.0, 0.0]))])
+    things = [(quad(4.0), painted(1024), Prescribed(pose(z=3.0))), (quad(0.3), plain(0.9), flight)]
+    errors = errors_of(world(things, lights=lights))
+    assert len(errors) > 10_000
+    assert np.median(errors) < 0.005 and np.quantile(errors, 0.98) < 0.1
+
+
+@pytest.mark.parametrize("speed", [10.0, 20.0, -8.0])
+def test_a_silhouette_passes_a_pixel_when_it_should(speed):
+    """The edge of a square that flies past at `speed` m/s, 2 m away: the time at every pixel that it reaches."""
+    start = pose(-speed * START * 1e-9 - np.sign(speed) * 0.5, 0, 2.0)
+    square = quad(0.3)
+    flight = Prescribed(start, [Linear(np.array([speed, 0.0, 0.0]))])
+    scene = world([(quad(4.0), plain(0.2), Prescribed(pose(z=3.0))), (square, plain(0.9), flight)])
+    tolerance = 20_000
+    frames, (pixels, ns, values) = refined(scene, 8, tolerance)
+    h, w = frames.shape[1:]
+    k = scene.cameras[0].k
+    edge = -0.5 * np.sign(speed) + 0.3 * np.sign(speed)
+    row = h // 2
+    checked = 0
+    for x in range(w):
+        crossing = ((x - k[0, 2]) / FOCAL * 2.0 - edge) / speed * 1e9
+        if not 0.02 * GAP < crossing < 0.98 * GAP:
+            continue
+        mine = pixels == row * w + x
+        t = np.concatenate([subframe_stamps(0, GAP, 8), ns[mine]])
+        bright = np.concatenate([frames[:, row, x], values[mine]]) > 0.15
+        before, after = t[~bright & (t < crossing + GAP / 8)], t[bright & (t > crossing - GAP / 8)]
+        if not len(after):
+            continue
+        low, high = before[before <= after.min()].max(initial=0), after.min()
+        assert high - low <= 2 * tolerance + 1
+        assert low - 2000 <= crossing <= high + 2000
+        checked += 1
+    assert checked >= 0.8 * abs(speed) * GAP * 1e-9 * FOCAL / 2.0 - 1
+
+
+def test_times_ascend_between_the_frames_and_threads_change_nothing():
+    one, two = (refined(tumbling(), 4, 100_000, threads=n)[1] for n in (1, 2))
+    for a, b in zip(one, two):
+        assert np.array_equal(a, b)
+    pixels, ns, values = one
+    same = np.diff(pixels) == 0
+    assert (np.diff(ns)[same] > 0).all() and (ns > 0).all() and (ns < GAP).all()
+    assert not np.isin(ns, subframe_stamps(0, GAP, 4)).any()
+    assert np.isfinite(values).all()
+
+
+def test_what_does_not_change_has_no_samples():
+    scene = world([(quad(4.0), painted(), Prescribed(pose(z=3.0)))])
+    assert refined(scene, 4, 100_000)[1] is None
+
+
+def test_an_environment_that_begins_an_episode_has_none():
+    assert refined(tumbling(), 4, 100_000, held=True)[1] is None
+
+
+def test_a_margin_changes_no_time():
+    """What enters the image is looked up in the margin, so values differ a little; where samples are does not much."""
+    plain_one, wide = (refined(tumbling(), 4, 100_000, margin=m)[1] for m in (0, 8))
+    assert abs(len(plain_one[0]) - len(wide[0])) < 0.1 * len(wide[0])
+
+
+def test_a_pole_between_two_frames_is_not_missed():
+    """It goes by 20 px from frame to frame, 5 from probe to probe, and covers a pixel for width over speed."""
+    speed, half = 200.0, 0.04
+    start = pose(-speed * (START + GAP / 2) * 1e-9, 0, 2.0)
+    pole = Prescribed(start, [Linear(np.array([speed, 0.0, 0.0]))])
+    scene = world([(quad(4.0), plain(0.2), Prescribed(pose(z=3.0))), (box((half, 2.0, half)), plain(0.9), pole)])
+    frames, (pixels, ns, values) = refined(scene, 4, 20_000)
+    height, width = frames.shape[1:]
+    row = height // 2
+    unseen, found = 0, []
+    for x in range(4, width - 4):
+        if (frames[:, row, x] > 0.15).any():
+            continue
+        unseen += 1
+        bright = np.sort(ns[(pixels == row * width + x) & (values > 0.15)])
+        if len(bright):
+            found.append(bright[-1] - bright[0])
+    assert unseen > 20
+    # A probe finds it where it stands then: 3.2 of every 5 px, and the sides of a box are seen too.
+    assert len(found) > 0.5 * unseen
+    nearest = 2.0 - half
+    assert np.median(found) == pytest.approx(2 * half / speed * 1e9 * 2.0 / nearest, abs=6 * 20_000)
+
+
+@pytest.mark.gpu
+def test_a_gpu_finds_the_same_samples():
+    """But for intervals that differ by about what has them cut, and pixels on an edge."""
+    scene = tumbling()
+    here, there = ({(q, t): v for q, t, v in zip(*refined(scene, 4, 50_000, device=d)[1])} for d in ("cpu", "cuda"))
+    both = here.keys() & there.keys()
+    assert len(both) > 0.98 * max(len(here), len(there))
+    apart = np.array([abs(np.log(here[key] / there[key])) for key in both])
+    assert (apart > 1e-3).mean() < 0.005
