@@ -70,7 +70,7 @@ def run(params: dict[str, Any], share: float, samples: int, messages: int) -> tu
     return min(spent[1:])
 
 
-def further(quick: bool) -> dict[str, Any]:
+def measure(quick: bool = False) -> dict[str, Any]:
     """Measures ms a message, and what a further sample adds."""
     rows: list[dict[str, Any]] = []
     for name, params in SENSORS.items():
@@ -88,4 +88,4 @@ def further(quick: bool) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    command.run(further, __doc__ or "")
+    command.run(measure, __doc__ or "")
