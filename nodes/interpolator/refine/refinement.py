@@ -11,7 +11,8 @@ from nodes.interpolator.keyframe import KeyframeView, own_subframes
 from nodes.interpolator.refine.evaluator import Evaluator
 from nodes.interpolator.refine.further_kernels import count_samples, make_sort, place_samples
 from nodes.interpolator.refine.instants import Instants, instants_of
-from nodes.interpolator.refine.interval_kernels import Cut, make_intervals, make_rounds
+from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds
+from nodes.interpolator.refine.suspect_kernels import Cut
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
 
