@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import signal
 import subprocess
@@ -12,29 +10,13 @@ import time
 
 import numpy as np
 import pytest
+from simulate_calls import call, parse, read
 
 from evis.cli import events as command
-from evis.events import open_recording
 from nodes.event_sensor.parameters import SENSOR
 
 MS = 1_000_000
 C = 0.2
-
-
-def parse(*arguments) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="evis events")
-    command.add_arguments(parser)
-    return parser.parse_args([str(a) for a in arguments])
-
-
-def call(capsys, *arguments) -> dict:
-    assert command.run(parse("simulate", *arguments, "--json")) == 0
-    return json.loads(capsys.readouterr().out)
-
-
-def read(path):
-    with open_recording(path) as recording:
-        return recording.read()
 
 
 def ramp(n=101, shape=(3, 4), rate=5.0):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import signal
 import subprocess
@@ -14,28 +12,12 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from PIL import Image
+from simulate_calls import call, parse, read
 
 from evis.cli import events as command
-from evis.events import open_recording
 
 N, W, H = 24, 64, 48
 MS = 1_000_000
-
-
-def parse(*arguments) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="evis events")
-    command.add_arguments(parser)
-    return parser.parse_args([str(a) for a in arguments])
-
-
-def call(capsys, *arguments) -> dict:
-    assert command.run(parse("simulate", *arguments, "--json")) == 0
-    return json.loads(capsys.readouterr().out)
-
-
-def read(path):
-    with open_recording(path) as recording:
-        return recording.read()
 
 
 def film():
