@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 SCENE = str(Path(__file__).with_name("known_motion.yaml"))
-START, VELOCITY = np.array([-0.36, 2.0, 1.16]), np.array([4.0, 1.5, -2.0])
+START, VELOCITY = np.array([-0.35, 2.0, 1.16]), np.array([4.0, 1.5, -2.0])
 HALF = np.array([0.25, 0.2])
 WALL, CAR = 1, 2
 """Semantic ids of its things."""
