@@ -65,6 +65,7 @@ class Evaluator:
         self._place = make_place(channels, True)
         self.targets = self._make_targets()
         self.reserve(1)
+        self.hits = self.own_hits
         self.shaded = 0
         """Pixels that were shaded since the gap began."""
 
@@ -75,6 +76,11 @@ class Evaluator:
         targets.first = v.put(v.geometry.first, wp.int32)
         targets.casters = self.shading.occluders.casters
         return targets
+
+    @property
+    def moved(self) -> tuple[wp.array, wp.array]:
+        """Gives how bodies have moved since A, then since B, mat33 and vec3 [2 R, N + 2]."""
+        return self._turn, self._shift
 
     def begin(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> None:
         """Begins a gap; arguments as of Slots.begin, for all instants."""
@@ -108,7 +114,7 @@ class Evaluator:
         if size > self._room:
             self._room = size + size // 2
             with wp.ScopedDevice(self.visibility.device):
-                self.hits = wp.empty(self._room, dtype=wp.uint64)
+                self.own_hits = wp.empty(self._room, dtype=wp.uint64)
                 self.values = wp.empty(self._room, dtype=self._pixel)
                 self._anew, self._places = (wp.empty(self._room, dtype=wp.int32) for _ in range(2))
 

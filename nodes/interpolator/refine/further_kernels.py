@@ -5,6 +5,8 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.refine.path_kernels import PARTS
+
 wp.set_module_options({"enable_backward": False})
 
 
@@ -70,7 +72,13 @@ def make_sort(channels: int) -> wp.Kernel:
                     k -= 1
                 order[k] = moved
             for j in range(low, high):
-                offset[j] = since[q // inner, instants[order[j]] - 1]
+                env = q // inner
+                i = instants[order[j]] // PARTS
+                part = instants[order[j]] % PARTS
+                t = since[env, i - 1]
+                if part > 0:
+                    t += (since[env, i] - t) * part // PARTS
+                offset[j] = t
                 value[j] = values[order[j]]
 
     return sort
