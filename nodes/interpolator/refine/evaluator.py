@@ -65,7 +65,6 @@ class Evaluator:
         self._place = make_place(channels, True)
         self.targets = self._make_targets()
         self.reserve(1)
-        self.hits = self.own_hits
         self.shaded = 0
         """Pixels that were shaded since the gap began."""
 
@@ -114,7 +113,7 @@ class Evaluator:
         if size > self._room:
             self._room = size + size // 2
             with wp.ScopedDevice(self.visibility.device):
-                self.own_hits = wp.empty(self._room, dtype=wp.uint64)
+                self.hits = wp.empty(self._room, dtype=wp.uint64)
                 self.values = wp.empty(self._room, dtype=self._pixel)
                 self._anew, self._places = (wp.empty(self._room, dtype=wp.int32) for _ in range(2))
 

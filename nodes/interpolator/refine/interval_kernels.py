@@ -118,6 +118,7 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
         frames: wp.array3d(dtype=pixel),
         stage: Stage,
         instances: Instances,
+        hits: wp.array(dtype=wp.uint64),
         radiance: wp.array(dtype=pixel),
         # out
         pixels: wp.array(dtype=int),
@@ -141,7 +142,7 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
             instants[known + j - first] = (k * (cut.slots + 1) + place) * PARTS + instances.later[j]
             values[known + j - first] = value
             log_m = log_of(value)
-            now = instances.hits[j]
+            now = hits[j]
             x = q % cut.width
             y = q // cut.width % cut.height
             env = q // (cut.width * cut.height)
@@ -159,7 +160,7 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
                     if p >= 0:
                         low = instances.at[p] // inner % cut.slots + 1
                         log_a = log_of(radiance[p])
-                        before = instances.hits[p]
+                        before = hits[p]
                     elif k == 0:
                         log_a = log_of(image[env, y + cut.margin, x + cut.margin])
                         before = start[env, y + cut.margin, x + cut.margin]

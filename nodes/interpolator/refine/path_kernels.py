@@ -6,7 +6,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.sight_kernels import Targets, seen_between
+from nodes.interpolator.refine.sight_kernels import Targets
 from nodes.interpolator.rigid.log_kernels import LOGS, apart
 from nodes.interpolator.rigid.look_up_kernels import make_displacement, make_keyframes
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
@@ -80,16 +80,18 @@ class Stage:
 def make_instances(channels: int) -> Any:
     """Makes the struct of a list of pixels at instants; channels: 1 (luminance) or 3 (RGB).
 
-    at: index into [slots, E, h, w]. hits: z-buffer entries. previous: of the same pixel in the same coarse interval,
-    the place in the list, -1 for none. rise: by how much ln I has changed since that, or since the coarse sample
-    before, by what a keyframe tells; ends: 1 of the last one of its coarse interval; tail: by how much it will then
-    change until the coarse sample after.
+    at: index into [slots, E, h, w]. before, after: z-buffer entries at known instants before and after. previous: of
+    the same pixel in the same coarse interval, the place in the list, -1 for none. later: how much later it is than the
+    instant at which it is looked at, in PARTS. rise: by how much ln I has changed since the previous one, or since the
+    coarse sample before, by what a keyframe tells; ends: 1 of the last one of its coarse interval; tail: by how much it
+    will then change until the coarse sample after.
     """
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
 
     class Instances:
         at: wp.array(dtype=int)
-        hits: wp.array(dtype=wp.uint64)
+        before: wp.array(dtype=wp.uint64)
+        after: wp.array(dtype=wp.uint64)
         previous: wp.array(dtype=int)
         later: wp.array(dtype=int)
         rise: wp.array(dtype=pixel)
@@ -140,7 +142,8 @@ def make_note(channels: int) -> Any:
         instances: Instances,
         spot: Spot,
         i: int,
-        hit: wp.uint64,
+        before: wp.uint64,
+        after: wp.uint64,
         rise: pixel,
         previous: int,
         room: int,
@@ -152,7 +155,8 @@ def make_note(channels: int) -> Any:
         n = take_place(count, band)
         if n < most:
             instances.at[room + n] = slot_row(cut, spot, i) // cut.envs * cut.envs * cut.height * cut.width + spot.q
-            instances.hits[room + n] = hit
+            instances.before[room + n] = before
+            instances.after[room + n] = after
             instances.previous[room + n] = previous
             instances.rise[room + n] = rise
             instances.ends[room + n] = 0
@@ -314,12 +318,10 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
                         # The sample before is the last one that a straight line reaches.
                         place = int(then + 0.5)
                         if place > listed and place < end:
-                            row = slot_row(cut, spot, place)
-                            entry = seen_between(view, stage.targets, row, spot.d, hit, seen)
                             rise = pixel(UNKNOWN)
                             if wp.static(not flicker):
                                 rise = value - told
-                            last = note(cut, instances, spot, place, entry, rise, last, room, most, band, count)
+                            last = note(cut, instances, spot, place, hit, seen, rise, last, room, most, band, count)
                             told = value
                             listed = place
                         anchor = value

@@ -16,6 +16,7 @@ from nodes.interpolator.refine.path_kernels import Cut, Stage, make_instances
 from nodes.interpolator.refine.run_kernels import make_find_runs
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
+from nodes.renderer.lighting import LIST_WORKERS
 
 PART = 0.5
 """Part of the tolerance of ln I that the ends of an interval may differ by, and its middle be off a straight line."""
@@ -45,7 +46,7 @@ class Lists:
                 setattr(self.kernel, name, wp.empty(self.size, dtype=dtype, device=self._device))
 
 
-ENTRIES = ("hits", "before", "after")
+ENTRIES = ("before", "after")
 """Arrays of z-buffer entries."""
 
 
@@ -62,7 +63,8 @@ class Refinement:
         self._evaluators: dict[int, Evaluator] = {}
         channels = layout.channels
         self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
-        self._find = make_find_runs(v.lens, channels, layout.exact_flicker)
+        self._find_plain, self._find_runs = make_find_runs(v.lens, channels, layout.exact_flicker)
+        self._others = wp.empty(0, dtype=wp.int32, device=v.device)
         self._check, self._split = make_rounds(channels)
         self._sort = make_sort(channels)
         self._instances = Lists(make_instances(channels), self._pixel, v.device)
@@ -121,29 +123,34 @@ class Refinement:
         starts, counts = self._runs(evaluator, cut, stage, last, frames)
         if not any(counts):
             return total
-        listed = self._instances.kernel
-        evaluator.hits = listed.hits
-        evaluator.evaluate(listed.at, starts, counts)
+        listed, there = self._instances, self._lists[0]
         image, packed = self._rigid.pair.a.image, self._rigid.pair.a.packed
-        here, there = self._lists
-        given = [image, packed, frames, stage, listed, evaluator.values, *self._room_for(sum(counts), total)]
-        starts, counts, total = self._round(self._check, cut, starts, counts, given, here, total)
+        self._evaluate(evaluator, cut, stage, listed, starts, counts)
+        made = self._room_for(sum(counts), total)
+        given = [image, packed, frames, stage, listed.kernel, evaluator.hits, evaluator.values, *made]
+        starts, counts, total = self._round(self._check, cut, starts, counts, given, there, total)
         while any(counts):
-            evaluator.reserve(max(start + count for start, count in zip(starts, counts)))
-            hits = evaluator.hits = evaluator.own_hits
-            listed = here.kernel
-            seen = []
-            for start, count in zip(starts, counts):
-                threads = self._threads_of(count)
-                given = [evaluator.visibility.view, cut, start, start + count, threads, stage]
-                seen.append((see, threads, [*given, listed.at, listed.before, listed.after, hits]))
-            self._rigid.sampling.launch([one for one in seen if one[1]])
-            evaluator.evaluate(listed.at, starts, counts)
+            listed = there
+            there = self._lists[0] if listed is self._lists[1] else self._lists[1]
+            self._evaluate(evaluator, cut, stage, listed, starts, counts)
             made = self._room_for(sum(counts), total)
-            given = [self._rigid.pieces, hits, evaluator.values, listed, *made]
+            given = [self._rigid.pieces, evaluator.hits, evaluator.values, listed.kernel, *made]
             starts, counts, total = self._round(self._split, cut, starts, counts, given, there, total)
-            here, there = there, here
         return total
+
+    def _evaluate(
+        self, evaluator: Evaluator, cut: Any, stage: Any, listed: Lists, starts: list[int], counts: list[int]
+    ) -> None:
+        """Finds what listed pixels see, and their radiance: of band k, counts[k] from starts[k] on."""
+        evaluator.reserve(listed.size)
+        pixels = listed.kernel
+        launches = []
+        for start, count in zip(starts, counts):
+            threads = self._threads_of(count)
+            given = [evaluator.visibility.view, cut, start, start + count, threads, stage]
+            launches.append((see, threads, [*given, pixels.at, pixels.before, pixels.after, evaluator.hits]))
+        self._rigid.sampling.launch([one for one in launches if one[1]])
+        evaluator.evaluate(pixels.at, starts, counts)
 
     def _round(
         self, kernel: Any, cut: Any, starts: list[int], counts: list[int], given: list[Any], there: Lists, total: int
@@ -175,20 +182,29 @@ class Refinement:
         envs = rigid.layout.envs
         edges = [height * k // bands for k in range(bands + 1)]
         span = width if v.device.is_cpu else 1
+        intervals, inner = last - cut.first, envs * height * width
         if not self._most:
-            self._most = -(-envs * height * width // bands)
+            self._most = -(-inner // bands)
+        if self._others.size < intervals * inner:
+            self._others = wp.empty(intervals * inner, dtype=wp.int32, device=v.device)
         while True:
             self._instances.reserve(bands * self._most)
             most = self._instances.size // bands
-            evaluator.reserve(self._instances.size)
-            found = wp.zeros(bands, dtype=wp.int32, device=v.device)
-            launches = []
+            found, others = (wp.zeros(bands, dtype=wp.int32, device=v.device) for _ in range(2))
+            plain, runs = [], []
             for k in range(bands):
-                given = [v.view, cut, edges[k], span, last, k * most, most, k, self._held, rigid.pair.kernel(), stage]
-                given += [rigid.strength, rigid.pair.a.image, rigid.pair.a.packed, frames]
-                dim = (envs, edges[k + 1] - edges[k], width // span)
-                launches.append((self._find, dim, [*given, self._instances.kernel, found]))
-            rigid.sampling.launch(launches)
+                rows, other = edges[k + 1] - edges[k], intervals * envs * width * edges[k]
+                room, keys = [k * most, most, other, k], rigid.pair.kernel()
+                given = [v.view, cut, edges[k], span, *room, self._held, keys, stage, rigid.strength]
+                given += [rigid.pair.a.image, rigid.pair.a.packed, frames, self._instances.kernel, found]
+                plain.append(
+                    (self._find_plain, (intervals * envs, rows, width // span), [*given, self._others, others])
+                )
+                workers = 1 if v.device.is_cpu else LIST_WORKERS
+                given = [v.view, cut, workers, *room, self._others, others, keys, stage, rigid.pair.a.packed]
+                runs.append((self._find_runs, workers, [*given, self._instances.kernel, found]))
+            rigid.sampling.launch(plain)
+            rigid.sampling.launch(runs)
             counts = found.numpy().tolist()
             if max(counts) <= most:
                 return [k * most for k in range(bands)], counts

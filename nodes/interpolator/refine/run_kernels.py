@@ -5,6 +5,7 @@ from typing import Any
 
 import warp as wp
 
+from evis.gpu.append_kernels import take_place
 from nodes.interpolator.refine.path_kernels import (
     PARTS,
     UNKNOWN,
@@ -29,18 +30,50 @@ wp.set_module_options({"enable_backward": False})
 PENDING = wp.types.vector(length=12, dtype=wp.int32)
 SEEN_THEN = wp.types.vector(length=12, dtype=wp.uint64)
 """Ends of halves of an interval between probes that are still to be looked at: as often as it can be halved."""
-
 SHARP = wp.constant(2)
 """Half of the time that one surface takes to give way to the next, in PARTS."""
 
 
+@wp.struct
+class Ends:
+    """Holds z-buffer entries at the ends of a coarse interval."""
+
+    before: wp.uint64
+    after: wp.uint64
+
+
 @cache
-def make_find_runs(lens: str, channels: int, flicker: bool) -> wp.Kernel:
-    """Makes the kernel `find_runs`; arguments as of make_look_up."""
+def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.Kernel]:
+    """Makes the kernels `find_plain` and `find_runs`, of pixels that show one surface all along, and of all others;
+    arguments as of make_look_up."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
     Keyframes: Any = make_keyframes(channels, flicker)
     Instances: Any = make_instances(channels)
     walk, note = make_walk(lens, channels, flicker), make_note(channels)
+
+    @wp.func
+    def spot_of(view: CameraView, cut: Cut, k: int, q: int):
+        """Gives coarse interval k of the pixel at q in [E, h, w]."""
+        spot = Spot()
+        spot.k = k
+        spot.q = q
+        spot.x = q % cut.width + cut.margin
+        spot.y = q // cut.width % cut.height + cut.margin
+        spot.env = q // (cut.width * cut.height)
+        spot.d = pixel_ray(view, spot.x, spot.y)
+        return spot
+
+    @wp.func
+    def ends_of(cut: Cut, stage: Stage, start: wp.array3d(dtype=wp.uint64), spot: Spot):
+        """Reads the z-buffer at both ends."""
+        ends = Ends()
+        if spot.k == 0:
+            ends.before = start[spot.env, spot.y, spot.x]
+        else:
+            ends.before = stage.packed[spot.k * cut.envs + spot.env, spot.y, spot.x]
+        row = wp.where(spot.k + 1 == cut.coarse, 0, spot.k + 1) * cut.envs + spot.env
+        ends.after = stage.packed[row, spot.y, spot.x]
+        return ends
 
     @wp.func
     def flickers(
@@ -87,27 +120,29 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> wp.Kernel:
         count: wp.array(dtype=int),
     ):
         """Does as `walk` does, in the nearer keyframe, or in the other one where that does not show the way."""
-        which = wp.where(2 * spot.k >= cut.coarse and spot.k > 0, 1, 0)
-        new, rise, whole = walk(
-            view, cut, keys, stage, instances, spot, which, start, end, before, after, last, room, most, band, count
-        )
-        if not whole and new == last and spot.k + start > 0:
+        nearer = wp.where(2 * spot.k >= cut.coarse and spot.k > 0, 1, 0)
+        new = last
+        rise = pixel(UNKNOWN)
+        whole = wp.bool(False)
+        tries = wp.int32(0)
+        while tries < 2 and not whole and new == last and (tries == 0 or spot.k + start > 0):
+            which = wp.where(tries == 0, nearer, 1 - nearer)
             new, rise, whole = walk(
-                view, cut, keys, stage, instances, spot, 1 - which, start, end, before, after, last, room, most, band,
-                count,
-            )  # fmt: skip
+                view, cut, keys, stage, instances, spot, which, start, end, before, after, last, room, most, band, count
+            )
+            tries += 1
         return new, rise, whole
 
     @wp.kernel(module="unique", enable_backward=False)
-    def find_runs(
+    def find_plain(
         # in
         view: CameraView,
         cut: Cut,
         row0: int,
         span: int,
-        last_interval: int,
         room: int,
         most: int,
+        others0: int,
         band: int,
         held: wp.array(dtype=int),
         keys: Keyframes,
@@ -119,123 +154,157 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> wp.Kernel:
         # out
         instances: Instances,
         count: wp.array(dtype=int),
+        others: wp.array(dtype=int),
+        others_count: wp.array(dtype=int),
     ):
-        """Lists the instants at which pixels are to be looked at in the coarse intervals cut.first .. last_interval -
-        1, from `room` on, `most` at most; count[band]: how many there would be.
+        """Lists the instants at which pixels are to be looked at that show one surface at both ends of a coarse
+        interval and at all probes, from `room` on, `most` at most; count[band]: how many there would be. What shows
+        several is listed in `others`, from others0 on, as indices into [intervals, E, h, w].
 
         strength [rows]: of lights that flicker. image, start: keyframe A and its z-buffer, with the margin. frames: [E
         K, h, w].
         """
-        env, row, part = wp.tid()
+        n, row, part = wp.tid()
+        env = n % cut.envs
+        k = cut.first + n // cut.envs
         if held[env] == 1:
             return
-        m = cut.margin
-        each = cut.slots + 1
-        spot = Spot()
-        spot.env = env
-        spot.y = row0 + row + m
         y = row0 + row
+        each = cut.slots + 1
         for x in range(part * span, wp.min(part * span + span, cut.width)):
-            spot.x = x + m
-            spot.q = (env * cut.height + y) * cut.width + x
-            spot.d = pixel_ray(view, spot.x, spot.y)
-            a = image[env, spot.y, spot.x]
-            before = start[env, spot.y, spot.x]
-            if cut.first > 0:
-                a = frames[env * cut.coarse + cut.first - 1, y, x]
-                before = stage.packed[cut.first * cut.envs + env, spot.y, spot.x]
-            log_a = log_of(a)
-            for k in range(cut.first, last_interval):
-                spot.k = k
-                slot = wp.where(k + 1 == cut.coarse, 0, k + 1)
-                b = frames[env * cut.coarse + k, y, x]
-                after = stage.packed[slot * cut.envs + env, spot.y, spot.x]
-                log_b = log_a
-                if not equal(a, b):
-                    log_b = log_of(b)
-                last = wp.int32(-1)
-                # The run so far: where it began, and what was seen there.
-                begun = wp.int32(0)
-                seen = before
-                low = wp.int32(0)
-                hit = before
-                for n in range(1, cut.probes + 1):
-                    high = n * each // cut.probes
-                    then = after
-                    if n < cut.probes:
-                        then = entry_at(cut, stage, spot, high)
-                    if joined(hit, then, stage.targets.pieces):
-                        low = high
-                        hit = then
-                    else:
-                        pending = PENDING()
-                        entries = SEEN_THEN()
-                        pending[0] = high
-                        entries[0] = then
-                        waiting = wp.int32(0)
-                        while waiting >= 0:
-                            high = pending[waiting]
-                            then = entries[waiting]
-                            if joined(hit, then, stage.targets.pieces):
-                                low = high
-                                hit = then
-                                waiting -= 1
-                            elif high - low > 1:
-                                middle = (low + high) // 2
-                                row_then = slot_row(cut, spot, middle)
-                                waiting += 1
-                                pending[waiting] = middle
-                                entries[waiting] = seen_between(view, stage.targets, row_then, spot.d, hit, then)
-                            else:
-                                # One surface ends at `low`, the next begins at `high`.
-                                rise = pixel(UNKNOWN)
-                                if low > begun:
-                                    last, rise, _whole = go(
-                                        view, cut, keys, stage, instances, spot, begun, low, seen, hit, last, room,
-                                        most, band, count,
-                                    )  # fmt: skip
-                                if low > 0 and low > begun:
-                                    last = note(cut, instances, spot, low, hit, rise, last, room, most, band, count)
-                                later = wp.int32(0)
-                                if low > 0 and high <= cut.slots:
-                                    row_low = slot_row(cut, spot, low)
-                                    row_high = slot_row(cut, spot, high)
-                                    f = passing(view, stage.targets, row_low, row_high, spot.d, hit, then)
-                                    later = int(f * float(PARTS))
-                                    later = wp.clamp(later, SHARP, PARTS - SHARP)
-                                    instances.later[last] = later - SHARP
-                                begun = high
-                                seen = then
-                                if high <= cut.slots:
-                                    none = pixel(UNKNOWN)
-                                    last = note(cut, instances, spot, high, then, none, last, room, most, band, count)
-                                    if later > 0:
-                                        instances.later[last] = later + SHARP - PARTS
-                                low = high
-                                hit = then
-                                waiting -= 1
+            spot = spot_of(view, cut, k, (env * cut.height + y) * cut.width + x)
+            ends = ends_of(cut, stage, start, spot)
+            one = wp.bool(True)
+            changed = ends.before != ends.after
+            hit = ends.before
+            for i in range(1, cut.probes + 1):
+                then = ends.after
+                if i < cut.probes:
+                    then = entry_at(cut, stage, spot, i * each // cut.probes)
+                one = one and joined(hit, then, stage.targets.pieces)
+                hit = then
+            a = wp.where(k == 0, image[env, spot.y, spot.x], frames[env * cut.coarse + wp.max(k - 1, 0), y, x])
+            b = frames[env * cut.coarse + k, y, x]
+            if not one:
+                others[others0 + take_place(others_count, band)] = (
+                    n // cut.envs * (cut.envs * cut.height * cut.width) + spot.q
+                )
+            elif changed or not equal(a, b) or wp.static(flicker):
+                log_a = log_of(a)
+                log_b = log_of(b)
                 place = wp.int32(0)
                 if wp.static(flicker):
                     at_b = (env * view.height + spot.y) * view.width + spot.x
                     place = flickers(cut, keys, spot, at_b, log_a, log_b, strength)
-                if begun <= cut.slots and (begun > 0 or before != after or not equal(a, b)):
-                    whole = wp.bool(True)
-                    rise = pixel(UNKNOWN)
+                last = wp.int32(-1)
+                rise = pixel(UNKNOWN)
+                whole = wp.bool(True)
+                if changed or not equal(a, b):
                     last, rise, whole = go(
-                        view, cut, keys, stage, instances, spot, begun, each, seen, after, last, room, most, band, count
-                    )
-                    if last >= 0:
-                        instances.tail[last] = rise
-                    elif apart(log_a, log_b) > cut.jump and place == 0:
+                        view, cut, keys, stage, instances, spot, 0, each, ends.before, ends.after, last, room, most,
+                        band, count,
+                    )  # fmt: skip
+                    if last < 0 and place == 0 and apart(log_a, log_b) > cut.jump:
                         if not whole or apart(rise, log_b - log_a) > cut.bend:
                             place = each // 2
                 if last < 0 and place > 0:
-                    entry = seen_between(view, stage.targets, slot_row(cut, spot, place), spot.d, before, after)
-                    last = note(cut, instances, spot, place, entry, pixel(UNKNOWN), last, room, most, band, count)
+                    rise = pixel(UNKNOWN)
+                    last = note(
+                        cut, instances, spot, place, ends.before, ends.after, rise, last, room, most, band, count
+                    )
                 if last >= 0:
+                    instances.tail[last] = rise
                     instances.ends[last] = 1
-                a = b
-                log_a = log_b
-                before = after
 
-    return find_runs
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_runs(
+        # in
+        view: CameraView,
+        cut: Cut,
+        workers: int,
+        room: int,
+        most: int,
+        others0: int,
+        band: int,
+        others: wp.array(dtype=int),
+        others_count: wp.array(dtype=int),
+        keys: Keyframes,
+        stage: Stage,
+        start: wp.array3d(dtype=wp.uint64),
+        # in or out
+        instances: Instances,
+        count: wp.array(dtype=int),
+    ):
+        """Lists the instants at which pixels are to be looked at that show one surface after the other; arguments as of
+        `find_plain`."""
+        each = cut.slots + 1
+        inner = cut.envs * cut.height * cut.width
+        j = wp.tid()
+        while j < others_count[band]:
+            at = others[others0 + j]
+            spot = spot_of(view, cut, cut.first + at // inner, at % inner)
+            ends = ends_of(cut, stage, start, spot)
+            last = wp.int32(-1)
+            none = pixel(UNKNOWN)
+            # The run so far: where it began, and what was seen there.
+            begun = wp.int32(0)
+            seen = ends.before
+            low = wp.int32(0)
+            hit = ends.before
+            for n in range(1, cut.probes + 1):
+                pending = PENDING()
+                entries = SEEN_THEN()
+                pending[0] = n * each // cut.probes
+                entries[0] = ends.after
+                if n < cut.probes:
+                    entries[0] = entry_at(cut, stage, spot, pending[0])
+                waiting = wp.int32(0)
+                while waiting >= 0:
+                    high = pending[waiting]
+                    then = entries[waiting]
+                    if joined(hit, then, stage.targets.pieces):
+                        low = high
+                        hit = then
+                        waiting -= 1
+                    elif high - low > 1:
+                        middle = (low + high) // 2
+                        waiting += 1
+                        pending[waiting] = middle
+                        entries[waiting] = seen_between(
+                            view, stage.targets, slot_row(cut, spot, middle), spot.d, hit, then
+                        )
+                    else:
+                        # One surface ends at `low`, the next begins at `high`.
+                        if low > begun:
+                            last, rise, _whole = go(
+                                view, cut, keys, stage, instances, spot, begun, low, seen, hit, last, room, most, band,
+                                count,
+                            )  # fmt: skip
+                            last = note(cut, instances, spot, low, hit, hit, rise, last, room, most, band, count)
+                        later = wp.int32(0)
+                        if low > 0 and high <= cut.slots:
+                            row_low = slot_row(cut, spot, low)
+                            row_high = slot_row(cut, spot, high)
+                            f = passing(view, stage.targets, row_low, row_high, spot.d, hit, then)
+                            later = wp.clamp(int(f * float(PARTS)), SHARP, PARTS - SHARP)
+                            instances.later[last] = later - SHARP
+                        begun = high
+                        seen = then
+                        if high <= cut.slots:
+                            last = note(cut, instances, spot, high, then, then, none, last, room, most, band, count)
+                            if later > 0:
+                                instances.later[last] = later + SHARP - PARTS
+                        low = high
+                        hit = then
+                        waiting -= 1
+            if last >= 0:
+                if begun <= cut.slots:
+                    last, rise, _whole = go(
+                        view, cut, keys, stage, instances, spot, begun, each, seen, ends.after, last, room, most, band,
+                        count,
+                    )  # fmt: skip
+                    instances.tail[last] = rise
+                instances.ends[last] = 1
+            j += workers
+
+    return find_plain, find_runs
