@@ -24,7 +24,7 @@ def make_intervals(channels: int) -> Any:
     """Makes the struct of a list of intervals; channels: 1 (luminance) or 3 (RGB).
 
     at: the instant at which it is cut and the pixel, index into [slots, E, h, w]. ends: LENGTHS times the instant of
-    its start, counted from that of its coarse interval, plus that of its end. first, last: ln of radiance at its ends;
+    its start, counted from that of its coarse interval, plus that of its end. start, end: ln of radiance at its ends;
     before, after: z-buffer entries there.
     """
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
@@ -32,8 +32,8 @@ def make_intervals(channels: int) -> Any:
     class Intervals:
         at: wp.array(dtype=int)
         ends: wp.array(dtype=int)
-        first: wp.array(dtype=pixel)
-        last: wp.array(dtype=pixel)
+        start: wp.array(dtype=pixel)
+        end: wp.array(dtype=pixel)
         before: wp.array(dtype=wp.uint64)
         after: wp.array(dtype=wp.uint64)
 
@@ -91,8 +91,8 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
         k = at // inner // cut.slots
         intervals.at[place] = (k * cut.slots + (low + high) // 2 - 1) * inner + at % inner
         intervals.ends[place] = low * LENGTHS + high
-        intervals.first[place] = first
-        intervals.last[place] = last
+        intervals.start[place] = first
+        intervals.end[place] = last
         intervals.before[place] = before
         intervals.after[place] = after
 
@@ -217,8 +217,8 @@ def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
             values[known + j - first] = middle
             low = intervals.ends[j] // LENGTHS
             high = intervals.ends[j] % LENGTHS
-            log_a = intervals.first[j]
-            log_b = intervals.last[j]
+            log_a = intervals.start[j]
+            log_b = intervals.end[j]
             log_m = log_of(middle)
             share = float(place - low) / float(high - low)
             bent = apart(log_m, log_a + share * (log_b - log_a)) > cut.bend

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from nodes.interpolator.keyframe import KeyframeView, own_subframes
+from nodes.interpolator.refine.change_kernels import Changes, find_changes
 from nodes.interpolator.refine.evaluator import Evaluator
 from nodes.interpolator.refine.further_kernels import count_samples, make_sort, place_samples
 from nodes.interpolator.refine.instants import Instants, instants_of
@@ -33,8 +34,7 @@ class Lists:
         """pixel: the type of ln I."""
         self.kernel: Any = struct()
         self._types = {
-            name: pixel if name in ("first", "last", "rise", "tail") else wp.uint64 if name in ENTRIES else wp.int32
-            for name in struct.vars
+            name: pixel if name in VALUES else wp.uint64 if name in ENTRIES else wp.int32 for name in struct.vars
         }
         self._device, self.size = device, 0
 
@@ -48,6 +48,8 @@ class Lists:
 
 ENTRIES = ("before", "after")
 """Arrays of z-buffer entries."""
+VALUES = ("start", "end", "rise", "tail")
+"""Arrays of ln I and of its changes."""
 
 
 class Refinement:
@@ -65,14 +67,15 @@ class Refinement:
         self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
         self._find_plain, self._find_runs = make_find_runs(v.lens, channels, layout.exact_flicker)
         self._others = wp.empty(0, dtype=wp.int32, device=v.device)
+        self._changes = Lists(Changes, self._pixel, v.device)
         self._check, self._split = make_rounds(channels)
         self._sort = make_sort(channels)
         self._instances = Lists(make_instances(channels), self._pixel, v.device)
         self._lists = [Lists(make_intervals(channels), self._pixel, v.device) for _ in range(2)]
         self._made: list[wp.array] = [wp.empty(0, dtype=t, device=v.device) for t in (int, int, self._pixel)]
         self._held = wp.zeros(layout.envs, dtype=wp.int32, device=v.device)
-        self._most = 0
-        """Instants that a band has been found to need in a window."""
+        self._most = self._most_changes = 0
+        """Instants and passages that a band has been found to need in a window."""
         self.evaluated = self.shaded = 0
         """Samples of the last gap, and those of them that were shaded."""
         self.reached = True
@@ -183,32 +186,37 @@ class Refinement:
         edges = [height * k // bands for k in range(bands + 1)]
         span = width if v.device.is_cpu else 1
         intervals, inner = last - cut.first, envs * height * width
+        intervals, inner, probes = last - cut.first, envs * height * width, cut.probes
         if not self._most:
-            self._most = -(-inner // bands)
+            self._most = self._most_changes = -(-inner // bands)
         if self._others.size < intervals * inner:
             self._others = wp.empty(intervals * inner, dtype=wp.int32, device=v.device)
+            self._first = wp.empty(intervals * inner * probes, dtype=wp.int32, device=v.device)
         while True:
             self._instances.reserve(bands * self._most)
-            most = self._instances.size // bands
-            found, others = (wp.zeros(bands, dtype=wp.int32, device=v.device) for _ in range(2))
-            plain, runs = [], []
+            self._changes.reserve(bands * self._most_changes)
+            changes = self._changes.kernel
+            changes.first = self._first
+            most, most_changes = self._instances.size // bands, self._changes.size // bands
+            found, others, changed = (wp.zeros(bands, dtype=wp.int32, device=v.device) for _ in range(3))
+            workers = 1 if v.device.is_cpu else LIST_WORKERS
+            launches: list[list[tuple[Any, Any, list[Any]]]] = [[], [], []]
             for k in range(bands):
                 rows, other = edges[k + 1] - edges[k], intervals * envs * width * edges[k]
-                room, keys = [k * most, most, other, k], rigid.pair.kernel()
-                given = [v.view, cut, edges[k], span, *room, self._held, keys, stage, rigid.strength]
-                given += [rigid.pair.a.image, rigid.pair.a.packed, frames, self._instances.kernel, found]
-                plain.append(
-                    (self._find_plain, (intervals * envs, rows, width // span), [*given, self._others, others])
-                )
-                workers = 1 if v.device.is_cpu else LIST_WORKERS
-                given = [v.view, cut, workers, *room, self._others, others, keys, stage, rigid.pair.a.packed]
-                runs.append((self._find_runs, workers, [*given, self._instances.kernel, found]))
-            rigid.sampling.launch(plain)
-            rigid.sampling.launch(runs)
-            counts = found.numpy().tolist()
-            if max(counts) <= most:
+                keys, start = rigid.pair.kernel(), rigid.pair.a.packed
+                given = [v.view, cut, edges[k], span, k * most, most, other, k, self._held, keys, stage, rigid.strength]
+                given += [rigid.pair.a.image, start, frames, self._instances.kernel, found, self._others, others]
+                launches[0].append((self._find_plain, (intervals * envs, rows, width // span), given))
+                given = [v.view, cut, workers, k * most_changes, most_changes, other, k, self._others, others]
+                launches[1].append((find_changes, workers, [*given, stage, start, changes, changed]))
+                given = [v.view, cut, workers, k * most, most, other, k, self._others, others, changes, keys, stage]
+                launches[2].append((self._find_runs, workers, [*given, start, self._instances.kernel, found]))
+            for each in launches:
+                rigid.sampling.launch(each)
+            counts, needed = found.numpy().tolist(), int(changed.numpy().max())
+            if max(counts) <= most and needed <= most_changes:
                 return [k * most for k in range(bands)], counts
-            self._most = max(counts)
+            self._most, self._most_changes = max(*counts, self._most), max(needed, self._most_changes)
 
     def _cut(self, instants: Instants, evaluator: Evaluator, first: int) -> Any:
         cut: Any = Cut()
@@ -253,7 +261,6 @@ class Refinement:
             wp.launch(count_samples, total, [pixels, first])
             wp.utils.array_scan(first, first, inclusive=True)
             wp.launch(place_samples, total, [pixels, first, taken, order])
-            span = width if device.is_cpu else 1
-            given = [height * width, span, first, instants, values, wp.array(since, dtype=wp.int32), order]
-            wp.launch(self._sort, -(-count // span), given, [offset, value])
+            given = [height * width, first, pixels, instants, values, wp.array(since, dtype=wp.int32), order]
+            wp.launch(self._sort, total, given, [offset, value])
         return Further(first, offset, value)

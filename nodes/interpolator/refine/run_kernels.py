@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
+from nodes.interpolator.refine.change_kernels import SHARP, Changes, ends_of, spot_of
 from nodes.interpolator.refine.path_kernels import (
     PARTS,
     UNKNOWN,
@@ -16,30 +17,14 @@ from nodes.interpolator.refine.path_kernels import (
     make_instances,
     make_note,
     make_walk,
-    slot_row,
 )
-from nodes.interpolator.refine.sight_kernels import passing, seen_between
 from nodes.interpolator.rigid.keyframe_kernels import equal, log_of
 from nodes.interpolator.rigid.log_kernels import apart, radiance_of
 from nodes.interpolator.rigid.look_up_kernels import make_keyframes
 from nodes.interpolator.rigid.plan_kernels import joined
-from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
+from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
-
-PENDING = wp.types.vector(length=12, dtype=wp.int32)
-SEEN_THEN = wp.types.vector(length=12, dtype=wp.uint64)
-"""Ends of halves of an interval between probes that are still to be looked at: as often as it can be halved."""
-SHARP = wp.constant(2)
-"""Half of the time that one surface takes to give way to the next, in PARTS."""
-
-
-@wp.struct
-class Ends:
-    """Holds z-buffer entries at the ends of a coarse interval."""
-
-    before: wp.uint64
-    after: wp.uint64
 
 
 @cache
@@ -50,30 +35,6 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
     Keyframes: Any = make_keyframes(channels, flicker)
     Instances: Any = make_instances(channels)
     walk, note = make_walk(lens, channels, flicker), make_note(channels)
-
-    @wp.func
-    def spot_of(view: CameraView, cut: Cut, k: int, q: int):
-        """Gives coarse interval k of the pixel at q in [E, h, w]."""
-        spot = Spot()
-        spot.k = k
-        spot.q = q
-        spot.x = q % cut.width + cut.margin
-        spot.y = q // cut.width % cut.height + cut.margin
-        spot.env = q // (cut.width * cut.height)
-        spot.d = pixel_ray(view, spot.x, spot.y)
-        return spot
-
-    @wp.func
-    def ends_of(cut: Cut, stage: Stage, start: wp.array3d(dtype=wp.uint64), spot: Spot):
-        """Reads the z-buffer at both ends."""
-        ends = Ends()
-        if spot.k == 0:
-            ends.before = start[spot.env, spot.y, spot.x]
-        else:
-            ends.before = stage.packed[spot.k * cut.envs + spot.env, spot.y, spot.x]
-        row = wp.where(spot.k + 1 == cut.coarse, 0, spot.k + 1) * cut.envs + spot.env
-        ends.after = stage.packed[row, spot.y, spot.x]
-        return ends
 
     @wp.func
     def flickers(
@@ -228,6 +189,7 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
         band: int,
         others: wp.array(dtype=int),
         others_count: wp.array(dtype=int),
+        changes: Changes,
         keys: Keyframes,
         stage: Stage,
         start: wp.array3d(dtype=wp.uint64),
@@ -249,54 +211,30 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
             # The run so far: where it began, and what was seen there.
             begun = wp.int32(0)
             seen = ends.before
-            low = wp.int32(0)
-            hit = ends.before
-            for n in range(1, cut.probes + 1):
-                pending = PENDING()
-                entries = SEEN_THEN()
-                pending[0] = n * each // cut.probes
-                entries[0] = ends.after
-                if n < cut.probes:
-                    entries[0] = entry_at(cut, stage, spot, pending[0])
-                waiting = wp.int32(0)
-                while waiting >= 0:
-                    high = pending[waiting]
-                    then = entries[waiting]
-                    if joined(hit, then, stage.targets.pieces):
-                        low = high
-                        hit = then
-                        waiting -= 1
-                    elif high - low > 1:
-                        middle = (low + high) // 2
-                        waiting += 1
-                        pending[waiting] = middle
-                        entries[waiting] = seen_between(
-                            view, stage.targets, slot_row(cut, spot, middle), spot.d, hit, then
-                        )
-                    else:
-                        # One surface ends at `low`, the next begins at `high`.
-                        if low > begun:
-                            last, rise, _whole = go(
-                                view, cut, keys, stage, instances, spot, begun, low, seen, hit, last, room, most, band,
-                                count,
-                            )  # fmt: skip
-                            last = note(cut, instances, spot, low, hit, hit, rise, last, room, most, band, count)
-                        later = wp.int32(0)
-                        if low > 0 and high <= cut.slots:
-                            row_low = slot_row(cut, spot, low)
-                            row_high = slot_row(cut, spot, high)
-                            f = passing(view, stage.targets, row_low, row_high, spot.d, hit, then)
-                            later = wp.clamp(int(f * float(PARTS)), SHARP, PARTS - SHARP)
-                            instances.later[last] = later - SHARP
-                        begun = high
-                        seen = then
-                        if high <= cut.slots:
-                            last = note(cut, instances, spot, high, then, then, none, last, room, most, band, count)
-                            if later > 0:
-                                instances.later[last] = later + SHARP - PARTS
-                        low = high
-                        hit = then
-                        waiting -= 1
+            for n in range(cut.probes):
+                c = changes.first[(others0 + j) * cut.probes + n]
+                while c >= 0:
+                    # One surface ends at `low`, the next begins at `high`.
+                    low = changes.low[c]
+                    high = low + 1
+                    hit = changes.before[c]
+                    then = changes.after[c]
+                    later = changes.later[c]
+                    if low > begun:
+                        last, rise, _whole = go(
+                            view, cut, keys, stage, instances, spot, begun, low, seen, hit, last, room, most, band,
+                            count,
+                        )  # fmt: skip
+                        last = note(cut, instances, spot, low, hit, hit, rise, last, room, most, band, count)
+                    if later > 0:
+                        instances.later[last] = later - SHARP
+                    begun = high
+                    seen = then
+                    if high <= cut.slots:
+                        last = note(cut, instances, spot, high, then, then, none, last, room, most, band, count)
+                        if later > 0:
+                            instances.later[last] = later + SHARP - PARTS
+                    c = changes.following[c]
             if last >= 0:
                 if begun <= cut.slots:
                     last, rise, _whole = go(
