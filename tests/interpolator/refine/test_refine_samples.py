@@ -133,13 +133,13 @@ def test_a_silhouette_passes_a_pixel_when_it_should(speed):
     square = quad(0.3)
     flight = Prescribed(start, [Linear(np.array([speed, 0.0, 0.0]))])
     scene = world([(quad(4.0), plain(0.2), Prescribed(pose(z=3.0))), (square, plain(0.9), flight)])
-    tolerance = 20_000
+    tolerance = 100_000
     frames, (pixels, ns, values) = refined(scene, 8, tolerance)
     h, w = frames.shape[1:]
     k = scene.cameras[0].k
     edge = -0.5 * np.sign(speed) + 0.3 * np.sign(speed)
     row = h // 2
-    checked = 0
+    checked, off = 0, []
     for x in range(w):
         crossing = ((x - k[0, 2]) / FOCAL * 2.0 - edge) / speed * 1e9
         if not 0.02 * GAP < crossing < 0.98 * GAP:
@@ -153,8 +153,12 @@ def test_a_silhouette_passes_a_pixel_when_it_should(speed):
         low, high = before[before <= after.min()].max(initial=0), after.min()
         assert high - low <= 2 * tolerance + 1
         assert low - 2000 <= crossing <= high + 2000
+        if 2 * tolerance < crossing % (GAP / 8) < GAP / 8 - 2 * tolerance:
+            off.append(abs((low + high) / 2 - crossing))
         checked += 1
     assert checked >= 0.8 * abs(speed) * GAP * 1e-9 * FOCAL / 2.0 - 1
+    # The edge itself is followed: only beside a frame its time is not known better than the tolerance.
+    assert off and max(off) < 0.05 * tolerance
 
 
 def test_times_ascend_between_the_frames_and_threads_change_nothing():
