@@ -47,6 +47,10 @@ SUBJECTS = {
         "bench.interpolation.audit",
         "what an audit costs beside its run, and how wide its interval is",
     ),
+    "between": (
+        "bench.interpolation.between",
+        "samples of single pixels between frames: error against CPU time, beside frames alone and dense rendering",
+    ),
     "interpolation_speed": (
         "bench.interpolation.speed",
         "nanoseconds per pixel and sub-frame of interpolator and sensor",
@@ -63,8 +67,8 @@ SUBJECTS = {
 """Name -> module with `measure(quick)` and perhaps `plot(sections, folder)`, and what it measures."""
 
 BY_THEMSELVES = {
+    "bench.interpolation.extremes": "motion too fast for frames, with samples of single pixels between them",
     "bench.event_sensor.further": "cost of further samples of single pixels between frames",
-    "bench.interpolation.between": "samples of single pixels between frames: error and CPU time beside frames alone",
     "bench.graph.frame_camera": "what images of a frame sensor cost beside the events",
     "bench.event_sensor.gpu": "the sensor on a CUDA device, against its memory's bandwidth",
     "bench.interpolation.gpu": "gaps on a CUDA device, and where their time goes",

@@ -1,10 +1,13 @@
-"""Samples of single pixels between frames (`time_tolerance`): error and CPU time beside frames alone.
+"""Samples of single pixels between frames (`time_tolerance`): error against CPU time beside frames alone.
 
-python -m bench.interpolation.between [--quick]
+evis bench between [--quick]
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from bench import command
@@ -23,51 +26,118 @@ RATE = 31.25
 TIME_TOLERANCE_S = 1e-4
 GAPS = 3
 TRUTH_HZ = 16_000.0
-CASES: dict[str, tuple[str, float, int, float]] = {
-    "31x8 frames": ("rigid", RATE, 8, 0.0),
-    "31x32 frames": ("rigid", RATE, 32, 0.0),
-    "31x4, further samples": ("rigid", RATE, 4, TIME_TOLERANCE_S),
-    "31x8, further samples": ("rigid", RATE, 8, TIME_TOLERANCE_S),
-    "31x16, further samples": ("rigid", RATE, 16, TIME_TOLERANCE_S),
-    "dense 1000 Hz": ("none", 32 * RATE, 1, 0.0),
-}
-"""Method, keyframes per second, K and time_tolerance [s]."""
 
 
-def row(scene: str, name: str, world: World, truth: EventStream, duration_ns: int) -> dict[str, Any]:
-    """Measures one case: spike-train error at 1/ms, events, and CPU time per gap of 32 ms."""
-    method, rate, upsampling, tolerance = CASES[name]
-    warp = {"time_tolerance": tolerance} if method == "rigid" else {}
-    run: Run = simulate(world, method, rate, upsampling, duration_ns, warp=warp)
+@dataclass(frozen=True)
+class Way:
+    """Describes how a scene is sampled: method, keyframes per second, K and time_tolerance [s]."""
+
+    family: str
+    method: str
+    rate: float
+    upsampling: int
+    tolerance: float = 0.0
+
+    @property
+    def label(self) -> str:
+        """Names it in a table."""
+        frames = f"{self.rate:.0f}x{self.upsampling}" if self.method == "rigid" else f"{self.rate:.0f} Hz"
+        return f"{frames} {self.family}"
+
+
+FRAMES, FURTHER, DENSE = "frames", "further samples", "dense"
+WAYS = (
+    *(Way(FRAMES, "rigid", RATE, k) for k in (8, 16, 32, 64)),
+    *(Way(FURTHER, "rigid", RATE, k, TIME_TOLERANCE_S) for k in (2, 4, 8)),
+    *(Way(DENSE, "none", rate * RATE, 1) for rate in (8, 32, 64, 128)),
+)
+STYLES = {FRAMES: ("^-", "tab:red"), FURTHER: ("*-", "tab:green"), DENSE: ("o-", "tab:blue")}
+"""Marker, line and colour by family."""
+
+
+def row(scene: str, way: Way, world: World, truth: EventStream, duration_ns: int) -> dict[str, Any]:
+    """Measures one way: spike-train error at 1/ms, events, and CPU time per gap of 32 ms."""
+    warp = {"time_tolerance": way.tolerance} if way.method == "rigid" else {}
+    run: Run = simulate(world, way.method, way.rate, way.upsampling, duration_ns, warp=warp)
     events = run.streams["linear"]
-    return {
+    parts = {"render": run.render_s, "interpolate": run.interpolate_s, "sense": run.sense_s["linear"]}
+    line: dict[str, Any] = {
         "scene": scene,
-        "samples": name,
+        "samples": way.label,
         "error": round(victor_purpura(events, truth, 1.0), 3),
         "events [%]": round(100 * (len(events.t) / max(len(truth.t), 1) - 1), 1),
-        "render [ms]": round(1e3 * run.render_s / GAPS, 1),
-        "interpolate [ms]": round(1e3 * run.interpolate_s / GAPS, 1),
-        "sense [ms]": round(1e3 * run.sense_s["linear"] / GAPS, 1),
     }
+    line |= {f"{name} [ms]": round(1e3 * seconds / GAPS, 1) for name, seconds in parts.items()}
+    return line | {"all [ms]": round(1e3 * sum(parts.values()) / GAPS, 1)}
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """Measures all cases on eight scenes; quick: on two, against 4 kHz."""
+    """Measures all ways on eight scenes; quick: on two, against 4 kHz."""
     duration, truth_hz = round(GAPS * NS / RATE), TRUTH_HZ / 4 if quick else TRUTH_HZ
     rows = []
     for scene in SCENES[:1] + SCENES[6:7] if quick else SCENES:
         world = World(load_scene(scene, SIZE), duration)
         truth = reference(world, truth_hz, duration, NS)[0]
-        rows += [row(scene, name, world, truth, duration) for name in CASES]
+        rows += [row(scene, way, world, truth, duration) for way in WAYS]
     return {
         "between": {
             "title": "Samples of single pixels between frames, {width}x{height}".format(**SIZE),
-            "command": "python -m bench.interpolation.between",
+            "command": "evis bench between",
             "rows": rows,
             "note": f"Error: Victor-Purpura at 1/ms against dense rendering at {truth_hz:g} Hz. CPU time per gap of "
             f"{1e3 / RATE:g} ms, one core; time_tolerance {1e3 * TIME_TOLERANCE_S:g} ms with further samples.",
         }
     }
+
+
+def plot(sections: dict[str, Any], out: Path) -> list[Path]:
+    """Writes between.png: error against CPU time, a panel for each scene, both axes logarithmic."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    rows = sections["between"]["rows"]
+    scenes = list(dict.fromkeys(line["scene"] for line in rows))
+    columns = min(4, len(scenes))
+    figure, panels = plt.subplots(
+        -(-len(scenes) // columns), columns, figsize=(3.6 * columns, 3.4 * -(-len(scenes) // columns)), squeeze=False
+    )
+    for axes, scene in zip(panels.flat, scenes):
+        _panel(axes, [line for line in rows if line["scene"] == scene])
+        axes.set_title(scene, fontsize=10)
+    for axes in panels[-1]:
+        axes.set_xlabel("CPU time [ms per 32 ms]", fontsize=9)
+    for axes in panels[:, 0]:
+        axes.set_ylabel("spike-train error (1/ms)", fontsize=9)
+    handles, labels = panels.flat[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="lower center", ncols=3, fontsize=9, frameon=False)
+    figure.tight_layout(rect=(0, 0.05, 1, 1))
+    path = out / "between.png"
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+    return [path]
+
+
+def _panel(axes: Any, rows: Sequence[dict[str, Any]]) -> None:
+    """One scene."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    names = {
+        FRAMES: "frames alone, 31 x 8, 16, 32, 64",
+        FURTHER: "with further samples, 31 x 2, 4, 8",
+        DENSE: "dense rendering, 250 to 4000 Hz",
+    }
+    for family, (style, colour) in STYLES.items():
+        own = [line for line in rows if line["samples"].endswith(family)]
+        points = [(line["all [ms]"], line["error"]) for line in own]
+        axes.plot(*zip(*points), style, color=colour, ms=8 if family == FURTHER else 5, lw=1.1, label=names[family])
+    axes.set(xscale="log", yscale="log")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+    axes.grid(True, which="major", alpha=0.3)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,9 @@ from nodes.renderer.lighting import LIST_WORKERS, Shading, ShadingOptions
 from nodes.renderer.lights.lights import waveform_strength
 from nodes.renderer.raster.visibility import Visibility
 
+LISTS = 128
+"""Lists of a gap, at most: of every window one, and one for each time that an interval is halved."""
+
 
 class Evaluator:
     """Evaluates listed pixels at the instants that are in its slots, `slots` x E rows, for the gap that a `Rigid` has
@@ -54,7 +57,7 @@ class Evaluator:
             self._radiance = wp.empty(v.shape, dtype=wp.vec3)
             self._turn = wp.empty((2 * v.envs, bodies), dtype=wp.mat33)
             self._shift = wp.empty((2 * v.envs, bodies), dtype=wp.vec3)
-            self._count = wp.zeros(self.bands, dtype=wp.int32)
+            self._counts = wp.zeros(LISTS * self.bands, dtype=wp.int32)
             self._none = wp.zeros(self.bands, dtype=wp.int32)
             self._frame = wp.zeros(slots, dtype=wp.int32)
             self._index: wp.array = wp.zeros(slots, dtype=wp.int32)
@@ -65,8 +68,8 @@ class Evaluator:
         self._place = make_place(channels, True)
         self.targets = self._make_targets()
         self.reserve(1)
-        self.shaded = 0
-        """Pixels that were shaded since the gap began."""
+        self._lists = 0
+        """Lists that were evaluated since the gap began."""
 
     def _make_targets(self) -> Any:
         v, targets = self.visibility, Targets()
@@ -76,9 +79,20 @@ class Evaluator:
         targets.casters = self.shading.occluders.casters
         return targets
 
+    @property
+    def moved(self) -> tuple[wp.array, wp.array]:
+        """Gives how bodies have moved since A, then since B, mat33 and vec3 [2 R, N + 2]."""
+        return self._turn, self._shift
+
+    @property
+    def shaded(self) -> int:
+        """Counts the pixels that were shaded since the gap began."""
+        return int(self._counts.numpy().sum())
+
     def begin(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> None:
         """Begins a gap; arguments as of Slots.begin, for all instants."""
-        self._stamps, self.shaded = stamps, 0
+        self._stamps, self._lists = stamps, 0
+        self._counts.zero_()
         self.places.begin(stamps, a, b, held)
 
     def place(self, instants: Sequence[int], upsampling: int) -> None:
@@ -116,7 +130,8 @@ class Evaluator:
         """Computes `values` of listed pixels, int32 indices into [slots, E, h, w]: of band k, counts[k] from starts[k]
         on."""
         v, rigid = self.visibility, self._rigid
-        self._count.zero_()
+        unseen = self._counts[self._lists * self.bands : (self._lists + 1) * self.bands]
+        self._lists += 1
         values = self.values.reshape((1, 1, -1))
         keys = rigid.pair.kernel()
         keys.turn, keys.shift = self._turn, self._shift
@@ -126,16 +141,15 @@ class Evaluator:
         for k, (start, count) in enumerate(zip(starts, counts)):
             threads = min(count, 1) if v.device.is_cpu else count
             given: list[Any] = [v.view, start, start + count, max(threads, 1), k, *how, listed, self._none]
-            launches.append((self._gather, threads, [*given, values, self._anew, self._places, self._count]))
+            launches.append((self._gather, threads, [*given, values, self._anew, self._places, unseen]))
         rigid.sampling.launch([one for one in launches if one[1]])
-        found = self._count.numpy()
-        if not found.any():
+        # A GPU is not waited for.
+        if v.device.is_cpu and not unseen.numpy().any():
             return
-        self.shaded += int(found.sum())
-        self.shading.shade_list(self._radiance, self._anew, self._count, list(starts), True)
+        self.shading.shade_list(self._radiance, self._anew, unseen, list(starts), True)
         workers = 1 if v.device.is_cpu else LIST_WORKERS
         for k, start in enumerate(starts):
-            given = [workers, start, k, self._envs, 1, v.margin, self._frame, self._anew, self._places, self._count]
+            given = [workers, start, k, self._envs, 1, v.margin, self._frame, self._anew, self._places, unseen]
             wp.launch(self._place, workers, [*given, self._radiance], [values], device=v.device)
 
     def _portion(self) -> Any:

@@ -5,6 +5,8 @@ from typing import Any
 
 import warp as wp
 
+from nodes.interpolator.refine.path_kernels import PARTS
+
 wp.set_module_options({"enable_backward": False})
 
 
@@ -37,40 +39,39 @@ def place_samples(
 
 @cache
 def make_sort(channels: int) -> wp.Kernel:
-    """Makes the kernel that sorts the samples of a pixel by time. channels: 1 (luminance) or 3 (RGB)."""
+    """Makes the kernel that sorts the samples of pixels by time. channels: 1 (luminance) or 3 (RGB)."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
 
     @wp.kernel(module="unique", enable_backward=False)
     def sort(
         # in
         inner: int,
-        span: int,
         first: wp.array(dtype=int),
+        pixels: wp.array(dtype=int),
         instants: wp.array(dtype=int),
         values: wp.array(dtype=pixel),
         since: wp.array2d(dtype=int),
-        # in and out
         order: wp.array(dtype=int),
         # out
         offset: wp.array(dtype=int),
         value: wp.array(dtype=pixel),
     ):
-        """Sorts the samples of `span` pixels a thread. since [E, instants]: ns after the gap's start; inner: pixels of
-        an environment."""
-        start = wp.tid() * span
-        for q in range(start, wp.min(start + span, first.shape[0] - 1)):
-            low = first[q]
-            high = first[q + 1]
-            for j in range(low + 1, high):
-                moved = order[j]
-                t = instants[moved]
-                k = j
-                while k > low and instants[order[wp.max(k - 1, 0)]] > t:
-                    order[k] = order[k - 1]
-                    k -= 1
-                order[k] = moved
-            for j in range(low, high):
-                offset[j] = since[q // inner, instants[order[j]] - 1]
-                value[j] = values[order[j]]
+        """Puts each sample where it comes in time among those of its pixel. order: samples by pixel; since [E,
+        instants]: ns after the gap's start; inner: pixels of an environment."""
+        j = order[wp.tid()]
+        q = pixels[j]
+        t = instants[j]
+        place = first[q]
+        for k in range(first[q], first[q + 1]):
+            if instants[order[k]] < t:
+                place += 1
+        env = q // inner
+        i = t // PARTS
+        part = t % PARTS
+        ns = since[env, i - 1]
+        if part > 0:
+            ns += (since[env, i] - ns) * part // PARTS
+        offset[place] = ns
+        value[place] = values[j]
 
     return sort

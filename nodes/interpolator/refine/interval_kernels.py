@@ -6,18 +6,15 @@ from typing import Any
 import warp as wp
 
 from evis.gpu.append_kernels import take_place
-from nodes.interpolator.refine.sight_kernels import Targets, seen_between
-from nodes.interpolator.refine.suspect_kernels import Cut, make_suspicions, probed
-from nodes.interpolator.rigid.keyframe_kernels import equal, log_of
+from nodes.interpolator.refine.path_kernels import PARTS, UNKNOWN, Cut, Stage, make_instances
+from nodes.interpolator.refine.sight_kernels import seen_between
+from nodes.interpolator.rigid.keyframe_kernels import log_of
 from nodes.interpolator.rigid.log_kernels import apart
-from nodes.interpolator.rigid.look_up_kernels import make_keyframes
 from nodes.interpolator.rigid.plan_kernels import joined
 from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 
 wp.set_module_options({"enable_backward": False})
 
-STRAIGHT = wp.constant(0.5)
-"""Part of the bend up to which what a keyframe shows of an interval is taken for a straight line."""
 LENGTHS = wp.constant(1 << 15)
 """More than the instants of a coarse interval."""
 
@@ -27,7 +24,7 @@ def make_intervals(channels: int) -> Any:
     """Makes the struct of a list of intervals; channels: 1 (luminance) or 3 (RGB).
 
     at: the instant at which it is cut and the pixel, index into [slots, E, h, w]. ends: LENGTHS times the instant of
-    its start, counted from that of its coarse interval, plus that of its end. first, last: ln of radiance at its ends;
+    its start, counted from that of its coarse interval, plus that of its end. start, end: ln of radiance at its ends;
     before, after: z-buffer entries there.
     """
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
@@ -35,8 +32,8 @@ def make_intervals(channels: int) -> Any:
     class Intervals:
         at: wp.array(dtype=int)
         ends: wp.array(dtype=int)
-        first: wp.array(dtype=pixel)
-        last: wp.array(dtype=pixel)
+        start: wp.array(dtype=pixel)
+        end: wp.array(dtype=pixel)
         before: wp.array(dtype=wp.uint64)
         after: wp.array(dtype=wp.uint64)
 
@@ -44,16 +41,41 @@ def make_intervals(channels: int) -> Any:
     return wp.struct(Intervals)
 
 
+@wp.kernel
+def see(
+    # in
+    view: CameraView,
+    cut: Cut,
+    first: int,
+    last: int,
+    workers: int,
+    stage: Stage,
+    at: wp.array(dtype=int),
+    before: wp.array(dtype=wp.uint64),
+    after: wp.array(dtype=wp.uint64),
+    # out
+    hits: wp.array(dtype=wp.uint64),
+):
+    """Finds what is seen where intervals first .. last - 1 are cut, as z-buffer entries; arguments as of Intervals."""
+    j = first + wp.tid()
+    while j < last:
+        x = at[j] % cut.width + cut.margin
+        y = at[j] // cut.width % cut.height + cut.margin
+        n = at[j] // (cut.width * cut.height)
+        hits[j] = seen_between(view, stage.targets, n, pixel_ray(view, x, y), before[j], after[j])
+        j += workers
+
+
 @cache
-def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
-    """Makes the kernels `begin`, `see` and `split`; arguments as of make_look_up."""
+def make_rounds(channels: int) -> tuple[wp.Kernel, wp.Kernel]:
+    """Makes the kernels `check` and `split`; channels: 1 (luminance) or 3 (RGB)."""
     pixel: Any = wp.float32 if channels == 1 else wp.vec3
-    flickers, bend_of = make_suspicions(lens, channels, flicker)
-    Keyframes: Any = make_keyframes(channels, flicker)
     Intervals: Any = make_intervals(channels)
+    Instances: Any = make_instances(channels)
 
     @wp.func
     def put(
+        cut: Cut,
         intervals: Intervals,
         place: int,
         at: int,
@@ -64,140 +86,106 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         before: wp.uint64,
         after: wp.uint64,
     ):
-        """Writes an interval into a list."""
-        intervals.at[place] = at
+        """Writes an interval into a list, to be cut in the middle. at: index of the pixel at one of its instants."""
+        inner = cut.envs * cut.height * cut.width
+        k = at // inner // cut.slots
+        intervals.at[place] = (k * cut.slots + (low + high) // 2 - 1) * inner + at % inner
         intervals.ends[place] = low * LENGTHS + high
-        intervals.first[place] = first
-        intervals.last[place] = last
+        intervals.start[place] = first
+        intervals.end[place] = last
         intervals.before[place] = before
         intervals.after[place] = after
 
-    @wp.kernel(module="unique", enable_backward=False)
-    def begin(
-        # in
-        view: CameraView,
-        cut: Cut,
-        row0: int,
-        span: int,
-        window: wp.vec2i,
-        coarse: int,
-        room: int,
-        band: int,
-        held: wp.array(dtype=int),
-        pieces: wp.array(dtype=wp.vec2i),
-        keys: Keyframes,
-        strength: wp.array(dtype=float),
-        image: wp.array3d(dtype=pixel),
-        start: wp.array3d(dtype=wp.uint64),
-        packed: wp.array3d(dtype=wp.uint64),
-        frames: wp.array3d(dtype=pixel),
-        # out
-        intervals: Intervals,
-        count: wp.array(dtype=int),
-    ):
-        """Lists the coarse intervals window[0] .. window[1] - 1 that are to be cut, from `room` on.
-
-        coarse: frames of the gap. strength [rows]: of lights that flicker. image, start: keyframe A and its z-buffer,
-        with the margin. packed [rows, H, W]: z-buffers of B, of the sub-frames 1 .. K - 1, and of the probes. frames:
-        [E K, h, w].
-        """
-        env, row, part = wp.tid()
-        if held[env] == 1:
-            return
-        y = row0 + row
-        m = cut.margin
-        inner = cut.envs * cut.height * cut.width
-        for x in range(part * span, wp.min(part * span + span, cut.width)):
-            a = image[env, y + m, x + m]
-            before = start[env, y + m, x + m]
-            if window[0] > 0:
-                a = frames[env * coarse + window[0] - 1, y, x]
-                before = packed[window[0] * cut.envs + env, y + m, x + m]
-            log_a = log_of(a)
-            for k in range(window[0], window[1]):
-                slot = wp.where(k + 1 == coarse, 0, k + 1)
-                b = frames[env * coarse + k, y, x]
-                after = packed[slot * cut.envs + env, y + m, x + m]
-                log_b = log_a
-                if not equal(a, b):
-                    log_b = log_of(b)
-                taken = wp.bool(False)
-                place = (cut.slots + 1) // 2
-                if not equal(a, b) or before != after:
-                    taken = apart(log_a, log_b) > cut.jump
-                    if joined(before, after, pieces):
-                        bend, where, known = bend_of(
-                            view, cut, keys, k, coarse, env, x + m, y + m, log_b - log_a, before, after, pieces
-                        )
-                        if known and taken:
-                            taken = bend > STRAIGHT * cut.bend
-                        if bend > cut.bend:
-                            taken = True
-                            place = wp.clamp(int(where * float(cut.slots + 1) + 0.5), 1, cut.slots)
-                    else:
-                        taken = True
-                if wp.static(flicker):
-                    at_b = (env * view.height + y + m) * view.width + x + m
-                    lit_then = flickers(cut, keys, k, coarse, env, at_b, log_a, log_b, strength)
-                    if lit_then > 0:
-                        taken = True
-                        place = lit_then
-                third = probed(cut, coarse, k, env, x, y, 0, cut.slots + 1, before, after, pieces, packed)
-                if third > 0:
-                    taken = True
-                    place = third
-                if taken:
-                    at = ((k - window[0]) * cut.slots + place - 1) * inner
-                    at += (env * cut.height + y) * cut.width + x
-                    to = room + take_place(count, band)
-                    put(intervals, to, at, 0, cut.slots + 1, log_a, log_b, before, after)
-                a = b
-                log_a = log_b
-                before = after
+    @wp.func
+    def suspect(cut: Cut, rise: pixel, actual: pixel):
+        """Tells whether what a keyframe tells of a change of ln I is not what has happened."""
+        if apart(rise, pixel(0.0)) >= UNKNOWN:
+            return apart(actual, pixel(0.0)) > cut.jump
+        return apart(rise, actual) > cut.bend
 
     @wp.kernel(module="unique", enable_backward=False)
-    def see(
+    def check(
         # in
-        view: CameraView,
         cut: Cut,
-        first_interval: int,
-        coarse: int,
         first: int,
         last: int,
         workers: int,
-        packed: wp.array3d(dtype=wp.uint64),
-        targets: Targets,
-        intervals: Intervals,
-        # out
+        known: int,
+        room: int,
+        band: int,
+        image: wp.array3d(dtype=pixel),
+        start: wp.array3d(dtype=wp.uint64),
+        frames: wp.array3d(dtype=pixel),
+        stage: Stage,
+        instances: Instances,
         hits: wp.array(dtype=wp.uint64),
+        radiance: wp.array(dtype=pixel),
+        # out
+        pixels: wp.array(dtype=int),
+        instants: wp.array(dtype=int),
+        values: wp.array(dtype=pixel),
+        intervals: Intervals,
+        count: wp.array(dtype=int),
     ):
-        """Finds what is seen where intervals first .. last - 1 are cut, as z-buffer entries.
-
-        first_interval: the first coarse interval of the slots. coarse, packed: as of `begin`.
-        """
+        """Notes pixels at instants first .. last - 1, of that radiance, as samples, from `known` on, and lists the
+        intervals beside them that are to be cut, from `room` on; image, start, frames: as of `find_runs`."""
         j = first + wp.tid()
+        inner = cut.envs * cut.height * cut.width
         while j < last:
-            at = intervals.at[j]
-            x = at % cut.width + cut.margin
-            y = at // cut.width % cut.height + cut.margin
-            n = at // (cut.width * cut.height)
-            slot = n // cut.envs
+            at = instances.at[j]
+            slot = at // inner
+            q = at % inner
+            k = cut.first + slot // cut.slots
             place = slot % cut.slots + 1
-            probe = place * cut.probes // (cut.slots + 1)
-            if place * cut.probes == probe * (cut.slots + 1):
-                k = first_interval + slot // cut.slots
-                hits[j] = packed[(coarse + k * (cut.probes - 1) + probe - 1) * cut.envs + n % cut.envs, y, x]
-            else:
-                d = pixel_ray(view, x, y)
-                hits[j] = seen_between(view, targets, n, d, intervals.before[j], intervals.after[j])
+            value = radiance[j]
+            pixels[known + j - first] = q
+            instants[known + j - first] = (k * (cut.slots + 1) + place) * PARTS + instances.later[j]
+            values[known + j - first] = value
+            log_m = log_of(value)
+            now = hits[j]
+            x = q % cut.width
+            y = q // cut.width % cut.height
+            env = q // (cut.width * cut.height)
+            for side in range(2):
+                low = wp.int32(0)
+                high = place
+                log_a = log_m
+                log_b = log_m
+                before = now
+                after = now
+                rise = instances.rise[j]
+                length = wp.int32(0)
+                if side == 0:
+                    p = instances.previous[j]
+                    if p >= 0:
+                        low = instances.at[p] // inner % cut.slots + 1
+                        log_a = log_of(radiance[p])
+                        before = hits[p]
+                    elif k == 0:
+                        log_a = log_of(image[env, y + cut.margin, x + cut.margin])
+                        before = start[env, y + cut.margin, x + cut.margin]
+                    else:
+                        log_a = log_of(frames[env * cut.coarse + k - 1, y, x])
+                        before = stage.packed[k * cut.envs + env, y + cut.margin, x + cut.margin]
+                    length = high - low
+                elif instances.ends[j] == 1:
+                    low = place
+                    high = cut.slots + 1
+                    rise = instances.tail[j]
+                    log_b = log_of(frames[env * cut.coarse + k, y, x])
+                    row = wp.where(k + 1 == cut.coarse, 0, k + 1) * cut.envs + env
+                    after = stage.packed[row, y + cut.margin, x + cut.margin]
+                    length = high - low
+                if length > 1:
+                    if joined(before, after, stage.targets.pieces) and suspect(cut, rise, log_b - log_a):
+                        to = room + take_place(count, band)
+                        put(cut, intervals, to, at, low, high, log_a, log_b, before, after)
             j += workers
 
     @wp.kernel(module="unique", enable_backward=False)
     def split(
         # in
         cut: Cut,
-        base: int,
-        coarse: int,
         first: int,
         last: int,
         workers: int,
@@ -205,7 +193,6 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         room: int,
         band: int,
         pieces: wp.array(dtype=wp.vec2i),
-        packed: wp.array3d(dtype=wp.uint64),
         hits: wp.array(dtype=wp.uint64),
         radiance: wp.array(dtype=pixel),
         intervals: Intervals,
@@ -217,60 +204,41 @@ def make_rounds(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, wp.
         count: wp.array(dtype=int),
     ):
         """Notes where intervals first .. last - 1 were cut, of that radiance, as samples, from
-        `known` on, and lists their parts that are to be cut, from `room` on.
-
-        base: instant of the slot before the first one. coarse, packed: as of `begin`.
-        """
+        `known` on, and lists their parts that are to be cut, from `room` on."""
         j = first + wp.tid()
         inner = cut.envs * cut.height * cut.width
         while j < last:
             at = intervals.at[j]
             slot = at // inner
             middle = radiance[j]
+            place = slot % cut.slots + 1
             pixels[known + j - first] = at % inner
-            # A coarse instant lies between the slots of two coarse intervals.
-            instants[known + j - first] = base + slot + 1 + slot // cut.slots
+            instants[known + j - first] = ((cut.first + slot // cut.slots) * (cut.slots + 1) + place) * PARTS
             values[known + j - first] = middle
             low = intervals.ends[j] // LENGTHS
             high = intervals.ends[j] % LENGTHS
-            place = slot % cut.slots + 1
-            log_a = intervals.first[j]
-            log_b = intervals.last[j]
-            before = intervals.before[j]
-            after = intervals.after[j]
-            now = hits[j]
+            log_a = intervals.start[j]
+            log_b = intervals.end[j]
             log_m = log_of(middle)
             share = float(place - low) / float(high - low)
             bent = apart(log_m, log_a + share * (log_b - log_a)) > cut.bend
-            if not bent and (apart(log_a, log_b) > cut.jump or high - low > cut.blind):
-                bent = not joined(before, after, pieces)
-            q = at % inner
-            k = (base + slot + slot // cut.slots) // (cut.slots + 1)
-            x = q % cut.width
-            y = q // cut.width % cut.height
-            env = q // (cut.width * cut.height)
             for side in range(2):
                 start = wp.where(side == 0, low, place)
                 end = wp.where(side == 0, place, high)
-                ahead = wp.where(side == 0, before, now)
-                behind = wp.where(side == 0, now, after)
+                ahead = intervals.before[j]
+                behind = hits[j]
+                from_here = log_a
+                to_there = log_m
+                if side == 1:
+                    ahead = behind
+                    behind = intervals.after[j]
+                    from_here = log_m
+                    to_there = log_b
                 if end > start + 1:
-                    middle_of = (start + end) // 2
-                    step = apart(log_a, log_m)
-                    if side == 1:
-                        step = apart(log_m, log_b)
-                    taken = bent and (step > cut.jump or not joined(ahead, behind, pieces))
-                    third = probed(cut, coarse, k, env, x, y, start, end, ahead, behind, pieces, packed)
-                    if third > 0:
-                        taken = True
-                        middle_of = third
-                    if taken:
+                    taken = bent and apart(from_here, to_there) > cut.jump
+                    if taken or not joined(ahead, behind, pieces):
                         to = room + take_place(count, band)
-                        at_next = at + (middle_of - place) * inner
-                        if side == 0:
-                            put(halves, to, at_next, start, end, log_a, log_m, ahead, behind)
-                        else:
-                            put(halves, to, at_next, start, end, log_m, log_b, ahead, behind)
+                        put(cut, halves, to, at, start, end, from_here, to_there, ahead, behind)
             j += workers
 
-    return begin, see, split
+    return check, split

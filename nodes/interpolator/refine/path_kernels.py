@@ -1,13 +1,16 @@
-"""What a pixel passes over between two coarse samples, looked up roughly in a keyframe: whether and where it bends."""
+"""The way of a pixel over a surface between two coarse samples, looked up roughly in a keyframe: where it bends."""
 
 from functools import cache
 from typing import Any
 
 import warp as wp
 
-from nodes.interpolator.rigid.log_kernels import apart
+from evis.gpu.append_kernels import take_place
+from nodes.interpolator.refine.sight_kernels import Targets
+from nodes.interpolator.rigid.log_kernels import LOGS, apart
 from nodes.interpolator.rigid.look_up_kernels import make_displacement, make_keyframes
-from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.view_kernels import CameraView
 
 wp.set_module_options({"enable_backward": False})
 
@@ -16,55 +19,192 @@ LEAST_STEP = wp.constant(0.02)
 MOST_STEPS = wp.constant(48)
 PER_PIXEL = wp.constant(1.5)
 """Steps per pixel of a path."""
+ROUGH_STEP = wp.constant(0.5)
+"""Way [px] over a surface whose neighbouring pixels differ, after which it is looked at: interpolation between these
+pixels may hide the most of what it shows."""
+UNKNOWN = wp.constant(1.0e30)
+"""Change of ln I that no keyframe tells."""
+STEEPEST = wp.constant(1.0e30)
+PARTS = wp.constant(64)
+"""Parts of the time from one instant to the next."""
 
 
 @wp.struct
-class Way:
-    """Says in which rows of `turn` and `shift` bodies are on the way between two coarse samples of a pixel: at its
-    start and its end, -1 for the keyframe itself, and at the ends of its `parts` between, from `row` on, `stride` rows
-    from one to the next."""
+class Cut:
+    """Says when an interval is cut. jump: difference of ln I of its ends; bend: distance of a sample in it from the
+    straight line, or from what a keyframe tells; straight: the same within a keyframe; rough: difference of
+    neighbouring pixels there from which on it does not tell all. first, coarse: the coarse interval with which the
+    slots begin, and how many the gap has. slots: instants within a coarse interval, 2^n - 1; probes: per coarse
+    interval, plus 1, a divisor of 2^n; rows: of the coarse frames and probes."""
 
-    start: int
-    end: int
-    row: int
-    stride: int
-    parts: int
+    jump: float
+    bend: float
+    straight: float
+    rough: float
+    first: int
+    coarse: int
+    slots: int
+    probes: int
+    rows: int
+    envs: int
+    height: int
+    width: int
+    margin: int
+
+
+@wp.struct
+class Spot:
+    """Says which pixel and coarse interval is looked at: place with the margin, ray, environment, and where it is in
+    [E, h, w]."""
+
+    env: int
+    x: int
+    y: int
+    q: int
+    k: int
+    d: wp.vec3
+
+
+@wp.struct
+class Stage:
+    """Holds what is where at the instants of the slots: how bodies have moved since A, then since B, [2 R, N + 2], and
+    z-buffers [rows, H, W] of B, of the sub-frames 1 .. K - 1, and of the probes."""
+
+    turn: wp.array2d(dtype=wp.mat33)
+    shift: wp.array2d(dtype=wp.vec3)
+    packed: wp.array3d(dtype=wp.uint64)
+    targets: Targets
 
 
 @cache
-def make_preview(lens: str, channels: int, flicker: bool) -> Any:
-    """Makes the function `preview`; arguments as of make_look_up."""
+def make_instances(channels: int) -> Any:
+    """Makes the struct of a list of pixels at instants; channels: 1 (luminance) or 3 (RGB).
+
+    at: index into [slots, E, h, w]. before, after: z-buffer entries at known instants before and after. previous: of
+    the same pixel in the same coarse interval, the place in the list, -1 for none. later: how much later it is than the
+    instant at which it is looked at, in PARTS. rise: by how much ln I has changed since the previous one, or since the
+    coarse sample before, by what a keyframe tells; ends: 1 of the last one of its coarse interval; tail: by how much it
+    will then change until the coarse sample after.
+    """
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+
+    class Instances:
+        at: wp.array(dtype=int)
+        before: wp.array(dtype=wp.uint64)
+        after: wp.array(dtype=wp.uint64)
+        previous: wp.array(dtype=int)
+        later: wp.array(dtype=int)
+        rise: wp.array(dtype=pixel)
+        ends: wp.array(dtype=int)
+        tail: wp.array(dtype=pixel)
+
+    Instances.__qualname__ = f"Instances{channels}"
+    return wp.struct(Instances)
+
+
+@wp.func
+def outside(slope: wp.float32, low: wp.float32, high: wp.float32):
+    """Tells whether a slope is not between two; in RGB in any channel."""
+    return slope < low or slope > high
+
+
+@wp.func
+def outside(slope: Any, low: Any, high: Any):  # noqa: F811 - overloaded by its type
+    result = wp.bool(False)
+    for i in range(len(slope)):
+        result = result or slope[i] < low[i] or slope[i] > high[i]
+    return result
+
+
+@wp.func
+def entry_at(cut: Cut, stage: Stage, spot: Spot, i: int):
+    """Gives the z-buffer entry of a probe, at instant i of the coarse interval."""
+    n = i * cut.probes // (cut.slots + 1)
+    row = (cut.coarse + spot.k * (cut.probes - 1) + n - 1) * cut.envs + spot.env
+    return stage.packed[row, spot.y, spot.x]
+
+
+@wp.func
+def slot_row(cut: Cut, spot: Spot, i: int):
+    """Gives the row of an instant within the coarse interval among those of the slots."""
+    return ((spot.k - cut.first) * cut.slots + i - 1) * cut.envs + spot.env
+
+
+@cache
+def make_note(channels: int) -> Any:
+    """Makes the function `note`; channels: 1 (luminance) or 3 (RGB)."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    Instances: Any = make_instances(channels)
+
+    @wp.func
+    def note(
+        cut: Cut,
+        instances: Instances,
+        spot: Spot,
+        i: int,
+        before: wp.uint64,
+        after: wp.uint64,
+        rise: pixel,
+        previous: int,
+        room: int,
+        most: int,
+        band: int,
+        count: wp.array(dtype=int),
+    ):
+        """Lists an instant of a pixel, from `room` on, if there are not `most` yet; gives its place."""
+        n = take_place(count, band)
+        if n < most:
+            instances.at[room + n] = slot_row(cut, spot, i) // cut.envs * cut.envs * cut.height * cut.width + spot.q
+            instances.before[room + n] = before
+            instances.after[room + n] = after
+            instances.previous[room + n] = previous
+            instances.rise[room + n] = rise
+            instances.ends[room + n] = 0
+            instances.later[room + n] = 0
+            instances.tail[room + n] = pixel(UNKNOWN)
+        return room + wp.min(n, most - 1)
+
+    return note
+
+
+@cache
+def make_walk(lens: str, channels: int, flicker: bool) -> Any:
+    """Makes the function `walk`; arguments as of make_look_up."""
+    pixel: Any = wp.float32 if channels == 1 else wp.vec3
+    looked_up: Any = LOGS[channels, flicker]
     Keyframes: Any = make_keyframes(channels, flicker)
+    Instances: Any = make_instances(channels)
     displacement = make_displacement(lens)
+    note = make_note(channels)
 
     @wp.func
     def place_then(
         view: CameraView,
+        cut: Cut,
         keys: Keyframes,
-        row: int,
+        stage: Stage,
+        spot: Spot,
+        which: int,
+        i: int,
         body: int,
-        d: wp.vec3,
         away: float,
     ):
-        """Gives how far [px] from a pixel the point `away` on its ray d was at a keyframe, if it is on a body as that
-        is in a row of `turn` and `shift`; a row of -1: that is where it is now."""
-        if row < 0:
-            return wp.vec2(0.0, 0.0)
-        point = away * d
-        m = keys.turn[row, body] * point + keys.shift[row, body]
-        return displacement(view, d, point, m, wp.where(body == keys.turn.shape[1] - 1, 1.0e-6, view.near))
-
-    @wp.func
-    def between_pixels(view: CameraView, keys: Keyframes, base: int, at: wp.vec2):
-        """Interpolates log radiance linearly."""
-        left = wp.floor(at[0])
-        top = wp.floor(at[1])
-        fx = at[0] - left
-        fy = at[1] - top
-        here = base + int(top) * view.width + int(left)
-        below = here + view.width
-        upper = (1.0 - fx) * keys.logs[here] + fx * keys.logs[here + 1]
-        return (1.0 - fy) * upper + fy * ((1.0 - fx) * keys.logs[below] + fx * keys.logs[below + 1])
+        """Gives where [px] in keyframe `which` the point is that a pixel sees at instant i, `away` on its ray, if it
+        is on a body."""
+        middle = wp.vec2(float(spot.x), float(spot.y))
+        if which + i + spot.k == 0:
+            return middle
+        point = away * spot.d
+        m = wp.vec3()
+        if i == 0 or i > cut.slots:
+            k = spot.k + wp.where(i == 0, 0, 1)
+            row = which * cut.rows + wp.where(k == cut.coarse, 0, k) * cut.envs + spot.env
+            m = keys.turn[row, body] * point + keys.shift[row, body]
+        else:
+            row = which * (stage.turn.shape[0] // 2) + slot_row(cut, spot, i)
+            m = stage.turn[row, body] * point + stage.shift[row, body]
+        near = wp.where(body == keys.turn.shape[1] - 1, 1.0e-6, view.near)
+        return middle + displacement(view, spot.d, point, m, near)
 
     @wp.func
     def inside(view: CameraView, at: wp.vec2):
@@ -72,60 +212,135 @@ def make_preview(lens: str, channels: int, flicker: bool) -> Any:
         return at[0] >= 0.0 and at[1] >= 0.0 and at[0] < float(view.width - 1) and at[1] < float(view.height - 1)
 
     @wp.func
-    def preview(
-        view: CameraView,
-        keys: Keyframes,
-        base: int,
-        way: Way,
-        patch: int,
-        body: int,
-        x: int,
-        y: int,
-        nearest: wp.vec2,
-    ):
-        """Gives by how much ln of a keyframe's radiance is off a straight line in time at most, on the way of a pixel
-        over a surface, at which fraction of it, how much it changes in all, and whether it shows all of the way. base:
-        of the keyframe. nearest: how far away the surface is at both ends."""
-        whole = wp.bool(True)
-        worst = wp.float32(0.0)
-        where = wp.float32(0.5)
-        d = pixel_ray(view, x, y)
-        middle = wp.vec2(float(x), float(y))
-        start = middle + place_then(view, keys, way.start, body, d, nearest[0])
-        end = middle + place_then(view, keys, way.end, body, d, nearest[1])
-        if not (inside(view, start) and inside(view, end)):
-            none = keys.logs[base] - keys.logs[base]
-            return worst, where, none, False
-        first = between_pixels(view, keys, base, start)
-        last = between_pixels(view, keys, base, end)
-        before = start
-        for n in range(1, way.parts + 1):
-            after = end
-            f1 = float(n) / float(way.parts)
-            if n < way.parts:
-                away = nearest[0] + f1 * (nearest[1] - nearest[0])
-                row = way.row + (n - 1) * way.stride
-                after = middle + place_then(view, keys, row, body, d, away)
-                if not inside(view, after):
-                    return worst, where, last - first, False
-            step = after - before
-            length = wp.length(step)
-            if length > LEAST_STEP or n > 1:
-                steps = wp.min(int(PER_PIXEL * length) + 1, MOST_STEPS)
-                for k in range(1, steps + 1):
-                    g = float(k) / float(steps)
-                    at = before + g * step
-                    f = (float(n - 1) + g) / float(way.parts)
-                    here = base + int(at[1] + 0.5) * view.width + int(at[0] + 0.5)
-                    if keys.patch[here] != patch:
-                        whole = wp.bool(False)
-                    elif f < 0.999:
-                        value = between_pixels(view, keys, base, at)
-                        off = apart(value, first + f * (last - first))
-                        if off > worst:
-                            worst = off
-                            where = f
-            before = after
-        return worst, where, last - first, whole
+    def between_pixels(view: CameraView, keys: Keyframes, base: int, at: wp.vec2, patch: int):
+        """Interpolates log radiance linearly, or takes the nearest pixel's where not all about a place show a patch."""
+        left = int(at[0])
+        top = int(at[1])
+        fx = at[0] - float(left)
+        fy = at[1] - float(top)
+        here = base + top * view.width + left
+        below = here + view.width
+        one = keys.patch[here] == patch and keys.patch[here + 1] == patch
+        if one and keys.patch[below] == patch and keys.patch[below + 1] == patch:
+            upper = (1.0 - fx) * keys.logs[here] + fx * keys.logs[here + 1]
+            return (1.0 - fy) * upper + fy * ((1.0 - fx) * keys.logs[below] + fx * keys.logs[below + 1])
+        return keys.logs[here + int(fy + 0.5) * view.width + int(fx + 0.5)]
 
-    return preview
+    @wp.func
+    def roughness(view: CameraView, keys: Keyframes, base: int, at: wp.vec2):
+        """Gives by how much the four pixels about a place differ."""
+        here = base + int(at[1]) * view.width + int(at[0])
+        below = here + view.width
+        a = keys.logs[here]
+        b = keys.logs[here + 1]
+        c = keys.logs[below]
+        d = keys.logs[below + 1]
+        return apart(wp.min(wp.min(a, b), wp.min(c, d)), wp.max(wp.max(a, b), wp.max(c, d)))
+
+    @wp.func
+    def walk(
+        view: CameraView,
+        cut: Cut,
+        keys: Keyframes,
+        stage: Stage,
+        instances: Instances,
+        spot: Spot,
+        which: int,
+        start: int,
+        end: int,
+        before: wp.uint64,
+        after: wp.uint64,
+        last: int,
+        room: int,
+        most: int,
+        band: int,
+        count: wp.array(dtype=int),
+    ):
+        """Goes the way of a pixel over the surface that it shows from instant `start` to `end` of a coarse interval, in
+        keyframe `which`, and lists the instants between which ln of radiance is straight enough.
+
+        before, after: z-buffer entries then. last: place of the instant listed before. Gives the same again, by how
+        much ln of radiance has changed since, and whether the keyframe shows all of the way.
+        """
+        patch = wp.int32(0)
+        body = keys.turn.shape[1] - 1
+        from_here = wp.float32(1.0)
+        t = triangle_of(before)
+        if t != MISS:
+            patch = stage.targets.pieces[t][1]
+            body = stage.targets.pieces[t][0]
+            from_here = depth_of(before)
+        base = keys.first[which] + spot.env * view.width * view.height
+        each = (cut.slots + 1) // cut.probes
+        here = place_then(view, cut, keys, stage, spot, which, start, body, from_here)
+        nothing = pixel(UNKNOWN)
+        if not inside(view, here):
+            return last, nothing, False
+        anchor = between_pixels(view, keys, base, here, patch)
+        anchored = float(start)
+        value = anchor
+        then = anchored
+        told = anchor
+        listed = start
+        gone = wp.float32(0.0)
+        low = looked_up(-STEEPEST)
+        high = looked_up(STEEPEST)
+        i = start
+        hit = before
+        while i < end:
+            following = wp.min(end, (i // each + 1) * each)
+            seen = after
+            if following < end:
+                seen = entry_at(cut, stage, spot, following)
+            away = from_here
+            if t != MISS:
+                away = depth_of(seen)
+            there = place_then(view, cut, keys, stage, spot, which, following, body, away)
+            if not inside(view, there):
+                return last, nothing, False
+            step = there - here
+            length = wp.length(step)
+            if length > LEAST_STEP or i > start:
+                steps = wp.min(int(PER_PIXEL * length) + 1, MOST_STEPS)
+                for n in range(1, steps + 1):
+                    g = float(n) / float(steps)
+                    at = here + g * step
+                    if keys.patch[base + int(at[1] + 0.5) * view.width + int(at[0] + 0.5)] != patch:
+                        return last, nothing, False
+                    now = float(i) + g * float(following - i)
+                    fresh = between_pixels(view, keys, base, at, patch)
+                    slope = (fresh - anchor) / (now - anchored)
+                    rough = wp.bool(False)
+                    gone += length / float(steps)
+                    if gone > ROUGH_STEP:
+                        rough = roughness(view, keys, base, at) > cut.rough
+                    if outside(slope, low, high) or rough:
+                        # The sample before is the last one that a straight line reaches.
+                        place = int(then + 0.5)
+                        if place > listed and place < end:
+                            rise = pixel(UNKNOWN)
+                            if wp.static(not flicker):
+                                rise = value - told
+                            last = note(cut, instances, spot, place, hit, seen, rise, last, room, most, band, count)
+                            told = value
+                            listed = place
+                        anchor = value
+                        anchored = then
+                        gone = wp.float32(0.0)
+                        low = looked_up(-STEEPEST)
+                        high = looked_up(STEEPEST)
+                    over = 1.0 / (now - anchored)
+                    bend = looked_up(cut.straight)
+                    low = wp.max(low, (fresh - bend - anchor) * over)
+                    high = wp.min(high, (fresh + bend - anchor) * over)
+                    value = fresh
+                    then = now
+            here = there
+            hit = seen
+            i = following
+        change = pixel(UNKNOWN)
+        if wp.static(not flicker):
+            change = value - told
+        return last, change, True
+
+    return walk

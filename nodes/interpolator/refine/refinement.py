@@ -1,4 +1,4 @@
-"""Rounds of refinement: intervals of single pixels are cut until they are straight, or as short as is asked for."""
+"""Samples of single pixels between frames: where they are needed, and rounds of cuts where no keyframe tells that."""
 
 from __future__ import annotations
 
@@ -8,42 +8,48 @@ import numpy as np
 import warp as wp
 
 from nodes.interpolator.keyframe import KeyframeView, own_subframes
+from nodes.interpolator.refine.change_kernels import Changes, find_changes
 from nodes.interpolator.refine.evaluator import Evaluator
 from nodes.interpolator.refine.further_kernels import count_samples, make_sort, place_samples
 from nodes.interpolator.refine.instants import Instants, instants_of
-from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds
-from nodes.interpolator.refine.suspect_kernels import Cut
+from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
+from nodes.interpolator.refine.path_kernels import Cut, Stage, make_instances
+from nodes.interpolator.refine.run_kernels import make_find_runs
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
+from nodes.renderer.lighting import LIST_WORKERS
 
 PART = 0.5
 """Part of the tolerance of ln I that the ends of an interval may differ by, and its middle be off a straight line."""
-BLIND = 8
-"""Part of a coarse interval up to which what lies between two surfaces that are alike does not matter."""
+PLAIN = 0.1
+"""Part of it that what a keyframe shows may be off a straight line: looking there costs little."""
+SPARE = 1.5
+"""Room that is made, of what is needed."""
 
 
 class Lists:
-    """Holds intervals on a device, as many as there is need of."""
+    """Holds a list on a device, as long as there is need of; `kernel`: the struct of its arrays."""
 
-    def __init__(self, channels: int, device: Any) -> None:
-        self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
-        self.kernel: Any = make_intervals(channels)()
+    def __init__(self, struct: Any, pixel: Any, device: Any) -> None:
+        """pixel: the type of ln I."""
+        self.kernel: Any = struct()
+        self._types = {
+            name: pixel if name in VALUES else wp.uint64 if name in ENTRIES else wp.int32 for name in struct.vars
+        }
         self._device, self.size = device, 0
 
     def reserve(self, size: int) -> None:
         """Makes room; what is there is lost where there is none."""
         if size > self.size:
-            self.size = size + size // 2
-            types = {
-                "at": wp.int32,
-                "ends": wp.int32,
-                "first": self._pixel,
-                "last": self._pixel,
-                "before": wp.uint64,
-                "after": wp.uint64,
-            }
-            for name, dtype in types.items():
+            self.size = int(SPARE * size)
+            for name, dtype in self._types.items():
                 setattr(self.kernel, name, wp.empty(self.size, dtype=dtype, device=self._device))
+
+
+ENTRIES = ("before", "after")
+"""Arrays of z-buffer entries."""
+VALUES = ("start", "end", "rise", "tail")
+"""Arrays of ln I and of its changes."""
 
 
 class Refinement:
@@ -57,12 +63,19 @@ class Refinement:
         v = rigid.visibility
         self._device, self._pixels = v.device, layout.envs * v.shape[1] * v.shape[2]
         self._evaluators: dict[int, Evaluator] = {}
-        self._begin, self._see, self._split = make_rounds(v.lens, layout.channels, layout.exact_flicker)
-        self._sort = make_sort(layout.channels)
-        self._lists = [Lists(layout.channels, v.device) for _ in range(2)]
-        self._pixel: Any = wp.float32 if layout.channels == 1 else wp.vec3
+        channels = layout.channels
+        self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
+        self._find_plain, self._find_runs = make_find_runs(v.lens, channels, layout.exact_flicker)
+        self._others = wp.empty(0, dtype=wp.int32, device=v.device)
+        self._changes = Lists(Changes, self._pixel, v.device)
+        self._check, self._split = make_rounds(channels)
+        self._sort = make_sort(channels)
+        self._instances = Lists(make_instances(channels), self._pixel, v.device)
+        self._lists = [Lists(make_intervals(channels), self._pixel, v.device) for _ in range(2)]
         self._made: list[wp.array] = [wp.empty(0, dtype=t, device=v.device) for t in (int, int, self._pixel)]
         self._held = wp.zeros(layout.envs, dtype=wp.int32, device=v.device)
+        self._most = self._most_changes = 0
+        """Instants and passages that a band has been found to need in a window."""
         self.evaluated = self.shaded = 0
         """Samples of the last gap, and those of them that were shaded."""
         self.reached = True
@@ -75,7 +88,9 @@ class Refinement:
         starts, ends = a.times(envs), b.times(envs)
         gap = int((ends - starts)[~held].max(initial=0))
         self.evaluated = self.shaded = 0
-        instants = instants_of(gap, rigid.layout.upsampling, self._tolerance_ns, self._pixels)
+        instants = instants_of(
+            gap, rigid.layout.upsampling, self._tolerance_ns, self._pixels, rigid.layout.probes, self._device.is_cpu
+        )
         self.reached = instants.reached and gap < 1 << 31
         if gap <= 0 or gap >= 1 << 31 or instants.depth == 0:
             return None
@@ -106,92 +121,132 @@ class Refinement:
         self, instants: Instants, evaluator: Evaluator, first: int, last: int, frames: wp.array, total: int
     ) -> int:
         """Refines coarse intervals first .. last - 1. Gives how many samples there are then, `total` before."""
-        starts, counts = self._coarse(instants, evaluator, first, last, frames)
+        evaluator.place(instants.of_window(first), instants.count)
+        cut, stage = self._cut(instants, evaluator, first), self._stage(evaluator)
+        starts, counts = self._runs(evaluator, cut, stage, last, frames)
         if not any(counts):
             return total
-        evaluator.place(instants.of_window(first), instants.count)
-        cut = self._cut(instants, evaluator)
-        v = evaluator.visibility
-        here, there = self._lists
+        listed, there = self._instances, self._lists[0]
+        image, packed = self._rigid.pair.a.image, self._rigid.pair.a.packed
+        self._evaluate(evaluator, cut, stage, listed, starts, counts)
+        made = self._room_for(sum(counts), total)
+        given = [image, packed, frames, stage, listed.kernel, evaluator.hits, evaluator.values, *made]
+        starts, counts, total = self._round(self._check, cut, starts, counts, given, there, total)
         while any(counts):
-            ends = [start + count for start, count in zip(starts, counts)]
-            bands = [(k, *pair) for k, pair in enumerate(zip(starts, ends)) if pair[1] > pair[0]]
-            evaluator.reserve(max(ends))
-            given: list[tuple[Any, int, list[Any]]] = []
-            for _, start, end in bands:
-                threads = 1 if v.device.is_cpu else end - start
-                inputs = [v.view, cut, first, instants.coarse, start, end, threads, self._rigid.visibility.packed]
-                inputs += [evaluator.targets, here.kernel, evaluator.hits]
-                given.append((self._see, threads, inputs))
-            self._rigid.sampling.launch(given)
-            evaluator.evaluate(here.kernel.at, starts, counts)
-            known = (total + np.concatenate([[0], np.cumsum(counts)])).tolist()
-            self._reserve(known[-1], total)
-            rooms = (2 * np.concatenate([[0], np.cumsum(counts)])).tolist()
-            there.reserve(rooms[-1])
-            found = wp.zeros(evaluator.bands, dtype=wp.int32, device=v.device)
-            given = []
-            for k, start, end in bands:
-                threads = 1 if v.device.is_cpu else end - start
-                inputs = [cut, first << instants.depth, instants.coarse, start, end, threads, known[k], rooms[k], k]
-                inputs += [
-                    self._rigid.pieces,
-                    self._rigid.visibility.packed,
-                    evaluator.hits,
-                    evaluator.values,
-                    here.kernel,
-                    *self._made,
-                ]
-                given.append((self._split, threads, [*inputs, there.kernel, found]))
-            self._rigid.sampling.launch(given)
-            total = known[-1]
-            starts, counts = rooms[:-1], found.numpy().tolist()
-            here, there = there, here
+            listed = there
+            there = self._lists[0] if listed is self._lists[1] else self._lists[1]
+            self._evaluate(evaluator, cut, stage, listed, starts, counts)
+            made = self._room_for(sum(counts), total)
+            given = [self._rigid.pieces, evaluator.hits, evaluator.values, listed.kernel, *made]
+            starts, counts, total = self._round(self._split, cut, starts, counts, given, there, total)
         return total
 
-    def _coarse(
-        self, instants: Instants, evaluator: Evaluator, first: int, last: int, frames: wp.array
-    ) -> tuple[list[int], list[int]]:
-        """Lists the coarse intervals first .. last - 1 that are to be cut, by band: where they start, and counts."""
-        rigid, v = self._rigid, evaluator.visibility
-        height, width = evaluator.size
-        cut, envs = self._cut(instants, evaluator), rigid.layout.envs
-        edges = [height * k // evaluator.bands for k in range(evaluator.bands + 1)]
-        starts = [envs * edge * width * (last - first) for edge in edges]
-        lists, found = self._lists[0], wp.zeros(evaluator.bands, dtype=wp.int32, device=v.device)
-        lists.reserve(starts[-1])
-        span = width if v.device.is_cpu else 1
-        given = []
-        for k in range(evaluator.bands):
-            inputs = [v.view, cut, edges[k], span, wp.vec2i(first, last), instants.coarse, starts[k], k, self._held]
-            inputs += [rigid.pieces, rigid.pair.kernel(), rigid.strength, rigid.pair.a.image, rigid.pair.a.packed]
-            inputs += [rigid.visibility.packed, frames, lists.kernel, found]
-            given.append((self._begin, (envs, edges[k + 1] - edges[k], width // span), inputs))
-        rigid.sampling.launch(given)
-        return starts[:-1], found.numpy().tolist()
+    def _evaluate(
+        self, evaluator: Evaluator, cut: Any, stage: Any, listed: Lists, starts: list[int], counts: list[int]
+    ) -> None:
+        """Finds what listed pixels see, and their radiance: of band k, counts[k] from starts[k] on."""
+        evaluator.reserve(listed.size)
+        pixels = listed.kernel
+        launches = []
+        for start, count in zip(starts, counts):
+            threads = self._threads_of(count)
+            given = [evaluator.visibility.view, cut, start, start + count, threads, stage]
+            launches.append((see, threads, [*given, pixels.at, pixels.before, pixels.after, evaluator.hits]))
+        self._rigid.sampling.launch([one for one in launches if one[1]])
+        evaluator.evaluate(pixels.at, starts, counts)
 
-    def _cut(self, instants: Instants, evaluator: Evaluator) -> Any:
+    def _round(
+        self, kernel: Any, cut: Any, starts: list[int], counts: list[int], given: list[Any], there: Lists, total: int
+    ) -> tuple[list[int], list[int], int]:
+        """Notes what was evaluated as samples, and lists the intervals that are to be cut, in `there`: where they
+        start, and counts, by band."""
+        known = (total + np.concatenate([[0], np.cumsum(counts)])).tolist()
+        rooms = (2 * np.concatenate([[0], np.cumsum(counts)])).tolist()
+        there.reserve(rooms[-1])
+        found = wp.zeros(len(counts), dtype=wp.int32, device=self._device)
+        launches = []
+        for k, (start, count) in enumerate(zip(starts, counts)):
+            threads = self._threads_of(count)
+            where = [cut, start, start + count, threads, known[k], rooms[k], k]
+            launches.append((kernel, threads, [*where, *given, there.kernel, found]))
+        self._rigid.sampling.launch([one for one in launches if one[1]])
+        return rooms[:-1], found.numpy().tolist(), known[-1]
+
+    def _threads_of(self, count: int) -> int:
+        return min(count, 1) if self._device.is_cpu else count
+
+    def _runs(
+        self, evaluator: Evaluator, cut: Any, stage: Any, last: int, frames: wp.array
+    ) -> tuple[list[int], list[int]]:
+        """Lists the instants at which pixels are looked at in a window up to coarse interval `last`, by band: where
+        they start, and counts."""
+        rigid, v, bands = self._rigid, evaluator.visibility, evaluator.bands
+        height, width = evaluator.size
+        envs = rigid.layout.envs
+        edges = [height * k // bands for k in range(bands + 1)]
+        span = width if v.device.is_cpu else 1
+        intervals, inner = last - cut.first, envs * height * width
+        intervals, inner, probes = last - cut.first, envs * height * width, cut.probes
+        if not self._most:
+            self._most = self._most_changes = -(-inner // bands)
+        if self._others.size < intervals * inner:
+            self._others = wp.empty(intervals * inner, dtype=wp.int32, device=v.device)
+            self._first = wp.empty(intervals * inner * probes, dtype=wp.int32, device=v.device)
+        while True:
+            self._instances.reserve(bands * self._most)
+            self._changes.reserve(bands * self._most_changes)
+            changes = self._changes.kernel
+            changes.first = self._first
+            most, most_changes = self._instances.size // bands, self._changes.size // bands
+            found, others, changed = (wp.zeros(bands, dtype=wp.int32, device=v.device) for _ in range(3))
+            workers = 1 if v.device.is_cpu else LIST_WORKERS
+            launches: list[list[tuple[Any, Any, list[Any]]]] = [[], [], []]
+            for k in range(bands):
+                rows, other = edges[k + 1] - edges[k], intervals * envs * width * edges[k]
+                keys, start = rigid.pair.kernel(), rigid.pair.a.packed
+                given = [v.view, cut, edges[k], span, k * most, most, other, k, self._held, keys, stage, rigid.strength]
+                given += [rigid.pair.a.image, start, frames, self._instances.kernel, found, self._others, others]
+                launches[0].append((self._find_plain, (intervals * envs, rows, width // span), given))
+                given = [v.view, cut, workers, k * most_changes, most_changes, other, k, self._others, others]
+                launches[1].append((find_changes, workers, [*given, stage, start, changes, changed]))
+                given = [v.view, cut, workers, k * most, most, other, k, self._others, others, changes, keys, stage]
+                launches[2].append((self._find_runs, workers, [*given, start, self._instances.kernel, found]))
+            for each in launches:
+                rigid.sampling.launch(each)
+            counts, needed = found.numpy().tolist(), int(changed.numpy().max())
+            if max(counts) <= most and needed <= most_changes:
+                return [k * most for k in range(bands)], counts
+            self._most, self._most_changes = max(*counts, self._most), max(needed, self._most_changes)
+
+    def _cut(self, instants: Instants, evaluator: Evaluator, first: int) -> Any:
         cut: Any = Cut()
         layout = self._rigid.layout
         cut.jump = cut.bend = PART * layout.tolerance
-        cut.probes = layout.probes
-        cut.blind = max(1, instants.inside // BLIND)
+        cut.straight, cut.rough = PLAIN * layout.tolerance, layout.tolerance
+        cut.first, cut.coarse, cut.slots, cut.probes = first, instants.coarse, instants.inside, layout.probes
         cut.rows = self._rigid.visibility.envs
-        cut.slots, cut.envs, cut.margin = instants.inside, layout.envs, evaluator.visibility.margin
+        cut.envs, cut.margin = layout.envs, evaluator.visibility.margin
         cut.height, cut.width = evaluator.size
         return cut
 
-    def _reserve(self, size: int, kept: int) -> None:
-        """Makes room for samples, and keeps the first ones."""
-        if size <= self._made[0].size:
-            return
-        grown = []
-        for old in self._made:
-            new = wp.empty(size + size // 2, dtype=old.dtype, device=self._device)
-            if kept:
-                wp.copy(new, old, 0, 0, kept)
-            grown.append(new)
-        self._made = grown
+    def _stage(self, evaluator: Evaluator) -> Any:
+        stage: Any = Stage()
+        stage.turn, stage.shift = evaluator.moved
+        stage.packed, stage.targets = self._rigid.visibility.packed, evaluator.targets
+        return stage
+
+    def _room_for(self, count: int, kept: int) -> list[wp.array]:
+        """Makes room for so many samples more than there are, which are kept."""
+        size = kept + count
+        if size > self._made[0].size:
+            grown = []
+            for old in self._made:
+                new = wp.empty(int(SPARE * size), dtype=old.dtype, device=self._device)
+                if kept:
+                    wp.copy(new, old, 0, 0, kept)
+                grown.append(new)
+            self._made = grown
+        return self._made
 
     def _sorted(self, total: int, since: np.ndarray) -> Further:
         """The samples by pixel and time. since: of each instant, ns after the gap's start, int32 [E, instants]."""
@@ -206,7 +261,6 @@ class Refinement:
             wp.launch(count_samples, total, [pixels, first])
             wp.utils.array_scan(first, first, inclusive=True)
             wp.launch(place_samples, total, [pixels, first, taken, order])
-            span = width if device.is_cpu else 1
-            given = [height * width, span, first, instants, values, wp.array(since, dtype=wp.int32), order]
-            wp.launch(self._sort, -(-count // span), given, [offset, value])
+            given = [height * width, first, pixels, instants, values, wp.array(since, dtype=wp.int32), order]
+            wp.launch(self._sort, total, given, [offset, value])
         return Further(first, offset, value)

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from nodes.renderer.raster.depth_kernels import MISS, triangle_of
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.triangle_kernels import corners_of, edge_normal, edge_slack
 from nodes.renderer.raster.view_kernels import CameraView
 from nodes.renderer.shadows.ray_kernels import Casters, sphere_met
@@ -128,11 +128,7 @@ def seen_between(view: CameraView, targets: Targets, row: int, d: wp.vec3, befor
     alike = t == u
     if t != MISS and u != MISS and not alike:
         alike = targets.pieces[t][1] == targets.pieces[u][1]
-    if alike and hit == MISS and wp.max(in_t, in_u) >= BESIDE:
-        # The patch goes on between the two.
-        hit = wp.where(in_t >= in_u, t, u)
-        z = wp.where(in_t >= in_u, z_t, z_u)
-    elif t != MISS or u != MISS:
+    if t != MISS or u != MISS:
         if not alike or hit == MISS:
             i = wp.int32(-1)
             if t != MISS and in_t < 0.0:
@@ -147,8 +143,28 @@ def seen_between(view: CameraView, targets: Targets, row: int, d: wp.vec3, befor
                     if there != MISS:
                         z = nearer
                         hit = there
+            if alike and hit == MISS and wp.max(in_t, in_u) >= BESIDE:
+                # The patch goes on between the two, although a ray just misses it.
+                hit = wp.where(in_t >= in_u, t, u)
+                z = wp.where(in_t >= in_u, z_t, z_u)
             if hit == MISS and t != MISS and u != MISS:
                 return seen_of_all(view, targets, row, d)
     if hit == MISS:
         return SKY
     return entry_of(z, hit)
+
+
+@wp.func
+def passing(view: CameraView, targets: Targets, low: int, high: int, d: wp.vec3, before: wp.uint64, after: wp.uint64):
+    """Gives the fraction of the time between two instants, rows `low` and `high`, at which a ray passes from what it
+    meets at the first one to what it meets at the second one: over an edge of the nearer triangle."""
+    t = triangle_of(before)
+    u = triangle_of(after)
+    nearer = t
+    if t == MISS or (u != MISS and depth_of(after) < depth_of(before)):
+        nearer = u
+    _z, a = met(view, targets, low, nearer, d)
+    _z, b = met(view, targets, high, nearer, d)
+    if (a < 0.0) != (b < 0.0) and wp.min(a, b) > OUTSIDE:
+        return a / (a - b)
+    return 0.5

@@ -317,6 +317,16 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detaile
         )
 
     @wp.func
+    def has_texture(keys: Keyframes, width: int, at: int):
+        """Tells whether all pixels that `texture` interpolates have an albedo."""
+        for j in range(4):
+            row = at + (j - 1) * width
+            for i in range(4):
+                if number(keys.albedo, row + i - 1) == 0.0:
+                    return False
+        return True
+
+    @wp.func
     def about(
         view: CameraView,
         keys: Keyframes,
@@ -365,8 +375,10 @@ def make_look_up(lens: str, channels: int, flicker: bool, careful: bool, detaile
                         if (code & 1) == 1 and number(keys.albedo, at) != 0.0:
                             seen = wp.int32(HARD)
                             if wp.static(careful):
-                                seen = wp.int32(BARE)
-                                value -= texture(keys, width, at, weights(fx), weights(fy))
+                                seen = wp.int32(HIDDEN)
+                                if has_texture(keys, width, at):
+                                    seen = wp.int32(BARE)
+                                    value -= texture(keys, width, at, weights(fx), weights(fy))
         elif (
             whole_number(keys.patch, at) == s.patch
             or whole_number(keys.patch, at + 1) == s.patch

@@ -9,7 +9,7 @@ from nodes.interpolator.refine.instants import MOST, instants_of
 
 @pytest.mark.parametrize("pixels", [96 * 72, 346 * 260, 1280 * 720])
 def test_instants_are_twice_the_tolerance_apart_at_most(pixels):
-    made = instants_of(33_333_333, 8, 100_000, pixels)
+    made = instants_of(33_333_333, 8, 100_000, pixels, 4, True)
     assert made.reached
     stamps = made.stamps(5, 5 + 33_333_333)
     assert np.diff(stamps).max() <= 200_000
@@ -19,17 +19,24 @@ def test_instants_are_twice_the_tolerance_apart_at_most(pixels):
 
 
 def test_every_instant_between_frames_has_a_slot_of_one_window():
-    made = instants_of(32_000_000, 8, 100_000, 346 * 260)
+    made = instants_of(32_000_000, 8, 100_000, 346 * 260, 4, True)
     seen = [i for first, last in made.windows() for i in made.of_window(first)[: (last - first) * made.inside]]
     each = 1 << made.depth
     assert seen == [i for i in range(1, made.count) if i % each]
 
 
 def test_a_tolerance_out_of_reach_is_told():
-    assert not instants_of(32_000_000, 8, 10, 346 * 260).reached
-    assert not instants_of(32_000_000, 8, 10_000, 64 * 1280 * 720).reached
+    assert not instants_of(32_000_000, 8, 10, 346 * 260, 4, True).reached
+    assert not instants_of(32_000_000, 8, 10_000, 64 * 1280 * 720, 4, True).reached
 
 
 def test_a_short_gap_needs_none():
-    made = instants_of(1_000_000, 8, 100_000, 1000)
+    made = instants_of(1_000_000, 8, 100_000, 1000, 4, True)
     assert made.depth == 0 and made.reached
+
+
+@pytest.mark.parametrize("probes", [4, 8, 32])
+def test_every_probe_is_at_an_instant(probes):
+    for gap in (3_000_000, 33_333_333):
+        made = instants_of(gap, 32 // probes, 100_000, 1280 * 720, probes, False)
+        assert (1 << made.depth) % probes == 0

@@ -74,17 +74,21 @@ def tumbling(**how):
 
 
 def test_an_instant_has_what_a_frame_then_would_have():
-    """Halves of coarse intervals are the odd frames of twice as many, but for the rounding of depths."""
+    """Instants are the frames of 16 times as many, but for the rounding of depths; where one surface gives way to
+    another, samples have the values of the instant before or after."""
     scene = tumbling()
     _, (pixels, ns, values) = refined(scene, 4, GAP / 4 / 4 * 1.01)
-    frames, _ = refined(scene, 8, 0)
-    stamps = subframe_stamps(0, GAP, 8)
-    index = np.searchsorted(stamps, ns)
-    assert (stamps[index] == ns).all() and (index % 2 == 0).all() and len(ns) > 1000
-    there = frames.reshape(8, -1)[index, pixels]
-    apart = np.abs(np.log(values / there))
+    frames, _ = refined(scene, 16, 0)
+    stamps = np.concatenate([[0], subframe_stamps(0, GAP, 16)])
+    before = np.searchsorted(stamps, ns, side="right") - 1
+    on_time = stamps[before] == ns
+    assert on_time.sum() > 1000 and (before[on_time] % 4 > 0).all()
+    apart = [
+        np.abs(np.log(values / frames.reshape(16, -1)[i - 1, pixels])) for i in (before, np.minimum(before + 1, 16))
+    ]
     # On an edge a pixel may see either side.
-    assert (apart > 3e-6).mean() < 0.001
+    assert (apart[0][on_time] > 3e-6).mean() < 0.001
+    assert (np.minimum(*apart)[~on_time] > 3e-6).mean() < 0.005
 
 
 def errors_of(scene, **how):
@@ -129,13 +133,13 @@ def test_a_silhouette_passes_a_pixel_when_it_should(speed):
     square = quad(0.3)
     flight = Prescribed(start, [Linear(np.array([speed, 0.0, 0.0]))])
     scene = world([(quad(4.0), plain(0.2), Prescribed(pose(z=3.0))), (square, plain(0.9), flight)])
-    tolerance = 20_000
+    tolerance = 100_000
     frames, (pixels, ns, values) = refined(scene, 8, tolerance)
     h, w = frames.shape[1:]
     k = scene.cameras[0].k
     edge = -0.5 * np.sign(speed) + 0.3 * np.sign(speed)
     row = h // 2
-    checked = 0
+    checked, off = 0, []
     for x in range(w):
         crossing = ((x - k[0, 2]) / FOCAL * 2.0 - edge) / speed * 1e9
         if not 0.02 * GAP < crossing < 0.98 * GAP:
@@ -149,8 +153,12 @@ def test_a_silhouette_passes_a_pixel_when_it_should(speed):
         low, high = before[before <= after.min()].max(initial=0), after.min()
         assert high - low <= 2 * tolerance + 1
         assert low - 2000 <= crossing <= high + 2000
+        if 2 * tolerance < crossing % (GAP / 8) < GAP / 8 - 2 * tolerance:
+            off.append(abs((low + high) / 2 - crossing))
         checked += 1
     assert checked >= 0.8 * abs(speed) * GAP * 1e-9 * FOCAL / 2.0 - 1
+    # The edge itself is followed: only beside a frame its time is not known better than the tolerance.
+    assert off and max(off) < 0.05 * tolerance
 
 
 def test_times_ascend_between_the_frames_and_threads_change_nothing():

@@ -1,0 +1,143 @@
+"""When a pixel passes from one surface to another between two coarse samples: from probe to probe, by halves."""
+
+import warp as wp
+
+from evis.gpu.append_kernels import take_place
+from nodes.interpolator.refine.path_kernels import PARTS, Cut, Spot, Stage, entry_at, slot_row
+from nodes.interpolator.refine.sight_kernels import passing, seen_between
+from nodes.interpolator.rigid.plan_kernels import joined
+from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
+
+wp.set_module_options({"enable_backward": False})
+
+PENDING = wp.types.vector(length=12, dtype=wp.int32)
+SEEN_THEN = wp.types.vector(length=12, dtype=wp.uint64)
+"""Ends of halves of an interval between probes that are still to be looked at: as often as it can be halved."""
+SHARP = wp.constant(2)
+"""Half of the time that one surface takes to give way to the next, in PARTS."""
+
+
+@wp.struct
+class Ends:
+    """Holds z-buffer entries at the ends of a coarse interval."""
+
+    before: wp.uint64
+    after: wp.uint64
+
+
+@wp.struct
+class Changes:
+    """Holds a list of passages from one surface to another. low: the instant before; before, after: z-buffer entries at
+    that one and the next; later: when it passes, in PARTS after `low`, 0 where that is not known; following: place of
+    the next one between the same probes, -1 for none. first: of each listed pixel and probe, the place of the first."""
+
+    low: wp.array(dtype=int)
+    before: wp.array(dtype=wp.uint64)
+    after: wp.array(dtype=wp.uint64)
+    later: wp.array(dtype=int)
+    following: wp.array(dtype=int)
+    first: wp.array(dtype=int)
+
+
+@wp.func
+def spot_of(view: CameraView, cut: Cut, k: int, q: int):
+    """Gives coarse interval k of the pixel at q in [E, h, w]."""
+    spot = Spot()
+    spot.k = k
+    spot.q = q
+    spot.x = q % cut.width + cut.margin
+    spot.y = q // cut.width % cut.height + cut.margin
+    spot.env = q // (cut.width * cut.height)
+    spot.d = pixel_ray(view, spot.x, spot.y)
+    return spot
+
+
+@wp.func
+def ends_of(cut: Cut, stage: Stage, start: wp.array3d(dtype=wp.uint64), spot: Spot):
+    """Reads the z-buffer at both ends of a coarse interval; start: of keyframe A."""
+    ends = Ends()
+    if spot.k == 0:
+        ends.before = start[spot.env, spot.y, spot.x]
+    else:
+        ends.before = stage.packed[spot.k * cut.envs + spot.env, spot.y, spot.x]
+    row = wp.where(spot.k + 1 == cut.coarse, 0, spot.k + 1) * cut.envs + spot.env
+    ends.after = stage.packed[row, spot.y, spot.x]
+    return ends
+
+
+@wp.kernel
+def find_changes(
+    # in
+    view: CameraView,
+    cut: Cut,
+    workers: int,
+    room: int,
+    most: int,
+    others0: int,
+    band: int,
+    others: wp.array(dtype=int),
+    others_count: wp.array(dtype=int),
+    stage: Stage,
+    start: wp.array3d(dtype=wp.uint64),
+    # out
+    changes: Changes,
+    count: wp.array(dtype=int),
+):
+    """Lists when pixels pass from one surface to another, from `room` on, `most` at most; count[band]: how many there
+    would be. others: which pixels, from others0 on, as indices into [coarse intervals, E, h, w]."""
+    inner = cut.envs * cut.height * cut.width
+    job = wp.tid()
+    while job < others_count[band] * cut.probes:
+        n = job % cut.probes
+        at = others[others0 + job // cut.probes]
+        spot = spot_of(view, cut, cut.first + at // inner, at % inner)
+        ends = ends_of(cut, stage, start, spot)
+        low = n * (cut.slots + 1) // cut.probes
+        hit = ends.before
+        if n > 0:
+            hit = entry_at(cut, stage, spot, low)
+        pending = PENDING()
+        entries = SEEN_THEN()
+        pending[0] = (n + 1) * (cut.slots + 1) // cut.probes
+        entries[0] = ends.after
+        if n + 1 < cut.probes:
+            entries[0] = entry_at(cut, stage, spot, pending[0])
+        waiting = wp.int32(0)
+        last = wp.int32(-1)
+        changes.first[(others0 + job // cut.probes) * cut.probes + n] = -1
+        while waiting >= 0:
+            high = pending[waiting]
+            then = entries[waiting]
+            if joined(hit, then, stage.targets.pieces):
+                low = high
+                hit = then
+                waiting -= 1
+            elif high - low > 1:
+                middle = (low + high) // 2
+                waiting += 1
+                pending[waiting] = middle
+                entries[waiting] = seen_between(view, stage.targets, slot_row(cut, spot, middle), spot.d, hit, then)
+            else:
+                later = wp.int32(0)
+                if low > 0 and high <= cut.slots:
+                    row_low = slot_row(cut, spot, low)
+                    row_high = slot_row(cut, spot, high)
+                    f = passing(view, stage.targets, row_low, row_high, spot.d, hit, then)
+                    later = wp.clamp(int(f * float(PARTS)), SHARP, PARTS - SHARP)
+                place = take_place(count, band)
+                if place < most:
+                    place += room
+                    changes.low[place] = low
+                    changes.before[place] = hit
+                    changes.after[place] = then
+                    changes.later[place] = later
+                    changes.following[place] = -1
+                    if last < 0:
+                        changes.first[(others0 + job // cut.probes) * cut.probes + n] = place
+                    else:
+                        changes.following[last] = place
+                    last = place
+                low = high
+                hit = then
+                waiting -= 1
+        job += workers
