@@ -65,6 +65,7 @@ SUBJECTS = {
 BY_THEMSELVES = {
     "bench.event_sensor.further": "cost of further samples of single pixels between frames",
     "bench.interpolation.between": "samples of single pixels between frames: error and CPU time beside frames alone",
+    "bench.graph.recording": "events per second that a bag takes, by threads and by the size of the messages",
     "bench.graph.frame_camera": "what images of a frame sensor cost beside the events",
     "bench.event_sensor.gpu": "the sensor on a CUDA device, against its memory's bandwidth",
     "bench.interpolation.gpu": "gaps on a CUDA device, and where their time goes",
