@@ -69,6 +69,7 @@ SUBJECTS = {
 BY_THEMSELVES = {
     "bench.interpolation.extremes": "motion too fast for frames, with samples of single pixels between them",
     "bench.event_sensor.further": "cost of further samples of single pixels between frames",
+    "bench.graph.recording": "events per second that a bag takes, by threads and by the size of the messages",
     "bench.graph.frame_camera": "what images of a frame sensor cost beside the events",
     "bench.event_sensor.gpu": "the sensor on a CUDA device, against its memory's bandwidth",
     "bench.interpolation.gpu": "gaps on a CUDA device, and where their time goes",

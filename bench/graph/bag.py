@@ -69,8 +69,8 @@ def content_bytes(message: Message) -> int:
 
 
 def evis_writer(path: Path, messages: Iterator[tuple[str, Message]]) -> None:
-    """Writes with BagWriter."""
-    with BagWriter(path) as writer:
+    """Writes with BagWriter, on one thread as the library does."""
+    with BagWriter(path, threads=1) as writer:
         for topic, message in messages:
             writer.write(topic, message)
 

@@ -13,6 +13,7 @@ from evis.bag.mcap.container import CHUNK_BYTES, CHUNK_PERIOD_S, Container
 from evis.bag.ros import events, jsonform, mapping, schemas
 from evis.bag.ros import messages as ros
 from evis.bag.ros.cdr import ros_time
+from evis.bag.threads import Threads
 from msgs.camera import EventPacket, Image
 from msgs.header import Message
 
@@ -32,7 +33,8 @@ class BagWriter:
 
     path: an existing bag there is moved to `<name>.bak`, `.bak2`, ... (`backup`) when the new one is open. metadata:
     named tables of texts (launch file, parameters, seeds). event_encoding: `mono` (exact) or `evt3` (1 us, half the
-    size) for decoded events. sync: also keep all but the last second if the machine dies, see `Container`.
+    size) for decoded events. sync: also keep all but the last second if the machine dies, see `Container`. threads:
+    share encoding and compression within `write`; None = one per core, at most 8. The bag's bytes do not depend on it.
 
     Messages whose clock is the wall's are filed under the newest stamp of the others, so that a simulation's bag does
     not span half a century; their own stamps are kept. Those that come before any other wait for it, or for `close`.
@@ -47,12 +49,14 @@ class BagWriter:
         chunk_bytes: int = CHUNK_BYTES,
         chunk_period_s: float = CHUNK_PERIOD_S,
         sync: bool = False,
+        threads: int | None = None,
     ) -> None:
         if event_encoding not in events.ENCODINGS:
             raise BagError(f"event encoding is '{event_encoding}', must be one of {', '.join(events.ENCODINGS)}")
         self.path = Path(path)
         self.event_encoding = event_encoding
-        self.container = Container(self.path, chunk_bytes, chunk_period_s, sync)
+        self._threads = Threads(threads)
+        self.container = Container(self.path, chunk_bytes, chunk_period_s, sync, self._threads)
         self.messages: dict[str, int] = defaultdict(int)
         """Messages recorded, by topic."""
         self.bytes: dict[str, int] = defaultdict(int)
@@ -104,9 +108,10 @@ class BagWriter:
         self._envs = max(self._envs, envs)
         envs = envs or (self._envs if environments.tabular(message) else 1)
         if envs > 1 and environments.fits(message, envs):
-            for e, (part, rows) in enumerate(environments.split(message, envs)):
-                extra = {"_envs": envs, **({"_rows": rows} if rows else {})}
-                self._write(topic, f"/env{e}", e, part, log_time, extra)
+            with self.container.together():
+                for e, (part, rows) in enumerate(environments.split(message, envs)):
+                    extra = {"_envs": envs, **({"_rows": rows} if rows else {})}
+                    self._write(topic, f"/env{e}", e, part, log_time, extra)
         else:
             self._write(topic, "", None, message, log_time, {})
         self.messages[topic] += 1
@@ -123,7 +128,10 @@ class BagWriter:
                 self._add(topic, message, message.header.stamp_ns)
             for name, values in (metadata or {}).items():
                 self.container.add_metadata(name, values)
-        self.container.close()
+        try:
+            self.container.close()
+        finally:
+            self._threads.close()
 
     def _begin_episode(self, episode: int) -> None:
         if self._episode is None or episode > self._episode:
@@ -145,7 +153,7 @@ class BagWriter:
     ) -> None:
         kind = type(message).__name__
         full = prefix + topic
-        parts, closing = mapping.encode(message, full, self._encoder(full, message), **extra)
+        parts, closing = mapping.encode(message, full, self._encoder(full, message), self._threads, **extra)
         records = []
         for part in parts:
             channel = self._channel(full + part.suffix, topic, part.ros_type, kind, part.name, env)

@@ -212,6 +212,8 @@ class Scene:
     """Parameters of the event sensor that are other than its preset's, by name; who has a sensor checks them."""
     drawn: list[Drawn] = field(default_factory=list)
     """Values that the environment's seed has decided; what of the file was not read is not among them."""
+    shared: bool = False
+    """True where the nodes of a process have it in common: nobody writes to it, and they share what is made of it."""
 
     @property
     def dynamic(self) -> bool:

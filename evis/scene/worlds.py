@@ -62,6 +62,7 @@ class Family:
             scene = load_scene(name, overrides, seed=seed, made=self._made, **self._how)
         self.files.update(files)
         lock(scene)
+        scene.shared = True
         self._first = scene.drawn[0] if scene.drawn else None
         self._last.append(scene)
         same = [reference for reference in self._worlds.get(self._value(seed), []) if reference() is not None]

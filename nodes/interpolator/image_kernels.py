@@ -24,6 +24,10 @@ def luminance(
     image[i] = wp.float32(type(red)(value))
 
 
+for _scalar in (wp.float16, wp.float32):  # both at once: one that is found later would have all compiled again
+    wp.overload(luminance, {"radiance": wp.array2d(dtype=_scalar)})
+
+
 @wp.kernel
 def mean(
     # in

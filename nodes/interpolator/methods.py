@@ -75,11 +75,14 @@ def _rigid(gap: Gap) -> Method:
 
     assert gap.scene is not None and gap.camera is not None
     if gap.time_tolerance_ns == 0 or gap.light.get("paths") is not None:
-        return Rigid(gap.scene, gap.camera, *gap.bodies, RigidOptions(**gap.light), worlds=gap.worlds)
+        rigid = Rigid(gap.scene, gap.camera, *gap.bodies, RigidOptions(**gap.light), worlds=gap.worlds)
+        rigid.build()
+        return rigid
     from nodes.interpolator.refine.method import Refined, probes_of
 
     options = RigidOptions(**gap.light, probes=probes_of(gap.upsampling))
     rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds)
+    rigid.build()
     return Refined(rigid, gap.time_tolerance_ns, gap.threads, options.light_samples)
 
 

@@ -17,7 +17,7 @@ from msgs.own_time import ORIGIN
 from msgs.world import WorldState
 from nodes.labeler.motion_kernels import Motion
 from nodes.labeler.sight_kernels import Surfaces, first_surfaces, flow_of_surfaces
-from nodes.renderer.geometry.triangles import flatten
+from nodes.renderer.geometry.triangles import geometry_of
 from nodes.renderer.raster.cameras import lens_of
 
 KEPT = 3
@@ -138,7 +138,7 @@ class Sight:
 
     def __init__(self, scene: Scene, camera: Camera, device: str = "cpu") -> None:
         """Takes the scene's meshes. Raises ValueError naming an instance or a camera that is not usable."""
-        geometry = flatten(scene)
+        geometry = geometry_of(scene)
         self.device = wp.get_device(device)
         self._meshes: dict[int, wp.Mesh] = {}
         self.lens: Lens | None = None

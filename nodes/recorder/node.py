@@ -18,6 +18,7 @@ PARAMS = {
     "preview_hz": Param(float, 10.0, "rate of the rgb8 preview made from keyframes; 0 = none", "Hz", minimum=0.0),
     "event_encoding": Param(str, "mono", "of decoded events; evt3 cuts to 1 us", choices=("mono", "evt3")),
     "sync": Param(bool, False, "bring the bag to the disk every second: death of the machine takes 1 s, not 30"),
+    "threads": Param(int, 0, "that encode and compress; 0 = one per core, at most 8", minimum=0, maximum=256),
 }
 
 
@@ -43,7 +44,13 @@ class RecorderNode(Node):
         p = self.params
         with with_reader(p["path"], lambda line: self.runtime.diagnose(self, "info", line)):
             self.recorder: Recorder = Recorder(
-                p["path"], self.runtime.plan, p["topics"], p["preview_hz"], p["event_encoding"], p["sync"]
+                p["path"],
+                self.runtime.plan,
+                p["topics"],
+                p["preview_hz"],
+                p["event_encoding"],
+                p["sync"],
+                p["threads"] or None,
             )
         if backup := self.recorder.writer.backup:
             self.runtime.diagnose(self, "info", f"the older {p['path']} is now {backup}")

@@ -20,6 +20,7 @@ class Recorder:
     """Records messages to a bag. `counters`: messages, previews, lost, late_syncs, and at the end bytes.
 
     sync: bring the bag to the disk itself once a second; a sync that takes longer than that is counted as late.
+    threads: that encode and compress, see `BagWriter`.
     """
 
     def __init__(
@@ -30,6 +31,7 @@ class Recorder:
         preview_hz: float,
         encoding: str,
         sync: bool = False,
+        threads: int | None = None,
     ) -> None:
         plan = plan.redacted()  # who gets the bag gets no secret of the run
         self.counters: Counter[str] = Counter()
@@ -49,7 +51,7 @@ class Recorder:
         arguments |= {"arg.scene_args": given[0]} if given else {}
         arguments |= {f"chosen.{key}": value for key, value in plan.chosen.items()}
         metadata = describe_run(plan.launch_text, parameters, **run, **arguments)
-        self.writer = BagWriter(path, metadata, event_encoding=encoding, sync=sync)
+        self.writer = BagWriter(path, metadata, event_encoding=encoding, sync=sync, threads=threads)
 
     def receive(self, topic: str, message: Message) -> None:
         """Write one message; its arrays are free when this returns. Raises BagError."""

@@ -119,6 +119,12 @@ class Shading:
             self.paths = Paths(visibility, paths, self.features, self._half)
             self._direct = self._image(False, self.paths.direct, None)
 
+    def kernels(self, listed: bool) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernels that light a whole image, or a list of pixels, as `build_together` takes them."""
+        direct = self._list_kernel if listed else self._kernel
+        made = [direct] if self.paths is None else [direct, self.paths.kernel(listed)]
+        return [(kernel, SHADE_BLOCK) for kernel in made]
+
     def _features_of(self, textured: bool, gloss: bool, shadows: bool, rays: bool, cached: bool) -> Features:
         """Finds what the scene needs of the kernels of light. rays: whether light comes by paths."""
         scene, geometry, kinds = self.scene, self.visibility.geometry, self.lights.kinds

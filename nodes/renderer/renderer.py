@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from evis.geometry import se3
+from evis.gpu.building import build_together
 from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.scene.model import Camera, Scene
 from nodes.renderer.geometry.pose_upload import READ
@@ -118,6 +119,8 @@ class Renderer:
         On a GPU also record the launches, which takes two images for each buffer that poses come from.
         """
         wanted = list(outputs)
+        lit = {"radiance", "luminance"} & set(wanted)
+        build_together(self.device, [*(self.shading.kernels(False) if lit else ()), *self.visibility.kernels()])
         for k in range(1 + 2 * READ if self.device.is_cuda else 1):
             out = self.buffers(wanted) if self.device.is_cuda else None
             self.render(self._poses_at(k * 1_000_000), LAST if k else None, wanted, out)

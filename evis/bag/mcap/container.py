@@ -14,48 +14,59 @@ import os
 import struct
 import threading
 import time
-import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, MessageIndex, Metadata, Schema
+from mcap.records import Channel, Header, Metadata, Schema
 
 from evis.bag import BagError
 from evis.bag.mcap.claim import claim
 from evis.bag.mcap.marks import LIBRARY, MAGIC, PROFILE
-from evis.bag.mcap.summary import ChunkEntry, Summary, record_bytes
+from evis.bag.mcap.packing import LARGE, LARGEST, Packed, Packer, Piece
+from evis.bag.mcap.summary import ChunkEntry, Summary, message_index, record_bytes
 from evis.bag.mcap.sync import Syncer
+from evis.bag.threads import ALONE, Threads
 
 CHUNK_BYTES = 1 << 20
 CHUNK_PERIOD_S = 0.1
-ZSTD_LEVEL = 1
+_AT_ONCE = 16
+"""Chunks that threads compress side by side, few enough for the memory. Not the number of threads: what stands between
+chunks, as channels do, would have other places with it.
+"""
 _IOV_MAX = 1000
-
-Piece = bytes | bytearray | memoryview
+_Indexes = dict[int, list[tuple[int, int]]]
+"""Of a chunk, by channel: (log time, offset) of each message."""
 
 
 class Container:
     """Writes an MCAP file. Safe to use from several threads. `backup`: where an older file went, or None.
 
-    sync: bring it to the disk itself (fdatasync) once a second, from a thread.
+    sync: bring it to the disk itself (fdatasync) once a second, from a thread. threads: share the compression; they
+    have ended their part when `add` returns.
     """
 
     def __init__(
-        self, path: Path, chunk_bytes: int = CHUNK_BYTES, chunk_period_s: float = CHUNK_PERIOD_S, sync: bool = False
+        self,
+        path: Path,
+        chunk_bytes: int = CHUNK_BYTES,
+        chunk_period_s: float = CHUNK_PERIOD_S,
+        sync: bool = False,
+        threads: Threads = ALONE,
     ) -> None:
-        import zstandard
-
         self.path = path
         self.chunk_bytes, self.chunk_period_s = chunk_bytes, chunk_period_s
         self.end = 0
         """Bytes of whole records in the file."""
         self.failure: BagError | None = None
-        self._compressor = zstandard.ZstdCompressor(level=ZSTD_LEVEL)
+        self._packer = Packer(threads)
         self._failure_told = False
         self._summary = Summary()
         self._body = bytearray()
-        self._indexes: dict[int, list[tuple[int, int]]] = {}
+        self._indexes: _Indexes = {}
+        self._full: list[tuple[Piece, _Indexes]] = []
+        """Chunks that are complete and not yet written, within `together`."""
+        self._together = False
         self._compressed = True
         self._opened_at = 0.0
         self.closed = False
@@ -121,21 +132,33 @@ class Container:
             if self._indexes and self._compressed != compress:
                 self.flush()
             self._compressed = compress
-            size = sum(len(p) for *_, pieces in messages for p in pieces)
-            if not compress and size >= self.chunk_bytes:
+            if not compress and sum(len(p) for *_, pieces in messages for p in pieces) >= self.chunk_bytes:
                 self.flush()
-                pieces, _ = self._records(messages, 0)
-                self._finish_chunk(pieces)
-                return
             self._opened_at = self._opened_at if self._indexes else time.monotonic()
-            pieces, _ = self._records(messages, len(self._body))
+            pieces = self._records(messages, len(self._body))
+            size = len(self._body) + sum(map(len, pieces))
+            if size >= self.chunk_bytes and not (compress and self._for_one_thread(size)):
+                self._end_chunk([self._body, *pieces])  # large arrays are not copied
+                return
             for piece in pieces:
                 self._body += piece
             self._wake.set()
-            if len(self._body) >= self.chunk_bytes:
-                self.flush()
+            if size >= self.chunk_bytes:
+                self._end_chunk([self._body])
 
-    def _records(self, messages: Sequence[tuple[int, int, int, Sequence[Piece]]], at: int) -> tuple[list[Piece], int]:
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """Lets the messages that are added within it wait for one another, so that threads share their chunks."""
+        with self._lock:
+            self._together = True
+            try:
+                yield
+            finally:
+                self._together = False
+                if not self.failure and not self.closed:
+                    self._write_full()
+
+    def _records(self, messages: Sequence[tuple[int, int, int, Sequence[Piece]]], at: int) -> list[Piece]:
         result: list[Piece] = []
         for channel, sequence, log_time, pieces in messages:
             length = 22 + sum(len(p) for p in pieces)
@@ -143,29 +166,39 @@ class Container:
             result += [head, *pieces]
             self._indexes.setdefault(channel, []).append((log_time, at))
             at += 9 + length
-        return result, at
+        return result
 
     def flush(self) -> None:
         """Brings the open chunk to the file."""
         with self._lock:
             self._raise()
             if self._indexes:
-                body, self._body = self._body, bytearray()
-                self._finish_chunk([body])
+                self._end_chunk([self._body])
+            self._write_full()
 
-    def _finish_chunk(self, pieces: list[Piece]) -> None:
-        indexes, self._indexes = self._indexes, {}
-        size, crc = sum(len(p) for p in pieces), 0
-        for piece in pieces:
-            crc = zlib.crc32(piece, crc)
-        if self._compressed:
-            self.put_chunk("zstd", size, crc, [self._compressor.compress(pieces[0])], indexes)
-        else:
-            self.put_chunk("", size, crc, pieces, indexes)
+    def _end_chunk(self, pieces: list[Piece]) -> None:
+        """Close the open chunk, and write it now or, within `together`, when there is work for all threads."""
+        indexes, self._indexes, self._body = self._indexes, {}, bytearray()
+        if self._compressed and self._for_one_thread(sum(map(len, pieces))):
+            self._full.append((pieces[0], indexes))
+            if not self._together or len(self._full) >= _AT_ONCE:
+                self._write_full()
+            return
+        self._write_full()
+        self._put(self._packer.large(pieces) if self._compressed else self._packer.plain(pieces), indexes)
 
-    def put_chunk(
-        self, compression: str, size: int, crc: int, stored: Sequence[Piece], indexes: dict[int, list[tuple[int, int]]]
-    ) -> None:
+    def _for_one_thread(self, size: int) -> bool:
+        return size < (LARGEST if self._together else LARGE)
+
+    def _write_full(self) -> None:
+        full, self._full = self._full, []
+        for packed, (_, indexes) in zip(self._packer.many([body for body, _ in full]), full):
+            self._put(packed, indexes)
+
+    def _put(self, packed: Packed, indexes: _Indexes) -> None:
+        self.put_chunk(packed.compression, packed.size, packed.crc, packed.stored, indexes)
+
+    def put_chunk(self, compression: str, size: int, crc: int, stored: Sequence[Piece], indexes: _Indexes) -> None:
         """Writes a chunk: its `stored` bytes, and for each channel the (log time, offset) of its messages."""
         name = compression.encode()
         count = sum(len(p) for p in stored)
@@ -174,7 +207,7 @@ class Container:
         head = struct.pack("<QQQII", first, last, size, crc, len(name)) + name + struct.pack("<Q", count)
         head = struct.pack("<BQ", Opcode.CHUNK, len(head) + count) + head
         start = self.end
-        tail = b"".join(record_bytes(MessageIndex(channel, entries)) for channel, entries in indexes.items())
+        tail = b"".join(message_index(channel, entries) for channel, entries in indexes.items())
         self._write([head, *stored, tail])
         counts = {channel: len(entries) for channel, entries in indexes.items()}
         self._summary.add_chunk(ChunkEntry(start, len(head), count, first, last, size, compression, counts))

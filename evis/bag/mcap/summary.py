@@ -6,10 +6,11 @@ is packed, and whole blocks of that are compressed.
 
 from __future__ import annotations
 
+import itertools
 import struct
 import zlib
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from mcap.data_stream import RecordBuilder
@@ -42,6 +43,13 @@ def record_bytes(record: McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()
+
+
+def message_index(channel: int, entries: Sequence[tuple[int, int]]) -> bytes:
+    """Returns the record that says where the messages of a channel are in the chunk before it: (log time, offset)."""
+    size = MESSAGE_INDEX_ENTRY * len(entries)
+    head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, MESSAGE_INDEX_HEAD - 9 + size, channel, size)
+    return head + struct.pack(f"<{2 * len(entries)}Q", *itertools.chain.from_iterable(entries))
 
 
 class Blocks:

@@ -9,6 +9,9 @@ import numpy as np
 from evis.bag import BagError
 from evis.files.cdr import ENCAPSULATION, MessageReader
 
+_NUMBERS = {code: struct.Struct("<" + code) for code in "bBhHiIqQfd"}
+_PADDING = tuple(bytes(count) for count in range(8))
+
 
 class CdrWriter:
     """Writes one message in CDR; `bytes()` of everything written so far."""
@@ -22,8 +25,9 @@ class CdrWriter:
 
     def number(self, code: str, value: float) -> None:
         """Writes one number; `code` as in `struct` (b B h H i I q Q f d)."""
-        self.align(struct.calcsize("<" + code))
-        self.buffer += struct.pack("<" + code, value)
+        kind = _NUMBERS[code]
+        self.buffer += _PADDING[(4 - len(self.buffer)) % kind.size]
+        self.buffer += kind.pack(value)
 
     def string(self, text: str) -> None:
         """Writes the length with the closing NUL, the UTF-8 bytes, NUL."""

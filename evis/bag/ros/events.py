@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from evis.bag import BagError
 from evis.bag.ros import messages
 from evis.bag.ros.messages import Buffers, RosEvents
+from evis.bag.threads import ALONE, Threads
 from evis.events.codecs.event_camera_msgs import mono
 from msgs.camera import EventPacket
 from msgs.header import Header
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 ENCODINGS = ("mono", "evt3")
 NAMES = ("t", "x", "y", "p")
+_SHARE = 1 << 17
+"""Events that a thread packs at a time."""
 
 
 def _bytes(array: np.ndarray) -> memoryview:
@@ -44,12 +47,13 @@ def evt3_encoder() -> Encoder:
 
 
 def pack(
-    packet: EventPacket, frame_id: str, encoder: Encoder | None = None
+    packet: EventPacket, frame_id: str, encoder: Encoder | None = None, threads: Threads = ALONE
 ) -> tuple[list[tuple[str, Buffers]], tuple[str, ...]]:
     """Returns ([(part, bytes)], names of the arrays that the bytes give back).
 
     A sensor's own bytes stay as they are (part `raw`). Decoded events become `mono`, several packets where their times
-    span more than 2^32 ns, or with an `encoder` evt3, whose times are cut to whole us. Raises BagError.
+    span more than 2^32 ns, or with an `encoder` evt3, whose times are cut to whole us. threads: share large packets.
+    Raises BagError.
     """
     parts: list[tuple[str, Buffers]] = []
     exact: tuple[str, ...] = ()
@@ -60,19 +64,50 @@ def pack(
     if not decoded(packet):
         return parts, exact
     t, x, y, p = (np.asarray(getattr(packet, n)) for n in NAMES)
-    if len(t) and int(t.min()) < 0:
-        raise BagError(f"an event at {int(t.min())} ns cannot be recorded: a bag's times start at 0")
+    limits = _limits(t, y, p, threads)
+    if limits.earliest < 0:
+        raise BagError(f"an event at {limits.earliest} ns cannot be recorded: a bag's times start at 0")
     if encoder is not None and packet.raw is None:
         from evis.events.arrays import Events
 
         raw = memoryview(encoder.encode(Events(t, x, y, p)))
         return [("evt3", messages.event_packet(_announce(packet, max(packet.t0_ns, 0), "evt3", raw), frame_id))], NAMES
-    for first, end, base in mono.split(t, packet.t0_ns):
-        words = mono.pack(t[first:end], x[first:end], y[first:end], p[first:end], base)
+    for first, end, base in mono.split(t, packet.t0_ns, (limits.earliest, limits.latest)):
+        words = _words(t[first:end], x[first:end], y[first:end], p[first:end], base, threads)
         parts.append(("mono", messages.event_packet(_announce(packet, base, "mono", _bytes(words)), frame_id)))
     # mono has 15 bits for y and one for p; what does not fit goes into the JSON as well
-    whole = {"t": True, "x": True, "y": not len(y) or int(y.max()) <= mono.MAX_Y, "p": not len(p) or int(p.max()) <= 1}
+    whole = {"t": True, "x": True, "y": limits.y <= mono.MAX_Y, "p": limits.p <= 1}
     return parts, (*exact, *(n for n in NAMES if whole[n]))
+
+
+def _words(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, base: int, threads: Threads) -> np.ndarray:
+    words = np.empty(len(t), "<u8")
+    threads.map(lambda at: mono.pack_into(words[at], t[at], x[at], y[at], p[at], base), _shares(len(t)))
+    return words
+
+
+def _shares(count: int) -> list[slice]:
+    return [slice(first, min(first + _SHARE, count)) for first in range(0, count, _SHARE)]
+
+
+class _Limits(NamedTuple):
+    """Of some events: the earliest and the latest time, the largest row and polarity."""
+
+    earliest: int
+    latest: int
+    y: int
+    p: int
+
+
+def _limits(t: np.ndarray, y: np.ndarray, p: np.ndarray, threads: Threads) -> _Limits:
+    if not len(t):
+        return _Limits(0, 0, 0, 0)
+
+    def of(at: slice) -> _Limits:
+        return _Limits(int(t[at].min()), int(t[at].max()), int(y[at].max()), int(p[at].max()))
+
+    earliest, *largest = zip(*threads.map(of, _shares(len(t))))
+    return _Limits(min(earliest), *map(max, largest))
 
 
 def unpack(parts: dict[str, list[memoryview]], t_first_ns: int) -> dict[str, np.ndarray]:

@@ -19,6 +19,7 @@ from evis.bag import BagError
 from evis.bag.ros import events, images, jsonform, schemas, states
 from evis.bag.ros import messages as ros
 from evis.bag.ros.messages import Buffers
+from evis.bag.threads import ALONE, Threads
 from msgs.camera import CameraInfo, EventPacket, Image, Imu
 from msgs.fields import array_specs
 from msgs.header import Header, Message
@@ -65,9 +66,11 @@ def frame_of(topic: str) -> str:
     return segments[-2] if len(segments) > 1 else states.WORLD
 
 
-def encode(message: Message, topic: str, encoder: Encoder | None = None, **extra: Any) -> tuple[list[RosPart], bytes]:
-    """Encodes parts and closing JSON of a message of one environment. `extra`: further keys of the JSON, beginning with
-    `_`.
+def encode(
+    message: Message, topic: str, encoder: Encoder | None = None, threads: Threads = ALONE, **extra: Any
+) -> tuple[list[RosPart], bytes]:
+    """Encodes parts and closing JSON of a message of one environment. threads: share large ones. `extra`: further keys
+    of the JSON, beginning with `_`.
     """
     kind = type(message).__name__
     frame, stamp = frame_of(topic), message.header.stamp_ns
@@ -87,7 +90,7 @@ def encode(message: Message, topic: str, encoder: Encoder | None = None, **extra
             done += (field,)
         extra["_images"] = shapes
     elif isinstance(message, EventPacket):
-        packets, done = events.pack(message, frame, encoder)
+        packets, done = events.pack(message, frame, encoder, threads)
         parts = [
             RosPart(
                 name, schemas.EVENT_PACKET, "/decoded" if name == "mono" and message.raw is not None else "", stamp, b

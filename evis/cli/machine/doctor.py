@@ -11,14 +11,16 @@ import re
 import shutil
 import socket
 import sys
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from importlib import metadata
 
+from evis.cli.parser import UsageError
 from evis.console.printable import printable
 
 HELP = "check this machine and this installation"
-EXAMPLE = "example: evis doctor --json"
+EXAMPLE = "examples: evis doctor --json; evis doctor --warm, once after the installation"
 
 EXTRAS = {
     "video": "frames from videos, .mp4 without ffmpeg",
@@ -50,11 +52,24 @@ class Finding:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument(
+        "--warm",
+        action="store_true",
+        help="also compile the kernels of every scene and of usual sensors, methods and labels, which takes minutes: "
+        "first runs do not wait for them then",
+    )
+    parser.add_argument(
+        "--device", help="for --warm: cpu, cuda or cuda:N; not given = cuda where there is one, and cpu"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Runs every check; exit status 1 when one fails."""
+    """Runs every check, then --warm; exit status 1 when one fails."""
+    if args.device and not args.warm:
+        raise UsageError("--device is for --warm")
     findings = list(check())
+    if args.warm and not any(f.level == "fail" for f in findings):
+        findings += [_warmed(device) for device in _devices(args.device)]
     if args.json:
         print(
             json.dumps({"findings": [asdict(f) for f in findings], "ok": not any(f.level == "fail" for f in findings)})
@@ -82,6 +97,32 @@ def check() -> Iterator[Finding]:
             yield action()
         except Exception as error:
             yield Finding(name, "fail", f"{type(error).__name__}: {error}")
+
+
+def _devices(given: str | None) -> list[str]:
+    from evis.gpu.devices import device_named
+
+    if given:
+        return [str(device_named(given))]
+    import warp as wp
+
+    return ["cpu", "cuda"] if wp.is_cuda_available() else ["cpu"]
+
+
+def _warmed(device: str) -> Finding:
+    import warp as wp
+
+    from evis.cli.machine.warm import runs, warm
+
+    folder, began = wp.config.kernel_cache_dir or "", time.monotonic()
+    before = len(os.listdir(folder))
+    wanted = runs()
+    failed = warm(device, wanted, lambda line: print(f"warm  {device} {printable(line)}", file=sys.stderr))
+    text = f"{len(wanted) - len(failed)} of {len(wanted)} runs, {len(os.listdir(folder)) - before} sets of kernels "
+    text += f"compiled in {time.monotonic() - began:.0f} s"
+    if failed:
+        text += "; failed: " + ", ".join(f"{name} ({why})" for name, why in failed.items())
+    return Finding(f"warm {device}", "fail" if failed else "ok", text)
 
 
 def _python() -> Finding:

@@ -29,12 +29,15 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK, build_together
 from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
 from nodes.interpolator.keyframe import KeyframeView, Report, own_subframes
 from nodes.interpolator.relight.change import make_light_change
+from nodes.interpolator.relight.swept_kernels import disquiet
 from nodes.interpolator.rigid import keyframe_kernels
+from nodes.interpolator.rigid.displacement_kernels import displace
 from nodes.interpolator.rigid.keyframes import Pair
 from nodes.interpolator.rigid.layout import RigidOptions, layout_of
 from nodes.interpolator.rigid.patches import pieces_of
@@ -107,6 +110,12 @@ class Rigid:
         counted = self._reprojection.counted
         self._told = [wp.zeros(n.size, dtype=wp.int32, device="cpu", pinned=not cpu) for n in counted]
         self._buffer: wp.array | None = None
+
+    def build(self) -> None:
+        """Compiles the kernels that take long, side by side, before they are launched."""
+        changes = [(disquiet, LAUNCH_BLOCK)] if self.change else []
+        between = [(displace, LAUNCH_BLOCK), *changes]
+        build_together(self._device, [*self._reprojection.kernels(), *self.visibility.kernels(), *between])
 
     @property
     def strength(self) -> wp.array:

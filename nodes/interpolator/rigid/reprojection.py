@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from nodes.interpolator.relight.change import LightChange
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
@@ -107,6 +108,12 @@ class Reprojection:
             dim = (self._envs, v.shape[1], v.shape[2] // v.span)
             given = [v.view, v.span, self._shading.seen, self._shading.surfaces, keyframe.albedo]
             wp.launch(self._take_albedo, dim, given, device=v.device)
+
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernels that are launched, as `build_together` takes them."""
+        looks = [self._gather, *([self._first_look] if self._two_pass else [])]
+        shading = [*self._shading.kernels(True), (self._place, LAUNCH_BLOCK)]
+        return [*((kernel, BLOCK) for kernel in looks), *shading, *self._sampling.kernels()]
 
     def light(self, which: str, placed: bool) -> wp.array:
         """Gives the radiance of all pixels of the first slot under LightSet.select, vec3 [>= E, H, W]. placed: after

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from nodes.interpolator.relight.change import LightChange
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
@@ -102,6 +103,11 @@ class Sampling:
             self.counts = wp.zeros(len(layout.portions) * self.rounds * self.bands, dtype=wp.int32)
             self._span_counts = wp.zeros_like(self.counts)
             self._all: wp.array = wp.array(np.arange(inner if self._on_device else 0, dtype=np.int32))
+
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernels that are launched, as `build_together` takes them."""
+        made = [self._plan, *((walk_bodies, self._refine) if self._step > 0 else ())]
+        return [(kernel, LAUNCH_BLOCK) for kernel in made]
 
     def clear(self) -> None:
         """Begins a gap."""

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+import weakref
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from evis.geometry import se3
 from evis.scene.model import WORLD, Instance, Mesh, Scene
+from evis.scene.worlds import lock
+
+Made = TypeVar("Made")
 
 SHELL_OPEN, SHELL_CONVEX, SHELL_PLANAR = 0, 1, 2
 """Whether an instance can shade itself: it can; not on its outside; not at all."""
@@ -47,6 +52,15 @@ class Geometry:
     meshes: list[Mesh]
     static: np.ndarray
     """bool [I]: fixed to the world, or to a body whose prescribed motion is none."""
+    made: dict[Hashable, object] = field(default_factory=dict)
+    """What `once` has made."""
+
+    def once(self, key: Hashable, make: Callable[[], Made]) -> Made:
+        """Returns what `make` gives, made at the first call with this key; nobody may write to it."""
+        if key not in self.made:
+            self.made[key] = make()
+            lock(self.made[key])
+        return self.made[key]  # type: ignore[return-value]
 
 
 class _Shape(NamedTuple):
@@ -60,8 +74,26 @@ class _Shape(NamedTuple):
     shell: int
 
 
+_shared: dict[int, tuple[weakref.ref[Scene], Geometry]] = {}
+"""Of scenes that nodes share, by their id."""
+
+
+def geometry_of(scene: Scene) -> Geometry:
+    """Gives the arrays of a scene: of one that nodes share, those that the first of them has made, read-only. Raises
+    as `flatten`.
+    """
+    if not scene.shared:
+        return flatten(scene)
+    number = id(scene)
+    if number not in _shared:
+        geometry = flatten(scene)
+        lock(geometry)
+        _shared[number] = weakref.ref(scene, lambda _: _shared.pop(number)), geometry
+    return _shared[number][1]
+
+
 def flatten(scene: Scene) -> Geometry:
-    """Gives the arrays of a scene. Raises ValueError naming the instance whose mesh, material or body is not usable."""
+    """Makes the arrays of a scene. Raises ValueError naming the instance whose mesh, material or body is not usable."""
     vertices, triangles, owners, normals, uv, smooth, tint = [], [], [], [], [], [], []
     count = len(scene.instances)
     first = np.zeros(count + 1, np.int64)

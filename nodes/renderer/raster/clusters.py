@@ -29,6 +29,11 @@ class Blocks:
 
 def triangle_blocks(geometry: Geometry, still: np.ndarray, two_sided: np.ndarray) -> Blocks:
     """Gives blocks of triangles; still, two_sided: bool [I]."""
+    key = "triangle blocks", still.tobytes(), two_sided.tobytes()
+    return geometry.once(key, lambda: _triangle_blocks(geometry, still, two_sided))
+
+
+def _triangle_blocks(geometry: Geometry, still: np.ndarray, two_sided: np.ndarray) -> Blocks:
     instance, first, last, count = _cut(geometry.first, still)
     corners = geometry.vertices[geometry.triangles].astype(np.float64)
     low, high = corners.min(1), corners.max(1)

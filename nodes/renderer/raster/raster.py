@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from nodes.renderer.raster import clusters, raster_kernels, tiled_kernels
 from nodes.renderer.raster.scene_arrays import SceneArrays
 from nodes.renderer.raster.triangle_kernels import Setup
@@ -59,6 +60,8 @@ class RowRaster:
         self._sizes = [(p.still, len(p.instance)) for p in pieces]
         self.vertices = v.empty((v.envs, len(v.geometry.vertices)), wp.vec3)
         self._raster = make_raster(v.lens)
+        self.kernels = [(self._raster, LAUNCH_BLOCK), (raster_kernels.to_camera, LAUNCH_BLOCK)]
+        """As `build_together` takes them."""
 
     def clear(self) -> None:
         """Does nothing: there are no lists to empty."""
@@ -114,6 +117,9 @@ class TiledRaster:
         else:
             self._list, self._raster = make_listed(v.lens, area, rows)
         self._tiles = make_tiles(v.lens, rows, together)
+        before = [self._at_once] if self._few else [self._list, self._raster, tiled_kernels.list_blocks]
+        self.kernels = [(self._tiles, TILE_BLOCK), *((kernel, LAUNCH_BLOCK) for kernel in before)]
+        """As `build_together` takes them."""
         self._cleared = False
 
     def clear(self) -> None:
@@ -157,6 +163,7 @@ class NoRaster:
     """Draws nothing: for who finds by himself what the pixels show."""
 
     local = True
+    kernels: Sequence[tuple[wp.Kernel, int]] = ()
 
     def __init__(self, arrays: SceneArrays, still: np.ndarray) -> None:
         """still: of no use."""

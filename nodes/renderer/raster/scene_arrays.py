@@ -9,7 +9,7 @@ import warp as wp
 
 from evis.gpu.devices import device_named
 from evis.scene.model import Camera, Scene
-from nodes.renderer.geometry.triangles import flatten
+from nodes.renderer.geometry.triangles import geometry_of
 from nodes.renderer.raster.cameras import lens_of, make_view
 from nodes.renderer.raster.row_tiles import RowTiles
 
@@ -31,7 +31,7 @@ class SceneArrays:
         self.span = self.shape[2] if self.device.is_cpu else 1
         # Tiles of pixels and threads of each, see view_kernels.tile_pixel.
         self.tiles = (envs, -(-self.shape[1] // 4) * -(-self.shape[2] // 8), 32)
-        self.geometry = geometry = flatten(scene)
+        self.geometry = geometry = geometry_of(scene)
         self.names = [b.name for b in scene.bodies]
         self.camera_body = scene.body_index(camera.name)
         self.row_tiles = RowTiles(self.shape[1], threads if self.device.is_cpu else 1)

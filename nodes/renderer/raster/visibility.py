@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import warp as wp
 
+from evis.gpu.building import LAUNCH_BLOCK
 from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.scene.model import Camera, Scene
 from nodes.renderer.geometry import pose_kernels
@@ -78,6 +79,10 @@ class Visibility(SceneArrays):
         self.raster = ((TiledRaster if tiled else RowRaster) if drawn else NoRaster)(self, still)
         self.vertices, self.view.local = self.raster.vertices, int(self.raster.local)
         self._graphs, self._cleared = CudaGraphs(self.device), Branch(self.device)
+
+    def kernels(self) -> list[tuple[wp.Kernel, int]]:
+        """Gives the kernels that place and draw, as `build_together` takes them."""
+        return [(pose_kernels.place_instances, LAUNCH_BLOCK), *self.raster.kernels]
 
     def instance_poses(self, poses: np.ndarray) -> InstancePoses:
         """Gives poses float64 [E, N, 7], checked. Raises ValueError naming a body."""

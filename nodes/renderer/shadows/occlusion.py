@@ -173,6 +173,10 @@ class Occluders:
 def half_extents(visibility: Visibility) -> np.ndarray:
     """Gives half the sides of every instance's box in its own frame, float64 [I, 3] m."""
     geometry = visibility.geometry
-    half = np.zeros((len(geometry.body), 3))
-    np.maximum.at(half, geometry.vertex_instance, np.abs(geometry.vertices))
-    return half * (1 + 1e-6)
+
+    def largest() -> np.ndarray:
+        half = np.zeros((len(geometry.body), 3))
+        np.maximum.at(half, geometry.vertex_instance, np.abs(geometry.vertices))
+        return half * (1 + 1e-6)
+
+    return geometry.once("half extents", largest)

@@ -31,7 +31,8 @@ class McapWriter(SequenceWriter):
         about = self.about
         told = {"name": about.name, "scene": about.scene, "seed": str(about.seed), "labels": ",".join(about.labels)}
         # Chunks by their size alone: where the time of day cuts them, the same messages are other bytes.
-        self._bag = BagWriter(self.directory / FILE, {"sequence": told}, chunk_period_s=math.inf)
+        # One thread: data sets are made by a process on each core.
+        self._bag = BagWriter(self.directory / FILE, {"sequence": told}, chunk_period_s=math.inf, threads=1)
         for name, info in about.cameras.items():
             self._write(f"/{name}/info", dataclasses.replace(info, header=Header(about.start_ns)))
 

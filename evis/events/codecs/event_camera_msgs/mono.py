@@ -11,15 +11,26 @@ import numpy as np
 SPAN_NS = 1 << 32
 """Times of one packet must lie within this many ns of its time base."""
 MAX_Y = 0x7FFF
+_BLOCK = 1 << 15
+"""Events that are packed at a time."""
 
 
 def pack(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, base_ns: int) -> np.ndarray:
     """Packs events as uint64 [n]. t int64 [ns] in [base, base + 2^32); y is cut to 15 bits, p to its lowest."""
-    words = (t - np.int64(base_ns)).astype("<u8")
-    words |= x.astype("<u8") << np.uint64(32)
-    words |= (y & np.uint16(MAX_Y)).astype("<u8") << np.uint64(48)
-    words |= p.astype("<u8") << np.uint64(63)
+    words = np.empty(len(t), "<u8")
+    pack_into(words, t, x, y, p, base_ns)
     return words
+
+
+def pack_into(words: np.ndarray, t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray, base_ns: int) -> None:
+    """Packs events as `pack` does into an array that is there, uint64 [n] contiguous and little endian."""
+    low = words.view("<u4").reshape(-1, 2)
+    high = words.view("<u2").reshape(-1, 4)
+    for first in range(0, len(t), _BLOCK):  # what is between two steps stays in the cache
+        at = slice(first, first + _BLOCK)
+        low[at, 0] = t[at] - np.int64(base_ns)
+        high[at, 2] = x[at]
+        high[at, 3] = (y[at] & np.uint16(MAX_Y)) | (p[at].astype(np.uint16) << np.uint16(15))
 
 
 def unpack(words: np.ndarray, base_ns: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -30,15 +41,15 @@ def unpack(words: np.ndarray, base_ns: int) -> tuple[np.ndarray, np.ndarray, np.
     return t, x, y, (words >> np.uint64(63)).astype(np.uint8)
 
 
-def split(t: np.ndarray, t0_ns: int) -> list[tuple[int, int, int]]:
+def split(t: np.ndarray, t0_ns: int, ends: tuple[int, int] | None = None) -> list[tuple[int, int, int]]:
     """Runs (first, end, base [ns]) of consecutive events whose times fit one packet each.
 
-    The base is `t0_ns` where that serves the whole packet, otherwise the earliest time of the run. A packet with no
-    events is one empty run.
+    ends: the earliest and the latest time, where they are known. The base is `t0_ns` where that serves the whole
+    packet, otherwise the earliest time of the run. A packet with no events is one empty run.
     """
     if not len(t):
         return [(0, 0, max(t0_ns, 0))]
-    earliest, latest = int(t.min()), int(t.max())
+    earliest, latest = ends or (int(t.min()), int(t.max()))
     if 0 <= t0_ns <= earliest and latest - t0_ns < SPAN_NS:
         return [(0, len(t), t0_ns)]
     runs = []

@@ -1,0 +1,115 @@
+"""Bags whose messages are encoded and compressed by several threads."""
+
+import math
+import zlib
+
+import numpy as np
+import pytest
+from bag_messages import copied, same, scene
+from mcap.reader import make_reader
+
+from evis.bag import BagError
+from evis.bag.mcap import packing
+from evis.bag.mcap.checksum import BLOCK, crc32
+from evis.bag.reader import BagReader
+from evis.bag.ros import messages as ros
+from evis.bag.threads import Threads
+from evis.bag.writer import BagWriter
+from msgs.camera import EventPacket
+from msgs.header import Header
+
+
+def packet(k, count, envs=1):
+    """Many events in the order of time, as little alike as events of a textured scene are."""
+    rng = np.random.default_rng([k, count])
+    t0 = k * 33_333_333
+    t = np.sort(rng.integers(t0 + 1, t0 + 33_333_333, count))
+    x, y = rng.integers(0, 640, count, np.uint16), rng.integers(0, 480, count, np.uint16)
+    offsets = np.linspace(0, count, envs + 1).astype(np.int64)
+    p = rng.integers(0, 2, count, np.uint8)
+    return EventPacket(Header(t0 + 33_333_333, k), offsets, t, x, y, p, width=640, height=480, t0_ns=t0)
+
+
+def messages():
+    """Small ones and large ones, some too large for a chunk, of one environment and of many."""
+    for k, count in enumerate([0, 10, 700_000, 50, 90_000, 90_000, 300_000]):
+        for topic, message in scene(k).items():
+            if topic != "/cam0/events":
+                yield topic, message
+        yield "/cam0/events", packet(k, count)
+    for k in range(2):
+        yield "/cam1/events", packet(k, 900_000, envs=40)
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    """The same messages by 1, 2 and 5 threads, chunks cut by their size alone."""
+    folder = tmp_path_factory.mktemp("bags")
+    for count in (1, 2, 5):
+        with BagWriter(folder / f"{count}.mcap", chunk_period_s=math.inf, threads=count) as writer:
+            for topic, message in messages():
+                writer.write(topic, message)
+    return folder
+
+
+def test_the_bytes_do_not_depend_on_the_number_of_threads(bags):
+    assert len({(bags / f"{count}.mcap").read_bytes() for count in (1, 2, 5)}) == 1
+
+
+def test_what_was_written_is_read(bags):
+    with BagReader(bags / "5.mcap") as reader:
+        read = [(t, copied(m)) for t, m in reader.messages()]
+        assert not reader.problem and not reader.skipped
+    for topic in ("/cam0/events", "/cam1/events", "/cam0/depth", "/cam0/keyframe", "/state"):
+        mine = [m for t, m in messages() if t == topic]
+        other = [m for t, m in read if t == topic]
+        assert len(mine) == len(other) and all(map(same, mine, other))
+
+
+def test_another_reader_finds_every_checksum_right(bags):
+    """The MCAP library checks them; a chunk of a large message is one zstd frame like any other."""
+    with open(bags / "5.mcap", "rb") as file:
+        chunks = make_reader(file).get_summary().chunk_indexes
+    assert max(c.uncompressed_size for c in chunks) > packing.LARGEST
+    assert sum(c.compression == "zstd" and packing.LARGE < c.uncompressed_size < packing.LARGEST for c in chunks) > 8
+    with open(bags / "5.mcap", "rb") as file:
+        found = make_reader(file, validate_crcs=True).iter_messages(["/cam0/events"])
+        sizes = [ros.read_event_packet(memoryview(m.data)).events.nbytes for _, _, m in found]
+    assert sizes == [8 * n for n in (0, 10, 700_000, 50, 90_000, 90_000, 300_000)]
+
+
+@pytest.mark.parametrize("envs", [1, 40])
+def test_a_message_is_in_the_file_when_it_was_taken(tmp_path, envs):
+    """Threads hold nothing back: what is lost when the process dies is the open chunk, as with one thread."""
+    with BagWriter(tmp_path / "a.mcap", chunk_bytes=1000, chunk_period_s=math.inf, threads=3) as writer:
+        for k in range(3):
+            writer.write("/cam0/events", packet(k, 400_000, envs))
+            assert not writer.container._indexes and not writer.container._full
+            with BagReader(tmp_path / "a.mcap") as reader:
+                assert "end" in reader.problem
+                found = [copied(m) for _, m in reader.messages()]
+            assert len(found) == k + 1 and same(found[-1], packet(k, 400_000, envs))
+
+
+def test_an_error_in_one_environment_keeps_the_others_whole(tmp_path):
+    """Times before 0 cannot be recorded: the message is refused, all before it and after it are there."""
+    bad = packet(1, 1000, envs=4)
+    bad.t[700] = -1
+    with BagWriter(tmp_path / "a.mcap", threads=2) as writer:
+        writer.write("/cam0/events", packet(0, 1000, envs=4))
+        with pytest.raises(BagError, match="an event at -1 ns cannot be recorded"):
+            writer.write("/cam0/events", bad)
+        writer.write("/cam0/events", packet(2, 1000, envs=4))
+    with BagReader(tmp_path / "a.mcap") as reader:
+        assert [m.header.seq for _, m in reader.messages()] == [0, 2] and not reader.problem
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_checksums_of_blocks_are_those_of_the_whole(count):
+    """By zlib itself, at every kind of border."""
+    rng = np.random.default_rng(0)
+    pieces = [rng.bytes(n) for n in (0, 5, 3 * BLOCK, BLOCK - 1, BLOCK, 2 * BLOCK + 17, 9)]
+    threads = Threads(count)
+    for start in range(len(pieces)):
+        assert crc32(pieces[start:], threads)() == zlib.crc32(b"".join(pieces[start:]))
+    threads.close()

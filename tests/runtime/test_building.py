@@ -1,0 +1,50 @@
+"""Kernels that are compiled side by side."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import warp as wp
+
+from evis.gpu.building import FEWEST_CORES, LAUNCH_BLOCK, build_together
+
+
+def kernel_of(factor: float) -> wp.Kernel:
+    @wp.kernel(module="unique", enable_backward=False)
+    def scaled(values: wp.array(dtype=wp.float32)):
+        i = wp.tid()
+        values[i] = values[i] * wp.static(factor)
+
+    return scaled
+
+
+@pytest.fixture(autouse=True)
+def _cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a machine where it pays."""
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(FEWEST_CORES)))
+
+
+def test_what_was_built_is_launched_without_compiling(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wp.init()
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
+    kernels = [kernel_of(1.0 + 0.5 * k) for k in range(3)]
+    build_together("cpu", [(kernel, LAUNCH_BLOCK) for kernel in [*kernels, kernels[0]]])
+    there = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
+    assert len([path for path in tmp_path.iterdir() if path.is_dir()]) == 3
+    values = wp.array(np.arange(4.0, dtype=np.float32), device="cpu")
+    for kernel in kernels:
+        wp.launch(kernel, 4, [values], device="cpu")
+    assert values.numpy().tolist() == [0.0, 3.0, 6.0, 9.0]
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()} == there
+
+
+def test_an_error_of_the_compiler_is_told() -> None:
+    @wp.kernel(module="unique", enable_backward=False)
+    def wrong(values: wp.array(dtype=wp.float32)):
+        values[0] = no_such_name  # noqa: F821
+
+    with pytest.raises(Exception, match="no_such_name"):
+        build_together("cpu", [(kernel_of(7.0), LAUNCH_BLOCK), (wrong, LAUNCH_BLOCK)])
