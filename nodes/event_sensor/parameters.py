@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+from evis.config.document import read
 from evis.config.params import Param, describe_value, resolve
 from nodes.event_sensor.presets import PRESETS
 
@@ -51,15 +53,38 @@ def _of_preset(name: str, param: Param) -> Param:
     return replace(param, default=None, optional=True, help=param.help + ideal, choices=choices)
 
 
+PRESET = Param(
+    str, "ideal", "sensor whose faults to have; ideal has none", choices=tuple(PRESETS), files=(".yaml", ".yml")
+)
+"""A preset by its name, or a file of parameters."""
+
+
 def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """All of SENSOR: given values over the preset's over the defaults; None counts as not given.
 
-    Raises ParamError naming `owner`, the key and the nearest valid one.
+    preset: a name, or a YAML file of parameters. A `threshold` that is given is that of both sides, whatever the
+    preset has for one of them. Raises ParamError naming `owner`, or the file, the key and the nearest valid one.
     """
-    if preset not in PRESETS:
-        Param(str, "ideal", "", choices=tuple(PRESETS)).convert(owner, "preset", preset)
     explicit = {key: value for key, value in given.items() if value is not None}
-    return resolve(owner, SENSOR, {**PRESETS[preset].values, **explicit})
+    values = preset_values(owner, preset)
+    if "threshold" in explicit:
+        values = {key: value for key, value in values.items() if key not in ("threshold_on", "threshold_off")}
+    return resolve(owner, SENSOR, {**values, **explicit})
+
+
+def preset_values(owner: str, preset: str) -> dict[str, Any]:
+    """What a preset says, by parameter. Raises ParamError, or LaunchError for a file that is no map."""
+    preset = PRESET.convert(owner, "preset", preset)
+    if preset in PRESETS:
+        return dict(PRESETS[preset].values)
+    of_file = dict(read(Path(preset), "preset"))
+    resolve(preset, SENSOR, of_file)  # so that what is wrong there names the file
+    return of_file
+
+
+def preset_name(preset: str) -> str:
+    """Name of a preset's sensor; of a file, the file's."""
+    return PRESETS[preset].name if preset in PRESETS else Path(preset).name
 
 
 def frames_only(p: Mapping[str, Any]) -> str:
