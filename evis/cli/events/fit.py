@@ -135,4 +135,4 @@ def for_people(result: dict[str, Any]) -> dict[str, Any]:
             f"hub {scene['hub_px']}, {scene['turns']:.2f} turns, {scene['speed_rad_s'][0]:.3g} to "
             f"{scene['speed_rad_s'][1]:.3g} rad/s, blur {scene['blur_px']:.2f} px"
         )
-    return out | {name: result[name] for name in ("out", "png") if name in result}
+    return out | {name: result[name] for name in ("out", "png", "warnings") if name in result}

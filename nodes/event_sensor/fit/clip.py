@@ -20,7 +20,7 @@ STEP_NS = 250_000
 CHUNK = 64
 SOME_PIXELS = 700
 """So many of the wheel's pixels are simulated while the parameters are searched."""
-LEAST_SHARE = 5e-5
+LEAST_SHARE = 2e-5
 """Of all intervals: those that may be shorter than the least, which one error of the camera would set otherwise."""
 BEFORE_NS, AFTER_NS = 5_000_000, 60_000_000
 """What is simulated and counted beside the motion."""

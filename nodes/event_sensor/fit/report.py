@@ -18,6 +18,7 @@ def report(fit: Fit, light: Light, contrast_deviation: float, contrast_source: s
         "contrast": light.contrast, "contrast_deviation": contrast_deviation, "contrast_source": contrast_source,
         "white_lux": lux, "white_radiance": light.white,
     }  # fmt: skip
+    warnings = [] if fit.noise.sensor else ["nothing stands still for 0.1 s, so noise was not fitted"]
     return {
         "values": dict(fit.values),
         "deviation": _deviations(fit, relative),
@@ -29,6 +30,7 @@ def report(fit: Fit, light: Light, contrast_deviation: float, contrast_source: s
             "hot_pixels": len(fit.noise.white.hot) + len(fit.noise.black.hot),
         },
         "recordings": [_recording(one) for one in fit.compared],
+        **({"warnings": warnings} if warnings else {}),
     }
 
 

@@ -48,8 +48,8 @@ class Side:
 
 @dataclass(frozen=True)
 class NoiseFit:
-    """sensor: parameters; sides: what was counted; rate: of the wheel's pixels while nothing moves [Hz], hot ones
-    included."""
+    """sensor: parameters; white, black: what was counted; rate: of the wheel's pixels while nothing moves [Hz], hot
+    ones included."""
 
     sensor: dict[str, float]
     white: Side
@@ -71,6 +71,7 @@ def fit_noise(clips: Sequence[Clip], light: Light) -> NoiseFit:
 
     Leak is what the white has more of ON than shot noise, whose share of ON is that of the black. Shot noise ends at
     the light at which a line through the rates of black and white is 0, and is such that its total is that of all.
+    Where nothing is ever still, nothing is said.
     """
     white, black, all_white, all_black = (
         Side(light.white * (1 if bright else math.exp(-light.contrast))) for bright in (True, False, True, False)
@@ -84,7 +85,7 @@ def fit_noise(clips: Sequence[Clip], light: Light) -> NoiseFit:
             _add(side, counts, observed, where & mask)
         for side, where in ((all_white, beyond > 0), (all_black, beyond <= 0)):
             _add(side, counts, observed, where & mask)
-    sensor = _parameters(white, black)
+    sensor = _parameters(white, black) if seconds else {}
     if "shot_rate" in sensor:
         sensor["shot_rate"] = _shot_rate(sensor, (all_white, all_black))
     return NoiseFit(sensor, white, black, events / max(seconds, 1e-12))
