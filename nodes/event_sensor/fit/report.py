@@ -10,6 +10,9 @@ from nodes.event_sensor.fit.fit import Compared, Fit, off_by
 
 LAWS = "corner ~ light^k up to the scene's white"
 
+MUCH = 0.2
+"""Deviation of a statistic from which on a fit is warned of."""
+
 
 def report(fit: Fit, light: Light, contrast_deviation: float, contrast_source: str, lux: float) -> dict[str, Any]:
     """Reports a fit as numbers and texts."""
@@ -19,6 +22,12 @@ def report(fit: Fit, light: Light, contrast_deviation: float, contrast_source: s
         "white_lux": lux, "white_radiance": light.white,
     }  # fmt: skip
     warnings = [] if fit.noise.sensor else ["nothing stands still for 0.1 s, so noise was not fitted"]
+    for one in fit.compared:
+        name, worst = max(off_by(one).items(), key=lambda item: abs(item[1]), default=("", 0.0))
+        if not abs(worst) < MUCH:
+            warnings.append(
+                f"{one.clip.name}: {name} of the simulation is off by {worst:+.0%}; the fit does not hold for it"
+            )
     return {
         "values": dict(fit.values),
         "deviation": _deviations(fit, relative),

@@ -9,9 +9,9 @@ import numpy as np
 
 STEP = 0.04
 """Of an unknown, for the slopes: statistics of a simulation have steps of their own, which this must go beyond."""
-TURNS, FIRST_TURNS = 10, 3
+TURNS, FIRST_TURNS = 12, 3
 ENOUGH = 5e-3
-"""Relative gain below which the search ends."""
+"""Relative gain below which, two turns in a row, the search ends."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def _search(
 ) -> Found:
     at, damping = np.clip(start, low, high), 1e-2
     here = residuals(at)
-    slope = slopes(at, here)
+    slope, idle = slopes(at, here), 0
     for _ in range(turns):
         before = float(here @ here)
         while True:
@@ -73,7 +73,8 @@ def _search(
             if damping > 1e4:
                 return Found(at, here, slope)
         slope = slopes(at, here)
-        if float(here @ here) > before * (1 - ENOUGH):
+        idle = idle + 1 if float(here @ here) > before * (1 - ENOUGH) else 0
+        if idle == 2:
             break
     return Found(at, here, slope)
 

@@ -22,6 +22,7 @@ LEAST_GATHERED = 0.75
 """Mean resultant length (1: all beginnings at one angle) below which this is no such wheel."""
 NEAREST_PX = 8.0
 """Closer to the hub than this an angle says little."""
+LEAST_TURNS = 0.25
 SMOOTH = 7
 """Windows of the parabola that smooths the angle."""
 
@@ -96,6 +97,9 @@ def find_wheel(t: np.ndarray, x: np.ndarray, y: np.ndarray, p: np.ndarray) -> Wh
         )
     at = start + (np.flatnonzero(good) * WINDOW_NS + WINDOW_NS // 2)
     at, angle = _to_the_ends(at, _smooth(at, np.unwrap(middle[good])))
+    turns = abs(angle[-1] - angle[0]) / (2 * np.pi)
+    if turns < LEAST_TURNS:
+        raise NoWheel(f"the border turns by {turns:.2f} of a turn; {LEAST_TURNS} is needed")
     passed = np.bincount(found.pixel[inside], minlength=box[2] * box[3]).reshape(box[3], box[2]) > 0
     return Wheel(hub, at, angle, 1 if angle[-1] > angle[0] else -1, gathered, _filled(passed), box)
 

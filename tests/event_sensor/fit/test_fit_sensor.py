@@ -55,6 +55,7 @@ def test_the_sensor_is_found(recorded):
     assert all(abs(value) < 0.1 for value in off_by(fit.compared[0]).values())
 
 
+@pytest.mark.slow
 def test_a_photoreceptor_that_follows_the_light_is_told_from_one_that_does_not():
     slow = {**TRUE, "shot_rate": 0.0, "leak_rate": 0.0, "bandwidth_hz": 300.0, "bandwidth_level": film.WHITE}
     t, x, y, p = film.record(**slow, seed=4)

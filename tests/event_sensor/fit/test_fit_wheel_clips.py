@@ -11,6 +11,7 @@ from evis.events import open_recording
 from nodes.event_sensor.fit.clip import read_clip, simulate_motion
 from nodes.event_sensor.fit.fit import fit_sensor, light_of, off_by
 from nodes.event_sensor.fit.motion import fit_blur
+from nodes.event_sensor.fit.wheel import NoWheel
 from nodes.event_sensor.parameters import SENSOR, resolve_sensor
 
 DATA = Path(os.environ.get("EVIS_TEST_DATA", Path(__file__).parents[4] / "shared" / "data"))
@@ -38,6 +39,16 @@ def test_the_wheel_turns_as_fast_as_the_line_through_its_edge(name):
     speed = np.interp(clip.t[0] + at * 1e3, clip.wheel.at, clip.wheel.speed)
     assert np.median(np.abs(speed / omega - 1)) < 0.05
     assert np.hypot(clip.wheel.hub[0] - x[0], clip.wheel.hub[1] - y[0]) < 2
+
+
+def test_a_recording_of_something_else_is_refused():
+    path = DATA / "aedat4" / "aestream_davis.aedat4"
+    if not path.exists():
+        pytest.skip(f"no recording {path} (set EVIS_TEST_DATA)")
+    with open_recording(path) as recording:
+        events = recording.read()
+    with pytest.raises(NoWheel):
+        read_clip("else", events.t, events.x, events.y, events.p)
 
 
 @pytest.mark.parametrize("name", CLIPS)
