@@ -5,13 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from evis.config.document import read
 from evis.gpu.exchange import NUMPY, as_kind, as_warp, kind_of
 from nodes.event_sensor.make import make_sensor
 from nodes.event_sensor.parameters import resolve_sensor
@@ -241,9 +239,4 @@ def _stamps(t: Any) -> np.ndarray:
 
 def _resolved(preset: str | os.PathLike[str], given: dict[str, Any]) -> dict[str, Any]:
     """All parameters: given ones over the preset's, which may be a file's."""
-    name = os.fspath(preset)
-    if not name.endswith((".yaml", ".yml")):
-        return resolve_sensor(_OWNER, name, given)
-    of_file = dict(read(Path(name), "preset"))
-    resolve_sensor(name, "ideal", of_file)  # so that what is wrong there names the file
-    return resolve_sensor(_OWNER, "ideal", {**of_file, **{k: v for k, v in given.items() if v is not None}})
+    return resolve_sensor(_OWNER, os.fspath(preset), given)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -27,7 +28,8 @@ class Param:
     """Declares one parameter: `type` is int, float, str, bool or list; minimum and maximum are inclusive.
 
     `default=None` with `optional=True` means "not given". secret: a text that stays out of bags, logs and errors, and
-    may be given as `env:NAME` or `file:PATH`, which a list of processes does not show.
+    may be given as `env:NAME` or `file:PATH`, which a list of processes does not show. files: a text that ends so, as
+    ".yaml", is the path of a file, which may stand in place of one of the choices; it becomes absolute.
     """
 
     type: type
@@ -39,6 +41,7 @@ class Param:
     choices: tuple[Any, ...] = ()
     optional: bool = False
     secret: bool = False
+    files: tuple[str, ...] = ()
 
     def convert(self, owner: str, key: str, value: Any) -> Any:
         """Converts a value (from YAML or a command line) to this parameter's type. Raises ParamError."""
@@ -49,15 +52,23 @@ class Param:
         value = self._cast(owner, key, value)
         if isinstance(value, float) and not math.isfinite(value):
             raise ParamError(f"{owner}: {key} is {value}; it must be finite")
+        if self.files and value not in self.choices and str(value).endswith(self.files):
+            return self._file(owner, key, str(value))
         if self.choices and value not in self.choices:
             hint = did_you_mean(str(value), map(str, self.choices))
-            raise ParamError(f"{owner}: {key} is '{value}', must be one of {', '.join(map(str, self.choices))}{hint}")
+            allowed = ", ".join(map(str, self.choices)) + (f", or a file {self.files[0]}" if self.files else "")
+            raise ParamError(f"{owner}: {key} is '{value}', must be one of {allowed}{hint}")
         unit = f" {self.unit}" if self.unit else ""
         if self.minimum is not None and value < self.minimum:
             raise ParamError(f"{owner}: {key} is {value}{unit}, the least is {self.minimum:g}{unit}")
         if self.maximum is not None and value > self.maximum:
             raise ParamError(f"{owner}: {key} is {value}{unit}, the most is {self.maximum:g}{unit}")
         return value
+
+    def _file(self, owner: str, key: str, value: str) -> str:
+        if not os.path.isfile(value):
+            raise ParamError(f"{owner}: {key}: there is no file {value}")
+        return os.path.abspath(value)
 
     def _secret(self, owner: str, key: str, value: Any) -> str:
         """As `convert`, and no error shows the value."""
@@ -123,7 +134,8 @@ def resolve(owner: str, declared: Mapping[str, Param], given: Mapping[str, Any])
 
 def describe(param: Param) -> str:
     """Describes help, unit, range and default of a parameter, in one line."""
-    parts = ["one of " + ", ".join(map(str, param.choices)) if param.choices else limits(param)]
+    of_file = f" or a file {param.files[0]}" if param.files else ""
+    parts = ["one of " + ", ".join(map(str, param.choices)) + of_file if param.choices else limits(param)]
     parts.append("" if param.default is None else f"default {describe_value(param.default)}")
     return f"{param.help} ({', '.join(p for p in parts if p)})" if any(parts) else param.help
 

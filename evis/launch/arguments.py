@@ -90,6 +90,7 @@ def _argument(name: str, entry: Table, nodes: Table, where: str, base: Argument 
         choices=tuple(choices),
         optional=not required and default is None,
         secret=secret,
+        files=base.param.files if base and "choices" not in entry else (),
     )
     return Argument(name, param, required, where, _by(name, entry, nodes, base))
 

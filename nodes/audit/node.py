@@ -16,8 +16,7 @@ from msgs.audit import Audit as AuditMessage
 from msgs.camera import Frames, Keyframe, Samples
 from msgs.header import Header, Message
 from msgs.world import WorldState
-from nodes.event_sensor.parameters import NODE, source_of
-from nodes.event_sensor.presets import PRESETS
+from nodes.event_sensor.parameters import NODE, PRESET, source_of
 from nodes.event_sensor.scene_parameters import resolve_with_scene
 from nodes.renderer import parameters
 from nodes.renderer.parameters import LIGHT
@@ -59,7 +58,7 @@ class AuditNode(Node):
         "keyframe_rate": Param(float, 30.0, "rate of the states, for how many pixels there are", "Hz", 1e-3, 1e6),
         "upsampling": Param(int, 8, "frames per keyframe interval (K), for the same", "", 1, 4096),
         "duration": Param(float, None, "of the run, if it is known", "s", 0, 1e9, optional=True),
-        "preset": Param(str, "ideal", "sensor whose thresholds to take", choices=tuple(PRESETS)),
+        "preset": replace(PRESET, help="sensor whose thresholds to take"),
         **{name: NODE[name] for name in SENSOR},
         **{name: replace(param) for name, param in SCENE.items()},
         **LIGHT,

@@ -13,7 +13,10 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "shot_white": ("shot_rate",),
     "hot_pixel_fraction": ("hot_pixel_rate",),
     "hot_pixel_rate": ("hot_pixel_fraction",),
+    "shot_on_share": ("shot_rate",),
+    "hot_pixel_spread": ("hot_pixel_fraction", "hot_pixel_rate"),
     "bandwidth_level": ("bandwidth_hz",),
+    "bandwidth_exponent": ("bandwidth_hz", "bandwidth_level"),
     "bandwidth_poles": ("bandwidth_hz",),
 }
 """Parameters that only say how something is that others turn on."""

@@ -15,7 +15,7 @@ from evis.scene.parameters import SCENE, seeds_of
 from msgs.camera import EventPacket, EventSignal, Frames, Keyframe, Samples
 from msgs.header import Header, Message
 from msgs.own_time import STAMP
-from nodes.event_sensor.parameters import NODE, source_of
+from nodes.event_sensor.parameters import NODE, PRESET, preset_name, source_of
 from nodes.event_sensor.presets import PRESETS
 from nodes.event_sensor.scene_parameters import SHARED, resolve_each, resolve_with_scene
 
@@ -46,7 +46,7 @@ class EventSensorNode(Node):
             "further samples between the frames reads frames instead",
             choices=("frames", "samples", "keyframe"),
         ),
-        "preset": Param(str, "ideal", "sensor whose faults to have; ideal has none", choices=tuple(PRESETS)),
+        "preset": PRESET,
         "seed": Param(int, 0, "seed of the sensor's random streams; environment k has seed + k", "", 0, 2**63 - 1),
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "colour": Param(bool, False, "colour events: three sensors, for R, G and B, instead of one for luminance"),
@@ -82,7 +82,7 @@ class EventSensorNode(Node):
         """The sensor's name, the preset, the seed, and every parameter that has a value, those of the preset too."""
         preset = params["preset"]
         resolved = resolve_with_scene("event sensor", params)
-        about = {"sensor": PRESETS[preset].name, "preset": preset, "seed": params["seed"], "colour": params["colour"]}
+        about = {"sensor": preset_name(preset), "preset": preset, "seed": params["seed"], "colour": params["colour"]}
         return {**about, **{name: value for name, value in resolved.items() if value is not None}}
 
     @classmethod

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+from evis.config.document import read
 from evis.config.params import Param, describe_value, resolve
 from nodes.event_sensor.presets import PRESETS
 
@@ -32,11 +34,14 @@ SENSOR: dict[str, Param] = {
     "leak_model": Param(str, "drift", "drift of the reference, or the paper's coin", choices=("drift", "bernoulli")),
     "shot_rate": Param(float, 0.0, "noise events of a pixel in the dark", "Hz", 0, 1e6),
     "shot_white": Param(float, 1.0, "intensity at which shot noise ends", "W/(sr m^2)", 1e-30),
+    "shot_on_share": Param(float, 0.5, "share of ON in shot noise", "", 0, 1),
     "hot_pixel_fraction": Param(float, 0.0, "share of pixels that fire all the time", "", 0, 1),
-    "hot_pixel_rate": Param(float, 0.0, "their rate", "Hz", 0, 1e6),
+    "hot_pixel_rate": Param(float, 0.0, "their mean rate", "Hz", 0, 1e6),
+    "hot_pixel_spread": Param(float, 0.0, "standard deviation of ln of their rates", "", 0, 3),
     "defocus_px": Param(float, 0.0, "standard deviation of the lens's blur, 0 = sharp", "px", 0, 50),
     "bandwidth_hz": Param(float, 0.0, "photoreceptor's corner at bandwidth_level, 0 = infinite", "Hz", 0, 1e9),
     "bandwidth_level": Param(float, 0.0, "its intensity; below, it falls with I; 0 = constant", "W/(sr m^2)", 0),
+    "bandwidth_exponent": Param(float, 1.0, "power of I by which it falls there; 0 = constant", "", 0, 2),
     "bandwidth_poles": Param(int, 1, "order of the photoreceptor's low pass", "", 1, 2),
     "readout_rate": Param(float, 0.0, "events per second that the readout can carry, 0 = all", "1/s", 0, 1e12),
     "timestamp_jitter_us": Param(float, 0.0, "standard deviation of the readout's delay", "us", 0, 1e6),
@@ -51,15 +56,38 @@ def _of_preset(name: str, param: Param) -> Param:
     return replace(param, default=None, optional=True, help=param.help + ideal, choices=choices)
 
 
+PRESET = Param(
+    str, "ideal", "sensor whose faults to have; ideal has none", choices=tuple(PRESETS), files=(".yaml", ".yml")
+)
+"""A preset by its name, or a file of parameters."""
+
+
 def resolve_sensor(owner: str, preset: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """All of SENSOR: given values over the preset's over the defaults; None counts as not given.
 
-    Raises ParamError naming `owner`, the key and the nearest valid one.
+    preset: a name, or a YAML file of parameters. A `threshold` that is given is that of both sides, whatever the
+    preset has for one of them. Raises ParamError naming `owner`, or the file, the key and the nearest valid one.
     """
-    if preset not in PRESETS:
-        Param(str, "ideal", "", choices=tuple(PRESETS)).convert(owner, "preset", preset)
     explicit = {key: value for key, value in given.items() if value is not None}
-    return resolve(owner, SENSOR, {**PRESETS[preset].values, **explicit})
+    values = preset_values(owner, preset)
+    if "threshold" in explicit:
+        values = {key: value for key, value in values.items() if key not in ("threshold_on", "threshold_off")}
+    return resolve(owner, SENSOR, {**values, **explicit})
+
+
+def preset_values(owner: str, preset: str) -> dict[str, Any]:
+    """What a preset says, by parameter. Raises ParamError, or LaunchError for a file that is no map."""
+    preset = PRESET.convert(owner, "preset", preset)
+    if preset in PRESETS:
+        return dict(PRESETS[preset].values)
+    of_file = dict(read(Path(preset), "preset"))
+    resolve(preset, SENSOR, of_file)  # so that what is wrong there names the file
+    return of_file
+
+
+def preset_name(preset: str) -> str:
+    """Name of a preset's sensor; of a file, the file's."""
+    return PRESETS[preset].name if preset in PRESETS else Path(preset).name
 
 
 def frames_only(p: Mapping[str, Any]) -> str:

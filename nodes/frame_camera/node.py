@@ -13,8 +13,7 @@ from evis.scene.parameters import seeds_of
 from msgs.camera import Frames, Image, Keyframe
 from msgs.header import Header, Message
 from msgs.own_time import STAMP
-from nodes.frame_camera.parameters import AUTO, NODE, settings_of
-from nodes.frame_camera.presets import PRESETS
+from nodes.frame_camera.parameters import AUTO, NODE, PRESET, settings_of
 
 if TYPE_CHECKING:
     from nodes.frame_camera.camera import FrameCamera
@@ -28,7 +27,7 @@ class FrameCameraNode(Node):
         "source": Param(
             str, "frames", "frames (interpolator) or keyframe (renderer, K = 1)", choices=("frames", "keyframe")
         ),
-        "preset": Param(str, "ideal", "sensor whose frames to have; ideal has no noise", choices=tuple(PRESETS)),
+        "preset": PRESET,
         "seed": Param(int, 0, "seed of the images' noise; environment k has seed + k", "", 0, 2**63 - 1),
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "colour": Param(bool, False, "images in colour, from frames that are, instead of grey"),

@@ -48,6 +48,15 @@ SENSOR: dict[str, Param] = {
 AUTO = ("exposure_target", "exposure_min_ms", "exposure_max_ms")
 
 
+PRESET = Param(
+    str,
+    "ideal",
+    "sensor whose frames to have; ideal has no noise, nor has a file of an event sensor's parameters",
+    choices=tuple(PRESETS),
+    files=(".yaml", ".yml"),
+)
+
+
 def _of_preset(param: Param) -> Param:
     """The parameter as a node has it: not given means the preset's value."""
     ideal = f"; ideal: {describe_value(param.default)}" if param.default else ""
@@ -80,12 +89,11 @@ def settings_of(owner: str, preset: str, given: Mapping[str, Any]) -> Settings:
 
     Raises ParamError naming `owner`, and ValueError for an exposure that is longer than the time between two images.
     """
-    if preset not in PRESETS:
-        Param(str, "ideal", "", choices=tuple(PRESETS)).convert(owner, "preset", preset)
+    preset = PRESET.convert(owner, "preset", preset)
     there = {name: value for name, value in given.items() if value is not None}
     timing = resolve(owner, TIMING, {name: value for name, value in there.items() if name in TIMING})
     own = {name: value for name, value in there.items() if name in SENSOR}
-    sensor = resolve(owner, SENSOR, {**PRESETS[preset].values, **own})
+    sensor = resolve(owner, SENSOR, {**(PRESETS[preset].values if preset in PRESETS else {}), **own})
     period = int(1_000_000_000 / rate(timing["image_rate"]))
     most = timing["exposure_max_ms"]
     longest = period if most is None else nanoseconds(most)

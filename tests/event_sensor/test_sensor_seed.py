@@ -61,4 +61,4 @@ def test_what_it_names_differs_by_seed(parameters: dict[str, Any], what: str) ->
 
 
 def test_a_presets_faults_are_named() -> None:
-    assert random({}, "davis346") == ("threshold mismatch", "leak", "shot noise", "timestamp jitter")
+    assert random({}, "davis346") == ("threshold mismatch", "leak", "shot noise", "hot pixels", "timestamp jitter")

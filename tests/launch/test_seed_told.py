@@ -40,7 +40,7 @@ def test_nothing_random_is_said() -> None:
 def test_what_is_random_is_named() -> None:
     made = plan("falling_objects", seed=5, preset="davis346")
     assert "  physics: start of free bodies\n" in as_text(made)
-    assert "  event_sensor: threshold mismatch, leak, shot noise, timestamp jitter\n" in as_text(made)
+    assert "  event_sensor: threshold mismatch, leak, shot noise, hot pixels, timestamp jitter\n" in as_text(made)
     assert "nothing" not in table(made)
     assert "  physics: start of joint along, start of joint across\n" in as_text(plan("pong", seed=5))
 

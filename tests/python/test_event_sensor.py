@@ -64,7 +64,7 @@ def by_node(frames: np.ndarray, t: np.ndarray, parts: list[slice], **params: Any
 
 
 @pytest.mark.parametrize("envs", [1, 3])
-@pytest.mark.parametrize("params", [{}, FAULTS, {"preset": "davis346"}, {"model": "v2e"}], ids=str)
+@pytest.mark.parametrize("params", [{}, FAULTS, {"preset": "davis346", "threshold": 0.1}, {"model": "v2e"}], ids=str)
 def test_the_bytes_of_the_node(envs: int, params: dict[str, Any]) -> None:
     """Call by call, with the state that lies between."""
     frames, t = video(envs), stamps()

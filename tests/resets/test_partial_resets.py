@@ -32,7 +32,7 @@ def keyframes(method: str, count: int) -> int:
 
 def check(tmp_path: Path, scene: str, method: str, preset: str, running: bool, envs: int = 3) -> None:
     """The last environment is reset with seed 77; the others go on, the one before it as a run of its own."""
-    given: dict[str, Any] = {"interpolator": method, "preset": preset}
+    given: dict[str, Any] = {"interpolator": method, "preset": preset, "threshold": 0.2}
     before, after = keyframes(method, 3) + 1, keyframes(method, 4)
     batch = Graph(tmp_path / "batch", scene, envs=envs, seed=5, **given).step(before)
     packets = len(batch.packets)

@@ -21,6 +21,7 @@ EXAMPLES = {
     "convert": "evis events convert recording.raw recording.npz",
     "simulate": "evis events simulate frames.npz events.raw --threshold 0.2",
     "measure": "evis events measure recording.raw --json",
+    "fit": "evis events fit wheel.aedat4 --scene wheel --out mine.yaml --png fit.png",
     "render": "evis events render recording.raw picture.gif --dt 20 --to 1",
 }
 

@@ -22,7 +22,12 @@ def add_sensor_options(parser: argparse.ArgumentParser) -> None:
         "event sensor", "what is not given comes from the preset; docs/event_sensor.md explains every parameter"
     )
     presets = "; ".join(f"{key} ({preset.name})" for key, preset in PRESETS.items())
-    group.add_argument("--preset", default="ideal", metavar="NAME", help=f"sensor whose faults to have: {presets}")
+    group.add_argument(
+        "--preset",
+        default="ideal",
+        metavar="NAME",
+        help=f"sensor whose faults to have: {presets}; or a .yaml file, as `events fit` writes it",
+    )
     group.add_argument(
         "--seed", type=int, default=0, metavar="N", help="of the faults that are random (0); the ideal sensor has none"
     )

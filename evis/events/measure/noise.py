@@ -57,6 +57,11 @@ class Noise:
         """Adds time without any event [ns]."""
         self._span_ns += length_ns
 
+    def maps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Events of each pixel while all around was quiet, OFF and ON, int64 [2, H, W], and for how long that was,
+        float64 [H, W, s]."""
+        return self._quiet.copy(), (float(self._span_ns) - self._busy_ns) * 1e-9
+
     def report(self) -> dict[str, Any]:
         """Reports the noise. rate_hz: noise events per pixel and second, hot pixels left out; None where nothing was
         ever observed.

@@ -14,7 +14,7 @@ import numpy as np
 from evis.random_numbers import GOLDEN, mix, open_uniform
 from nodes.event_sensor.batch import Size
 
-THRESHOLD_ON, THRESHOLD_OFF, LEAK, HOT = range(4)
+THRESHOLD_ON, THRESHOLD_OFF, LEAK, HOT, HOT_RATE = range(5)
 """What a number is for."""
 
 
@@ -49,9 +49,18 @@ def leak_rates(seed: int, envs: int, pixels: int, rate: float, jitter: float) ->
     return np.asarray((rate * np.maximum(spread, 0)).astype(np.float32))
 
 
-def hot_rates(seed: int, envs: int, pixels: int, fraction: float, rate: float) -> np.ndarray:
-    """float32 [E * pixels]: `rate` [Hz] for each pixel that is hot, which it is with probability `fraction`; else 0."""
-    return np.where(uniforms(seed, envs, pixels, HOT) < fraction, np.float32(rate), np.float32(0))
+def hot_rates(
+    seed: int, envs: int, pixels: int, fraction: float, rate: float, spread: float = 0.0
+) -> np.ndarray:  # fmt: skip
+    """float32 [E * pixels]: the rate [Hz] of each pixel that is hot, which it is with probability `fraction`; else 0.
+
+    Rates are log-normal with the mean `rate`; spread: standard deviation of their logarithms.
+    """
+    hot = uniforms(seed, envs, pixels, HOT) < fraction
+    if spread <= 0:
+        return np.where(hot, np.float32(rate), np.float32(0))
+    own = rate * np.exp(spread * normals(seed, envs, pixels, HOT_RATE) - spread**2 / 2)
+    return np.where(hot, own, 0).astype(np.float32)
 
 
 def pattern_of(size: Size, seed: int, p: Mapping[str, Any]) -> tuple[np.ndarray, ...]:
@@ -64,5 +73,5 @@ def pattern_of(size: Size, seed: int, p: Mapping[str, Any]) -> tuple[np.ndarray,
     if p["leak_rate"] > 0:
         leaks = leak_rates(seed, envs, pixels, p["leak_rate"], p["leak_jitter"])
     if p["shot_rate"] > 0 or (p["hot_pixel_rate"] > 0 and p["hot_pixel_fraction"] > 0):
-        hots = hot_rates(seed, envs, pixels, p["hot_pixel_fraction"], p["hot_pixel_rate"])
+        hots = hot_rates(seed, envs, pixels, p["hot_pixel_fraction"], p["hot_pixel_rate"], p["hot_pixel_spread"])
     return on, off, leaks, hots

@@ -33,6 +33,8 @@ def noise_candidate(
     on = (mix(bits) & wp.uint64(1)) != wp.uint64(0)
     fires = bool(True)
     if mark >= hot_share:
+        if sensor.shot_on_share != wp.float64(0.5):
+            on = uniform(mix(bits)) < sensor.shot_on_share
         fires = shot_accepted((mark - hot_share) / (wp.float64(1.0) - hot_share), light, sensor)
     wait = waiting_time(draw(stream, wp.int64(2) * (draws + wp.int64(1))), rate)
     return fires, on, wait

@@ -52,6 +52,7 @@ class Sensor:
     dead_ns: wp.int64  # refractory period
     shot_rate: wp.float64
     shot_white: wp.float64  # intensity at which shot noise ends
+    shot_on_share: wp.float64  # of shot noise
     event_cap: wp.int32  # events per pixel and step
 
 

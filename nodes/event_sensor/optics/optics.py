@@ -40,6 +40,7 @@ class Optics:
                 channels,
                 bandwidth_hz=p["bandwidth_hz"],
                 bandwidth_level=p["bandwidth_level"],
+                exponent=p["bandwidth_exponent"],
                 poles=p["bandwidth_poles"],
                 dark_level=p["dark_level"],
                 device=str(device),

@@ -6,9 +6,10 @@ that is filtered, and the corner is proportional to the light up to where the bi
 CVPRW 2021, section 3) has the same law with an Euler step. Here every step is the exact answer to an input whose L goes
 linearly from one frame to the next,
 
-    dy/dt = (L(t) - y) / tau,   1 / tau = 2 pi bandwidth_hz min(1, (I + I_dark) / bandwidth_level),
+    dy/dt = (L(t) - y) / tau,   1 / tau = 2 pi bandwidth_hz min(1, (I + I_dark) / bandwidth_level)^k,
 
-so it is stable at any dt / tau, and in constant light does not depend on the frame rate. Where tau changes within a
+k being bandwidth_exponent: 1 where the photocurrent sets the corner, 0 where a bias current does in any light. It is
+stable at any dt / tau, and in constant light does not depend on the frame rate. Where tau changes within a
 step, 1 / tau is the mean of its values at both ends, which is of second order in the step. Two poles are two equal low
 passes one after the other.
 
@@ -33,10 +34,10 @@ from nodes.event_sensor.optics.photoreceptor_simd_kernels import Receptor
 class Photoreceptor:
     """Low pass of E cameras of height x width pixels and 1 or 3 channels.
 
-    bandwidth_hz: corner of each pole [Hz], above 0, at intensities from bandwidth_level on; below, it is proportional
-    to I + dark_level. bandwidth_level 0: the same for every intensity. poles: 1 or 2. dark_level: I_dark, in the unit
-    of the luminance. chord: how far a line between two samples of `trace` may lie from the output [ln I]. State: 12
-    bytes per pixel and channel with one pole, 20 with two. Raises ValueError.
+    bandwidth_hz: corner of each pole [Hz], above 0, at intensities from bandwidth_level on; below, it goes with I +
+    dark_level to the power of `exponent`. bandwidth_level or exponent 0: the same for every intensity. poles: 1 or 2.
+    dark_level: I_dark, in the unit of the luminance. chord: how far a line between two samples of `trace` may lie from
+    the output [ln I]. State: 12 bytes per pixel and channel with one pole, 20 with two. Raises ValueError.
     """
 
     def __init__(
@@ -51,6 +52,7 @@ class Photoreceptor:
         dark_level: float = 0.0,
         device: str = "cpu",
         chord: float = 0.004,
+        exponent: float = 1.0,
     ) -> None:
         if not (math.isfinite(bandwidth_hz) and bandwidth_hz > 0):
             raise ValueError(f"bandwidth_hz {bandwidth_hz:g} must be above 0 and finite; without a limit leave it out")
@@ -60,9 +62,12 @@ class Photoreceptor:
         if poles not in (1, 2):
             raise ValueError(f"bandwidth_poles {poles} must be 1 or 2")
         self._device = wp.get_device(device)
-        make = kernels.low_pass_gpu if self._device.is_cuda else kernels.low_pass
-        self._kernel = make(poles, bandwidth_level > 0)
-        self._kind, self._chord = (poles, bandwidth_level > 0), chord
+        law = simd.CONSTANT
+        if bandwidth_level > 0 and exponent > 0:
+            law = simd.PROPORTIONAL if exponent == 1 else simd.POWER
+        gpu = self._device.is_cuda
+        self._kernel = kernels.low_pass_gpu(poles, law != simd.CONSTANT) if gpu else kernels.low_pass(poles, law)
+        self._kind, self._chord = (poles, law), chord
         self._tracer: Any = None
         self._envs, self._size = envs, height * width * channels
         self._rate = 2.0 * math.pi * bandwidth_hz
@@ -70,6 +75,7 @@ class Photoreceptor:
             "size": self._size,
             "rate": self._rate,
             "level": bandwidth_level,
+            "exponent": exponent,
             "dark": dark_level,
             "floor": kernels.FLOOR,
         }

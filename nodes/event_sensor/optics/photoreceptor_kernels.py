@@ -55,7 +55,10 @@ def responses(
 @wp.func
 def corner(receptor: Receptor, intensity: wp.float32):
     """Computes 1 / tau [1/s] at an intensity."""
-    return receptor.rate * wp.min(wp.float64(1.0), (wp.float64(intensity) + receptor.dark) / receptor.level)
+    share = wp.min(wp.float64(1.0), (wp.float64(intensity) + receptor.dark) / receptor.level)
+    if receptor.exponent != wp.float64(1.0):
+        share = wp.pow(share, receptor.exponent)
+    return receptor.rate * share
 
 
 @wp.func
@@ -144,12 +147,13 @@ def halved(half: wp.float64):
 
 
 @functools.cache
-def low_pass(poles: int, varying: bool, bends: bool = False) -> wp.Kernel:
-    """Makes the filter with one pole or two, with a corner that follows the intensity (`varying`) or not, for a CPU.
+def low_pass(poles: int, law: int, bends: bool = False) -> wp.Kernel:
+    """Makes the filter with one pole or two, with a corner of this law, for a CPU.
 
     bends: pixels are marked whose output may lie further than `chord` from lines between the frames.
     """
-    exact, step_block = exact_step(poles, varying), simd.step_block(poles, varying, bends)
+    varying = law != simd.CONSTANT
+    exact, step_block = exact_step(poles, varying), simd.step_block(poles, law, bends)
     two = poles == 2
 
     @wp.kernel(module="unique", enable_backward=False)

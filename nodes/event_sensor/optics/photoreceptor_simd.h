@@ -29,6 +29,32 @@ static const auto step_block = [](const auto& receptor, const auto& luminance, w
 #endif
     const auto fma = [&](doubles a, doubles b, auto c) { return fused(a, b, zero + c); };
     const double magic = 6755399441055744.0;  // 1.5 * 2^52 + n has n in its last bits
+    // ln(a / b) = n ln 2 + 2 artanh(z), |z| < 0.201.
+    const auto log_of_ratio = [&](doubles a, doubles b) {
+        const longs n = (bits(a) - bits(b) + (1ll << 51)) >> 52;
+        const doubles near = number(bits(a) - (n << 52));
+        const doubles z = (near - b) / (near + b);
+        const doubles w = z * z;
+        doubles p = fma(zero + 0.2427519835662999, w, 0.2849352781156012);
+        p = fma(p, w, 0.4000119466224084);
+        p = fma(p, w, 0.6666666027892256);
+        p = fma(p, w, 2.0000000000545515);
+        const doubles whole = number(n + bits(zero + magic)) - magic;
+        return fma(whole, zero + LN2, z * p);
+    };
+    // exp(x) - 1 = 2^m (exp(r) - 1) + 2^m - 1, |r| <= ln 2 / 2.
+    const auto exp_less_1 = [&](doubles x) {
+        const doubles shifted = fma(x, zero + 1.4426950408889634, magic);
+        const doubles r = fma(shifted - magic, zero - LN2, x);
+        const doubles scale = number((bits(shifted) << 52) + (1023ll << 52));
+        doubles q = fma(zero + 0.00019841356787150873, r, 0.0013941040873473253);
+        q = fma(q, r, 0.00833340278370267);
+        q = fma(q, r, 0.0416663539166566);
+        q = fma(q, r, 0.16666666249590453);
+        q = fma(q, r, 0.5000000046809947);
+        q = fma(q, r, 1.0000000000312703);
+        return fma(scale, r * q, scale - 1.0);
+    };
     const double dark = receptor.dark;
     const float least = dark < receptor.floor ? (float)(receptor.floor - dark) : 0.0f;
     const double slope = VARYING ? half / receptor.level : 0.0;
@@ -57,20 +83,19 @@ static const auto step_block = [](const auto& receptor, const auto& luminance, w
         const longs good = __builtin_convertvector(good_sample, longs);
         const doubles now = wide(sample), then = wide(last);
         const doubles level = now + dark, before = then + dark;
-        // ln(level / before) = n ln 2 + 2 artanh(z), |z| < 0.201.
-        const longs n = (bits(level) - bits(before) + (1ll << 51)) >> 52;
-        const doubles near = number(bits(level) - (n << 52));
-        const doubles z = (near - before) / (near + before);
-        const doubles w = z * z;
-        doubles p = fma(zero + 0.2427519835662999, w, 0.2849352781156012);
-        p = fma(p, w, 0.4000119466224084);
-        p = fma(p, w, 0.6666666027892256);
-        p = fma(p, w, 2.0000000000545515);
-        const doubles whole = number(n + bits(zero + magic)) - magic;
-        const doubles grown = fma(whole, zero + LN2, z * p);
+        const doubles grown = log_of_ratio(level, before);
         doubles f = zero + constant_f, d = zero + constant_d, a = zero + 2.0 * half;
         if (VARYING) {
-            const doubles x0 = before * slope, x1 = level * slope;
+            doubles x0 = before * slope, x1 = level * slope;
+            if constexpr (POWERED) {
+                // share^k = exp(k ln share), of a share below 1.
+                const doubles white = zero + (double)receptor.level;
+                const doubles power = zero + (double)receptor.exponent;
+                const doubles s0 = log_of_ratio(before < white ? before : white, white);
+                const doubles s1 = log_of_ratio(level < white ? level : white, white);
+                x0 = fma(exp_less_1(power * s0), zero + half, half);
+                x1 = fma(exp_less_1(power * s1), zero + half, half);
+            }
             const doubles x = (x0 < half ? x0 : zero + half) + (x1 < half ? x1 : zero + half);
             f = fma(zero + 0.00015950258469507082, x, -0.0013629675199575155);
             f = fma(f, x, 0.008324581249129392);
@@ -109,17 +134,7 @@ static const auto step_block = [](const auto& receptor, const auto& luminance, w
         }
         last = good_sample ? sample : last;
         memcpy(lasts + i, &last, many * sizeof(float));
-        // exp(y) - 1 = 2^m (exp(r) - 1) + 2^m - 1, |r| <= ln 2 / 2.
-        const doubles shifted = fma(y, zero + 1.4426950408889634, magic);
-        const doubles r = fma(shifted - magic, zero - LN2, y);
-        const doubles scale = number((bits(shifted) << 52) + (1023ll << 52));
-        doubles q = fma(zero + 0.00019841356787150873, r, 0.0013941040873473253);
-        q = fma(q, r, 0.00833340278370267);
-        q = fma(q, r, 0.0416663539166566);
-        q = fma(q, r, 0.16666666249590453);
-        q = fma(q, r, 0.5000000046809947);
-        q = fma(q, r, 1.0000000000312703);
-        floats light = narrow(fma(level, fma(scale, r * q, scale - 1.0), now));
+        floats light = narrow(fma(level, exp_less_1(y), now));
         light = light > 0.0f ? light : floats{};
         light = light < LARGEST ? light : floats{} + LARGEST;
         // What is listed stays as it is: the samples may lie where the result goes.

@@ -30,11 +30,15 @@ GRAIN = wp.constant(wp.float64(2.0**-8))
 
 @wp.struct
 class Receptor:
-    """rate: 2 pi bandwidth [1/s] at intensities from `level` on. size: pixels and channels of an environment."""
+    """rate: 2 pi bandwidth [1/s] at intensities from `level` on; below, it goes with their power `exponent`.
+
+    size: pixels and channels of an environment.
+    """
 
     size: wp.int32
     rate: wp.float64
     level: wp.float64
+    exponent: wp.float64
     dark: wp.float64
     floor: wp.float64
 
@@ -50,14 +54,18 @@ PIECE = wp.constant(wp.float64(0.1))
 """Change of ln I along a line over which 1 / tau counts as constant, where it follows the light and is traced."""
 
 
-def constants(poles: int, varying: bool, bends: bool) -> dict[str, Any]:
+CONSTANT, PROPORTIONAL, POWER = range(3)
+"""Laws of the corner: the same in any light, proportional to the light, or a power of it."""
+
+
+def constants(poles: int, law: int, bends: bool) -> dict[str, Any]:
     """Returns what the header has of the filter."""
-    filters = {"TWO": poles == 2, "VARYING": varying, "BENDS": bends}
+    filters = {"TWO": poles == 2, "VARYING": law != CONSTANT, "POWERED": law == POWER, "BENDS": bends}
     return {**CONSTANTS, **filters, "LN2": math.log(2.0), "GRAIN": float(GRAIN), "PIECE": float(PIECE)}
 
 
 @cache
-def step_block(poles: int, varying: bool, bends: bool = False) -> Any:
+def step_block(poles: int, law: int, bends: bool = False) -> Any:
     """Makes the function of one step of a block of pixels.
 
     It returns how many samples it lists in `place` and leaves alone: those that are bad, too
@@ -65,7 +73,7 @@ def step_block(poles: int, varying: bool, bends: bool = False) -> Any:
     further than `chord` from a line between the samples.
     """
 
-    @wp.func_native(native_code([STEP], CALL, constants(poles, varying, bends)))
+    @wp.func_native(native_code([STEP], CALL, constants(poles, law, bends)))
     def step(
         receptor: Receptor, luminance: wp.array(dtype=wp.float32), at: wp.int64, ahead: wp.int64, index: wp.int32,
         size: wp.int32, half: wp.float64, halvings: wp.int32, constant_d: wp.float64, constant_f: wp.float64,
@@ -83,10 +91,10 @@ def step_block(poles: int, varying: bool, bends: bool = False) -> Any:
 
 
 @cache
-def step_alone(poles: int, varying: bool) -> Any:
+def step_alone(poles: int, law: int) -> Any:
     """Makes the function of one step of one pixel, to the bits of step_block."""
 
-    @wp.func_native(native_code([STEP], ALONE, constants(poles, varying, False)))
+    @wp.func_native(native_code([STEP], ALONE, constants(poles, law, False)))
     def step(
         receptor: Receptor, sample: wp.float32, index: wp.int32, half: wp.float64, halvings: wp.int32,
         constant_d: wp.float64, constant_f: wp.float64, last_sample: wp.array(dtype=wp.float32),

@@ -17,10 +17,10 @@ FIRST_ROOM = 4096
 class Tracer:
     """Traces the output of a photoreceptor; see Photoreceptor.trace."""
 
-    def __init__(self, poles: int, varying: bool, receptor: Receptor, chord: float, device: Any) -> None:
+    def __init__(self, poles: int, law: int, receptor: Receptor, chord: float, device: Any) -> None:
         """chord: largest deviation of a line between samples [ln I]."""
         self._receptor, self._chord, self._device = receptor, chord, device
-        self._kernel = (kernels.tracing_gpu if device.is_cuda else kernels.tracing)(poles, varying)
+        self._kernel = (kernels.tracing_gpu if device.is_cuda else kernels.tracing)(poles, law)
         self._output: Any = kernels.Output()
         self._first: wp.array = wp.zeros(1, dtype=wp.int32, device=device)
         self._before: list[wp.array] = []

@@ -20,7 +20,7 @@ import warp as wp
 from nodes.event_sensor.model.sensor_kernels import LARGEST
 from nodes.event_sensor.model.step_kernels import Between
 from nodes.event_sensor.optics.photoreceptor_kernels import corner, exact_step, halved, poles_after, response
-from nodes.event_sensor.optics.photoreceptor_simd_kernels import PIECE, WIDEST, Receptor, step_alone
+from nodes.event_sensor.optics.photoreceptor_simd_kernels import CONSTANT, PIECE, WIDEST, Receptor, step_alone
 
 wp.set_module_options({"enable_backward": False})
 
@@ -123,13 +123,14 @@ def curve_samples(poles: int) -> Any:
 
 
 @functools.cache
-def traced_step(poles: int, varying: bool, gpu: bool) -> Any:
+def traced_step(poles: int, law: int, gpu: bool) -> Any:
     """Makes the function of a pixel's output up to the next sample of the input.
 
     On a CPU its steps have the bits of those of many pixels together, so that nothing hangs on which of both it is.
     """
     two = poles == 2
-    exact, trace_piece, alone = exact_step(poles, varying), curve_samples(poles), step_alone(poles, varying)
+    varying = law != CONSTANT
+    exact, trace_piece, alone = exact_step(poles, varying), curve_samples(poles), step_alone(poles, law)
 
     @wp.func
     def step(
@@ -228,10 +229,10 @@ def traced_step(poles: int, varying: bool, gpu: bool) -> Any:
 
 
 @functools.cache
-def traced_pixel(poles: int, varying: bool, gpu: bool) -> Any:
+def traced_pixel(poles: int, law: int, gpu: bool) -> Any:
     """Makes the function of a pixel's output in a message."""
     two = poles == 2
-    step = traced_step(poles, varying, gpu)
+    step = traced_step(poles, law, gpu)
 
     @wp.func
     def trace(
@@ -314,10 +315,10 @@ def traced_pixel(poles: int, varying: bool, gpu: bool) -> Any:
 
 
 @functools.cache
-def tracing(poles: int, varying: bool) -> wp.Kernel:
+def tracing(poles: int, law: int) -> wp.Kernel:
     """Makes the kernel for a CPU, whose threads run one after the other: each goes on behind the one before."""
     two = poles == 2
-    trace = traced_pixel(poles, varying, False)
+    trace = traced_pixel(poles, law, False)
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_bent(
@@ -366,9 +367,9 @@ def tracing(poles: int, varying: bool) -> wp.Kernel:
 
 
 @functools.cache
-def tracing_gpu(poles: int, varying: bool) -> wp.Kernel:
+def tracing_gpu(poles: int, law: int) -> wp.Kernel:
     """Makes the kernel for a GPU, of two launches: one counts output samples, one writes them and the state."""
-    trace = traced_pixel(poles, varying, True)
+    trace = traced_pixel(poles, law, True)
 
     @wp.kernel(module="unique", enable_backward=False)
     def trace_or_count(

@@ -270,6 +270,29 @@ def test_hot_pixels_are_few_and_fixed():
     assert spread((events["p"] == 1).sum(), len(hot) * 200) < 4.5
 
 
+def test_rates_of_hot_pixels_are_log_normal():
+    frames, t = constant(0.5, 10, 2.0, (100, 100))
+    given = {"hot_pixel_fraction": 0.05, "hot_pixel_rate": 200, "hot_pixel_spread": 0.8, "seed": 4}
+    events = simulate_frames(frames, t, **given)
+    counts = np.bincount(events["y"].astype(int) * 100 + events["x"], minlength=10_000)
+    rates = fixed_pattern.hot_rates(4, 1, 10_000, 0.05, 200, 0.8)
+    hot = rates > 0
+    assert (hot == (fixed_pattern.hot_rates(4, 1, 10_000, 0.05, 200) > 0)).all() and not counts[~hot].any()
+    assert abs(np.log(rates[hot]).std() - 0.8) < 4.5 * 0.8 / math.sqrt(2 * hot.sum())
+    assert abs(rates[hot].mean() / 200 - 1) < 4.5 * math.sqrt(math.expm1(0.8**2) / hot.sum())
+    span = (t[-1] - t[0]) * 1e-9
+    assert np.abs((counts - rates * span) / np.sqrt(np.maximum(rates * span, 1))).max() < 5.5
+
+
+def test_shot_noise_has_its_share_of_on():
+    frames, t = constant(0.0, 10, 2.0, (40, 50))
+    events = simulate_frames(frames, t, shot_rate=50, shot_on_share=0.7, threshold=10, dark_level=0.5)
+    even = simulate_frames(frames, t, shot_rate=50, threshold=10, dark_level=0.5)
+    assert (events["t"] == even["t"]).all() and (events["x"] == even["x"]).all(), "its times are the same"
+    total = len(events["t"])
+    assert abs(events["p"].sum() - 0.7 * total) < 4.5 * math.sqrt(0.21 * total)
+
+
 def test_event_cap_counts_what_it_drops():
     frames = np.exp(np.array([0, 2.1, 0.0]))[:, None, None] * np.ones((3, 4, 5))
     events = simulate_frames(frames, np.arange(3) * MS, event_cap=3)

@@ -154,6 +154,26 @@ def test_shape_and_dtype_are_those_of_the_input():
         Photoreceptor(4, 5, 2).advance(images, np.arange(4), 0, np.ones(2, bool))
 
 
+@pytest.mark.parametrize("exponent", [0.2, 0.5, 1.7])
+@pytest.mark.parametrize("poles", [1, 2])
+@pytest.mark.parametrize("hz, jump", [(300.0, 0.02), (300.0, 3.0), (1e6, 2.0)])
+def test_pixels_whose_corner_is_a_power_of_the_light_follow_the_equations_in_numpy(hz, jump, poles, exponent):
+    rng = np.random.default_rng(5)
+    luminance = (20 * np.exp(np.cumsum(rng.normal(0, jump, (30, 53)), 0))).astype(np.float32)
+    t = np.cumsum(rng.integers(100_000, 2_000_000, 30))
+    receptor = Photoreceptor(1, 53, 1, 1, hz, 30.0, poles, 0.1, exponent=exponent)
+    want = ode_in_numpy(luminance, t, hz, 30.0, poles, 0.1, exponent)
+    np.testing.assert_allclose(filtered(receptor, luminance, t, [1, 5, 17]), want, rtol=2e-7, atol=2e-8)
+
+
+def test_a_power_of_0_is_a_corner_that_light_does_not_change():
+    t = np.arange(20, dtype=np.int64) * MS
+    luminance = np.exp(np.random.default_rng(6).normal(0, 1, (20, 19))).astype(np.float32)
+    without, with_level = (Photoreceptor(1, 19, bandwidth_hz=HZ, **more) for more in
+                           ({}, {"bandwidth_level": 50.0, "exponent": 0.0}))  # fmt: skip
+    assert (filtered(without, luminance, t) == filtered(with_level, luminance, t)).all()
+
+
 @pytest.mark.parametrize("dark", [0.0, 0.3])
 def test_the_corner_is_proportional_to_the_light(dark):
     """Constant tau within each step: a small step at brightness I relaxes with tau level / (I + dark)."""
@@ -235,8 +255,8 @@ def test_a_step_of_1_to_1e9_stays_finite_and_monotone():
 
 
 @pytest.mark.gpu
-@pytest.mark.parametrize("poles, level", [(1, 0.0), (2, 0.0), (1, 2.0), (2, 2.0)])
-def test_gpu_gives_what_the_cpu_gives(poles, level):
+@pytest.mark.parametrize("poles, level, power", [(1, 0.0, 1), (2, 0.0, 1), (1, 2.0, 1), (2, 2.0, 1), (1, 2.0, 0.3)])
+def test_gpu_gives_what_the_cpu_gives(poles, level, power):
     """exp and log differ in the last bit of float64; a float32 result then moves by one of its own at most."""
     rng = np.random.default_rng(6)
     frames = np.exp(rng.normal(0, 1, (2, 9, 31, 17, 3))).astype(np.float32)
@@ -244,7 +264,7 @@ def test_gpu_gives_what_the_cpu_gives(poles, level):
     frames[rng.random(frames.shape) < 0.01] = np.nan
     t = np.arange(1, 10, dtype=np.int64) * 300_000
     cpu, gpu = (
-        Photoreceptor(31, 17, 2, 3, HZ, level, poles, 0.01, d)
+        Photoreceptor(31, 17, 2, 3, HZ, level, poles, 0.01, d, exponent=power)
         .advance(wp.array(frames.ravel(), device=d), t, 0, np.ones(2, bool))
         .numpy()
         for d in ("cpu", "cuda")
@@ -302,13 +322,13 @@ def test_the_sensor_counts_and_skips_what_the_photoreceptor_marks():
     assert np.bincount(packet.x, minlength=2).tolist() == [7, 7], "ln 4.5 / 0.2 = 7.5"
 
 
-def ode_in_numpy(light, t, hz, level, poles, dark):
+def ode_in_numpy(light, t, hz, level, poles, dark, exponent=1.0):
     """The same equations from numpy's log, exp and expm1, in float64: light [T, N] -> output [T, N]."""
     e1 = e2 = np.zeros(light.shape[1])
     out, rate = [light[0].astype(np.float64)], 2 * math.pi * hz
     for k in range(1, len(t)):
         before, now = (light[i].astype(np.float64) + dark for i in (k - 1, k))
-        share = 0.5 * (np.minimum(1, before / level) + np.minimum(1, now / level)) if level else 1.0
+        share = 0.5 * sum(np.minimum(1, light / level) ** exponent for light in (before, now)) if level else 1.0
         a = rate * share * (t[k] - t[k - 1]) * 1e-9 * np.ones(light.shape[1])
         decay, f, grown = np.exp(-a), -np.expm1(-a) / a, np.log(now / before)
         e1, e2 = e1 * decay - grown * f, e2 * decay + e1 * a * decay + grown * (decay - 2 * f)

@@ -1,0 +1,115 @@
+"""A sensor fitted to recordings of a turning wheel, and how far it is from recordings that it was not fitted to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nodes.event_sensor.fit.clip import Clip, Light, simulate, simulate_motion
+from nodes.event_sensor.fit.motion import MotionFit, fit_blur, fit_motion
+from nodes.event_sensor.fit.statistics import TEXTS
+from nodes.event_sensor.fit.still import STILL_STEP_NS, NoiseFit, fit_noise, still_part
+from nodes.event_sensor.presets import radiance_of
+
+CONTRAST = 2.1
+"""ln of white over black that is assumed of the wheel."""
+CONTRAST_DEVIATION = 0.4
+CONTRAST_SOURCE = (
+    "chosen such that the thresholds of a DAVIS346 come out at the mean of what its default biases set, 0.28 ON and "
+    "0.26 OFF: C = kappa_n C2 / (kappa_p^2 C1) ln(I_on / I_d), Nozaki and Delbruck, IEEE TED 64(8), 2017, with kappa "
+    "0.7 and C1 / C2 = 20; that the recording was made with them is a guess"
+)
+LUX = 500.0
+"""Illuminance that is assumed of the wheel, of offices and laboratories in EN 12464-1."""
+MANY_PIXELS = 4000
+"""So many are simulated for what is reported."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A recording beside its simulation with a fitted sensor. fitted: it was fitted to this one."""
+
+    clip: Clip
+    fitted: bool
+    blur: float
+    real: dict[str, float]
+    simulated: dict[str, float]
+    real_noise: float
+    simulated_noise: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted sensor. values: parameters; motion, noise: where they come from; compared: every recording.
+
+    laws: what is left, as MotionFit.cost, by how the corner goes with the light: constant, proportional, or a power of
+    it that is fitted.
+    """
+
+    values: dict[str, float]
+    motion: MotionFit
+    noise: NoiseFit
+    laws: dict[str, float]
+    compared: list[Compared]
+
+
+def light_of(contrast: float = CONTRAST, lux: float = LUX) -> Light:
+    """The light that is assumed: white paper in so many lux."""
+    return Light(radiance_of(lux), contrast)
+
+
+def fit_sensor(
+    clips: Sequence[Clip], others: Sequence[Clip], light: Light, say: Callable[[str], None] = lambda text: None
+) -> Fit:
+    """Fits a sensor to all `clips` together, and simulates them and `others` with it."""
+    noise = fit_noise(clips, light)
+    fits = {
+        law: fit_motion(clips, light, noise.sensor, exponent, None, say)
+        for law, exponent in (("constant", 0.0), ("proportional", 1.0))
+    }
+    likely = min(fits.values(), key=lambda fit: fit.cost)
+    power = fits["power"] = fit_motion(clips, light, noise.sensor, None, likely, say)
+    # A power that is not told from 0 is none.
+    exponent, doubt = power.sensor.get("bandwidth_exponent", 0.0), power.deviation["bandwidth_exponent"]
+    motion = power if exponent > 2 * doubt else fits["constant"]
+    laws = {name: one.cost for name, one in fits.items()}
+    values = {**motion.sensor, **noise.sensor}
+    compared = []
+    for clip, blur in zip(clips, motion.blur):
+        say(f"simulating {clip.name}")
+        compared.append(_compared(clip, light, blur, values, True))
+    for clip in others:
+        say(f"simulating {clip.name}, which was not fitted")
+        compared.append(_compared(clip, light, fit_blur(clip, light, values), values, False))
+    return Fit(values, motion, noise, laws, compared)
+
+
+def _compared(clip: Clip, light: Light, blur: float, values: dict[str, Any], fitted: bool) -> Compared:
+    made = simulate_motion(clip, light, blur, values, most=MANY_PIXELS, seed=1)
+    return Compared(
+        clip, fitted, blur, clip.real, made, fit_noise([clip], light).rate, _still_rate(clip, light, blur, values)
+    )
+
+
+def _still_rate(clip: Clip, light: Light, blur: float, values: dict[str, Any]) -> float:
+    """Rate [Hz] of a simulated pixel where nothing moves, over as long as the recording has."""
+    start, end, at = still_part(clip)
+    x, y = clip.pixels
+    times = np.arange(at, at + (end - start), STILL_STEP_NS, dtype=np.int64)
+    held = np.full(len(times), at, np.int64)
+    t, _, _ = simulate(clip, light, blur, values, times, x, y, 2, sees=held)
+    return len(t) / (len(x) * max(end - start, 1) * 1e-9)
+
+
+def off_by(one: Compared) -> dict[str, float]:
+    """How far the simulation of a recording is off, relative, by statistic."""
+    return {name: one.simulated[name] / one.real[name] - 1 for name in TEXTS if one.real[name] > 0}
+
+
+def threshold_deviation(fit: Fit, name: str, contrast: float, deviation: float) -> float:
+    """Standard deviation of a threshold [ln I]: of the fit and of the assumed contrast together."""
+    return fit.values[name] * math.hypot(fit.motion.deviation[name], deviation / contrast)

@@ -1,0 +1,118 @@
+"""What a recorded motion says of a sensor: thresholds, corner and its law, dead time, mismatch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nodes.event_sensor.fit.clip import Clip, Light, simulate_motion
+from nodes.event_sensor.fit.search import STEP, Found, least_squares
+from nodes.event_sensor.fit.statistics import BLUR, SCALES, differences
+
+UNKNOWN = ("threshold_on", "threshold_off", "bandwidth_hz", "threshold_mismatch")
+"""Fitted as logarithms; thresholds relative to the contrast, the mismatch relative to the thresholds."""
+START = (0.14, 0.16, 60.0, 0.08)
+LOW = (0.02, 0.02, 3.0, 0.005)
+HIGH = (0.8, 0.8, 20_000.0, 0.4)
+BLUR_STARTS, BLUR_LOW, BLUR_HIGH = (0.4, 2.0), 0.15, 8.0
+"""A blurred edge looks much like a slow photoreceptor: the search begins at a sharp and at a soft scene."""
+EXPONENT_LOW, EXPONENT_HIGH = 0.0, 1.2
+
+
+@dataclass(frozen=True)
+class MotionFit:
+    """sensor: parameters of nodes.event_sensor.parameters; deviation: how well each is known [relative, of
+    bandwidth_exponent absolute]; blur [px] of each clip's scene; cost: mean square of what is left, in SCALES; values:
+    the unknowns, in the order of UNKNOWN, as they are searched."""
+
+    sensor: dict[str, float]
+    deviation: dict[str, float]
+    blur: tuple[float, ...]
+    cost: float
+    values: np.ndarray
+
+
+def fit_motion(
+    clips: Sequence[Clip],
+    light: Light,
+    noise: Mapping[str, float],
+    exponent: float | None = None,
+    like: MotionFit | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> MotionFit:
+    """Fits a sensor to the motion of all clips together, and a blur to each.
+
+    noise: parameters that are known. exponent: of the corner's law, corner ~ I^exponent up to the scene's white; None:
+    it is fitted too. like: a fit by another law, from which the search begins.
+    """
+    shared = len(UNKNOWN) + (exponent is None)
+    dead_us = min(clip.least_interval_us for clip in clips)
+
+    def residuals_of(which: int, values: np.ndarray) -> np.ndarray:
+        sensor = _sensor(values, light, dead_us, exponent)
+        made = simulate_motion(clips[which], light, math.exp(values[shared + which]), {**sensor, **noise})
+        return differences(made, clips[which].real)
+
+    def residuals(values: np.ndarray) -> np.ndarray:
+        say(f"threshold {light.contrast * math.exp(values[0]):.3f}, corner {math.exp(values[2]):.3g} Hz")
+        return np.concatenate([residuals_of(k, values) for k in range(len(clips))])
+
+    def slopes(at: np.ndarray, here: np.ndarray) -> np.ndarray:
+        rows, out = len(SCALES), np.zeros((len(here), len(at)))
+        for k in range(len(clips)):  # a clip's blur changes that clip alone
+            part = slice(k * rows, (k + 1) * rows)
+            for i in (*range(shared), shared + k):
+                there = at.copy()
+                there[i] += STEP
+                out[part, i] = (residuals_of(k, there) - here[part]) / STEP
+        return out
+
+    laws = 1 if exponent is None else 0
+    starts = [np.concatenate([np.log(START), [0.1] * laws, np.full(len(clips), math.log(b))]) for b in BLUR_STARTS]
+    if like is not None:
+        law = min(max(like.sensor.get("bandwidth_exponent", 0.0), 0.1), 0.9)
+        starts = [np.concatenate([like.values[: len(UNKNOWN)], [law] * laws, np.log(like.blur)])]
+    low = np.concatenate([np.log(LOW), [EXPONENT_LOW] * laws, np.full(len(clips), math.log(BLUR_LOW))])
+    high = np.concatenate([np.log(HIGH), [EXPONENT_HIGH] * laws, np.full(len(clips), math.log(BLUR_HIGH))])
+    found = least_squares(residuals, starts, low, high, slopes)
+    return _told(found, light, dead_us, exponent, shared)
+
+
+def fit_blur(clip: Clip, light: Light, sensor: dict[str, Any]) -> float:
+    """Finds the blur [px] of a clip's scene for a sensor that is given, by the intervals between events alone."""
+
+    def residuals(values: np.ndarray) -> np.ndarray:
+        return differences(simulate_motion(clip, light, math.exp(values[0]), sensor), clip.real, BLUR)
+
+    low, high = np.log([BLUR_LOW]), np.log([BLUR_HIGH])
+    found = least_squares(residuals, [np.log([b]) for b in BLUR_STARTS], low, high)
+    return math.exp(float(found.values[0]))
+
+
+def _sensor(values: np.ndarray, light: Light, dead_us: float, exponent: float | None) -> dict[str, float]:
+    on, off, corner, mismatch = (math.exp(v) for v in values[: len(UNKNOWN)])
+    sensor = {
+        "threshold_on": on * light.contrast,
+        "threshold_off": off * light.contrast,
+        "bandwidth_hz": corner,
+        "refractory_us": dead_us,
+        "threshold_mismatch": mismatch * light.contrast * math.sqrt(on * off),
+    }
+    law = float(values[len(UNKNOWN)]) if exponent is None else exponent
+    if law:
+        sensor |= {"bandwidth_level": light.white, "bandwidth_exponent": law}
+    return sensor
+
+
+def _told(found: Found, light: Light, dead_us: float, exponent: float | None, shared: int) -> MotionFit:
+    spread = found.deviations()
+    deviation = dict(zip(UNKNOWN, map(float, spread)))
+    if exponent is None:
+        deviation["bandwidth_exponent"] = float(spread[len(UNKNOWN)])
+    blur = tuple(float(b) for b in np.exp(found.values[shared:]))
+    cost = found.cost / len(found.residuals)
+    return MotionFit(_sensor(found.values, light, dead_us, exponent), deviation, blur, cost, found.values)

@@ -1,0 +1,84 @@
+"""A sensor that is known, recorded by the simulator: the fit must find the scene and the sensor again."""
+
+import math
+
+import numpy as np
+import pytest
+import wheel_film as film
+
+from nodes.event_sensor.fit.clip import read_clip
+from nodes.event_sensor.fit.fit import fit_sensor, light_of, off_by
+from nodes.event_sensor.fit.report import report
+from nodes.event_sensor.fit.wheel import NoWheel, find_wheel
+
+TRUE = {
+    "threshold_on": 0.26, "threshold_off": 0.31, "threshold_mismatch": 0.02, "bandwidth_hz": 50.0,
+    "refractory_us": 400.0, "leak_rate": 0.1, "shot_rate": 2.0, "shot_white": 1.0,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    return film.record(**TRUE, seed=3)
+
+
+def test_the_scene_is_found(recorded):
+    wheel = find_wheel(*recorded)
+    assert math.dist(wheel.hub, film.HUB) < 0.4
+    assert wheel.turning == 1 and wheel.gathered > 0.95 and wheel.mask.mean() > 0.99
+    inside = (wheel.at > (film.STILL_S + 0.03) * 1e9) & (wheel.at < (film.STILL_S + film.MOVING_S - 0.03) * 1e9)
+    want = film.FASTEST * np.exp(-film.SLOWING * (wheel.at[inside] * 1e-9 - film.STILL_S))
+    assert np.median(np.abs(wheel.speed[inside] / want - 1)) < 0.03
+    # what leads to an event takes a few ms, in which the border goes on
+    behind = film.angle(wheel.at[inside] * 1e-9 - film.STILL_S) - wheel.angle[inside]
+    behind = (behind + math.pi) % (2 * math.pi) - math.pi
+    assert (behind > -0.05).all() and (behind < 0.006 * film.FASTEST).all()
+
+
+def test_the_sensor_is_found(recorded):
+    clip = read_clip("film", *recorded)
+    fit = fit_sensor([clip], [], light_of(film.CONTRAST))
+    got, spread = fit.values, fit.motion.deviation
+    for name in ("threshold_on", "threshold_off", "bandwidth_hz"):
+        assert abs(got[name] / TRUE[name] - 1) < max(0.05, 3 * spread[name]), name
+        assert spread[name] < 0.1
+    assert "bandwidth_exponent" not in got and fit.laws["proportional"] > 3 * fit.laws["constant"]
+    assert TRUE["refractory_us"] <= got["refractory_us"] < 1.1 * TRUE["refractory_us"] + 60
+    # Of a Poisson process, over all still pixels; the white sees 1 - 0.889 of the rate.
+    black, white = fit.noise.black, fit.noise.white
+    seconds, count = black.seconds, black.on + black.off
+    share = 1 - film.WHITE * math.exp(-film.CONTRAST) / TRUE["shot_white"]
+    want = (TRUE["leak_rate"] + TRUE["shot_rate"] * share) * seconds
+    assert abs(count - want) < 4.5 * math.sqrt(want)
+    want = (TRUE["leak_rate"] + TRUE["shot_rate"] * (1 - film.WHITE)) * white.seconds
+    assert abs(white.on + white.off - want) < 4.5 * math.sqrt(want)
+    assert all(abs(value) < 0.1 for value in off_by(fit.compared[0]).values())
+
+
+@pytest.mark.slow
+def test_a_photoreceptor_that_follows_the_light_is_told_from_one_that_does_not():
+    slow = {**TRUE, "shot_rate": 0.0, "leak_rate": 0.0, "bandwidth_hz": 300.0, "bandwidth_level": film.WHITE}
+    t, x, y, p = film.record(**slow, seed=4)
+    moving = (t > film.STILL_S * 1e9) & (t < (film.STILL_S + film.MOVING_S) * 1e9)  # and never still
+    fit = fit_sensor([read_clip("film", *(c[moving] for c in (t, x, y, p)))], [], light_of(film.CONTRAST))
+    assert not fit.noise.sensor and "nothing stands still" in report(fit, light_of(), 0.4, "", 500)["warnings"][0]
+    assert fit.laws["constant"] > 3 * fit.laws["power"]
+    assert 0.7 < fit.values["bandwidth_exponent"] <= 1.2
+
+
+def test_what_is_no_wheel_is_refused_in_one_line():
+    rng = np.random.default_rng(1)
+    t = np.sort(rng.integers(0, 10**9, 200_000))
+    x, y = rng.integers(0, 60, (2, len(t)))
+    with pytest.raises(NoWheel, match=r"nothing moves long enough|no turning wheel"):
+        find_wheel(t, x, y, rng.integers(0, 2, len(t)))
+    # a bar that goes to and fro: bursts, but about no hub
+    frames = [np.where(np.abs(np.arange(64) - 32 - 25 * math.sin(k / 60)) < 4, 1.0, 0.2) for k in range(800)]
+    from nodes.event_sensor.simulate import simulate_frames
+
+    bar = np.repeat(np.array(frames, np.float32)[:, None], 48, 1)
+    events = simulate_frames(bar, np.arange(800) * 1_000_000, bandwidth_hz=60.0, refractory_us=300)
+    with pytest.raises(NoWheel, match="no turning wheel"):
+        find_wheel(*(events[c] for c in "txyp"))
+    with pytest.raises(NoWheel, match="too few"):
+        find_wheel(t[:10], x[:10], y[:10], x[:10])

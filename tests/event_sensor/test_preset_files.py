@@ -1,0 +1,49 @@
+"""Presets in files: a graph takes them as it takes names, and what is wrong in one names the file and the remedy."""
+
+import pytest
+
+from evis.cli import main
+from evis.config.params import ParamError
+from nodes.event_sensor.parameters import resolve_sensor
+
+
+@pytest.fixture
+def mine(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("# of my camera\nthreshold_on: 0.31\nthreshold_off: 0.33\nrefractory_us: 450\n")
+    return path
+
+
+def test_a_file_is_a_preset_and_given_values_win(mine):
+    values = resolve_sensor("sensor", str(mine), {"refractory_us": 200})
+    assert (values["threshold_on"], values["threshold_off"], values["refractory_us"]) == (0.31, 0.33, 200)
+    assert values["leak_rate"] == 0  # what it does not say is the ideal sensor's
+
+
+def test_a_threshold_that_is_given_is_that_of_both_sides(mine):
+    values = resolve_sensor("sensor", str(mine), {"threshold": 0.5})
+    assert (values["threshold"], values["threshold_on"], values["threshold_off"]) == (0.5, None, None)
+    values = resolve_sensor("sensor", str(mine), {"threshold": 0.5, "threshold_on": 0.4})
+    assert (values["threshold_on"], values["threshold_off"]) == (0.4, None)
+
+
+def test_errors_name_the_file(mine, tmp_path):
+    with pytest.raises(ParamError, match=r"there is no file .*none\.yaml"):
+        resolve_sensor("sensor", str(tmp_path / "none.yaml"), {})
+    mine.write_text("treshold: 0.2\n")
+    with pytest.raises(ParamError, match=r"mine\.yaml.*treshold.*did you mean 'threshold'"):
+        resolve_sensor("sensor", str(mine), {})
+
+
+def test_a_graph_runs_with_it_and_says_so(mine, tmp_path, capsys, monkeypatch):
+    """The camera's information in the bag has the file's values, wherever the nodes run."""
+    import evis
+
+    monkeypatch.chdir(tmp_path)
+    sim = evis.Simulation("spinning_disk", preset="mine.yaml", width=32, height=24, outputs=["events", "info"])
+    about = sim.reset().info.sensor
+    sim.close()
+    assert about["sensor"] == "mine.yaml" and about["threshold_on"] == 0.31 and about["refractory_us"] == 450
+    assert about["preset"] == str(mine)
+    assert main(["launch", "spinning_disk", "preset:=none.yml", "--explain"]) != 0
+    assert "there is no file none.yml" in capsys.readouterr().err
