@@ -73,10 +73,12 @@ def _panel(axes: Any, rows: Sequence[Row]) -> None:
             fill = "full" if row["verdict"].startswith(RIGHT) else "none"
             axes.plot(x, y, marker, color=colour, ms=5, fillstyle=fill)
         failed = [row["CPU [s/s]"] for row in own if row["error"] is None]
-        axes.plot(failed, [high] * len(failed), "x", color=colour, ms=6, clip_on=False)
+        axes.plot(failed, [high] * len(failed), "x", color=colour, ms=6)
     axes.axhspan(low, limit, color="tab:green", alpha=0.08, lw=0)
     times = [row["CPU [s/s]"] for row in rows]
-    axes.set(xscale="log", yscale="log", ylim=(low, high), xlim=(min(times) / 2, max(20 * min(times), 2 * max(times))))
+    axes.set(
+        xscale="log", yscale="log", ylim=(low, 3 * high), xlim=(min(times) / 2, max(20 * min(times), 2 * max(times)))
+    )
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(LogLocator(numticks=7))
         axis.set_minor_formatter(NullFormatter())

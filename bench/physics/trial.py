@@ -70,7 +70,7 @@ def run(case: Case, method: Method, folder: Path) -> Trial:
     folder: where its scene is written, as a user would write it. CPU time is that of the steps and of what physics
     publishes, without loading.
     """
-    engine = MujocoEngine(load_scene(str(_written(case, method, folder))), timestep=method.step_ns * 1e-9, joints=True)
+    engine = MujocoEngine(load_scene(str(_written(case, method, folder))), joints=True)
     controls = np.array([case.controls]) if case.controls else None
     first = engine.start()
     foretold = tuple(text for _, text in first.warnings)
@@ -106,7 +106,7 @@ def _part(interval: Interval, bodies: int, sample_ns: int) -> tuple[np.ndarray, 
 
 def _written(case: Case, method: Method, folder: Path) -> Path:
     key = f"<keyframe><key {case.start}/></keyframe>" if case.start else ""
-    option = f"<option integrator='{method.integrator}' {case.option}/>"
+    option = f"<option integrator='{method.integrator}' timestep='{method.step_ns * 1e-9:.9f}' {case.option}/>"
     (folder / "model.xml").write_text(f"<mujoco>{option}<worldbody>{case.world}</worldbody>{case.rest}{key}</mujoco>")
     scene = folder / "scene.yaml"
     start = 0 if case.start else "none"
