@@ -24,6 +24,8 @@ from nodes.physics.contacts import contacts_of, gather
 from nodes.physics.followers import Followers
 from nodes.physics.interval import Interval, check_controls
 from nodes.physics.joint_start import start_joints
+from nodes.physics.precision.errors import Errors
+from nodes.physics.precision.shadow import Shadow
 from nodes.physics.prescribed import PrescribedStates
 from nodes.physics.stride import Before, Trace, take_steps
 from nodes.physics.watchdog import Watchdog
@@ -54,6 +56,7 @@ class MujocoEngine:
         joints: bool = False,
         accelerations: bool = False,
         speed_limit: float = 1000.0,
+        errors: Errors | None = None,
     ) -> None:
         """Loads the model and puts every environment to its start.
 
@@ -66,6 +69,7 @@ class MujocoEngine:
             joints: whether they have positions and velocities of the joints.
             accelerations: whether they have those of the bodies; NaN for cameras that MuJoCo has follow a body.
             speed_limit: speed [m/s] of a body beyond which an environment has diverged.
+            errors: where to note how far the bodies of environment 0 are off; None = it is not looked at.
         """
         # Without a handler MuJoCo writes a log file into the working directory; the watchdog reads the counters.
         mujoco.set_mju_user_warning(lambda text: None)
@@ -94,6 +98,9 @@ class MujocoEngine:
         self._columns = [*own, *range(self.model.nbody - 1, self.model.nbody - 1 + len(follows))]
         """Which rows of a snapshot the bodies of `_moved` are: the model's own bodies come first there."""
         self._prescribed = PrescribedStates(scene)
+        self._shadow = Shadow(self.model, errors) if errors is not None else None
+        self._shadowed = 0
+        """Which environment the shadow follows."""
         self._warnings: list[tuple[int, str]] = []
         self.rewind(seed)
         self._warnings = [(0, text) for text in self._watchdogs[0].risks()]
@@ -110,6 +117,8 @@ class MujocoEngine:
         self._left: set[int] = set()
         for k in range(self.envs):
             self._reset(k)
+        if self._shadow is not None:
+            self._shadow.begin(self.data[self._shadowed])
         self._before = self._now = self._snapshot()
         self._last = self._state_at(0)
         """The state at the stamp published last, where the next message begins."""
@@ -125,6 +134,10 @@ class MujocoEngine:
         """
         engine = copy.copy(self)
         engine.envs, engine._warnings = len(envs), []
+        if self._shadowed in envs:
+            engine._shadowed, self._shadow = list(envs).index(self._shadowed), None
+        else:
+            engine._shadow = None
         engine.data = [self.data[k] for k in envs]
         engine._watchdogs = [self._watchdogs[k] for k in envs]
         engine._begin([self._seeds[k] if s is None else s for k, s in zip(envs, seeds)], list(numbers))
@@ -143,14 +156,29 @@ class MujocoEngine:
             check_controls(controls, self.envs, self.controls)
             for data, values in zip(self.data, controls):
                 data.ctrl[:] = values
+        grid = self._grid
         strode = self._stride(to_ns)
         if strode is not None:
             times, course = strode
             end = {name: value[:, None] for name, value in self._state_at(to_ns).items()}
             course = {name: np.concatenate((value, end[name]), axis=1) for name, value in course.items()}
             self._stamp, self._last = to_ns, {name: value[:, -1] for name, value in course.items()}
-            return self._interval(np.append(times, to_ns), course, [])
-        return self._step_by_step(to_ns)
+            interval = self._interval(np.append(times, to_ns), course, [])
+        else:
+            interval = self._step_by_step(to_ns)
+        self._measure((self._grid - grid) // self.step_ns, interval)
+        return interval
+
+    def _measure(self, steps: int, interval: Interval) -> None:
+        """Has the shadow follow the steps just taken."""
+        env, bodies = self._shadowed, self.model.nbody - 1
+        if self._shadow is None or env in self._left:
+            return
+        if any(env == faulty for faulty, _ in interval.faults):
+            self._shadow.begin(self.data[env])
+        else:
+            poses = (state["pose"][env, :bodies] for state in (self._before, self._now))
+            self._shadow.follow(self.data[env], steps, *poses)
 
     def _step_by_step(self, to_ns: int) -> Interval:
         """Moves on to a stamp, looking at every state."""
