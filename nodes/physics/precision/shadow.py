@@ -1,8 +1,9 @@
 """A second course of an environment in steps of twice the length, which tells how wrong the first is.
 
-Of a method of order p the error after a time is that of steps twice as long, divided by 2^p, so that the difference of
-both courses is (2^p - 1) times the error: propagated by the dynamics themselves, from the first step on. Where twice
-the step is too long, for it is unstable or its error no longer small, half of it is taken from some keyframes before.
+Of a method of order p the error after a time is that of steps m times as long, divided by m^p, so that the difference
+of both courses is (m^p - 1) times the error: propagated by the dynamics themselves, from the first step on. m is 2, and
+4 for RK4, whose steps cost four times as much. Where such steps are too long, for they are unstable or their error is no
+longer small, half a step is taken from some keyframes before.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from nodes.physics.stiffness import modes
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 ORDER = {mujoco.mjtIntegrator.mjINT_RK4: 4}
 """Of the integrators in smooth motion; the others are of order 1, as every one is where constraints come and go."""
+LENGTH = {mujoco.mjtIntegrator.mjINT_RK4: 4}
+"""Steps of the environment that are one of its shadow's; 2 for the others."""
 STEPS_BETWEEN_ACTIONS = 4
 """From so many steps on, an action that comes between two steps of twice the length is waited for with a single one."""
 KEPT = 4
@@ -54,7 +57,8 @@ class Shadow:
         self._model, self._errors = model, errors
         self._data = mujoco.MjData(model)
         self._reach = Reach(model).of_body[1:]
-        self._too_long = any(mode.grows(2 * model.opt.timestep) for mode in modes(model))
+        self._length = LENGTH.get(model.opt.integrator, 2)
+        self._too_long = any(mode.grows(self._length * model.opt.timestep) for mode in modes(model))
 
     def begin(self, data: Any) -> None:
         """Begins where the environment is."""
@@ -85,9 +89,10 @@ class Shadow:
         if self._halved:
             self._step(2 * steps, 0.5 * dt)
         else:
-            due = steps + self._behind
-            self._step(due // 2, 2 * dt)
-            self._behind = due % 2
+            long, rest = divmod(steps + self._behind, self._length)
+            self._step(long, self._length * dt)
+            self._step(rest // 2, 2 * dt)
+            self._behind = rest % 2
         if not self._sound():
             self._halve(data)
         else:
@@ -110,7 +115,8 @@ class Shadow:
         self._halved, self._behind = True, 0
         past = self._past[0]
         self._errors.restore(past.errors)
-        shadow, share = self._data, 1 / self._power()
+        shadow = self._data
+        share = (1 - 0.5 ** self._order()) * self._scale()
         mujoco.mj_resetData(self._model, shadow)
         mujoco.mj_setState(self._model, shadow, past.state, STATE)
         mujoco.mj_integratePos(self._model, shadow.qpos, past.shift, -share)
@@ -135,17 +141,21 @@ class Shadow:
         finite = bool(np.isfinite(data.qpos.sum() + data.qvel.sum()))
         return finite and not any(data.warning[w].number for w in _BAD)
 
-    def _power(self) -> int:
-        return int(2 ** (ORDER.get(self._model.opt.integrator, 1) if self._smooth else 1))
+    def _order(self) -> int:
+        return ORDER.get(self._model.opt.integrator, 1) if self._smooth else 1
+
+    def _scale(self) -> float:
+        """The error over the difference to longer steps. Where constraints come and go it is taken whole."""
+        return 1 / (self._length ** self._order() - 1) if self._smooth else 1.0
 
     def _apart(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Estimates the errors of bodies at these poses: position [m] and rotation [rad]."""
-        data, power = self._data, self._power()
+        data = self._data
         mujoco.mj_kinematics(self._model, data)
         position = np.linalg.norm(pose[:, :3] - data.xpos[1:], axis=-1)
         turn = se3.multiply(se3.conjugate(pose[:, 3:]), se3.from_mujoco(data.xquat[1:]))
         rotation = 2 * np.arctan2(np.linalg.norm(turn[:, :3], axis=-1), np.abs(turn[:, 3]))
-        scale = power / (power - 1) if self._halved else 1 / (power - 1)
+        scale = 1 / (1 - 0.5 ** self._order()) if self._halved else self._scale()
         return scale * position, np.minimum(scale * rotation, np.pi)
 
     def _remember(self, data: Any) -> None:
