@@ -9,7 +9,8 @@ point at or after its stamp: at once where the keyframe interval is a multiple o
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -26,6 +27,8 @@ from nodes.physics.interval import Interval, check_controls
 from nodes.physics.joint_start import start_joints
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.shadow import Shadow
+from nodes.physics.precision.sub_steps import FINEST, SubSteps, take_best_integrator
+from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.prescribed import PrescribedStates
 from nodes.physics.stride import Before, Trace, take_steps
 from nodes.physics.watchdog import Watchdog
@@ -57,6 +60,7 @@ class MujocoEngine:
         accelerations: bool = False,
         speed_limit: float = 1000.0,
         errors: Errors | None = None,
+        tolerance: Tolerance | None = None,
     ) -> None:
         """Loads the model and puts every environment to its start.
 
@@ -70,6 +74,7 @@ class MujocoEngine:
             accelerations: whether they have those of the bodies; NaN for cameras that MuJoCo has follow a body.
             speed_limit: speed [m/s] of a body beyond which an environment has diverged.
             errors: where to note how far the bodies of environment 0 are off; None = it is not looked at.
+            tolerance: for which steps are taken in parts; None = all steps are whole.
         """
         # Without a handler MuJoCo writes a log file into the working directory; the watchdog reads the counters.
         mujoco.set_mju_user_warning(lambda text: None)
@@ -79,12 +84,16 @@ class MujocoEngine:
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.step_ns = step_length(self.model.opt.timestep, timestep)
         self.model.opt.timestep = self.step_ns * 1e-9
+        if tolerance is not None:
+            take_best_integrator(self.model)
+        self._sub_steps = [SubSteps(self.model, tolerance) for _ in range(envs)] if tolerance is not None else None
         self.controls: int = self.model.nu
         self.actuators = actuators_of(self.model)
         self.data = [mujoco.MjData(self.model) for _ in range(envs)]
         self._scratch = mujoco.MjData(self.model) if contacts or accelerations else None
         self._contacts, self._joints, self._accelerations = contacts, joints, accelerations
-        self._watchdogs = [Watchdog(self.model, speed_limit) for _ in range(envs)]
+        finest = self.model.opt.timestep / (1 if tolerance is None else 2**FINEST)
+        self._watchdogs = [Watchdog(self.model, speed_limit, finest) for _ in range(envs)]
         follows = [(n, body.follows) for n, body in enumerate(scene.bodies) if body.follows is not None]
         self._followers = Followers(self.model, [what for _, what in follows])
         own = [
@@ -140,6 +149,7 @@ class MujocoEngine:
             engine._shadow = None
         engine.data = [self.data[k] for k in envs]
         engine._watchdogs = [self._watchdogs[k] for k in envs]
+        engine._sub_steps = [self._sub_steps[k] for k in envs] if self._sub_steps is not None else None
         engine._begin([self._seeds[k] if s is None else s for k, s in zip(envs, seeds)], list(numbers))
         return engine
 
@@ -157,6 +167,8 @@ class MujocoEngine:
             for data, values in zip(self.data, controls):
                 data.ctrl[:] = values
         grid = self._grid
+        for parts in self._sub_steps or ():
+            parts.taken.clear()
         strode = self._stride(to_ns)
         if strode is not None:
             times, course = strode
@@ -177,8 +189,9 @@ class MujocoEngine:
         if any(env == faulty for faulty, _ in interval.faults):
             self._shadow.begin(self.data[env])
         else:
-            poses = (state["pose"][env, :bodies] for state in (self._before, self._now))
-            self._shadow.follow(self.data[env], steps, *poses)
+            before, now = (state["pose"][env, :bodies] for state in (self._before, self._now))
+            parts = self._sub_steps[env].taken if self._sub_steps is not None else None
+            self._shadow.follow(self.data[env], steps, before, now, parts)
 
     def _step_by_step(self, to_ns: int) -> Interval:
         """Moves on to a stamp, looking at every state."""
@@ -211,13 +224,16 @@ class MujocoEngine:
         # The states at all grid points, that of now the first.
         made = {name: np.repeat(value[:, None], count + 1, axis=1) for name, value in self._now.items()}
         before = [Before(self.model, self.data[k]) for k in chosen]
+        levels = [parts.kept() for parts in self._sub_steps or ()]
         for place, k in enumerate(chosen):
             trace = Trace.empty(self.model, count)
-            take_steps(self.model, self.data[k], grid, trace)
+            take_steps(self.model, self.data[k], grid, trace, self._taker(k))
             twist, pose = trace.twist_and_pose(self.model)
             if count and not self._watchdogs[k].quiet(self.data[k], trace.qpos, trace.qvel, twist, trace.nearest):
                 for n, remembered in zip(chosen[: place + 1], before):
                     remembered.restore(self.model, self.data[n])
+                for parts, level in zip(self._sub_steps or (), levels):
+                    parts.restore(level)
                 return None
             for name, value in (("pose", pose), ("twist", twist), ("qpos", trace.qpos), ("qvel", trace.qvel)):
                 made[name][k, 1:] = value
@@ -238,7 +254,7 @@ class MujocoEngine:
                 continue
             # MuJoCo adds up its time in floating point; ours is exact.
             data.time = self._grid * 1e-9
-            mujoco.mj_step(self.model, data)
+            self._taker(k)(self.model, data)
             # mj_step leaves poses and velocities of the state before the step.
             mujoco.mj_kinematics(self.model, data)
             mujoco.mj_comPos(self.model, data)
@@ -253,6 +269,14 @@ class MujocoEngine:
                     faults[k] = fault
                 else:
                     self._warnings += [(k, text) for text in self._watchdogs[k].notices(data, twist)]
+
+    def _taker(self, k: int) -> Callable[[Any, Any], None]:
+        """What takes a step of environment k."""
+        return mujoco.mj_step if self._sub_steps is None else self._sub_steps[k].step
+
+    def missed(self) -> int:
+        """Counts the steps that were not exact enough in as many parts as there may be."""
+        return sum(parts.missed for parts in self._sub_steps or ())
 
     def _reset(self, k: int) -> None:
         """Environment k to its start: the scene's keyframe, moved a little by its seed and the episode's number."""
@@ -273,6 +297,8 @@ class MujocoEngine:
         start_joints(self.model, data, self.scene.initial_joints, self._seeds[k] % 2**64, self._numbers[k])
         mujoco.mj_forward(self.model, data)
         self._watchdogs[k].restart(data)
+        if self._sub_steps is not None:
+            self._sub_steps[k].begin()
 
     def _restart(self, k: int, states: list[dict[str, np.ndarray]]) -> None:
         """Begin the next episode of environment k at the stamp; its part of the interval is the new start all along."""

@@ -27,6 +27,7 @@ from nodes.physics.from_outside import check_action
 from nodes.physics.interval import Engine, Interval
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.notice import notice
+from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.resets import checked
 
 
@@ -53,6 +54,10 @@ class PhysicsNode(Node):
             float, None, "sub-step of the dynamics; the model's own, at most 1 ms, if not given", "s", 1e-7, 1e-3,
             optional=True,
         ),
+        "physics_tolerance": Param(
+            list, [], "METRES,RADIANS of error that a body may gather in a second: dynamics are integrated with RK4, "
+            "each step in as many parts as that takes; not given = steps are whole, and the summary says what is wrong",
+        ),
         "contacts": Param(bool, False, "publish contacts and their forces"),
         "joints": Param(bool, False, "publish joint positions and velocities (MuJoCo's qpos and qvel) in /state"),
         "accelerations": Param(bool, False, "publish accelerations of the bodies"),
@@ -76,6 +81,18 @@ class PhysicsNode(Node):
                 if not is_dynamic(scene):
                     raise ValueError(f"scene {scene} moves in closed form and has no {asked[0]}; leave {asked[0]} out")
         return frozenset(cls.INPUTS)
+
+    @classmethod
+    def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """Names what is about integration, where motion is in closed form."""
+        from evis.scene.load import is_dynamic
+
+        scene = params.get("scene")
+        with contextlib.suppress(OSError, ValueError):  # who loads it says so
+            if scene and not is_dynamic(scene):
+                why = f"all motion of scene {scene} is in closed form, and exact"
+                return {"physics_tolerance": why, "timestep": why}
+        return {}
 
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
@@ -173,6 +190,7 @@ class PhysicsNode(Node):
         return MujocoEngine(
             scene, seed, envs, timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
             accelerations=p["accelerations"], speed_limit=p["speed_limit"], errors=errors,
+            tolerance=Tolerance.of(p["physics_tolerance"]),
         )  # fmt: skip
 
     def _other_engines(self, envs: list[int], seeds: list[int]) -> list[tuple[list[int], Engine]]:
@@ -310,7 +328,8 @@ class PhysicsNode(Node):
         stamp = keyframe_stamp(max(self.k - 1, 0), self.params["keyframe_rate"])
         told = PhysicsError(Header(stamp, episode=self.episode), self.names[worst.body], worst.position, worst.rotation)
         self.result("physics_error", told.scalars())
-        if text := notice(worst, told.body):
+        tolerance = Tolerance.of(self.params["physics_tolerance"])
+        if text := notice(worst, told.body, tolerance, stamp * 1e-9, self.engine.missed()):
             self.warn(text)
         if self.wants("error"):
             self.publish("error", told)

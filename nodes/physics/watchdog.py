@@ -21,8 +21,10 @@ _LOST = {
 class Watchdog:
     """Checks one environment after every step: finite, within the speed limit, in time, no warning counter rising."""
 
-    def __init__(self, model: Any, speed_limit: float) -> None:
+    def __init__(self, model: Any, speed_limit: float, finest: float) -> None:
+        """speed_limit: of a body [m/s]. finest: shortest step that the engine may take [s]."""
         self.model = model
+        self._finest = finest
         self.speed_limit = speed_limit
         self._counts = [0, 0, 0]
         self._time = -1.0
@@ -100,7 +102,7 @@ class Watchdog:
 
     def risks(self) -> list[str]:
         """Finds what in the model the integrator cannot follow at this timestep, before the first step."""
-        dt = self.model.opt.timestep
+        dt = self._finest
         return [
             f"{_growth(mode, dt)}; expect it to diverge, or {_remedy(mode, dt)}"
             for mode in modes(self.model)

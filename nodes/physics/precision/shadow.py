@@ -2,13 +2,14 @@
 
 Of a method of order p the error after a time is that of steps m times as long, divided by m^p, so that the difference
 of both courses is (m^p - 1) times the error: propagated by the dynamics themselves, from the first step on. m is 2, and
-4 for RK4, whose steps cost four times as much. Where such steps are too long, for they are unstable or their error is no
+4 for RK4, whose steps cost four times as much. Where such steps are too long, for they are unstable or their error no
 longer small, half a step is taken from some keyframes before.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -70,13 +71,18 @@ class Shadow:
         self._past: deque[Past] = deque(maxlen=KEPT)
         self._remember(data)
 
-    def follow(self, data: Any, steps: int, before: np.ndarray, now: np.ndarray) -> None:
+    def follow(
+        self, data: Any, steps: int, before: np.ndarray, now: np.ndarray, parts: Sequence[int] | None = None
+    ) -> None:
         """Follows some steps, which the environment took under the controls that it has now.
 
         data: of the environment after them. before, now: float64 [bodies, 7], poses after the last step but one and
-        after the last.
+        after the last. parts: in how many parts each step was taken, None = they were whole.
         """
         if not steps:
+            return
+        if parts is not None:
+            self._follow_parts(data, parts, now)
             return
         dt, shadow = self._model.opt.timestep, self._data
         self._smooth = self._smooth and not data.nefc
@@ -106,6 +112,17 @@ class Shadow:
             self._errors.take(position, rotation, self._reach)
             if not self._behind and not self._halved:
                 self._remember(data)
+
+    def _follow_parts(self, data: Any, parts: Sequence[int], now: np.ndarray) -> None:
+        """Takes each step in half as many parts."""
+        self._length, self._smooth = 2, self._smooth and not data.nefc
+        self._data.ctrl[:] = data.ctrl
+        for count in parts:
+            self._step(count // 2, 2 * self._model.opt.timestep / count)
+        if self._sound():
+            self._errors.take(*self._apart(now), self._reach)
+        else:
+            self.begin(data)
 
     def _halve(self, data: Any) -> None:
         """Follows in half steps from now on, and from some keyframes before, where the two were still close."""
