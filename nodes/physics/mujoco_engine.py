@@ -229,7 +229,7 @@ class MujocoEngine:
             trace = Trace.empty(self.model, count)
             take_steps(self.model, self.data[k], grid, trace, self._taker(k))
             twist, pose = trace.twist_and_pose(self.model)
-            if count and not self._watchdogs[k].quiet(self.data[k], trace.qpos, trace.qvel, twist, trace.nearest):
+            if count and not self._watchdogs[k].quiet(self.data[k], trace.qpos, trace.qvel, pose, twist, trace.nearest):
                 for n, remembered in zip(chosen[: place + 1], before):
                     remembered.restore(self.model, self.data[n])
                 for parts, level in zip(self._sub_steps or (), levels):
@@ -263,12 +263,12 @@ class MujocoEngine:
         self._before, self._now = self._now, self._snapshot()
         for k, data in enumerate(self.data):
             if k not in faults and k not in self._left:
-                twist = self._now["twist"][k, : self.model.nbody - 1]
+                pose, twist = (self._now[name][k, : self.model.nbody - 1] for name in ("pose", "twist"))
                 fault = self._watchdogs[k].check(data, twist)
                 if fault:
                     faults[k] = fault
                 else:
-                    self._warnings += [(k, text) for text in self._watchdogs[k].notices(data, twist)]
+                    self._warnings += [(k, text) for text in self._watchdogs[k].notices(data, pose, twist)]
 
     def _taker(self, k: int) -> Callable[[Any, Any], None]:
         """What takes a step of environment k."""
