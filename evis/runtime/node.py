@@ -153,6 +153,11 @@ class Node:
         return ()
 
     @classmethod
+    def foreseen(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
+        """Says what a run with these parameters will warn of as soon as it is set up, for --explain."""
+        return ()
+
+    @classmethod
     def sensor(cls, params: Mapping[str, Any]) -> Mapping[str, Any]:
         """Returns parameters for the readers of a camera's CameraInfo, of a node that is that camera's sensor."""
         return {}

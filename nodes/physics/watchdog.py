@@ -46,6 +46,8 @@ class Watchdog:
         """Begins anew from the state of `data`."""
         self._counts = [data.warning[w].number for w in _BAD]
         self._time = -1.0
+        self._spins = np.linalg.norm(data.cvel[:, :3], axis=-1)
+        """How fast bodies [nbody] turned when all was well [rad/s]: the last, or the first that was too fast."""
 
     def check(self, data: Any, twist: np.ndarray) -> str | None:
         """Finds what is wrong after a step, as one line, or None.
@@ -84,7 +86,12 @@ class Watchdog:
         slow = 0.5 * self._thickness / self.model.opt.timestep
         if self._reach.bound(twist) > slow and self._reach.fastest(pose, twist).max(initial=0.0) > slow:
             return False
-        return nearest > -0.5 * self._thickness
+        if nearest <= -0.5 * self._thickness:
+            return False
+        if len(twist):
+            slow = self._spins[1:] * self.model.opt.timestep <= _FOLLOWED
+            self._spins[1:][slow] = np.linalg.norm(twist[-1, slow, 3:], axis=-1)
+        return True
 
     def passed(self, data: Any) -> None:
         """Takes note of the time, after steps in which nothing was wrong."""
@@ -179,9 +186,12 @@ class Watchdog:
         if growing:
             worst = min(growing, key=lambda mode: mode.longest_step(dt))
             return f"{_growth(worst, dt)}; {_remedy(worst, dt)}"
-        spin = float(np.linalg.norm(data.cvel[body, :3]))
-        if np.isfinite(spin) and spin * dt > 1.0 and name != "discrete":
-            return f"it turns {spin * dt:.3g} rad in one step of {dt:g} s; use a timestep below {0.3 / spin:.2g} s"
+        spin = float(self._spins[body])
+        if spin * dt > _FOLLOWED:
+            return (
+                f"it turned {spin * dt:.3g} rad in one step of {dt:g} s; use physics_tolerance:=0.001,0.001, which "
+                f"follows it; stable, but not exact, is a timestep below {0.1 * _FOLLOWED / spin:.2g} s"
+            )
         fastest = max(found, key=lambda mode: mode.rate, default=None)
         if fastest is not None and fastest.rate * dt > 1.0:
             return (

@@ -98,6 +98,31 @@ def test_a_tendon_of_another_gear_is_foretold_at_its_limit(tmp_path):
         assert np.abs(x).max() < 1 and ["diverged" in text for text in said] == ([False, True] if share > 1 else [])
 
 
+SPINNER = """<body name='top'><freejoint/><inertial pos='0 0 0' mass='.3' diaginertia='.001 .002 .003'/>
+<geom type='box' size='.1 .15 .01'/></body>"""
+
+
+def spun(folder: Path, **given):
+    """Everything that is said of 0.2 s at 900 rad/s about the intermediate axis, and the energy at the end over that
+    at the start."""
+    engine = engine_of(folder, SPINNER, **given)
+    (data,), inertia = engine.data, np.array([1.0, 2.0, 3.0])
+    data.qvel[3:] = (3.0, 900.0, 1.0)
+    first = inertia @ data.qvel[3:] ** 2
+    _, _, said = run(engine, 0.2)
+    return said, (inertia @ data.qvel[3:] ** 2) / first
+
+
+def test_a_top_that_is_too_fast_is_told_what_helps(tmp_path):
+    """0.9 rad a step diverges; the tolerance keeps its energy to 1e-4, the step that is said keeps it bounded."""
+    said, _ = spun(tmp_path)
+    assert "diverged" in said[-1] and "it turned 0.9 rad in one step" in said[-1]
+    said, energy = spun(tmp_path, dt=0.99 * told(said[-1], r"timestep below ([\d.e+-]+) s"))
+    assert said == [] and 0.5 < energy < 2
+    said, energy = spun(tmp_path, tolerance=Tolerance(1e-3, 1e-3))
+    assert said == [] and energy == pytest.approx(1, abs=1e-4)
+
+
 def firm(text: str) -> str:
     """The attributes of a geom that are advised."""
     match = re.search(r'solref="[^"]+" solimp="[^"]+"', text)
