@@ -23,13 +23,14 @@ from nodes.physics.accelerations import mounted_acceleration, mujoco_acceleratio
 from nodes.physics.actuators import actuators_of
 from nodes.physics.contacts import contacts_of, gather
 from nodes.physics.followers import Followers
-from nodes.physics.interval import Interval, check_controls
+from nodes.physics.interval import Interval, check_controls, grid_inside
 from nodes.physics.joint_start import start_joints
 from nodes.physics.precision.errors import Errors
 from nodes.physics.precision.shadow import Shadow
 from nodes.physics.precision.sub_steps import FINEST, SubSteps, take_best_integrator
 from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.prescribed import PrescribedStates
+from nodes.physics.rest import Rest
 from nodes.physics.stride import Before, Trace, take_steps
 from nodes.physics.watchdog import Watchdog
 
@@ -124,6 +125,7 @@ class MujocoEngine:
         self._seeds, self._numbers = seeds, numbers
         self._stamp, self._grid = 0, 0
         self._left: set[int] = set()
+        self._rests = [Rest() for _ in range(self.envs)]
         for k in range(self.envs):
             self._reset(k)
         if self._shadow is not None:
@@ -164,8 +166,12 @@ class MujocoEngine:
         """
         if controls is not None:
             check_controls(controls, self.envs, self.controls)
-            for data, values in zip(self.data, controls):
+            for data, values, rest in zip(self.data, controls, self._rests):
+                if not np.array_equal(data.ctrl, values):
+                    rest.wake()
                 data.ctrl[:] = values
+        if all(rest.now for k, rest in enumerate(self._rests) if k not in self._left):
+            return self._resting(to_ns)
         grid = self._grid
         for parts in self._sub_steps or ():
             parts.taken.clear()
@@ -176,15 +182,42 @@ class MujocoEngine:
             course = {name: np.concatenate((value, end[name]), axis=1) for name, value in course.items()}
             self._stamp, self._last = to_ns, {name: value[:, -1] for name, value in course.items()}
             interval = self._interval(np.append(times, to_ns), course, [])
+            self._watch_rest(int(times[0]), course)
         else:
             interval = self._step_by_step(to_ns)
         self._measure((self._grid - grid) // self.step_ns, interval)
         return interval
 
+    def _resting(self, to_ns: int) -> Interval:
+        """Goes on to a stamp without a step: all that MuJoCo moves stays where it is."""
+        inner = grid_inside(self._stamp, to_ns, self.step_ns) if len(self._prescribed.moving) else ()
+        times = np.array([self._stamp, *inner, to_ns], np.int64)
+        self._grid += -(-max(to_ns - self._grid, 0) // self.step_ns) * self.step_ns
+        self._stamp = to_ns
+        course = {name: np.repeat(value[:, None], len(times), axis=1) for name, value in self._last.items()}
+        return self._interval(times, course, [])
+
+    def _watch_rest(self, start_ns: int, course: dict[str, np.ndarray]) -> None:
+        """Puts environments to rest that do not move any more, each by itself, at their last step."""
+        if self.model.na or self.model.nplugin:  # these may be about to move something
+            return
+        fallen: list[int] = []
+        for k, rest in enumerate(self._rests):
+            if not rest.now and k not in self._left:
+                rest.see(start_ns, self._stamp, course["twist"][k])
+                fallen += [k] if rest.now else []
+        if fallen:
+            self._before, self._last, self._now = (
+                {name: value.copy() for name, value in state.items()} for state in (self._before, self._last, self._now)
+            )
+            self._now["twist"][fallen] = 0.0
+            for name, value in self._now.items():
+                self._before[name][fallen] = self._last[name][fallen] = value[fallen]
+
     def _measure(self, steps: int, interval: Interval) -> None:
         """Has the shadow follow the steps just taken."""
         env, bodies = self._shadowed, self.model.nbody - 1
-        if self._shadow is None or env in self._left:
+        if self._shadow is None or env in self._left or self._rests[env].now:
             return
         if any(env == faulty for faulty, _ in interval.faults):
             self._shadow.begin(self.data[env])
@@ -209,7 +242,9 @@ class MujocoEngine:
             self._restart(k, states)
         self._last = states[-1]
         course = {name: np.stack([state[name] for state in states], axis=1) for name in self._last}
-        return self._interval(np.array(moments, np.int64), course, sorted(faults.items()))
+        interval = self._interval(np.array(moments, np.int64), course, sorted(faults.items()))
+        self._watch_rest(moments[0], course)
+        return interval
 
     def _stride(self, to_ns: int) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
         """Takes all steps up to `to_ns` at once.
@@ -226,6 +261,8 @@ class MujocoEngine:
         before = [Before(self.model, self.data[k]) for k in chosen]
         levels = [parts.kept() for parts in self._sub_steps or ()]
         for place, k in enumerate(chosen):
+            if self._rests[k].now:
+                continue
             trace = Trace.empty(self.model, count)
             take_steps(self.model, self.data[k], grid, trace, self._taker(k))
             twist, pose = trace.twist_and_pose(self.model)
@@ -250,7 +287,7 @@ class MujocoEngine:
     def _step(self, faults: dict[int, str]) -> None:
         """All environments one grid step on; one that has diverged waits for the end of the interval."""
         for k, data in enumerate(self.data):
-            if k in faults or k in self._left:
+            if k in faults or k in self._left or self._rests[k].now:
                 continue
             # MuJoCo adds up its time in floating point; ours is exact.
             data.time = self._grid * 1e-9
@@ -261,6 +298,9 @@ class MujocoEngine:
             mujoco.mj_comVel(self.model, data)
         self._grid += self.step_ns
         self._before, self._now = self._now, self._snapshot()
+        resting = [k for k, rest in enumerate(self._rests) if rest.now]
+        for name, value in self._before.items():
+            self._now[name][resting] = value[resting]
         for k, data in enumerate(self.data):
             if k not in faults and k not in self._left:
                 pose, twist = (self._now[name][k, : self.model.nbody - 1] for name in ("pose", "twist"))
@@ -303,6 +343,7 @@ class MujocoEngine:
     def _restart(self, k: int, states: list[dict[str, np.ndarray]]) -> None:
         """Begin the next episode of environment k at the stamp; its part of the interval is the new start all along."""
         self._numbers[k] += 1
+        self._rests[k].wake()
         self._reset(k)
         fresh = self._snapshot()
         for state in (*states, self._before, self._now):
