@@ -44,6 +44,10 @@ class SeparateEngines:
         """Leaves an environment where it is from now on."""
         self.engines[env].leave(0)
 
+    def missed(self) -> int:
+        """Counts the steps that were less exact than was asked for."""
+        return sum(engine.missed() for engine in self.engines)
+
     def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> Engine:
         """Makes an engine of these environments alone, at their start and stamp 0, as Engine.anew does."""
         made = [self.engines[k].anew([0], [seed], [number]) for k, seed, number in zip(envs, seeds, numbers)]

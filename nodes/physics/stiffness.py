@@ -27,7 +27,7 @@ def integrator_of(model: Any) -> str:
 
 @dataclass(frozen=True)
 class Mode:
-    """Describes what one joint or contact does by itself: x'' = -stiffness x - (implicit + explicit) x'.
+    """Describes what one joint, tendon or contact does by itself: x'' = -stiffness x - (implicit + explicit) x'.
 
     source: what it belongs to. stiffness [1/s^2]; implicit, explicit: damping [1/s] that the integrator takes at the
     end and at the beginning of its step. MuJoCo takes that of joints at the end with Euler, that of actuators too with
@@ -49,6 +49,11 @@ class Mode:
         """Tells whether a step of dt [s] makes a small disturbance larger."""
         return self.integrator != "discrete" and _spectral_radius(self._step(dt)) > 1 + _GROWTH
 
+    @property
+    def oscillates(self) -> bool:
+        """Tells whether it swings before it comes to rest, so that `discrete` erases something of it."""
+        return self.implicit + self.explicit < 2 * np.sqrt(self.stiffness)
+
     def longest_step(self, dt: float) -> float:
         """Finds the longest stable step [s] below dt [s], at which it grows."""
         low, high = 0.0, dt
@@ -69,8 +74,8 @@ class Mode:
 
 
 def modes(model: Any) -> list[Mode]:
-    """Finds the joints with springs, dampers, position and velocity servos, and contacts with a direct solref."""
-    return [*_joints(model), *_contacts(model)]
+    """Finds the joints and tendons with springs, dampers and servos, and contacts with a direct solref."""
+    return [*_joints(model), *_tendons(model), *_contacts(model)]
 
 
 def _joints(model: Any) -> Iterator[Mode]:
@@ -79,7 +84,7 @@ def _joints(model: Any) -> Iterator[Mode]:
     euler = integrator == "Euler" and not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
     springs = np.asarray(model.jnt_stiffness).reshape(model.njnt, -1)[:, 0] if model.njnt else np.zeros(0)
     damping = np.asarray(model.dof_damping).reshape(model.nv, -1)[:, 0] if model.nv else np.zeros(0)
-    servos = _servos(model)
+    servos = _servos(model, mujoco.mjtTrn.mjTRN_JOINT)
     for joint in range(model.njnt):
         dof = int(model.jnt_dofadr[joint])
         inertia = max(float(model.dof_M0[dof]), 1e-300)
@@ -103,11 +108,34 @@ def _joints(model: Any) -> Iterator[Mode]:
         )
 
 
-def _servos(model: Any) -> dict[int, tuple[float, float]]:
-    """Stiffness and damping that actuators with an affine bias give joints, by joint."""
+def _tendons(model: Any) -> Iterator[Mode]:
+    integrator = integrator_of(model)
+    late = integrator in ("implicit", "implicitfast")
+    servos = _servos(model, mujoco.mjtTrn.mjTRN_TENDON)
+    for tendon in range(model.ntendon):
+        # J M^-1 J^T of the tendon's length at the start: what a force along it accelerates.
+        mobility = float(model.tendon_invweight0[tendon])
+        stiffness, drag = servos.get(tendon, (0.0, 0.0))
+        spring, damping = (float(values[tendon]) for values in (model.tendon_stiffness, model.tendon_damping))
+        parts = {"spring": np.sqrt(spring * mobility), "damping": damping * mobility}
+        parts["servo"] = max(np.sqrt(stiffness * mobility), drag * mobility)
+        if any(parts.values()):
+            name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon) or f"tendon{tendon}"
+            drags = (damping + drag) * mobility
+            yield Mode(
+                f"the {max(parts, key=lambda part: parts[part])} of tendon '{name}'",
+                integrator,
+                (spring + stiffness) * mobility,
+                drags if late else 0.0,
+                0.0 if late else drags,
+            )
+
+
+def _servos(model: Any, transmission: mujoco.mjtTrn) -> dict[int, tuple[float, float]]:
+    """Stiffness and damping that actuators with an affine bias give what they move, by its number."""
     found: dict[int, tuple[float, float]] = {}
     for actuator in np.flatnonzero(model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE).tolist():
-        if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
+        if model.actuator_trntype[actuator] == transmission:
             joint = int(model.actuator_trnid[actuator, 0])
             square = float(model.actuator_gear[actuator, 0]) ** 2
             stiffness, damping = (max(-float(p) * square, 0.0) for p in model.actuator_biasprm[actuator, 1:3])
