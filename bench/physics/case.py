@@ -11,6 +11,8 @@ MS = 1_000_000
 INTEGRATORS = ("Euler", "implicit", "implicitfast", "RK4", "discrete")
 STEPS = (MS, MS // 4, MS // 16, MS // 64)
 """Time steps [ns], the longest that the engine takes first. All divide a millisecond."""
+TOLERANCES = (1e-2, 1e-3, 1e-4)
+"""Values of physics_tolerance, of metres and of radians, of a model that says nothing else."""
 NO_GRAVITY = "gravity='0 0 0'"
 G = 9.81
 EARTH = f"gravity='0 0 -{G}'"
@@ -48,6 +50,9 @@ class Case:
         controls: of the actuators, all along.
         steps: time steps [ns].
         integrators: those that are run.
+        tolerances: of physics_tolerance.
+        estimated: whether the error is the largest distance or angle of a body from where exact integration of its
+            model has it, which a run estimates of itself.
         sample_ns: times at which a course is looked at, multiples of this; 0 = every step.
     """
 
@@ -65,6 +70,8 @@ class Case:
     controls: tuple[float, ...] = ()
     steps: tuple[int, ...] = STEPS
     integrators: tuple[str, ...] = INTEGRATORS
+    tolerances: tuple[float, ...] = TOLERANCES
+    estimated: bool = False
     sample_ns: int = MS
 
 

@@ -31,7 +31,7 @@ def cases(quick: bool) -> list[Case]:
     found += [
         Case(
             f"heap of 216 balls, {kind}", "piles", "none overlap", "m", 1e-3, 0.06 if quick else 0.4, _overlap,
-            _heap(contact), option=EARTH, steps=STEPS[:1] if quick else STEPS[:2],
+            _heap(contact), option=EARTH, steps=STEPS[:1] if quick else STEPS[:2], tolerances=(),
         )
         for kind, contact in kinds
     ]  # fmt: skip

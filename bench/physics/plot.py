@@ -1,4 +1,5 @@
-"""Work-precision diagrams: error against run time, a panel per case, a line per integrator over its time steps."""
+"""Work-precision diagrams: error against run time, a panel per case, a line per integrator over its time steps, and one
+over tolerances."""
 
 from __future__ import annotations
 
@@ -7,13 +8,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.physics.case import INTEGRATORS
 from bench.physics.tables import GROUPS
-from bench.physics.trial import RIGHT
+from bench.physics.trial import NAMES, RIGHT
 
-STYLES = dict(zip(INTEGRATORS, (("o", "tab:blue"), ("s", "tab:orange"), ("v", "tab:green"), ("^", "tab:red"),
-                                ("D", "tab:purple")), strict=True))  # fmt: skip
-"""Marker and colour by integrator."""
+STYLES = dict(zip(NAMES, (("o", "tab:blue"), ("s", "tab:orange"), ("v", "tab:green"), ("^", "tab:red"),
+                                ("D", "tab:purple"), ("*", "black")), strict=True))  # fmt: skip
+"""Marker and colour by method."""
 LEAST = 1e-12
 """Errors below are drawn here: rounding. None at all, of what only has to stay before a wall, at 1 % of the limit."""
 COLUMNS = 4
@@ -49,7 +49,9 @@ def plot(sections: Mapping[str, Any], out: Path) -> list[Path]:
             Line2D([], [], marker="x", color="grey", ls="", label="diverged, at the upper edge"),
         ]
         figure.legend(handles=handles, loc="lower center", ncols=len(handles), fontsize=8, frameon=False)
-        figure.suptitle(f"{title}: error against run time, the longest step of a line at its left", fontsize=11)
+        figure.suptitle(
+            f"{title}: error against run time; from left to right shorter steps, or smaller tolerances", fontsize=11
+        )
         inches = figure.get_figheight()
         figure.subplots_adjust(0.05, 0.9 / inches, 0.99, 1 - 0.8 / inches, wspace=0.24, hspace=0.42)
         written.append(out / f"physics_{group}.png")

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from bench.physics.case import INTEGRATORS, MS, Case
-from bench.physics.trial import RIGHT, Trial
+from bench.physics.case import INTEGRATORS, MS, TOLERANCES, Case
+from bench.physics.trial import NAMES, RIGHT, Trial
 
 COMMAND = "evis bench physics"
 FIRST = (INTEGRATORS[0], MS)
@@ -18,6 +18,10 @@ GROUPS = {
     "contacts": "Bounces, slopes and blows",
     "piles": "What stands on each other",
 }
+FACTOR = 2
+"""Within which an estimate of an error is right."""
+MIDDLE = TOLERANCES[1]
+"""The tolerance that the table of cases has."""
 SAME = 1.3
 """Ratio of run times below which methods cost the same: they vary by as much."""
 OUTCOMES = (RIGHT, "right, but warned of", "off, foretold", "off, said", "off, unsaid", "diverged, foretold",
@@ -33,18 +37,33 @@ def sections(trials: Sequence[Trial]) -> dict[str, Any]:
             "Every case: as a model gets it that says nothing, and the cheapest that is right",
             [_summary(case, by_case[case.name]) for case in cases],
             "right: the error is within the limit. Cheapest: the least CPU time of the integrators and steps that are "
-            "right without a warning, as all shorter steps of the same integrator are.",
+            "right and nothing else was foretold, as all shorter steps of the same integrator are.",
         ),
         "outcomes": _section(
             "What came of all trials, by integrator",
-            [_counts(name, [trial for trial in trials if trial.method.integrator == name]) for name in INTEGRATORS],
-            "off: the error is above the limit. foretold: a warning before the first step; said: one in the run.",
+            [_counts(name, [trial for trial in trials if trial.method.name == name]) for name in NAMES],
+            "off: the error is above the limit. foretold: a warning before the first step; said: one in the run or at "
+            "its end. estimated: trials whose estimate of their own error is within a factor of two of it.",
         ),
     }
     for group, title in GROUPS.items():
         rows = [row for case in cases if case.group == group for row in _errors(case, by_case[case.name])]
         if rows:
             found[f"errors_{group}"] = _section(f"{title}: error by time step and integrator", rows, "")
+    bounded = {trial.case.name for trial in trials if trial.method.tolerance is not None}
+    if bounded:
+        found["tolerances"] = _section(
+            "With physics_tolerance, of a model that says nothing else: error and run time",
+            [_tolerances(case, by_case[case.name]) for case in cases if case.name in bounded],
+            "Metres and radians that a body may gather in a simulated second.",
+        )
+    compared = [trial for trial in trials if trial.case.estimated]
+    if compared:
+        found["estimates"] = _section(
+            "The error that a run says, divided by its error",
+            [row for case in cases if case.estimated for row in _estimates(case, by_case[case.name])],
+            "Blank where both are below a hundredth of the limit, or where the run diverged.",
+        )
     found["trials"] = _section("Every trial", [_trial(trial) for trial in trials], "said: the first message.")
     return found
 
@@ -54,30 +73,30 @@ def _section(title: str, rows: list[dict[str, Any]], note: str) -> dict[str, Any
 
 
 def reliable(trials: Sequence[Trial]) -> list[Trial]:
-    """Finds the trials of one case that are right without a warning, as are all with shorter steps of the integrator.
+    """Finds the trials of one case that are right and not foretold to diverge, as are all with shorter steps of the
+    integrator.
 
     One that is right where a shorter step is not was lucky.
     """
     return [
         trial
         for trial in trials
-        if trial.verdict == RIGHT
+        if trial.right and not trial.foretold
         and all(other.right for other in trials
-                if other.method.integrator == trial.method.integrator
-                and other.method.step_ns < trial.method.step_ns)
+                if other.method.name == trial.method.name and other.method.size < trial.method.size)
     ]  # fmt: skip
 
 
 def cheapest(trials: Sequence[Trial]) -> Trial | None:
-    """Finds the reliable trial of one case that costs least; of those that cost the same, the first of INTEGRATORS."""
+    """Finds the reliable trial of one case that costs least; of those that cost the same, the first of NAMES."""
     found = reliable(trials)
     least = min((trial.cpu for trial in found), default=0.0)
     found = [trial for trial in found if trial.cpu < SAME * least]
-    return min(found, key=lambda trial: INTEGRATORS.index(trial.method.integrator), default=None)
+    return min(found, key=lambda trial: NAMES.index(trial.method.name), default=None)
 
 
 def _summary(case: Case, trials: Sequence[Trial]) -> dict[str, Any]:
-    first = next(t for t in trials if (t.method.integrator, t.method.step_ns) == FIRST)
+    first = next(t for t in trials if (t.method.name, t.method.step_ns) == FIRST)
     best = cheapest(trials)
     row = {
         "case": case.name,
@@ -85,23 +104,50 @@ def _summary(case: Case, trials: Sequence[Trial]) -> dict[str, Any]:
         "simulated [s]": case.seconds,
         "limit": f"{case.limit:.2g} {case.unit}",
         "Euler, 1 ms": _cell(first),
-        "cheapest that is right": f"{best.method.integrator}, {best.method.step}" if best else "none of these",
+        "cheapest that is right": f"{best.method.name}, {best.method.step}" if best else "none of these",
     }
-    return row | ({"its error": f"{best.error:.2g}", "CPU [s/s]": float(f"{best.cpu:.2g}")} if best else {})
+    row |= {"its error": f"{best.error:.2g}" if best else "", "CPU [s/s]": f"{best.cpu:.2g}" if best else ""}
+    middle = [trial for trial in trials if trial.method.tolerance == MIDDLE]
+    return row | {f"tolerance {MIDDLE:g}": _cell(middle[0]) if middle else ""}
 
 
 def _counts(integrator: str, trials: Sequence[Trial]) -> dict[str, Any]:
     counts = Counter(trial.verdict for trial in trials)
-    return {"integrator": integrator, "trials": len(trials)} | {name: counts[name] for name in OUTCOMES}
+    ratios = [trial.ratio for trial in trials if trial.ratio is not None]
+    near = sum(1 / FACTOR <= ratio <= FACTOR for ratio in ratios)
+    row = {"integrator": integrator, "trials": len(trials)} | {name: counts[name] for name in OUTCOMES}
+    return row | {"estimated": f"{near} of {len(ratios)}"}
+
+
+def _estimates(case: Case, trials: Sequence[Trial]) -> list[dict[str, Any]]:
+    rows, stepped = [], [trial for trial in trials if trial.method.tolerance is None]
+    for step in dict.fromkeys(trial.method.step for trial in stepped):
+        row: dict[str, Any] = {"case": case.name, "time step": step}
+        found = {trial.method.integrator: trial.ratio for trial in stepped if trial.method.step == step}
+        ratios = {name: found.get(name) for name in INTEGRATORS}
+        rows.append(row | {name: "" if ratio is None else f"{ratio:.2g}" for name, ratio in ratios.items()})
+    return rows
 
 
 def _errors(case: Case, trials: Sequence[Trial]) -> list[dict[str, Any]]:
-    rows = []
-    for step in dict.fromkeys(trial.method.step for trial in trials):
+    rows, stepped = [], [trial for trial in trials if trial.method.tolerance is None]
+    for step in dict.fromkeys(trial.method.step for trial in stepped):
         row: dict[str, Any] = {"case": case.name, "limit": f"{case.limit:.2g} {case.unit}", "time step": step}
-        found = {trial.method.integrator: trial for trial in trials if trial.method.step == step}
+        found = {trial.method.integrator: trial for trial in stepped if trial.method.step == step}
         rows.append(row | {name: _cell(found[name]) if name in found else "" for name in INTEGRATORS})
     return rows
+
+
+def _tolerances(case: Case, trials: Sequence[Trial]) -> dict[str, Any]:
+    found = {trial.method.tolerance: trial for trial in trials}
+    row: dict[str, Any] = {"case": case.name, "limit": f"{case.limit:.2g} {case.unit}"}
+    for tolerance in TOLERANCES:
+        trial = found.get(tolerance)
+        row |= {
+            f"{tolerance:g}": _cell(trial) if trial else "",
+            f"CPU at {tolerance:g} [s/s]": f"{trial.cpu:.2g}" if trial else "",
+        }
+    return row
 
 
 def _cell(trial: Trial) -> str:
@@ -117,9 +163,10 @@ def _trial(trial: Trial) -> dict[str, Any]:
     return {
         "case": trial.case.name,
         "group": trial.case.group,
-        "integrator": trial.method.integrator,
+        "integrator": trial.method.name,
         "time step": trial.method.step,
         "error": None if trial.fault else trial.error,
+        "estimated": trial.estimated,
         "unit": trial.case.unit,
         "limit": trial.case.limit,
         "CPU [s/s]": float(f"{trial.cpu:.3g}"),

@@ -9,26 +9,47 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.physics.case import MS, Case, Course
+from bench.physics.case import INTEGRATORS, MS, Case, Course
 from evis.scene import load_scene
 from nodes.physics.interval import Interval
 from nodes.physics.mujoco_engine import MujocoEngine
+from nodes.physics.precision.errors import Errors, Estimate
+from nodes.physics.precision.notice import notice
+from nodes.physics.precision.tolerance import Tolerance
 
 STAMP_NS = 20 * MS
 """Time between two messages of physics: 50 keyframes a second."""
 RIGHT = "right"
+TOLERANCE = "tolerance"
+NAMES = (*INTEGRATORS, TOLERANCE)
+"""Names of methods."""
+LEAST = 0.01
+"""Share of the limit below which nobody asks how right an estimate is."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """Names how a case is stepped: integrator and time step [ns]."""
+    """Names how a case is stepped: integrator, time step [ns] and physics_tolerance [m and rad in a second], if any."""
 
     integrator: str
     step_ns: int
+    tolerance: float | None = None
+
+    @property
+    def name(self) -> str:
+        """Names the curve of a diagram that it is a point of."""
+        return self.integrator if self.tolerance is None else TOLERANCE
+
+    @property
+    def size(self) -> float:
+        """Gives what is smaller where a method of the same name is to be more exact."""
+        return self.step_ns if self.tolerance is None else self.tolerance
 
     @property
     def step(self) -> str:
-        """Writes the time step."""
+        """Writes the time step, or the tolerance."""
+        if self.tolerance is not None:
+            return f"{self.tolerance:g}"
         return f"{self.step_ns / MS:g} ms" if self.step_ns >= MS / 10 else f"{self.step_ns / 1e3:g} us"
 
 
@@ -36,7 +57,8 @@ class Method:
 class Trial:
     """Holds what came of a case: its error, NaN where it diverged; CPU seconds per simulated second; what was said.
 
-    ended_s: simulated time. foretold: before the first step. said: while it ran. fault: why it diverged, or "".
+    ended_s: simulated time. foretold: before the first step. said: while it ran and at its end. fault: why it diverged,
+    or "". estimate: how wrong the run itself says it is, None where it does not know.
     """
 
     case: Case
@@ -47,6 +69,22 @@ class Trial:
     foretold: tuple[str, ...] = ()
     said: tuple[str, ...] = ()
     fault: str = ""
+    estimate: Estimate | None = None
+
+    @property
+    def estimated(self) -> float | None:
+        """Gives the estimate in the unit of the case's error, None where there is none of such an error."""
+        if self.estimate is None or not self.case.estimated:
+            return None
+        return math.degrees(self.estimate.rotation) if self.case.unit == "deg" else self.estimate.position
+
+    @property
+    def ratio(self) -> float | None:
+        """Divides the estimate by the error; None where one is missing, or where both are too small to matter."""
+        estimated = self.estimated
+        if estimated is None or self.fault or max(estimated, self.error) < LEAST * self.case.limit:
+            return None
+        return estimated / self.error if self.error else math.inf
 
     @property
     def verdict(self) -> str:
@@ -70,7 +108,10 @@ def run(case: Case, method: Method, folder: Path) -> Trial:
     folder: where its scene is written, as a user would write it. CPU time is that of the steps and of what physics
     publishes, without loading.
     """
-    engine = MujocoEngine(load_scene(str(_written(case, method, folder))), joints=True)
+    errors = Errors()
+    tolerance = None if method.tolerance is None else Tolerance(method.tolerance, method.tolerance)
+    scene = load_scene(str(_written(case, method, folder)))
+    engine = MujocoEngine(scene, joints=True, errors=errors, tolerance=tolerance)
     controls = np.array([case.controls]) if case.controls else None
     first = engine.start()
     foretold = tuple(text for _, text in first.warnings)
@@ -89,7 +130,10 @@ def run(case: Case, method: Method, folder: Path) -> Trial:
         parts.append(_part(interval, bodies, case.sample_ns))
     course = Course(*(np.concatenate(values) for values in zip(*parts, strict=True)))
     error = math.nan if fault else case.error(course)
-    return Trial(case, method, error, spent / (stamp * 1e-9), stamp * 1e-9, foretold, tuple(said), fault)
+    worst = errors.worst()
+    if worst is not None and (text := notice(worst, f"body{worst.body}", tolerance, stamp * 1e-9, engine.missed())):
+        said.append(text)
+    return Trial(case, method, error, spent / (stamp * 1e-9), stamp * 1e-9, foretold, tuple(said), fault, worst)
 
 
 def _part(interval: Interval, bodies: int, sample_ns: int) -> tuple[np.ndarray, ...]:

@@ -1,4 +1,4 @@
-"""Error against run time of the dynamics: cases with a known course, by every integrator and time step.
+"""Error against run time of the dynamics: known courses, by every integrator, time step and tolerance.
 
     evis bench physics [--quick]
 
@@ -17,20 +17,21 @@ from typing import Any
 from bench import command
 from bench.physics import contacts, free, piles, springs
 from bench.physics.plot import plot
-from bench.physics.tables import sections
+from bench.physics.tables import FIRST, sections
 from bench.physics.trial import Method, run
 
 __all__ = ["measure", "plot"]
 
 
 def measure(quick: bool = False) -> dict[str, Any]:
-    """Measures all tables; quick: the two longest time steps of each case, and shorter runs."""
+    """Measures all tables; quick: the two longest time steps of each case, one tolerance, and shorter runs."""
     trials = []
     for case in [case for room in (free, springs, contacts, piles) for case in room.cases(quick)]:
-        for integrator in case.integrators:
-            for step in case.steps[:2] if quick else case.steps:
-                with tempfile.TemporaryDirectory() as folder:
-                    trials.append(run(case, Method(integrator, step), Path(folder)))
+        steps, tolerances = (case.steps[:2], case.tolerances[1:2]) if quick else (case.steps, case.tolerances)
+        methods = [Method(integrator, step) for integrator in case.integrators for step in steps]
+        for method in [*methods, *(Method(*FIRST, tolerance) for tolerance in tolerances)]:
+            with tempfile.TemporaryDirectory() as folder:
+                trials.append(run(case, method, Path(folder)))
     return sections(trials)
 
 

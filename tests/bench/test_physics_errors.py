@@ -115,6 +115,29 @@ def test_what_diverges_stays_in_the_tables_and_the_plot(name, tmp_path):
     assert path.stat().st_size > 1000
 
 
+def test_an_estimate_is_compared_in_the_unit_of_the_error(tmp_path):
+    """Of free fall, and of a pendulum's angle; not of what stands, whose error is that of the contact's model."""
+    fall = run(dataclasses.replace(case_of("projectile"), seconds=0.5), Method("Euler", MS), tmp_path)
+    swing = run(dataclasses.replace(case_of("pendulum at 149 degrees for"), seconds=1.0), Method("Euler", MS), tmp_path)
+    assert fall.ratio == pytest.approx(1, abs=0.01) and swing.ratio == pytest.approx(1, abs=0.2)
+    stack = run(dataclasses.replace(case_of("stack of 10 boxes, d"), seconds=0.02), Method("Euler", MS), tmp_path)
+    assert stack.estimate is not None and stack.ratio is None
+    found = tables.sections([fall, stack])
+    assert found["estimates"]["rows"][0]["Euler"] == "1" and found["outcomes"]["rows"][0]["estimated"] == "1 of 1"
+
+
+def test_a_tolerance_is_a_curve_of_its_own(tmp_path):
+    """Its error is within what was asked for, and stands under it; the steps of integrators stand elsewhere."""
+    case = dataclasses.replace(case_of("spring of 1e4 N/m and 1 kg, undamped"), seconds=0.2)
+    whole, bounded = (run(case, Method("Euler", MS, tolerance), tmp_path) for tolerance in (None, 1e-3))
+    assert bounded.method.name == "tolerance" and bounded.error < 1e-3 * case.seconds < whole.error
+    found = tables.sections([whole, bounded])
+    (row,) = found["tolerances"]["rows"]
+    assert float(row["0.001"]) == pytest.approx(bounded.error, rel=0.1) and row["0.01"] == ""
+    assert found["cases"]["rows"][0]["cheapest that is right"] == "tolerance, 0.001"
+    assert len(found["errors_springs"]["rows"]) == len(found["estimates"]["rows"]) == 1
+
+
 def made(integrator, step, error, cpu=1.0, **said):
     return Trial(case_of("projectile"), Method(integrator, step), error, cpu, 1.0, **said)
 
@@ -129,12 +152,14 @@ def test_a_verdict_says_whether_the_user_was_told():
 
 
 def test_the_cheapest_is_not_a_lucky_one():
-    """One whose shorter step is off is passed over; of those that cost the same the first integrator is named."""
+    """One whose shorter step is off is passed over, and what was foretold to diverge; of those that cost the same the
+    first integrator is named."""
     lucky, worse = made("Euler", MS, 0.0, 1.0), made("Euler", MS // 4, 1.0, 4.0)
     slow, others = made("discrete", MS, 1e-4, 9.0), [made(name, MS // 4, 0.0, cpu) for name, cpu in
                                                      (("RK4", 2.1), ("implicit", 2.2), ("discrete", 8.0))]  # fmt: skip
     assert tables.cheapest([lucky, worse, slow, *others]) is others[1]
-    assert tables.cheapest([worse]) is None
+    assert tables.cheapest([worse, made("RK4", MS, 0.0, foretold=("x",))]) is None
+    assert tables.cheapest([made("RK4", MS, 0.0, said=("x",))]).verdict == "right, but warned of"
 
 
 def test_every_case_has_a_truth_and_steps_that_divide_its_samples():
