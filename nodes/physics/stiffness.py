@@ -16,6 +16,8 @@ _NAMES = {
     mujoco.mjtIntegrator.mjINT_IMPLICITFAST: "implicitfast",
 }
 _GEOM = mujoco.mjtGeom
+FOLLOWED = 0.2
+"""omega*dt up to which every integrator follows an oscillation."""
 _GROWTH = 1e-6
 """Growth of a step that is rounding: an undamped oscillator keeps its amplitude."""
 
@@ -53,6 +55,10 @@ class Mode:
     def oscillates(self) -> bool:
         """Tells whether it swings before it comes to rest, so that `discrete` erases something of it."""
         return self.implicit + self.explicit < 2 * np.sqrt(self.stiffness)
+
+    def too_fast(self, dt: float) -> bool:
+        """Tells whether it oscillates too fast for steps of dt [s] to show how."""
+        return self.oscillates and np.sqrt(self.stiffness) * dt > FOLLOWED
 
     def longest_step(self, dt: float) -> float:
         """Finds the longest stable step [s] below dt [s], at which it grows."""

@@ -159,6 +159,14 @@ def test_a_run_tells_it(tmp_path):
         assert bool(node.runtime.warnings) == warned and all("'rock'" in text for text in node.runtime.warnings)
 
 
+def test_what_discrete_erases_is_named(tmp_path):
+    """omega dt = 1.5 is erased, 0.1 is not, nor by Euler."""
+    for integrator, omega, erased in (("discrete", 1500.0, 1), ("discrete", 100.0, 0), ("Euler", 1500.0, 0)):
+        errors = Errors()
+        course(tmp_path, SPRING.format(omega**2), 0.1, integrator, errors=errors)
+        assert len(errors.erased) == erased and all("spring of joint" in what for what in errors.erased)
+
+
 def test_what_is_prescribed_has_no_error():
     node = PhysicsNode("physics", {"scene": "spinning_disk", "duration": 0.1})
     node.runtime = Wire()

@@ -1,4 +1,4 @@
-"""What has come to rest stays where it is and takes no steps, each environment by itself, until something is changed."""
+"""What has come to rest stays where it is and takes no steps, each environment for itself, until something changes."""
 
 import numpy as np
 import pytest

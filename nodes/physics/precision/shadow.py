@@ -58,7 +58,8 @@ class Shadow:
         self._model, self._errors = model, errors
         self._data = mujoco.MjData(model)
         self._reach = Reach(model).of_body[1:]
-        self._length = LENGTH.get(model.opt.integrator, 2)
+        self._length, dt = LENGTH.get(model.opt.integrator, 2), model.opt.timestep
+        errors.erased = [mode.source for mode in modes(model) if mode.integrator == "discrete" and mode.too_fast(dt)]
         self._too_long = any(mode.grows(self._length * model.opt.timestep) for mode in modes(model))
 
     def begin(self, data: Any) -> None:
