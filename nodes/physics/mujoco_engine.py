@@ -26,7 +26,7 @@ from nodes.physics.followers import Followers
 from nodes.physics.interval import Interval, check_controls, grid_inside
 from nodes.physics.joint_start import start_joints
 from nodes.physics.precision.errors import Errors
-from nodes.physics.precision.shadow import Shadow
+from nodes.physics.precision.sampled import shadow_of
 from nodes.physics.precision.sub_steps import FINEST, SubSteps, take_best_integrator
 from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.prescribed import PrescribedStates
@@ -108,7 +108,7 @@ class MujocoEngine:
         self._columns = [*own, *range(self.model.nbody - 1, self.model.nbody - 1 + len(follows))]
         """Which rows of a snapshot the bodies of `_moved` are: the model's own bodies come first there."""
         self._prescribed = PrescribedStates(scene)
-        self._shadow = Shadow(self.model, errors) if errors is not None else None
+        self._shadow = shadow_of(self.model, errors) if errors is not None else None
         self._shadowed = 0
         """Which environment the shadow follows."""
         self._warnings: list[tuple[int, str]] = []
