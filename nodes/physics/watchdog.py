@@ -205,6 +205,9 @@ def _growth(mode: Mode, dt: float) -> str:
 def _remedy(mode: Mode, dt: float) -> str:
     """What follows the motion, what keeps it stable, and what that costs."""
     exact = "" if mode.grows(dt / 2**FINEST) else "use physics_tolerance:=0.001,0.001, which follows it; "
+    if mode.contact:  # a bounce of few steps gains or loses energy, however stable they are
+        close = f"a timestep below {FOLLOWED / mode.rate:.2g} s does so nearly"
+        return f'{exact}{close}; integrator="discrete" is stable, and erases its bounce'
     erased = "which erases its oscillation" if mode.oscillates else "which erases what is faster than a step"
     longest = mode.longest_step(dt)
     return f'{exact}stable, but not exact, are a timestep below {longest:.2g} s and integrator="discrete", {erased}'
