@@ -26,7 +26,7 @@ from nodes.physics.followers import Followers
 from nodes.physics.interval import Interval, check_controls, grid_inside
 from nodes.physics.joint_start import start_joints
 from nodes.physics.precision.errors import Errors
-from nodes.physics.precision.shadow import Shadow
+from nodes.physics.precision.sampled import shadow_of
 from nodes.physics.precision.sub_steps import FINEST, SubSteps, take_best_integrator
 from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.prescribed import PrescribedStates
@@ -108,7 +108,7 @@ class MujocoEngine:
         self._columns = [*own, *range(self.model.nbody - 1, self.model.nbody - 1 + len(follows))]
         """Which rows of a snapshot the bodies of `_moved` are: the model's own bodies come first there."""
         self._prescribed = PrescribedStates(scene)
-        self._shadow = Shadow(self.model, errors) if errors is not None else None
+        self._shadow = shadow_of(self.model, errors) if errors is not None else None
         self._shadowed = 0
         """Which environment the shadow follows."""
         self._warnings: list[tuple[int, str]] = []
@@ -170,7 +170,8 @@ class MujocoEngine:
                 if not np.array_equal(data.ctrl, values):
                     rest.wake()
                 data.ctrl[:] = values
-        if all(rest.now for k, rest in enumerate(self._rests) if k not in self._left):
+        stayed = [rest.now for k, rest in enumerate(self._rests) if k not in self._left]
+        if stayed and all(stayed):
             return self._resting(to_ns)
         grid = self._grid
         for parts in self._sub_steps or ():
@@ -195,7 +196,7 @@ class MujocoEngine:
         self._grid += -(-max(to_ns - self._grid, 0) // self.step_ns) * self.step_ns
         self._stamp = to_ns
         course = {name: np.repeat(value[:, None], len(times), axis=1) for name, value in self._last.items()}
-        return self._interval(times, course, [])
+        return self._interval(times, course, [], still=True)
 
     def _watch_rest(self, start_ns: int, course: dict[str, np.ndarray]) -> None:
         """Puts environments to rest that do not move any more, each by itself, at their last step."""
@@ -389,8 +390,10 @@ class MujocoEngine:
         qvel = (1 - u) * self._before["qvel"] + u * self._now["qvel"]
         return {"pose": pose, "twist": twist, "qpos": qpos, "qvel": qvel}
 
-    def _interval(self, t: np.ndarray, course: dict[str, np.ndarray], faults: list[tuple[int, str]]) -> Interval:
-        """The engine's bodies, the prescribed ones and the mounted ones, put together."""
+    def _interval(
+        self, t: np.ndarray, course: dict[str, np.ndarray], faults: list[tuple[int, str]], still: bool = False
+    ) -> Interval:
+        """The engine's bodies, the prescribed ones and the mounted ones, put together. still: the engine's rest."""
         pose, twist = (np.tile(a, (self.envs, 1, 1, 1)) for a in self._prescribed.at(t))
         moved, columns = self._moved, self._columns
         pose[:, :, moved], twist[:, :, moved] = (course[name][:, :, columns] for name in ("pose", "twist"))
@@ -400,6 +403,8 @@ class MujocoEngine:
                 above, above_twist = pose[:, :, parent], twist[:, :, parent]
                 pose[:, :, n] = se3.compose(above, offset)
                 twist[:, :, n] = se3.compose_twist(above, above_twist, offset, np.zeros(6))
+        if still:
+            twist += 0.0  # of what is mounted it may be -0.0, which is not the bits of a body that rests
         result = Interval.dense(t, pose, twist, faults=faults, warnings=self._warnings)
         self._warnings = []
         if self._joints:

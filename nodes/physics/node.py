@@ -329,6 +329,8 @@ class PhysicsNode(Node):
         told = PhysicsError(Header(stamp, episode=self.episode), self.names[worst.body], worst.position, worst.rotation)
         self.result("physics_error", told.scalars())
         tolerance = Tolerance.of(self.params["physics_tolerance"])
+        for what in self.errors.erased:
+            self.warn(f"discrete erases the oscillation of {what}, which physics_error does not count")
         if text := notice(worst, told.body, tolerance, stamp * 1e-9, self.engine.missed()):
             self.warn(text)
         if self.wants("error"):

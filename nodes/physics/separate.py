@@ -78,6 +78,8 @@ def merged(parts: Sequence[Interval]) -> Interval:
         result.warnings += [(env, text) for _, text in part.warnings]
     for name in ("qpos", "qvel", "acceleration"):
         rows = [value for part in parts if (value := getattr(part, name)) is not None]
+        if name != "acceleration":  # where nothing moves there may be no sub-steps
+            rows = [row if row.shape[1] == len(t) else np.repeat(row[:, -1:], len(t), axis=1) for row in rows]
         if len(rows) == len(parts):
             setattr(result, name, np.concatenate(rows))
     contacts = [part.contacts for part in parts if part.contacts is not None]

@@ -16,6 +16,8 @@ _NAMES = {
     mujoco.mjtIntegrator.mjINT_IMPLICITFAST: "implicitfast",
 }
 _GEOM = mujoco.mjtGeom
+FOLLOWED = 0.2
+"""omega*dt up to which every integrator follows an oscillation."""
 _GROWTH = 1e-6
 """Growth of a step that is rounding: an undamped oscillator keeps its amplitude."""
 
@@ -32,6 +34,7 @@ class Mode:
     source: what it belongs to. stiffness [1/s^2]; implicit, explicit: damping [1/s] that the integrator takes at the
     end and at the beginning of its step. MuJoCo takes that of joints at the end with Euler, that of actuators too with
     `implicit` and `implicitfast`, none with RK4; springs always at the beginning, but with `discrete`.
+    contact: it acts while things touch.
     """
 
     source: str
@@ -39,6 +42,7 @@ class Mode:
     stiffness: float
     implicit: float
     explicit: float
+    contact: bool = False
 
     @property
     def rate(self) -> float:
@@ -53,6 +57,10 @@ class Mode:
     def oscillates(self) -> bool:
         """Tells whether it swings before it comes to rest, so that `discrete` erases something of it."""
         return self.implicit + self.explicit < 2 * np.sqrt(self.stiffness)
+
+    def too_fast(self, dt: float) -> bool:
+        """Tells whether it oscillates too fast for steps of dt [s] to show how."""
+        return self.oscillates and np.sqrt(self.stiffness) * dt > FOLLOWED
 
     def longest_step(self, dt: float) -> float:
         """Finds the longest stable step [s] below dt [s], at which it grows."""
@@ -148,7 +156,14 @@ def _contacts(model: Any) -> Iterator[Mode]:
     for geom in np.flatnonzero(model.geom_solref[:, 0] < 0).tolist():
         # solref = (-stiffness, -damping): the reference acceleration is -damping v - stiffness r, of the step's start.
         stiffness, damping = (-float(value) for value in model.geom_solref[geom])
-        yield Mode(f"the direct solref of {geom_name(model, geom)}", integrator_of(model), stiffness, 0.0, damping)
+        yield Mode(
+            f"the direct solref of {geom_name(model, geom)}",
+            integrator_of(model),
+            stiffness,
+            0.0,
+            damping,
+            contact=True,
+        )
 
 
 def thicknesses(model: Any) -> np.ndarray:

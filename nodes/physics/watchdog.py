@@ -9,7 +9,7 @@ import numpy as np
 
 from nodes.physics.precision.reach import Reach
 from nodes.physics.precision.sub_steps import FINEST
-from nodes.physics.stiffness import Mode, geom_name, integrator_of, modes, thicknesses
+from nodes.physics.stiffness import FOLLOWED, Mode, geom_name, integrator_of, modes, thicknesses
 
 _BAD = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 _LOST = {
@@ -18,10 +18,6 @@ _LOST = {
     mujoco.mjtWarning.mjWARN_INERTIA: "the inertia matrix is nearly singular; give light bodies inertia or armature",
     mujoco.mjtWarning.mjWARN_BADCTRL: "a control is not finite and was taken as zero",
 }
-
-
-_FOLLOWED = 0.2
-"""omega*dt at which every integrator follows an oscillation."""
 
 
 class Watchdog:
@@ -89,7 +85,7 @@ class Watchdog:
         if nearest <= -0.5 * self._thickness:
             return False
         if len(twist):
-            slow = self._spins[1:] * self.model.opt.timestep <= _FOLLOWED
+            slow = self._spins[1:] * self.model.opt.timestep <= FOLLOWED
             self._spins[1:][slow] = np.linalg.norm(twist[-1, slow, 3:], axis=-1)
         return True
 
@@ -187,16 +183,16 @@ class Watchdog:
             worst = min(growing, key=lambda mode: mode.longest_step(dt))
             return f"{_growth(worst, dt)}; {_remedy(worst, dt)}"
         spin = float(self._spins[body])
-        if spin * dt > _FOLLOWED:
+        if spin * dt > FOLLOWED:
             return (
                 f"it turned {spin * dt:.3g} rad in one step of {dt:g} s; use physics_tolerance:=0.001,0.001, which "
-                f"follows it; stable, but not exact, is a timestep below {0.1 * _FOLLOWED / spin:.2g} s"
+                f"follows it; stable, but not exact, is a timestep below {0.1 * FOLLOWED / spin:.2g} s"
             )
         fastest = max(found, key=lambda mode: mode.rate, default=None)
         if fastest is not None and fastest.rate * dt > 1.0:
             return (
                 f"{fastest.source} has omega*dt = {fastest.rate * dt:.3g}, which {name} follows roughly at best; "
-                f"use a timestep below {_FOLLOWED / fastest.rate:.2g} s"
+                f"use a timestep below {FOLLOWED / fastest.rate:.2g} s"
             )
         return "strong forces or deep penetration; a shorter timestep tells whether the step is to blame or the model"
 
@@ -209,6 +205,9 @@ def _growth(mode: Mode, dt: float) -> str:
 def _remedy(mode: Mode, dt: float) -> str:
     """What follows the motion, what keeps it stable, and what that costs."""
     exact = "" if mode.grows(dt / 2**FINEST) else "use physics_tolerance:=0.001,0.001, which follows it; "
+    if mode.contact:  # a bounce of few steps gains or loses energy, however stable they are
+        close = f"a timestep below {FOLLOWED / mode.rate:.2g} s does so nearly"
+        return f'{exact}{close}; integrator="discrete" is stable, and erases its bounce'
     erased = "which erases its oscillation" if mode.oscillates else "which erases what is faster than a step"
     longest = mode.longest_step(dt)
     return f'{exact}stable, but not exact, are a timestep below {longest:.2g} s and integrator="discrete", {erased}'

@@ -130,6 +130,32 @@ def firm(text: str) -> str:
     return match[0].replace('"', "'")
 
 
+def test_a_contact_that_is_too_hard_is_told_what_helps(tmp_path):
+    """omega dt = 3.16: a ball let fall by 0.1 m flies up 3.8. With damping c it comes back to e^(-pi c / omega) of
+    that, which the tolerance gives, and nearly the step that is said; `discrete` erases the bounce."""
+    hard = "solref='-1e7 -10'"
+    world = f"""<geom name='ground' type='plane' size='5 5 1' {hard}/>
+    <body name='ball' pos='0 0 .2'><freejoint/><geom name='ball' size='.1' mass='1' {hard}/></body>"""
+
+    def highest(**given) -> tuple[float, list[str]]:
+        engine = engine_of(tmp_path, world, **given)
+        engine.model.opt.gravity[2] = -9.81
+        said = [text for _, text in engine._warnings]
+        course = [engine.advance(10 * k * MS).end_pose[0, 0, 2] for k in range(1, 46)]
+        return max(course[20:]) - 0.1, said
+
+    # The first 0.2 s are fall and contact, the next 0.25 s hold the top of the first bounce.
+    high, said = highest()
+    assert high > 0.5 and len(said) == 2 and "the direct solref of geom 'ground'" in said[0]
+    assert "physics_tolerance:=0.001,0.001, which follows it" in said[0] and "erases its bounce" in said[0]
+    high, said = highest(tolerance=Tolerance(1e-3, 1e-3))
+    assert said == [] and high == pytest.approx(0.1 * np.exp(-np.pi * 10 / np.sqrt(1e7)), abs=1e-3)
+    high, said = highest(dt=0.95 * told(highest()[1][0], r"timestep below ([\d.e+-]+) s"))
+    assert said == [] and high == pytest.approx(0.1, abs=2e-3)
+    high, said = highest(integrator="discrete")
+    assert said == [] and high < 0.1
+
+
 WALL = "<geom name='wall' type='box' pos='1 0 0' size='.005 1 1' {0}/>"
 BULLET = "<body name='bullet'><freejoint/><geom name='ball' size='.01' mass='.01' {0}/></body>"
 

@@ -159,6 +159,23 @@ def test_a_run_tells_it(tmp_path):
         assert bool(node.runtime.warnings) == warned and all("'rock'" in text for text in node.runtime.warnings)
 
 
+def test_many_bodies_are_looked_at_from_time_to_time(tmp_path):
+    """60 rocks in free fall: what a keyframe in twenty shows, added up, is g dt t / 2 to the length of a window."""
+    rocks = "".join(ROCK.replace("rock", f"rock{n}").replace("0 0 50", f"{n} 0 50") for n in range(60))
+    errors = Errors()
+    engine, _ = course(tmp_path, rocks, 4.0, errors=errors)
+    assert engine.model.nv == 360
+    assert told(errors).position == pytest.approx(9.81e-3 * 4.0 / 2, rel=0.05)
+
+
+def test_what_discrete_erases_is_named(tmp_path):
+    """omega dt = 1.5 is erased, 0.1 is not, nor by Euler."""
+    for integrator, omega, erased in (("discrete", 1500.0, 1), ("discrete", 100.0, 0), ("Euler", 1500.0, 0)):
+        errors = Errors()
+        course(tmp_path, SPRING.format(omega**2), 0.1, integrator, errors=errors)
+        assert len(errors.erased) == erased and all("spring of joint" in what for what in errors.erased)
+
+
 def test_what_is_prescribed_has_no_error():
     node = PhysicsNode("physics", {"scene": "spinning_disk", "duration": 0.1})
     node.runtime = Wire()

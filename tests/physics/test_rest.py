@@ -1,4 +1,4 @@
-"""What has come to rest stays where it is and takes no steps, each environment by itself, until something is changed."""
+"""What has come to rest stays where it is and takes no steps, each environment for itself, until something changes."""
 
 import numpy as np
 import pytest
@@ -7,6 +7,7 @@ from evis.scene import load_scene
 
 mujoco = pytest.importorskip("mujoco")
 from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
+from nodes.physics.separate import SeparateEngines  # noqa: E402
 
 BOX = "<body name='box' pos='0 0 {}'><freejoint/><geom type='box' size='.1 .1 .1' mass='1'/></body>"
 GROUND = "<geom type='plane' size='5 5 1'/>"
@@ -100,6 +101,19 @@ def test_environments_rest_each_by_itself(tmp_path):
         assert alone[:, 0].tobytes() == both[:, env].tobytes()
     again = engine.anew([1], [None], [1])
     assert not again._rests[0].now and len(again.advance(stamps[0]).moving)
+
+
+def test_worlds_of_their_own_rest_side_by_side(tmp_path):
+    """One rests and the other falls: the joints of both come with all sub-steps."""
+    engines = [engine_of(tmp_path, GROUND + BOX.format(height), joints=True) for height in (0.1, 9.0)]
+    both = SeparateEngines(engines)
+    for k in range(1, 41):
+        interval = both.advance(round(k * 1e9 / 40))
+    assert engines[0]._rests[0].now and not engines[1]._rests[0].now
+    assert interval.qpos.shape[:2] == interval.qvel.shape[:2] == (2, len(interval.t)) and len(interval.t) > 20
+    assert not np.ptp(interval.qpos[0], axis=0).any() and np.ptp(interval.qpos[1, :, 2]) > 0.1
+    both.leave(0)
+    assert len(both.advance(1_050_000_000).t) > 20
 
 
 def test_what_is_prescribed_beside_it_goes_on(tmp_path):

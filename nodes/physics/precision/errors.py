@@ -24,6 +24,8 @@ class Errors:
 
     def __init__(self) -> None:
         self._position = self._rotation = self._reach = np.zeros(0)
+        self.erased: list[str] = []
+        """What oscillates too fast for an integrator that erases it, so that no course shows it."""
 
     def take(self, position: np.ndarray, rotation: np.ndarray, reach: np.ndarray) -> None:
         """Takes the errors of all bodies at one time.

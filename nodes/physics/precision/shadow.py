@@ -57,8 +57,9 @@ class Shadow:
     def __init__(self, model: Any, errors: Errors) -> None:
         self._model, self._errors = model, errors
         self._data = mujoco.MjData(model)
-        self._reach = Reach(model).of_body[1:]
-        self._length = LENGTH.get(model.opt.integrator, 2)
+        self.reach = Reach(model).of_body[1:]
+        self._length, dt = LENGTH.get(model.opt.integrator, 2), model.opt.timestep
+        errors.erased = [mode.source for mode in modes(model) if mode.integrator == "discrete" and mode.too_fast(dt)]
         self._too_long = any(mode.grows(self._length * model.opt.timestep) for mode in modes(model))
 
     def begin(self, data: Any) -> None:
@@ -103,13 +104,13 @@ class Shadow:
             self._halve(data)
         else:
             position, rotation = self._apart(before if self._behind else now)
-            off = float((position + 2 * np.sin(0.5 * rotation) * self._reach).max(initial=0.0))
+            off = float((position + 2 * np.sin(0.5 * rotation) * self.reach).max(initial=0.0))
             grown = off > max(LARGE, GROWTH * self._off) or rotation.max(initial=0.0) > TURNED
             if grown and self._smooth and not self._halved:
                 self._halve(data)
                 position, rotation = self._apart(now)
             self._off = off
-            self._errors.take(position, rotation, self._reach)
+            self._errors.take(position, rotation, self.reach)
             if not self._behind and not self._halved:
                 self._remember(data)
 
@@ -120,7 +121,7 @@ class Shadow:
         for count in parts:
             self._step(count // 2, 2 * self._model.opt.timestep / count)
         if self._sound():
-            self._errors.take(*self._apart(now), self._reach)
+            self._errors.take(*self._apart(now), self.reach)
         else:
             self.begin(data)
 
@@ -128,6 +129,7 @@ class Shadow:
         """Follows in half steps from now on, and from some keyframes before, where the two were still close."""
         if self._halved:  # the environment itself is at its limit
             self.begin(data)
+            self._halved = True
             return
         self._halved, self._behind = True, 0
         past = self._past[0]
