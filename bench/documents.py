@@ -1,7 +1,7 @@
-"""Writes the tables of docs/performance.md from reports of `evis bench`.
+"""Writes the tables of docs/performance.md and docs/dynamics.md from reports of `evis bench`.
 
     evis bench graph --quick --docs docs/performance.md
-    python -m bench.documents [REPORT.json ...] [--page docs/performance.md] [--remark TEXT]
+    python -m bench.documents [REPORT.json ...] [--page PAGE] [--remark TEXT]
 
 A table stands between two marks of the page, of which the first names a section of a report and, after a colon, the
 columns that are shown (all of them when there is none):
@@ -9,7 +9,7 @@ columns that are shown (all of them when there is none):
     <!-- bench graph/arrangements: run | real-time factor | overhead -->
     <!-- /bench -->
 
-What the tables show is kept beside the page, in performance.json, with command, machine and date, so that tables of
+What the tables show is kept beside the page, in a .json of its name, with command, machine and date, so that tables of
 several machines stand on one page and each is made anew by itself. Without a report the page is written from that file.
 """
 
@@ -25,7 +25,8 @@ from typing import Any
 
 from bench.sections import as_markdown, columns
 
-PAGE = Path("docs/performance.md")
+PAGES = (Path("docs/performance.md"), Path("docs/dynamics.md"))
+"""The pages with tables."""
 MARK = re.compile(r"^<!-- bench (?P<key>[\w.]+/[\w .]+?)(?:: (?P<columns>.+?))? -->\n(?P<body>.*?)^<!-- /bench -->$",
                   re.M | re.S)  # fmt: skip
 Kept = dict[str, dict[str, Any]]
@@ -112,14 +113,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "reports", nargs="*", type=Path, metavar="REPORT.json", help="of `evis bench`, or of --out FILE"
     )
-    parser.add_argument("--page", type=Path, default=PAGE, help=f"{PAGE} when not given")
+    pages = " and ".join(map(str, PAGES))
+    parser.add_argument("--page", type=Path, action="append", help=f"{pages} when not given")
     parser.add_argument("--remark", default="", help="what is said beside the figures of these reports")
     args = parser.parse_args(argv)
-    try:
-        taken = update(args.page, [json.loads(path.read_text()) for path in args.reports], args.remark)
-    except (ValueError, OSError) as error:
-        parser.exit(1, f"{parser.prog}: {error}\n")
-    print(f"{args.page}: " + (", ".join(taken) or "written from what is kept"))
+    for page in args.page or PAGES:
+        try:
+            taken = update(page, [json.loads(path.read_text()) for path in args.reports], args.remark)
+        except (ValueError, OSError) as error:
+            parser.exit(1, f"{parser.prog}: {error}\n")
+        print(f"{page}: " + (", ".join(taken) or "written from what is kept"))
 
 
 if __name__ == "__main__":

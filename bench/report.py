@@ -29,6 +29,10 @@ SUBJECTS = {
         "bench.event_sensor.sensor",
         "time error against closed forms, speed against the models of other simulators, cost of each fault",
     ),
+    "physics": (
+        "bench.physics.work_precision",
+        "error of the dynamics against run time, by integrator and time step, against closed forms",
+    ),
     "renderer": ("bench.renderer.stages", "milliseconds per keyframe and stage, raster against rays"),
     "renderer_paths": ("bench.renderer.paths", "milliseconds of path tracing, and how still its noise is"),
     "renderer_peers": (
@@ -80,7 +84,7 @@ BY_THEMSELVES = {
     "bench.measure.clips": "`evis events measure` on clips of a real wheel (EVIS_TEST_DATA=DIR)",
     "bench.measure.long": "`evis events measure` on long streams: memory and CPU time",
     "bench.event_hashes": "hashes of every scene's events, and whether a change has changed any",
-    "bench.documents": "writes the tables of docs/performance.md from reports",
+    "bench.documents": "writes the tables of docs/performance.md and docs/dynamics.md from reports",
     "bench.streams.peers": "other libraries that read event streams, in the Python that has them",
 }
 """Module that `evis bench` does not run -> what it does; `python -m MODULE`."""

@@ -25,6 +25,7 @@ from msgs.camera import (
 )
 from msgs.diagnostics import Diagnostics
 from msgs.header import Message
+from msgs.physics_error import PhysicsError
 from msgs.world import Action, Clock, Reset, WorldState
 
 
@@ -56,6 +57,7 @@ TOPICS: tuple[Topic, ...] = (
     Topic("/action", Action, True, False, 2, True, "controls for the step at its stamp"),
     Topic("/reset", Reset, True, False, 2, True, "environments to begin anew, with which seeds"),
     Topic("/state", WorldState, True, False, 8, True, "poses and twists of all bodies at sub-step times"),
+    Topic("/physics_error", PhysicsError, True, False, 2, True, "how far the run's bodies were off, at its end"),
     Topic("/diagnostics", Diagnostics, False, False, 64, True, "rates, lag, drops and warnings of every node"),
     Topic("/<cam>/info", CameraInfo, True, True, 1, True, "what the camera is"),
     Topic("/<cam>/keyframe", Keyframe, True, False, 2, False, "linear HDR radiance, or only luminance"),

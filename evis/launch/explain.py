@@ -23,6 +23,8 @@ def as_text(plan: Plan) -> str:
     if plan.random:
         drawn = [f"  {name}: {', '.join(what)}" for name, what in plan.random.items() if what]
         lines += ["", f"random, by seed {plan.seed}", *(drawn or ["  nothing: every seed gives the same run"])]
+    if plan.warnings:
+        lines += ["", "warnings", *(f"  {name}: {line}" for name, said in plan.warnings.items() for line in said)]
     lines += ["", "processes"]
     for process, nodes in plan.processes().items():
         lines.append(f"  {process}")

@@ -37,6 +37,7 @@ COMPOSED = "graph"
 class Options:
     """Holds what the command line says besides arguments. grouping: `default`, `compose` or `split`.
 
+    explain: the plan is to be read, so nodes say what they will warn of.
     no_import: only nodes that come with evis are loaded; the others are shown as unknown, and the plan cannot be run.
     """
 
@@ -46,6 +47,7 @@ class Options:
     record_sync: bool = False
     view: bool = True
     grouping: str = "default"
+    explain: bool = False
     no_import: bool = False
 
     def names(self) -> dict[str, Any]:
@@ -137,6 +139,9 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
         for node in chosen
         if _draws(node) and not plan.nodes[node.name].dormant
     }
+    if options.explain:
+        awake = [node for node in chosen if not plan.nodes[node.name].dormant]
+        plan.warnings = {n.name: list(said) for n in awake if (said := n.cls.foreseen(n.params))}
     plan.imports = list(dict.fromkeys(file for node in nodes for file in files_of(node.target)))
     plan.unknown = [_as_written(spec) for spec in unknown]
     plan.secrets = list(

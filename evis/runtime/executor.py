@@ -384,6 +384,10 @@ class Executor:
         """Implements Node.count."""
         self.profile.node(node.name).counters[name] += amount  # type: ignore[assignment]
 
+    def result(self, node: Node, name: str, value: Any) -> None:
+        """Implements Node.result."""
+        self.profile.node(node.name).results[name] = value
+
     def diagnose(self, node: Node, level: str, text: str) -> None:
         """Writes one line to the process's log, and sends one Diagnostics message."""
         self._telemetry.say(self._hosts.get(node.name), node.name, level, text)

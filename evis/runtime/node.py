@@ -77,6 +77,9 @@ class Runtime(Protocol):
     def count(self, node: Node, name: str, amount: float) -> None:
         """Adds to a counter of the node."""
 
+    def result(self, node: Node, name: str, value: Any) -> None:
+        """Puts a result of the node into the run's summary."""
+
     def diagnose(self, node: Node, level: str, text: str) -> None:
         """Writes one line to the process's log, and sends it as one Diagnostics message."""
 
@@ -147,6 +150,11 @@ class Node:
     @classmethod
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
         """Says in words what the parameter `seed` decides beside these others; nothing: every seed gives the same."""
+        return ()
+
+    @classmethod
+    def foreseen(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
+        """Says what a run with these parameters will warn of as soon as it is set up, for --explain."""
         return ()
 
     @classmethod
@@ -250,6 +258,10 @@ class Node:
     def count(self, name: str, amount: float = 1) -> None:
         """Adds to a counter shown in /diagnostics and in the run's summary (drops, clips, non-finite values, ...)."""
         self.runtime.count(self, name, amount)
+
+    def result(self, name: str, value: Any) -> None:
+        """Puts what the run found, plain values, into its summary under a name of its own; the last one counts."""
+        self.runtime.result(self, name, value)
 
     def count_total(self, name: str, total: float) -> bool:
         """Adds to a counter what a running total has gained since it was last given.

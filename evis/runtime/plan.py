@@ -95,6 +95,8 @@ class Plan:
 
     random: dict[str, list[str]] = field(default_factory=dict)
     """Of each node that has a seed, what it decides, in words; none: every seed gives the same."""
+    warnings: dict[str, list[str]] = field(default_factory=dict)
+    """What nodes will warn of as soon as they are set up."""
     chosen: dict[str, Any] = field(default_factory=dict)
     """Arguments that were chosen for the user (interpolator:=auto), and `why`; empty when there are none."""
 

@@ -25,6 +25,8 @@ class NodeProfile:
     keyframes: int = 0
     frames: int = 0
     counters: Counter[str] = field(default_factory=Counter)
+    results: dict[str, Any] = field(default_factory=dict)
+    """What the node found, for the run's summary."""
     stamp_ns: int = 0
     first_stamp_ns: int | None = None
     """So far back that `stamp_ns` minus it is all the time that was played."""
@@ -83,6 +85,7 @@ class NodeProfile:
             "first_event_at": self.first_event_at,
             "published": dict(self.published),
             "counters": {k: _plain(v) for k, v in self.counters.items()},
+            **({"results": self.results} if self.results else {}),
         }
 
 

@@ -21,7 +21,7 @@ def undersampled(scene: Scene, frame_rate: float) -> list[str]:
 
     Lights need ENOUGH frames per period, and two in the shorter part of a square wave; from two frames per period down
     (Nyquist) the frequency is wrong too. So is a rotation's from a frame per half turn down. What a physics engine
-    moves is not known beforehand.
+    moves is not known beforehand: `Turns` looks at it.
     """
     lines = []
     for light in scene.lights:
@@ -37,6 +37,31 @@ def undersampled(scene: Scene, frame_rate: float) -> list[str]:
                 what = f"body '{body.name}' makes {fastest / 2:.4g} turns or swings per second"
                 lines.append(_line(what, frame_rate, ENOUGH * fastest / 2, True))
     return lines
+
+
+class Turns:
+    """Notices bodies that a physics engine turns too fast for frames at `frame_rate` [Hz]; 0 = any is fast enough."""
+
+    def __init__(self, scene: Scene, frame_rate: float) -> None:
+        self._names = [body.name for body in scene.bodies]
+        self._rate = frame_rate
+        self._watched = np.array([not isinstance(body.trajectory, Prescribed) for body in scene.bodies], bool)
+
+    def too_fast(self, moving: np.ndarray, twist: np.ndarray) -> list[str]:
+        """Returns a line for each body that turns half about within a frame, once for each.
+
+        moving: int [B], bodies, and twist float64 [E, S, B, 6], theirs, as of WorldState.
+        """
+        if not self._rate or not self._watched[moving].any():
+            return []
+        half_turns = np.sqrt((twist[..., 3:] ** 2).sum(axis=-1).max(axis=(0, 1))) / np.pi
+        lines = []
+        for body, fastest in zip(moving.tolist(), half_turns.tolist()):
+            if fastest >= self._rate and self._watched[body]:
+                self._watched[body] = False
+                what = f"body '{self._names[body]}' makes {fastest / 2:.4g} turns per second"
+                lines.append(_line(what, self._rate, ENOUGH * fastest / 2, True))
+        return lines
 
 
 def _line(what: str, frame_rate: float, wanted: float, false: bool) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -70,6 +71,8 @@ def summarise(
     }
     if (audit := audits.joined(nodes, plan)) is not None:
         summary["audit"] = audit
+    for node in nodes.values():
+        summary |= node.pop("results", {})
     if plan.chosen:
         summary["chosen"] = plan.chosen
     if failure is not None:
@@ -89,6 +92,7 @@ def as_table(report: Report) -> str:
         f"{s['events']:,} events, {s['keyframes']:,} keyframes, {s['frames']:,} frames, "
         f"{s['drops']:,} messages and {s['dropped_events']:,} events dropped",
         *audits.lines(s),
+        *_physics_error(s),
         *_seed_unused(s),
         "",
         f"{'node':<20}{'updates':>10}{'ms/update':>12}{'busy s':>10}  counters",
@@ -102,6 +106,15 @@ def as_table(report: Report) -> str:
             f"{node.get('busy_s', 0.0):>10.3f}  {counters}".rstrip()
         )
     return "\n".join(lines)
+
+
+def _physics_error(summary: dict[str, Any]) -> list[str]:
+    """A line about the body that physics has furthest off, if there is one."""
+    error = summary.get("physics_error")
+    if error is None:
+        return []
+    off = f"{error['position_m']:.2g} m and {math.degrees(error['rotation_rad']):.2g} degrees"
+    return [f"physics: body '{error['body']}' at most {off} off (estimated)"]
 
 
 def _seed_unused(summary: dict[str, Any]) -> list[str]:

@@ -100,6 +100,9 @@ class Engine(Protocol):
     def leave(self, env: int) -> None:
         """Leaves an environment where it is from now on, for nobody wants its states any more."""
 
+    def missed(self) -> int:
+        """Counts the steps that were less exact than was asked for."""
+
     def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> Engine:
         """Makes an engine of these environments alone, at their start and stamp 0.
 

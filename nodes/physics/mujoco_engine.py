@@ -9,7 +9,8 @@ point at or after its stamp: at once where the keyframe interval is a multiple o
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -22,9 +23,14 @@ from nodes.physics.accelerations import mounted_acceleration, mujoco_acceleratio
 from nodes.physics.actuators import actuators_of
 from nodes.physics.contacts import contacts_of, gather
 from nodes.physics.followers import Followers
-from nodes.physics.interval import Interval, check_controls
+from nodes.physics.interval import Interval, check_controls, grid_inside
 from nodes.physics.joint_start import start_joints
+from nodes.physics.precision.errors import Errors
+from nodes.physics.precision.sampled import shadow_of
+from nodes.physics.precision.sub_steps import FINEST, SubSteps, take_best_integrator
+from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.prescribed import PrescribedStates
+from nodes.physics.rest import Rest
 from nodes.physics.stride import Before, Trace, take_steps
 from nodes.physics.watchdog import Watchdog
 
@@ -54,6 +60,8 @@ class MujocoEngine:
         joints: bool = False,
         accelerations: bool = False,
         speed_limit: float = 1000.0,
+        errors: Errors | None = None,
+        tolerance: Tolerance | None = None,
     ) -> None:
         """Loads the model and puts every environment to its start.
 
@@ -66,6 +74,8 @@ class MujocoEngine:
             joints: whether they have positions and velocities of the joints.
             accelerations: whether they have those of the bodies; NaN for cameras that MuJoCo has follow a body.
             speed_limit: speed [m/s] of a body beyond which an environment has diverged.
+            errors: where to note how far the bodies of environment 0 are off; None = it is not looked at.
+            tolerance: for which steps are taken in parts; None = all steps are whole.
         """
         # Without a handler MuJoCo writes a log file into the working directory; the watchdog reads the counters.
         mujoco.set_mju_user_warning(lambda text: None)
@@ -75,12 +85,16 @@ class MujocoEngine:
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.step_ns = step_length(self.model.opt.timestep, timestep)
         self.model.opt.timestep = self.step_ns * 1e-9
+        if tolerance is not None:
+            take_best_integrator(self.model)
+        self._sub_steps = [SubSteps(self.model, tolerance) for _ in range(envs)] if tolerance is not None else None
         self.controls: int = self.model.nu
         self.actuators = actuators_of(self.model)
         self.data = [mujoco.MjData(self.model) for _ in range(envs)]
         self._scratch = mujoco.MjData(self.model) if contacts or accelerations else None
         self._contacts, self._joints, self._accelerations = contacts, joints, accelerations
-        self._watchdogs = [Watchdog(self.model, speed_limit) for _ in range(envs)]
+        finest = self.model.opt.timestep / (1 if tolerance is None else 2**FINEST)
+        self._watchdogs = [Watchdog(self.model, speed_limit, finest) for _ in range(envs)]
         follows = [(n, body.follows) for n, body in enumerate(scene.bodies) if body.follows is not None]
         self._followers = Followers(self.model, [what for _, what in follows])
         own = [
@@ -94,6 +108,9 @@ class MujocoEngine:
         self._columns = [*own, *range(self.model.nbody - 1, self.model.nbody - 1 + len(follows))]
         """Which rows of a snapshot the bodies of `_moved` are: the model's own bodies come first there."""
         self._prescribed = PrescribedStates(scene)
+        self._shadow = shadow_of(self.model, errors) if errors is not None else None
+        self._shadowed = 0
+        """Which environment the shadow follows."""
         self._warnings: list[tuple[int, str]] = []
         self.rewind(seed)
         self._warnings = [(0, text) for text in self._watchdogs[0].risks()]
@@ -108,8 +125,11 @@ class MujocoEngine:
         self._seeds, self._numbers = seeds, numbers
         self._stamp, self._grid = 0, 0
         self._left: set[int] = set()
+        self._rests = [Rest() for _ in range(self.envs)]
         for k in range(self.envs):
             self._reset(k)
+        if self._shadow is not None:
+            self._shadow.begin(self.data[self._shadowed])
         self._before = self._now = self._snapshot()
         self._last = self._state_at(0)
         """The state at the stamp published last, where the next message begins."""
@@ -125,8 +145,13 @@ class MujocoEngine:
         """
         engine = copy.copy(self)
         engine.envs, engine._warnings = len(envs), []
+        if self._shadowed in envs:
+            engine._shadowed, self._shadow = list(envs).index(self._shadowed), None
+        else:
+            engine._shadow = None
         engine.data = [self.data[k] for k in envs]
         engine._watchdogs = [self._watchdogs[k] for k in envs]
+        engine._sub_steps = [self._sub_steps[k] for k in envs] if self._sub_steps is not None else None
         engine._begin([self._seeds[k] if s is None else s for k, s in zip(envs, seeds)], list(numbers))
         return engine
 
@@ -141,16 +166,66 @@ class MujocoEngine:
         """
         if controls is not None:
             check_controls(controls, self.envs, self.controls)
-            for data, values in zip(self.data, controls):
+            for data, values, rest in zip(self.data, controls, self._rests):
+                if not np.array_equal(data.ctrl, values):
+                    rest.wake()
                 data.ctrl[:] = values
+        stayed = [rest.now for k, rest in enumerate(self._rests) if k not in self._left]
+        if stayed and all(stayed):
+            return self._resting(to_ns)
+        grid = self._grid
+        for parts in self._sub_steps or ():
+            parts.taken.clear()
         strode = self._stride(to_ns)
         if strode is not None:
             times, course = strode
             end = {name: value[:, None] for name, value in self._state_at(to_ns).items()}
             course = {name: np.concatenate((value, end[name]), axis=1) for name, value in course.items()}
             self._stamp, self._last = to_ns, {name: value[:, -1] for name, value in course.items()}
-            return self._interval(np.append(times, to_ns), course, [])
-        return self._step_by_step(to_ns)
+            interval = self._interval(np.append(times, to_ns), course, [])
+            self._watch_rest(int(times[0]), course)
+        else:
+            interval = self._step_by_step(to_ns)
+        self._measure((self._grid - grid) // self.step_ns, interval)
+        return interval
+
+    def _resting(self, to_ns: int) -> Interval:
+        """Goes on to a stamp without a step: all that MuJoCo moves stays where it is."""
+        inner = grid_inside(self._stamp, to_ns, self.step_ns) if len(self._prescribed.moving) else ()
+        times = np.array([self._stamp, *inner, to_ns], np.int64)
+        self._grid += -(-max(to_ns - self._grid, 0) // self.step_ns) * self.step_ns
+        self._stamp = to_ns
+        course = {name: np.repeat(value[:, None], len(times), axis=1) for name, value in self._last.items()}
+        return self._interval(times, course, [], still=True)
+
+    def _watch_rest(self, start_ns: int, course: dict[str, np.ndarray]) -> None:
+        """Puts environments to rest that do not move any more, each by itself, at their last step."""
+        if self.model.na or self.model.nplugin:  # these may be about to move something
+            return
+        fallen: list[int] = []
+        for k, rest in enumerate(self._rests):
+            if not rest.now and k not in self._left:
+                rest.see(start_ns, self._stamp, course["twist"][k])
+                fallen += [k] if rest.now else []
+        if fallen:
+            self._before, self._last, self._now = (
+                {name: value.copy() for name, value in state.items()} for state in (self._before, self._last, self._now)
+            )
+            self._now["twist"][fallen] = 0.0
+            for name, value in self._now.items():
+                self._before[name][fallen] = self._last[name][fallen] = value[fallen]
+
+    def _measure(self, steps: int, interval: Interval) -> None:
+        """Has the shadow follow the steps just taken."""
+        env, bodies = self._shadowed, self.model.nbody - 1
+        if self._shadow is None or env in self._left or self._rests[env].now:
+            return
+        if any(env == faulty for faulty, _ in interval.faults):
+            self._shadow.begin(self.data[env])
+        else:
+            before, now = (state["pose"][env, :bodies] for state in (self._before, self._now))
+            parts = self._sub_steps[env].taken if self._sub_steps is not None else None
+            self._shadow.follow(self.data[env], steps, before, now, parts)
 
     def _step_by_step(self, to_ns: int) -> Interval:
         """Moves on to a stamp, looking at every state."""
@@ -168,7 +243,9 @@ class MujocoEngine:
             self._restart(k, states)
         self._last = states[-1]
         course = {name: np.stack([state[name] for state in states], axis=1) for name in self._last}
-        return self._interval(np.array(moments, np.int64), course, sorted(faults.items()))
+        interval = self._interval(np.array(moments, np.int64), course, sorted(faults.items()))
+        self._watch_rest(moments[0], course)
+        return interval
 
     def _stride(self, to_ns: int) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
         """Takes all steps up to `to_ns` at once.
@@ -183,13 +260,18 @@ class MujocoEngine:
         # The states at all grid points, that of now the first.
         made = {name: np.repeat(value[:, None], count + 1, axis=1) for name, value in self._now.items()}
         before = [Before(self.model, self.data[k]) for k in chosen]
+        levels = [parts.kept() for parts in self._sub_steps or ()]
         for place, k in enumerate(chosen):
+            if self._rests[k].now:
+                continue
             trace = Trace.empty(self.model, count)
-            take_steps(self.model, self.data[k], grid, trace)
+            take_steps(self.model, self.data[k], grid, trace, self._taker(k))
             twist, pose = trace.twist_and_pose(self.model)
-            if count and not self._watchdogs[k].quiet(self.data[k], trace.qpos, trace.qvel, twist, trace.nearest):
+            if count and not self._watchdogs[k].quiet(self.data[k], trace.qpos, trace.qvel, pose, twist, trace.nearest):
                 for n, remembered in zip(chosen[: place + 1], before):
                     remembered.restore(self.model, self.data[n])
+                for parts, level in zip(self._sub_steps or (), levels):
+                    parts.restore(level)
                 return None
             for name, value in (("pose", pose), ("twist", twist), ("qpos", trace.qpos), ("qvel", trace.qvel)):
                 made[name][k, 1:] = value
@@ -206,25 +288,36 @@ class MujocoEngine:
     def _step(self, faults: dict[int, str]) -> None:
         """All environments one grid step on; one that has diverged waits for the end of the interval."""
         for k, data in enumerate(self.data):
-            if k in faults or k in self._left:
+            if k in faults or k in self._left or self._rests[k].now:
                 continue
             # MuJoCo adds up its time in floating point; ours is exact.
             data.time = self._grid * 1e-9
-            mujoco.mj_step(self.model, data)
+            self._taker(k)(self.model, data)
             # mj_step leaves poses and velocities of the state before the step.
             mujoco.mj_kinematics(self.model, data)
             mujoco.mj_comPos(self.model, data)
             mujoco.mj_comVel(self.model, data)
         self._grid += self.step_ns
         self._before, self._now = self._now, self._snapshot()
+        resting = [k for k, rest in enumerate(self._rests) if rest.now]
+        for name, value in self._before.items():
+            self._now[name][resting] = value[resting]
         for k, data in enumerate(self.data):
             if k not in faults and k not in self._left:
-                twist = self._now["twist"][k, : self.model.nbody - 1]
+                pose, twist = (self._now[name][k, : self.model.nbody - 1] for name in ("pose", "twist"))
                 fault = self._watchdogs[k].check(data, twist)
                 if fault:
                     faults[k] = fault
                 else:
-                    self._warnings += [(k, text) for text in self._watchdogs[k].notices(data, twist)]
+                    self._warnings += [(k, text) for text in self._watchdogs[k].notices(data, pose, twist)]
+
+    def _taker(self, k: int) -> Callable[[Any, Any], None]:
+        """What takes a step of environment k."""
+        return mujoco.mj_step if self._sub_steps is None else self._sub_steps[k].step
+
+    def missed(self) -> int:
+        """Counts the steps that were not exact enough in as many parts as there may be."""
+        return sum(parts.missed for parts in self._sub_steps or ())
 
     def _reset(self, k: int) -> None:
         """Environment k to its start: the scene's keyframe, moved a little by its seed and the episode's number."""
@@ -245,10 +338,13 @@ class MujocoEngine:
         start_joints(self.model, data, self.scene.initial_joints, self._seeds[k] % 2**64, self._numbers[k])
         mujoco.mj_forward(self.model, data)
         self._watchdogs[k].restart(data)
+        if self._sub_steps is not None:
+            self._sub_steps[k].begin()
 
     def _restart(self, k: int, states: list[dict[str, np.ndarray]]) -> None:
         """Begin the next episode of environment k at the stamp; its part of the interval is the new start all along."""
         self._numbers[k] += 1
+        self._rests[k].wake()
         self._reset(k)
         fresh = self._snapshot()
         for state in (*states, self._before, self._now):
@@ -294,8 +390,10 @@ class MujocoEngine:
         qvel = (1 - u) * self._before["qvel"] + u * self._now["qvel"]
         return {"pose": pose, "twist": twist, "qpos": qpos, "qvel": qvel}
 
-    def _interval(self, t: np.ndarray, course: dict[str, np.ndarray], faults: list[tuple[int, str]]) -> Interval:
-        """The engine's bodies, the prescribed ones and the mounted ones, put together."""
+    def _interval(
+        self, t: np.ndarray, course: dict[str, np.ndarray], faults: list[tuple[int, str]], still: bool = False
+    ) -> Interval:
+        """The engine's bodies, the prescribed ones and the mounted ones, put together. still: the engine's rest."""
         pose, twist = (np.tile(a, (self.envs, 1, 1, 1)) for a in self._prescribed.at(t))
         moved, columns = self._moved, self._columns
         pose[:, :, moved], twist[:, :, moved] = (course[name][:, :, columns] for name in ("pose", "twist"))
@@ -305,6 +403,8 @@ class MujocoEngine:
                 above, above_twist = pose[:, :, parent], twist[:, :, parent]
                 pose[:, :, n] = se3.compose(above, offset)
                 twist[:, :, n] = se3.compose_twist(above, above_twist, offset, np.zeros(6))
+        if still:
+            twist += 0.0  # of what is mounted it may be -0.0, which is not the bits of a body that rests
         result = Interval.dense(t, pose, twist, faults=faults, warnings=self._warnings)
         self._warnings = []
         if self._joints:

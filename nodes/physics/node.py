@@ -20,10 +20,14 @@ from evis.scene.model import Scene
 from evis.scene.parameters import SCENE, seeds_of, worlds_of
 from msgs.header import Header, Message
 from msgs.own_time import CONFIGURED
+from msgs.physics_error import PhysicsError
 from msgs.world import Action, Reset, WorldState
 from nodes.physics.environments import Environments
 from nodes.physics.from_outside import check_action
 from nodes.physics.interval import Engine, Interval
+from nodes.physics.precision.errors import Errors
+from nodes.physics.precision.notice import notice
+from nodes.physics.precision.tolerance import Tolerance
 from nodes.physics.resets import checked
 
 
@@ -50,6 +54,10 @@ class PhysicsNode(Node):
             float, None, "sub-step of the dynamics; the model's own, at most 1 ms, if not given", "s", 1e-7, 1e-3,
             optional=True,
         ),
+        "physics_tolerance": Param(
+            list, [], "METRES,RADIANS of error that a body may gather in a second: dynamics are integrated with RK4, "
+            "each step in as many parts as that takes; not given = steps are whole, and the summary says what is wrong",
+        ),
         "contacts": Param(bool, False, "publish contacts and their forces"),
         "joints": Param(bool, False, "publish joint positions and velocities (MuJoCo's qpos and qvel) in /state"),
         "accelerations": Param(bool, False, "publish accelerations of the bodies"),
@@ -59,7 +67,7 @@ class PhysicsNode(Node):
         "action": Input("/action", join=False, delayed=True, outside=True),
         "reset": Input("/reset", join=False, optional=True, outside=True),
     }
-    OUTPUTS: ClassVar[Mapping[str, Output]] = {"state": Output("/state")}
+    OUTPUTS: ClassVar[Mapping[str, Output]] = {"state": Output("/state"), "error": Output("/physics_error")}
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
@@ -73,6 +81,18 @@ class PhysicsNode(Node):
                 if not is_dynamic(scene):
                     raise ValueError(f"scene {scene} moves in closed form and has no {asked[0]}; leave {asked[0]} out")
         return frozenset(cls.INPUTS)
+
+    @classmethod
+    def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """Names what is about integration, where motion is in closed form."""
+        from evis.scene.load import is_dynamic
+
+        scene = params.get("scene")
+        with contextlib.suppress(OSError, ValueError):  # who loads it says so
+            if scene and not is_dynamic(scene):
+                why = f"all motion of scene {scene} is in closed form, and exact"
+                return {"physics_tolerance": why, "timestep": why}
+        return {}
 
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
@@ -113,15 +133,17 @@ class PhysicsNode(Node):
         scene = self.scene = worlds.scenes[0]
         for note in scene.notes:
             self.warn(f"scene {scene.name}: {note}")
+        self.errors = Errors()
+        """Of environment 0, which stands for the others."""
         self.engine: Engine
         apart = p.get(EACH) and scene.dynamic
         if len(worlds.groups(motion)) == 1 and not apart:
-            self.engine = self._engine(scene, p["seed"], p["envs"])
+            self.engine = self._engine(scene, p["seed"], p["envs"], self.errors)
         else:
             from nodes.physics.separate import SeparateEngines
 
-            pairs = zip(worlds.scenes, worlds.seeds)
-            self.engine = SeparateEngines([self._engine(own, seed, 1) for own, seed in pairs])
+            each = zip(worlds.scenes, worlds.seeds, [self.errors, *[None] * (p["envs"] - 1)])
+            self.engine = SeparateEngines([self._engine(own, seed, 1, errors) for own, seed, errors in each])
         self.held = self.divides(p)
         self.names = [body.name for body in scene.bodies]
         self._begin()
@@ -151,11 +173,12 @@ class PhysicsNode(Node):
         if len(worlds.changed(configured, motion)):
             return False
         self.params, self.worlds = dict(params), worlds
+        self.errors.clear()
         self.engine.rewind(params["seed"])
         self._begin()
         return True
 
-    def _engine(self, scene: Scene, seed: int, envs: int) -> Engine:
+    def _engine(self, scene: Scene, seed: int, envs: int, errors: Errors | None) -> Engine:
         """Makes the engine of environments that have one world, of seeds from `seed` on."""
         p = self.params
         if not scene.dynamic:
@@ -166,7 +189,8 @@ class PhysicsNode(Node):
 
         return MujocoEngine(
             scene, seed, envs, timestep=p["timestep"], contacts=p["contacts"], joints=p["joints"],
-            accelerations=p["accelerations"], speed_limit=p["speed_limit"],
+            accelerations=p["accelerations"], speed_limit=p["speed_limit"], errors=errors,
+            tolerance=Tolerance.of(p["physics_tolerance"]),
         )  # fmt: skip
 
     def _other_engines(self, envs: list[int], seeds: list[int]) -> list[tuple[list[int], Engine]]:
@@ -176,7 +200,7 @@ class PhysicsNode(Node):
         self.worlds = worlds
         made = []
         for scene, members in groups:
-            engine = self._engine(scene, 0, len(members))
+            engine = self._engine(scene, 0, len(members), self.errors if 0 in members else None)
             if engine.controls != self.engine.controls:
                 raise ValueError(
                     f"scene {scene.name}: environment {members[0]} has {engine.controls} actuators with its new seed, "
@@ -295,6 +319,22 @@ class PhysicsNode(Node):
             self.episode += 1
             self.first = self.k
             interval.keep_last()
+
+    def finish(self) -> None:
+        """Says how far the bodies were off, where an engine integrated their motion."""
+        worst = self.errors.worst()
+        if worst is None:
+            return
+        stamp = keyframe_stamp(max(self.k - 1, 0), self.params["keyframe_rate"])
+        told = PhysicsError(Header(stamp, episode=self.episode), self.names[worst.body], worst.position, worst.rotation)
+        self.result("physics_error", told.scalars())
+        tolerance = Tolerance.of(self.params["physics_tolerance"])
+        for what in self.errors.erased:
+            self.warn(f"discrete erases the oscillation of {what}, which physics_error does not count")
+        if text := notice(worst, told.body, tolerance, stamp * 1e-9, self.engine.missed()):
+            self.warn(text)
+        if self.wants("error"):
+            self.publish("error", told)
 
     def _publish(self, stamp: int, interval: Interval) -> None:
         if not self.wants("state"):

@@ -47,6 +47,10 @@ class PrescribedEngine:
     def leave(self, env: int) -> None:
         """Does nothing: one environment more costs nothing."""
 
+    def missed(self) -> int:
+        """Counts none: nothing is integrated."""
+        return 0
+
     def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> PrescribedEngine:
         """Makes an engine of as many environments, at stamp 0; nothing depends on seeds and numbers."""
         engine = copy.copy(self)

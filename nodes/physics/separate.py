@@ -44,6 +44,10 @@ class SeparateEngines:
         """Leaves an environment where it is from now on."""
         self.engines[env].leave(0)
 
+    def missed(self) -> int:
+        """Counts the steps that were less exact than was asked for."""
+        return sum(engine.missed() for engine in self.engines)
+
     def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> Engine:
         """Makes an engine of these environments alone, at their start and stamp 0, as Engine.anew does."""
         made = [self.engines[k].anew([0], [seed], [number]) for k, seed, number in zip(envs, seeds, numbers)]
@@ -74,6 +78,8 @@ def merged(parts: Sequence[Interval]) -> Interval:
         result.warnings += [(env, text) for _, text in part.warnings]
     for name in ("qpos", "qvel", "acceleration"):
         rows = [value for part in parts if (value := getattr(part, name)) is not None]
+        if name != "acceleration":  # where nothing moves there may be no sub-steps
+            rows = [row if row.shape[1] == len(t) else np.repeat(row[:, -1:], len(t), axis=1) for row in rows]
         if len(rows) == len(parts):
             setattr(result, name, np.concatenate(rows))
     contacts = [part.contacts for part in parts if part.contacts is not None]

@@ -16,6 +16,8 @@ _NAMES = {
     mujoco.mjtIntegrator.mjINT_IMPLICITFAST: "implicitfast",
 }
 _GEOM = mujoco.mjtGeom
+FOLLOWED = 0.2
+"""omega*dt up to which every integrator follows an oscillation."""
 _GROWTH = 1e-6
 """Growth of a step that is rounding: an undamped oscillator keeps its amplitude."""
 
@@ -27,11 +29,12 @@ def integrator_of(model: Any) -> str:
 
 @dataclass(frozen=True)
 class Mode:
-    """Describes what one joint or contact does by itself: x'' = -stiffness x - (implicit + explicit) x'.
+    """Describes what one joint, tendon or contact does by itself: x'' = -stiffness x - (implicit + explicit) x'.
 
     source: what it belongs to. stiffness [1/s^2]; implicit, explicit: damping [1/s] that the integrator takes at the
     end and at the beginning of its step. MuJoCo takes that of joints at the end with Euler, that of actuators too with
     `implicit` and `implicitfast`, none with RK4; springs always at the beginning, but with `discrete`.
+    contact: it acts while things touch.
     """
 
     source: str
@@ -39,6 +42,7 @@ class Mode:
     stiffness: float
     implicit: float
     explicit: float
+    contact: bool = False
 
     @property
     def rate(self) -> float:
@@ -48,6 +52,15 @@ class Mode:
     def grows(self, dt: float) -> bool:
         """Tells whether a step of dt [s] makes a small disturbance larger."""
         return self.integrator != "discrete" and _spectral_radius(self._step(dt)) > 1 + _GROWTH
+
+    @property
+    def oscillates(self) -> bool:
+        """Tells whether it swings before it comes to rest, so that `discrete` erases something of it."""
+        return self.implicit + self.explicit < 2 * np.sqrt(self.stiffness)
+
+    def too_fast(self, dt: float) -> bool:
+        """Tells whether it oscillates too fast for steps of dt [s] to show how."""
+        return self.oscillates and np.sqrt(self.stiffness) * dt > FOLLOWED
 
     def longest_step(self, dt: float) -> float:
         """Finds the longest stable step [s] below dt [s], at which it grows."""
@@ -69,8 +82,8 @@ class Mode:
 
 
 def modes(model: Any) -> list[Mode]:
-    """Finds the joints with springs, dampers, position and velocity servos, and contacts with a direct solref."""
-    return [*_joints(model), *_contacts(model)]
+    """Finds the joints and tendons with springs, dampers and servos, and contacts with a direct solref."""
+    return [*_joints(model), *_tendons(model), *_contacts(model)]
 
 
 def _joints(model: Any) -> Iterator[Mode]:
@@ -79,7 +92,7 @@ def _joints(model: Any) -> Iterator[Mode]:
     euler = integrator == "Euler" and not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_EULERDAMP
     springs = np.asarray(model.jnt_stiffness).reshape(model.njnt, -1)[:, 0] if model.njnt else np.zeros(0)
     damping = np.asarray(model.dof_damping).reshape(model.nv, -1)[:, 0] if model.nv else np.zeros(0)
-    servos = _servos(model)
+    servos = _servos(model, mujoco.mjtTrn.mjTRN_JOINT)
     for joint in range(model.njnt):
         dof = int(model.jnt_dofadr[joint])
         inertia = max(float(model.dof_M0[dof]), 1e-300)
@@ -103,11 +116,34 @@ def _joints(model: Any) -> Iterator[Mode]:
         )
 
 
-def _servos(model: Any) -> dict[int, tuple[float, float]]:
-    """Stiffness and damping that actuators with an affine bias give joints, by joint."""
+def _tendons(model: Any) -> Iterator[Mode]:
+    integrator = integrator_of(model)
+    late = integrator in ("implicit", "implicitfast")
+    servos = _servos(model, mujoco.mjtTrn.mjTRN_TENDON)
+    for tendon in range(model.ntendon):
+        # J M^-1 J^T of the tendon's length at the start: what a force along it accelerates.
+        mobility = float(model.tendon_invweight0[tendon])
+        stiffness, drag = servos.get(tendon, (0.0, 0.0))
+        spring, damping = (float(values[tendon]) for values in (model.tendon_stiffness, model.tendon_damping))
+        parts = {"spring": np.sqrt(spring * mobility), "damping": damping * mobility}
+        parts["servo"] = max(np.sqrt(stiffness * mobility), drag * mobility)
+        if any(parts.values()):
+            name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TENDON, tendon) or f"tendon{tendon}"
+            drags = (damping + drag) * mobility
+            yield Mode(
+                f"the {max(parts, key=lambda part: parts[part])} of tendon '{name}'",
+                integrator,
+                (spring + stiffness) * mobility,
+                drags if late else 0.0,
+                0.0 if late else drags,
+            )
+
+
+def _servos(model: Any, transmission: mujoco.mjtTrn) -> dict[int, tuple[float, float]]:
+    """Stiffness and damping that actuators with an affine bias give what they move, by its number."""
     found: dict[int, tuple[float, float]] = {}
     for actuator in np.flatnonzero(model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE).tolist():
-        if model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT:
+        if model.actuator_trntype[actuator] == transmission:
             joint = int(model.actuator_trnid[actuator, 0])
             square = float(model.actuator_gear[actuator, 0]) ** 2
             stiffness, damping = (max(-float(p) * square, 0.0) for p in model.actuator_biasprm[actuator, 1:3])
@@ -120,7 +156,14 @@ def _contacts(model: Any) -> Iterator[Mode]:
     for geom in np.flatnonzero(model.geom_solref[:, 0] < 0).tolist():
         # solref = (-stiffness, -damping): the reference acceleration is -damping v - stiffness r, of the step's start.
         stiffness, damping = (-float(value) for value in model.geom_solref[geom])
-        yield Mode(f"the direct solref of {geom_name(model, geom)}", integrator_of(model), stiffness, 0.0, damping)
+        yield Mode(
+            f"the direct solref of {geom_name(model, geom)}",
+            integrator_of(model),
+            stiffness,
+            0.0,
+            damping,
+            contact=True,
+        )
 
 
 def thicknesses(model: Any) -> np.ndarray:

@@ -6,7 +6,7 @@ taken at once, and only what they leave is kept; the rest is array arithmetic ov
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -62,11 +62,13 @@ class Before:
         data.warning.number[:] = self._counts
 
 
-def take_steps(model: Any, data: Any, grid: Sequence[int], trace: Trace) -> None:
-    """Takes a step from each time of `grid` [ns], and writes down the state after it."""
+def take_steps(
+    model: Any, data: Any, grid: Sequence[int], trace: Trace, step: Callable[[Any, Any], None] = mujoco.mj_step
+) -> None:
+    """Takes a step from each time of `grid` [ns] by `step`, and writes down the state after it."""
     xpos, xquat, cvel, com = data.xpos, data.xquat, data.cvel, data.subtree_com
     qpos, qvel = data.qpos, data.qvel
-    step, kinematics, places, velocities = mujoco.mj_step, mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel
+    kinematics, places, velocities = mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel
     for i, t in enumerate(grid):
         # MuJoCo adds up its time in floating point; ours is exact.
         data.time = t * 1e-9

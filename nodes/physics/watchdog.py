@@ -7,7 +7,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from nodes.physics.stiffness import Mode, geom_name, integrator_of, modes, thicknesses
+from nodes.physics.precision.reach import Reach
+from nodes.physics.precision.sub_steps import FINEST
+from nodes.physics.stiffness import FOLLOWED, Mode, geom_name, integrator_of, modes, thicknesses
 
 _BAD = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 _LOST = {
@@ -21,13 +23,18 @@ _LOST = {
 class Watchdog:
     """Checks one environment after every step: finite, within the speed limit, in time, no warning counter rising."""
 
-    def __init__(self, model: Any, speed_limit: float) -> None:
+    def __init__(self, model: Any, speed_limit: float, finest: float) -> None:
+        """speed_limit: of a body [m/s]. finest: shortest step that the engine may take [s]."""
         self.model = model
+        self._finest = finest
         self.speed_limit = speed_limit
         self._counts = [0, 0, 0]
         self._time = -1.0
         self._said: set[str] = set()
+        self._reach = Reach(model)
         self._thicknesses = thicknesses(model)
+        if int(np.count_nonzero(model.geom_contype | model.geom_conaffinity)) < 2:
+            self._thicknesses[:] = np.inf  # there is nothing to pass through
         self._thin = int(np.argmin(self._thicknesses)) if len(self._thicknesses) else -1
         self._thickness = float(self._thicknesses[self._thin]) if len(self._thicknesses) else np.inf
 
@@ -35,6 +42,8 @@ class Watchdog:
         """Begins anew from the state of `data`."""
         self._counts = [data.warning[w].number for w in _BAD]
         self._time = -1.0
+        self._spins = np.linalg.norm(data.cvel[:, :3], axis=-1)
+        """How fast bodies [nbody] turned when all was well [rad/s]: the last, or the first that was too fast."""
 
     def check(self, data: Any, twist: np.ndarray) -> str | None:
         """Finds what is wrong after a step, as one line, or None.
@@ -54,10 +63,12 @@ class Watchdog:
         cause = self._cause(data, body)
         return f"body '{self._body(body)}' diverged at t = {data.time:.6g} s: {what}; likely cause: {cause}"
 
-    def quiet(self, data: Any, qpos: np.ndarray, qvel: np.ndarray, twist: np.ndarray, nearest: float) -> bool:
+    def quiet(
+        self, data: Any, qpos: np.ndarray, qvel: np.ndarray, pose: np.ndarray, twist: np.ndarray, nearest: float
+    ) -> bool:
         """Says that `check` and `notices` would find nothing after any of n steps.
 
-        qpos, qvel, twist: [n, ...] after each of them. nearest: least distance of a contact [m].
+        qpos, qvel, pose, twist: [n, ...] after each of them. nearest: least distance of a contact [m].
         """
         # A counter that rose stays risen; a sum is finite only if everything in it is.
         numbers = data.warning.number
@@ -66,9 +77,17 @@ class Watchdog:
         if not np.isfinite(qpos.sum() + qvel.sum() + twist.sum()):
             return False
         fastest = float(np.sqrt((twist[..., :3] ** 2).sum(axis=-1).max(initial=0.0)))
-        if fastest > self.speed_limit or fastest * self.model.opt.timestep > 0.5 * self._thickness:
+        if fastest > self.speed_limit:
             return False
-        return nearest > -0.5 * self._thickness
+        slow = 0.5 * self._thickness / self.model.opt.timestep
+        if self._reach.bound(twist) > slow and self._reach.fastest(pose, twist).max(initial=0.0) > slow:
+            return False
+        if nearest <= -0.5 * self._thickness:
+            return False
+        if len(twist):
+            slow = self._spins[1:] * self.model.opt.timestep <= FOLLOWED
+            self._spins[1:][slow] = np.linalg.norm(twist[-1, slow, 3:], axis=-1)
+        return True
 
     def passed(self, data: Any) -> None:
         """Takes note of the time, after steps in which nothing was wrong."""
@@ -100,27 +119,31 @@ class Watchdog:
 
     def risks(self) -> list[str]:
         """Finds what in the model the integrator cannot follow at this timestep, before the first step."""
-        dt = self.model.opt.timestep
+        dt = self._finest
         return [
             f"{_growth(mode, dt)}; expect it to diverge, or {_remedy(mode, dt)}"
             for mode in modes(self.model)
             if mode.grows(dt)
         ]
 
-    def notices(self, data: Any, twist: np.ndarray) -> list[str]:
-        """Finds what is suspicious after a step that has not diverged; tells each thing once per environment."""
+    def notices(self, data: Any, pose: np.ndarray, twist: np.ndarray) -> list[str]:
+        """Finds what is suspicious after a step that has not diverged; tells each thing once per environment.
+
+        pose, twist: float64 [bodies without the world, 7] and [..., 6] of `data`.
+        """
         found = {str(w): text for w, text in _LOST.items() if data.warning[w].number}
-        if len(twist):
-            square = (twist[:, :3] ** 2).sum(axis=-1)
-            body = int(np.argmax(square))
-            step = float(np.sqrt(square[body])) * self.model.opt.timestep
-            if step > 0.5 * self._thickness:
-                found["through"] = (
-                    f"body '{self._body(body + 1)}' goes {step:.3g} m in one step, more than half the thickness of "
-                    f"{geom_name(self.model, self._thin)} ({self._thickness:.3g} m), which it may pass through "
-                    f"unnoticed; use a timestep below {0.5 * self._thickness / np.sqrt(square[body]):.2g} s"
-                )
-        if "through" not in found and (deep := self._deep(data)):
+        slow = 0.5 * self._thickness / self.model.opt.timestep
+        speeds = self._reach.fastest(pose, twist) if self._reach.bound(twist) > slow else np.zeros(len(twist))
+        if len(speeds) and speeds.max() > slow:
+            body = int(np.argmax(speeds))
+            dt, thickness = self.model.opt.timestep, self._thickness
+            far = "the farthest point of " if speeds[body] > 1.01 * np.linalg.norm(twist[body, :3]) else ""
+            found["through"] = (
+                f"{far}body '{self._body(body + 1)}' goes {speeds[body] * dt:.3g} m in one step, "
+                f"more than half the thickness of {geom_name(self.model, self._thin)} ({thickness:.3g} m), which "
+                f"it may pass through unnoticed; {_firmer(thickness / speeds[body], dt)}"
+            )
+        if "through" not in found and (deep := self._deep(data, pose, twist)):
             found["through"] = deep
         fresh = [text for key, text in found.items() if key not in self._said]
         self._said |= set(found)
@@ -129,7 +152,7 @@ class Watchdog:
     def _body(self, body: int) -> str:
         return mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_BODY, body) or f"body{body}"
 
-    def _deep(self, data: Any) -> str | None:
+    def _deep(self, data: Any, pose: np.ndarray, twist: np.ndarray) -> str | None:
         """A contact so deep that what touches may come out on the other side."""
         contact = data.contact
         if not data.ncon or (distance := contact.dist).min() > -0.5 * self._thickness:
@@ -137,13 +160,18 @@ class Watchdog:
         n = int(np.argmin(distance))
         pair = contact.geom[n]
         thin = int(pair[np.argmin(self._thicknesses[pair])])
-        if -distance[n] <= 0.5 * self._thicknesses[thin]:
+        thickness = self._thicknesses[thin]
+        if -distance[n] <= 0.5 * thickness:
             return None
         one, other = (geom_name(self.model, geom) for geom in pair.tolist())
+        speeds = np.append(0.0, self._reach.fastest(pose, twist))[self.model.geom_bodyid[pair]]
+        constant = _time_constant(contact.solref[n], self.model.opt.timestep)
+        # What stops goes as deep as its speed times the constant, what is pressed as its square.
+        firm = min(thickness / max(speeds.max(), 1e-12), 0.5 * constant * np.sqrt(-0.25 * thickness / distance[n]))
         return (
             f"{one} and {other} overlap by {-distance[n]:.3g} m, more than half the thickness of "
-            f"{geom_name(self.model, thin)} ({self._thicknesses[thin]:.3g} m), and may pass through each other "
-            "unnoticed; use a stiffer contact (a smaller time constant in solref) or a shorter timestep"
+            f"{geom_name(self.model, thin)} ({thickness:.3g} m), and may pass through each other unnoticed; "
+            f"{_firmer(firm, self.model.opt.timestep)}"
         )
 
     def _cause(self, data: Any, body: int) -> str:
@@ -154,13 +182,19 @@ class Watchdog:
         if growing:
             worst = min(growing, key=lambda mode: mode.longest_step(dt))
             return f"{_growth(worst, dt)}; {_remedy(worst, dt)}"
-        spin = float(np.linalg.norm(data.cvel[body, :3]))
-        if np.isfinite(spin) and spin * dt > 1.0 and name != "discrete":
-            return f"it turns {spin * dt:.3g} rad in one step of {dt:g} s; use a timestep below {0.3 / spin:.2g} s"
+        spin = float(self._spins[body])
+        if spin * dt > FOLLOWED:
+            return (
+                f"it turned {spin * dt:.3g} rad in one step of {dt:g} s; use physics_tolerance:=0.001,0.001, which "
+                f"follows it; stable, but not exact, is a timestep below {0.1 * FOLLOWED / spin:.2g} s"
+            )
         fastest = max(found, key=lambda mode: mode.rate, default=None)
         if fastest is not None and fastest.rate * dt > 1.0:
-            return f"{fastest.source} has omega*dt = {fastest.rate * dt:.3g}; use a shorter timestep or softer contacts"
-        return "strong forces or deep penetration; use a shorter timestep, softer contacts, or smaller controls"
+            return (
+                f"{fastest.source} has omega*dt = {fastest.rate * dt:.3g}, which {name} follows roughly at best; "
+                f"use a timestep below {FOLLOWED / fastest.rate:.2g} s"
+            )
+        return "strong forces or deep penetration; a shorter timestep tells whether the step is to blame or the model"
 
 
 def _growth(mode: Mode, dt: float) -> str:
@@ -169,4 +203,23 @@ def _growth(mode: Mode, dt: float) -> str:
 
 
 def _remedy(mode: Mode, dt: float) -> str:
-    return f'use integrator="discrete" or a timestep below {mode.longest_step(dt):.2g} s'
+    """What follows the motion, what keeps it stable, and what that costs."""
+    exact = "" if mode.grows(dt / 2**FINEST) else "use physics_tolerance:=0.001,0.001, which follows it; "
+    if mode.contact:  # a bounce of few steps gains or loses energy, however stable they are
+        close = f"a timestep below {FOLLOWED / mode.rate:.2g} s does so nearly"
+        return f'{exact}{close}; integrator="discrete" is stable, and erases its bounce'
+    erased = "which erases its oscillation" if mode.oscillates else "which erases what is faster than a step"
+    longest = mode.longest_step(dt)
+    return f'{exact}stable, but not exact, are a timestep below {longest:.2g} s and integrator="discrete", {erased}'
+
+
+def _time_constant(solref: np.ndarray, dt: float) -> float:
+    """The time [s] in which a contact gives way and comes back; MuJoCo makes it two steps at least."""
+    return max(float(solref[0]), 2 * dt) if solref[0] > 0 else float(1 / np.sqrt(max(-solref[0], 1e-300)))
+
+
+def _firmer(constant: float, dt: float) -> str:
+    """What makes contacts stop things within their thickness. MuJoCo takes no time constant below two steps."""
+    constant = float(f"{constant:.1e}")
+    shorter = f"a timestep below {0.5 * constant:.2g} s and " if 0.5 * constant <= dt else ""
+    return f'use {shorter}solref="{constant:.2g} 1" solimp="0.99 0.999 0.001" for both geoms'

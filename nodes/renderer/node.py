@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,7 @@ from evis.scene.digest import appearance
 from evis.scene.model import Camera, Scene
 from evis.scene.parameters import SCENE, SEED, camera_of, scene_of, seeds_of, worlds_of
 from evis.scene.parts import Parts
+from evis.scene.sampling import Turns, undersampled
 from evis.scene.worlds import Group, Worlds
 from msgs.camera import CameraInfo, Depth, Ids, Keyframe, Motion, Normal
 from msgs.header import Header, Message
@@ -91,6 +93,15 @@ class RendererNode(Node):
         kept = f" and {len(still) - 1} of {len(bodies) - 1} bodies" if len(still) > 1 else ""
         return {"static background": f"{camera} never moves: the world{kept} drawn once and kept"}
 
+    @classmethod
+    def foreseen(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
+        """Names the lights that flicker, and the prescribed motion that turns, too fast for the frames."""
+        if params.get("scene") and params.get("frame_rate"):
+            # Whoever loads the scene says what is wrong with it.
+            with contextlib.suppress(ValueError, OSError):
+                return tuple(undersampled(scene_of("renderer", params, textures=False), params["frame_rate"]))
+        return ()
+
     def setup(self) -> None:
         """Makes the renderer, compiles what is wanted of it, and publishes the camera's info."""
         p = self.params
@@ -100,7 +111,10 @@ class RendererNode(Node):
         self._fineness = samples if p["samples_apart"] else 1
         self.renderer = self._renderers(worlds.groups(appearance))
         self.renderer.prepare(self._wanted())
-        self._warn_of_aliases()
+        if p["frame_rate"]:
+            for line in undersampled(self.scene, p["frame_rate"]):
+                self.warn(line)
+        self._turns = Turns(self.scene, p["frame_rate"])
         self._names = [body.name for body in self.scene.bodies]
         self._begin()
         self.publish("info", self._info(Header(0)))
@@ -195,13 +209,6 @@ class RendererNode(Node):
             return SupersampledRenderer(scene, camera, samples, envs, **how, apart=p["samples_apart"])
         return Renderer(scene, camera, envs, **how)
 
-    def _warn_of_aliases(self) -> None:
-        from evis.scene.sampling import undersampled
-
-        if self.params["frame_rate"]:
-            for line in undersampled(self.scene, self.params["frame_rate"]):
-                self.warn(line)
-
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Renders and publishes the wanted images of one state. Raises ValueError for one of another scene."""
         state = inputs["state"]
@@ -218,6 +225,8 @@ class RendererNode(Node):
             if worlds.drawn() != before:
                 h = state.header
                 self.publish("info", self._info(Header(h.stamp_ns, clock=h.clock, episode=h.episode)))
+        for line in self._turns.too_fast(state.moving, state.moving_twist):
+            self.warn(line)
         poses = np.array(state.end_pose)
         wanted = self._wanted()
         on_gpu = self.renderer.device.is_cuda

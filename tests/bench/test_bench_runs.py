@@ -1,4 +1,4 @@
-"""Every benchmark runs to its end at its smallest size and gives what docs/performance.md shows of it."""
+"""Every benchmark runs to its end at its smallest size and gives what the pages of docs/ show of it."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def smaller(monkeypatch):
 
 @pytest.mark.parametrize("module", [with_marks(module) for module in MEASURING])
 def test_a_benchmark_runs(module, smaller, tmp_path):
-    """Its sections have rows, can be shown and kept, and have the columns that the page wants of them."""
+    """Its sections have rows, can be shown and kept, and have the columns that the pages want of them."""
     smaller(module)
     made = importlib.import_module(module)
     try:
@@ -70,9 +70,8 @@ def test_a_benchmark_runs(module, smaller, tmp_path):
         assert len(as_text(section).splitlines()) > len(section["rows"]) and "<table" in as_html(section)
     subject = subject_of(module)
     report = json.loads(json.dumps(report_of({subject: sections}, True), default=str))
-    shown = [
-        table for table in documents.tables((ROOT / documents.PAGE).read_text()) if table.key.startswith(subject + "/")
-    ]
+    wanted = [table for page in documents.PAGES for table in documents.tables((ROOT / page).read_text())]
+    shown = [table for table in wanted if table.key.startswith(subject + "/")]
     assert documents.collect(report, shown).keys() == {table.key for table in shown}
     if hasattr(made, "plot"):
         pytest.importorskip("matplotlib")
@@ -83,8 +82,8 @@ def test_a_benchmark_runs(module, smaller, tmp_path):
 @pytest.mark.parametrize("module", BY_ARGUMENTS)
 def test_a_benchmark_with_arguments_runs(module, tmp_path):
     page = tmp_path / "performance.md"
-    page.write_text((ROOT / documents.PAGE).read_text())
-    page.with_suffix(".json").write_text((ROOT / documents.PAGE).with_suffix(".json").read_text())
+    page.write_text((ROOT / documents.PAGES[0]).read_text())
+    page.with_suffix(".json").write_text((ROOT / documents.PAGES[0]).with_suffix(".json").read_text())
     places = {"PAGE": str(page), "OUT": str(tmp_path / "out.json")}
     words = [places.get(word, word) for word in BY_ARGUMENTS[module]]
     done = subprocess.run([sys.executable, "-m", module, *words], capture_output=True, text=True, cwd=ROOT)

@@ -1,4 +1,4 @@
-"""The tables of a page are those of reports, and those of docs/performance.md are what is kept of them."""
+"""The tables of a page are those of reports, and those of the pages of docs/ are what is kept of them."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 from bench import documents, report
 from evis.cli import main
 
-DOCS = Path(__file__).parents[2] / "docs"
+ROOT = Path(__file__).parents[2]
 PAGE = """# T
 
 <!-- bench drawn/s: b | a -->
@@ -81,10 +81,11 @@ def test_the_command_writes_the_page(tmp_path, monkeypatch):
     assert main(["bench", "graph", "--out", str(tmp_path), "--docs", str(tmp_path / "none.md")]) == 2
 
 
-def test_the_page_of_figures_is_what_is_kept():
-    """Every table of docs/performance.md is filled, by a command of this program, and written again is the same."""
-    text = (DOCS / "performance.md").read_text()
-    kept = json.loads((DOCS / "performance.json").read_text())
+@pytest.mark.parametrize("page", documents.PAGES)
+def test_a_page_of_figures_is_what_is_kept(page):
+    """Every table of it is filled, by a command of this program, and written again is the same."""
+    text = (ROOT / page).read_text()
+    kept = json.loads((ROOT / page).with_suffix(".json").read_text())
     wanted = documents.tables(text)
     assert len(wanted) > 4 and [table.key for table in wanted] == list(kept)
     assert documents.written(text, kept) == text

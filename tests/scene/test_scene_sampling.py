@@ -1,5 +1,7 @@
 """What frames are too slow for, against what sampling theory says and what samples of the thing itself show."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from evis.geometry import se3
 from evis.scene import load_scene
 from evis.scene.model import Body, Light, Scene, Waveform
 from evis.scene.motion import Prescribed, Sinusoid, Spin, Swing
-from evis.scene.sampling import undersampled
+from evis.scene.sampling import Turns, undersampled
 
 REST = se3.make_pose(np.zeros(3), np.array([0, 0, 0, 1.0]))
 Z = np.array([0, 0, 1.0])
@@ -84,3 +86,21 @@ def test_what_swings_counts_by_its_frequency_and_by_its_rate():
 @pytest.mark.parametrize("name", ["spinning_disk", "fidget_spinner", "drone", "tunnel_exit", "falling_objects"])
 def test_the_shipped_scenes_are_slow_enough_for_the_default_frames(name):
     assert undersampled(load_scene(name, textures=False), 240) == []
+
+
+def test_what_an_engine_turns_is_noticed_once_and_what_is_prescribed_is_not():
+    """Half about in a frame of 240 Hz is 240 pi rad/s, in any of its sub-steps."""
+    world = scene(Spin(Z, 1.0))
+    free = Body("free", None)
+    turns = Turns(replace(world, bodies=[*world.bodies, free]), 240.0)
+    free_body = len(world.bodies)
+    moving = np.array([0, free_body])
+    twist = np.zeros((2, 5, 2, 6))
+    twist[:, :, 0, 5] = 1e4
+    twist[1, 3, 1, 4] = 0.99 * 240 * np.pi
+    assert turns.too_fast(moving, twist) == []
+    twist[1, 3, 1, 4] = 1.01 * 240 * np.pi
+    (line,) = turns.too_fast(moving, twist)
+    assert "body 'free' makes 121.2 turns per second" in line and "969.6 Hz would do" in line
+    assert turns.too_fast(moving, twist) == []
+    assert Turns(world, 0.0).too_fast(moving[:1], twist[:, :, :1]) == []

@@ -165,6 +165,7 @@ def make_plan(args: argparse.Namespace) -> Any:
         record_sync=args.record_sync,
         view=not args.no_view and os.environ.get("EVIS_NO_VIEW", "") in ("", "0"),
         grouping="compose" if args.compose else "split" if args.split else "default",
+        explain=args.explain,
         no_import=args.no_import,
     )
     if options.record_topics and not options.record:

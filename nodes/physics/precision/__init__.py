@@ -1,0 +1,1 @@
+"""How wrong a simulated course is, and steps short enough to keep it right."""

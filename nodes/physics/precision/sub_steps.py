@@ -1,0 +1,105 @@
+"""Sub-steps as short as a tolerance asks for, chosen by step doubling on saved states.
+
+A step of the grid is taken in n parts, put back, and taken in 2 n parts. Of a method of order p what both leave differs
+by 2^p - 1 times the error of the finer one. Of position, and of velocity over the time that its errors are looked at,
+that may be no more than the step's share of the tolerance; else n is doubled. n depends on the environment's own state
+alone, so that neither other environments nor threads change its course.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from evis.geometry import se3
+from nodes.physics.precision.shadow import ORDER, STATE
+from nodes.physics.precision.tolerance import Tolerance
+from nodes.physics.stiffness import modes
+
+FINEST = 8
+"""Of a step of the grid 2^FINEST parts are taken at most."""
+HORIZON_S = 1.0
+"""An error of velocity counts with what becomes of it in this time [s]."""
+STABLE_IN = 6
+"""RK4 takes the model's integrator's place where nothing grows in 2^-STABLE_IN of its step."""
+
+
+def take_best_integrator(model: Any) -> None:
+    """Gives the model RK4, which is exact soonest, unless something in it is too stiff for that."""
+    before = int(model.opt.integrator)
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    if any(mode.grows(model.opt.timestep / 2**STABLE_IN) for mode in modes(model)):
+        model.opt.integrator = before
+
+
+class SubSteps:
+    """Takes the steps of one environment. missed: how many of them were not exact enough in 2^FINEST parts."""
+
+    def __init__(self, model: Any, tolerance: Tolerance) -> None:
+        self._tolerance = tolerance
+        self._state = np.empty(mujoco.mj_stateSize(model, STATE))
+        self.begin()
+
+    def begin(self) -> None:
+        """Stands before the first step of an episode."""
+        self.level = 0
+        self.missed = 0
+        self.taken: list[int] = []
+        """Parts of each step since this was emptied last."""
+
+    def kept(self) -> tuple[int, int, int]:
+        """Gives what `restore` takes to have the next steps taken again as they were."""
+        return self.level, self.missed, len(self.taken)
+
+    def restore(self, kept: tuple[int, int, int]) -> None:
+        """Goes back to where `kept` was asked for."""
+        self.level, self.missed, count = kept
+        del self.taken[count:]
+
+    def step(self, model: Any, data: Any) -> None:
+        """Takes a step of the grid; poses and velocities are those after it."""
+        mujoco.mj_getState(model, data, self._state, STATE)
+        counts = np.array(data.warning.number)
+        coarse = self._try(model, data, 1 << self.level)
+        while True:
+            mujoco.mj_setState(model, data, self._state, STATE)
+            data.warning.number[:] = counts
+            fine = self._try(model, data, 2 << self.level)
+            order = 1 if data.nefc else ORDER.get(model.opt.integrator, 1)
+            off = self._off(coarse, fine, model.opt.timestep) / (2**order - 1)
+            if off <= 1 or self.level == FINEST - 1:
+                break
+            self.level, coarse = self.level + 1, fine
+        self.taken.append(2 << self.level)
+        self.missed += not off <= 1
+        if self.level and off * 2 ** (order + 1) < 1:
+            self.level -= 1
+
+    @staticmethod
+    def _try(model: Any, data: Any, parts: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Takes a step in so many parts; returns positions, quaternions and velocities of all bodies."""
+        whole = model.opt.timestep
+        model.opt.timestep = whole / parts
+        mujoco.mj_step(model, data, parts)
+        model.opt.timestep = whole
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        return data.xpos[1:].copy(), data.xquat[1:].copy(), data.cvel[1:].copy()
+
+    def _off(self, coarse: tuple[np.ndarray, ...], fine: tuple[np.ndarray, ...], dt: float) -> float:
+        """The largest difference over what is allowed."""
+        shift = np.linalg.norm(fine[0] - coarse[0], axis=-1)
+        turn = se3.multiply(se3.conjugate(se3.from_mujoco(coarse[1])), se3.from_mujoco(fine[1]))
+        angle = 2 * np.arctan2(np.linalg.norm(turn[:, :3], axis=-1), np.abs(turn[:, 3]))
+        rate, drift = (HORIZON_S * np.linalg.norm((fine[2] - coarse[2])[:, part], axis=-1) for part in _PARTS)
+        worst = np.maximum(np.maximum(shift, drift) / self._tolerance.position,
+                           np.maximum(angle, rate) / self._tolerance.rotation)  # fmt: skip
+        off = float(worst.max(initial=0.0)) / dt
+        return off if np.isfinite(off) else np.inf
+
+
+_PARTS = (slice(0, 3), slice(3, 6))
+"""Angular and linear part of a spatial velocity."""

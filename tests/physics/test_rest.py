@@ -1,0 +1,129 @@
+"""What has come to rest stays where it is and takes no steps, each environment for itself, until something changes."""
+
+import numpy as np
+import pytest
+
+from evis.scene import load_scene
+
+mujoco = pytest.importorskip("mujoco")
+from nodes.physics.mujoco_engine import MujocoEngine  # noqa: E402
+from nodes.physics.separate import SeparateEngines  # noqa: E402
+
+BOX = "<body name='box' pos='0 0 {}'><freejoint/><geom type='box' size='.1 .1 .1' mass='1'/></body>"
+GROUND = "<geom type='plane' size='5 5 1'/>"
+CART = """<body name='cart' pos='0 0 .1'><joint name='rail' type='slide' axis='1 0 0' damping='5'/>
+<geom size='.1' mass='1'/></body>"""
+POLE = """<body name='pole' pos='0 0 1'><joint axis='0 1 0'/><geom type='capsule' fromto='0 0 0 0 0 1' size='.02'
+mass='1' contype='0' conaffinity='0'/></body>"""
+
+
+def engine_of(folder, world, rest="", integrator="implicitfast", **given):
+    option = f"<option timestep='.001' integrator='{integrator}'/>"
+    (folder / "m.xml").write_text(f"<mujoco>{option}<worldbody>{world}</worldbody>{rest}</mujoco>")
+    return MujocoEngine(load_scene(str(folder / "m.xml"), visuals=False), **given)
+
+
+def steps_of(monkeypatch) -> list[int]:
+    """Counts the steps that MuJoCo takes from now on."""
+    count = [0]
+
+    def step(model, data, grid, *rest):
+        count[0] += len(grid)
+        return take(model, data, grid, *rest)
+
+    import nodes.physics.mujoco_engine as engine
+
+    take = engine.take_steps
+    monkeypatch.setattr(engine, "take_steps", step)
+    return count
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "discrete", "RK4"])
+def test_a_box_that_lies_still_takes_no_steps(tmp_path, monkeypatch, integrator):
+    """And is where it would have crept to, to a nanometre."""
+    engine, count = engine_of(tmp_path, GROUND + BOX.format(0.12), integrator=integrator), steps_of(monkeypatch)
+    for k in range(1, 61):
+        engine.advance(round(k * 1e9 / 30))
+    before = count[0]
+    for k in range(61, 91):
+        interval = engine.advance(round(k * 1e9 / 30))
+        assert len(interval.t) == 2 and not len(interval.moving)
+    assert before > 0 and count[0] == before
+    model, data = engine.model, mujoco.MjData(engine.model)
+    mujoco.mj_step(model, data, 3000)
+    np.testing.assert_allclose(interval.end_pose[0, 0, :3], data.xpos[1], atol=1e-9)
+
+
+def test_a_change_of_the_controls_wakes_it(tmp_path):
+    """Not the same controls once more. What follows is as if it had not rested: v = F / c (1 - e^(-c t / m))."""
+    engine = engine_of(tmp_path, CART, "<actuator><motor joint='rail'/></actuator>")
+    for k in range(1, 31):
+        engine.advance(round(k * 1e9 / 30), np.zeros((1, 1)))
+    assert engine._rests[0].now
+    engine.advance(1_500_000_000, np.zeros((1, 1)))
+    assert engine._rests[0].now
+    interval = engine.advance(2_000_000_000, np.ones((1, 1)))
+    assert len(interval.t) == 501
+    assert interval.twist[0, -1, 0, 0] == pytest.approx(0.2 * (1 - np.exp(-2.5)), rel=1e-3)
+
+
+def test_what_is_about_to_fall_does_not_rest(tmp_path):
+    """A pole upright but for 1e-9 rad: slower than what rests for a second, but faster and faster."""
+    engine = engine_of(tmp_path, POLE)
+    (data,) = engine.data
+    data.qpos[0] = 1e-9
+    mujoco.mj_forward(engine.model, data)
+    end = [engine.advance(round(k * 1e9 / 30)).end_pose[0, 0] for k in range(1, 241)]
+    assert not np.allclose(end[-1], end[0], atol=0.1)
+
+
+def test_environments_rest_each_by_itself(tmp_path):
+    """Two that are let go at other heights come to rest at other times, to the bit as alone; so do they anew."""
+    world, stamps = GROUND + BOX.format(0.11), [round(k * 1e9 / 30) for k in range(1, 46)]
+
+    def course(envs: int, lift: dict[int, float]) -> tuple[MujocoEngine, list]:
+        engine = engine_of(tmp_path, world, envs=envs)
+        for env, height in lift.items():
+            engine.data[env].qpos[2] = height
+            mujoco.mj_forward(engine.model, engine.data[env])
+        engine._before = engine._now = engine._snapshot()
+        engine._last = engine._state_at(0)
+        found, resting = [], []
+        for stamp in stamps:
+            found.append(engine.advance(stamp).end_pose)
+            resting.append([rest.now for rest in engine._rests])
+        return engine, [np.array(found), np.array(resting)]
+
+    engine, (both, resting) = course(2, {0: 0.1, 1: 0.6})
+    assert (resting[:, 0] != resting[:, 1]).any() and resting[-1].all()
+    for env, height in ((0, 0.1), (1, 0.6)):
+        _, (alone, _) = course(1, {0: height})
+        assert alone[:, 0].tobytes() == both[:, env].tobytes()
+    again = engine.anew([1], [None], [1])
+    assert not again._rests[0].now and len(again.advance(stamps[0]).moving)
+
+
+def test_worlds_of_their_own_rest_side_by_side(tmp_path):
+    """One rests and the other falls: the joints of both come with all sub-steps."""
+    engines = [engine_of(tmp_path, GROUND + BOX.format(height), joints=True) for height in (0.1, 9.0)]
+    both = SeparateEngines(engines)
+    for k in range(1, 41):
+        interval = both.advance(round(k * 1e9 / 40))
+    assert engines[0]._rests[0].now and not engines[1]._rests[0].now
+    assert interval.qpos.shape[:2] == interval.qvel.shape[:2] == (2, len(interval.t)) and len(interval.t) > 20
+    assert not np.ptp(interval.qpos[0], axis=0).any() and np.ptp(interval.qpos[1, :, 2]) > 0.1
+    both.leave(0)
+    assert len(both.advance(1_050_000_000).t) > 20
+
+
+def test_what_is_prescribed_beside_it_goes_on(tmp_path):
+    (tmp_path / "m.xml").write_text(f"<mujoco><worldbody>{GROUND}{BOX.format(0.1)}</worldbody></mujoco>")
+    (tmp_path / "s.yaml").write_text(
+        "mjcf: m.xml\ncameras: {cam0: {fov: 1, position: [0, 0, 9]}}\n"
+        "bodies: {rotor: {motion: [{kind: spin, axis: [0, 0, 1], rate: 3}]}}\n"
+    )
+    engine = MujocoEngine(load_scene(str(tmp_path / "s.yaml"), visuals=False))
+    for k in range(1, 46):
+        interval = engine.advance(round(k * 1e9 / 30))
+    assert engine._rests[0].now and len(interval.t) == 35
+    assert [engine.scene.bodies[n].name for n in interval.moving] == ["rotor"]
