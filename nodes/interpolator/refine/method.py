@@ -42,6 +42,9 @@ class Refined:
     ) -> Report:
         """See Method."""
         report = self.rigid.between(a, b, held, out)
+        if self.rigid.rested:
+            self.further = None
+            return report
         self.further = self.refinement.further(a, b, np.asarray(held, bool), self.rigid.frames)
         report.refined, report.reshaded = self.refinement.evaluated, report.reshaded + self.refinement.shaded
         report.unreached = int(not self.refinement.reached)

@@ -1,0 +1,78 @@
+"""What rests: its frames are the keyframe at next to no cost, and what moves again is as if nothing had been spared."""
+
+from itertools import pairwise
+
+import numpy as np
+from rigid_rig import GAP, START, closed_form, keyframe, painted, pose, quad, world
+
+from evis.scene.motion import Prescribed
+from nodes.interpolator.refine.method import Refined
+from nodes.interpolator.rigid import Rigid, RigidOptions
+from nodes.renderer.renderer import Renderer
+
+GAPS = 6
+
+
+class Stops:
+    """Moves to the right, stands still for three gaps, and moves on."""
+
+    def pose(self, t_ns):
+        """Gives poses float64 [S, 7] at times int64 [S] ns."""
+        t = (np.atleast_1d(t_ns) - START) / GAP
+        places = np.zeros((len(t), 7))
+        places[:, 0] = np.interp(t, [-1, 1, 4, 7], [-0.1, 0.1, 0.1, 0.4])
+        places[:, 2], places[:, 6] = 2.0, 1.0
+        return places
+
+    def twist(self, t_ns):
+        """Gives velocities float64 [S, 6]; nobody here reads them."""
+        return np.zeros((len(np.atleast_1d(t_ns)), 6))
+
+    def is_static(self):
+        """Tells that it moves."""
+        return False
+
+
+def run(tolerance_ns=0.0, spared=True):
+    """Frames [GAPS, K, h, w] of a wall and something that rests for a while, which gaps rested, and further samples."""
+    things = [
+        (quad(4.0), painted(), Prescribed(pose(z=3.0))),
+        (quad(0.4), painted(), Stops()),
+    ]
+    scene = world(things)
+    view = scene.cameras[0]
+    renderer = Renderer(scene, view)
+    rigid = Rigid(scene, view, 1, 4, options=RigidOptions(probes=8 if tolerance_ns else 0))
+    if not spared:
+        rigid._rests = lambda *_: False
+    method = Refined(rigid, tolerance_ns) if tolerance_ns else rigid
+    keys = []
+    for n in range(GAPS + 1):
+        t = START + GAP * np.array([n - 1, n])
+        states = closed_form(scene, np.linspace(*t, 11).round().astype(np.int64))
+        keys.append(keyframe(renderer, states, states.pose[:, -1], int(t[1])))
+    frames, rested, further = [], [], []
+    for a, b in pairwise(keys):
+        out = np.full((1, 4, view.height, view.width), np.nan, np.float32)
+        method.between(a, b, [False], out)
+        frames.append(out[0])
+        rested.append(rigid.rested)
+        found = getattr(method, "further", None)
+        further.append(None if found is None else [part.numpy().copy() for part in (found.offset, found.value)])
+    return np.stack(frames), rested, further
+
+
+def test_what_rests_is_spared_and_nothing_else_changes():
+    frames, rested, _ = run()
+    assert sum(rested) == 3 and not rested[0] and not rested[-1]
+    whole, none, _ = run(spared=False)
+    assert not any(none) and np.array_equal(frames, whole)
+
+
+def test_samples_between_frames_are_spared_too():
+    frames, rested, further = run(100_000)
+    whole, _, all_further = run(100_000, spared=False)
+    assert sum(rested) == 3 and np.array_equal(frames, whole)
+    for one, other in zip(further, all_further):
+        assert (one is None) == (other is None)
+        assert one is None or all(np.array_equal(a, b) for a, b in zip(one, other))
