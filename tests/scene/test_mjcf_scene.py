@@ -231,3 +231,16 @@ def test_under_a_skin_the_collision_shapes_are_drawn(tmp_path):
     scene = load_scene(str(tmp_path / "soft.xml"))
     assert {instance.name for instance in scene.instances} == {"core", "seen"}
     assert any("skins are not drawn" in note for note in scene.notes)
+
+
+@pytest.mark.parametrize(("name", "told"), [("name='start'", "start"), ("", "0"), ("name='home'", "")])
+def test_a_keyframe_that_is_not_used_is_told(tmp_path, name, told):
+    body = "<body><freejoint/><geom size='.1'/></body>"
+    key = f"<keyframe><key {name} qpos='0 0 1 1 0 0 0'/></keyframe>"
+    (tmp_path / "m.xml").write_text(f"<mujoco><worldbody>{body}</worldbody>{key}</mujoco>")
+    scene = load_scene(str(tmp_path / "m.xml"))
+    notes = [note for note in scene.notes if "keyframe" in note]
+    assert len(notes) == bool(told) and scene.keyframe == (-1 if told else 0)
+    if told:
+        assert f"keyframe:={told} " in notes[0]
+        assert load_scene(str(tmp_path / "m.xml"), {"keyframe": told}).keyframe == 0

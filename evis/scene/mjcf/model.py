@@ -99,6 +99,12 @@ def keyframe_of(model: Any, wanted: str) -> int:
     raise ValueError(f"is '{wanted}'; {hint}")
 
 
+def unused_keyframe(model: Any) -> str:
+    """Tells that a model with keyframes starts at none of them, and how to start at one."""
+    name = name_of(model, mujoco.mjtObj.mjOBJ_KEY, 0, "")
+    return f"no keyframe is named '{HOME}', so the model starts in its reference pose; keyframe:={name} has it start there"
+
+
 def _compile(scene: Scene, path: Path, visuals: bool) -> tuple[Any, np.ndarray]:
     """The MjModel of an MJCF or URDF file, and which of its geoms are drawn, bool [ngeom]."""
     if path.suffix.lower() == ".urdf":

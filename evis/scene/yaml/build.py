@@ -157,7 +157,7 @@ class _Builder:
         self.model: Any = None
         if self.top.has("mjcf"):
             from evis.scene.mjcf.joints import read_starts
-            from evis.scene.mjcf.model import add_model, keyframe_of
+            from evis.scene.mjcf.model import add_model, keyframe_of, unused_keyframe
 
             scene.mjcf = (path.parent / self.top.text("mjcf")).resolve()
             if not scene.mjcf.is_file():
@@ -167,7 +167,10 @@ class _Builder:
             self.model = add_model(scene, size, own_cameras="cameras" in self.top.table, visuals=self.visuals)
             scene.initial_joints = read_starts(self.model, starts)
             try:
-                scene.keyframe = keyframe_of(self.model, self.top.text("keyframe", "auto"))
+                wanted = self.top.text("keyframe", "auto")
+                scene.keyframe = keyframe_of(self.model, wanted)
+                if wanted == "auto" and scene.keyframe < 0 and self.model.nkey:
+                    scene.notes.append(unused_keyframe(self.model))
             except ValueError as error:
                 if isinstance(error, SceneError):
                     raise
