@@ -102,7 +102,7 @@ def keyframe_of(model: Any, wanted: str) -> int:
 def unused_keyframe(model: Any) -> str:
     """Tells that a model with keyframes starts at none of them, and how to start at one."""
     name = name_of(model, mujoco.mjtObj.mjOBJ_KEY, 0, "")
-    return f"no keyframe is named '{HOME}', so the model starts in its reference pose; keyframe:={name} has it start there"
+    return f"no keyframe is named '{HOME}', so the model starts in its reference pose; there is keyframe:={name}"
 
 
 def _compile(scene: Scene, path: Path, visuals: bool) -> tuple[Any, np.ndarray]:
