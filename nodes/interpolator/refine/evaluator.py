@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from nodes.interpolator.keyframe import States
+from nodes.interpolator.refine.instants import DEEPEST
 from nodes.interpolator.refine.sight_kernels import Targets
 from nodes.interpolator.relight.change_kernels import Change
 from nodes.interpolator.relight.features import LightChanges
@@ -20,8 +21,8 @@ from nodes.renderer.lighting import LIST_WORKERS, Shading, ShadingOptions
 from nodes.renderer.lights.lights import waveform_strength
 from nodes.renderer.raster.visibility import Visibility
 
-LISTS = 128
-"""Lists of a gap, at most: of every window one, and one for each time that an interval is halved."""
+LISTS = DEEPEST + 2
+"""Lists of a window, at most: the first one, and one for each time that an interval is halved."""
 
 
 class Evaluator:
@@ -68,8 +69,8 @@ class Evaluator:
         self._place = make_place(channels, True)
         self.targets = self._make_targets()
         self.reserve(1)
-        self._lists = 0
-        """Lists that were evaluated since the gap began."""
+        self._lists = self._shaded = 0
+        """Lists of this window that were evaluated, and pixels that were shaded in those before."""
 
     def _make_targets(self) -> Any:
         v, targets = self.visibility, Targets()
@@ -87,17 +88,18 @@ class Evaluator:
     @property
     def shaded(self) -> int:
         """Counts the pixels that were shaded since the gap began."""
-        return int(self._counts.numpy().sum())
+        return self._shaded + (int(self._counts.numpy().sum()) if self._lists else 0)
 
     def begin(self, stamps: np.ndarray, a: States, b: States, held: np.ndarray) -> None:
         """Begins a gap; arguments as of Slots.begin, for all instants."""
-        self._stamps, self._lists = stamps, 0
-        self._counts.zero_()
+        self._stamps, self._lists, self._shaded = stamps, 0, 0
         self.places.begin(stamps, a, b, held)
 
     def place(self, instants: Sequence[int], upsampling: int) -> None:
         """Places what may move at instants, counted from 1 of `upsampling`, one for each slot."""
         v, rigid, shading = self.visibility, self._rigid, self.shading
+        self._shaded, self._lists = self.shaded, 0
+        self._counts.zero_()
         shading.update(self.places.place([i - 1 for i in instants]))
         v.settle()
         v.place_instances()

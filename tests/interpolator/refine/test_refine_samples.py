@@ -172,6 +172,12 @@ def test_times_ascend_between_the_frames_and_threads_change_nothing():
     assert np.isfinite(values).all()
 
 
+def test_many_short_windows_that_are_cut_often():
+    """16 frames, each interval of which is halved up to ten times."""
+    pixels, ns, values = refined(tumbling(), 16, 300)[1]
+    assert len(pixels) > 1000 and np.isfinite(values).all() and (np.diff(ns)[np.diff(pixels) == 0] > 0).all()
+
+
 def test_what_does_not_change_has_no_samples():
     scene = world([(quad(4.0), painted(), Prescribed(pose(z=3.0)))])
     assert refined(scene, 4, 100_000)[1] is None
