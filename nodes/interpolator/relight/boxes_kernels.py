@@ -19,7 +19,8 @@ class Swept:
 
     size [M]: radius of a ball about each of these bodies [m]. place [P E]: of the cameras. lamp [L]: positions of
     lights that stand still, or unit vectors towards those of kind 0; radius [L]: of their extents; shadow [L]: 1 where
-    they have shadows.
+    they have shadows. masks [E, I, L]: of instances that rest, bit k % 32 where body k may hide a light from some point
+    of one; 0 without shadows.
     """
 
     lower: wp.array2d(dtype=wp.vec3)
@@ -30,6 +31,7 @@ class Swept:
     radius: wp.array(dtype=float)
     shadow: wp.array(dtype=int)
     kind: wp.array(dtype=int)
+    masks: wp.array3d(dtype=wp.uint32)
 
 
 @wp.func
@@ -51,13 +53,20 @@ def box_met(lower: wp.vec3, upper: wp.vec3, direction: wp.vec3, length: float):
 
 
 @wp.func
-def crossed(swept: Swept, env: int, eye: wp.mat33, row: int, position: wp.vec3):
-    """Tells whether anything that moves may come between a light that stands still and a point, which the camera of a
-    slot's row sees there, at any time of the gap. eye: that camera to world."""
+def bit(k: int):
+    """Gives the bit of the k-th body in a mask of 32."""
+    return wp.uint32(1) << wp.uint32(k % 32)
+
+
+@wp.func
+def crossed(swept: Swept, env: int, eye: wp.mat33, row: int, instance: int, position: wp.vec3):
+    """Tells whether anything that moves may come between a light that stands still and a point of an instance that
+    rests, which the camera of a slot's row sees there, at any time of the gap. eye: that camera to world."""
     at = eye * position + swept.place[row]
     pad = 1.0e-5 * (wp.length(position) + wp.length(at))
     for l in range(swept.lamp.shape[0]):
-        if swept.shadow[l] == 1:
+        mask = swept.masks[env, instance, l]
+        if mask != wp.uint32(0):
             way = swept.lamp[l]
             length = FAR
             if swept.kind[l] != DIRECTIONAL:
@@ -66,15 +75,17 @@ def crossed(swept: Swept, env: int, eye: wp.mat33, row: int, position: wp.vec3):
             wide = (pad + swept.radius[l]) * wp.vec3(1.0, 1.0, 1.0)
             if box_met(swept.lower[env, 0] - at - wide, swept.upper[env, 0] - at + wide, way, length):
                 for k in range(1, swept.lower.shape[1]):
-                    if box_met(swept.lower[env, k] - at - wide, swept.upper[env, k] - at + wide, way, length):
-                        return True
+                    if (mask & bit(k - 1)) != wp.uint32(0):
+                        if box_met(swept.lower[env, k] - at - wide, swept.upper[env, k] - at + wide, way, length):
+                            return True
     return False
 
 
 @wp.func
 def nearby(swept: Swept, env: int, eye: wp.mat33, row: int, position: wp.vec3):
     """Bounds the share of the sky over a point that moving bodies fill at any time of the gap: the sum of the squares
-    of their size over their distance, each 1 at most. Arguments as of `crossed`."""
+    of their size over their distance, each 1 at most. eye, row, position: as of
+    `crossed`."""
     at = eye * position + swept.place[row]
     share = float(0.0)
     for k in range(swept.size.shape[0]):

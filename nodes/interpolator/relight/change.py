@@ -103,8 +103,11 @@ class LightChange:
         return result
 
     def place(self) -> None:
-        """Notes where the cameras of the slots are: a launch only."""
+        """Notes where the cameras of the slots are, and what may be shaded: launches only."""
         self.place_beside(self._v, self.kernel)
+        if self.features.shadows:
+            masks = self.kernel.swept.masks
+            wp.launch(swept_kernels.find_shaded, masks.shape[:2], [self.kernel], [masks], device=self._v.device)
 
     def place_beside(self, v: Visibility, kernel: Any) -> None:
         """Notes where the cameras of the slots of another visibility are, in the struct of `beside`: a launch only."""
@@ -120,7 +123,7 @@ class LightChange:
             setattr(other, name, getattr(self.kernel, name))
         other.now, other.sky, other.casters = shading.lights.kernel, shading.sky, shading.occluders.casters
         swept = Swept()
-        for name in ("lower", "upper", "size", "lamp", "radius", "shadow", "kind"):
+        for name in ("lower", "upper", "size", "lamp", "radius", "shadow", "kind", "masks"):
             setattr(swept, name, getattr(self.kernel.swept, name))
         swept.place = shading.visibility.empty(shading.visibility.envs, wp.vec3)
         other.swept = swept
@@ -191,6 +194,7 @@ class LightChange:
         swept.lamp = v.put(lamps, wp.vec3)
         swept.radius = v.put(np.array([_extent(light) for light in lights]), wp.float32)
         swept.kind, swept.shadow = self._lights.kernel.kind, self._lights.kernel.shadow
+        swept.masks = v.empty((self._envs, len(self._v.geometry.body), len(lights)), wp.uint32)
         return swept
 
     def _send_boxes(self, moved: np.ndarray, before: np.ndarray) -> None:

@@ -248,13 +248,13 @@ def make_narrowed(f: LightChanges) -> Any:
     """Makes the function `narrowed`."""
 
     @wp.func
-    def narrowed(change: Change, flag: int, env: int, row: int, position: wp.vec3):
-        """Gives the flags of a point, of those of its body: SHADED only where a shadow may pass in the gap, and AROUND
-        becomes LIT_ANEW near what moves, else 0."""
+    def narrowed(change: Change, flag: int, env: int, row: int, instance: int, position: wp.vec3):
+        """Gives the flags of a point of an instance, of those of its body: SHADED only where a shadow may pass in the
+        gap, and AROUND becomes LIT_ANEW near what moves, else 0."""
         left = flag
         if wp.static(f.shadows):
             if (flag & SHADED) != 0:
-                if not crossed(change.swept, env, change.casters.turn[row], row, position):
+                if not crossed(change.swept, env, change.casters.turn[row], row, instance, position):
                     left = left & ~SHADED
         if wp.static(f.indirect):
             if (flag & AROUND) != 0:
@@ -280,7 +280,7 @@ def make_asked(f: LightChanges) -> Any:
 
         to_a, to_b: how far the cameras of both keyframes are from that of the row [m].
         """
-        flag = narrowed(change, change.flags[env, body], env, row, position)
+        flag = narrowed(change, change.flags[env, body], env, row, change.instance[triangle_of(hit)], position)
         if wp.static(f.view):
             if (flag & MOVED) != 0:
                 flag = flag | VIEWED
@@ -308,7 +308,7 @@ def make_level(f: LightChanges) -> Any:
         """Gives ln of the irradiance of a flagged point in a slot's row, and whether something may be in the way of a
         light."""
         level = float(0.0)
-        here = narrowed(change, flag, env, row, s.position)
+        here = narrowed(change, flag, env, row, s.instance, s.position)
         moved = (here & MOVED) != 0
         hidden = (here & LIT_ANEW) != 0
         if wp.static(f.relative):

@@ -2,8 +2,9 @@
 
 import warp as wp
 
-from nodes.interpolator.relight.boxes_kernels import crossed, nearby
+from nodes.interpolator.relight.boxes_kernels import bit, box_met, crossed, nearby
 from nodes.interpolator.relight.change_kernels import AROUND, LIT_ANEW, SHADED, Change
+from nodes.renderer.lights.light_kernels import DIRECTIONAL, FAR
 from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
 from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
 
@@ -25,6 +26,45 @@ def place_cameras(
     """Computes where the cameras of poses [R, N] are, in the world's axes about an origin [m]."""
     row = wp.tid()
     place[row] = wp.vec3(wp.transform_get_translation(poses[row, camera]) - origin)
+
+
+@wp.kernel
+def find_shaded(
+    # in
+    change: Change,
+    # out
+    masks: wp.array3d(dtype=wp.uint32),
+):
+    """Computes `masks` of Swept, for instances as they are in the first slot.
+
+    Where a light's way to the middle of an instance meets the box of what moves, made larger by the instance's own, a
+    point of it may be shaded; where it does not, none is.
+    """
+    env, i = wp.tid()
+    swept = change.swept
+    eye = change.casters.turn[env]
+    seen = change.casters.translation[env, i]
+    middle = eye * seen + swept.place[env]
+    turn = eye * change.casters.rotation[env, i]
+    half = change.half[i]
+    sides = wp.vec3()
+    for k in range(3):
+        sides[k] = wp.abs(turn[k, 0]) * half[0] + wp.abs(turn[k, 1]) * half[1] + wp.abs(turn[k, 2]) * half[2]
+    # For what is rounded in single precision here and at the points.
+    pad = 1.0e-4 * (wp.length(seen) + wp.length(middle) + wp.length(sides))
+    for l in range(swept.lamp.shape[0]):
+        mask = wp.uint32(0)
+        if swept.shadow[l] == 1:
+            way = swept.lamp[l]
+            length = FAR
+            if swept.kind[l] != DIRECTIONAL:
+                way = way - middle
+                length = 1.0
+            wide = sides + (pad + swept.radius[l]) * wp.vec3(1.0, 1.0, 1.0)
+            for k in range(1, swept.lower.shape[1]):
+                if box_met(swept.lower[env, k] - middle - wide, swept.upper[env, k] - middle + wide, way, length):
+                    mask = mask | bit(k - 1)
+        masks[env, i, l] = mask
 
 
 @wp.kernel
@@ -53,6 +93,6 @@ def disquiet(
             if (flag & AROUND) != 0 and not touched:
                 touched = nearby(change.swept, env, eye, env, position) > 2.0 * change.even
             if (flag & SHADED) != 0 and not touched:
-                touched = crossed(change.swept, env, eye, env, position)
+                touched = crossed(change.swept, env, eye, env, change.instance[t], position)
             if touched:
                 quiet[env, y, x] = NEVER

@@ -1,9 +1,13 @@
 """What may be in the way of light, by boxes: never missed."""
 
 import numpy as np
+import pytest
 import warp as wp
 
-from nodes.interpolator.relight.boxes_kernels import box_met
+from nodes.interpolator.relight.boxes_kernels import Swept, box_met, crossed
+from nodes.interpolator.relight.change_kernels import Change
+from nodes.interpolator.relight.swept_kernels import find_shaded
+from nodes.renderer.lights.lights import KINDS
 
 
 @wp.kernel(enable_backward=False)
@@ -36,3 +40,54 @@ def test_a_ray_meets_a_box_as_its_points_lie_in_it():
     assert not (~found & (away < -1e-5)).any(), "nothing that is in the way is missed"
     assert not (found & (away > 2e-3)).any()
     assert 0.05 < found.mean() < 0.95
+
+
+@wp.kernel(enable_backward=False)
+def cross(swept: Swept, position: wp.array2d(dtype=wp.vec3), found: wp.array2d(dtype=int)):
+    """Tells of points of instances, in the world's axes, whether something may come before a light."""
+    i, n = wp.tid()
+    if crossed(swept, 0, wp.identity(n=3, dtype=float), 0, i, position[i, n]):
+        found[i, n] = 1
+
+
+@pytest.mark.parametrize("kind", ["point", "directional"])
+def test_what_may_be_shaded_of_an_instance_covers_all_of_its_points(kind: str):
+    """40 movers, more than a mask has bits; of each way from a point to the light 400 places are looked at."""
+    rng = np.random.default_rng(3)
+    movers, instances, points = 40, 60, 200
+    middle, reach = rng.uniform(-6, 6, (movers, 3)), rng.uniform(0.05, 0.4, (movers, 3))
+    boxes = [
+        np.concatenate([f(sign * reach + middle, 0, keepdims=True), sign * reach + middle])[None]
+        for f, sign in ((np.min, -1), (np.max, 1))
+    ]
+    lamp = np.array([[0.5, -0.3, 7.0]]) if kind == "point" else np.array([[0.6, 0.0, 0.8]])
+    turn, _ = np.linalg.qr(rng.normal(size=(instances, 3, 3)))
+    place, half = rng.uniform(-6, 6, (instances, 3)), rng.uniform(0.05, 0.5, (instances, 3))
+    within = rng.uniform(-1, 1, (instances, points, 3)) * half[:, None]
+    at = np.einsum("ixy,ipy->ipx", turn, within) + place[:, None]
+    change = Change()
+    change.casters.turn = wp.array([np.eye(3)], dtype=wp.mat33, device="cpu")
+    change.casters.rotation = wp.array(turn[None], dtype=wp.mat33, device="cpu")
+    change.casters.translation = wp.array(place[None], dtype=wp.vec3, device="cpu")
+    change.half = wp.array(half, dtype=wp.vec3, device="cpu")
+    swept = change.swept
+    swept.lower, swept.upper = (wp.array(box, dtype=wp.vec3, device="cpu") for box in boxes)
+    swept.place, swept.lamp = wp.zeros(1, dtype=wp.vec3, device="cpu"), wp.array(lamp, dtype=wp.vec3, device="cpu")
+    swept.radius, swept.shadow = wp.zeros(1, dtype=float, device="cpu"), wp.ones(1, dtype=int, device="cpu")
+    swept.kind = wp.array([KINDS[kind]], dtype=int, device="cpu")
+    swept.masks = wp.zeros((1, instances, 1), dtype=wp.uint32, device="cpu")
+    wp.launch(find_shaded, (1, instances), [change], [swept.masks], device="cpu")
+    found = wp.zeros((instances, points), dtype=int, device="cpu")
+    given = wp.array(at, dtype=wp.vec3, device="cpu")
+    wp.launch(cross, found.shape, [swept, given], [found], device="cpu")
+    share = np.linspace(0, 1, 400)[:, None, None, None] * (1.0 if kind == "point" else 20.0)
+    way = at + share * ((lamp - at) if kind == "point" else lamp)
+    met = np.zeros((instances, points), bool)
+    for k in range(movers):
+        met |= (np.abs(way - middle[k]) < reach[k]).all(-1).any(0)
+    shaded = found.numpy().astype(bool)
+    assert not (met & ~shaded).any(), "nothing that is in the way is missed"
+    assert 0.02 < met.mean() < 0.6
+    masks = swept.masks.numpy()
+    assert (masks == 0).any(), "of some instances nothing can be shaded"
+    assert (~shaded.any(1)).sum() >= (masks == 0).sum()
