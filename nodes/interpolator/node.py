@@ -23,6 +23,7 @@ from msgs.world import WorldState
 from nodes.interpolator.methods import HELP, METHODS, reads
 from nodes.interpolator.samples import none_of
 from nodes.renderer import parameters
+from nodes.renderer.cores import threads_for
 from nodes.renderer.parameters import LIGHT
 
 if TYPE_CHECKING:
@@ -71,7 +72,10 @@ class InterpolatorNode(Node):
         "margin": Param(int, 0, "the renderer's margin that is expected", "px", 0, 1024),
         **LIGHT,
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
-        "threads": Param(int, 1, "CPU threads, which share the frames of a gap", minimum=1, maximum=256),
+        "threads": Param(
+            int, 0, "CPU threads, which share the frames of a gap; 0 = as cores and pixels are worth, at most 8",
+            minimum=0, maximum=256,
+        ),
     }  # fmt: skip
     INPUTS = {
         "keyframe": Input("/{camera}/keyframe", on_device=True),
@@ -121,7 +125,6 @@ class InterpolatorNode(Node):
         worlds = self.worlds = worlds_of(self.name, p) if "state" in reads(method) else None
         scene = worlds.scenes[0] if worlds else None
         self._names = [body.name for body in scene.bodies] if scene else []
-        self.interpolator = self._interpolators(worlds)
         camera = camera_of(scene, p["camera"]) if scene else None
         size = (camera.height, camera.width) if camera else (p["height"], p["width"])
         # Samples that are to be moved apart come as a larger image.
@@ -129,6 +132,7 @@ class InterpolatorNode(Node):
         height, width = (n * ((length or 0) + 2 * p["margin"]) for length in size)
         self._expected = (height, width) if all(size) else None
         self._fineness = n
+        self.interpolator = self._interpolators(worlds)
         if self._sampled and n > 1:
             self.warn("time_tolerance changes nothing where a pixel is the mean of several samples (supersampling)")
         self._warm(self.interpolator, p["envs"])
@@ -160,9 +164,11 @@ class InterpolatorNode(Node):
 
         p = self.params
         light = parameters.light_options(p if scene else {})
-        how = {key: p[key] for key in ("colour", "device", "threads", "tolerance", "sample_px", "adaptive_px")}
+        how = {key: p[key] for key in ("colour", "device", "tolerance", "sample_px", "adaptive_px")}
         how["time_tolerance"] = p["time_tolerance"] if self._sampled else 0.0
         camera = camera_of(scene, p["camera"]) if scene else None
+        height, width = self._expected or (0, 0)
+        how["threads"] = threads_for(p["threads"], p["envs"] * height * width)
         return Interpolator(self._method, p["upsampling"], scene=scene, camera=camera, worlds=worlds, **how, **light)
 
     def _separate(self, parts: Parts[Interpolator]) -> SeparateInterpolators:

@@ -22,6 +22,7 @@ from msgs.header import Header, Message
 from msgs.own_time import STAMP
 from msgs.world import WorldState
 from nodes.renderer import parameters
+from nodes.renderer.cores import threads_for
 from nodes.renderer.parameters import LIGHT
 
 if TYPE_CHECKING:
@@ -43,7 +44,13 @@ class RendererNode(Node):
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "envs": Param(int, 1, "parallel environments", minimum=1, maximum=65536),
         "margin": Param(int, 0, "pixels rendered beyond every side of the image", "px", 0, 1024),
-        "threads": Param(int, 1, "CPU threads of renderer and interpolator", minimum=1, maximum=256),
+        "threads": Param(
+            int,
+            0,
+            "CPU threads of renderer and interpolator; 0 = as cores and pixels are worth, at most 8",
+            minimum=0,
+            maximum=256,
+        ),
         "half": Param(bool, False, "keyframes as float16, clipped at 65504"),
         "keyframes": Param(
             str,
@@ -203,8 +210,9 @@ class RendererNode(Node):
         from nodes.renderer.supersampling import SupersampledRenderer
 
         p, camera = self.params, camera_of(scene, self.params["camera"])
-        how = {key: p[key] for key in ("margin", "device", "threads", "half")} | parameters.light_options(p)
+        how = {key: p[key] for key in ("margin", "device", "half")} | parameters.light_options(p)
         samples = p["supersampling"] or camera.supersampling
+        how["threads"] = threads_for(p["threads"], envs * samples * camera.height * camera.width)
         if samples > 1:
             return SupersampledRenderer(scene, camera, samples, envs, **how, apart=p["samples_apart"])
         return Renderer(scene, camera, envs, **how)

@@ -109,7 +109,9 @@ def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapp
         sensor=sensor,
         light=light_options(p),
         warp={key: frames[key] for key in WARP if frames.get(key) is not None},
-        **{key: p[key] for key in ("device", "envs", "threads", "margin")},
+        # One thread's CPU time can be told from that of other programs.
+        threads=p["threads"] or 1,
+        **{key: p[key] for key in ("device", "envs", "margin")},
         **wishes,
     )
 
