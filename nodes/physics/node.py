@@ -184,7 +184,7 @@ class PhysicsNode(Node):
         if not scene.dynamic:
             from nodes.physics.prescribed import PrescribedEngine
 
-            return PrescribedEngine(scene, envs, p["accelerations"])
+            return PrescribedEngine(scene, envs, p["accelerations"], p["keyframe_rate"], p["envs"])
         from nodes.physics.mujoco_engine import MujocoEngine
 
         return MujocoEngine(
