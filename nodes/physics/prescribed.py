@@ -78,7 +78,7 @@ class PrescribedEngine:
         end = states.rest.copy()
         end[states.moving] = pose[-1]
         ends, poses, twists = (np.broadcast_to(a, (self.envs, *a.shape)) for a in (end, pose, twist))
-        interval = Interval(t, ends, states.moving, poses, twists)
+        interval = Interval(t, ends, states.moving, poses, twists, lasting=True)
         if self._accelerations:
             interval.acceleration = np.tile(prescribed_accelerations(self.scene, int(t[-1])), (self.envs, 1, 1))
         return interval

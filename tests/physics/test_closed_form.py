@@ -5,12 +5,16 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from evis.bus.local import LocalPublisher
 from evis.geometry import se3
 from evis.runtime.clock import keyframe_stamp
 from evis.scene.load import load_scene
 from evis.scene.model import Body, Scene
 from evis.scene.motion import Linear, Path, Prescribed, Sinusoid, Spin, Swing, Turn
 from evis.scene.spline import Spline
+from msgs.codec import decode, encode
+from msgs.header import Header
+from msgs.world import WorldState
 from nodes.physics.closed_form.ahead import BLOCK, ROW
 from nodes.physics.closed_form.together import PrescribedTogether
 from nodes.physics.interval import grid_inside
@@ -129,3 +133,20 @@ def test_what_is_computed_ahead_is_bounded():
     held = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
     assert held < 1.1 * (BLOCK + 16 * 35 * len(moving) * ROW)
+
+
+def test_states_of_environments_that_move_alike_are_published_without_a_copy():
+    """Within a process; what a recorder in another one would get is the same."""
+    engine = PrescribedEngine(load_scene("spinning_disk", textures=False), 64, keyframe_rate=30.0)
+    engine.start()
+    interval = engine.advance(33_333_333)
+    state = WorldState(Header(33_333_333), interval.t, interval.end_pose, interval.moving, interval.moving_pose,
+                       interval.moving_twist, np.zeros(64, np.int32))  # fmt: skip
+    publisher = LocalPublisher("/state", "physics", WorldState)
+    publisher.send(state)
+    assert np.shares_memory(state.moving_pose[0], state.moving_pose[63]) and not state.moving_pose.flags.writeable
+    frames = [bytes(frame) for frame in encode(state)]
+    got = decode(frames, WorldState)
+    for name in ("t", "end_pose", "moving_pose", "moving_twist"):
+        assert np.array_equal(getattr(got, name), getattr(state, name))
+    publisher.close()
