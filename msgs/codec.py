@@ -49,19 +49,23 @@ class WireHeader:
     extra: dict[str, Any]
 
 
-def contiguous(value: Any) -> np.ndarray:
-    """Returns a C-contiguous numpy view of a numpy or Warp array, copied only where it must be."""
-    array = value if isinstance(value, np.ndarray) else value.numpy()
+def contiguous(array: np.ndarray) -> np.ndarray:
+    """Returns an array in C order, copied only where it must be."""
     return array if array.flags.c_contiguous else np.ascontiguousarray(array)
+
+
+def checked(message: Message) -> dict[str, np.ndarray]:
+    """Returns the arrays of a message as they lie in memory, checked against its type. Raises MessageError."""
+    if not isinstance(message.header, Header):
+        raise MessageError(f"{type(message).__name__}.header is {type(message.header).__name__}, not Header")
+    arrays = {n: value if isinstance(value, np.ndarray) else value.numpy() for n, value in message.arrays().items()}
+    check_layout(type(message), arrays)
+    return arrays
 
 
 def contents(message: Message) -> dict[str, np.ndarray]:
     """Returns the arrays of a message as they go on the wire, checked against its type. Raises MessageError."""
-    if not isinstance(message.header, Header):
-        raise MessageError(f"{type(message).__name__}.header is {type(message.header).__name__}, not Header")
-    arrays = {name: contiguous(value) for name, value in message.arrays().items()}
-    check_layout(type(message), arrays)
-    return arrays
+    return {name: contiguous(array) for name, array in checked(message).items()}
 
 
 def layout(arrays: Mapping[str, np.ndarray]) -> Layout:

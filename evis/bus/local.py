@@ -11,7 +11,7 @@ import zmq
 from evis.bus.device import Asked, DevicePool, DeviceSlot, check
 from evis.bus.publisher import check_sent
 from evis.bus.slots import Slot, SlotPool
-from msgs.codec import contents
+from msgs.codec import checked
 from msgs.header import Message
 
 ENOUGH = 1 << 30
@@ -88,7 +88,7 @@ class LocalPublisher:
         Raises BusError for a message of another type, or one that was published before; MessageError for a wrong one.
         """
         check_sent(self.topic, self.node, self.message_type, message)
-        arrays = contents(message)
+        arrays = checked(message)
         slot = self._pool.claim(arrays)
         self._count(message, sum([a.nbytes for a in arrays.values()]))
         message._slot = slot  # type: ignore[misc]

@@ -16,7 +16,7 @@ from evis.bus.errors import BusError, PeerLost
 from evis.bus.placing import describe, place
 from evis.bus.slots import Slot, SlotPool
 from evis.bus.tap import TapSender, queue_length
-from msgs.codec import Buffer, contents, pack_header, raw
+from msgs.codec import Buffer, checked, contiguous, pack_header, raw
 from msgs.header import Message
 
 INLINE_BELOW = 1 << 15
@@ -185,20 +185,22 @@ class Publisher:
         consumers that are not connected yet: they get the last value when they come.
         """
         check_sent(self.topic, self.node, self.message_type, message)
-        arrays = contents(message)
+        arrays = checked(message)
         self._wait_for_credit(timeout_s)
         message.header.seq = self._seq
         size = sum([a.nbytes for a in arrays.values()])
         slot = self._pool.claim(arrays)
-        consumers = self._receivers()
+        consumers, tapped = self._receivers(), self._tap.due()
         # A latched message reaches half-connected consumers too, which hold no slot: it carries its arrays.
         by_slot = bool(consumers) and self._pool.shared and size >= INLINE_BELOW and not self.latched
+        # What is copied into a slot as a whole is in order there.
+        if slot is not None or (not by_slot and (consumers or tapped or self.latched)):
+            arrays = {name: contiguous(array) for name, array in arrays.items()}
         try:
             if by_slot:
                 slot, offsets, copies = place(self._pool, message, arrays, slot)
                 self._copies += copies
                 self._deliver(consumers, describe(message, arrays, slot, offsets), slot)
-            tapped = self._tap.due()
             if tapped or self.latched or (consumers and not by_slot):
                 inline = [pack_header(message, arrays), *map(raw, arrays.values())]
                 if not by_slot:

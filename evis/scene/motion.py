@@ -1,14 +1,19 @@
-"""Prescribed motion: poses and twists of a body in closed form."""
+"""Prescribed motion: poses and twists of a body in closed form.
+
+A motion computes with arrays of its own leading shape: that of one body has none, and what is `stacked` of those of B
+bodies has one of B, and gives [B, S, ...] where one of them gives [S, ...], bit by bit the same.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, TypeVar
 
 import numpy as np
 
 from evis.geometry import se3
-from evis.scene.spline import Spline
+from evis.scene.spline import Spline, Splines
 
 NS = 1e-9
 """Seconds per nanosecond."""
@@ -22,7 +27,8 @@ class Linear:
 
     def shift(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Computes displacement and velocity [S, 3] at times [S] s."""
-        return t[:, None] * self.velocity, np.broadcast_to(self.velocity, (len(t), 3))
+        displacement = t[:, None] * self.velocity
+        return displacement, np.broadcast_to(self.velocity, displacement.shape)
 
     def acceleration(self, t: np.ndarray) -> np.ndarray:
         """Computes the second derivative of the displacement [S, 3] at times [S] s."""
@@ -41,7 +47,7 @@ class Sinusoid:
         """Computes displacement and velocity [S, 3] at times [S] s."""
         rate = 2 * np.pi * self.frequency
         angle = rate * t + self.phase
-        return np.outer(np.sin(angle), self.amplitude), np.outer(rate * np.cos(angle), self.amplitude)
+        return np.sin(angle)[..., None] * self.amplitude, (rate * np.cos(angle))[..., None] * self.amplitude
 
     def acceleration(self, t: np.ndarray) -> np.ndarray:
         """Computes the second derivative of the displacement [S, 3] at times [S] s."""
@@ -58,7 +64,8 @@ class Spin:
 
     def turn(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Computes angle [rad] and angular rate [rad/s], [S], at times [S] s."""
-        return self.rate * t, np.full(len(t), self.rate)
+        angle = self.rate * t
+        return angle, np.broadcast_to(self.rate, angle.shape)
 
     def acceleration(self, t: np.ndarray) -> np.ndarray:
         """Computes the angular acceleration [rad/s^2], [S], at times [S] s."""
@@ -114,16 +121,64 @@ class Turn:
     def turn(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Computes angle [rad] and angular rate [rad/s], [S], at times [S] s."""
         angle, rate = self.spline(t)
-        return angle[:, 0], rate[:, 0]
+        return angle[..., 0], rate[..., 0]
 
     def acceleration(self, t: np.ndarray) -> np.ndarray:
         """Computes the angular acceleration [rad/s^2], [S], at times [S] s."""
-        return self.spline.bend(t)[:, 0]
+        return self.spline.bend(t)[..., 0]
 
 
 Shift = Linear | Sinusoid | Path
 Rotation = Spin | Swing | Turn
 Motion = Shift | Rotation
+Kind = TypeVar("Kind", bound=Motion)
+
+
+def kind(motion: Motion) -> tuple[Any, ...]:
+    """Tells motions apart that cannot be stacked: those of the same kind can."""
+    if isinstance(motion, (Path, Turn)):
+        return type(motion).__name__, motion.spline.loop, motion.spline.times.tobytes()
+    return (type(motion).__name__,)
+
+
+def stacked(motions: Sequence[Kind]) -> Kind:
+    """Makes one motion of those of B bodies, which are of the same kind: its fields have a leading axis, of B."""
+    values: dict[str, Any] = {}
+    for field in fields(motions[0]):
+        each = [getattr(motion, field.name) for motion in motions]
+        values[field.name] = Splines(each) if isinstance(each[0], Spline) else np.stack(each)[:, None]
+    return type(motions[0])(**values)
+
+
+def local_state(
+    start: np.ndarray, shifts: Sequence[Shift], turns: Sequence[Rotation], t: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Computes poses [..., S, 7] and twists [..., S, 6] in the parent's frame, at times [S] s.
+
+    start: float64 [..., 7]; the motions are stacked where it has a leading axis.
+    """
+    shape = (*start.shape[:-1], len(t))
+    position, rotation = (
+        np.broadcast_to(part[..., None, :], (*shape, part.shape[-1])).copy()
+        for part in (start[..., :3], start[..., 3:])
+    )
+    twist = np.zeros((*shape, 6))
+    for shift in shifts:
+        displacement, velocity = shift.shift(t)
+        position += displacement
+        twist[..., :3] += velocity
+    for turn in turns:
+        angle, rate = turn.turn(t)
+        twist[..., 3:] += rate[..., None] * se3.rotate(rotation, turn.axis)
+        rotation = se3.multiply(rotation, se3.exp(angle[..., None] * turn.axis))
+    return se3.make_pose(position, rotation), twist
+
+
+def carried(
+    carrier: tuple[np.ndarray, np.ndarray], state: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Computes poses and twists in the world of what has this state in the frame of a carrier with that state."""
+    return se3.compose(carrier[0], state[0]), se3.compose_twist(*carrier, *state)
 
 
 Known = dict["Prescribed", tuple[np.ndarray, np.ndarray]]
@@ -163,6 +218,11 @@ class Prescribed:
         """Returns True when the pose never changes."""
         return self._static
 
+    @property
+    def depth(self) -> int:
+        """Counts what carries it: 0 without a parent."""
+        return 0 if self.parent is None else 1 + self.parent.depth
+
     def state(self, t_ns: np.ndarray, known: Known | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Computes pose and twist at once, which costs no more than one of them.
 
@@ -173,21 +233,9 @@ class Prescribed:
         if self._static:
             return self._still_pose(np.size(t_ns)), np.zeros((np.size(t_ns), 6))
         t = np.atleast_1d(np.asarray(t_ns, np.int64)) * NS
-        position = np.tile(self.start[:3], (len(t), 1))
-        rotation = np.tile(self.start[3:], (len(t), 1))
-        twist = np.zeros((len(t), 6))
-        for shift in self.shifts:
-            displacement, velocity = shift.shift(t)
-            position += displacement
-            twist[:, :3] += velocity
-        for turn in self.turns:
-            angle, rate = turn.turn(t)
-            twist[:, 3:] += rate[:, None] * se3.rotate(rotation, turn.axis)
-            rotation = se3.multiply(rotation, se3.exp(angle[:, None] * turn.axis))
-        pose = se3.make_pose(position, rotation)
+        pose, twist = local_state(self.start, self.shifts, self.turns, t)
         if self.parent is not None:
-            outer_pose, outer_twist = self.parent.state(t_ns, known)
-            pose, twist = se3.compose(outer_pose, pose), se3.compose_twist(outer_pose, outer_twist, pose, twist)
+            pose, twist = carried(self.parent.state(t_ns, known), (pose, twist))
         if known is not None:
             known[self] = pose, twist
         return pose, twist
@@ -221,3 +269,14 @@ class Prescribed:
             still = self.parent._still_pose(1)[0] if self.parent else None
             self._still = self.start if still is None else se3.compose(still, self.start)
         return np.repeat(self._still[None], count, axis=0)
+
+
+def with_parents(paths: Iterable[Prescribed]) -> list[Prescribed]:
+    """Lists the paths and all that carries them, each once."""
+    found: dict[int, Prescribed] = {}
+    for path in paths:
+        node: Prescribed | None = path
+        while node is not None and id(node) not in found:
+            found[id(node)] = node
+            node = node.parent
+    return list(found.values())

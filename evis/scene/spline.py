@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -59,6 +61,30 @@ class Spline:
         rise = self.values[k + 1] - self.values[k]
         a, b = h * self.rates[k], h * self.rates[k + 1]
         return inside, laps, k, u, h, (a, 3 * rise - 2 * a - b, a + b - 2 * rise)
+
+
+class Splines:
+    """The same number of values of each of B splines, all with the same times and loop: [B, S, D] where one gives
+    [S, D], bit by bit the same."""
+
+    def __init__(self, splines: Sequence[Spline]) -> None:
+        first = splines[0]
+        self.times, self.loop, self._count = first.times, first.loop, len(splines)
+        self._joined = copy.copy(first)
+        self._joined.values = np.hstack([spline.values for spline in splines])
+        self._joined.rates = np.hstack([spline.rates for spline in splines])
+
+    def __call__(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values and their derivatives, both [B, S, D], at times [S] s."""
+        value, rate = self._joined(t)
+        return self._apart(value), self._apart(rate)
+
+    def bend(self, t: np.ndarray) -> np.ndarray:
+        """Computes the second derivatives [B, S, D] at times [S] s, as `Spline.bend` does."""
+        return self._apart(self._joined.bend(t))
+
+    def _apart(self, values: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(np.swapaxes(values.reshape(len(values), self._count, -1), 0, 1))
 
 
 def _slopes(t: np.ndarray, x: np.ndarray, loop: bool, start: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -106,16 +106,23 @@ def owned(message: Message) -> Message:
     """
     slot = message._slot
     if slot is None:
-        return message
+        shared = {n: a for n, a in message.arrays().items() if isinstance(a, np.ndarray) and not a.flags.writeable}
+        return _with(message, {name: array.copy() for name, array in shared.items()})
     pool = getattr(slot, "pool", None)
     if slot.pins == 1 and pool is not None:
         pool.part_with(slot)
         message._slot = None  # type: ignore[misc]
         return message
-    whole: Any = message
-    copy: Message = replace(whole, **{name: _copied(value) for name, value in message.arrays().items()})
+    copy = _with(message, {name: _copied(value) for name, value in message.arrays().items()})
     message.release()
     return copy
+
+
+def _with(message: Message, arrays: Mapping[str, Any]) -> Message:
+    """The message with these arrays in place of its own."""
+    whole: Any = message
+    changed: Message = replace(whole, **arrays)
+    return changed
 
 
 def _copied(array: Any) -> Any:

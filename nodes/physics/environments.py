@@ -158,6 +158,7 @@ class Environments:
                 arrays[name][mine] = values[group.live]
         t = self._shared(parts, steps, previous)
         result = Interval(t, arrays["end_pose"], moving, arrays["moving_pose"], arrays["moving_twist"], own_t=own_t)
+        result.lasting = True
         result.qpos, result.qvel, result.acceleration = (arrays.get(n) for n in ("qpos", "qvel", "acceleration"))
         result.contacts = self._contacts(parts)
         for group, interval in parts:

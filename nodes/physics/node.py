@@ -184,7 +184,7 @@ class PhysicsNode(Node):
         if not scene.dynamic:
             from nodes.physics.prescribed import PrescribedEngine
 
-            return PrescribedEngine(scene, envs, p["accelerations"])
+            return PrescribedEngine(scene, envs, p["accelerations"], p["keyframe_rate"], p["envs"])
         from nodes.physics.mujoco_engine import MujocoEngine
 
         return MujocoEngine(
@@ -340,17 +340,19 @@ class PhysicsNode(Node):
         if not self.wants("state"):
             return
         given = {name: getattr(interval, name) for name in ("t", "end_pose", "moving", "moving_pose", "moving_twist")}
-        given["episodes"] = self.episodes
+        given["episodes"] = self.episodes.copy()
         if interval.own_t is not None:
             given |= {"own": self.environments.own(self.episodes - self._seeded), "own_t": interval.own_t}
         asked = {"qpos": interval.qpos, "qvel": interval.qvel, "acceleration": interval.acceleration}
         given |= {name: array for name, array in asked.items() if array is not None}
         if interval.contacts is not None:
             given |= {f"contact_{n}": a for n, a in vars(interval.contacts).items()}
-        arrays = self.loan("state", **{name: (value.shape, value.dtype) for name, value in given.items()})
-        for name, value in given.items():
-            arrays[name][...] = value
-        self.publish("state", WorldState(Header(stamp, episode=self.episode), names=self.names, **arrays))
+        if not interval.lasting:
+            arrays = self.loan("state", **{name: (value.shape, value.dtype) for name, value in given.items()})
+            for name, value in given.items():
+                arrays[name][...] = value
+            given = arrays
+        self.publish("state", WorldState(Header(stamp, episode=self.episode), names=self.names, **given))
 
 
 def _given(envs: list[int], seeds: list[int]) -> tuple[list[int], list[int]]:

@@ -8,10 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from evis.scene.model import Scene, Trajectory
-from evis.scene.motion import Known, Prescribed
+from evis.scene.motion import Prescribed
 from nodes.physics.accelerations import prescribed_accelerations
+from nodes.physics.closed_form.ahead import BLOCK, Ahead
+from nodes.physics.closed_form.together import PrescribedTogether
 from nodes.physics.from_outside import Actuators
-from nodes.physics.interval import Interval, grid_inside
+from nodes.physics.interval import Interval
 
 
 class PrescribedEngine:
@@ -20,29 +22,42 @@ class PrescribedEngine:
     controls = 0
     actuators = Actuators()
 
-    def __init__(self, scene: Scene, envs: int = 1, accelerations: bool = False) -> None:
-        """accelerations: whether intervals have them."""
+    def __init__(
+        self,
+        scene: Scene,
+        envs: int = 1,
+        accelerations: bool = False,
+        keyframe_rate: float | None = None,
+        beside: int = 1,
+    ) -> None:
+        """accelerations: whether intervals have them. keyframe_rate: of the stamps that will be asked for [Hz], so that
+        many are computed at once; None = any. beside: environments of all engines that share the memory for that."""
         self.scene = scene
         self._accelerations = accelerations
         self._states = PrescribedStates(scene)
-        self.envs = envs
+        self._keyframe_rate = keyframe_rate
+        self.envs, self._beside = envs, max(beside, envs)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Stands at stamp 0."""
+        states, block = self._states, BLOCK * self.envs // self._beside
         self._now = 0
+        self._ahead = Ahead(states.of_moving, len(states.moving), self.scene.timestep_ns, self._keyframe_rate, block)
 
     def start(self) -> Interval:
         """Gives the state at stamp 0."""
-        return self._at(np.zeros(1, np.int64))
+        t = np.zeros(1, np.int64)
+        return self._interval(t, *self._states.of_moving(t))
 
     def rewind(self, seed: int) -> None:
         """Goes back to stamp 0."""
-        self._now = 0
+        self._begin()
 
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Gives the states from the previous stamp to `to_ns` [ns]; there is nothing to control."""
-        # Where nothing moves nothing happens at sub-steps.
-        inner = grid_inside(self._now, to_ns, self.scene.timestep_ns) if len(self._states.moving) else ()
-        t = np.array([self._now, *inner, to_ns], np.int64)
-        self._now = to_ns
-        return self._at(t)
+        start, self._now = self._now, to_ns
+        return self._interval(*self._ahead.between(start, to_ns))
 
     def leave(self, env: int) -> None:
         """Does nothing: one environment more costs nothing."""
@@ -54,16 +69,16 @@ class PrescribedEngine:
     def anew(self, envs: Sequence[int], seeds: Sequence[int | None], numbers: Sequence[int]) -> PrescribedEngine:
         """Makes an engine of as many environments, at stamp 0; nothing depends on seeds and numbers."""
         engine = copy.copy(self)
-        engine.envs, engine._now = len(envs), 0
+        engine.envs = len(envs)
+        engine._begin()
         return engine
 
-    def _at(self, t: np.ndarray) -> Interval:
+    def _interval(self, t: np.ndarray, pose: np.ndarray, twist: np.ndarray) -> Interval:
         states = self._states
-        pose, twist = states.of_moving(t)
         end = states.rest.copy()
         end[states.moving] = pose[-1]
         ends, poses, twists = (np.broadcast_to(a, (self.envs, *a.shape)) for a in (end, pose, twist))
-        interval = Interval(t, ends, states.moving, poses, twists)
+        interval = Interval(t, ends, states.moving, poses, twists, lasting=True)
         if self._accelerations:
             interval.acceleration = np.tile(prescribed_accelerations(self.scene, int(t[-1])), (self.envs, 1, 1))
         return interval
@@ -89,7 +104,11 @@ class PrescribedStates:
             else:
                 paths.append((n, body.trajectory))
         self.moving = np.array([n for n, _ in paths], np.int32)
-        self._paths = [path for _, path in paths]
+        # Their places among those that move.
+        self._alone = [(m, path) for m, (_, path) in enumerate(paths) if not isinstance(path, Prescribed)]
+        known = [(m, path) for m, (_, path) in enumerate(paths) if isinstance(path, Prescribed)]
+        self._known = np.array([m for m, _ in known], np.int64)
+        self._together = PrescribedTogether([path for _, path in known])
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Computes poses [S, N, 7] and twists [S, N, 6] at times int64 [S] ns; NaN for bodies that a physics engine
@@ -101,13 +120,12 @@ class PrescribedStates:
 
     def of_moving(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Computes poses [S, B, 7] and twists [S, B, 6] of the bodies of `moving` alone."""
+        if not self._alone:
+            return self._together.at(t)
         pose, twist = np.empty((len(t), len(self.moving), 7)), np.empty((len(t), len(self.moving), 6))
-        known: Known = {}
-        for n, path in enumerate(self._paths):
-            if isinstance(path, Prescribed):
-                pose[:, n], twist[:, n] = path.state(t, known)
-            else:
-                pose[:, n], twist[:, n] = path.pose(t), path.twist(t)
+        pose[:, self._known], twist[:, self._known] = self._together.at(t)
+        for m, path in self._alone:
+            pose[:, m], twist[:, m] = path.pose(t), path.twist(t)
         return pose, twist
 
 

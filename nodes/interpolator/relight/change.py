@@ -13,6 +13,7 @@ from evis.scene.model import Light, Scene
 from nodes.interpolator.relight import change_kernels, swept_kernels
 from nodes.interpolator.relight.boxes_kernels import Swept
 from nodes.interpolator.relight.features import LightChanges, light_changes
+from nodes.interpolator.relight.sweep import Sweep
 from nodes.renderer.lighting import Shading
 from nodes.renderer.lights.lights import fixed_vectors
 from nodes.renderer.materials.ggx import alpha_of, is_plain
@@ -66,7 +67,7 @@ class LightChange:
         on_movers = {i.material for i in scene.instances if i.body in movers}
         self._glows = any(np.any(scene.materials[m].emission) for m in on_movers)
         self._positional = np.array([l.kind != "directional" for l in scene.lights], bool)
-        self._casting = self._casters_on_movers(half)
+        self._sweep = Sweep(v, envs, movers, half)
         self._origin: np.ndarray | None = None
         change.swept = self._make_swept()
 
@@ -89,12 +90,13 @@ class LightChange:
         Returns:
             `still` without those whose light a lamp may change at any pixel.
         """
+        before = before.take(self._movers, axis=1)
         flags = self._flags_of(moved, before)
         if not np.array_equal(flags, self._flags):
             self.kernel.flags.assign(flags)
             self._flags = flags
         if (flags & (SHADED | AROUND)).any():
-            self._send_boxes(moved, before)
+            self._sweep.send(moved, before, self._origin_of())
         changed = (flags & (MOVED | LIT_ANEW)) != 0
         if not changed.any():
             return still
@@ -137,10 +139,9 @@ class LightChange:
         wp.launch(swept_kernels.disquiet, dim, [v.view, v.span, self.kernel, pieces, quiet], device=v.device)
 
     def _flags_of(self, moved: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """Flags int32 [E, N + 1] of bodies and the world."""
-        at = before.take(self._movers, axis=1)
-        gone = (moved != at).any(axis=0)
-        lamps, casters = np.isin(self._movers, self._lamps), np.isin(np.arange(len(self._movers)), self._casting[0])
+        """Flags int32 [E, N + 1] of bodies and the world; before: of the movers."""
+        gone = (moved != before).any(axis=0)
+        lamps, casters = np.isin(self._movers, self._lamps), np.isin(np.arange(len(self._movers)), self._sweep.casters)
         relative = np.zeros((self._envs, self._bodies + 1), bool)
         relative[:, self._movers] = gone[..., self._columns].any(-1)
         # A camera that moves changes no light.
@@ -154,14 +155,6 @@ class LightChange:
             lit = relative | (anything & self._glows)[:, None]
             flags = flags | np.where(lit, LIT_ANEW, np.where(anything[:, None], AROUND, 0))
         return flags.astype(np.int32)
-
-    def _casters_on_movers(self, half: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Of the instances on movers: which mover, turn float64 [I, 3, 3] and place [I, 3] on it, half sides [I, 3]."""
-        geometry = self._v.geometry
-        which = np.flatnonzero(np.isin(geometry.body, self._movers))
-        which = which[np.argsort(geometry.body[which], kind="stable")]
-        mover = np.searchsorted(self._movers, geometry.body[which])
-        return mover, geometry.rotation[which], geometry.translation[which], half[which]
 
     def _still_lamps(self) -> np.ndarray:
         """Places of lights that stand still, float64 [L, 3] in the world, or unit vectors towards those far away."""
@@ -183,12 +176,9 @@ class LightChange:
 
     def _make_swept(self) -> Any:
         v, lights, swept = self._v, self._scene.lights, Swept()
-        shape = (self._envs, len(np.unique(self._casting[0])) + 1)
-        swept.lower, swept.upper = v.empty(shape, wp.vec3), v.empty(shape, wp.vec3)
+        swept.lower, swept.upper = self._sweep.lower, self._sweep.upper
         swept.place = v.empty(v.envs, wp.vec3)
-        mover, _, place, half = self._casting
-        reach = np.linalg.norm(place, axis=1) + np.linalg.norm(half, axis=1)
-        swept.size = v.put(np.array([reach[mover == m].max() for m in np.unique(mover)]), wp.float32)
+        swept.size = v.put(self._sweep.size, wp.float32)
         lamps = self._still_lamps()
         lamps[self._positional] -= self._origin_of()
         swept.lamp = v.put(lamps, wp.vec3)
@@ -196,21 +186,6 @@ class LightChange:
         swept.kind, swept.shadow = self._lights.kernel.kind, self._lights.kernel.shadow
         swept.masks = v.empty((self._envs, len(self._v.geometry.body), len(lights)), wp.uint32)
         return swept
-
-    def _send_boxes(self, moved: np.ndarray, before: np.ndarray) -> None:
-        """Boxes that hold all places of the casters in the gap, the first one around the others."""
-        mover, turn, place, half = self._casting
-        poses = np.concatenate([before.take(self._movers, axis=1)[None], moved])[:, :, mover]
-        rotation = se3.to_matrix(se3.normalize(poses[..., 3:]))
-        centre = poses[..., :3] + np.einsum("keixy,iy->keix", rotation, place) - self._origin_of()
-        sides = np.einsum("keixy,iy->keix", np.abs(rotation @ turn), half)
-        lower, upper = (centre - sides).min(0), (centre + sides).max(0)
-        # One for each body, of whose parts there may be many.
-        starts = np.flatnonzero(np.diff(mover, prepend=-1))
-        lower, upper = np.minimum.reduceat(lower, starts, 1), np.maximum.reduceat(upper, starts, 1)
-        swept = self.kernel.swept
-        swept.lower.assign(np.concatenate([lower.min(1, keepdims=True), lower], 1).astype(np.float32))
-        swept.upper.assign(np.concatenate([upper.max(1, keepdims=True), upper], 1).astype(np.float32))
 
     def _casters_then(self, now: Any, rows: int) -> Any:
         """The casters with places of their own, for the keyframes."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from evis.geometry import se3
-from evis.scene.motion import NS, Linear, Path, Prescribed, Sinusoid, Spin, Swing, Turn
+from evis.scene.motion import NS, Linear, Path, Prescribed, Sinusoid, Spin, Swing, Turn, with_parents
 from evis.scene.spline import Spline
 
 
@@ -30,7 +30,7 @@ class PrescribedPoses:
     """Computes `Prescribed.pose` of several bodies at once, equal to it but for rounding."""
 
     def __init__(self, paths: Sequence[Prescribed]) -> None:
-        nodes = _with_parents(paths)
+        nodes = with_parents(paths)
         row = {id(path): n for n, path in enumerate(nodes)}
         self._rows = np.array([row[id(path)] for path in paths], np.int64)
         start = np.array([path.start for path in nodes]).reshape(-1, 7)
@@ -50,7 +50,7 @@ class PrescribedPoses:
         self._axis = np.array([turn.axis for _, _, turn in turns], np.float64).reshape(-1, 3)
         deepest = max((j for _, j, _ in turns), default=-1)
         self._chain = [_pairs((n, k) for k, (n, i, _) in enumerate(turns) if i == j) for j in range(deepest + 1)]
-        depth = [_depth(path) for path in nodes]
+        depth = [path.depth for path in nodes]
         self._levels = [
             _pairs((n, row[id(p.parent)]) for n, p in enumerate(nodes) if p.parent is not None and depth[n] == level)
             for level in range(1, max(depth, default=0) + 1)
@@ -105,22 +105,6 @@ def _joined(
         firsts = np.cumsum([0] + [spline.values.shape[1] for spline in splines])
         result.append((joined, [(turns, n, int(first)) for (turns, n, _), first in zip(members, firsts)]))
     return result
-
-
-def _with_parents(paths: Iterable[Prescribed]) -> list[Prescribed]:
-    """The paths and all that carries them, each once."""
-    found: dict[int, Prescribed] = {}
-    for path in paths:
-        node: Prescribed | None = path
-        while node is not None and id(node) not in found:
-            found[id(node)] = node
-            node = node.parent
-    return list(found.values())
-
-
-def _depth(path: Prescribed) -> int:
-    """How many carriers a path has."""
-    return 0 if path.parent is None else 1 + _depth(path.parent)
 
 
 def _angle_of(turn: object) -> tuple[float, float, float, float]:

@@ -1,0 +1,1 @@
+"""Closed-form motion of many bodies, and of many keyframes ahead."""

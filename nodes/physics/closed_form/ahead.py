@@ -1,0 +1,74 @@
+"""Closed-form states of many keyframes ahead: they depend on nothing but time, and many cost hardly more than one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+
+from evis.runtime.clock import NS, keyframe_stamp
+from nodes.physics.interval import grid_inside
+
+BLOCK = 1 << 20
+"""Bytes of states that are computed at once, at most, where one interval has fewer: what a core's cache holds."""
+
+ROW = 13 * 8
+"""Bytes of a body's pose and twist."""
+
+States = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Of an interval: sub-step times int64 [S] ns, poses float64 [S, B, 7] and twists [S, B, 6]; not to be written to."""
+
+
+class Ahead:
+    """Gives the states of one interval after another, computed in blocks of 1, 2, 4, ... of them, so that the first one
+    comes as soon as by itself."""
+
+    def __init__(
+        self,
+        states: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+        bodies: int,
+        timestep_ns: int,
+        keyframe_rate: float | None,
+        block: int = BLOCK,
+    ) -> None:
+        """states: computes poses [S, B, 7] and twists [S, B, 6] of `bodies` B at times int64 [S] ns. timestep_ns:
+        sub-step. keyframe_rate: of the stamps that intervals are asked for between [Hz], None = any, none is foreseen.
+        block: bytes of states that are held at most, where one interval has fewer."""
+        self._states, self._bodies, self._timestep, self._rate = states, bodies, timestep_ns, keyframe_rate
+        self._fits = block // (ROW * max(bodies, 1))
+        self._stamps: list[int] = []
+        self._block: list[States] = []
+        self._next = 0
+
+    def between(self, start_ns: int, end_ns: int) -> States:
+        """Gives the states from one stamp to the next; both, and the sub-steps between them, are among the times."""
+        if self._stamps[self._next : self._next + 2] != [start_ns, end_ns]:
+            goes_on = self._stamps[-1:] == [start_ns]
+            self._compute(start_ns, end_ns, 2 * len(self._block) if goes_on else 1)
+        self._next += 1
+        return self._block[self._next - 1]
+
+    def _compute(self, start_ns: int, end_ns: int, count: int) -> None:
+        """A block of up to `count` intervals."""
+        stamps = self._foreseen(start_ns, end_ns, count)
+        grids = [np.array([start_ns], np.int64)]
+        for a, b in pairwise(stamps):
+            # Where nothing moves nothing happens at sub-steps.
+            grids.append(np.append(grid_inside(a, b, self._timestep) if self._bodies else [], b).astype(np.int64))
+        ends = np.cumsum([len(grid) for grid in grids])
+        t = np.concatenate(grids)
+        pose, twist = self._states(t)
+        for values in (t, pose, twist):
+            values.flags.writeable = False
+        rows = [slice(a - 1, b) for a, b in pairwise(ends)]
+        self._stamps, self._block, self._next = stamps, [(t[row], pose[row], twist[row]) for row in rows], 0
+
+    def _foreseen(self, start_ns: int, end_ns: int, count: int) -> list[int]:
+        """Stamps of the next intervals, as many as fit into a block; of this one alone where others cannot be told."""
+        if self._rate is None:
+            return [start_ns, end_ns]
+        steps = 1 + (end_ns - start_ns) // self._timestep if self._bodies else 1
+        first, count = round(start_ns * self._rate / NS), max(min(count, self._fits // steps), 1)
+        stamps = [keyframe_stamp(first + k, self._rate) for k in range(count + 1)]
+        return stamps if stamps[:2] == [start_ns, end_ns] else [start_ns, end_ns]
