@@ -10,7 +10,8 @@ it, so what is launched after the last release comes after all that reads.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -150,6 +151,8 @@ class DevicePool:
         self._of: tuple[Any, int] = (None, 0)
         self._free: list[DeviceSlot] = []
         self._loans: list[DeviceSlot] = []
+        self._shared: list[DeviceSlot] = []
+        """Loans that several messages lie in, which are being sent."""
 
     def loan(self, device: Any, asked: Asked) -> dict[str, Any]:
         """Returns Warp arrays to write the next message into; they hold until the next claim. Raises BusError."""
@@ -171,15 +174,34 @@ class DevicePool:
         return slot.arrays(asked)
 
     def claim(self, message: Message) -> DeviceSlot | None:
-        """Returns the loan that the message's arrays lie in, with its pin now the caller's; other loans lapse."""
+        """Returns the loan that the message's arrays lie in, with its pin now the caller's; other loans lapse.
+
+        Without loans it is one that is shared by messages `together`, pinned once more.
+        """
         loans, self._loans = self._loans, []
         claimed = None
+        if not loans:
+            for slot in self._shared:
+                if any(slot.holds(value) for value in message.arrays().values()):
+                    slot.pin()
+                    return slot
         for slot in loans:
             if claimed is None and any(slot.holds(value) for value in message.arrays().values()):
                 claimed = slot
             else:
                 slot.unpin()
         return claimed
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Within the block each loan that there is now is for any number of messages."""
+        self._shared, self._loans = self._loans, []
+        try:
+            yield
+        finally:
+            shared, self._shared = self._shared, []
+            for slot in shared:
+                slot.unpin()
 
     def give_back(self, slot: DeviceSlot) -> None:
         """Takes back a slot whose last pin is gone; called by the slot."""

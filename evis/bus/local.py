@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -76,6 +77,12 @@ class LocalPublisher:
     def claim_on(self, message: Message) -> DeviceSlot | None:
         """Returns the slot of `loan_on` that a message's Warp arrays lie in, pinned once for the caller."""
         return self._on_device.claim(message)
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Within the block the messages that are sent may share the loans made before it."""
+        with self._pool.together(), self._on_device.together():
+            yield
 
     def passed(self, message: Message) -> None:
         """Counts a message whose arrays stay on their device."""

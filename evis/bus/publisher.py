@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -166,6 +168,12 @@ class Publisher:
     def reads_bytes(self) -> bool:
         """Says whether the next message must be sent in numpy arrays: another process or a viewer gets it."""
         return self.latched or bool(self._consumers.all) or self._tap.ready()
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Within the block the messages that are sent may share the loans made before it."""
+        with self._pool.together(), self._on_device.together():
+            yield
 
     def passed(self, message: Message) -> None:
         """Counts a message whose arrays stay on their device, for nobody outside this process gets it."""

@@ -13,7 +13,8 @@ import itertools
 import math
 import mmap
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, ClassVar
 
 import numpy as np
@@ -174,6 +175,8 @@ class SlotPool:
         self._made = 0
         self._free: list[Slot] = []
         self._loans: list[Slot] = []
+        self._shared: list[Slot] = []
+        """Loans that several messages lie in, which are being sent."""
 
     def loan(self, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> dict[str, np.ndarray]:
         """Returns aligned arrays to write the next message into, name -> (shape, dtype), until the next claim."""
@@ -183,9 +186,12 @@ class SlotPool:
         return {name: slot.place(shape, dtype) for name, shape, dtype in wanted}
 
     def claim(self, arrays: Mapping[str, np.ndarray]) -> Slot | None:
-        """Returns the loaned slot that (most of) the arrays lie in, its pin now the caller's; other loans lapse."""
+        """Returns the loaned slot that (most of) the arrays lie in, its pin now the caller's; other loans lapse.
+
+        Without loans it is one that is shared by messages `together`, pinned once more.
+        """
         if not self._loans:
-            return None
+            return self._claim_shared(arrays) if self._shared else None
         loans, self._loans = self._loans, []
         if len(loans) == 1:  # by far the usual case: one array in it decides
             for array in arrays.values():
@@ -197,6 +203,24 @@ class SlotPool:
             if i != best or not bytes_in[best]:
                 slot.unpin()
         return loans[best] if bytes_in[best] else None
+
+    def _claim_shared(self, arrays: Mapping[str, np.ndarray]) -> Slot | None:
+        for slot in self._shared:
+            if any(array.nbytes and slot.offset(array) is not None for array in arrays.values()):
+                slot.pin()
+                return slot
+        return None
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Within the block each loan that there is now is for any number of messages."""
+        self._shared, self._loans = self._loans, []
+        try:
+            yield
+        finally:
+            shared, self._shared = self._shared, []
+            for slot in shared:
+                slot.unpin()
 
     def ready(self) -> bool:
         """Says whether a slot is free to be taken."""

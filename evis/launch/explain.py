@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from evis.launch.single import BATCH
 from evis.runtime.plan import Plan
 
 
@@ -25,7 +26,7 @@ def as_text(plan: Plan) -> str:
         lines += ["", f"random, by seed {plan.seed}", *(drawn or ["  nothing: every seed gives the same run"])]
     if plan.warnings:
         lines += ["", "warnings", *(f"  {name}: {line}" for name, said in plan.warnings.items() for line in said)]
-    lines += ["", "processes"]
+    lines += ["", "keyframes at once", f"  {_at_once(plan)}", "", "processes"]
     for process, nodes in plan.processes().items():
         lines.append(f"  {process}")
         for node in nodes:
@@ -58,6 +59,13 @@ def as_dict(plan: Plan) -> dict[str, Any]:
         body.pop(key)
     body["processes"] = {process: [n.name for n in nodes] for process, nodes in plan.processes().items()}
     return body
+
+
+def _at_once(plan: Plan) -> str:
+    if plan.single:
+        return f"one, for {plan.single}"
+    given = [node.params[BATCH] for node in plan.nodes.values() if node.params.get(BATCH)]
+    return f"{given[0]}" if given else "as many as pay, which nodes find at the start (batch:=N gives another number)"
 
 
 def _said(value: Any) -> str:

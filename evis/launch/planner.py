@@ -21,6 +21,7 @@ from evis.launch.expand import Expanded, NodeSpec, expand
 from evis.launch.files import LaunchFile, load
 from evis.launch.order import data_flow_order
 from evis.launch.pace import check_pace
+from evis.launch.single import why_single
 from evis.launch.target import read_target, values_of_scene, with_scene_arguments
 from evis.launch.unused_arguments import check_effect
 from evis.launch.wiring import Wired, publishers, secret_values, wire
@@ -38,6 +39,7 @@ class Options:
     """Holds what the command line says besides arguments. grouping: `default`, `compose` or `split`.
 
     explain: the plan is to be read, so nodes say what they will warn of.
+    stepped: who holds the graph steps its source.
     no_import: only nodes that come with evis are loaded; the others are shown as unknown, and the plan cannot be run.
     """
 
@@ -48,6 +50,7 @@ class Options:
     view: bool = True
     grouping: str = "default"
     explain: bool = False
+    stepped: bool = False
     no_import: bool = False
 
     def names(self) -> dict[str, Any]:
@@ -133,6 +136,7 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     _connect(plan, chosen, demand)
     plan.nodes = _in_order(plan)
     check_pace(plan, {node.name: node for node in chosen})
+    plan.single = why_single(plan, chosen, options.stepped)
     plan.left_out = left_out(nodes, demand, expanded.absent) + _unmade(plan, chosen) + _colourless(plan)
     plan.random = {
         node.name: list(node.cls.random(node.params))

@@ -79,8 +79,8 @@ class Calls:
             host.active = False
 
     def _update(self, host: Host) -> bool:
-        progress = False
-        while not host.waiting and host.join.ready() and host.open():
+        progress = self._update_all(host) if host.many else False
+        while not host.many and not host.waiting and host.join.ready() and host.open():
             inputs = host.join.take()
             try:
                 with Inside(self._profile, host.name) as profile:
@@ -92,6 +92,20 @@ class Calls:
             progress = True
         if self._over(host) and host.open():
             self._end(host)
+            progress = True
+        return progress
+
+    def _update_all(self, host: Host) -> bool:
+        progress = False
+        while not host.waiting and host.open() and (found := host.join.gather(host.node.gathers)):
+            try:
+                with Inside(self._profile, host.name) as profile:
+                    host.node.update_all(found)
+                    profile.updates += len(found)
+            finally:
+                for inputs in found:
+                    for message in inputs.values():
+                        message.release()
             progress = True
         return progress
 

@@ -349,6 +349,10 @@ class Executor:
         host = self._hosts[node.name]
         return host.wants_array(port, array) if array else host.wants(port)
 
+    def gathers(self, node: Node) -> bool:
+        """Implements Node.may_gather."""
+        return self._hosts[node.name].many
+
     def loan(self, node: Node, port: str, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> dict[str, np.ndarray]:
         """Implements Node.loan."""
         host = self._hosts[node.name]
@@ -379,6 +383,29 @@ class Executor:
                     self._calls.call(consumer)
         finally:
             delivery.over()
+
+    def publish_all(self, node: Node, port: str, messages: Sequence[Message]) -> None:
+        """Implements Node.publish_all."""
+        host = self._hosts[node.name]
+        topic = host.plan.outputs.get(port)
+        if topic is None:
+            return
+        publisher, profile = host.publishers[topic], self.profile.node(node.name)
+        consumers = [(consumer, port) for consumer, port, consumed in host.downstream if consumed == topic]
+        with publisher.together():
+            for message in messages:
+                profile.saw(topic, message)
+                with self.profile.inside("bus"):
+                    delivery = Delivery.of(message, publisher, consumers)
+                try:
+                    for (consumer, consumer_port), given in zip(consumers, delivery.given):
+                        given.keep()
+                        self._calls.accept(consumer, consumer_port, topic, given)
+                finally:
+                    delivery.over()
+        for consumer, _ in consumers:
+            if not consumer.node.SOURCE:
+                self._calls.call(consumer)
 
     def count(self, node: Node, name: str, amount: float) -> None:
         """Implements Node.count."""

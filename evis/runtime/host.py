@@ -92,6 +92,8 @@ class Host:
     delayed: dict[str, dict[int, Message]] = field(default_factory=dict)
     service: bool = False
     """Neither a source nor fed by declared inputs (a viewer): lives as long as the graph."""
+    many: bool = False
+    """It takes several stamps at once, by `update_all`."""
     active: bool = False
     ended: bool = False
     pacer: Pacer | None = None
@@ -211,6 +213,8 @@ class Wiring:
         for host in self.hosts.values():
             self._outputs(host)
             self._inputs(host)
+            overrides = type(host.node).update_all is not Node.update_all
+            host.many = overrides and not plan.single and not host.subscriptions
         for host in self.hosts.values():
             host.gates = [p for p in host.reachable() if not isinstance(p, LocalPublisher)]
 

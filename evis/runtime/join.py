@@ -19,6 +19,8 @@ class Join:
         self.queues: dict[str, deque[Message]] = {port: deque() for port in ports}
         self.ended: set[str] = set()
         self.skipped = 0
+        self._complete: list[dict[str, Message]] = []
+        """What `gather` has found and not handed out yet."""
 
     def put(self, port: str, message: Message) -> None:
         """Adds a message, whose pin now belongs to the join."""
@@ -51,6 +53,17 @@ class Join:
         """Returns one message per port, all of the same episode and stamp."""
         return {port: queue.popleft() for port, queue in self.queues.items()}
 
+    def gather(self, least: int) -> list[dict[str, Message]]:
+        """Returns what `take` gives of every stamp that is there, in order; nothing while these are fewer than `least`
+        and more may come.
+        """
+        while self.ready():
+            self._complete.append(self.take())
+        if len(self._complete) < least and not self.ended:
+            return []
+        found, self._complete = self._complete, []
+        return found
+
     def over(self) -> bool:
         """Says whether nothing more can be completed: some port has ended and its queue is empty."""
         return any(port in self.ended and not queue for port, queue in self.queues.items())
@@ -64,8 +77,10 @@ class Join:
     def drop_rest(self) -> int:
         """Releases what can no longer be joined, and returns how many messages that were."""
         rest = [m for queue in self.queues.values() for m in queue]
+        rest += [m for complete in self._complete for m in complete.values()]
         for message in rest:
             message.release()
+        self._complete = []
         for queue in self.queues.values():
             queue.clear()
         return len(rest)

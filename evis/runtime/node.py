@@ -6,7 +6,7 @@ carries away what it publishes, whether the other end is in this process, anothe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
@@ -65,6 +65,9 @@ class Runtime(Protocol):
     def wants(self, node: Node, port: str, array: str = "") -> bool:
         """Says whether somebody reads an output now, or an array of its messages."""
 
+    def gathers(self, node: Node) -> bool:
+        """Says whether a node may wait for several stamps."""
+
     def loan(self, node: Node, port: str, arrays: Arrays) -> dict[str, np.ndarray]:
         """Gives arrays to write an output's next message into."""
 
@@ -73,6 +76,9 @@ class Runtime(Protocol):
 
     def publish(self, node: Node, port: str, message: Message) -> None:
         """Sends a message on an output."""
+
+    def publish_all(self, node: Node, port: str, messages: Sequence[Message]) -> None:
+        """Sends messages on an output, which consumers in this process may take at once."""
 
     def count(self, node: Node, name: str, amount: float) -> None:
         """Adds to a counter of the node."""
@@ -113,6 +119,8 @@ class Node:
     """Parameter -> one of its values -> arguments of a launch file whose default it brings, with that default."""
     SOURCE: ClassVar[bool] = False
     """A source is driven by `step` and not by its inputs."""
+    gathers: int = 1
+    """Stamps that it waits for, to take them at once by `update_all`; more than 1 only where it `may_gather`."""
 
     def __init__(self, name: str, params: Mapping[str, Any]) -> None:
         """params: of PARAMS, and perhaps EACH, which a graph that is held in Python may have."""
@@ -151,6 +159,11 @@ class Node:
     def random(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
         """Says in words what the parameter `seed` decides beside these others; nothing: every seed gives the same."""
         return ()
+
+    @classmethod
+    def moved_from_outside(cls, params: Mapping[str, Any]) -> bool:
+        """Says whether a program outside the graph may have something to move, by a port with `outside`."""
+        return True
 
     @classmethod
     def foreseen(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
@@ -202,6 +215,13 @@ class Node:
         """Takes one message per connected joined input, all of one stamp. Arrays are valid until return unless kept."""
         raise TypeError(f"{type(self).__name__} takes no joined inputs")
 
+    def update_all(self, inputs: Sequence[Mapping[str, Message]]) -> None:
+        """Takes what `update` would be called with for one stamp after another: all that are there, and no fewer than
+        `gathers` unless no more will come. It publishes what these calls would.
+        """
+        for one in inputs:
+            self.update(one)
+
     def receive(self, port: str, message: Message) -> None:
         """Takes a message of an input that is not joined, or of a latched topic."""
         raise TypeError(f"{type(self).__name__} takes no single inputs")
@@ -231,6 +251,10 @@ class Node:
         """
         return self.runtime.wants(self, port, array) if array else self.runtime.wants(self, port)
 
+    def may_gather(self) -> bool:
+        """Says whether `update_all` is called, for nobody waits for what comes of a single stamp (`Plan.single`)."""
+        return self.runtime.gathers(self)
+
     def loan(self, port: str, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, np.ndarray]:
         """Returns arrays to write this port's next message into, name -> (shape, dtype); sending makes no copy."""
         return self.runtime.loan(self, port, arrays)
@@ -258,6 +282,12 @@ class Node:
     def count(self, name: str, amount: float = 1) -> None:
         """Adds to a counter shown in /diagnostics and in the run's summary (drops, clips, non-finite values, ...)."""
         self.runtime.count(self, name, amount)
+
+    def publish_all(self, port: str, messages: Sequence[Message]) -> None:
+        """Sends messages of ascending stamps, as `publish` does one by one, and lets the consumers of this process take
+        them at once. Their arrays may lie in one loan.
+        """
+        self.runtime.publish_all(self, port, messages)
 
     def result(self, name: str, value: Any) -> None:
         """Puts what the run found, plain values, into its summary under a name of its own; the last one counts."""

@@ -80,6 +80,8 @@ class Plan:
     seed: int = 0
     duration_s: float | None = None
     window: int = 2
+    single: str = "nobody has found out whether somebody waits for it"
+    """Why every keyframe is made by itself; "" where nobody waits for one, and nodes may make several at once."""
     nodes: dict[str, NodePlan] = field(default_factory=dict)
     topics: dict[str, TopicPlan] = field(default_factory=dict)
     left_out: list[LeftOut] = field(default_factory=list)

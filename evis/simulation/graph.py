@@ -96,7 +96,7 @@ class Planner:
             if seed or "seed" in target.launch.arguments:  # not every launch file has anything random
                 target.given["seed"] = seed
             self._folder = target.launch.path.resolve().parent
-            options = Options(record=record, view=False, grouping="compose")
+            options = Options(record=record, view=False, grouping="compose", stepped=True)
             if self._chosen is None:
                 self._chosen = without_auto(target.launch, target.given, options, nullcontext(_unsaid), _warn)
             chosen = self._chosen

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from evis.config.params import EACH, Param
+from evis.gpu.in_a_row import joined
 from evis.runtime.node import Input, Node, Output
 from evis.scene.parameters import SCENE, seeds_of
 from msgs.camera import EventPacket, EventSignal, Frames, Keyframe, Samples
 from msgs.header import Header, Message
 from msgs.own_time import STAMP
+from nodes.event_sensor.messages.in_a_row import cuts, runs, stamps
 from nodes.event_sensor.parameters import NODE, PRESET, preset_name, source_of
 from nodes.event_sensor.presets import PRESETS
 from nodes.event_sensor.scene_parameters import SHARED, resolve_each, resolve_with_scene
@@ -113,10 +116,11 @@ class EventSensorNode(Node):
         self._header = Header(0)
         self._size = (0, 0)
         self._device = device_named(self.params["device"])
+        self._own_model = self._resolved["model"].startswith("evis")
         # Compile now rather than at the first frame.
         sensor = self._make(2, 2, 1)
         one = np.ones((1, 2, 2, 3), np.float32)
-        warm = self._of_keyframe(Keyframe(Header(0), np.zeros(1, np.int32), radiance=one))
+        warm = self._images([Keyframe(Header(0), np.zeros(1, np.int32), radiance=one)])
         for k in range(2):
             sensor.process(warm, np.array([10 * k]), np.zeros(1, np.int32))
         if self._source == "samples":
@@ -189,13 +193,10 @@ class EventSensorNode(Node):
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         message, further = inputs[self._source], None
-        if isinstance(message, Keyframe):
-            image, t = self._of_keyframe(message), np.array([message.header.stamp_ns])
-        else:
-            assert isinstance(message, Frames | Samples)
-            image, t = self._of_frames(message), message.t
-            if isinstance(message, Samples):
-                further = self._further(message)
+        assert isinstance(message, Keyframe | Frames | Samples)
+        image, t = self._images([message]), stamps(message)
+        if isinstance(message, Samples):
+            further = self._further(message)
         envs, _, height, width = image.shape[:4]
         self._size = (height, width)
         if message.own is not None or self._apart is not None:
@@ -206,11 +207,28 @@ class EventSensorNode(Node):
         if message.header.stamp_ns <= self._header.stamp_ns:
             self._publish_held()  # time has gone back to begin an episode
         self._header, self._episodes = message.header, np.array(message.episodes)
-        if self._resolved["model"].startswith("evis"):
+        if self._own_model:
             between = further if self._sensor.takes_further else None
             self._publish(self._sensor, self._sensor.advance(image, t, message.episodes, further=between))
         else:
             self._publish_events(self._sensor.process(image, t, message.episodes))
+
+    def update_all(self, inputs: Sequence[Mapping[str, Message]]) -> None:
+        """Senses the frames of several messages at once where that changes no packet; see `messages.in_a_row`."""
+        messages = [one[self._source] for one in inputs]
+        todo = list(inputs)
+        while todo and (self._sensor is None or self._apart is not None or not self._own_model):
+            self.update(todo.pop(0))
+        if not todo:
+            return
+        for run in runs(messages[-len(todo) :], self._episodes, self._sensor.takes_at_once):
+            if len(run) == 1:
+                self.update({self._source: run[0]})
+                continue
+            self._header = run[-1].header
+            t = np.concatenate([stamps(message) for message in run])
+            count = self._sensor.advance(self._images(run), t, run[-1].episodes)
+            self._publish(self._sensor, count, [message.header for message in run])
 
     def _update_apart(
         self, message: Keyframe | Frames | Samples, image: Any, t: np.ndarray, further: Further | None
@@ -262,7 +280,8 @@ class EventSensorNode(Node):
             if count := self._sensor.finish():
                 self._publish(self._sensor, count)
 
-    def _publish(self, sensor: EventSensor, count: int) -> None:
+    def _publish(self, sensor: EventSensor, count: int, headers: Sequence[Header] = ()) -> None:
+        """Publishes the events of a call: of the message taken last, or of several with these headers."""
         columns = sensor.columns()
         loaned = {name: dtype for name, dtype in columns.items() if name != "signal"}
         out: dict[str, Any]
@@ -278,15 +297,31 @@ class EventSensorNode(Node):
             out["signal"] = np.empty(count, np.uint8) if isinstance(out["t"], np.ndarray) else self._beside(count)
         sensor.read(out)
         signal = out.pop("signal", None)
-        self._send(out, sensor.env_offsets(), sensor)
+        if signal is not None and not isinstance(signal, np.ndarray):
+            signal = signal.numpy()
+        if not headers:
+            self._send(out, sensor.env_offsets(), sensor)
+            if signal is not None:
+                self.publish("signal", EventSignal(self._stamped(), sensor.env_offsets(), signal))
+            return
+        self._count(sensor)
+        ends = [header.stamp_ns for header in headers]
+        parts = list(pairwise([0, *cuts(out["t"], ends)])) if count else [(0, 0)] * len(ends)
+        offsets = [np.array([0, end - start]) for start, end in parts]
+        # Warp has no slice that begins at an array's end.
+        within = [slice(start, end) if end > start else slice(0) for start, end in parts]
+        packets = [
+            self._packet(header, each, {n: column[part] for n, column in out.items()}, t0)
+            for header, each, part, t0 in zip(headers, offsets, within, [sensor.t_base, *ends])
+        ]
+        self.publish_all("events", packets)
         if signal is not None:
-            signal = signal if isinstance(signal, np.ndarray) else signal.numpy()
-            self.publish("signal", EventSignal(self._stamped(), sensor.env_offsets(), signal))
+            for header, each, part in zip(headers, offsets, within):
+                self.publish("signal", EventSignal(copy_of(header), each, signal[part]))
 
     def _stamped(self) -> Header:
         """A header like that of the message taken last."""
-        h = self._header
-        return Header(h.stamp_ns, clock=h.clock, episode=h.episode)
+        return copy_of(self._header)
 
     def _beside(self, count: int) -> Any:
         import warp as wp
@@ -297,6 +332,15 @@ class EventSensorNode(Node):
         self._publish_columns({name: getattr(events, name) for name in ("t", "x", "y", "p")}, events.env_offsets)
 
     def _send(self, columns: Mapping[str, Any], offsets: np.ndarray, sensor: Any) -> None:
+        self._count(sensor)
+        self.publish("events", self._packet(self._header, offsets, columns, sensor.t_base))
+
+    def _packet(self, header: Header, offsets: np.ndarray, columns: Mapping[str, Any], t0_ns: int) -> EventPacket:
+        height, width = self._size
+        return EventPacket(copy_of(header), offsets, **columns, width=width, height=height, t0_ns=t0_ns)
+
+    def _count(self, sensor: Any) -> None:
+        """Counts, and at the first time warns of, what the sensor has set aside."""
         counts = sensor.counts()
         first = {name for name, total in counts.items() if self.count_total(COUNTER_NAMES.get(name, name), total)}
         if "nonfinite" in first:
@@ -304,15 +348,22 @@ class EventSensorNode(Node):
             kinds = "or negative" if dark else "negative or black (ln 0; a light or a dark_level helps against those)"
             when = self._header.stamp_ns
             self.warn(f"{counts['nonfinite']} samples at {when} ns are NaN, infinite, {kinds}; they are skipped")
-        height, width = self._size
-        packet = EventPacket(self._stamped(), offsets, **columns, width=width, height=height, t0_ns=sensor.t_base)
-        self.publish("events", packet)
 
-    def _of_keyframe(self, message: Keyframe) -> Any:
-        """[E, 1, h, w(, 3)] without the margin, its RGB or its luminance; on a GPU [E, 1, h, w] of float32 or vec3."""
+    def _images(self, messages: Sequence[Keyframe | Frames | Samples]) -> Any:
+        """[E, K, h, w(, 3)] of the messages' images, of several those of one environment behind each other."""
+        keys = [message for message in messages if isinstance(message, Keyframe)]
+        if keys:
+            made = self._of_keyframe(keys[0], joined([key.image for key in keys]))
+        else:
+            made = joined([self._of_frames(message) for message in messages if not isinstance(message, Keyframe)])
+        return made if len(messages) == 1 else made.reshape((1, made.shape[0] * made.shape[1], *made.shape[2:]))
+
+    def _of_keyframe(self, message: Keyframe, image: Any) -> Any:
+        """[E, 1, h, w(, 3)] of a message's image, or of several like it, without the margin, its RGB or its luminance;
+        on a GPU [E, 1, h, w] of float32 or vec3."""
         from nodes.interpolator.luminance import luminance_of, rgb_of
 
-        image, m, colour = message.image, message.margin, self.params["colour"]
+        m, colour = message.margin, self.params["colour"]
         if colour and image.ndim == 3 and message.radiance is None:
             raise ValueError(f"{self.name}: keyframes carry luminance, colour needs their radiance (keyframes:=rgb)")
         if self._device.is_cpu:
@@ -339,3 +390,8 @@ class EventSensorNode(Node):
         if value is None:
             raise ValueError(f"{self.name}: samples lack the values between the frames; set colour alike on both nodes")
         return Further(message.first, message.offset, value)
+
+
+def copy_of(header: Header) -> Header:
+    """Gives a header of the same time and stream, to be numbered anew."""
+    return Header(header.stamp_ns, clock=header.clock, episode=header.episode)

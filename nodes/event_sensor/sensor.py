@@ -42,7 +42,7 @@ from nodes.event_sensor.engines import make_engine, sensor_struct, unlit_rate
 from nodes.event_sensor.further import Further as Further
 from nodes.event_sensor.further import check
 from nodes.event_sensor.look_ahead import LookAhead
-from nodes.event_sensor.message_limit import check_noise
+from nodes.event_sensor.messages.limit import check_noise
 from nodes.event_sensor.model.features import marks
 from nodes.event_sensor.model.keys import KeyLayout
 from nodes.event_sensor.model.sensor_kernels import COUNTERS
@@ -169,6 +169,18 @@ class EventSensor:
     def takes_further(self) -> bool:
         """Whether it takes further samples of single pixels between the frames."""
         return not frames_only(self.parameters)
+
+    def takes_at_once(self, t: np.ndarray) -> bool:
+        """Tells whether the next frames, at times int64 [K] ns of the episode, may come in one call although they are
+        of several messages: the events of each are then those of (stamp before, stamp]."""
+        if self._ahead or self._readout is not None or self.envs > 1 or len(t) * self._size >= 1 << 31:
+            return False
+        try:
+            self._layout.check_span(self._settled, t)
+            check_noise(self._unlit, "", self._settled, t)
+        except ValueError:
+            return False
+        return True
 
     @property
     def stamp(self) -> int:

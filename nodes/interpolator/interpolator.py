@@ -330,12 +330,14 @@ class Interpolator:
         pixel: Any = wp.vec3 if self._colour else wp.float32
         return wp.empty(shape[:4], dtype=pixel, device=self._device)
 
-    def _build(self, upsampling: int, envs: int, height: int, width: int, margin: int) -> Method:
+    def _build(
+        self, upsampling: int, envs: int, height: int, width: int, margin: int, in_a_row: bool = False
+    ) -> Method:
         camera = finer(self._camera, self._samples) if self._camera is not None else None
         gap = Gap(
             height, width, envs, upsampling, margin, 3 if self._colour else 1, str(self._device), self._threads,
             self._scene, camera, self._light, self._shared, self._worlds,
-            self._time_tolerance_ns if self._samples == 1 else 0.0,
+            self._time_tolerance_ns if self._samples == 1 else 0.0, in_a_row,
         )  # fmt: skip
         return METHODS[self._name].make(gap)
 

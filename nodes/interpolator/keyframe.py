@@ -62,6 +62,20 @@ class States:
         return place[bodies]
 
 
+class StatesInARow(States):
+    """Holds the states of gaps in a row, as of environments with times of their own."""
+
+    def __init__(self, gaps: Sequence[States]) -> None:
+        last = gaps[-1]
+        super().__init__(last.t, last.pose, last.twist, last.moving, np.concatenate([s.end_pose for s in gaps]))
+        self._gaps = gaps
+
+    def part(self, envs: np.ndarray) -> States:
+        """Gives the states of a gap, int [1]."""
+        (gap,) = envs
+        return self._gaps[gap]
+
+
 @dataclass
 class KeyframeView:
     """Holds one keyframe of E environments, margin included, as a method sees it.
@@ -71,6 +85,9 @@ class KeyframeView:
 
     own: int64 [E] ns, its time in each environment, where these have times of their own. replaces: the view at the same
     stamp in whose place it comes, for some environments began anew there: those of `begun`, bool [E].
+
+    Of gaps in a row, as environments whose times differ, the A are `after` the B of the gaps before: the first A is the
+    last of these.
     """
 
     image: wp.array
@@ -81,6 +98,7 @@ class KeyframeView:
     own: np.ndarray | None = None
     replaces: KeyframeView | None = None
     begun: np.ndarray | None = None
+    after: KeyframeView | None = None
 
     def times(self, envs: int) -> np.ndarray:
         """Gives its time in each environment, int64 [E] ns."""

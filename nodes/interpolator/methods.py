@@ -31,6 +31,7 @@ class Gap:
         light: options of a method that shades: light_samples, paths, tolerance, sample_px.
         worlds: the scene of each environment where they move differently, and look alike.
         time_tolerance_ns: of the time of a crossing, by further samples of single pixels; 0 = frames only.
+        in_a_row: the environments are gaps of one, each of which begins where the one before ends; for `rigid`.
         shared: memory of one stream of keyframes, which its methods of several K use together.
     """
 
@@ -48,6 +49,7 @@ class Gap:
     shared: dict[str, Any] = field(default_factory=dict)
     worlds: Sequence[Scene] = ()
     time_tolerance_ns: float = 0.0
+    in_a_row: bool = False
 
     @property
     def images(self) -> tuple[int, int, int, int, int, int, str, int]:
@@ -75,7 +77,8 @@ def _rigid(gap: Gap) -> Method:
 
     assert gap.scene is not None and gap.camera is not None
     if gap.time_tolerance_ns == 0 or gap.light.get("paths") is not None:
-        rigid = Rigid(gap.scene, gap.camera, *gap.bodies, RigidOptions(**gap.light), worlds=gap.worlds)
+        options = RigidOptions(**gap.light)
+        rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds, in_a_row=gap.in_a_row)
         rigid.build()
         return rigid
     from nodes.interpolator.refine.method import Refined, probes_of

@@ -24,7 +24,7 @@ from nodes.interpolator.methods import HELP, METHODS, reads
 from nodes.interpolator.samples import none_of
 from nodes.renderer import parameters
 from nodes.renderer.cores import threads_for
-from nodes.renderer.parameters import LIGHT
+from nodes.renderer.parameters import BATCH, LIGHT
 
 if TYPE_CHECKING:
     from nodes.interpolator.interpolator import Interpolator
@@ -71,6 +71,7 @@ class InterpolatorNode(Node):
         "envs": Param(int, 1, "parallel environments that are expected", minimum=1, maximum=65536),
         "margin": Param(int, 0, "the renderer's margin that is expected", "px", 0, 1024),
         **LIGHT,
+        "batch": BATCH,
         "device": Param(str, "cpu", "where kernels run: cpu, cuda, cuda:1"),
         "threads": Param(
             int, 0, "CPU threads, which share the frames of a gap; 0 = as cores and pixels are worth, at most 8",
@@ -131,6 +132,7 @@ class InterpolatorNode(Node):
         n = p["supersampling"] or camera.supersampling if camera else 1
         height, width = (n * ((length or 0) + 2 * p["margin"]) for length in size)
         self._expected = (height, width) if all(size) else None
+        self._gaps = self._at_once(height * width)
         self._fineness = n
         self.interpolator = self._interpolators(worlds)
         if self._sampled and n > 1:
@@ -139,6 +141,19 @@ class InterpolatorNode(Node):
         self._device = device_named(p["device"])
         self._field = "rgb" if p["colour"] else "luminance"
         self._kept: list[Message] = []
+
+    def _at_once(self, pixels: int) -> int:
+        """How many gaps are made at once. Raises ValueError where they do not fit.
+
+        Only `rigid` makes more than one, and frames alone.
+        """
+        from nodes.renderer.at_once import at_once
+
+        p = self.params
+        alone = self._method != "rigid" or self._sampled or p["adaptive_px"] > 0 or p["upsampling"] == 1
+        if alone or not self.may_gather():
+            return 1
+        return at_once(self.name, p["batch"], p["device"], p["envs"], pixels, p["upsampling"])
 
     def _warm(self, interpolator: Interpolator | SeparateInterpolators, envs: int) -> None:
         """Prepares it before its first keyframe."""
@@ -169,7 +184,12 @@ class InterpolatorNode(Node):
         camera = camera_of(scene, p["camera"]) if scene else None
         height, width = self._expected or (0, 0)
         how["threads"] = threads_for(p["threads"], p["envs"] * height * width)
-        return Interpolator(self._method, p["upsampling"], scene=scene, camera=camera, worlds=worlds, **how, **light)
+        how = {"scene": scene, "camera": camera, "worlds": worlds, **how, **light}
+        if self._gaps > 1:
+            from nodes.interpolator.many_gaps import ManyGaps
+
+            return ManyGaps(self._method, p["upsampling"], self._gaps, **how)
+        return Interpolator(self._method, p["upsampling"], **how)
 
     def _separate(self, parts: Parts[Interpolator]) -> SeparateInterpolators:
         """Raises ValueError for what those of different worlds would have to agree about."""
@@ -228,11 +248,44 @@ class InterpolatorNode(Node):
             self._states(inputs.get("state")),
             None if key.own is None else np.array(key.own[:, STAMP]),
         )
-        # The arrays of this keyframe are those of A in the next gap.
+        self._hold(inputs)
+        self._count_report()
+        if self._sampled:
+            header = Header(key.header.stamp_ns, clock=key.header.clock, episode=key.header.episode)
+            self._publish_samples(key, t, frames, header)
+            if not self.wants("frames"):
+                return
+        self.publish("frames", self._frames(key, t, frames, True))
+
+    def update_all(self, inputs: Sequence[Mapping[str, Message]]) -> None:
+        """Makes the frames of several gaps at once, until an environment was reset by itself."""
+        from nodes.interpolator.many_gaps import Arrived, ManyGaps
+
+        keys = [key for one in inputs if isinstance(key := one["keyframe"], Keyframe)]
+        many = self.interpolator
+        if not isinstance(many, ManyGaps) or many.gaps == 1 or any(key.own is not None for key in keys):
+            super().update_all(inputs)
+            return
+        arrived = [
+            Arrived(key.header.stamp_ns, key.episodes, key.image, self._states(one["state"]))
+            for key, one in zip(keys, inputs)
+        ]
+        begun = iter(keys)
+        for made in many.push_all(arrived, keys[0].margin, self._allocate):
+            self._count_report()
+            last = len(made) - 1
+            messages = [self._frames(next(begun), *found, n == last) for n, found in enumerate(made)]
+            self.publish_all("frames", messages)
+        self._hold(inputs[-1])
+
+    def _hold(self, inputs: Mapping[str, Message]) -> None:
+        """Keeps the arrays of a keyframe: they are those of A in the next gap."""
         for message in inputs.values():
             message.keep()
         self._release()
         self._kept = list(inputs.values())
+
+    def _count_report(self) -> None:
         report = self.interpolator.report
         counts = {"filled_pixels": report.filled, "reshaded_pixels": report.reshaded}
         counts |= {"further_samples": report.refined, "gaps_above_time_tolerance": report.unreached}
@@ -240,17 +293,17 @@ class InterpolatorNode(Node):
         for name, amount in counts.items():
             if amount:
                 self.count(name, amount)
+
+    def _frames(self, key: Keyframe, t: np.ndarray, frames: Any, reports: bool) -> Frames:
+        """The message of a gap. reports: it carries the counts of all gaps that were made with it."""
+        report, images = self.interpolator.report, {self._field: frames}
         header = Header(key.header.stamp_ns, clock=key.header.clock, episode=key.header.episode)
-        images: dict[str, Any] = {self._field: frames}
-        if self._sampled:
-            self._publish_samples(key, t, frames, header)
-            if not self.wants("frames"):
-                return
-        message = Frames(header, t=t, episodes=np.array(key.episodes), filled=report.filled, **images)
-        message.reshaded = report.reshaded
+        message = Frames(header, t=t, episodes=np.array(key.episodes), **images)
+        if reports:
+            message.filled, message.reshaded = report.filled, report.reshaded
         if key.own is not None:
             message.own, message.own_t = np.array(key.own), self.interpolator.own_t
-        self.publish("frames", message)
+        return message
 
     def _publish_samples(self, key: Keyframe, t: np.ndarray, frames: Any, header: Header) -> None:
         """The frames with what was found between them."""

@@ -95,6 +95,16 @@ class PhysicsNode(Node):
         return {}
 
     @classmethod
+    def moved_from_outside(cls, params: Mapping[str, Any]) -> bool:
+        """Says that there may be actuators where there are dynamics."""
+        from evis.scene.load import is_dynamic
+
+        scene = params.get("scene")
+        with contextlib.suppress(OSError, ValueError):  # who loads it says so
+            return not scene or is_dynamic(scene)
+        return True
+
+    @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """Tells that MuJoCo is left out where all motion is prescribed."""
         from evis.scene.load import is_dynamic

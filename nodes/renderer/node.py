@@ -23,7 +23,7 @@ from msgs.own_time import STAMP
 from msgs.world import WorldState
 from nodes.renderer import parameters
 from nodes.renderer.cores import threads_for
-from nodes.renderer.parameters import LIGHT
+from nodes.renderer.parameters import BATCH, LIGHT
 
 if TYPE_CHECKING:
     from nodes.renderer.renderer import Renderer
@@ -60,6 +60,7 @@ class RendererNode(Node):
         ),
         "samples_apart": Param(bool, False, "keyframes hold the samples, for an interpolator to average what it moved"),
         **LIGHT,
+        "batch": BATCH,
         "keyframe_rate": Param(float, 30.0, "rate of the states, told to readers in /info", "Hz", 0),
         "frame_rate": Param(float, 0.0, "rate at which things are seen, to warn of what is too fast; 0 = any", "Hz", 0),
     }
@@ -116,6 +117,7 @@ class RendererNode(Node):
         self.scene = worlds.scenes[0]
         samples = p["supersampling"] or camera_of(self.scene, p["camera"]).supersampling
         self._fineness = samples if p["samples_apart"] else 1
+        self.gathers = self._at_once(samples)
         self.renderer = self._renderers(worlds.groups(appearance))
         self.renderer.prepare(self._wanted())
         if p["frame_rate"]:
@@ -125,6 +127,20 @@ class RendererNode(Node):
         self._names = [body.name for body in self.scene.bodies]
         self._begin()
         self.publish("info", self._info(Header(0)))
+
+    def _at_once(self, samples: int) -> int:
+        """How many keyframes are rendered at once. Raises ValueError where they do not fit."""
+        from nodes.renderer.at_once import at_once
+
+        if not self.may_gather():
+            return 1
+        p, camera = self.params, camera_of(self.scene, self.params["camera"])
+        pixels = samples**2 * (camera.height + 2 * p["margin"]) * (camera.width + 2 * p["margin"])
+        frames = round(p["frame_rate"] / p["keyframe_rate"])
+        count = at_once(self.name, p["batch"], p["device"], p["envs"], pixels, frames)
+        if count > 1:
+            self.result("batch", count)
+        return count
 
     def _info(self, header: Header) -> CameraInfo:
         """What readers are told of the camera and of the worlds that it sees."""
@@ -165,6 +181,8 @@ class RendererNode(Node):
         """Poses of the keyframe before that one."""
         self._stamp = 0
         self._episodes = np.zeros(0, np.int32)
+        self._new = False
+        """Whether the renderer has not drawn the last keyframe, as it is another one."""
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
         """Forgets the last keyframe, and tells of the camera as a new run does: the sensor's seed is another; what that
@@ -198,7 +216,7 @@ class RendererNode(Node):
         from nodes.renderer.separate import SeparateRenderers
 
         if len(groups) == 1:
-            return self._renderer(groups[0][0], self.params["envs"])
+            return self._renderer(groups[0][0], self.params["envs"] * self.gathers)
         return SeparateRenderers(Parts(groups, self._each(groups)), self.params["envs"])
 
     def _each(self, groups: Sequence[Group]) -> list[Callable[[], Renderer | SupersampledRenderer]]:
@@ -219,13 +237,7 @@ class RendererNode(Node):
 
     def update(self, inputs: Mapping[str, Message]) -> None:
         """Renders and publishes the wanted images of one state. Raises ValueError for one of another scene."""
-        state = inputs["state"]
-        assert isinstance(state, WorldState)
-        if state.names != self._names:
-            raise ValueError(
-                f"{self.name}: /state has bodies {', '.join(state.names)}, scene {self.scene.name} has "
-                f"{', '.join(self._names)}; give both nodes the same scene and scene_args"
-            )
+        state = self._state(inputs)
         worlds = self.worlds.follow(state.own)
         if worlds is not self.worlds:
             before = self.worlds.drawn()
@@ -233,20 +245,73 @@ class RendererNode(Node):
             if worlds.drawn() != before:
                 h = state.header
                 self.publish("info", self._info(Header(h.stamp_ns, clock=h.clock, episode=h.episode)))
+        poses = np.array(state.end_pose)
+        t = state.header.stamp_ns if state.own is None else np.array(state.own[:, STAMP])
+        self._render([state], poses, self._before(poses, state), t)
+
+    def update_all(self, inputs: Sequence[Mapping[str, Message]]) -> None:
+        """Renders and publishes the images of several states at once, until an environment was reset by itself.
+
+        Where fewer come than are rendered at once, the last one fills the rest.
+        """
+        from nodes.renderer.renderer import LAST
+
+        if self.gathers == 1 or any(isinstance(s := one["state"], WorldState) and s.own is not None for one in inputs):
+            self._render_singly()
+            super().update_all(inputs)
+            return
+        states = [self._state(one) for one in inputs]
+        for start in range(0, len(states), self.gathers):
+            some = states[start : start + self.gathers]
+            befores = []
+            for state in some:
+                pose = np.array(state.end_pose)
+                before = self._before(pose, state)
+                befores.append(before if isinstance(before, np.ndarray) else self._earlier)
+            rows = [*range(len(some)), *[len(some) - 1] * (self.gathers - len(some))]
+            poses = np.concatenate([some[row].end_pose for row in rows])
+            before = np.concatenate([befores[row] for row in rows]) if self.wants("motion") else LAST
+            self._render(some, poses, before, np.array([some[row].header.stamp_ns for row in rows]))
+
+    def _render_singly(self) -> None:
+        """From now on, one state at a time."""
+        if self.gathers > 1:
+            self.gathers, self._new = 1, True
+            self.renderer = self._renderers(self.worlds.groups(appearance))
+            self.renderer.prepare(self._wanted())
+
+    def _state(self, inputs: Mapping[str, Message]) -> WorldState:
+        """The state that comes; warns of what turns too fast in it. Raises ValueError for one of another scene."""
+        state = inputs["state"]
+        assert isinstance(state, WorldState)
+        if state.names != self._names:
+            raise ValueError(
+                f"{self.name}: /state has bodies {', '.join(state.names)}, scene {self.scene.name} has "
+                f"{', '.join(self._names)}; give both nodes the same scene and scene_args"
+            )
         for line in self._turns.too_fast(state.moving, state.moving_twist):
             self.warn(line)
-        poses = np.array(state.end_pose)
+        return state
+
+    def _render(
+        self, states: Sequence[WorldState], poses: np.ndarray, before: np.ndarray | str, t: int | np.ndarray
+    ) -> None:
+        """Renders and publishes the images of states, the first of those whose poses float64 [n E, N, 7] these are."""
         wanted = self._wanted()
         on_gpu = self.renderer.device.is_cuda
         out: Any = self.renderer.buffers(wanted) if on_gpu else {f: self._loan(p, f) for f, p in wanted.items()}
-        t = state.header.stamp_ns if state.own is None else np.array(state.own[:, STAMP])
-        self.renderer.render(poses, self._before(poses, state), out, out, t)
+        self.renderer.render(poses, before, out, out, t)
+        envs = self.params["envs"]
         for field, port in wanted.items():
-            image = self._loaned(port, field, out[field]) if on_gpu else out[field]
-            self.publish(port, self._message(port, field, state, image))
+            images = self._loaned(port, field, out[field]) if on_gpu else out[field]
+            if len(states) == 1:
+                self.publish(port, self._message(port, field, states[0], images[:envs]))
+                continue
+            parts = [images[k * envs : (k + 1) * envs] for k in range(len(states))]
+            self.publish_all(port, [self._message(port, field, *pair) for pair in zip(states, parts)])
         if "keyframe" in wanted.values():
             # Only now, for on a GPU this waits for the image.
-            self._report()
+            self._report(self.renderer.counts(), states, poses, t)
 
     def _wanted(self) -> dict[str, str]:
         """What to render now, with the port that it goes to."""
@@ -272,6 +337,8 @@ class RendererNode(Node):
             before = previous = poses
         elif stamp == self._stamp or not np.array_equal(episodes, self._episodes):
             before = previous = np.where((episodes == self._episodes)[:, None, None], previous, poses)
+        if self._new:
+            before, self._new = previous, False
         self._earlier, self._previous, self._episodes, self._stamp = previous, poses, np.array(episodes), stamp
         return before
 
@@ -286,8 +353,19 @@ class RendererNode(Node):
         wp.copy(loan, image)
         return loan
 
-    def _report(self) -> None:
-        for name, amount in zip(("nonfinite_pixels", "clipped_pixels"), self.renderer.counts()):
+    def _report(
+        self, counts: Sequence[int], states: Sequence[WorldState], poses: np.ndarray, t: int | np.ndarray
+    ) -> None:
+        """Counts pixels of the keyframes of states; of `poses` those after theirs are the last one's again."""
+        spare = len(poses) // self.params["envs"] - len(states)
+        if spare and any(counts):
+            # How many each of these has, the last one alone tells.
+            last = slice(len(states) - 1, len(states))
+            alone = [np.repeat(values[last], len(poses), axis=0) for values in (poses, np.asarray(t))]
+            self.renderer.render(alone[0], None, self._wanted(), None, alone[1])
+            each = [count // len(poses) for count in self.renderer.counts()]
+            counts = [count - spare * one for count, one in zip(counts, each)]
+        for name, amount in zip(("nonfinite_pixels", "clipped_pixels"), counts):
             if amount:
                 self.count(name, amount)
 

@@ -15,6 +15,15 @@ LIGHT: dict[str, Param] = {
     "light_samples": Param(int, 16, "shadow rays for an area light and pixel, a square number", "", 1, 4096),
     "supersampling": Param(int, 0, "samples per pixel and axis, averaged; 0 = the camera's", "", 0, 16),
 }
+BATCH = Param(
+    int,
+    0,
+    "keyframes that are made at once, with the gaps between them, where nobody waits for each (--compose, pace:=fast, "
+    "no actions); 0 = as many as pay, on a CPU one; the events are the same",
+    "",
+    0,
+    64,
+)
 PATHS = ("path_samples", "roulette")
 """Of LIGHT, what is about paths alone."""
 

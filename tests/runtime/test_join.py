@@ -72,3 +72,32 @@ def test_the_rest_is_released() -> None:
     m, slot = message(1)
     join.put("a", m)
     assert join.drop_rest() == 1 and slot.pins == 0
+
+
+def test_several_stamps_are_gathered_until_no_more_will_come():
+    join, slots = Join(["a", "b"]), []
+    for stamp in range(5):
+        for port in ("a", "b") if stamp != 2 else ("a",):
+            m, slot = message(stamp)
+            join.put(port, m)
+            slots.append(slot)
+        if stamp == 1:
+            assert join.gather(3) == []
+    assert [found["b"].header.stamp_ns for found in join.gather(3)] == [0, 1, 3, 4]
+    assert join.skipped == 1
+    m, slot = message(5)
+    join.put("a", m)
+    join.put("b", message(5)[0])
+    assert join.gather(2) == []
+    join.end("a")
+    assert [found["a"] for found in join.gather(2)] == [m]
+    assert slot.pins == 1
+
+
+def test_what_was_gathered_and_not_handed_out_is_released():
+    join = Join(["a"])
+    m, slot = message(0)
+    join.put("a", m)
+    assert join.gather(2) == []
+    assert join.drop_rest() == 1
+    assert slot.pins == 0

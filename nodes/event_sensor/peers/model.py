@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from evis.config.params import Param, ParamError, resolve
-from nodes.event_sensor.message_limit import MOST_NOISE, REMEDY, check_noise, longest_step
+from nodes.event_sensor.messages.limit import MOST_NOISE, REMEDY, check_noise, longest_step
 from nodes.event_sensor.parameters import SENSOR
 from nodes.event_sensor.peers import kernels
 from nodes.event_sensor.sensor import Events

@@ -161,7 +161,7 @@ class Evaluator:
         portion.slot0, portion.count, portion.envs, portion.frames = 0, self._slots, self._envs, 1
         portion.upsampling, portion.tolerance, portion.relight = self._upsampling, layout.tolerance, int(layout.relight)
         portion.pace = layout.pace
-        portion.keyframes = wp.vec2i(rigid.pair.a.number, rigid.pair.b.number)
+        portion.keyframes = wp.vec2i(rigid.pair.a.first, rigid.pair.b.first)
         portion.index, portion.frame, portion.strength = self._index, self._frame, self._strength
         portion.packed = self.hits.reshape((1, 1, -1))
         portion.quiet, portion.pieces = rigid.quiet, rigid.pieces

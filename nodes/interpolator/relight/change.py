@@ -28,7 +28,7 @@ LIT_ANEW, AROUND = int(change_kernels.LIT_ANEW), int(change_kernels.AROUND)
 class LightChange:
     """Holds what kernels need to tell where light changes in a gap: `kernel`, of `features`.
 
-    For E environments of a visibility with E x slots; keyframes have rows number E ... of 2 E.
+    For E environments of a visibility with E x slots; keyframes have at most 2 E rows.
     """
 
     def __init__(
@@ -71,10 +71,10 @@ class LightChange:
         self._origin: np.ndarray | None = None
         change.swept = self._make_swept()
 
-    def take(self, number: int, poses: wp.array) -> None:
-        """Notes where lights and casters are at keyframe `number` of a pair, for poses transformd [E, N]: launches
-        only."""
-        mine, change = slice(number * self._envs, (number + 1) * self._envs), self.kernel
+    def take(self, first: int, poses: wp.array) -> None:
+        """Notes where lights and casters are at keyframes of a pair from row `first` on, for poses transformd [rows,
+        N]: launches only."""
+        mine, change = slice(first, first + poses.shape[0]), self.kernel
         self._lights.place(poses, change.then, mine)
         casters = change.casters_then
         self._v.place_at(poses, casters.rotation[mine], casters.translation[mine], change.eye_then[mine])

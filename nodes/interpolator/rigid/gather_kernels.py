@@ -27,7 +27,7 @@ class Portion:
     quiet [E, H, W]: z-buffer entries with which nothing has changed. pieces: of each triangle, its body (the world's
     index being their number) and its patch. tolerance: difference of the keyframes' log radiance up to which it is
     blended; pace: path [px] per unit of `index` from which on what is finer than a keyframe's pixels does not matter;
-    relight: 1 where all but the sky is to be shaded anew. keyframes: numbers of A and B in their pair.
+    relight: 1 where all but the sky is to be shaded anew. keyframes: first rows of A and B in their pair.
     """
 
     slot0: int
@@ -116,8 +116,8 @@ def make_gather(
         s = point_of(change, n, hit, position)
         a = moved_point(s, keys.turn[n, body], m_a)
         b = moved_point(s, keys.turn[n + keys.turn.shape[0] / 2, body], m_b)
-        row_a = portion.keyframes[0] * portion.envs + n % portion.envs
-        row_b = portion.keyframes[1] * portion.envs + n % portion.envs
+        row_a = portion.keyframes[0] + n % portion.envs
+        row_b = portion.keyframes[1] + n % portion.envs
         return relit(change, flag, n, row_a, row_b, s, a, b, seen_a, seen_b, share)
 
     @wp.func

@@ -17,6 +17,9 @@ from nodes.renderer.raster.visibility import Visibility
 class Pair:
     """Holds two keyframes of E environments that take turns as A and B: arrays [2 E, H, W], one after the other.
 
+    Of E gaps in a row, which are as environments whose times differ, a gap's A is the B of the one before: E + 1
+    keyframes, of which all but the last are A and all but the first are B.
+
     patch, support int32, inverse float32 and texels vec4 as in keyframe_kernels; logs: as of LOGS. turn mat33 and shift
     vec3 [2 P E, N + 2]: how the bodies of the sub-frames have moved since A, then since B.
     """
@@ -30,10 +33,14 @@ class Pair:
         device: Any,
         flicker: bool = False,
         textured: bool = False,
+        in_a_row: bool = False,
     ) -> None:
         """shape: E, H, W. flicker: logs are of the radiance under the lights at their mean, and without those that
-        flicker."""
-        both, rows = (2 * shape[0], *shape[1:]), 2 * slots * shape[0]
+        flicker. in_a_row: the E are gaps in a row."""
+        envs, rows = shape[0], 2 * slots * shape[0]
+        self._in_a_row = in_a_row
+        both = (envs + 1 if in_a_row else 2 * envs, *shape[1:])
+        pixel: Any = wp.float32 if channels == 1 else wp.vec3
         with wp.ScopedDevice(device):
             self.logs = wp.empty(both, dtype=LOGS[channels, flicker])
             self.albedo = wp.zeros(both if textured else (0, 0, 0), dtype=wp.float32)
@@ -41,15 +48,29 @@ class Pair:
             self.support = wp.empty(both, dtype=wp.int32)
             self.inverse = wp.empty(both, dtype=wp.float32)
             self.texels = wp.empty(both, dtype=wp.vec4)
+            self.image = wp.empty(both, dtype=pixel)
+            self.packed = wp.empty(both, dtype=wp.uint64)
+            self.poses = wp.empty((both[0], bodies), dtype=wp.transformd)
             self.turn = wp.empty((rows, bodies + 2), dtype=wp.mat33)
             self.shift = wp.empty((rows, bodies + 2), dtype=wp.vec3)
         self._struct = make_keyframes(channels, flicker)
-        keyframes = (Prepared(self, k, shape, bodies, channels, device, flicker) for k in range(2))
-        self.a, self.b = keyframes
+        self.a, self.b = (Prepared(self, first, shape, device, flicker) for first in (0, 1 if in_a_row else envs))
 
     def swap(self) -> None:
-        """Begins a gap: B becomes A, and the other keyframe is to be filled."""
-        self.a, self.b = self.b, self.a
+        """Begins a gap: B becomes A, and the other keyframe is to be filled. Of gaps in a row the last B becomes the
+        first A."""
+        if not self._in_a_row:
+            self.a, self.b = self.b, self.a
+            return
+        for name in ("logs", "albedo", "patch", "support", "inverse", "texels", "image", "packed", "poses"):
+            array = getattr(self, name)
+            if array.size:
+                wp.copy(array[:1], array[-1:])
+
+    @property
+    def fresh(self) -> tuple[int, wp.array]:
+        """Gives the first row, and poses transformd [rows, N], of what is new of a gap whose B has its poses."""
+        return (0, self.poses) if self._in_a_row else (self.b.first, self.b.poses)
 
     def displace(self, camera: int, poses: wp.array, turn: wp.array, shift: wp.array) -> None:
         """Computes how bodies at poses transformd [R, N] have moved since A, then since B, turn mat33 and shift vec3
@@ -63,7 +84,7 @@ class Pair:
         """Makes the struct that the gather reads."""
         keys: Any = self._struct()
         size = self.a.patch.size
-        keys.first = wp.vec2i(size * self.a.number, size * self.b.number)
+        keys.first = wp.vec2i(*(size // len(self.a.patch) * prepared.first for prepared in (self.a, self.b)))
         keys.image, keys.turn, keys.shift = self.b.image, self.turn, self.shift
         for name in ("patch", "support", "inverse", "logs", "albedo", "texels"):
             setattr(keys, name, getattr(self, name).flatten())
@@ -71,37 +92,32 @@ class Pair:
 
 
 class Prepared:
-    """Holds the device arrays of one keyframe of E environments, written by `take`, `take_poses` and `fill`.
+    """Holds the device arrays of one keyframe of E environments, written by `take`, `take_poses`, `take_packed` and
+    `fill`.
 
-    image: its luminance or RGB; packed: its z-buffer; logs: its logarithm; the others [E, H, W]: its part of a pair's;
-    poses: wp.transformd [E, N].
+    image: its luminance or RGB; packed: its z-buffer; logs: its logarithm; poses: wp.transformd [E, N]; all these and
+    the others are its part of a pair's, from row `first` on.
     """
 
     def __init__(
         self,
         pair: Pair,
-        number: int,
+        first: int,
         shape: tuple[int, int, int],
-        bodies: int,
-        channels: int,
         device: Any,
         flicker: bool,
     ) -> None:
-        """number: 0 or 1."""
-        self.number, self._shape, self._device = number, shape, device
-        self.pixel: Any = wp.float32 if channels == 1 else wp.vec3
+        self.first, self._shape, self._device = first, shape, device
         # Pixels that one thread does; on the CPU a row, for starting one costs more.
         self._span = shape[2] if device.is_cpu else 1
-        mine = slice(number * shape[0], (number + 1) * shape[0])
+        mine = slice(first, first + shape[0])
         self.logs, self.patch, self.support = pair.logs[mine], pair.patch[mine], pair.support[mine]
         self.inverse, self.texels = pair.inverse[mine], pair.texels[mine]
         self.albedo = pair.albedo[mine] if pair.albedo.size else pair.albedo
+        self.image, self.packed, self.poses = pair.image[mine], pair.packed[mine], pair.poses[mine]
         with wp.ScopedDevice(device):
-            self.image = wp.empty(shape, dtype=self.pixel)
-            self.packed = wp.empty(shape, dtype=wp.uint64)
             # At their mean, and without.
             self._lights = [wp.empty(shape, dtype=wp.vec3) for _ in range(2)] if flicker else []
-            self.poses = wp.empty((shape[0], bodies), dtype=wp.transformd)
 
     def take(self, image: wp.array) -> None:
         """Takes the keyframe's image, float32 [E, H, W] or [E, H, W, 3]."""
@@ -111,19 +127,22 @@ class Prepared:
         """Takes the bodies' poses, from the first `envs` environments: a launch only."""
         wp.copy(self.poses, visibility.poses[:envs])
 
+    def take_packed(self, visibility: Visibility, envs: int) -> None:
+        """Takes the z-buffer of the first `envs` environments: a launch only."""
+        wp.copy(self.packed, visibility.packed[:envs])
+
     def take_lights(self, shade: Callable[[str], wp.array]) -> None:
         """Computes what `fill` needs where lights flicker. shade: gives radiance [>= E, H, W] of vec3, under
         LightSet.select."""
         for which, image in zip(("mean", "steady"), self._lights):
             wp.copy(image, shade(which)[: self._shape[0]])
 
-    def fill(self, visibility: Visibility, envs: int, pieces: wp.array, moving: wp.array, nonfinite: wp.array) -> None:
-        """Fills the other arrays from the image and the z-buffer of the first `envs` environments: launches only.
+    def fill(self, pieces: wp.array, moving: wp.array, nonfinite: wp.array) -> None:
+        """Fills the other arrays from the image and the z-buffer: launches only.
 
         pieces: body and patch [T]; moving int32 of each patch: whether it may move. nonfinite int32 [1]: has the number
         of pixels added whose radiance is not finite; they are not used.
         """
-        wp.copy(self.packed, visibility.packed[:envs])
         dim = (*self._shape[:2], self._shape[2] // self._span)
         given = [self._span, self.packed, pieces, self.image, *self._lights]
         made = [self.logs, self.patch, self.inverse, self.texels, nonfinite]

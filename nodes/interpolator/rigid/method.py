@@ -67,9 +67,12 @@ class Rigid:
         threads: int = 1,
         options: RigidOptions | None = None,
         worlds: Sequence[Scene] = (),
+        in_a_row: bool = False,
     ) -> None:
         """scene, camera: those of the renderer. upsampling: K. margin: pixels beyond the image on every side. channels:
-        1 or 3. threads: of a CPU. worlds: see Placement."""
+        1 or 3. threads: of a CPU. worlds: see Placement. in_a_row: the environments are gaps of one environment, each
+        of which begins where the one before ends: views have times of their `own`, and the last one's B is the first
+        one's A of the next call; not where it `remembers`."""
         asked, cpu = options or RigidOptions(), wp.get_device(device).is_cpu
         self.layout = layout_of(scene, camera, envs, upsampling, margin, channels, cpu, asked)
         slots, step = self.layout.slots, self.layout.step
@@ -82,7 +85,9 @@ class Rigid:
         self.size = (v.shape[1] - 2 * margin, v.shape[2] - 2 * margin)
         textured = textured_in(self.shading, self.layout)
         keyframe, bodies = (envs, *v.shape[1:]), len(scene.bodies)
-        self.pair = Pair(keyframe, slots, bodies, channels, self._device, self.layout.exact_flicker, textured)
+        exact = self.layout.exact_flicker
+        self.pair = Pair(keyframe, slots, bodies, channels, self._device, exact, textured, in_a_row)
+        self._in_a_row = in_a_row
         self._at_b: KeyframeView | None = None
         self._held = np.zeros(envs, bool)
         """Environments that begun an episode with that keyframe."""
@@ -124,6 +129,11 @@ class Rigid:
         """Gives how strong lights that flicker are at what was drawn, float32 [slots E], empty without such."""
         return self._reprojection.strength
 
+    @property
+    def remembers(self) -> bool:
+        """Tells whether the frames of a gap depend on more than its keyframes."""
+        return self._sparse is not None
+
     def settle(self) -> None:
         """Takes what it remembers now for what it knows when an episode begins: after it was warmed up."""
         if self._sparse is not None:
@@ -146,9 +156,9 @@ class Rigid:
         self.rested = self._rests(a, b, held | begun)
         if self.rested:
             return self._rest(b, out)
-        if self._at_b is not a:
-            self._prepare(a)
         self.pair.swap()
+        if not self._knows(a):
+            self._prepare(a)
         self._at_b, self._held = b, held
         if self._sparse is not None:
             for env in np.flatnonzero(begun).tolist():
@@ -174,18 +184,24 @@ class Rigid:
                 strength = np.array([waveform_strength(self.layout.waveform, int(t)) for t in times], np.float32)
                 self._reprojection.strength.assign(strength[which.reshape(-1)])
             self._graphs.run(("look", portion, self._even, builds), partial(self._reproject, portion, frames))
-        self._even = not self._even
+        if not self._in_a_row:
+            self._even = not self._even
         if frames is self._buffer:
             self._hand_over(frames, out)
         if self._device.is_cuda and together:
             self.placement.expect(stamps)
         return self._report()
 
+    def _knows(self, a: KeyframeView) -> bool:
+        """Whether keyframe a, of gaps in a row the first one, was B of the last call."""
+        before = a.after if self._in_a_row else a
+        return before is not None and self._at_b is before
+
     def _rests(self, a: KeyframeView, b: KeyframeView, begun: np.ndarray) -> bool:
         """Whether nothing moves or changes from a to b, as a CPU can tell at once; begun: bool [E], environments that
         begin or began an episode."""
         places = self._places
-        if self._device.is_cuda or self.layout.flicker or self._at_b is not a or begun.any():
+        if self._device.is_cuda or self._in_a_row or self.layout.flicker or self._at_b is not a or begun.any():
             return False
         moved = places.moved == places.before.take(self.placement.movers, axis=1)
         if not (moved.all() and np.array_equal(places.rest, places.before)):
@@ -244,6 +260,8 @@ class Rigid:
         v, part = self.visibility, self.layout.portions[portion]
         first, closed = int(portion == 0), portion == len(self.layout.portions) - 1
         count = len(part) - first
+        if first:
+            self.pair.b.take_packed(v, self.layout.envs)
         with self._beside.aside():
             if closed:
                 m, image = v.margin, self.pair.b.image
@@ -256,7 +274,7 @@ class Rigid:
         if first:
             if self.layout.waveform is not None:
                 self.pair.b.take_lights(partial(self._reprojection.light, placed=True))
-            self.pair.b.fill(v, self.layout.envs, self.pieces, self._moving, self._reprojection.nonfinite)
+            self.pair.b.fill(self.pieces, self._moving, self._reprojection.nonfinite)
             self._reprojection.take_albedo(self.pair.b)
         self._beside.join()
         if count:
@@ -305,20 +323,23 @@ class Rigid:
         else:
             v.draw()
         v.drawn()
-        self.pair.b.take(view.image)
-        self._take_poses()
+        a = self.pair.a
+        a.take(view.image)
+        a.take_poses(v, self.layout.envs)
+        if self.change is not None:
+            self.change.take(a.first, a.poses)
+        a.take_packed(v, self.layout.envs)
         if self.layout.waveform is not None:
             self.shading.update(placed)
-            self.pair.b.take_lights(partial(self._reprojection.light, placed=False))
-        self.pair.b.fill(self.visibility, self.layout.envs, self.pieces, self._moving, self._reprojection.nonfinite)
-        self._reprojection.take_albedo(self.pair.b)
+            a.take_lights(partial(self._reprojection.light, placed=False))
+        a.fill(self.pieces, self._moving, self._reprojection.nonfinite)
+        self._reprojection.take_albedo(a)
 
     def _take_poses(self) -> None:
         """Where bodies, lights and casters are at keyframe B: launches only."""
-        b = self.pair.b
-        b.take_poses(self.visibility, self.layout.envs)
+        self.pair.b.take_poses(self.visibility, self.layout.envs)
         if self.change is not None:
-            self.change.take(b.number, b.poses)
+            self.change.take(*self.pair.fresh)
 
     def _target(self, out: np.ndarray | wp.array) -> wp.array:
         """The output on a CPU, a buffer in its place on a GPU, as [E K, h, w] pixels."""

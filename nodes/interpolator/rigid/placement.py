@@ -86,6 +86,13 @@ class Placement:
             parts = np.split(poses, len(nexts), axis=2)
             self._ahead = {t.tobytes(): part for t, part in zip(nexts, parts)}
 
+    def foresee(self, stamps: np.ndarray) -> None:
+        """Computes at once the poses of several gaps with sub-frames at stamps int64 [gaps, K] ns, for `moved`."""
+        if len(self._together) and stamps.shape[1] > 1:
+            poses = self._known(stamps[:, :-1].reshape(-1))
+            parts = np.split(poses, len(stamps), axis=2)
+            self._ahead = {t[:-1].tobytes(): part for t, part in zip(stamps, parts)}
+
     def _drive(self, stamps: np.ndarray, states: States, poses: np.ndarray) -> None:
         """Those that physics moves in this interval, between the sub-steps about the stamps; poses [.., E, M, 7]."""
         place = states.places(self.movers[self._driven])

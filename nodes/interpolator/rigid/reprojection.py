@@ -150,7 +150,7 @@ class Reprojection:
         portion.frames = portion.upsampling = self._upsampling
         portion.pace = self._pace
         portion.tolerance, portion.relight = self._tolerance, self._relight
-        portion.keyframes = wp.vec2i(pair.a.number, pair.b.number)
+        portion.keyframes = wp.vec2i(pair.a.first, pair.b.first)
         portion.index, portion.frame, portion.strength = (
             self._index[part.number],
             self._frame[part.number],

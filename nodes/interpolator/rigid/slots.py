@@ -52,6 +52,7 @@ class Slots:
         last = b.end_pose.take(self._movers, axis=1)
         moved = np.repeat(last[None], stamps.shape[1], axis=0)
         times, which = np.unique(stamps, axis=0, return_inverse=True)
+        self._placement.foresee(times)
         for n, t in enumerate(times):
             envs = np.flatnonzero((which.reshape(-1) == n) & ~held)
             if len(envs):

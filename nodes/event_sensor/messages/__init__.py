@@ -1,0 +1,1 @@
+"""Messages of frames: how much one may hold, and several of them as one."""

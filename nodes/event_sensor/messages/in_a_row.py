@@ -1,0 +1,63 @@
+"""Messages of frames that follow each other, as one: what is sensed at once, and where its events are cut apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from msgs.camera import Frames, Keyframe
+
+
+def stamps(message: Any) -> np.ndarray:
+    """Gives the times int64 [K] ns of the images of a message."""
+    return np.array([message.header.stamp_ns]) if isinstance(message, Keyframe) else message.t
+
+
+def runs(messages: Sequence[Any], episodes: np.ndarray, fits: Callable[[np.ndarray], bool]) -> list[list[Any]]:
+    """Parts messages into those whose frames a sensor may take at once.
+
+    Args:
+        messages: in order; of one environment.
+        episodes: of the message before, int32 [1]. A message with which an episode begins is by itself.
+        fits: whether the sensor takes images at these times int64 ns at once.
+    """
+    found: list[list[Any]] = []
+    begun = True
+    for message in messages:
+        begins = not np.array_equal(message.episodes, episodes)
+        if begun or begins or not _alike(message, found[-1][-1]) or not fits(_times([*found[-1], message])):
+            found.append([message])
+        else:
+            found[-1].append(message)
+        begun, episodes = begins, message.episodes
+    return found
+
+
+def _times(messages: Sequence[Any]) -> np.ndarray:
+    return np.concatenate([stamps(message) for message in messages])
+
+
+def _alike(message: Any, before: Any) -> bool:
+    """Whether the images of a message can be in one array with those of the message before."""
+    if type(message) is not type(before) or not isinstance(message, Frames | Keyframe):
+        return False
+    if message.own is not None or before.own is not None or len(message.episodes) != 1:
+        return False
+    arrays = [{name: (a.shape, type(a)) for name, a in m.arrays().items()} for m in (message, before)]
+    return arrays[0] == arrays[1] and message.header.episode == before.header.episode
+
+
+def cuts(t: Any, ends: Sequence[int]) -> list[int]:
+    """Finds how many of ascending times int64 [n], of numpy or on a GPU, lie before or at each of these [ns]."""
+    if isinstance(t, np.ndarray):
+        return [int(count) for count in np.searchsorted(t, ends, side="right")]
+    import warp as wp
+
+    from nodes.event_sensor.cuda.cut_kernels import count_up_to
+
+    given: wp.array = wp.array(np.array(ends, np.int64), device=t.device)
+    found: wp.array = wp.empty(len(ends), dtype=wp.int32, device=t.device)
+    wp.launch(count_up_to, len(ends), [t, given], [found], device=t.device)
+    return [int(count) for count in found.numpy()]

@@ -1,0 +1,130 @@
+"""Several gaps between keyframes at once, for who does not wait for each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from evis.gpu.in_a_row import joined
+from evis.runtime.clock import subframe_stamps
+from nodes.interpolator import warm_up as made_up
+from nodes.interpolator.interpolator import Allocate, Image, Interpolator, new_frames
+from nodes.interpolator.keyframe import KeyframeView, States, StatesInARow
+from nodes.interpolator.rigid import Rigid
+
+
+@dataclass
+class Arrived:
+    """Holds a keyframe of one environment, with the arguments of `Interpolator.push`."""
+
+    stamp_ns: int
+    episodes: np.ndarray
+    image: Image
+    states: States | None
+
+
+class ManyGaps(Interpolator):
+    """Makes the frames of up to `gaps` gaps in a row at once, as environments whose times differ: the same, bit for
+    bit, as one by one.
+
+    For method rigid, one environment, frames alone. gaps: 1 where the scene does not allow more.
+    """
+
+    def __init__(self, method: str, upsampling: int, gaps: int, **how: Any) -> None:
+        """how: as of Interpolator."""
+        super().__init__(method, upsampling, **how)
+        self.gaps = gaps
+        self._rigid: tuple[Any, Rigid] | None = None
+        """With the size that it is for."""
+        self._row: tuple[KeyframeView, KeyframeView] | None = None
+        """B of the gaps made last, and the last of them by itself."""
+
+    def push_all(
+        self, keyframes: Sequence[Arrived], margin: int = 0, allocate: Allocate = new_frames
+    ) -> Iterator[list[tuple[np.ndarray, Any]]]:
+        """Yields what `push` returns of each keyframe, in order, with arguments as there: those together whose frames
+        are made at once, in memory from one `allocate`. `report` is of them."""
+        self._fit((1, *keyframes[0].image.shape[1:3]), margin)
+        images = self._image(joined([one.image for one in keyframes]))
+        start = 0
+        for end, one in enumerate(keyframes, 1):
+            if self.gaps == 1 or self._last is None or np.any(one.episodes != self._episodes):
+                yield [self.push(one.stamp_ns, one.episodes, one.image, None, None, margin, allocate, one.states)]
+            elif end == len(keyframes) or end - start == self.gaps or np.any(keyframes[end].episodes != one.episodes):
+                yield self._between(keyframes[start:end], images[start:end], margin, allocate)
+            else:
+                continue
+            start = end
+
+    def _between(
+        self, keyframes: Sequence[Arrived], images: wp.array, margin: int, allocate: Allocate
+    ) -> list[tuple[np.ndarray, Any]]:
+        """The gaps that end with these keyframes of one episode. Fewer than fit begin behind gaps of no length."""
+        last = self._last
+        assert last is not None and last.states is not None
+        stamps = [self._stamp, *(one.stamp_ns for one in keyframes)]
+        for before, after in pairwise(stamps):
+            if after <= before:
+                raise ValueError(f"keyframe at {after} ns came after the one at {before} ns of the same episode")
+        spare = self.gaps - len(keyframes)
+        states = [last.states] * (spare + 1)
+        for one in keyframes:
+            checked = self._check(one.states)
+            assert checked is not None
+            states.append(checked)
+        times = np.array([self._stamp] * spare + stamps)
+        a = KeyframeView(last.image, states=StatesInARow(states[:-1]), stamp_ns=stamps[0], own=times[:-1])
+        if self._row is not None and self._row[1] is last:
+            a.after = self._row[0]
+        else:
+            a.image = joined([*[last.image] * (spare + 1), *([images[:-1]] if len(keyframes) > 1 else [])])
+        b = KeyframeView(joined([*[last.image] * spare, images]), states=StatesInARow(states[1:]))
+        b.stamp_ns, b.own = stamps[-1], times[1:]
+        out = allocate((self.gaps, *self._frames_shape(self.upsampling, self._samples)[1:]))
+        fine = (self.gaps, *self._frames_shape(self.upsampling, 1)[1:])
+        made = out if self._samples == 1 else self._fine(fine, isinstance(out, wp.array))
+        self.report = self._method_in_a_row().between(a, b, np.arange(self.gaps) < spare, made)
+        if self._samples > 1:
+            self._average(made, out)
+        self._last = KeyframeView(images[-1:], states=states[-1], stamp_ns=stamps[-1])
+        self._stamp, self._episodes = stamps[-1], np.array(keyframes[-1].episodes)
+        self._row = b, self._last
+        return [
+            (subframe_stamps(before, after, self.upsampling), out[spare + n : spare + n + 1])
+            for n, (before, after) in enumerate(pairwise(stamps))
+        ]
+
+    def warm_up_for(self, envs: int, height: int, width: int, margin: int = 0) -> None:
+        """Does what `Interpolator.warm_up_for` does, for several gaps at once."""
+        shape = (envs, height, width)
+        self._size, self._samples, self._warmed = (shape, margin), self._samples_of(height, width, margin), True
+        if self._method_in_a_row().remembers:
+            self.gaps, self._rigid = 1, None
+        if self.gaps == 1 or self.upsampling > made_up.LONGEST or self._scene is None or self._camera is None:
+            super().warm_up_for(envs, height, width, margin)
+            return
+        self._image(np.ones((1, 2, 2, 3), np.float16))
+        image, episodes = made_up.images(envs, height, width)[0], np.full(envs, -1, np.int32)
+        runs = 1 if self._device.is_cpu else made_up.RECORDED
+        arrived = [
+            Arrived(stamp, episodes, image, made_up.states(self._scene, self._camera, envs, stamp))
+            for stamp in made_up.stamps(runs * self.gaps)
+        ]
+        for _ in self.push_all(arrived, margin, self._scratch):
+            pass
+        self._warmed = True
+
+    def _method_in_a_row(self) -> Rigid:
+        """Gives what makes the gaps, built when it is first needed."""
+        if self._rigid is None or self._rigid[0] != self._size:
+            assert self._size is not None
+            (_, height, width), margin = self._size
+            made = self._build(self.upsampling, self.gaps, height, width, margin, in_a_row=True)
+            assert isinstance(made, Rigid)
+            self._rigid = self._size, made
+        return self._rigid[1]

@@ -1,0 +1,51 @@
+"""Messages that lie in one loan: it is free when the last of them is let go."""
+
+import numpy as np
+import warp as wp
+
+from evis.bus.device import DevicePool
+from evis.bus.local import LocalPublisher
+from msgs.camera import Depth
+from msgs.header import Header
+
+
+def test_messages_sent_together_share_a_loan():
+    publisher = LocalPublisher("/cam0/depth", "painter", Depth)
+    loan = publisher.loan(depth=((3, 4, 5), np.float32))["depth"]
+    other = publisher.loan(depth=((1, 4, 5), np.float32))["depth"]
+    sent = []
+    with publisher.together():
+        for k in range(3):
+            publisher.send(message := Depth(Header(k), loan[k : k + 1]))
+            sent.append(message)
+        publisher.send(alone := Depth(Header(3), other))
+    assert [m.header.seq for m in sent] == [0, 1, 2]
+    assert len({id(m._slot) for m in sent}) == 1 and alone._slot is not sent[0]._slot
+    slot = sent[0]._slot
+    for left, message in zip((2, 1, 0), sent):
+        message.release()
+        assert slot.pins == left
+    # Nothing of it is given out again before that.
+    assert publisher.loan(depth=((3, 4, 5), np.float32))["depth"].ctypes.data == loan.ctypes.data
+
+
+def test_a_loan_that_no_message_lies_in_is_free_after_the_last():
+    publisher = LocalPublisher("/cam0/depth", "painter", Depth)
+    loan = publisher.loan(depth=((2, 4, 5), np.float32))["depth"]
+    with publisher.together():
+        assert publisher.send(Depth(Header(0), np.zeros((1, 4, 5), np.float32))) is None
+        assert publisher.send(Depth(Header(1), loan[:1])) is not None
+    publisher.loan(depth=((2, 4, 5), np.float32))
+    assert publisher.stats()["slots"] == 2  # the message has not let go of the first
+
+
+def test_messages_on_a_device_share_a_loan_too():
+    pool = DevicePool("/cam0/depth")
+    device = wp.get_device("cpu")
+    loan = pool.loan(device, {"depth": ((2, 4, 5), wp.float32)})["depth"]
+    with pool.together():
+        slots = [pool.claim(Depth(Header(k), loan[k : k + 1])) for k in range(2)]
+    assert slots[0] is slots[1] and slots[0].pins == 2
+    for slot in slots:
+        slot.unpin()
+    assert pool.loan(device, {"depth": ((2, 4, 5), wp.float32)})["depth"].ptr == loan.ptr

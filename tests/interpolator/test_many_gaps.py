@@ -1,0 +1,60 @@
+"""Several gaps at once give what they give one by one, bit for bit."""
+
+import numpy as np
+import pytest
+
+from evis.runtime.clock import keyframe_stamp
+from evis.scene.load import load_scene
+from nodes.interpolator.interpolator import Interpolator
+from nodes.interpolator.many_gaps import Arrived, ManyGaps
+from nodes.renderer.renderer import Renderer
+from tests.interpolator.rigid_rig import closed_form
+
+K = 4
+SIZE = {"width": 64, "height": 48}
+
+
+def arrivals(scene, count, episodes, colour=False, device="cpu"):
+    """Keyframes of a scene at 30 Hz, whose time goes on from one episode to the next."""
+    view = scene.cameras[0]
+    renderer = Renderer(scene, view, device=device)
+    stamps = [keyframe_stamp(k, 30.0) for k in range(count)]
+    made = []
+    for k, (stamp, episode) in enumerate(zip(stamps, episodes, strict=True)):
+        t = np.array([stamps[max(k - 1, 0)], stamp])
+        states = closed_form(scene, t if k else t[1:])
+        output = "radiance" if colour else "luminance"
+        image = renderer.render(states.pose[:, -1], None, (output,), {}, stamp)[output].copy()
+        made.append(Arrived(stamp, np.array([episode], np.int32), image, states))
+    return made
+
+
+def one_by_one(scene, made, **how):
+    interpolator = Interpolator("rigid", K, scene=scene, camera=scene.cameras[0], **how)
+    found, reports = [], []
+    for one in made:
+        t, frames = interpolator.push(one.stamp_ns, one.episodes, one.image, None, None, states=one.states)
+        found.append((t.tolist(), frames.copy()))
+        reports.append(interpolator.report)
+    return found, reports
+
+
+@pytest.mark.parametrize("name", ["spinning_disk", "flying_shapes", "stereo_room"])
+@pytest.mark.parametrize("gaps, at_once", [(4, 4), (3, 7)])
+def test_frames_are_the_same_for_any_number_of_gaps(name, gaps, at_once):
+    """Also where fewer come than fit, as at the end, and where an episode begins in between."""
+    scene = load_scene(name, SIZE)
+    made = arrivals(scene, 9, [0, 0, 0, 0, 0, 0, 1, 1, 1])
+    want, reports = one_by_one(scene, made)
+    many = ManyGaps("rigid", K, gaps, scene=scene, camera=scene.cameras[0])
+    many.warm_up_for(1, *made[0].image.shape[1:3])
+    found, reshaded = [], 0
+    for start in range(0, len(made), at_once):
+        for some in many.push_all(made[start : start + at_once]):
+            found += [(t.tolist(), f.copy()) for t, f in some]
+            reshaded += many.report.reshaded
+    assert many.gaps == gaps
+    assert [t for t, _ in found] == [t for t, _ in want]
+    for (_, frames), (_, true) in zip(found, want):
+        assert np.array_equal(frames, true)
+    assert reshaded == sum(report.reshaded for report in reports)

@@ -1,0 +1,130 @@
+"""Several keyframes at once: message for message what single ones give, and only where nobody waits for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from evis.config.document import LaunchError
+from evis.launch.explain import as_text
+from evis.launch.planner import COMPOSED, Options, plan_target
+from evis.runtime.executor import Executor
+from evis.runtime.node import Node
+from evis.runtime.plan import Plan
+from msgs.header import Header, Message
+from msgs.world import Reset
+from nodes.renderer.at_once import at_once
+
+SMALL = {"width": 48, "height": 36, "audit": 0}
+LENGTH_S = 0.3
+Record = tuple[str, Header, dict[str, bytes]]
+
+
+def composed(scene: str, grouping: str = "compose", explain: bool = False, **given: Any) -> Plan:
+    options = Options(duration_s=LENGTH_S, view=False, grouping=grouping, explain=explain)
+    return plan_target(scene, {**SMALL, **given}, options)
+
+
+def published(scene: str, at_state: Callable[[Executor, int], None] | None = None, **given: Any) -> list[Record]:
+    """What a composed run publishes on the topics of its camera, in the order of each topic."""
+    plan = composed(scene, **given)
+    plan.nodes = {name: node for name, node in plan.nodes.items() if node.process == COMPOSED and not node.dormant}
+    plan.topics = {name: topic for name, topic in plan.topics.items() if topic.node in plan.nodes}
+    executor = Executor(plan, COMPOSED)
+    found: list[Record] = []
+    states = 0
+
+    def note(node: Node, port: str, message: Message) -> None:
+        nonlocal states
+        if port == "state":
+            states += 1
+            if at_state is not None:
+                at_state(executor, states - 1)
+        elif port not in ("error", "info"):
+            arrays = {name: np.asarray(array).tobytes() for name, array in message.arrays().items()}
+            found.append((port, message.header, arrays))
+
+    one, many = executor.publish, executor.publish_all
+
+    def publish(node: Node, port: str, message: Message) -> None:
+        one(node, port, message)
+        note(node, port, message)
+
+    def publish_all(node: Node, port: str, messages: list[Message]) -> None:
+        many(node, port, messages)
+        for message in messages:
+            note(node, port, message)
+
+    executor.publish, executor.publish_all = publish, publish_all  # type: ignore[method-assign, assignment]
+    try:
+        executor.setup()
+        executor.run()
+    finally:
+        executor.close()
+    return sorted(found, key=lambda record: (record[0], record[1].seq))
+
+
+@pytest.mark.parametrize(
+    "scene, given",
+    [
+        ("spinning_disk", {"preset": "davis346", "time_tolerance": 0, "width": 48, "height": 36}),
+        ("falling_objects", {"time_tolerance": 0}),
+        ("flying_shapes", {}),
+        ("balls", {"interpolator": "splat"}),
+        ("spinning_disk", {"interpolator": "none", "upsampling": 2, "crossing": "cubic"}),
+        ("spinning_disk", {"time_tolerance": 0, "colour": True, "supersampling": 2}),
+    ],
+)
+def test_every_message_is_the_same(scene: str, given: dict[str, Any]) -> None:
+    """For methods that make several gaps at once and for those that do not, sensors with faults and with look-ahead."""
+    want = published(scene, batch=1, **given)
+    assert sum(len(arrays["t"]) for port, _, arrays in want if port == "events") > 1000
+    for batch in (4, 16):
+        assert published(scene, batch=batch, **given) == want
+
+
+def test_a_reset_amid_a_batch_is_followed() -> None:
+    """From there on keyframes are made one by one."""
+
+    def reset(executor: Executor, k: int) -> None:
+        if k == 5:
+            executor.node("physics").receive("reset", Reset(Header(0), np.zeros(0, np.int32), np.zeros(0, np.int64)))
+
+    given = {"time_tolerance": 0}
+    want = published("spinning_disk", reset, batch=1, **given)
+    assert {header.episode for _, header, _ in want} == {0, 1}
+    assert published("spinning_disk", reset, batch=4, **given) == want
+
+
+def test_several_at_once_only_where_nobody_waits() -> None:
+    assert composed("spinning_disk").single == ""
+    assert "several processes" in composed("spinning_disk", "default").single
+    assert "pace of the clock" in composed("spinning_disk", pace="realtime").single
+    assert "a program outside may give /action" in composed("falling_objects").single
+    asked = composed("falling_objects", batch=4)
+    assert asked.single == ""
+    assert list(asked.nodes["physics"].outside) == ["reset"]
+    with pytest.raises(LaunchError, match="batch:=4 makes several keyframes at once, but a realtime graph keeps"):
+        composed("spinning_disk", pace="realtime", batch=4)
+    stepped = Options(view=False, grouping="compose", stepped=True)
+    assert plan_target("spinning_disk", SMALL, stepped).single == "its caller takes one step at a time"
+
+
+def test_explain_says_how_many_or_why_one() -> None:
+    def said(*words: Any, **given: Any) -> str:
+        lines = as_text(composed(*words, explain=True, **given)).splitlines()
+        return lines[lines.index("keyframes at once") + 1].strip()
+
+    assert said("spinning_disk", batch=8) == "8"
+    assert said("spinning_disk").startswith("as many as pay")
+    assert said("spinning_disk", "default") == "one, for its nodes run as several processes (--compose makes them one)"
+
+
+def test_environments_are_a_batch_already() -> None:
+    assert at_once("renderer", 0, "cpu", 8, 1000, 8) == 1
+    assert at_once("renderer", 5, "cpu", 1, 1000, 8) == 5
+    with pytest.raises(ValueError, match="batch:=4 with envs:=8: environments are a batch already"):
+        at_once("renderer", 4, "cpu", 8, 1000, 8)
