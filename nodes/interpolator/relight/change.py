@@ -105,11 +105,8 @@ class LightChange:
         return result
 
     def place(self) -> None:
-        """Notes where the cameras of the slots are, and what may be shaded: launches only."""
+        """Notes where the cameras of the slots are: a launch only."""
         self.place_beside(self._v, self.kernel)
-        if self.features.shadows:
-            masks = self.kernel.swept.masks
-            wp.launch(swept_kernels.find_shaded, masks.shape[:2], [self.kernel], [masks], device=self._v.device)
 
     def place_beside(self, v: Visibility, kernel: Any) -> None:
         """Notes where the cameras of the slots of another visibility are, in the struct of `beside`: a launch only."""
@@ -132,9 +129,12 @@ class LightChange:
         return other
 
     def disquiet(self, pieces: wp.array, quiet: wp.array) -> None:
-        """Takes from what is quiet [E, H, W] where a shadow may pass, keyframe B being in the first slot: a launch
-        only."""
+        """Finds what may be shaded in the gap that has begun, and takes that from what is quiet [E, H, W], keyframe B
+        being in the first slot: launches only."""
         v = self._v
+        if self.features.shadows:
+            masks = self.kernel.swept.masks
+            wp.launch(swept_kernels.find_shaded, masks.shape[:2], [self.kernel], [masks], device=v.device)
         dim = (self._envs, v.shape[1], v.shape[2] // v.span)
         wp.launch(swept_kernels.disquiet, dim, [v.view, v.span, self.kernel, pieces, quiet], device=v.device)
 

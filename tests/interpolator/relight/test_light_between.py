@@ -2,15 +2,18 @@
 
 import numpy as np
 import pytest
-from rigid_rig import GAP, START, closed_form, cross, disc, lamp, painted, plain, pose, quad, world
+from rigid_rig import GAP, START, closed_form, cross, disc, keyframe, lamp, luminance, painted, plain, pose, quad, world
 
 from evis.geometry import se3
+from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Light, Material, Mesh
 from evis.scene.motion import Linear, Prescribed, Sinusoid, Spin
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.relight.features import light_changes
 from nodes.interpolator.rigid.layout import TOLERANCE
+from nodes.interpolator.rigid.method import Rigid
 from nodes.renderer.paths.paths import PathOptions
+from nodes.renderer.renderer import Renderer
 
 SPEED = 1e9 / GAP
 OFF = 0.5 * TOLERANCE
@@ -67,6 +70,40 @@ def test_a_shadow_that_comes_and_goes():
     gap = cross(scene, 32)
     assert share_off(gap) < 0.003
     assert (np.abs(np.log(gap.dense / gap.dense[-1])) > 1).any(0).mean() > 0.05
+
+
+def tile(x, y, side, z, material):
+    """A square of a wall, a thing of its own."""
+    mesh = quad(side)
+    mesh.vertices[:] = mesh.vertices * np.array([0.49, 0.49, 1], np.float32) + np.array([x, y, 0], np.float32)
+    mesh.vertices[:, 2] = z
+    return mesh, material, "world"
+
+
+def test_a_shadow_passes_small_things_in_one_gap_after_another():
+    """A wall of 15 x 15 tiles, and a bar whose shadow goes from one side of it to the other within four gaps."""
+    bar = (box(0.05, 0.4, 0.05), plain(0.5), Prescribed(pose(-33.0, -0.4, 1.5), [_along(0.3, 0, 0)]))
+    at = np.arange(-7, 8) * 0.2
+    tiles = [tile(x, y, 0.2, 3.0, plain(0.4 + 0.1 * ((i + j) % 3))) for i, x in enumerate(at) for j, y in enumerate(at)]
+    scene = world([*tiles, bar], lights=[lamp()], sky=0.05)
+    view, gaps, count = scene.cameras[0], 4, 8
+    renderer, rigid = Renderer(scene, view), Rigid(scene, view, 1, count)
+    begin, out = START + 8 * GAP, np.empty((1, count, view.height, view.width), np.float32)
+    moved = np.zeros(gaps)
+    before = None
+    for k in range(gaps + 1):
+        end = begin + k * GAP
+        states = closed_form(scene, np.linspace(end - GAP, end, 11).round().astype(np.int64))
+        now = keyframe(renderer, states, states.pose[:, 0], end)
+        if before is not None:
+            rigid.between(before, now, [False], out)
+            for n, t in enumerate(subframe_stamps(end - GAP, end, count)[:-1]):
+                poses = closed_form(scene, np.array([t])).pose[:, 0]
+                dense = luminance(renderer.render(poses, t_ns=int(t))["radiance"])[0]
+                assert (np.abs(np.log(out[0, n]) - np.log(dense)) > OFF).mean() < 0.003
+                moved[k - 1] += (np.abs(np.log(dense) - np.log(before.image.numpy()[0])) > 1).mean() / count
+        before = now
+    assert (moved > 0.01).all(), "the shadow passes in each of the gaps"
 
 
 def test_a_soft_shadow_that_comes_and_goes():
