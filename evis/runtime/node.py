@@ -113,6 +113,9 @@ class Node:
     """Parameter -> one of its values -> arguments of a launch file whose default it brings, with that default."""
     SOURCE: ClassVar[bool] = False
     """A source is driven by `step` and not by its inputs."""
+    PER_ENVIRONMENT: ClassVar[bool] = False
+    """What it publishes of environment k depends on its inputs' environment k and on seed + k alone, so that several of
+    it, on devices of their own, may share the environments."""
 
     def __init__(self, name: str, params: Mapping[str, Any]) -> None:
         """params: of PARAMS, and perhaps EACH, which a graph that is held in Python may have."""
@@ -174,6 +177,11 @@ class Node:
         Raises ValueError for parameters that do not go together.
         """
         return 1
+
+    @classmethod
+    def all_at_once(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """Names parameters, of a node with PER_ENVIRONMENT, with which it has to see all environments, and why."""
+        return {}
 
     # -- what the executor calls -------------------------------------------------------------------------------------
 
