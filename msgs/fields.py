@@ -55,6 +55,13 @@ def array_specs(message_type: type) -> dict[str, ArraySpec]:
     return specs
 
 
+def environment_key(name: str, message_type: type) -> str:
+    """Names the array that tells the environment of each row of table array `name` (`box_env` of `box_id`), or ""."""
+    specs = array_specs(message_type)
+    key = name.split("_")[0] + "_env"
+    return key if key in specs and specs[name].dims[0] == specs[key].dims[0] else ""
+
+
 def plain_fields(message_type: type) -> dict[str, str]:
     """Returns the other fields of a message class but `header`, in order: name -> annotation. Do not change it."""
     plain = _plain.get(message_type)

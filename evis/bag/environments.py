@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from msgs.camera import CameraInfo, EventPacket, Image, Samples
-from msgs.fields import array_specs
+from msgs.fields import array_specs, environment_key
 from msgs.header import Message
 
 
@@ -24,14 +24,7 @@ def count(message: Message) -> int:
 
 def tabular(message: Message) -> bool:
     """Returns True where rows of tables tell their environment."""
-    specs = array_specs(type(message))
-    return any(_table(name, specs) for name in message.arrays())
-
-
-def _table(name: str, specs: Any) -> str:
-    """Name of the array that tells the environment of each row of table array `name`, or ""."""
-    key = name.split("_")[0] + "_env"
-    return key if key in specs and specs[name].dims[0] == specs[key].dims[0] else ""
+    return any(environment_key(name, type(message)) for name in message.arrays())
 
 
 def split(message: Message, envs: int) -> list[tuple[Message, dict[str, list[int]]]]:
@@ -46,13 +39,14 @@ def split(message: Message, envs: int) -> list[tuple[Message, dict[str, list[int
         return [(message.of(slice(e, e + 1)), {}) for e in range(envs)]
     specs = array_specs(type(message))
     arrays = {n: np.asarray(a) for n, a in message.arrays().items()}
-    sorted_tables = {n: bool((np.diff(arrays[n]) >= 0).all()) for n in arrays if _table(n, specs) == n}
+    keys = {n: environment_key(n, type(message)) for n in arrays}
+    sorted_tables = {n: bool((np.diff(arrays[n]) >= 0).all()) for n in arrays if keys[n] == n}
     result = []
     for e in range(envs):
         changes: dict[str, Any] = {}
         rows: dict[str, list[int]] = {}
         for name, array in arrays.items():
-            key = _table(name, specs)
+            key = keys[name]
             if specs[name].dims[0] == "E":
                 changes[name] = array[e : e + 1]
             elif key and key in arrays:
@@ -80,8 +74,7 @@ def fits(message: Message, envs: int) -> bool:
         offsets = np.asarray(message.env_offsets)
         total = 0 if message.t is None else len(message.t)
         return message.raw is None and offsets[0] == 0 and offsets[-1] == total and bool((np.diff(offsets) >= 0).all())
-    specs = array_specs(type(message))
-    tables = [np.asarray(a) for n, a in message.arrays().items() if _table(n, specs) == n]
+    tables = [np.asarray(a) for n, a in message.arrays().items() if environment_key(n, type(message)) == n]
     return all(not t.size or (t.min() >= 0 and t.max() < envs) for t in tables)
 
 
@@ -103,7 +96,7 @@ def join(parts: Sequence[tuple[Message, dict[str, list[int]]]]) -> Message:
     changes: dict[str, Any] = {}
     for name in first.arrays():
         pieces = [np.asarray(getattr(m, name)) for m, _ in parts]
-        key = _table(name, specs)
+        key = environment_key(name, type(first))
         if specs[name].dims[0] == "E":
             changes[name] = np.concatenate(pieces)
         elif key:

@@ -45,7 +45,7 @@ class Run:
 
     def __init__(self, plan: Plan) -> None:
         self.id, self.name = plan.run_id, plan.name
-        self.topics = {name: topic.type for name, topic in plan.topics.items()}
+        self.topics = {name: plan.topics[name].type for name in plan.open_topics()}
         self.actuators: list[tuple[str, float, float]] = []
         self.lockstep = False
         self._plan = plan

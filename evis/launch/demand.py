@@ -12,6 +12,7 @@ from evis.launch.wiring import Wired
 from evis.runtime.plan import LeftOut, Plan
 from msgs.topics import SYSTEM_TOPICS, find_topic
 
+UNREAD = "nobody reads it; made only while somebody looks at it"
 ABSENT = " <- "
 """Between a node and a topic that it would take and nobody publishes, among what is left out."""
 
@@ -127,7 +128,8 @@ class Pruner:
 
     def _available(self, node: Wired) -> list[str]:
         own = set(node.outputs.values())
-        return [*sorted(set(self._publishers) - own), *SYSTEM_TOPICS]
+        shares = {topic for topic, (publisher, _) in self._publishers.items() if publisher.part}
+        return [*sorted(set(self._publishers) - own - shares), *SYSTEM_TOPICS]
 
     def _named(self, node: Wired) -> set[str]:
         """What such a reader is told to take by name."""
@@ -168,15 +170,17 @@ def left_out(nodes: list[Wired], demand: Demand, absent: Mapping[str, str]) -> l
     found = [LeftOut(name, reason) for name, reason in absent.items()]
     published = {topic for node in nodes for topic in node.outputs.values()}
     for node in nodes:
-        topics = [t for t in node.outputs.values() if t not in SYSTEM_TOPICS]
+        topics = [node.among_all(t) for t in node.outputs.values() if t not in SYSTEM_TOPICS]
         if node.name not in demand.inputs:
-            if not node.spec.tap:
-                late = "; started when a viewer opens it" if node.spec.on_demand else ""
-                found.append(LeftOut(node.name, f"nobody reads {' or '.join(topics)}{late}"))
+            if node.joins:
+                found.append(LeftOut(topics[0], UNREAD))
+            elif not node.spec.tap:
+                late = "; started when a viewer opens it" if node.late else ""
+                found.append(LeftOut(node.among_all(node.name), f"nobody reads {' or '.join(topics)}{late}"))
             continue
         for port, topic in node.outputs.items():
             if port not in demand.wanted[node.name] and topic not in SYSTEM_TOPICS and not find_topic(topic).latched:
-                found.append(LeftOut(topic, "nobody reads it; made only while somebody looks at it"))
+                found.append(LeftOut(node.among_all(topic), UNREAD))
         for port, topic in node.inputs.items():
             declared = node.cls.INPUTS[port]
             unpublished = topic not in published and topic not in SYSTEM_TOPICS

@@ -21,6 +21,7 @@ from evis.launch.expand import Expanded, NodeSpec, expand
 from evis.launch.files import LaunchFile, load
 from evis.launch.order import data_flow_order
 from evis.launch.pace import check_pace
+from evis.launch.sharing import over_devices
 from evis.launch.single import why_single
 from evis.launch.target import read_target, values_of_scene, with_scene_arguments
 from evis.launch.unused_arguments import check_effect
@@ -112,7 +113,8 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     if not expanded.nodes:
         raise LaunchError(f"{expanded.file}: the graph has no node")
     unknown = [spec for spec in expanded.nodes if options.no_import and not comes_with_evis(spec.type)]
-    nodes = _with_work(expanded, [wire(spec, folder) for spec in expanded.nodes if spec not in unknown])
+    written = _with_work(expanded, [wire(spec, folder) for spec in expanded.nodes if spec not in unknown])
+    nodes = over_devices(written)
     published = publishers(nodes)
     demand = Pruner(nodes, published, partial=bool(unknown)).run()
     for node in nodes:
@@ -139,21 +141,21 @@ def plan_nodes(expanded: Expanded, folder: Path, options: Options) -> Plan:
     plan.single = why_single(plan, chosen, options.stepped)
     plan.left_out = left_out(nodes, demand, expanded.absent) + _unmade(plan, chosen) + _colourless(plan)
     plan.random = {
-        node.name: list(node.cls.random(node.params))
+        node.among_all(node.name): list(node.cls.random(node.params))
         for node in chosen
         if _draws(node) and not plan.nodes[node.name].dormant
     }
     if options.explain:
         awake = [node for node in chosen if not plan.nodes[node.name].dormant]
-        plan.warnings = {n.name: list(said) for n in awake if (said := n.cls.foreseen(n.params))}
+        plan.warnings = {n.among_all(n.name): list(said) for n in awake if (said := n.cls.foreseen(n.params))}
     plan.imports = list(dict.fromkeys(file for node in nodes for file in files_of(node.target)))
     plan.unknown = [_as_written(spec) for spec in unknown]
     plan.secrets = list(
-        dict.fromkeys([*expanded.secrets, *_idle_secrets(expanded), *(s for node in nodes for s in node.secrets)])
+        dict.fromkeys([*expanded.secrets, *_idle_secrets(expanded), *(s for node in written for s in node.secrets)])
     )
     # A sensor that nobody reads now is told of too: it is what the frames are made for.
-    plan.sensors = {_folder(node): dict(told) for node in nodes if (told := node.cls.sensor(node.params))}
-    plan.launch_text = _resolved(expanded, nodes, Redactor(plan.secrets))
+    plan.sensors = {_folder(node): dict(told) for node in [*written, *nodes] if (told := node.cls.sensor(node.params))}
+    plan.launch_text = _resolved(expanded, written, Redactor(plan.secrets))
     return plan
 
 
@@ -188,7 +190,7 @@ def attach(plan: Plan, spec: NodeSpec, folder: Path) -> None:
                 "a topic has one publisher: start the graph without that node, or give this one's topic another name "
                 "by `remap` in a launch file"
             )
-    available = {name: (node, "") for name in plan.topics if name not in _unmade_images(plan, node)}
+    available = {name: (node, "") for name in plan.open_topics() if name not in _unmade_images(plan, node)}
     demand = Pruner([node], available).attached(node)
     planned = NodePlan(node.name, node.target, node.params, spec.process, demand.inputs[node.name])
     planned.outputs = dict(node.outputs)
@@ -220,7 +222,7 @@ def _choose(nodes: list[Wired], demand: Demand) -> list[Wired]:
     late = [
         n
         for n in nodes
-        if n.spec.on_demand and n not in needed and {n.inputs[p] for p in n.inputs if p in _all_needs(n)} <= there
+        if n.late and n not in needed and {n.inputs[p] for p in n.inputs if p in _all_needs(n)} <= there
     ]
     return [n for n in nodes if n in needed or n in late]
 
@@ -235,7 +237,7 @@ def _node_plan(node: Wired, demand: Demand, grouping: str) -> NodePlan:
     if grouping == "split" or dormant:
         process = node.name
     elif grouping == "compose" and not node.spec.tap:
-        process = COMPOSED
+        process = node.group or COMPOSED
     if dormant:
         inputs = {p: [node.inputs[p]] for p in node.inputs if p in _all_needs(node)}
     elif node.name in demand.inputs:
@@ -257,6 +259,8 @@ def _node_plan(node: Wired, demand: Demand, grouping: str) -> NodePlan:
         respawn=node.spec.respawn,
         dormant=dormant,
         keep=list(node.spec.keep),
+        part=node.part,
+        joins=node.joins,
         outside={p: node.inputs[p] for p, port in node.cls.INPUTS.items() if port.outside and p not in inputs},
     )
 
@@ -311,6 +315,7 @@ def _unmade(plan: Plan, chosen: list[Wired]) -> list[LeftOut]:
     return [
         LeftOut(f"{node.name} -> {topic}", "its inputs are not connected")
         for node in chosen
+        if not node.part
         for port, topic in node.outputs.items()
         if topic not in SYSTEM_TOPICS and port not in plan.nodes[node.name].outputs
     ]
@@ -318,7 +323,8 @@ def _unmade(plan: Plan, chosen: list[Wired]) -> list[LeftOut]:
 
 def _colourless(plan: Plan) -> list[LeftOut]:
     """Colour of the keyframes, where nobody reads it."""
-    keyframes = [topic for topic in plan.topics.values() if topic.type == Keyframe.__name__]
+    made = [topic for topic in plan.topics.values() if not plan.nodes[topic.node].dormant]
+    keyframes = [topic for topic in made if topic.type == Keyframe.__name__]
     grey = [topic.name for topic in keyframes if topic.arrays is not None and "radiance" not in topic.arrays]
     if not grey:
         return []

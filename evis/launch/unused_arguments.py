@@ -13,6 +13,7 @@ from evis.launch.arguments import ArgumentError
 from evis.launch.catalog import load
 from evis.launch.expand import Expanded, NodeSpec
 from evis.launch.files import LaunchFile
+from evis.launch.sharing import named_in_share
 from evis.runtime.plan import Plan
 
 BESIDE = ("params", "otherwise", "spares")
@@ -69,11 +70,12 @@ def _uses(
 
 def _idle(spec: NodeSpec, param: str, plan: Plan) -> str:
     """Why a parameter of a node that is there changes nothing, or ""."""
-    if spec.name not in plan.nodes:
+    # Where several devices share a node, one of its shares stands for all.
+    planned = plan.nodes.get(spec.name) or plan.nodes.get(named_in_share(spec.name, 0))
+    if planned is None:
         return next(
             (f"{item.what} is left out, for {item.why}" for item in plan.left_out if item.what == spec.name), ""
         )
-    planned = plan.nodes[spec.name]
     _, cls = load(planned.target, spec.where)
     return cls.without_effect(planned.params).get(param, "")
 

@@ -25,7 +25,11 @@ _PARAMETER = re.compile(r"\{(\w+)\}")
 
 @dataclass
 class Wired:
-    """Holds one node with its class, parameters and topics. inputs, outputs: port -> topic, ports of ANY left out."""
+    """Holds one node with its class, parameters and topics. inputs, outputs: port -> topic, ports of ANY left out.
+
+    group: its process where all others are composed, for it is on another device than they are. part: it has a share of
+    the environments, and its topics are for the one that joins the shares (`joins`), whose topics are those of all.
+    """
 
     spec: NodeSpec
     target: str
@@ -33,11 +37,23 @@ class Wired:
     params: dict[str, Any]
     inputs: dict[str, str] = field(default_factory=dict)
     outputs: dict[str, str] = field(default_factory=dict)
+    group: str = ""
+    part: bool = False
+    joins: bool = False
 
     @property
     def name(self) -> str:
         """Name of the node."""
         return self.spec.name
+
+    @property
+    def late(self) -> bool:
+        """Whether it is started when only a viewer asks."""
+        return self.joins or (self.spec.on_demand and not self.part)
+
+    def among_all(self, name: str) -> str:
+        """Returns the name of this node, or of a topic of it, without the share that it has."""
+        return name.replace(f"{self.group}/", "", 1) if self.part else name
 
     @property
     def secrets(self) -> list[str]:

@@ -67,6 +67,8 @@ class Executor:
         self._wiring = Wiring(plan, process, self._context)
         self._telemetry = Telemetry(plan, process, self._context, self.profile, self._redactor, say)
         self._hosts = self._wiring.hosts
+        for host in self._hosts.values():
+            self.profile.node(host.name).made_elsewhere = host.plan.joins
         self._calls = Calls(self._hosts, self.profile, self._telemetry, plan.mode == "realtime")
         self._subscriptions: list[Subscription] = [s for h in self._hosts.values() for s in h.subscriptions]
         self._publishers: list[AnyPublisher] = [p for h in self._hosts.values() for p in h.publishers.values()]

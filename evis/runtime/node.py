@@ -121,6 +121,9 @@ class Node:
     """A source is driven by `step` and not by its inputs."""
     gathers: int = 1
     """Stamps that it waits for, to take them at once by `update_all`; more than 1 only where it `may_gather`."""
+    PER_ENVIRONMENT: ClassVar[bool] = False
+    """What it publishes of environment k depends on its inputs' environment k and on seed + k alone, so that several of
+    it, on devices of their own, may share the environments."""
 
     def __init__(self, name: str, params: Mapping[str, Any]) -> None:
         """params: of PARAMS, and perhaps EACH, which a graph that is held in Python may have."""
@@ -187,6 +190,11 @@ class Node:
         Raises ValueError for parameters that do not go together.
         """
         return 1
+
+    @classmethod
+    def all_at_once(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """Names parameters, of a node with PER_ENVIRONMENT, with which it has to see all environments, and why."""
+        return {}
 
     # -- what the executor calls -------------------------------------------------------------------------------------
 

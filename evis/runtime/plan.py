@@ -55,6 +55,10 @@ class NodePlan:
     dormant: bool = False
     keep: list[str] = field(default_factory=list)
     """Output ports that are made even when nobody reads them: what the graph was started for."""
+    part: bool = False
+    """Has a share of the environments; its topics are for the nodes of that share and for who joins them."""
+    joins: bool = False
+    """Publishes what others have made, each of a share of the environments."""
     outside: dict[str, str] = field(default_factory=dict)
     """Ports -> topics that a program outside the graph may give, as no node of it does."""
 
@@ -118,6 +122,11 @@ class Plan:
         """Returns the plan without its secrets."""
         plan: Plan = Redactor(self.secrets).value(self)
         return dataclasses.replace(plan, directory=self.directory, secrets=[])
+
+    def open_topics(self) -> list[str]:
+        """Lists the topics that are for everybody: all but the shares of others."""
+        inner = {topic for node in self.nodes.values() if node.part for topic in node.outputs.values()}
+        return [name for name in self.topics if name not in inner]
 
     def processes(self) -> dict[str, list[NodePlan]]:
         """Maps each process to its nodes in data-flow order, dormant ones left out."""

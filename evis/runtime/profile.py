@@ -31,6 +31,8 @@ class NodeProfile:
     first_stamp_ns: int | None = None
     """So far back that `stamp_ns` minus it is all the time that was played."""
     episode: int = 0
+    made_elsewhere: bool = False
+    """Its messages carry events and images that other nodes have made and counted."""
     _framed: dict[str, int] = field(default_factory=dict)
     """Stamp of the last frames that were counted of each camera."""
     first_event_at: float = 0.0
@@ -40,6 +42,8 @@ class NodeProfile:
         """Counts a published message."""
         self.published[topic] += 1
         self._pass(message)
+        if self.made_elsewhere:
+            return
         if isinstance(message, EventPacket):
             if message.t is not None:
                 self.events += len(message.t)

@@ -128,6 +128,11 @@ class Planner:
                 params = {name: spec.params[name] for name in SCENE if spec.params.get(name) is not None}
                 found.actuators, found.start = actuators_of(scene_of(spec.name, params, visuals=False))
             device = str(spec.params.get("device") or device)
+            if "," in device:
+                raise SimulationError(
+                    f"device is {device}: a simulation that is stepped is one process and has one device; make one for "
+                    "each, with envs and seed of its share, or run it with `evis launch`"
+                )
         acts = bool(found.physics and not found.controller and found.actuators.names)
         params = {"topics": list(self._asked.globs), "acts": acts, "device": device}
         where = "the simulation"

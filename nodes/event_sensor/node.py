@@ -58,6 +58,7 @@ class EventSensorNode(Node):
         **NODE,
     }
     BRINGS = {"preset": {name: {"width": p.width, "height": p.height} for name, p in PRESETS.items() if p.width}}
+    PER_ENVIRONMENT = True
     INPUTS = {
         "frames": Input("/{camera}/frames", on_device=True),
         "samples": Input("/{camera}/samples", on_device=True),

@@ -78,6 +78,7 @@ class InterpolatorNode(Node):
             minimum=0, maximum=256,
         ),
     }  # fmt: skip
+    PER_ENVIRONMENT = True
     INPUTS = {
         "keyframe": Input("/{camera}/keyframe", on_device=True),
         "depth": Input("/{camera}/depth", on_device=True),
@@ -103,6 +104,13 @@ class InterpolatorNode(Node):
         if "state" not in reads(method):
             found |= dict.fromkeys(("scene", "scene_args"), f"method {method} needs no scene")
         return found | ({"adaptive_px": "method none makes no frames"} if method == "none" else {})
+
+    @classmethod
+    def all_at_once(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
+        """Names what chooses the frames of a gap for all environments."""
+        if params["adaptive_px"] > 0:
+            return {"adaptive_px": "a gap has as many frames as the largest motion takes"}
+        return {}
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:

@@ -69,6 +69,7 @@ class LabelerNode(Node):
         "seed": SEED,
         "envs": Param(int, 1, "parallel environments", "", 1, 65536),
     }  # fmt: skip
+    PER_ENVIRONMENT: ClassVar[bool] = True
     INPUTS: ClassVar[Mapping[str, Input]] = {
         "state": Input("/state"),
         "depth": Input("/{camera}/depth"),

@@ -64,6 +64,7 @@ class RendererNode(Node):
         "keyframe_rate": Param(float, 30.0, "rate of the states, told to readers in /info", "Hz", 0),
         "frame_rate": Param(float, 0.0, "rate at which things are seen, to warn of what is too fast; 0 = any", "Hz", 0),
     }
+    PER_ENVIRONMENT = True
     INPUTS = {"state": Input("/state")}
     OUTPUTS = {
         "info": Output("/{camera}/info"),

@@ -67,7 +67,7 @@ def topics(plan: Plan) -> list[dict[str, Any]]:
     """Lists the topics that panels can show, grouped by camera, events and images first."""
     order = ["events", "image", "keyframe", "frames", "labels", "depth", "motion", "ids", "normal"]
     result = []
-    for topic in plan.topics.values():
+    for topic in map(plan.topics.__getitem__, plan.open_topics()):
         if topic.name in SYSTEM_TOPICS or topic.type not in VIEWS:
             continue
         tail = topic.name.rpartition("/")[2]

@@ -165,6 +165,7 @@ def _export_layout(args: argparse.Namespace) -> dict[str, Any]:
 def _record(args: argparse.Namespace) -> dict[str, Any]:
     from evis.bag.attach import Taps
     from evis.bag.selection import subscribed
+    from evis.runtime.control import ask_for
     from evis.supervisor.run_directory import is_live
     from nodes.recorder.recorder import Recorder
 
@@ -174,11 +175,15 @@ def _record(args: argparse.Namespace) -> dict[str, Any]:
         raise UsageError(f"--preview-hz is {args.preview_hz:g}, the least is 0")
     plan = find_run(args.run)
     globs = [g.strip() for g in args.topics.split(",") if g.strip()]
-    made = [name for name, topic in plan.topics.items() if not plan.nodes[topic.node].dormant]
+    publishers = {name: plan.nodes[plan.topics[name].node] for name in plan.open_topics()}
+    made = [name for name, node in publishers.items() if node.joins or not node.dormant]
     topics = subscribed(made, globs, args.preview_hz)
     recorder = Recorder(args.bag, plan, globs, args.preview_hz, args.event_encoding, args.sync)
     if recorder.writer.backup:
         print(f"evis bag record: the older {args.bag} is now {printable(recorder.writer.backup)}", file=sys.stderr)
+    for topic in topics:
+        if topic in publishers and publishers[topic].dormant:
+            ask_for(plan.directory, topic)
     taps = Taps(plan, topics)
     try:
         taps.run(recorder.receive, args.duration, lambda: is_live(Path(plan.directory)))

@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
 def _list(args: argparse.Namespace, plan: Any) -> int:
     from msgs.topics import SYSTEM_TOPICS, find_topic
 
-    rows = {name: topic.type for name, topic in plan.topics.items()}
+    rows = {name: plan.topics[name].type for name in plan.open_topics()}
     rows |= {name: find_topic(name).type.__name__ for name in SYSTEM_TOPICS}
     if args.json:
         print(json.dumps({"run": plan.run_id, "topics": rows}))

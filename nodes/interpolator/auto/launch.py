@@ -101,6 +101,8 @@ def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapp
     frames = by_type.get("interpolator", {})
     if p.get("supersampling"):
         camera = replace(camera, supersampling=int(p["supersampling"]))
+    # What several devices share is measured on the first of them.
+    devices = p["device"].split(",")
     return Setting(
         scene,
         camera,
@@ -109,9 +111,11 @@ def setting_of(nodes: Sequence[NodeSpec], duration_s: float | None, wishes: Mapp
         sensor=sensor,
         light=light_options(p),
         warp={key: frames[key] for key in WARP if frames.get(key) is not None},
+        device=devices[0],
+        envs=-(-p["envs"] // len(devices)),
         # One thread's CPU time can be told from that of other programs.
         threads=p["threads"] or 1,
-        **{key: p[key] for key in ("device", "envs", "margin")},
+        margin=p["margin"],
         **wishes,
     )
 

@@ -1,0 +1,1 @@
+"""Environments in shares: which has which, messages of some of them, and such messages as one of all."""

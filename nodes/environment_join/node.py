@@ -1,0 +1,81 @@
+"""The environment join node: messages of shares of the environments in, one message of all of them out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from evis.config.params import Param
+from evis.runtime.node import Input, Node, Output
+from evis.shares.bounds import MOST, bounds
+from evis.shares.joined import join, join_infos
+from msgs.camera import CameraInfo
+from msgs.header import Message
+from nodes.environment_join.alignment import Alignment
+
+
+class EnvironmentJoinNode(Node):
+    """Publishes what a node that has all environments would, once every share has sent its part."""
+
+    PARAMS: ClassVar[Mapping[str, Param]] = {
+        "topic": Param(str, "cam0/events", "what is joined, without its leading slash"),
+        "shares": Param(int, 2, "how many shares there are", "", 1, MOST),
+        "envs": Param(int, 2, "environments of all shares", "", 1, 65536),
+    }
+    INPUTS: ClassVar[Mapping[str, Input]] = {
+        f"share{k}": Input(f"/share{k}/{{topic}}", join=False) for k in range(MOST)
+    }
+    OUTPUTS: ClassVar[Mapping[str, Output]] = {"whole": Output("/{topic}")}
+
+    @classmethod
+    def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
+        """As many as there are shares."""
+        return frozenset(f"share{k}" for k in range(params["shares"]))
+
+    def setup(self) -> None:
+        """Waits for the first messages."""
+        shares = self.params["shares"]
+        self._envs = bounds(self.params["envs"], shares)
+        self._alignment = Alignment(shares)
+        self._infos: list[CameraInfo | None] = [None] * shares
+
+    def receive(self, port: str, message: Message) -> None:
+        """Takes the message of a share."""
+        share = int(port.removeprefix("share"))
+        if isinstance(message, CameraInfo):
+            own: dict[str, Any] = {name: np.array(array) for name, array in message.arrays().items()}
+            self._infos[share] = replace(message, **own)
+            infos = [info for info in self._infos if info is not None]
+            if len(infos) == len(self._infos):
+                self.publish("whole", join_infos(infos))
+            return
+        message.keep()
+        self._alignment.put(share, message)
+        self._publish()
+
+    def _publish(self, over: bool = False) -> None:
+        lost = self._alignment.lost
+        for parts in self._alignment.complete(over):
+            try:
+                if self.wants("whole"):
+                    joined = join(parts, self._envs)
+                    self.publish("whole", joined.written(self.loan("whole", **joined.shapes())))
+            finally:
+                for part in parts:
+                    if part is not None:
+                        part.release()
+        if self._alignment.lost > lost:
+            self.count("unmatched_inputs", self._alignment.lost - lost)
+
+    def finish(self) -> None:
+        """Publishes what only some shares had at the end."""
+        self._publish(over=True)
+
+    def close(self) -> None:
+        """Lets go of messages that wait."""
+        alignment: Alignment | None = getattr(self, "_alignment", None)
+        if alignment is not None:
+            alignment.release()
