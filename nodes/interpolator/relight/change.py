@@ -68,6 +68,8 @@ class LightChange:
         self._glows = any(np.any(scene.materials[m].emission) for m in on_movers)
         self._positional = np.array([l.kind != "directional" for l in scene.lights], bool)
         self._sweep = Sweep(v, envs, movers, half)
+        # Of the movers, those that carry a lamp or a caster.
+        self._telling = np.union1d(np.searchsorted(movers, self._lamps), self._sweep.casters).astype(np.int64)
         self._origin: np.ndarray | None = None
         change.swept = self._make_swept()
 
@@ -138,13 +140,13 @@ class LightChange:
     def _flags_of(self, moved: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Flags int32 [E, N + 1] of bodies and the world; before: of the movers."""
         gone = (moved != before).any(axis=0)
-        lamps, casters = np.isin(self._movers, self._lamps), np.isin(np.arange(len(self._movers)), self._sweep.casters)
         relative = np.zeros((self._envs, self._bodies + 1), bool)
         relative[:, self._movers] = gone[..., self._columns].any(-1)
         # A camera that moves changes no light.
-        anything = gone[:, lamps | casters].any(axis=(1, 2))
+        anything = gone[:, self._telling].any(axis=(1, 2))
         # Also while a lamp on something that may move rests: sweeps are told for those alone that never move.
-        relative[anything & bool(lamps.any())] = True
+        if len(self._lamps):
+            relative[anything] = True
         flags = np.where(relative, MOVED, 0) if self.features.relative else np.zeros(relative.shape, np.int64)
         if self.features.shadows:
             flags = np.where(relative, flags, np.where(anything[:, None], SHADED, 0))
