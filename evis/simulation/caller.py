@@ -62,7 +62,7 @@ class CallerNode(Node):
     def receive(self, port: str, message: Message) -> None:
         """Keeps a message of topic `port`; the arrays stay as they are until `take`."""
         if isinstance(message, WorldState):
-            self.episodes, self.poses = np.array(message.episodes), np.array(message.end_pose)
+            self.episodes, self.poses = np.array(message.episodes), message.kept_end_pose()
         self.stamp_ns = max(self.stamp_ns, message.header.stamp_ns)
         if port not in self._asked_for:
             self._asked_for[port] = any(fnmatch.fnmatchcase(port, glob) for glob in self.params["topics"])

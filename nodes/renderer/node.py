@@ -227,7 +227,7 @@ class RendererNode(Node):
                 self.publish("info", self._info(Header(h.stamp_ns, clock=h.clock, episode=h.episode)))
         for line in self._turns.too_fast(state.moving, state.moving_twist):
             self.warn(line)
-        poses = np.array(state.end_pose)
+        poses = state.kept_end_pose()
         wanted = self._wanted()
         on_gpu = self.renderer.device.is_cuda
         out: Any = self.renderer.buffers(wanted) if on_gpu else {f: self._loan(p, f) for f, p in wanted.items()}

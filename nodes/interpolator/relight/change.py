@@ -14,6 +14,7 @@ from nodes.interpolator.relight import change_kernels, swept_kernels
 from nodes.interpolator.relight.boxes_kernels import Swept
 from nodes.interpolator.relight.features import LightChanges, light_changes
 from nodes.interpolator.relight.sweep import Sweep
+from nodes.renderer.geometry.poses import of_bodies
 from nodes.renderer.lighting import Shading
 from nodes.renderer.lights.lights import fixed_vectors
 from nodes.renderer.materials.ggx import alpha_of, is_plain
@@ -92,7 +93,7 @@ class LightChange:
         Returns:
             `still` without those whose light a lamp may change at any pixel.
         """
-        before = before.take(self._movers, axis=1)
+        before = of_bodies(before, self._movers)
         flags = self._flags_of(moved, before)
         if not np.array_equal(flags, self._flags):
             self.kernel.flags.assign(flags)

@@ -15,6 +15,7 @@ from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Prescribed
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.rigid.prescribed import PrescribedPoses
+from nodes.renderer.geometry.poses import of_bodies
 
 AHEAD = 1 << 17
 """Bytes of poses that are computed ahead at once, at most, where FEWEST gaps have fewer."""
@@ -70,8 +71,10 @@ class Placement:
 
     def moved(self, stamps: np.ndarray, states: States) -> np.ndarray:
         """Gives poses of the `movers` alone, as `at` does, float64 [K, E, M, 7]."""
-        last = states.end_pose.take(self.movers, axis=1)
-        poses = np.repeat(last[None], len(stamps), axis=0)
+        last = of_bodies(states.end_pose, self.movers)
+        poses = np.empty((len(stamps), *last.shape))
+        # The others are written below.
+        poses[-1 if len(self._together) == len(self.movers) else slice(None)] = last
         if len(stamps) == 1:
             return poses
         if len(self._together):
