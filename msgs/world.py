@@ -55,7 +55,8 @@ class WorldState(Message):
 
     Only the bodies that move within the interval, B of the N, come with all sub-steps; every other one is at its
     `end_pose` all along, without velocity. `rows` gives any body's sub-steps as if all were there, and `dense` makes a
-    message of them.
+    message of them. Where all motion is in closed form, and no reader asks for the sub-steps between, t are the two
+    ends alone.
 
     Once an environment was reset by itself, each has sub-steps of its own, at `own_t` since its reset; an environment
     with fewer of them repeats its first, and `t` are those of one that has them all. A reset at the present stamp

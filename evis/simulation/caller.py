@@ -40,6 +40,13 @@ class CallerNode(Node):
         """Gives the actions, where the caller has something to move."""
         return cls.OUTPUTS if params["acts"] else {}
 
+    @classmethod
+    def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
+        """Takes of states that were not asked for where the bodies are."""
+        if port == STATE and not any(fnmatch.fnmatchcase(port, glob) for glob in params["topics"]):
+            return frozenset({"end_pose"})
+        return None
+
     def setup(self) -> None:
         """Begins with nothing taken."""
         self.taken: dict[str, list[Message]] = {}

@@ -13,7 +13,7 @@ from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import appearance
 from evis.scene.model import Camera, Scene
-from evis.scene.parameters import SCENE, SEED, camera_of, scene_of, seeds_of, worlds_of
+from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, scene_of, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.sampling import Turns, undersampled
 from evis.scene.worlds import Group, Worlds
@@ -71,6 +71,11 @@ class RendererNode(Node):
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """Names the parameters of paths where there are none."""
         return parameters.without_effect(params)
+
+    @classmethod
+    def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
+        """Asks for poses at the keyframe, where nothing is moved by an engine that may turn it too fast."""
+        return ends_alone(params.get("scene")) if port == "state" else None
 
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
