@@ -12,6 +12,9 @@ from msgs.fields import MessageError, array
 from msgs.header import Header, Message
 from msgs.own_time import ORIGIN, own_rows
 
+EVERY = slice(None)
+"""All environments."""
+
 
 @dataclass
 class Clock(Message):
@@ -52,7 +55,8 @@ class WorldState(Message):
 
     Only the bodies that move within the interval, B of the N, come with all sub-steps; every other one is at its
     `end_pose` all along, without velocity. `rows` gives any body's sub-steps as if all were there, and `dense` makes a
-    message of them.
+    message of them. Where all motion is in closed form, and no reader asks for the sub-steps between, t are the two
+    ends alone.
 
     Once an environment was reset by itself, each has sub-steps of its own, at `own_t` since its reset; an environment
     with fewer of them repeats its first, and `t` are those of one that has them all. A reset at the present stamp
@@ -97,19 +101,28 @@ class WorldState(Message):
         end = np.ascontiguousarray(pose[:, -1])
         return cls(header, t, end, moving, pose[:, :, moving], twist[:, :, moving], episodes, **others)
 
-    def rows(self, bodies: Sequence[int] | np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Returns poses float64 [E, S, n, 7] and twists [E, S, n, 6] of these bodies (None: all) at every sub-step."""
+    def kept_end_pose(self) -> np.ndarray:
+        """Copies `end_pose`, for who keeps it and does not write to it: environments that share memory do so there."""
+        if self.end_pose.strides[0]:
+            return np.array(self.end_pose)
+        return np.broadcast_to(np.array(self.end_pose[:1]), self.end_pose.shape)
+
+    def rows(
+        self, bodies: Sequence[int] | np.ndarray | None = None, envs: np.ndarray | slice = EVERY
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Returns poses float64 [E, S, n, 7] and twists [E, S, n, 6] of these bodies (None: all) at every sub-step, in
+        these environments."""
         count = self.end_pose.shape[1]
         chosen = np.arange(count) if bodies is None else np.asarray(bodies, np.int64)
         place = np.full(count, -1)
         place[self.moving] = np.arange(len(self.moving))
         place = place[chosen]
         at = np.flatnonzero(place >= 0)
-        end = self.end_pose if bodies is None else self.end_pose[:, chosen]
+        end = self.end_pose[envs] if bodies is None else self.end_pose[envs][:, chosen]
         pose = np.repeat(end[:, None], len(self.t), axis=1)
         twist = np.zeros((*pose.shape[:3], 6))
-        pose[:, :, at] = self.moving_pose[:, :, place[at]]
-        twist[:, :, at] = self.moving_twist[:, :, place[at]]
+        pose[:, :, at] = self.moving_pose[envs][:, :, place[at]]
+        twist[:, :, at] = self.moving_twist[envs][:, :, place[at]]
         return pose, twist
 
     def end_twist(self) -> np.ndarray:

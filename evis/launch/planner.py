@@ -292,7 +292,9 @@ def _connect(plan: Plan, chosen: list[Wired], demand: Demand) -> None:
 def _read_arrays(plan: Plan, topic: str, classes: Mapping[str, type[Node]]) -> list[str] | None:
     """Arrays that the declared consumers of a topic need; None where one takes all, or there is none."""
     declared = [edge for edge in plan.topics[topic].edges if edge.kind != "tap"]
-    read = [classes[edge.node].reads(plan.nodes[edge.node].params, edge.port) for edge in declared]
+    # A port that takes any topic goes by the topic's name, as in `receive`.
+    ports = [topic if classes[edge.node].INPUTS[edge.port].topic == "*" else edge.port for edge in declared]
+    read = [classes[edge.node].reads(plan.nodes[edge.node].params, port) for edge, port in zip(declared, ports)]
     known = [arrays for arrays in read if arrays is not None]
     return sorted(frozenset().union(*known)) if known and len(known) == len(read) else None
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from evis.config.params import EACH, Param
-from evis.scene.load import parse_args
+from evis.scene.load import is_dynamic, parse_args
 from evis.scene.model import Camera, Scene
 from evis.scene.worlds import Worlds, family
 
@@ -68,3 +68,15 @@ def camera_of(scene: Scene, name: str) -> Camera:
         return scene.camera(name)
     except KeyError as error:
         raise ValueError(error.args[0]) from None
+
+
+def ends_alone(scene: str | None) -> frozenset[str] | None:
+    """Names the arrays of /state that a node reads which knows what moves in closed form between keyframes.
+
+    None where something else moves, so that all are read.
+    """
+    try:
+        return frozenset({"end_pose"}) if scene and not is_dynamic(scene) else None
+    except (OSError, ValueError):
+        # Whoever loads the scene says what is wrong with it.
+        return None

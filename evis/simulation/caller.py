@@ -40,6 +40,13 @@ class CallerNode(Node):
         """Gives the actions, where the caller has something to move."""
         return cls.OUTPUTS if params["acts"] else {}
 
+    @classmethod
+    def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
+        """Takes of states that were not asked for where the bodies are."""
+        if port == STATE and not any(fnmatch.fnmatchcase(port, glob) for glob in params["topics"]):
+            return frozenset({"end_pose"})
+        return None
+
     def setup(self) -> None:
         """Begins with nothing taken."""
         self.taken: dict[str, list[Message]] = {}
@@ -62,7 +69,7 @@ class CallerNode(Node):
     def receive(self, port: str, message: Message) -> None:
         """Keeps a message of topic `port`; the arrays stay as they are until `take`."""
         if isinstance(message, WorldState):
-            self.episodes, self.poses = np.array(message.episodes), np.array(message.end_pose)
+            self.episodes, self.poses = np.array(message.episodes), message.kept_end_pose()
         self.stamp_ns = max(self.stamp_ns, message.header.stamp_ns)
         if port not in self._asked_for:
             self._asked_for[port] = any(fnmatch.fnmatchcase(port, glob) for glob in self.params["topics"])

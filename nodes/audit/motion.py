@@ -24,7 +24,7 @@ class Motion:
     def add(self, state: WorldState) -> None:
         """Takes the next state; of bodies in closed form only the last one is kept."""
         if self._driven:
-            pose, twist = (rows[self._envs] for rows in state.rows())
+            pose, twist = state.rows(envs=self._envs)
         else:
             self.clear()
             pose = np.array(state.end_pose[self._envs])[:, None]

@@ -11,7 +11,7 @@ import numpy as np
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import whole
-from evis.scene.parameters import SCENE, camera_of, scene_of, worlds_of
+from evis.scene.parameters import SCENE, camera_of, ends_alone, scene_of, worlds_of
 from msgs.audit import Audit as AuditMessage
 from msgs.camera import Frames, Keyframe, Samples
 from msgs.header import Header, Message
@@ -78,7 +78,9 @@ class AuditNode(Node):
 
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
-        """Of keyframes luminance will do, unless the run's events are of colours."""
+        """Of keyframes luminance will do, unless the run's events are of colours; of motion in closed form its ends."""
+        if port == "state":
+            return ends_alone(params.get("scene"))
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
 
     @classmethod

@@ -13,7 +13,7 @@ from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import appearance, shown
 from evis.scene.model import Scene
-from evis.scene.parameters import SCENE, SEED, camera_of, seeds_of, worlds_of
+from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.worlds import Group, Worlds
 from msgs.camera import Depth, Frames, Keyframe, Motion, Samples
@@ -119,7 +119,9 @@ class InterpolatorNode(Node):
 
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
-        """Asks for luminance keyframes, or radiance if frames are in colour."""
+        """Asks for luminance keyframes, or radiance if frames are in colour; of motion in closed form for its ends."""
+        if port == "state" and not params["adaptive_px"]:
+            return ends_alone(params.get("scene"))
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
 
     def setup(self) -> None:

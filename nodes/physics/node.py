@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -194,7 +195,8 @@ class PhysicsNode(Node):
         if not scene.dynamic:
             from nodes.physics.prescribed import PrescribedEngine
 
-            return PrescribedEngine(scene, envs, p["accelerations"], p["keyframe_rate"], p["envs"])
+            inside = partial(self.wants, "state", "moving_pose")
+            return PrescribedEngine(scene, envs, p["accelerations"], p["keyframe_rate"], p["envs"], inside)
         from nodes.physics.mujoco_engine import MujocoEngine
 
         return MujocoEngine(

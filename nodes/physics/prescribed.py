@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -29,13 +29,15 @@ class PrescribedEngine:
         accelerations: bool = False,
         keyframe_rate: float | None = None,
         beside: int = 1,
+        inside: Callable[[], bool] = lambda: True,
     ) -> None:
         """accelerations: whether intervals have them. keyframe_rate: of the stamps that will be asked for [Hz], so that
-        many are computed at once; None = any. beside: environments of all engines that share the memory for that."""
+        many are computed at once; None = any. beside: environments of all engines that share the memory for that.
+        inside: tells whether anybody looks at the sub-steps between two stamps now."""
         self.scene = scene
         self._accelerations = accelerations
         self._states = PrescribedStates(scene)
-        self._keyframe_rate = keyframe_rate
+        self._keyframe_rate, self._inside = keyframe_rate, inside
         self.envs, self._beside = envs, max(beside, envs)
         self._begin()
 
@@ -57,7 +59,7 @@ class PrescribedEngine:
     def advance(self, to_ns: int, controls: np.ndarray | None = None) -> Interval:
         """Gives the states from the previous stamp to `to_ns` [ns]; there is nothing to control."""
         start, self._now = self._now, to_ns
-        return self._interval(*self._ahead.between(start, to_ns))
+        return self._interval(*self._ahead.between(start, to_ns, self._inside()))
 
     def leave(self, env: int) -> None:
         """Does nothing: one environment more costs nothing."""

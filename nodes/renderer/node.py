@@ -13,7 +13,7 @@ from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import appearance
 from evis.scene.model import Camera, Scene
-from evis.scene.parameters import SCENE, SEED, camera_of, scene_of, seeds_of, worlds_of
+from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, scene_of, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.sampling import Turns, undersampled
 from evis.scene.worlds import Group, Worlds
@@ -80,6 +80,11 @@ class RendererNode(Node):
     def without_effect(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
         """Names the parameters of paths where there are none."""
         return parameters.without_effect(params)
+
+    @classmethod
+    def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
+        """Asks for poses at the keyframe, where nothing is moved by an engine that may turn it too fast."""
+        return ends_alone(params.get("scene")) if port == "state" else None
 
     @classmethod
     def imports(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
@@ -246,7 +251,7 @@ class RendererNode(Node):
             if worlds.drawn() != before:
                 h = state.header
                 self.publish("info", self._info(Header(h.stamp_ns, clock=h.clock, episode=h.episode)))
-        poses = np.array(state.end_pose)
+        poses = state.kept_end_pose()
         t = state.header.stamp_ns if state.own is None else np.array(state.own[:, STAMP])
         self._render([state], poses, self._before(poses, state), t)
 
@@ -266,7 +271,7 @@ class RendererNode(Node):
             some = states[start : start + self.gathers]
             befores = []
             for state in some:
-                pose = np.array(state.end_pose)
+                pose = state.kept_end_pose()
                 before = self._before(pose, state)
                 befores.append(before if isinstance(before, np.ndarray) else self._earlier)
             rows = [*range(len(some)), *[len(some) - 1] * (self.gathers - len(some))]

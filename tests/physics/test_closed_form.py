@@ -12,6 +12,7 @@ from evis.scene.load import load_scene
 from evis.scene.model import Body, Scene
 from evis.scene.motion import Linear, Path, Prescribed, Sinusoid, Spin, Swing, Turn
 from evis.scene.spline import Spline
+from evis.simulation.simulation import Simulation
 from msgs.codec import decode, encode
 from msgs.header import Header
 from msgs.world import WorldState
@@ -124,15 +125,15 @@ def test_stamps_that_are_not_foreseen():
 def test_what_is_computed_ahead_is_bounded():
     """All engines of a run together hold no more than a block and an interval each, however long they go on."""
     scene = load_scene("warehouse", textures=False)
-    engines = [PrescribedEngine(scene, 1, keyframe_rate=30.0, beside=16) for _ in range(16)]
+    engines = [PrescribedEngine(scene, 1, keyframe_rate=30.0, beside=8) for _ in range(8)]
     tracemalloc.start()
     before = tracemalloc.get_traced_memory()[0]
-    for k in range(1, 30):
+    for k in range(1, 16):
         for engine in engines:
             moving = engine.advance(keyframe_stamp(k, 30.0)).moving
     held = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
-    assert held < 1.1 * (BLOCK + 16 * 35 * len(moving) * ROW)
+    assert held < 1.1 * (BLOCK + 8 * 35 * len(moving) * ROW)
 
 
 def test_states_of_environments_that_move_alike_are_published_without_a_copy():
@@ -150,3 +151,17 @@ def test_states_of_environments_that_move_alike_are_published_without_a_copy():
     for name in ("t", "end_pose", "moving_pose", "moving_twist"):
         assert np.array_equal(getattr(got, name), getattr(state, name))
     publisher.close()
+
+
+@pytest.mark.parametrize(("outputs", "most"), [(["events"], 10), (["events", "state"], 200)])
+def test_sub_steps_that_nobody_reads_are_left_out(outputs, most, monkeypatch):
+    """Of a graph of events alone; where the caller takes the states they are all there."""
+    computed, of_moving = [], PrescribedStates.of_moving
+    monkeypatch.setattr(PrescribedStates, "of_moving", lambda self, t: computed.append(t) or of_moving(self, t))
+    with Simulation("spinning_disk", width=16, height=12, audit=0, outputs=outputs) as sim:
+        sim.reset(seed=0)
+        steps = [sim.step() for _ in range(3)]
+    count = sum(map(len, computed))
+    assert most / 2 < count <= most
+    for step in steps[: most // 100]:
+        assert len(step.state.t) == 35 and step.state.moving_pose.shape[1] == 35

@@ -21,7 +21,7 @@ class Wire:
     def __init__(self):
         self.messages, self.counts, self.warnings = [], {}, []
 
-    def wants(self, node, port):
+    def wants(self, node, port, array=""):
         return True
 
     def loan(self, node, port, arrays):

@@ -71,7 +71,7 @@ class Wire:
         self.joints: list[np.ndarray] = []
         self.sent: list[tuple[int, int]] = []
 
-    def wants(self, node, port) -> bool:
+    def wants(self, node, port, array="") -> bool:
         return True
 
     def loan(self, node, port, arrays):

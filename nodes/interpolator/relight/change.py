@@ -14,6 +14,7 @@ from nodes.interpolator.relight import change_kernels, swept_kernels
 from nodes.interpolator.relight.boxes_kernels import Swept
 from nodes.interpolator.relight.features import LightChanges, light_changes
 from nodes.interpolator.relight.sweep import Sweep
+from nodes.renderer.geometry.poses import of_bodies
 from nodes.renderer.lighting import Shading
 from nodes.renderer.lights.lights import fixed_vectors
 from nodes.renderer.materials.ggx import alpha_of, is_plain
@@ -68,6 +69,8 @@ class LightChange:
         self._glows = any(np.any(scene.materials[m].emission) for m in on_movers)
         self._positional = np.array([l.kind != "directional" for l in scene.lights], bool)
         self._sweep = Sweep(v, envs, movers, half)
+        # Of the movers, those that carry a lamp or a caster.
+        self._telling = np.union1d(np.searchsorted(movers, self._lamps), self._sweep.casters).astype(np.int64)
         self._origin: np.ndarray | None = None
         change.swept = self._make_swept()
 
@@ -90,7 +93,7 @@ class LightChange:
         Returns:
             `still` without those whose light a lamp may change at any pixel.
         """
-        before = before.take(self._movers, axis=1)
+        before = of_bodies(before, self._movers)
         flags = self._flags_of(moved, before)
         if not np.array_equal(flags, self._flags):
             self.kernel.flags.assign(flags)
@@ -141,13 +144,13 @@ class LightChange:
     def _flags_of(self, moved: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Flags int32 [E, N + 1] of bodies and the world; before: of the movers."""
         gone = (moved != before).any(axis=0)
-        lamps, casters = np.isin(self._movers, self._lamps), np.isin(np.arange(len(self._movers)), self._sweep.casters)
         relative = np.zeros((self._envs, self._bodies + 1), bool)
         relative[:, self._movers] = gone[..., self._columns].any(-1)
         # A camera that moves changes no light.
-        anything = gone[:, lamps | casters].any(axis=(1, 2))
+        anything = gone[:, self._telling].any(axis=(1, 2))
         # Also while a lamp on something that may move rests: sweeps are told for those alone that never move.
-        relative[anything & bool(lamps.any())] = True
+        if len(self._lamps):
+            relative[anything] = True
         flags = np.where(relative, MOVED, 0) if self.features.relative else np.zeros(relative.shape, np.int64)
         if self.features.shadows:
             flags = np.where(relative, flags, np.where(anything[:, None], SHADED, 0))

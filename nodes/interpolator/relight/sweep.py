@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import cycle
 
 import numpy as np
 import warp as wp
 
+from evis.gpu.cuda_graph import CudaGraphs
 from nodes.interpolator.relight import sweep_kernels
 from nodes.renderer.raster.visibility import Visibility
 
@@ -35,6 +37,7 @@ class Sweep:
         self.lower, self.upper = v.empty(shape, wp.vec3), v.empty(shape, wp.vec3)
         self._poses = v.empty((0, 0, 0), wp.transformd)
         self._buffers = cycle(self._made((0, 0, 0)))
+        self._graphs = CudaGraphs(v.device)
 
     def send(self, moved: np.ndarray, before: np.ndarray, origin: np.ndarray) -> None:
         """Finds the boxes of a gap, on the device.
@@ -47,29 +50,34 @@ class Sweep:
         shape = (len(moved) + 1, self._envs, len(self.casters))
         if self._poses.shape != shape:
             self._poses = wp.empty(shape, dtype=wp.transformd, device=self._device)
-            self._buffers = cycle(self._made(shape))
-        view, buffer, sent = next(self._buffers)
+            self._buffers, self._graphs = cycle(self._made(shape)), CudaGraphs(self._device)
+        number, view, buffer, sent = next(self._buffers)
         if sent is not None:
             wp.synchronize_event(sent)
         # Other modes than `clip` go through one more copy.
         np.take(before, self.casters, axis=1, out=view[0], mode="clip")
         np.take(moved, self.casters, axis=2, out=view[1:], mode="clip")
+        self._graphs.run((number, *origin), partial(self._find, buffer, wp.vec3d(*origin)))
         if sent is not None:
-            wp.copy(self._poses, buffer)
             self._device.stream.record_event(sent)
-        given = [self._poses, wp.vec3d(*origin), self._first, *self._rest, self._half]
+
+    def _find(self, buffer: wp.array, origin: wp.vec3d) -> None:
+        """The boxes, of the poses in a buffer: launches only."""
+        if self._device.is_cuda:
+            wp.copy(self._poses, buffer)
+        given = [self._poses, origin, self._first, *self._rest, self._half]
         boxes = [self.lower, self.upper]
-        wp.launch(sweep_kernels.sweep, shape[1:], given, boxes, device=self._device)
+        wp.launch(sweep_kernels.sweep, self._poses.shape[1:], given, boxes, device=self._device)
         wp.launch(sweep_kernels.enclose, self._envs, [], boxes, device=self._device)
 
-    def _made(self, shape: tuple[int, ...]) -> list[tuple[np.ndarray, wp.array, wp.Event | None]]:
+    def _made(self, shape: tuple[int, ...]) -> list[tuple[int, np.ndarray, wp.array, wp.Event | None]]:
         """What poses are written into: on a GPU pinned memory that is copied, after an event; else where they are."""
         if self._device.is_cpu:
-            return [(self._poses.numpy(), self._poses, None)]
-        made: list[tuple[np.ndarray, wp.array, wp.Event | None]] = []
-        for _ in range(2):
+            return [(0, self._poses.numpy(), self._poses, None)]
+        made: list[tuple[int, np.ndarray, wp.array, wp.Event | None]] = []
+        for number in range(2):
             buffer = wp.empty(shape, dtype=wp.transformd, device="cpu", pinned=True)
             sent = wp.Event(self._device)
             self._device.stream.record_event(sent)
-            made.append((buffer.numpy(), buffer, sent))
+            made.append((number, buffer.numpy(), buffer, sent))
         return made

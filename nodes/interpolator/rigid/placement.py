@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fractions import Fraction
+from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
 from evis.geometry.interpolate import pose_at
-from evis.runtime.clock import subframe_stamps
+from evis.runtime.clock import NS, keyframe_stamp, subframe_stamps
 from evis.scene.model import Scene, Trajectory
 from evis.scene.motion import Prescribed
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.rigid.prescribed import PrescribedPoses
+from nodes.renderer.geometry.poses import of_bodies
+
+AHEAD = 1 << 17
+"""Bytes of poses that are computed ahead at once, at most, where FEWEST gaps have fewer."""
+FEWEST = 2
+"""Gaps that are computed ahead: products of so few matrices as one has are rounded otherwise than those of many."""
+POSE = 56
+"""Bytes of a pose."""
 
 
 class Placement:
@@ -32,8 +43,9 @@ class Placement:
         self._alone: list[tuple[int, Trajectory]] = [
             (m, path) for m, path in moving if path is not None and not isinstance(path, Prescribed)
         ]
-        # Of the gap that is expected next, by its stamps: [1 or E, bodies, K - 1, 7].
+        # Of the gaps that are expected next, by their stamps: [1 or E, bodies, K - 1, 7].
         self._ahead: dict[bytes, np.ndarray] = {}
+        self._gaps = FEWEST
 
     def _paths(self, world: Scene, which: list[int]) -> list[Prescribed]:
         """Of the movers, those of these numbers. Raises ValueError where one is not in closed form in this world."""
@@ -59,8 +71,10 @@ class Placement:
 
     def moved(self, stamps: np.ndarray, states: States) -> np.ndarray:
         """Gives poses of the `movers` alone, as `at` does, float64 [K, E, M, 7]."""
-        last = states.end_pose.take(self.movers, axis=1)
-        poses = np.repeat(last[None], len(stamps), axis=0)
+        last = of_bodies(states.end_pose, self.movers)
+        poses = np.empty((len(stamps), *last.shape))
+        # The others are written below.
+        poses[-1 if len(self._together) == len(self.movers) else slice(None)] = last
         if len(stamps) == 1:
             return poses
         if len(self._together):
@@ -74,17 +88,21 @@ class Placement:
         return poses
 
     def expect(self, stamps: np.ndarray) -> None:
-        """Computes ahead, while a device works on the gap with these stamps int64 [K], the poses of one of the same
-        length that comes right after it, and of those a nanosecond shorter or longer, for stamps are rounded. Many
-        times take hardly longer than a few."""
-        if len(self._together) and len(stamps) > 1:
-            start, count = int(stamps[-1]), len(stamps)
-            # The gap began where its first frame is a K-th of it after.
-            length = round((start - int(stamps[0])) * count / (count - 1))
-            nexts = [subframe_stamps(start, start + length + off, count)[:-1] for off in (-1, 0, 1)]
-            poses = self._known(np.concatenate(nexts))
-            parts = np.split(poses, len(nexts), axis=2)
-            self._ahead = {t.tobytes(): part for t, part in zip(nexts, parts)}
+        """Computes ahead, while a device works on the gap with these stamps int64 [K], the poses of those of the same
+        length that come right after it: of 2, 4, 8, ... gaps, for many times take hardly longer than a few."""
+        if not len(self._together) or len(stamps) < 2:
+            return
+        start, count = int(stamps[-1]), len(stamps)
+        # The gap began where its first frame is a K-th of it after.
+        length = round((start - int(stamps[0])) * count / (count - 1))
+        one = len(self._prescribed) * len(self._together) * (count - 1) * POSE
+        nexts = [subframe_stamps(*ends, count)[:-1] for ends in _next_gaps(start, length, self._gaps)]
+        if nexts[0].tobytes() in self._ahead:
+            return
+        self._gaps = max(min(2 * self._gaps, AHEAD // one), FEWEST)
+        poses = self._known(np.concatenate(nexts))
+        parts = np.split(poses, len(nexts), axis=2)
+        self._ahead = {t.tobytes(): part for t, part in zip(nexts, parts)}
 
     def foresee(self, stamps: np.ndarray) -> None:
         """Computes at once the poses of several gaps with sub-frames at stamps int64 [gaps, K] ns, for `moved`."""
@@ -104,3 +122,21 @@ class Placement:
             if not len(columns):
                 return
         poses[:, :, columns] = np.swapaxes(pose_at(stamps, states.t, pose, twist), 0, 1)
+
+
+def _next_gaps(start: int, length: int, count: int) -> list[tuple[int, int]]:
+    """First and last stamp of `count` gaps that may come after one of this length [ns] that ends at `start`.
+
+    Where its rate cannot be told, of the next one alone, a nanosecond shorter and longer, for stamps are rounded.
+    """
+    rate = _rate(length)
+    k = round(start * rate / NS)
+    if not rate or (keyframe_stamp(k - 1, rate), keyframe_stamp(k, rate)) != (start - length, start):
+        return [(start, start + length + off) for off in (-1, 0, 1)]
+    return list(pairwise(keyframe_stamp(k + i, rate) for i in range(count + 1)))
+
+
+@lru_cache
+def _rate(length: int) -> float:
+    """The simplest rate [Hz] of gaps of a length [ns]; 0 of very long ones."""
+    return float(Fraction(NS, length).limit_denominator(1000))

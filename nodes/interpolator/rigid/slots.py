@@ -8,7 +8,7 @@ from evis.scene.model import Scene
 from nodes.interpolator.keyframe import States
 from nodes.interpolator.rigid import keyframe_kernels
 from nodes.interpolator.rigid.placement import Placement
-from nodes.renderer.geometry.poses import InstancePoses, same_bytes
+from nodes.renderer.geometry.poses import InstancePoses, of_bodies, same_bytes
 from nodes.renderer.raster.visibility import Visibility
 
 HELD = int(keyframe_kernels.HELD)
@@ -27,8 +27,13 @@ class Slots:
         self._envs, bodies = visibility.envs // slots, len(scene.bodies)
         self._movers = placement.movers
         self._others = np.setdiff1d(np.arange(bodies), self._movers)
+        self._may_move = np.isin(np.arange(bodies), self._movers)
         # Of the other bodies [E, N - M, 7], where they were placed last.
         self._placed: np.ndarray | None = None
+        self._b: States | None = None
+        self._last: States | None = None
+        """The states that were placed last, of the end of a gap."""
+        self._others_stay = False
         self._frames: InstancePoses | None = None
         self._none = np.zeros((self._envs, bodies + 2), np.int32)
         place = np.flatnonzero(self._movers == visibility.camera_body)
@@ -43,13 +48,17 @@ class Slots:
         the first stamp.
         """
         self.before, self.rest = (s.end_pose for s in (a, b))
+        # From where the last gap ended nothing moves but what /state says.
+        goes_on = a is self._last and not held.any() and b.t[0] == a.t[-1] and b.moving is not None
+        self._others_stay = goes_on and bool(self._may_move[b.moving].all())
+        self._b = b
         self.moved = self._placement.moved(stamps, b) if stamps.ndim == 1 else self._moved_apart(stamps, b, held)
         if held.any():
             self.moved[:, held] = self.moved[-1, held]
 
     def _moved_apart(self, stamps: np.ndarray, b: States, held: np.ndarray) -> np.ndarray:
         """Poses of the movers [K, E, M, 7] in environments whose times differ; b's where they are held."""
-        last = b.end_pose.take(self._movers, axis=1)
+        last = of_bodies(b.end_pose, self._movers)
         moved = np.repeat(last[None], stamps.shape[1], axis=0)
         times, which = np.unique(stamps, axis=0, return_inverse=True)
         self._placement.foresee(times)
@@ -77,8 +86,10 @@ class Slots:
             return self._none
         flags = np.zeros_like(self._none)
         if rests.any():
-            still = (rest == before).all(axis=-1)
-            still[:, self._movers] &= (self.moved == before.take(self._movers, axis=1)).all(axis=(0, 3))
+            still = np.ones(rest.shape[:2], bool)
+            if not self._others_stay:
+                still = (rest == before).all(axis=-1)
+            still[:, self._movers] = (self.moved == of_bodies(before, self._movers)).all(axis=(0, 3))
             lit = rests & (not flicker)
             flags[:, :-2] = still & lit[:, None]
             # What emits no light changes with the lamps, but the sky does not.
@@ -88,19 +99,22 @@ class Slots:
 
     def place(self, which: list[int]) -> InstancePoses:
         """Places the sub-frames `which`, counted from 0, one of each slot; on a GPU they are there after `arrive`."""
+        self._last = self._b
         fresh = self.moved[which].reshape(self._v.envs, len(self._movers), 7)
-        others = self.rest.take(self._others, axis=1)
-        if self._frames is None or self._placed is None or not same_bytes(others, self._placed):
-            poses = np.tile(self.rest, (self._slots, 1, 1))
-            poses[:, self._movers] = fresh
-            return self._place_all(poses, others)
+        if not self._others_stay:
+            others = of_bodies(self.rest, self._others)
+            if self._frames is None or self._placed is None or not same_bytes(others, self._placed):
+                poses = np.tile(self.rest, (self._slots, 1, 1))
+                poses[:, self._movers] = fresh
+                return self._place_all(poses, others)
         if len(self._movers):
             self._frames = self._v.send(fresh)
+        assert self._frames is not None
         return self._frames
 
     def place_before(self) -> InstancePoses:
         """Places keyframe a in all slots."""
-        return self._place_all(np.tile(self.before, (self._slots, 1, 1)), self.before.take(self._others, axis=1))
+        return self._place_all(np.tile(self.before, (self._slots, 1, 1)), of_bodies(self.before, self._others))
 
     def _place_all(self, poses: np.ndarray, others: np.ndarray) -> InstancePoses:
         self._placed, self._frames = others, self._v.instance_poses(poses)

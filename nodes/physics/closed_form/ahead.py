@@ -40,11 +40,15 @@ class Ahead:
         self._stamps: list[int] = []
         self._block: list[States] = []
         self._next = 0
+        self._inside = True
 
-    def between(self, start_ns: int, end_ns: int) -> States:
-        """Gives the states from one stamp to the next; both, and the sub-steps between them, are among the times."""
-        if self._stamps[self._next : self._next + 2] != [start_ns, end_ns]:
+    def between(self, start_ns: int, end_ns: int, inside: bool = True) -> States:
+        """Gives the states from one stamp to the next: at both, and at the sub-steps inside, where these are wanted."""
+        # Where nothing moves nothing happens at sub-steps.
+        inside = inside and self._bodies > 0
+        if self._stamps[self._next : self._next + 2] != [start_ns, end_ns] or inside != self._inside:
             goes_on = self._stamps[-1:] == [start_ns]
+            self._inside = inside
             self._compute(start_ns, end_ns, 2 * len(self._block) if goes_on else 1)
         self._next += 1
         return self._block[self._next - 1]
@@ -54,8 +58,7 @@ class Ahead:
         stamps = self._foreseen(start_ns, end_ns, count)
         grids = [np.array([start_ns], np.int64)]
         for a, b in pairwise(stamps):
-            # Where nothing moves nothing happens at sub-steps.
-            grids.append(np.append(grid_inside(a, b, self._timestep) if self._bodies else [], b).astype(np.int64))
+            grids.append(np.append(grid_inside(a, b, self._timestep) if self._inside else [], b).astype(np.int64))
         ends = np.cumsum([len(grid) for grid in grids])
         t = np.concatenate(grids)
         pose, twist = self._states(t)
@@ -68,7 +71,7 @@ class Ahead:
         """Stamps of the next intervals, as many as fit into a block; of this one alone where others cannot be told."""
         if self._rate is None:
             return [start_ns, end_ns]
-        steps = 1 + (end_ns - start_ns) // self._timestep if self._bodies else 1
+        steps = 1 + (end_ns - start_ns) // self._timestep if self._inside else 1
         first, count = round(start_ns * self._rate / NS), max(min(count, self._fits // steps), 1)
         stamps = [keyframe_stamp(first + k, self._rate) for k in range(count + 1)]
         return stamps if stamps[:2] == [start_ns, end_ns] else [start_ns, end_ns]

@@ -18,8 +18,11 @@ def check_poses(poses: np.ndarray, envs: int, names: list[str]) -> np.ndarray:
 
 
 def check_shape(poses: np.ndarray, envs: int, names: list[str]) -> np.ndarray:
-    """Gives `poses` as contiguous float64 [E, N, 7]. Raises ValueError where they have another shape."""
-    poses = np.ascontiguousarray(poses, np.float64)
+    """Gives `poses` as float64 [E, N, 7], contiguous but for environments that share memory. Raises ValueError where
+    they have another shape."""
+    poses = np.asarray(poses, np.float64)
+    if not (_shared(poses) and poses[0].flags.c_contiguous):
+        poses = np.ascontiguousarray(poses)
     if poses.shape != (envs, len(names), 7):
         raise ValueError(
             f"poses have shape {poses.shape}; {envs} environment(s) of {len(names)} bodies need {(envs, len(names), 7)}"
@@ -29,6 +32,8 @@ def check_shape(poses: np.ndarray, envs: int, names: list[str]) -> np.ndarray:
 
 def check_values(poses: np.ndarray, names: list[str]) -> None:
     """Raises ValueError naming the body and environment of the first pose float64 [E, N, 7] that is none."""
+    if _shared(poses):
+        poses = poses[:1]
     flat = poses.reshape(-1)
     with np.errstate(all="ignore"):
         # The common case, told by one pass over all numbers and one over those that are not 0 but for half turns.
@@ -45,11 +50,24 @@ def check_values(poses: np.ndarray, names: list[str]) -> None:
 
 
 def same_bytes(a: np.ndarray, b: np.ndarray) -> bool:
-    """Tells whether two contiguous float64 arrays are the same to the last bit; most often the first item tells."""
+    """Tells whether two float64 arrays are the same to the last bit; most often the first item tells."""
     if a.shape != b.shape:
         return False
     a, b = a.view(np.int64), b.view(np.int64)
     return np.array_equal(a[0], b[0]) and np.array_equal(a[1:], b[1:])
+
+
+def of_bodies(poses: np.ndarray, bodies: np.ndarray) -> np.ndarray:
+    """Gives the poses [E, n, 7] of these bodies, of poses [E, N, 7] of all; not to be written to, for environments that
+    share memory do so in them too."""
+    if not _shared(poses):
+        return poses.take(bodies, axis=1)
+    return np.broadcast_to(poses[0].take(bodies, axis=0), (len(poses), len(bodies), 7))
+
+
+def _shared(poses: np.ndarray) -> bool:
+    """Whether there are several environments, which share memory."""
+    return poses.ndim == 3 and len(poses) > 1 and not poses.strides[0]
 
 
 class InstancePoses:

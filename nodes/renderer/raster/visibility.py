@@ -12,7 +12,14 @@ from evis.gpu.cuda_graph import Branch, CudaGraphs
 from evis.scene.model import Camera, Scene
 from nodes.renderer.geometry import pose_kernels
 from nodes.renderer.geometry.pose_upload import PoseUpload
-from nodes.renderer.geometry.poses import InstancePoses, check_poses, check_shape, check_values, same_bytes
+from nodes.renderer.geometry.poses import (
+    InstancePoses,
+    check_poses,
+    check_shape,
+    check_values,
+    of_bodies,
+    same_bytes,
+)
 from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.raster import output_kernels
 from nodes.renderer.raster.raster import NoRaster, RowRaster, TiledRaster
@@ -101,7 +108,7 @@ class Visibility(SceneArrays):
             return None
         fresh = check_shape(poses, self.envs, self.names)
         if upload.sparse:
-            fresh = fresh.take(upload.sent, axis=1)
+            fresh = of_bodies(fresh, upload.sent)
         check_values(fresh, self._sent_names)
         latest, one = upload.latest(), self._telling
         if fresh[:1, one].tobytes() == latest[:1, one].tobytes() and same_bytes(fresh, latest):

@@ -12,7 +12,7 @@ from evis.scene.motion import Linear, Path, Prescribed, Sinusoid, Spin, Swing, T
 from evis.scene.spline import Spline
 from msgs.world import moving_bodies
 from nodes.interpolator.keyframe import States
-from nodes.interpolator.rigid.placement import Placement
+from nodes.interpolator.rigid.placement import AHEAD, POSE, Placement
 
 T = np.array([1_000_000_000, 1_005_000_000, 1_010_000_000])
 
@@ -54,17 +54,33 @@ def test_bodies_worked_out_together_are_where_each_is_alone(seed):
     np.testing.assert_allclose(poses, np.repeat(expected[:, None], 2, 1), rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize("rate", [30.0, 31.25, 1000 / 7])
+@pytest.mark.parametrize("rate", [30.0, 31.25, 1000 / 7, np.pi, 0.0004])
 def test_a_gap_that_was_expected_is_where_the_paths_are(rate):
     """Keyframes are rounded to a nanosecond, gaps are not all of one length; after a pause comes an unexpected one."""
     paths = every_kind(np.random.default_rng(6))
     placement = Placement(scene_of(paths))
-    for k in (40, 41, 42, 43, 60, 61):
+    for k in (40, 41, 42, 43, 44, 45, 46, 47, 48, 60, 61):
         ends = np.array([keyframe_stamp(n, rate) for n in (k, k + 1)])
         stamps = subframe_stamps(*ends.tolist(), 8)
         poses = placement.at(stamps, states_of(paths, ends))
         np.testing.assert_allclose(poses[:, 0], np.stack([p.pose(stamps) for p in paths], 1), rtol=0, atol=1e-14)
         placement.expect(stamps)
+
+
+def test_gaps_that_follow_at_an_even_rate_are_expected_many_at_a_time():
+    """Each is worked out once, in blocks that grow and are bounded."""
+    placement = Placement(load_scene("warehouse", textures=False))
+    computed = []
+    known = placement._known
+    placement._known = lambda stamps: computed.append(stamps) or known(stamps)
+    for k in range(100):
+        stamps = subframe_stamps(keyframe_stamp(k, 30.0), keyframe_stamp(k + 1, 30.0), 8)
+        placement.expect(stamps)
+        following = subframe_stamps(keyframe_stamp(k + 1, 30.0), keyframe_stamp(k + 2, 30.0), 8)
+        assert following[:-1].tobytes() in placement._ahead
+    sizes = [len(stamps) // 7 for stamps in computed]
+    assert sizes[:3] == [2, 4, 8] and max(sizes) == AHEAD // (23 * 7 * POSE)
+    assert len(np.unique(np.concatenate(computed))) == sum(map(len, computed))
 
 
 def test_a_shipped_scene_of_hundreds_of_bodies():
