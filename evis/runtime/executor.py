@@ -100,7 +100,7 @@ class Executor:
         for subscription in self._subscriptions:
             subscription.subscriber.start()
         for host in self._hosts.values():
-            host.node.runtime = self
+            host.node.runtime, host.node.may_gather = self, host.many
         # Consumers first: a publisher in the same process may publish its latched topics in setup.
         for host in reversed(self._hosts.values()):
             with Inside(None, host.name):
@@ -198,7 +198,7 @@ class Executor:
         """Puts a new node in the place of one that cannot be rewound, and gives it what was latched before."""
         host.node.close()
         host.node = load_class(host.plan.target)(host.name, host.plan.params)
-        host.node.runtime = self
+        host.node.runtime, host.node.may_gather = self, host.many
         host.node.setup()
         for port, topics in host.plan.inputs.items():
             for message, topic in [(self._latched[t], t) for t in topics if t in self._latched]:
@@ -351,10 +351,6 @@ class Executor:
         host = self._hosts[node.name]
         return host.wants_array(port, array) if array else host.wants(port)
 
-    def gathers(self, node: Node) -> bool:
-        """Implements Node.may_gather."""
-        return self._hosts[node.name].many
-
     def loan(self, node: Node, port: str, arrays: Mapping[str, tuple[tuple[int, ...], Any]]) -> dict[str, np.ndarray]:
         """Implements Node.loan."""
         host = self._hosts[node.name]
@@ -381,7 +377,11 @@ class Executor:
             for (consumer, consumer_port), given in zip(consumers, delivery.given):
                 given.keep()
                 self._calls.accept(consumer, consumer_port, topic, given)
-                if not consumer.node.SOURCE:
+                if not consumer.node.SOURCE and not consumer.many:
+                    self._calls.call(consumer)
+            # What one of these makes of many stamps, another one takes with this message beside it.
+            for consumer, _ in consumers:
+                if consumer.many:
                     self._calls.call(consumer)
         finally:
             delivery.over()

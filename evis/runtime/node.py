@@ -65,9 +65,6 @@ class Runtime(Protocol):
     def wants(self, node: Node, port: str, array: str = "") -> bool:
         """Says whether somebody reads an output now, or an array of its messages."""
 
-    def gathers(self, node: Node) -> bool:
-        """Says whether a node may wait for several stamps."""
-
     def loan(self, node: Node, port: str, arrays: Arrays) -> dict[str, np.ndarray]:
         """Gives arrays to write an output's next message into."""
 
@@ -119,11 +116,14 @@ class Node:
     """Parameter -> one of its values -> arguments of a launch file whose default it brings, with that default."""
     SOURCE: ClassVar[bool] = False
     """A source is driven by `step` and not by its inputs."""
-    gathers: int = 1
-    """Stamps that it waits for, to take them at once by `update_all`; more than 1 only where it `may_gather`."""
     PER_ENVIRONMENT: ClassVar[bool] = False
     """What it publishes of environment k depends on its inputs' environment k and on seed + k alone, so that several of
     it, on devices of their own, may share the environments."""
+    gathers: int = 1
+    """Stamps that it waits for, to take them at once by `update_all`; more than 1 only where it `may_gather`."""
+    may_gather: bool = False
+    """Whether `update_all` is called, for nobody waits for what comes of a single stamp (`Plan.single`); set by the
+    executor before setup."""
 
     def __init__(self, name: str, params: Mapping[str, Any]) -> None:
         """params: of PARAMS, and perhaps EACH, which a graph that is held in Python may have."""
@@ -258,10 +258,6 @@ class Node:
         array: whether somebody reads that one of its messages' arrays, as `reads` tells; viewers read all.
         """
         return self.runtime.wants(self, port, array) if array else self.runtime.wants(self, port)
-
-    def may_gather(self) -> bool:
-        """Says whether `update_all` is called, for nobody waits for what comes of a single stamp (`Plan.single`)."""
-        return self.runtime.gathers(self)
 
     def loan(self, port: str, **arrays: tuple[tuple[int, ...], Any]) -> dict[str, np.ndarray]:
         """Returns arrays to write this port's next message into, name -> (shape, dtype); sending makes no copy."""

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from evis.config.params import EACH, Param
-from evis.gpu.in_a_row import joined
 from evis.runtime.node import Input, Node, Output
 from evis.scene.parameters import SCENE, seeds_of
 from msgs.camera import EventPacket, EventSignal, Frames, Keyframe, Samples
 from msgs.header import Header, Message
 from msgs.own_time import STAMP
-from nodes.event_sensor.messages.in_a_row import cuts, runs, stamps
+from nodes.event_sensor.messages.images import Images
+from nodes.event_sensor.messages.in_a_row import runs, stamps
 from nodes.event_sensor.parameters import NODE, PRESET, preset_name, source_of
 from nodes.event_sensor.presets import PRESETS
 from nodes.event_sensor.scene_parameters import SHARED, resolve_each, resolve_with_scene
@@ -25,6 +25,7 @@ from nodes.event_sensor.scene_parameters import SHARED, resolve_each, resolve_wi
 if TYPE_CHECKING:
     from nodes.event_sensor.apart import Apart
     from nodes.event_sensor.further import Further
+    from nodes.event_sensor.messages.flights import Flights
     from nodes.event_sensor.sensor import Events, EventSensor
 
 COUNTER_NAMES = {"nonfinite": "nonfinite_samples", "clipped": "clipped_samples", "dropped": "dropped_events"}
@@ -117,11 +118,17 @@ class EventSensorNode(Node):
         self._header = Header(0)
         self._size = (0, 0)
         self._device = device_named(self.params["device"])
+        self._images = Images(self.name, self.params["colour"], self._device)
         self._own_model = self._resolved["model"].startswith("evis")
+        self._flights: Flights | None = None
+        if self.may_gather and self._device.is_cuda and self._own_model:
+            from nodes.event_sensor.messages.flights import Flights
+
+            self._flights = Flights(self._device)
         # Compile now rather than at the first frame.
         sensor = self._make(2, 2, 1)
         one = np.ones((1, 2, 2, 3), np.float32)
-        warm = self._images([Keyframe(Header(0), np.zeros(1, np.int32), radiance=one)])
+        warm = self._images.of([Keyframe(Header(0), np.zeros(1, np.int32), radiance=one)])
         for k in range(2):
             sensor.process(warm, np.array([10 * k]), np.zeros(1, np.int32))
         if self._source == "samples":
@@ -193,11 +200,13 @@ class EventSensorNode(Node):
         return True
 
     def update(self, inputs: Mapping[str, Message]) -> None:
+        while self._land():
+            pass
         message, further = inputs[self._source], None
         assert isinstance(message, Keyframe | Frames | Samples)
-        image, t = self._images([message]), stamps(message)
+        image, t = self._images.of([message]), stamps(message)
         if isinstance(message, Samples):
-            further = self._further(message)
+            further = self._images.further(message)
         envs, _, height, width = image.shape[:4]
         self._size = (height, width)
         if message.own is not None or self._apart is not None:
@@ -227,9 +236,53 @@ class EventSensorNode(Node):
                 self.update({self._source: run[0]})
                 continue
             self._header = run[-1].header
-            t = np.concatenate([stamps(message) for message in run])
-            count = self._sensor.advance(self._images(run), t, run[-1].episodes)
-            self._publish(self._sensor, count, [message.header for message in run])
+            t, images = np.concatenate([stamps(message) for message in run]), self._images.of(run)
+            if self._flights is not None:
+                call = self._sensor.process_async(images, t, run[-1].episodes, defer=False)
+                self._flights.begin(call, run)
+                while self._flights.due():
+                    self._land()
+                continue
+            count = self._sensor.advance(images, t, run[-1].episodes)
+            out = self.loan("events", **{n: ((count,), d) for n, d in self._sensor.columns().items() if n != "signal"})
+            read = {**out, "signal": np.empty(count, np.uint8)} if self._marked else {**out}
+            self._sensor.read(read)
+            ends = [int(n) for n in np.searchsorted(out["t"], [m.header.stamp_ns for m in run], side="right")]
+            self._send_parts(read, run, ends, self._sensor.t_base)
+
+    def _land(self) -> bool:
+        """Publishes the events of the first call that is on its way; False where there is none."""
+        landed = self._flights.land() if self._flights is not None else None
+        if landed is None:
+            return False
+        import warp as wp
+
+        out: dict[str, Any] = {}
+        events, types = landed.events, self._sensor.columns()
+        if count := len(events):
+            on_gpu = {name: ((count,), wp.dtype_from_numpy(dtype)) for name, dtype in types.items()}
+            out = self.loan_on("events", self._device, **on_gpu)
+            events.read(out)
+        else:
+            out = {name: np.zeros(0, dtype) for name, dtype in types.items()}
+        self._send_parts(out, landed.messages, landed.ends, events.t_base)
+        return True
+
+    def _send_parts(self, columns: Mapping[str, Any], run: Sequence[Message], ends: Sequence[int], t0_ns: int) -> None:
+        """Publishes the events of several messages, up to these counts, a packet for each."""
+        self._count(self._sensor)
+        # Warp has no slice that begins at an array's end.
+        parts = [slice(start, end) if end > start else slice(0) for start, end in pairwise([0, *ends])]
+        offsets = [np.array([0, end - start]) for start, end in pairwise([0, *ends])]
+        packets = []
+        for message, each, part in zip(run, offsets, parts):
+            own = {name: column[part] for name, column in columns.items() if name != "signal"}
+            packets.append(self._packet(message.header, each, own, t0_ns))
+            t0_ns = message.header.stamp_ns
+        self.publish_all("events", packets)
+        if "signal" in columns:
+            for message, each, part in zip(run, offsets, parts):
+                self.publish("signal", EventSignal(copy_of(message.header), each, columns["signal"][part]))
 
     def _update_apart(
         self, message: Keyframe | Frames | Samples, image: Any, t: np.ndarray, further: Further | None
@@ -270,6 +323,8 @@ class EventSensorNode(Node):
             self.publish("signal", EventSignal(self._stamped(), offsets, signal))
 
     def finish(self) -> None:
+        while self._land():
+            pass
         if self._apart is None:
             self._publish_held()
         elif held := self._apart.finish():
@@ -281,8 +336,7 @@ class EventSensorNode(Node):
             if count := self._sensor.finish():
                 self._publish(self._sensor, count)
 
-    def _publish(self, sensor: EventSensor, count: int, headers: Sequence[Header] = ()) -> None:
-        """Publishes the events of a call: of the message taken last, or of several with these headers."""
+    def _publish(self, sensor: EventSensor, count: int) -> None:
         columns = sensor.columns()
         loaned = {name: dtype for name, dtype in columns.items() if name != "signal"}
         out: dict[str, Any]
@@ -298,27 +352,10 @@ class EventSensorNode(Node):
             out["signal"] = np.empty(count, np.uint8) if isinstance(out["t"], np.ndarray) else self._beside(count)
         sensor.read(out)
         signal = out.pop("signal", None)
-        if signal is not None and not isinstance(signal, np.ndarray):
-            signal = signal.numpy()
-        if not headers:
-            self._send(out, sensor.env_offsets(), sensor)
-            if signal is not None:
-                self.publish("signal", EventSignal(self._stamped(), sensor.env_offsets(), signal))
-            return
-        self._count(sensor)
-        ends = [header.stamp_ns for header in headers]
-        parts = list(pairwise([0, *cuts(out["t"], ends)])) if count else [(0, 0)] * len(ends)
-        offsets = [np.array([0, end - start]) for start, end in parts]
-        # Warp has no slice that begins at an array's end.
-        within = [slice(start, end) if end > start else slice(0) for start, end in parts]
-        packets = [
-            self._packet(header, each, {n: column[part] for n, column in out.items()}, t0)
-            for header, each, part, t0 in zip(headers, offsets, within, [sensor.t_base, *ends])
-        ]
-        self.publish_all("events", packets)
+        self._send(out, sensor.env_offsets(), sensor)
         if signal is not None:
-            for header, each, part in zip(headers, offsets, within):
-                self.publish("signal", EventSignal(copy_of(header), each, signal[part]))
+            signal = signal if isinstance(signal, np.ndarray) else signal.numpy()
+            self.publish("signal", EventSignal(self._stamped(), sensor.env_offsets(), signal))
 
     def _stamped(self) -> Header:
         """A header like that of the message taken last."""
@@ -349,48 +386,6 @@ class EventSensorNode(Node):
             kinds = "or negative" if dark else "negative or black (ln 0; a light or a dark_level helps against those)"
             when = self._header.stamp_ns
             self.warn(f"{counts['nonfinite']} samples at {when} ns are NaN, infinite, {kinds}; they are skipped")
-
-    def _images(self, messages: Sequence[Keyframe | Frames | Samples]) -> Any:
-        """[E, K, h, w(, 3)] of the messages' images, of several those of one environment behind each other."""
-        keys = [message for message in messages if isinstance(message, Keyframe)]
-        if keys:
-            made = self._of_keyframe(keys[0], joined([key.image for key in keys]))
-        else:
-            made = joined([self._of_frames(message) for message in messages if not isinstance(message, Keyframe)])
-        return made if len(messages) == 1 else made.reshape((1, made.shape[0] * made.shape[1], *made.shape[2:]))
-
-    def _of_keyframe(self, message: Keyframe, image: Any) -> Any:
-        """[E, 1, h, w(, 3)] of a message's image, or of several like it, without the margin, its RGB or its luminance;
-        on a GPU [E, 1, h, w] of float32 or vec3."""
-        from nodes.interpolator.luminance import luminance_of, rgb_of
-
-        m, colour = message.margin, self.params["colour"]
-        if colour and image.ndim == 3 and message.radiance is None:
-            raise ValueError(f"{self.name}: keyframes carry luminance, colour needs their radiance (keyframes:=rgb)")
-        if self._device.is_cpu:
-            image = image if colour else luminance_of(image).numpy()
-            return image[:, None, m : image.shape[1] - m, m : image.shape[2] - m]
-        made = (rgb_of if colour else luminance_of)(image, self._device)
-        inner = made[:, m : made.shape[1] - m, m : made.shape[2] - m].contiguous()
-        return inner.reshape((inner.shape[0], 1, *inner.shape[1:]))
-
-    def _of_frames(self, message: Frames | Samples) -> np.ndarray:
-        image = message.rgb if self.params["colour"] else message.luminance
-        if image is None:
-            want, have = ("rgb", "luminance") if self.params["colour"] else ("luminance", "rgb")
-            raise ValueError(
-                f"{self.name}: frames carry {have}, the sensor needs {want}; set colour alike on both nodes"
-            )
-        return image
-
-    def _further(self, message: Samples) -> Further:
-        """The samples of a message between its frames."""
-        from nodes.event_sensor.further import Further
-
-        value = message.further_rgb if self.params["colour"] else message.further
-        if value is None:
-            raise ValueError(f"{self.name}: samples lack the values between the frames; set colour alike on both nodes")
-        return Further(message.first, message.offset, value)
 
 
 def copy_of(header: Header) -> Header:

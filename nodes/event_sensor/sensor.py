@@ -175,6 +175,8 @@ class EventSensor:
         of several messages: the events of each are then those of (stamp before, stamp]."""
         if self._ahead or self._readout is not None or self.envs > 1 or len(t) * self._size >= 1 << 31:
             return False
+        if self.marked and self._device.is_cuda:
+            return False
         try:
             self._layout.check_span(self._settled, t)
             check_noise(self._unlit, "", self._settled, t)
@@ -205,18 +207,20 @@ class EventSensor:
         episodes: np.ndarray,
         dlog_dt: Frames | None = None,
         further: Further | None = None,
+        defer: bool = True,
     ) -> Pending | Ready:
         """Events of K frames, which stay on the sensor's device; `result()` of what this returns gives them.
 
         On a CUDA device the ideal sensor has up to CALLS calls in flight: this launches the work and returns, and
         result() waits for it. The frames must stay unchanged until then. A call for which there is no room any more,
         because the results of earlier ones were not taken, raises ValueError. Other sensors are done at once. Further
-        samples are checked before they are used, for which a call waits until they are there.
+        samples are checked before they are used, for which a call waits until they are there. defer: its events are put
+        in order beside the next call's work, for who takes its result after that.
         """
         batch, begins = self._take(luminance, t, episodes, dlog_dt, further)
         if self._pipelined:
             self._left = None
-            pending: Pending = self._side.submit(batch, self._settled, defer=True)
+            pending: Pending = self._side.submit(batch, self._settled, defer=defer)
             return pending
         n = self._settle(batch, begins)
         if self._device.is_cuda and self._left is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -39,6 +39,10 @@ class States:
         t = self.own_t[envs[0]]
         steps = np.append(np.diff(t) > 0, True)
         return States(t[steps], self.pose[envs][:, steps], self.twist[envs][:, steps], self.moving, rest)
+
+    def at(self, t: Sequence[int]) -> States:
+        """Gives the same states at other times [ns]."""
+        return replace(self, t=np.array(t, np.int64))
 
     @property
     def end_pose(self) -> np.ndarray:

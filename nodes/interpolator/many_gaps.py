@@ -14,7 +14,7 @@ from evis.gpu.in_a_row import joined
 from evis.runtime.clock import subframe_stamps
 from nodes.interpolator import warm_up as made_up
 from nodes.interpolator.interpolator import Allocate, Image, Interpolator, new_frames
-from nodes.interpolator.keyframe import KeyframeView, States, StatesInARow
+from nodes.interpolator.keyframe import KeyframeView, Report, States, StatesInARow
 from nodes.interpolator.rigid import Rigid
 
 
@@ -48,7 +48,8 @@ class ManyGaps(Interpolator):
         self, keyframes: Sequence[Arrived], margin: int = 0, allocate: Allocate = new_frames
     ) -> Iterator[list[tuple[np.ndarray, Any]]]:
         """Yields what `push` returns of each keyframe, in order, with arguments as there: those together whose frames
-        are made at once, in memory from one `allocate`. `report` is of them."""
+        are made at once, in memory from one `allocate`. `report` is of those before, so that nobody waits for a GPU:
+        `end` gives the last one."""
         self._fit((1, *keyframes[0].image.shape[1:3]), margin)
         images = self._image(joined([one.image for one in keyframes]))
         start = 0
@@ -60,6 +61,10 @@ class ManyGaps(Interpolator):
             else:
                 continue
             start = end
+
+    def end(self) -> None:
+        """Has `report` be of the gaps made last."""
+        self.report = Report() if self._rigid is None else self._rigid[1].last_report()
 
     def _between(
         self, keyframes: Sequence[Arrived], images: wp.array, margin: int, allocate: Allocate
@@ -111,12 +116,14 @@ class ManyGaps(Interpolator):
         self._image(np.ones((1, 2, 2, 3), np.float16))
         image, episodes = made_up.images(envs, height, width)[0], np.full(envs, -1, np.int32)
         runs = 1 if self._device.is_cpu else made_up.RECORDED
-        arrived = [
-            Arrived(stamp, episodes, image, made_up.states(self._scene, self._camera, envs, stamp))
-            for stamp in made_up.stamps(runs * self.gaps)
-        ]
+        # To look up many bodies' paths for every keyframe would take longer than all else.
+        swayed = [made_up.states(self._scene, self._camera, envs, k * made_up.GAP_NS) for k in range(3)]
+        stamps = list(made_up.stamps(runs * self.gaps))
+        states = [swayed[0], *(swayed[1 + k % 2].at(stamps[k : k + 2]) for k in range(len(stamps) - 1))]
+        arrived = [Arrived(stamp, episodes, image, then) for stamp, then in zip(stamps, states)]
         for _ in self.push_all(arrived, margin, self._scratch):
             pass
+        self.end()
         self._warmed = True
 
     def _method_in_a_row(self) -> Rigid:

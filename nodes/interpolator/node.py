@@ -161,7 +161,7 @@ class InterpolatorNode(Node):
 
         p = self.params
         alone = self._method != "rigid" or self._sampled or p["adaptive_px"] > 0 or p["upsampling"] == 1
-        if alone or not self.may_gather():
+        if alone or not self.may_gather:
             return 1
         return at_once(self.name, p["batch"], p["device"], p["envs"], pixels, p["upsampling"])
 
@@ -305,7 +305,7 @@ class InterpolatorNode(Node):
                 self.count(name, amount)
 
     def _frames(self, key: Keyframe, t: np.ndarray, frames: Any, reports: bool) -> Frames:
-        """The message of a gap. reports: it carries the counts of all gaps that were made with it."""
+        """The message of a gap. reports: it carries the counts of the gaps that `report` is of."""
         report, images = self.interpolator.report, {self._field: frames}
         header = Header(key.header.stamp_ns, clock=key.header.clock, episode=key.header.episode)
         message = Frames(header, t=t, episodes=np.array(key.episodes), **images)
@@ -360,6 +360,14 @@ class InterpolatorNode(Node):
         for message in self._kept:
             message.release()
         self._kept = []
+
+    def finish(self) -> None:
+        """Counts what is not counted yet."""
+        from nodes.interpolator.many_gaps import ManyGaps
+
+        if isinstance(self.interpolator, ManyGaps):
+            self.interpolator.end()
+            self._count_report()
 
     def close(self) -> None:
         self._release()

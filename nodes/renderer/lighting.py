@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import warp as wp
 
+from evis.gpu.host_copies import HostCopies
 from nodes.renderer.geometry.poses import InstancePoses
 from nodes.renderer.geometry.triangles import is_static
 from nodes.renderer.lights.features import Features
@@ -103,6 +104,7 @@ class Shading:
         self._still_place = -1
         self._kept = self._make_cache(visibility.shape if cached else (0, 0, 0))
         # Pixels that were not finite, and that were clipped, of each thread that shares the rows.
+        self._host_counts: HostCopies | None = None
         self._counts = wp.zeros((2, len(visibility.row_tiles.rows)), dtype=wp.int32, device=self.device)
         # In a GPU's way: rays in a pass of their own, and neighbouring threads on a tile of pixels.
         self._tiled = on_gpu if options.split is None else options.split
@@ -276,6 +278,18 @@ class Shading:
         it."""
         not_finite, clipped = self._counts.numpy().sum(1)
         return int(not_finite), int(clipped)
+
+    def counts_later(self) -> Callable[[], tuple[int, int]]:
+        """Gives what finds `counts` of what is launched by now, and waits for no more than that."""
+        if self._host_counts is None:
+            self._host_counts = HostCopies(self._counts)
+        read = self._host_counts.take()
+
+        def found() -> tuple[int, int]:
+            not_finite, clipped = read().sum(1)
+            return int(not_finite), int(clipped)
+
+        return found
 
     def _cacheable(self) -> bool:
         """Whether some light on some surface can stay the same while something moves."""

@@ -138,7 +138,7 @@ class RendererNode(Node):
         """How many keyframes are rendered at once. Raises ValueError where they do not fit."""
         from nodes.renderer.at_once import at_once
 
-        if not self.may_gather():
+        if not self.may_gather:
             return 1
         p, camera = self.params, camera_of(self.scene, self.params["camera"])
         pixels = samples**2 * (camera.height + 2 * p["margin"]) * (camera.width + 2 * p["margin"])
@@ -187,6 +187,8 @@ class RendererNode(Node):
         """Poses of the keyframe before that one."""
         self._stamp = 0
         self._episodes = np.zeros(0, np.int32)
+        self._told: list[tuple[Callable[[], Sequence[int]], int, np.ndarray, Any]] = []
+        """Keyframes not counted yet: what tells their counts, how many poses at the end fill up, poses, times."""
         self._new = False
         """Whether the renderer has not drawn the last keyframe, as it is another one."""
 
@@ -282,6 +284,7 @@ class RendererNode(Node):
     def _render_singly(self) -> None:
         """From now on, one state at a time."""
         if self.gathers > 1:
+            self.finish()
             self.gathers, self._new = 1, True
             self.renderer = self._renderers(self.worlds.groups(appearance))
             self.renderer.prepare(self._wanted())
@@ -316,8 +319,16 @@ class RendererNode(Node):
             parts = [images[k * envs : (k + 1) * envs] for k in range(len(states))]
             self.publish_all(port, [self._message(port, field, *pair) for pair in zip(states, parts)])
         if "keyframe" in wanted.values():
-            # Only now, for on a GPU this waits for the image.
-            self._report(self.renderer.counts(), states, poses, t)
+            spare = 0 if self.gathers == 1 else len(poses) - len(states)
+            self._told.append((self.renderer.counts_later(), spare, poses, t))
+            # Of one keyframe now, for on a GPU this waits for the image; of several when the next are on their way.
+            while len(self._told) > (self.gathers > 1):
+                self._report()
+
+    def finish(self) -> None:
+        """Counts what is not counted yet."""
+        while self._told:
+            self._report()
 
     def _wanted(self) -> dict[str, str]:
         """What to render now, with the port that it goes to."""
@@ -359,18 +370,16 @@ class RendererNode(Node):
         wp.copy(loan, image)
         return loan
 
-    def _report(
-        self, counts: Sequence[int], states: Sequence[WorldState], poses: np.ndarray, t: int | np.ndarray
-    ) -> None:
-        """Counts pixels of the keyframes of states; of `poses` those after theirs are the last one's again."""
-        spare = len(poses) // self.params["envs"] - len(states)
+    def _report(self) -> None:
+        """Counts pixels of keyframes; the last `spare` of `poses` are those of one before them again."""
+        counts_of, spare, poses, t = self._told.pop(0)
+        counts = counts_of()
         if spare and any(counts):
-            # How many each of these has, the last one alone tells.
-            last = slice(len(states) - 1, len(states))
-            alone = [np.repeat(values[last], len(poses), axis=0) for values in (poses, np.asarray(t))]
+            # How many each of these has, it alone tells.
+            alone = [np.repeat(values[-1:], len(poses), axis=0) for values in (poses, t)]
             self.renderer.render(alone[0], None, self._wanted(), None, alone[1])
-            each = [count // len(poses) for count in self.renderer.counts()]
-            counts = [count - spare * one for count, one in zip(counts, each)]
+            each = [amount // len(poses) for amount in self.renderer.counts()]
+            counts = [amount - spare * one for amount, one in zip(counts, each)]
         for name, amount in zip(("nonfinite_pixels", "clipped_pixels"), counts):
             if amount:
                 self.count(name, amount)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -95,6 +95,10 @@ class Renderer:
     def counts(self) -> tuple[int, int]:
         """Gives pixels of the last drawn light that were not finite, and clipped to float16; waits for it."""
         return self.shading.counts()
+
+    def counts_later(self) -> Callable[[], tuple[int, int]]:
+        """Gives what finds `counts` of what is launched by now, and waits for no more than that."""
+        return self.shading.counts_later()
 
     @property
     def not_finite(self) -> int:

@@ -35,6 +35,11 @@ class SeparateRenderers:
         """Gives environments whose worlds look otherwise from now on renderers of their own, by group."""
         self._parts.change(groups, make)
 
+    def counts_later(self) -> Callable[[], tuple[int, int]]:
+        """Gives what finds `counts`, as Renderer has it."""
+        found = self.counts()
+        return lambda: found
+
     def counts(self) -> tuple[int, int]:
         """Gives pixels of the last drawn light that were not finite, and clipped; waits for it."""
         found = [part.counts() for part in self._parts.all]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
 
+from evis.gpu.host_copies import HostCopies
 from evis.scene.model import Camera, Scene
 from nodes.renderer.renderer import LIGHT, Renderer
 from nodes.renderer.shading.radiance_kernels import make_image, make_mean
@@ -45,12 +46,25 @@ class SupersampledRenderer:
         self.samples, self.half, self.apart = samples, half, apart
         self.device = self.plain.device
         # Means that were not finite, of which there are none, and those that were clipped.
+        self._host_counts: HostCopies | None = None
         self._counts = wp.zeros((2, 1), dtype=wp.int32, device=self.plain.device)
 
     def counts(self) -> tuple[int, int]:
         """Gives samples of the last drawn light that were not finite, and pixels clipped to float16; waits for it."""
         not_finite, clipped = self.fine.counts()
         return not_finite, clipped if self.apart else int(self._counts.numpy()[1, 0])
+
+    def counts_later(self) -> Callable[[], tuple[int, int]]:
+        """Gives what finds `counts` of what is launched by now, and waits for no more than that."""
+        if self._host_counts is None:
+            self._host_counts = HostCopies(self._counts)
+        fine, own = self.fine.counts_later(), self._host_counts.take()
+
+        def found() -> tuple[int, int]:
+            not_finite, clipped = fine()
+            return not_finite, clipped if self.apart else int(own()[1, 0])
+
+        return found
 
     @property
     def not_finite(self) -> int:

@@ -53,6 +53,8 @@ def test_frames_are_the_same_for_any_number_of_gaps(name, gaps, at_once):
         for some in many.push_all(made[start : start + at_once]):
             found += [(t.tolist(), f.copy()) for t, f in some]
             reshaded += many.report.reshaded
+    many.end()
+    reshaded += many.report.reshaded
     assert many.gaps == gaps
     assert [t for t, _ in found] == [t for t, _ in want]
     for (_, frames), (_, true) in zip(found, want):

@@ -16,7 +16,12 @@ from evis.runtime.node import Node
 from evis.runtime.plan import Plan
 from msgs.header import Header, Message
 from msgs.world import Reset
+from nodes.event_sensor.device_events import DeviceEvents
+from nodes.event_sensor.messages.flights import Flights
+from nodes.event_sensor.node import EventSensorNode
+from nodes.event_sensor.sensor import EventSensor
 from nodes.renderer.at_once import at_once
+from nodes.renderer.renderer import Renderer
 
 SMALL = {"width": 48, "height": 36, "audit": 0}
 LENGTH_S = 0.3
@@ -128,3 +133,63 @@ def test_environments_are_a_batch_already() -> None:
     assert at_once("renderer", 5, "cpu", 1, 1000, 8) == 5
     with pytest.raises(ValueError, match="batch:=4 with envs:=8: environments are a batch already"):
         at_once("renderer", 4, "cpu", 8, 1000, 8)
+
+
+def test_pixels_that_fill_up_a_batch_are_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 10 keyframes in batches of 4 the last two are rendered three times in all, and count once each."""
+
+    def counted(batch: int) -> Any:
+        plan = composed("spinning_disk", batch=batch, time_tolerance=0)
+        plan.nodes = {name: node for name, node in plan.nodes.items() if node.process == COMPOSED and not node.dormant}
+        plan.topics = {name: topic for name, topic in plan.topics.items() if topic.node in plan.nodes}
+        executor = Executor(plan, COMPOSED)
+        try:
+            executor.setup()
+            executor.run()
+        finally:
+            executor.close()
+        return executor.summary()["renderer"]["counters"].get("nonfinite_pixels")
+
+    real = Renderer.render
+
+    def render(self: Renderer, *args: Any, **how: Any) -> Any:
+        images = real(self, *args, **how)
+        # As many as there are environments with some light in them.
+        self.shading._counts.fill_(0)
+        self.shading._counts[0].fill_(7 * self.shape[0])
+        return images
+
+    monkeypatch.setattr(Renderer, "render", render)
+    assert counted(1) == 7 * 10
+    assert counted(4) == 7 * 10
+
+
+def test_events_fetched_a_call_later_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a GPU, where the next batch is on its way by then."""
+
+    class Late:
+        """A call whose events are asked for later, and copied by then."""
+
+        def __init__(self, events: DeviceEvents) -> None:
+            self._events = events.copy()
+
+        def result(self) -> DeviceEvents:
+            return self._events
+
+    begun = []
+
+    def process_async(self: EventSensor, *args: Any, **how: Any) -> Late:
+        begun.append(args[1])
+        return Late(EventSensor.begin(self, *args, **how).result())  # type: ignore[attr-defined]
+
+    def setup(self: EventSensorNode) -> None:
+        set_up(self)
+        self._flights = Flights(self._device) if self.may_gather else None
+
+    want = published("spinning_disk", batch=1, time_tolerance=0)
+    set_up = EventSensorNode.setup
+    monkeypatch.setattr(EventSensor, "begin", EventSensor.process_async, raising=False)
+    monkeypatch.setattr(EventSensor, "process_async", process_async)
+    monkeypatch.setattr(EventSensorNode, "setup", setup)
+    assert published("spinning_disk", batch=3, time_tolerance=0) == want
+    assert [len(t) for t in begun] == [16, 24, 24, 8][: len(begun)] and len(begun) >= 3

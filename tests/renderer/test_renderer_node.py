@@ -70,8 +70,8 @@ def test_keyframe_in_half_precision_and_lost_range_is_counted(disk):
     node.update({"state": state(disk, 0.0)})
     radiance = bus.take()["keyframe"].radiance
     assert radiance.dtype == np.float16 and radiance.max() > 100 and not bus.counts
-    node.renderer.shading.counts = lambda: (3, 2)
-    node._report()
+    node.renderer.shading.counts_later = lambda: lambda: (3, 2)
+    node.update({"state": state(disk, 2.0)})
     assert bus.counts == {"nonfinite_pixels": 3, "clipped_pixels": 2}
 
 

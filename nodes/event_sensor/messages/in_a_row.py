@@ -1,4 +1,4 @@
-"""Messages of frames that follow each other, as one: what is sensed at once, and where its events are cut apart."""
+"""Messages of frames that follow each other, as one: what is sensed at once."""
 
 from __future__ import annotations
 
@@ -47,17 +47,3 @@ def _alike(message: Any, before: Any) -> bool:
         return False
     arrays = [{name: (a.shape, type(a)) for name, a in m.arrays().items()} for m in (message, before)]
     return arrays[0] == arrays[1] and message.header.episode == before.header.episode
-
-
-def cuts(t: Any, ends: Sequence[int]) -> list[int]:
-    """Finds how many of ascending times int64 [n], of numpy or on a GPU, lie before or at each of these [ns]."""
-    if isinstance(t, np.ndarray):
-        return [int(count) for count in np.searchsorted(t, ends, side="right")]
-    import warp as wp
-
-    from nodes.event_sensor.cuda.cut_kernels import count_up_to
-
-    given: wp.array = wp.array(np.array(ends, np.int64), device=t.device)
-    found: wp.array = wp.empty(len(ends), dtype=wp.int32, device=t.device)
-    wp.launch(count_up_to, len(ends), [t, given], [found], device=t.device)
-    return [int(count) for count in found.numpy()]

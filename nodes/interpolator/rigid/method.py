@@ -113,9 +113,13 @@ class Rigid:
         self._reprojection = Reprojection(self.shading, self.sampling, self.pieces, self.layout, self.change)
         self._sparse = SparseRaster(v, envs, step) if step > 0 and SparseRaster.pays(v) else None
         self._strides = [1] * envs
-        # What the report needs, where the host reads it.
+        # What the reports of a gap and of the one before need, where the host reads it, and when it is there.
         counted = self._reprojection.counted
-        self._told = [wp.zeros(n.size, dtype=wp.int32, device="cpu", pinned=not cpu) for n in counted]
+        self._told = [
+            [wp.zeros(n.size, dtype=wp.int32, device="cpu", pinned=not cpu) for n in counted] for _ in range(2)
+        ]
+        self._there = [None if cpu else wp.Event(self._device) for _ in range(2)]
+        self._unread: int | None = None
         self._buffer: wp.array | None = None
 
     def build(self) -> None:
@@ -142,7 +146,8 @@ class Rigid:
     def between(
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array
     ) -> Report:
-        """See Method. Views need `states` and `stamp_ns`; out may be an array of the device."""
+        """See Method. Views need `states` and `stamp_ns`; out may be an array of the device. Of gaps in a row the
+        report is that of those before; see `last_report`."""
         assert a.states is not None and b.states is not None
         held = np.asarray(held, bool)
         together = a.own is None and b.own is None
@@ -184,13 +189,22 @@ class Rigid:
                 strength = np.array([waveform_strength(self.layout.waveform, int(t)) for t in times], np.float32)
                 self._reprojection.strength.assign(strength[which.reshape(-1)])
             self._graphs.run(("look", portion, self._even, builds), partial(self._reproject, portion, frames))
-        if not self._in_a_row:
-            self._even = not self._even
+        turn, self._even = int(self._even), not self._even
         if frames is self._buffer:
             self._hand_over(frames, out)
         if self._device.is_cuda and together:
             self.placement.expect(stamps)
-        return self._report()
+        if not self._in_a_row:
+            return self._report(turn)
+        unread, self._unread = self._unread, turn
+        if (there := self._there[turn]) is not None:
+            self._device.stream.record_event(there)
+        return Report() if unread is None else self._report(unread)
+
+    def last_report(self) -> Report:
+        """Gives the report of the last gaps in a row, once: `between` gives that of those before, so as not to wait."""
+        unread, self._unread = self._unread, None
+        return Report() if unread is None else self._report(unread)
 
     def _knows(self, a: KeyframeView) -> bool:
         """Whether keyframe a, of gaps in a row the first one, was B of the last call."""
@@ -286,7 +300,7 @@ class Rigid:
                 for source, target in zip((v.poses, v.packed), self._before):
                     wp.copy(target, source[last])
         if closed:
-            for told, counted in zip(self._told, self._reprojection.counted):
+            for told, counted in zip(self._told[int(self._even)], self._reprojection.counted):
                 wp.copy(told, counted)
 
     def _launch_beside(self, portion: int) -> None:
@@ -299,10 +313,13 @@ class Rigid:
             if self.change is not None:
                 self.change.place()
 
-    def _report(self) -> Report:
-        if self._device.is_cuda:
+    def _report(self, turn: int) -> Report:
+        there = self._there[turn]
+        if self._in_a_row and there is not None:
+            wp.synchronize_event(there)
+        elif self._device.is_cuda:
             wp.synchronize_stream(self._device.stream)
-        count, sampled = (told.numpy() for told in self._told)
+        count, sampled = (told.numpy() for told in self._told[turn])
         samples = self.layout.envs * (self.layout.upsampling - 1) * self.size[0] * self.size[1]
         looked_up = samples if self.layout.two_pass else int(sampled.sum())
         return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=looked_up)

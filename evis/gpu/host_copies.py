@@ -1,0 +1,42 @@
+"""Small arrays of a device, read on the host without a wait for what is launched after them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import cycle
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+
+class HostCopies:
+    """Copies an array to the host behind what was launched so far, to be read later."""
+
+    def __init__(self, array: wp.array, most: int = 3) -> None:
+        """most: copies that are kept; the next one takes the place of the first."""
+        device: Any = array.device
+        self._array, self._device = array, device
+        cuda = self._device.is_cuda
+        self._kept = cycle(
+            (
+                wp.empty(array.shape, dtype=array.dtype, device="cpu", pinned=cuda),
+                wp.Event(self._device) if cuda else None,
+            )
+            for _ in range(most)
+        )
+
+    def take(self) -> Callable[[], np.ndarray]:
+        """Copies it as it will be then; what this returns waits for that and gives it."""
+        host, there = next(self._kept)
+        wp.copy(host, self._array)
+        if there is not None:
+            self._device.stream.record_event(there)
+
+        def read() -> np.ndarray:
+            if there is not None:
+                wp.synchronize_event(there)
+            values: Any = host.numpy()
+            return np.array(values)
+
+        return read

@@ -1,0 +1,64 @@
+"""What messages carry for a sensor: images, and samples of single pixels between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from evis.gpu.in_a_row import joined
+from msgs.camera import Frames, Keyframe, Samples
+
+if TYPE_CHECKING:
+    from nodes.event_sensor.further import Further
+
+
+class Images:
+    """Takes from messages what a sensor of luminance or of `colour` on a device reads. name: the node's, for errors."""
+
+    def __init__(self, name: str, colour: bool, device: Any) -> None:
+        self._name, self._colour, self._device = name, colour, device
+
+    def of(self, messages: Sequence[Keyframe | Frames | Samples]) -> Any:
+        """Gives [E, K, h, w(, 3)] of the messages' images, of several those of one environment behind each other; on a
+        GPU [E, K, h, w] of float32 or vec3. Raises ValueError where they carry the wrong one of luminance and RGB."""
+        keys = [message for message in messages if isinstance(message, Keyframe)]
+        if keys:
+            made = self._of_keyframe(keys[0], joined([key.image for key in keys]))
+        else:
+            made = joined([self._of_frames(message) for message in messages if not isinstance(message, Keyframe)])
+        return made if len(messages) == 1 else made.reshape((1, made.shape[0] * made.shape[1], *made.shape[2:]))
+
+    def further(self, message: Samples) -> Further:
+        """Gives the samples of a message between its frames. Raises ValueError as `of`."""
+        from nodes.event_sensor.further import Further
+
+        value = message.further_rgb if self._colour else message.further
+        if value is None:
+            raise ValueError(
+                f"{self._name}: samples lack the values between the frames; set colour alike on both nodes"
+            )
+        return Further(message.first, message.offset, value)
+
+    def _of_keyframe(self, message: Keyframe, image: Any) -> Any:
+        """[E, 1, h, w(, 3)] of a message's image, or of several like it, without the margin, its RGB or its luminance;
+        on a GPU [E, 1, h, w] of float32 or vec3."""
+        from nodes.interpolator.luminance import luminance_of, rgb_of
+
+        m, colour = message.margin, self._colour
+        if colour and image.ndim == 3 and message.radiance is None:
+            raise ValueError(f"{self._name}: keyframes carry luminance, colour needs their radiance (keyframes:=rgb)")
+        if self._device.is_cpu:
+            image = image if colour else luminance_of(image).numpy()
+            return image[:, None, m : image.shape[1] - m, m : image.shape[2] - m]
+        made = (rgb_of if colour else luminance_of)(image, self._device)
+        inner = made[:, m : made.shape[1] - m, m : made.shape[2] - m].contiguous()
+        return inner.reshape((inner.shape[0], 1, *inner.shape[1:]))
+
+    def _of_frames(self, message: Frames | Samples) -> Any:
+        image = message.rgb if self._colour else message.luminance
+        if image is None:
+            want, have = ("rgb", "luminance") if self._colour else ("luminance", "rgb")
+            raise ValueError(
+                f"{self._name}: frames carry {have}, the sensor needs {want}; set colour alike on both nodes"
+            )
+        return image
