@@ -28,10 +28,9 @@ class Gap:
         device: Warp device of keyframes and frames.
         threads: CPU threads.
         scene, camera: those of the renderer; the camera is as fine as the keyframes.
-        light: options of a method that shades: light_samples, paths, tolerance, sample_px.
+        light: options of a method that shades: light_samples, paths, tolerance.
         worlds: the scene of each environment where they move differently, and look alike.
         time_tolerance_ns: of the time of a crossing, by further samples of single pixels; 0 = frames only.
-        shared: memory of one stream of keyframes, which its methods of several K use together.
     """
 
     height: int
@@ -45,7 +44,6 @@ class Gap:
     scene: Scene | None = None
     camera: Camera | None = None
     light: Mapping[str, Any] = field(default_factory=dict)
-    shared: dict[str, Any] = field(default_factory=dict)
     worlds: Sequence[Scene] = ()
     time_tolerance_ns: float = 0.0
 
@@ -93,11 +91,9 @@ def _splat(gap: Gap) -> Method:
 
 
 def _splat_quadratic(gap: Gap) -> Method:
-    from nodes.interpolator.splat.quadratic import Bends, SplatQuadratic
+    from nodes.interpolator.splat.quadratic import SplatQuadratic
 
-    if "bends" not in gap.shared:
-        gap.shared["bends"] = Bends((gap.envs, gap.height, gap.width), gap.device)
-    return SplatQuadratic(*gap.images, bends=gap.shared["bends"])
+    return SplatQuadratic(*gap.images)
 
 
 def _none(gap: Gap) -> Method:

@@ -42,17 +42,6 @@ class InterpolatorNode(Node):
     PARAMS = {
         "method": Param(str, "rigid", HELP, choices=tuple(METHODS)),
         "upsampling": Param(int, 8, "frames per keyframe interval (K)", "", 1, 4096),
-        "adaptive_px": Param(
-            float, 0.0,
-            "frames of a gap as many as its largest image motion takes at this much per frame, at most K; 0 = always K",
-            "px", 0, 1000,
-        ),
-        "sample_px": Param(
-            float, None,
-            "for rigid: path of a pixel over the surface that it shows up to which its frames are a line between two "
-            "samples of it; 0 = it is looked up in every frame; not given = 1 on a CPU, 0 on a GPU",
-            "px", 0, 100, optional=True,
-        ),
         "tolerance": Param(
             float, 0.1, "error of ln I that rigid looks for, to shade anew; less costs more", "ln I", 0.001, 10
         ),
@@ -88,16 +77,14 @@ class InterpolatorNode(Node):
         method = usable(params)
         if method == "rigid":
             found = parameters.without_effect(params)
-            if params["time_tolerance"] > 0:
-                if parameters.by_paths(params):
-                    return found | {"time_tolerance": "light by paths goes by frames alone"}
-                found = found | {"sample_px": "with time_tolerance every pixel of the frames is looked up"}
+            if params["time_tolerance"] > 0 and parameters.by_paths(params):
+                return found | {"time_tolerance": "light by paths goes by frames alone"}
             return found
-        light = ("tolerance", "sample_px", "time_tolerance", *(name for name in LIGHT if name != "supersampling"))
+        light = ("tolerance", "time_tolerance", *(name for name in LIGHT if name != "supersampling"))
         found = dict.fromkeys(light, f"method {method} shades nothing anew")
         if "state" not in reads(method):
             found |= dict.fromkeys(("scene", "scene_args"), f"method {method} needs no scene")
-        return found | ({"adaptive_px": "method none makes no frames"} if method == "none" else {})
+        return found
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
@@ -160,20 +147,14 @@ class InterpolatorNode(Node):
 
         p = self.params
         light = parameters.light_options(p if scene else {})
-        how = {key: p[key] for key in ("colour", "device", "threads", "tolerance", "sample_px", "adaptive_px")}
+        how = {key: p[key] for key in ("colour", "device", "threads", "tolerance")}
         how["time_tolerance"] = p["time_tolerance"] if self._sampled else 0.0
         camera = camera_of(scene, p["camera"]) if scene else None
         return Interpolator(self._method, p["upsampling"], scene=scene, camera=camera, worlds=worlds, **how, **light)
 
     def _separate(self, parts: Parts[Interpolator]) -> SeparateInterpolators:
-        """Raises ValueError for what those of different worlds would have to agree about."""
         from nodes.interpolator.separate import SeparateInterpolators
 
-        if self.params["adaptive_px"] > 0:
-            raise ValueError(
-                f"{self.name}: environments with worlds that look different each have frames of their own number with "
-                "adaptive_px; leave it out, or run one environment at a time"
-            )
         return SeparateInterpolators(parts, self.params["upsampling"], self.params["device"])
 
     def rewind(self, params: Mapping[str, Any]) -> bool:

@@ -13,8 +13,8 @@ TOLERANCE = 0.1
 """Difference of log radiance between the keyframes up to which light is taken to change evenly: half the contrast
 threshold of common sensors."""
 
-SAMPLE_PX = {True: 1.0, False: 0.0}
-"""Path [px] between two samples of a pixel, on a CPU and on a GPU, where lists cost more than they save."""
+STEP_PX = 1.0
+"""Path [px] between two samples of a pixel, where lists are of the host; on a GPU they cost more than they save."""
 
 MANY_FRAMES = 16
 """Frames of a gap from which on details finer than pixels count: of fewer, events are further off because of the time
@@ -37,15 +37,12 @@ class RigidOptions:
     paths: PathOptions | None = None
     tolerance: float = TOLERANCE
     """Error of log radiance that is looked for and shaded away."""
-    sample_px: float | None = None
-    """Path [px] of a pixel over the surface that it shows, up to which a sub-frame may be a line between two others; 0:
-    none is; None: SAMPLE_PX."""
     probes: int = 0
     """Times per frame at which it is found out what pixels see, for who looks at single pixels between the frames: then
     all frames are there at once, and none of their pixels is on a line between two others. 0: frames only."""
     on_device: bool | None = None
-    """Whether all is decided on the device, None: for a GPU; otherwise by lists that the host divides. The frames are
-    the same, bit for bit."""
+    """Whether all is decided on the device, and every pixel of every sub-frame looked up, None: for a GPU; otherwise
+    by lists that the host divides, and where little moves some sub-frames are lines between two others."""
 
 
 @dataclass(frozen=True)
@@ -115,12 +112,6 @@ class Layout:
         """Tells whether flicker has all but the sky shaded anew."""
         return self.flicker and self.waveform is None
 
-    @property
-    def two_pass(self) -> bool:
-        """Tells whether what is quick to look up is looked up in the order of the pixels, and only the rest is
-        listed."""
-        return self.on_device and self.step == 0
-
 
 def layout_of(
     scene: Scene, camera: Camera, envs: int, upsampling: int, margin: int, channels: int, cpu: bool, asked: RigidOptions
@@ -133,8 +124,9 @@ def layout_of(
     waveforms = {light.waveform for light in scene.lights if light.waveform is not None}
     flicker = bool(waveforms)
     waveform = waveforms.pop() if len(waveforms) == 1 else None
+    on_device = not cpu if asked.on_device is None else asked.on_device
     # Light that flickers is on no line.
-    step = 0.0 if flicker or asked.probes else SAMPLE_PX[cpu] if asked.sample_px is None else asked.sample_px
+    step = 0.0 if flicker or asked.probes or on_device else STEP_PX
     # Lines end with a portion, which must not depend on the device or on other environments.
     at_once = max(LEAST, PORTION[True] // pixels) if step > 0 else max(1, PORTION[cpu] // (envs * pixels))
     if asked.probes:
@@ -142,7 +134,6 @@ def layout_of(
     slots = -(-upsampling // -(-upsampling // at_once))
     order = [upsampling, *range(1, upsampling)]
     portions = [order[k : k + slots] for k in range(0, upsampling, slots)]
-    on_device = not cpu if asked.on_device is None else asked.on_device
     return Layout(
         envs, upsampling, channels, portions, step, asked.tolerance, on_device, flicker, waveform, asked.probes
     )

@@ -286,7 +286,7 @@ class Rigid:
             wp.synchronize_stream(self._device.stream)
         count, sampled = (told.numpy() for told in self._told)
         samples = self.layout.envs * (self.layout.upsampling - 1) * self.size[0] * self.size[1]
-        looked_up = samples if self.layout.two_pass else int(sampled.sum())
+        looked_up = samples if self.layout.on_device else int(sampled.sum())
         return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=looked_up)
 
     def _find_quiet(self) -> None:
