@@ -76,9 +76,9 @@ def _rigid(gap: Gap) -> Method:
         rigid = Rigid(gap.scene, gap.camera, *gap.bodies, RigidOptions(**gap.light), worlds=gap.worlds)
         rigid.build()
         return rigid
-    from nodes.interpolator.refine.method import Refined, probes_of
+    from nodes.interpolator.refine.method import Refined
 
-    options = RigidOptions(**gap.light, probes=probes_of(gap.upsampling))
+    options = RigidOptions(**gap.light, single=True)
     rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds)
     rigid.build()
     return Refined(rigid, gap.time_tolerance_ns, gap.threads, options.light_samples)

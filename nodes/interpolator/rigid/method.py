@@ -137,9 +137,9 @@ class Rigid:
         held = np.asarray(held, bool)
         together = a.own is None and b.own is None
         if together:
-            stamps = subframe_stamps(a.stamp_ns, b.stamp_ns, self.layout.instants)
+            stamps = subframe_stamps(a.stamp_ns, b.stamp_ns, self.layout.upsampling)
         else:
-            stamps = own_subframes(a, b, held, self.layout.instants)
+            stamps = own_subframes(a, b, held, self.layout.upsampling)
         places = self._places
         places.begin(stamps, a.states, b.states, held)
         begun = self._begun(a, held)
