@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -12,7 +13,7 @@ import numpy as np
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import appearance, shown
-from evis.scene.model import Scene
+from evis.scene.model import Camera, Scene
 from evis.scene.parameters import SCENE, SEED, camera_of, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.worlds import Group, Worlds
@@ -34,6 +35,18 @@ if TYPE_CHECKING:
 def usable(params: Mapping[str, Any]) -> str:
     """Gives the method asked for, or splat where it needs a scene and there is none."""
     return "splat" if "state" in reads(params["method"]) and not params.get("scene") else params["method"]
+
+
+def by_frames_alone(camera: Camera, params: Mapping[str, Any]) -> str:
+    """Says why the pixels of a camera go by frames alone although there is a tolerance of time; "" where they do
+    not."""
+    if (params["supersampling"] or camera.supersampling) > 1:
+        why = "each is the mean of several samples (supersampling)"
+    elif parameters.by_paths(params):
+        why = "their light comes by paths (bounces, sky_occlusion)"
+    else:
+        return ""
+    return f"time_tolerance changes nothing: all {camera.width}x{camera.height} pixels go by frames alone, for {why}"
 
 
 class InterpolatorNode(Node):
@@ -78,7 +91,7 @@ class InterpolatorNode(Node):
         if method == "rigid":
             found = parameters.without_effect(params)
             if params["time_tolerance"] > 0 and parameters.by_paths(params):
-                return found | {"time_tolerance": "light by paths goes by frames alone"}
+                found = found | {"time_tolerance": "light by paths goes by frames alone"}
             return found
         light = ("tolerance", "time_tolerance", *(name for name in LIGHT if name != "supersampling"))
         found = dict.fromkeys(light, f"method {method} shades nothing anew")
@@ -95,6 +108,18 @@ class InterpolatorNode(Node):
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
         """Asks for luminance keyframes, or radiance if frames are in colour."""
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
+
+    @classmethod
+    def foreseen(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
+        """Says which pixels go by frames alone although there is a tolerance of time."""
+        if params["time_tolerance"] == 0 or usable(params) != "rigid":
+            return ()
+        # Whoever loads the scene says what is wrong with it.
+        with contextlib.suppress(ValueError, OSError):
+            camera = camera_of(worlds_of("interpolator", params).scenes[0], params["camera"])
+            told = by_frames_alone(camera, params)
+            return (told,) if told else ()
+        return ()
 
     def setup(self) -> None:
         from evis.gpu.devices import device_named
@@ -116,8 +141,10 @@ class InterpolatorNode(Node):
         height, width = (n * ((length or 0) + 2 * p["margin"]) for length in size)
         self._expected = (height, width) if all(size) else None
         self._fineness = n
-        if self._sampled and n > 1:
-            self.warn("time_tolerance changes nothing where a pixel is the mean of several samples (supersampling)")
+        told = by_frames_alone(camera, p) if self._sampled and camera else ""
+        self._frames_alone = bool(told)
+        if told:
+            self.warn(told)
         self._warm(self.interpolator, p["envs"])
         self._device = device_named(p["device"])
         self._field = "rgb" if p["colour"] else "luminance"
@@ -211,6 +238,8 @@ class InterpolatorNode(Node):
         report = self.interpolator.report
         counts = {"filled_pixels": report.filled, "reshaded_pixels": report.reshaded}
         counts |= {"further_samples": report.refined, "gaps_above_time_tolerance": report.unreached}
+        if self._frames_alone and len(t) > 1:
+            counts["pixels_by_frames_alone"] = len(frames) * frames.shape[2] * frames.shape[3]
         counts["nonfinite_pixels" if self._method == "rigid" else "nonfinite_motion"] = report.nonfinite
         for name, amount in counts.items():
             if amount:
