@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from evis import dataset as dataset
     from evis.client import connect as connect
     from evis.event_sensor import EventSensor as EventSensor
+    from evis.event_sensor import Further as Further
     from evis.recordings import open_recorded as open
     from evis.scene.load import load_scene as load_scene
     from evis.simulation.errors import Diverged as Diverged
@@ -31,12 +32,13 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
-    "Diverged", "EventSensor", "Simulation", "SimulationError", "SimulationWarning", "__version__", "connect",
-    "dataset", "load_scene", "open",
+    "Diverged", "EventSensor", "Further", "Simulation", "SimulationError", "SimulationWarning", "__version__",
+    "connect", "dataset", "load_scene", "open",
 ]  # fmt: skip
 _LAZY = {
     "Diverged": "evis.simulation.errors:Diverged",
     "EventSensor": "evis.event_sensor:EventSensor",
+    "Further": "evis.event_sensor:Further",
     "Simulation": "evis.simulation.simulation:Simulation",
     "SimulationError": "evis.simulation.errors:SimulationError",
     "SimulationWarning": "evis.simulation.errors:SimulationWarning",

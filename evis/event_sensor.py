@@ -11,8 +11,9 @@ import numpy as np
 import warp as wp
 
 from evis.gpu.exchange import NUMPY, as_kind, as_warp, kind_of
+from nodes.event_sensor.further import Further
 from nodes.event_sensor.make import make_sensor
-from nodes.event_sensor.parameters import resolve_sensor
+from nodes.event_sensor.parameters import frames_only, resolve_sensor
 
 _OWNER = "event sensor"
 
@@ -91,7 +92,7 @@ class EventSensor:
         shape = (self.height, self.width)
         return make_sensor(self.parameters, shape, self.envs, colour=self.colour, device=device, seed=self.seed)
 
-    def __call__(self, frames: Any, t: Any, dlog_dt: Any = None) -> SensorEvents:
+    def __call__(self, frames: Any, t: Any, dlog_dt: Any = None, further: Further | None = None) -> SensorEvents:
         """Takes T frames and gives the events between the last frame before them and the last of them.
 
         The first frame after a reset is the reference and fires nothing. With look-ahead (crossing monotone or cubic)
@@ -102,6 +103,8 @@ class EventSensor:
                 PyTorch tensor, a Warp array, or anything with DLPack; on the sensor's device they are not copied.
             t: int64 [T], ns, ascending from call to call.
             dlog_dt: as frames, d ln I / dt [1/s], for crossing=hermite.
+            further: samples of single pixels between these frames, and between the last frame before and the first of
+                them; arrays of any of the kinds that frames may be.
 
         Returns:
             Events of the frames' kind, on their device: a tensor gives tensors. Raises ValueError.
@@ -112,8 +115,12 @@ class EventSensor:
         if self._sensor is None:
             self._sensor = self._made("cpu" if device is None else str(device))
         stamps = _stamps(t)
-        more = {} if slopes is None else {"dlog_dt": slopes}
+        more: dict[str, Any] = {} if slopes is None else {"dlog_dt": slopes}
+        if further is not None:
+            more["further"] = Further(*(_in_place(a) for a in (further.first, further.offset, further.value)))
         if self._is_peer:
+            if further is not None:
+                raise ValueError(f"{_OWNER} got further samples between the frames, but {frames_only(self.parameters)}")
             on_host = images.numpy() if isinstance(images, wp.array) else images
             made = self._sensor.process(on_host, stamps, self._episodes, **more)
             self._until = int(stamps[-1])
@@ -212,6 +219,11 @@ class EventSensor:
             out["t"], out["x"], out["y"], out["p"], out.get("c"), np.asarray(offsets) if batched else None,
             int(self._sensor.t_base), self._until, self.height, self.width,
         )  # fmt: skip
+
+
+def _in_place(values: Any) -> Any:
+    """An array of the caller's as the sensor takes it: numpy, or Warp's."""
+    return values if kind_of(values) == NUMPY else as_warp(values)
 
 
 def _columns(made: Any) -> dict[str, Any]:

@@ -133,7 +133,6 @@ class Frames(Message):
     episodes: np.ndarray = array("int32", "E", "episode of each environment")
     luminance: np.ndarray | None = array("float32", "E K H W", "linear, Rec. 709", optional=True)
     rgb: np.ndarray | None = array("float32", "E K H W 3", "linear, for colour events", optional=True)
-    dlog_dt: np.ndarray | None = array("float32", "E K H W", "d ln(luminance)/dt [1/s] where known", optional=True)
     own: np.ndarray | None = own_rows()
     own_t: np.ndarray | None = array("int64", "E K", "stamps of the frames in own time [ns]", optional=True)
     filled: int = 0

@@ -32,12 +32,13 @@ VP = "VP 1/ms"
 
 @dataclass
 class Row:
-    """Holds one method at one rate with one crossing method. sample_px: of rigid, None where it is the default."""
+    """Holds one method at one rate with one crossing method. time_tolerance [s]: of rigid, 0 without
+    further samples."""
 
     method: str
     rate: float
     k: int
-    sample_px: float | None
+    time_tolerance: float
     crossing: str
     run: Run
     error: dict[str, float]
@@ -45,8 +46,8 @@ class Row:
     @property
     def name(self) -> str:
         """Gives the method's name in the tables."""
-        if self.sample_px is not None:
-            return f"{self.method}, sample_px {self.sample_px:g}"
+        if self.time_tolerance:
+            return f"{self.method}, further samples"
         return "dense" if self.method == "none" else self.method
 
     @property

@@ -107,7 +107,7 @@ def frame_errors(gap: Gap) -> dict[str, tuple[float, float]]:
     a, b = (KeyframeView(image(*end), states=states, stamp_ns=end[1]) for end, states in zip(ends, gap.states))
     found = {}
     for footprint in ("", *FOOTPRINTS):
-        rigid = Rigid(scene, camera, 1, k, device=gap.device, options=RigidOptions(sample_px=0.0))
+        rigid = Rigid(scene, camera, 1, k, device=gap.device, options=RigidOptions(on_device=True))
         if footprint:
             rigid.visibility.draw = Instead(rigid, gap, footprint)  # type: ignore[method-assign]
         out = np.empty((1, k, camera.height, camera.width), np.float32)

@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from evis.config.removed import instead
 from evis.config.secret import SecretError, fetch
-from evis.config.suggestions import did_you_mean, nearest
+from evis.config.suggestions import did_you_mean
 
 EACH = "each"
 """Of a node's parameters, beside those it declares: what environments have for themselves, a mapping for each of them.
@@ -126,7 +127,7 @@ def resolve(owner: str, declared: Mapping[str, Param], given: Mapping[str, Any])
     """
     for key in given:
         if key not in declared:
-            raise ParamError(f"{owner} has no parameter '{key}'; {nearest(key, sorted(declared), 'it has')}")
+            raise ParamError(f"{owner} has no parameter '{key}'; {instead(key, sorted(declared), 'it has')}")
     return {
         key: param.convert(owner, key, given[key]) if key in given else param.default for key, param in declared.items()
     }

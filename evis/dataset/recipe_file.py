@@ -12,6 +12,7 @@ from typing import Any
 from evis.config import paths
 from evis.config.document import LaunchError, Row, Table, read, submap
 from evis.config.params import Param, ParamError
+from evis.config.removed import instead
 from evis.config.suggestions import did_you_mean, nearest
 from evis.dataset.draws import SAMPLINGS, SCALES, Axis
 from evis.dataset.errors import DatasetError
@@ -155,7 +156,7 @@ def _declared(part: Table, key: str, known: Mapping[str, Param], scene: str, gra
         raise LaunchError(f"{part.where(key)}: '{key}' is no argument of a recipe's scene: {OWN[key]}")
     if key not in known:
         file = graph.launch.path.name
-        hint = nearest(key, [name for name in known if name not in OWN])
+        hint = instead(key, [name for name in known if name not in OWN])
         raise LaunchError(f"{part.where(key)}: neither scene {scene} nor {file} has '{key}'; {hint}")
     if known[key].secret:
         raise LaunchError(f"{part.where(key)}: '{key}' is a secret, which a data set does not keep")

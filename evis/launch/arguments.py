@@ -10,6 +10,7 @@ from typing import Any
 from evis.config.document import LaunchError, Row, Table, submap
 from evis.config.expression import ExpressionError, substitute
 from evis.config.params import Param, ParamError
+from evis.config.removed import instead
 from evis.config.suggestions import nearest
 from evis.launch import node_arguments
 
@@ -129,7 +130,7 @@ def resolve(file: str, declared: Mapping[str, Argument], given: Mapping[str, Any
     """
     for key in given:
         if key not in declared:
-            raise ArgumentError(f"{file} has no argument '{key}'; {nearest(key, declared)}")
+            raise ArgumentError(f"{file} has no argument '{key}'; {instead(key, declared)}")
     values: dict[str, Any] = {}
     for name, argument in declared.items():
         try:

@@ -10,6 +10,7 @@ from typing import Any
 from evis.config.document import LaunchError, Row, Table, read, submap
 from evis.config.expression import ExpressionError, substitute
 from evis.config.paths import find, names
+from evis.config.removed import instead
 from evis.config.suggestions import nearest
 from evis.launch.arguments import Argument, declare
 
@@ -59,7 +60,7 @@ def _load(path: Path, above: tuple[Path, ...], more: Iterator[int]) -> LaunchFil
         for key in set_here:
             if key not in child.arguments:
                 raise LaunchError(
-                    f"{set_here.where(key)}: {target.name} has no argument '{key}'; {nearest(key, child.arguments)}"
+                    f"{set_here.where(key)}: {target.name} has no argument '{key}'; {instead(key, child.arguments)}"
                 )
         inherited |= {k: v for k, v in child.arguments.items() if k not in set_here}
         includes.append((entry, child))

@@ -83,11 +83,6 @@ def _by_environments(nodes: list[Wired], devices: Sequence[str], envs: int) -> l
     joins.
     """
     split = [node for node in nodes if len(devices_of(node.params)) > 1 and node.cls.PER_ENVIRONMENT]
-    for node in split:
-        for name, why in node.cls.all_at_once(node.params).items():
-            raise ArgumentError(
-                f"{name}:={node.params[name]} goes with one device: {why} in any environment; leave one of them out"
-            )
     inner = {topic: node for node in split for topic in node.outputs.values() if topic not in SYSTEM_TOPICS}
     outer = {topic: node for node in split for topic in node.inputs.values() if topic not in {*inner, *SYSTEM_TOPICS}}
     made = [node if node in split else _on_first(node, devices) for node in nodes]

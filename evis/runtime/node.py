@@ -191,11 +191,6 @@ class Node:
         """
         return 1
 
-    @classmethod
-    def all_at_once(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Names parameters, of a node with PER_ENVIRONMENT, with which it has to see all environments, and why."""
-        return {}
-
     # -- what the executor calls -------------------------------------------------------------------------------------
 
     def setup(self) -> None:

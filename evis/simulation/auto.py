@@ -62,4 +62,4 @@ def without_auto(
         without, told = auto.replace_auto(launch, given, options, say, warn)
     taken = tuple(name for name in without if without[name] != given.get(name))
     # What is only for some methods was given for the case that one of them is chosen.
-    return Chosen(without, taken, told, [key for key in without if key not in (*auto.WARP, "adaptive_px")])
+    return Chosen(without, taken, told, [key for key in without if key not in auto.WARP])

@@ -64,9 +64,8 @@ class Audit:
         self._look = Looking(scene, camera, len(envs), each, self._motion, slots=o.slots, **how)
         p = {"threshold_on": None, "threshold_off": None, "dark_level": 0.0, "threshold": 0.2, **o.sensor}
         on, off = (p["threshold"] if p[side] is None else p[side] for side in ("threshold_on", "threshold_off"))
-        crossing = p.get("crossing", "linear")
         ideal: dict[str, Any] = {"threshold_on": on, "threshold_off": off, "dark_level": p["dark_level"]}
-        ideal["crossing"] = "linear" if crossing == "hermite" else crossing
+        ideal["crossing"] = p.get("crossing", "linear")
         self._ideal = ideal
         self._run = EventSensor(1, each, len(envs), **ideal)
         self._truth = SampledSensor(len(envs) * each, self._run.parameters)

@@ -33,6 +33,29 @@ class Further:
     offset: Any
     value: Any
 
+    @classmethod
+    def of_pixels(cls, shape: tuple[int, ...], y: Any, x: Any, offset: Any, value: Any, env: Any = 0) -> Further:
+        """Sorts samples that are in any order.
+
+        Args:
+            shape: (H, W) or (E, H, W) of the sensor.
+            y, x, env: pixel of each sample, whole numbers [R]; env may be left out where E is 1.
+            offset: int [R] ns, as of the class.
+            value: float [R], in colour [R, 3].
+
+        Raises ValueError for a pixel that is not there.
+        """
+        size = (1, *shape)[-3:]
+        given = np.broadcast_arrays(env, y, x, offset)
+        for name, at, length in zip(("environment", "y", "x"), given, size):
+            if at.size and not 0 <= at.min() <= at.max() < length:
+                raise ValueError(f"further samples have {name} {at.min()} to {at.max()}; there are 0 to {length - 1}")
+        q = np.ravel_multi_index([np.asarray(a, np.int64) for a in given[:3]], size)
+        order = np.lexsort((given[3], q))
+        counts = np.bincount(q, minlength=int(np.prod(size)))
+        first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        return cls(first, given[3][order].astype(np.int32), np.asarray(value, np.float32)[order])
+
     def of(self, envs: slice, total: int) -> Further:
         """Gives those of some neighbouring environments out of `total`."""
         first = self.first.numpy() if isinstance(self.first, wp.array) else np.asarray(self.first)

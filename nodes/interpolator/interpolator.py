@@ -15,7 +15,6 @@ from evis.runtime.clock import subframe_stamps
 from evis.scene.model import Camera, Scene
 from nodes.interpolator import image_kernels
 from nodes.interpolator import warm_up as made_up
-from nodes.interpolator.adaptive import AdaptiveCount
 from nodes.interpolator.keyframe import KeyframeView, Method, Report, States, own_subframes
 from nodes.interpolator.luminance import luminance_of, rgb_of, scalars
 from nodes.interpolator.methods import METHODS, Gap
@@ -58,8 +57,6 @@ class Interpolator:
         light_samples: int = 16,
         paths: PathOptions | None = None,
         tolerance: float = 0.1,
-        sample_px: float | None = None,
-        adaptive_px: float = 0.0,
         time_tolerance: float = 0.0,
     ) -> None:
         """method: a key of METHODS. upsampling: K. colour: frames are linear RGB instead of luminance.
@@ -67,11 +64,6 @@ class Interpolator:
         scene, camera, light_samples, paths: those of the renderer, for methods that use the bodies' states. Raises
         ValueError where these have none. worlds: the scene of each environment, where bodies move differently and all
         else looks as in `scene`. tolerance: error of log radiance that `rigid` looks for, to shade anew.
-        sample_px: path of a pixel over the surface that it shows up to which `rigid` draws a line between two samples
-        of it, which differ by no more than half of `tolerance`; 0 = it looks up every pixel of every frame; None = 1 on
-        a CPU, 0 on a GPU.
-        adaptive_px: displacement per frame that is allowed: a gap has as many frames as that takes, `upsampling` at
-        most; 0 = always `upsampling`.
         time_tolerance: of the time at which what a pixel shows crosses a threshold [s], for which `rigid` takes
         `further` samples of single pixels; 0 = none.
         """
@@ -83,20 +75,14 @@ class Interpolator:
             raise ValueError(f"the {method} interpolator needs the scene and its camera; without them use splat")
         self._name = method
         self._scene, self._camera, self._worlds = scene, camera, worlds
-        self._light: dict[str, Any] = {"light_samples": light_samples, "paths": paths}
-        self._light |= {"tolerance": tolerance, "sample_px": sample_px}
+        self._light: dict[str, Any] = {"light_samples": light_samples, "paths": paths, "tolerance": tolerance}
         self.upsampling = 1 if method == "none" else upsampling
         self._reads = METHODS[method].reads
         self._time_tolerance_ns = time_tolerance * 1e9
         self._colour = colour
         self._device = device_named(device)
         self._threads = threads
-        # By K.
-        self._methods: dict[int, Method] = {}
-        self._shared: dict[str, Any] = {}
-        self._count: AdaptiveCount | None = None
-        if adaptive_px > 0 and self.upsampling > 1:
-            self._count = AdaptiveCount(self.upsampling, adaptive_px, device, scene, camera)
+        self._method: Method | None = None
         self._size: tuple[tuple[int, ...], int] | None = None
         self._warmed = False
         self._last: KeyframeView | None = None
@@ -157,7 +143,7 @@ class Interpolator:
             crop(view, margin, made)
             self.report = Report()
         else:
-            method = self._method_of(len(stamps))
+            method = self._made_method()
             self.report = method.between(self._last, view, held, made)
             self.further = getattr(method, "further", None)
         self.own_t = None
@@ -195,7 +181,7 @@ class Interpolator:
         if min(height, width) <= 2 * margin:
             raise ValueError(f"keyframe of {width}x{height} px is no larger than its margin of {margin} px per side")
         if self._warmed and self._size != (shape, margin):
-            self._size, self._methods, self._shared = None, {}, {}
+            self._size, self._method = None, None
         self._warmed = False
         if self._size not in (None, (shape, margin)):
             raise ValueError(f"keyframe is {shape} with margin {margin}, before it was {self._size}")
@@ -206,17 +192,12 @@ class Interpolator:
     def _stamps(self, view: KeyframeView, held: np.ndarray) -> np.ndarray:
         """Finds the times int64 [K] ns of the frames up to a keyframe. Raises ValueError where it comes too late."""
         if held.all():
-            if self._count is not None:
-                self._count.begin()
             return np.array([view.stamp_ns])
         if view.stamp_ns <= self._stamp:
             raise ValueError(
                 f"keyframe at {view.stamp_ns} ns came after the one at {self._stamp} ns of the same episode"
             )
-        k = self.upsampling
-        if self._count is not None:
-            k = self._count.of(view, view.stamp_ns - self._stamp, held)
-        return subframe_stamps(self._stamp, view.stamp_ns, k)
+        return subframe_stamps(self._stamp, view.stamp_ns, self.upsampling)
 
     def _frames_shape(self, k: int, samples: int) -> tuple[int, ...]:
         """Gives the shape of K frames without margin, of pixels that are samples x samples of the keyframes' each."""
@@ -225,13 +206,13 @@ class Interpolator:
         lengths = (length // samples - 2 * margin // samples for length in (height, width))
         return (envs, k, *lengths, *((3,) if self._colour else ()))
 
-    def _method_of(self, k: int) -> Method:
-        """Gives what makes gaps of K frames, built when it is first needed."""
+    def _made_method(self) -> Method:
+        """Gives what makes the frames of gaps, built when it is first needed."""
         assert self._size is not None
-        if k not in self._methods:
+        if self._method is None:
             (envs, height, width), margin = self._size
-            self._methods[k] = self._build(k, envs, height, width, margin)
-        return self._methods[k]
+            self._method = self._build(envs, height, width, margin)
+        return self._method
 
     def _samples_of(self, height: int, width: int, margin: int) -> int:
         """Counts the samples per pixel and axis that keyframes hold apart. Raises ValueError for any other size."""
@@ -307,10 +288,9 @@ class Interpolator:
         if self.upsampling > made_up.LONGEST:
             self.warm_up()
             self._size, self._samples = ((envs, height, width), margin), self._samples_of(height, width, margin)
-            self._methods[self.upsampling] = self._build(self.upsampling, envs, height, width, margin)
+            self._made_method()
             return
         self._image(np.ones((1, 2, 2, 3), np.float16))
-        count, self._count = self._count, None
         for stamp in made_up.stamps(1 if self._device.is_cpu else made_up.RECORDED):
             states = None
             if self._scene is not None and self._camera is not None:
@@ -319,10 +299,9 @@ class Interpolator:
             episodes = np.full(envs, -1, np.int32)
             images = made_up.images(envs, height, width)
             self.push(stamp, episodes, *images, margin, self._scratch, states)
-        self._count, self._warmed = count, True
-        for method in self._methods.values():
-            # Of those that remember more than the last keyframe.
-            getattr(method, "settle", lambda: None)()
+        self._warmed = True
+        # Of those that remember more than the last keyframe.
+        getattr(self._method, "settle", lambda: None)()
 
     def _scratch(self, shape: tuple[int, ...]) -> np.ndarray | wp.array:
         if self._device.is_cpu:
@@ -330,13 +309,11 @@ class Interpolator:
         pixel: Any = wp.vec3 if self._colour else wp.float32
         return wp.empty(shape[:4], dtype=pixel, device=self._device)
 
-    def _build(
-        self, upsampling: int, envs: int, height: int, width: int, margin: int, in_a_row: bool = False
-    ) -> Method:
+    def _build(self, envs: int, height: int, width: int, margin: int, in_a_row: bool = False) -> Method:
         camera = finer(self._camera, self._samples) if self._camera is not None else None
         gap = Gap(
-            height, width, envs, upsampling, margin, 3 if self._colour else 1, str(self._device), self._threads,
-            self._scene, camera, self._light, self._shared, self._worlds,
+            height, width, envs, self.upsampling, margin, 3 if self._colour else 1, str(self._device), self._threads,
+            self._scene, camera, self._light, self._worlds,
             self._time_tolerance_ns if self._samples == 1 else 0.0, in_a_row,
         )  # fmt: skip
         return METHODS[self._name].make(gap)

@@ -131,7 +131,7 @@ class ManyGaps(Interpolator):
         if self._rigid is None or self._rigid[0] != self._size:
             assert self._size is not None
             (_, height, width), margin = self._size
-            made = self._build(self.upsampling, self.gaps, height, width, margin, in_a_row=True)
+            made = self._build(self.gaps, height, width, margin, in_a_row=True)
             assert isinstance(made, Rigid)
             self._rigid = self._size, made
         return self._rigid[1]

@@ -28,11 +28,10 @@ class Gap:
         device: Warp device of keyframes and frames.
         threads: CPU threads.
         scene, camera: those of the renderer; the camera is as fine as the keyframes.
-        light: options of a method that shades: light_samples, paths, tolerance, sample_px.
+        light: options of a method that shades: light_samples, paths, tolerance.
         worlds: the scene of each environment where they move differently, and look alike.
         time_tolerance_ns: of the time of a crossing, by further samples of single pixels; 0 = frames only.
         in_a_row: the environments are gaps of one, each of which begins where the one before ends; for `rigid`.
-        shared: memory of one stream of keyframes, which its methods of several K use together.
     """
 
     height: int
@@ -46,7 +45,6 @@ class Gap:
     scene: Scene | None = None
     camera: Camera | None = None
     light: Mapping[str, Any] = field(default_factory=dict)
-    shared: dict[str, Any] = field(default_factory=dict)
     worlds: Sequence[Scene] = ()
     time_tolerance_ns: float = 0.0
     in_a_row: bool = False
@@ -81,9 +79,9 @@ def _rigid(gap: Gap) -> Method:
         rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds, in_a_row=gap.in_a_row)
         rigid.build()
         return rigid
-    from nodes.interpolator.refine.method import Refined, probes_of
+    from nodes.interpolator.refine.method import Refined
 
-    options = RigidOptions(**gap.light, probes=probes_of(gap.upsampling))
+    options = RigidOptions(**gap.light, single=True)
     rigid = Rigid(gap.scene, gap.camera, *gap.bodies, options, worlds=gap.worlds)
     rigid.build()
     return Refined(rigid, gap.time_tolerance_ns, gap.threads, options.light_samples)
@@ -96,11 +94,9 @@ def _splat(gap: Gap) -> Method:
 
 
 def _splat_quadratic(gap: Gap) -> Method:
-    from nodes.interpolator.splat.quadratic import Bends, SplatQuadratic
+    from nodes.interpolator.splat.quadratic import SplatQuadratic
 
-    if "bends" not in gap.shared:
-        gap.shared["bends"] = Bends((gap.envs, gap.height, gap.width), gap.device)
-    return SplatQuadratic(*gap.images, bends=gap.shared["bends"])
+    return SplatQuadratic(*gap.images)
 
 
 def _none(gap: Gap) -> Method:

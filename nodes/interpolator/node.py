@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -12,7 +13,7 @@ import numpy as np
 from evis.config.params import Param
 from evis.runtime.node import Input, Node, Output
 from evis.scene.digest import appearance, shown
-from evis.scene.model import Scene
+from evis.scene.model import Camera, Scene
 from evis.scene.parameters import SCENE, SEED, camera_of, ends_alone, seeds_of, worlds_of
 from evis.scene.parts import Parts
 from evis.scene.worlds import Group, Worlds
@@ -37,23 +38,24 @@ def usable(params: Mapping[str, Any]) -> str:
     return "splat" if "state" in reads(params["method"]) and not params.get("scene") else params["method"]
 
 
+def by_frames_alone(camera: Camera, params: Mapping[str, Any]) -> str:
+    """Says why the pixels of a camera go by frames alone although there is a tolerance of time; "" where they do
+    not."""
+    if (params["supersampling"] or camera.supersampling) > 1:
+        why = "each is the mean of several samples (supersampling)"
+    elif parameters.by_paths(params):
+        why = "their light comes by paths (bounces, sky_occlusion)"
+    else:
+        return ""
+    return f"time_tolerance changes nothing: all {camera.width}x{camera.height} pixels go by frames alone, for {why}"
+
+
 class InterpolatorNode(Node):
     """Makes K frames of every gap between two keyframes, the last being the keyframe itself."""
 
     PARAMS = {
         "method": Param(str, "rigid", HELP, choices=tuple(METHODS)),
         "upsampling": Param(int, 8, "frames per keyframe interval (K)", "", 1, 4096),
-        "adaptive_px": Param(
-            float, 0.0,
-            "frames of a gap as many as its largest image motion takes at this much per frame, at most K; 0 = always K",
-            "px", 0, 1000,
-        ),
-        "sample_px": Param(
-            float, None,
-            "for rigid: path of a pixel over the surface that it shows up to which its frames are a line between two "
-            "samples of it; 0 = it is looked up in every frame; not given = 1 on a CPU, 0 on a GPU",
-            "px", 0, 100, optional=True,
-        ),
         "tolerance": Param(
             float, 0.1, "error of ln I that rigid looks for, to shade anew; less costs more", "ln I", 0.001, 10
         ),
@@ -94,23 +96,14 @@ class InterpolatorNode(Node):
         method = usable(params)
         if method == "rigid":
             found = parameters.without_effect(params)
-            if params["time_tolerance"] > 0:
-                if parameters.by_paths(params):
-                    return found | {"time_tolerance": "light by paths goes by frames alone"}
-                found = found | {"sample_px": "with time_tolerance every pixel of the frames is looked up"}
+            if params["time_tolerance"] > 0 and parameters.by_paths(params):
+                found = found | {"time_tolerance": "light by paths goes by frames alone"}
             return found
-        light = ("tolerance", "sample_px", "time_tolerance", *(name for name in LIGHT if name != "supersampling"))
+        light = ("tolerance", "time_tolerance", *(name for name in LIGHT if name != "supersampling"))
         found = dict.fromkeys(light, f"method {method} shades nothing anew")
         if "state" not in reads(method):
             found |= dict.fromkeys(("scene", "scene_args"), f"method {method} needs no scene")
-        return found | ({"adaptive_px": "method none makes no frames"} if method == "none" else {})
-
-    @classmethod
-    def all_at_once(cls, params: Mapping[str, Any]) -> Mapping[str, str]:
-        """Names what chooses the frames of a gap for all environments."""
-        if params["adaptive_px"] > 0:
-            return {"adaptive_px": "a gap has as many frames as the largest motion takes"}
-        return {}
+        return found
 
     @classmethod
     def needs(cls, params: Mapping[str, Any], wanted: frozenset[str]) -> frozenset[str]:
@@ -120,9 +113,21 @@ class InterpolatorNode(Node):
     @classmethod
     def reads(cls, params: Mapping[str, Any], port: str) -> frozenset[str] | None:
         """Asks for luminance keyframes, or radiance if frames are in colour; of motion in closed form for its ends."""
-        if port == "state" and not params["adaptive_px"]:
+        if port == "state":
             return ends_alone(params.get("scene"))
         return frozenset({"radiance" if params["colour"] else "luminance"}) if port == "keyframe" else None
+
+    @classmethod
+    def foreseen(cls, params: Mapping[str, Any]) -> tuple[str, ...]:
+        """Says which pixels go by frames alone although there is a tolerance of time."""
+        if params["time_tolerance"] == 0 or usable(params) != "rigid":
+            return ()
+        # Whoever loads the scene says what is wrong with it.
+        with contextlib.suppress(ValueError, OSError):
+            camera = camera_of(worlds_of("interpolator", params).scenes[0], params["camera"])
+            told = by_frames_alone(camera, params)
+            return (told,) if told else ()
+        return ()
 
     def setup(self) -> None:
         from evis.gpu.devices import device_named
@@ -144,9 +149,11 @@ class InterpolatorNode(Node):
         self._expected = (height, width) if all(size) else None
         self._gaps = self._at_once(height * width)
         self._fineness = n
+        told = by_frames_alone(camera, p) if self._sampled and camera else ""
+        self._frames_alone = bool(told)
         self.interpolator = self._interpolators(worlds)
-        if self._sampled and n > 1:
-            self.warn("time_tolerance changes nothing where a pixel is the mean of several samples (supersampling)")
+        if told:
+            self.warn(told)
         self._warm(self.interpolator, p["envs"])
         self._device = device_named(p["device"])
         self._field = "rgb" if p["colour"] else "luminance"
@@ -160,7 +167,7 @@ class InterpolatorNode(Node):
         from nodes.renderer.at_once import at_once
 
         p = self.params
-        alone = self._method != "rigid" or self._sampled or p["adaptive_px"] > 0 or p["upsampling"] == 1
+        alone = self._method != "rigid" or self._sampled or p["upsampling"] == 1
         if alone or not self.may_gather:
             return 1
         return at_once(self.name, p["batch"], p["device"], p["envs"], pixels, p["upsampling"])
@@ -189,7 +196,7 @@ class InterpolatorNode(Node):
 
         p = self.params
         light = parameters.light_options(p if scene else {})
-        how = {key: p[key] for key in ("colour", "device", "tolerance", "sample_px", "adaptive_px")}
+        how = {key: p[key] for key in ("colour", "device", "tolerance")}
         how["time_tolerance"] = p["time_tolerance"] if self._sampled else 0.0
         camera = camera_of(scene, p["camera"]) if scene else None
         height, width = self._expected or (0, 0)
@@ -202,14 +209,8 @@ class InterpolatorNode(Node):
         return Interpolator(self._method, p["upsampling"], **how)
 
     def _separate(self, parts: Parts[Interpolator]) -> SeparateInterpolators:
-        """Raises ValueError for what those of different worlds would have to agree about."""
         from nodes.interpolator.separate import SeparateInterpolators
 
-        if self.params["adaptive_px"] > 0:
-            raise ValueError(
-                f"{self.name}: environments with worlds that look different each have frames of their own number with "
-                "adaptive_px; leave it out, or run one environment at a time"
-            )
         return SeparateInterpolators(parts, self.params["upsampling"], self.params["device"])
 
     def rewind(self, params: Mapping[str, Any]) -> bool:
@@ -260,6 +261,8 @@ class InterpolatorNode(Node):
         )
         self._hold(inputs)
         self._count_report()
+        if self._frames_alone and len(t) > 1:
+            self.count("pixels_by_frames_alone", len(frames) * frames.shape[2] * frames.shape[3])
         if self._sampled:
             header = Header(key.header.stamp_ns, clock=key.header.clock, episode=key.header.episode)
             self._publish_samples(key, t, frames, header)

@@ -108,9 +108,7 @@ def scene(k: int, envs: int = 1, seed: int = 0) -> dict[str, Message]:
         "/cam0/motion": Motion(header(), f32(e, h, w, 2)),
         "/cam0/ids": Ids(header(), ids),
         "/cam0/normal": Normal(header(), f32(e, h, w, 3)),
-        "/cam0/frames": Frames(
-            header(), np.array([stamp - 5, stamp]), episodes, f32(e, 2, h, w), dlog_dt=f32(e, 2, h, w)
-        ),
+        "/cam0/frames": Frames(header(), np.array([stamp - 5, stamp]), episodes, f32(e, 2, h, w)),
         "/cam0/samples": Samples(
             header(),
             np.array([stamp - 5, stamp]),

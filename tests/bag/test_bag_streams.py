@@ -17,53 +17,49 @@ from msgs.header import Header
 NS = 1_000_000
 
 
-def bag_of_frames(path, envs=1, slopes=True):
+def bag_of_frames(path, envs=1):
     """A first message of one frame and two of three, as an interpolator sends them; returns what they hold."""
     rng = np.random.default_rng(5)
     light = np.exp(rng.normal(size=(envs, 7, 4, 6))).astype(np.float32)
-    change = rng.normal(size=light.shape).astype(np.float32)
     t = np.arange(7, dtype=np.int64) * NS
     with BagWriter(path, {"evis": {"seed": "7"}}) as writer:
         for part in (slice(0, 1), slice(1, 4), slice(4, 7)):
-            known = change[:, part] if slopes else None
             stamp = Header(int(t[part][-1]), clock="sim")
-            frames = Frames(stamp, t[part], np.zeros(envs, np.int32), light[:, part], dlog_dt=known)
+            frames = Frames(stamp, t[part], np.zeros(envs, np.int32), light[:, part])
             writer.write("/cam0/frames", frames)
-    return t, light, change
+    return t, light
 
 
-@pytest.mark.parametrize("slopes", [True, False])
-def test_frames_are_one_sequence(tmp_path, slopes):
-    """t, luminance and, where there is one, dlog_dt: bit by bit, in any number of messages."""
-    t, light, change = bag_of_frames(tmp_path / "a.mcap", slopes=slopes)
+def test_frames_are_one_sequence(tmp_path):
+    """t and luminance: bit by bit, in any number of messages."""
+    t, light = bag_of_frames(tmp_path / "a.mcap")
     result = export(tmp_path / "a.mcap", "/cam0/frames", tmp_path / "f.npz")
     assert result["frames"] == 7
     with np.load(tmp_path / "f.npz") as found:
-        assert set(found) == {"t", "luminance", *(["dlog_dt"] if slopes else [])}
+        assert set(found) == {"t", "luminance"}
         assert found["t"].dtype == np.int64 and np.array_equal(found["t"], t)
         assert found["luminance"].dtype == np.float32 and np.array_equal(found["luminance"], light[0])
-        assert not slopes or np.array_equal(found["dlog_dt"], change[0])
 
 
 def test_frames_of_one_environment(tmp_path):
     """Of several, one has to be named."""
-    _, light, _ = bag_of_frames(tmp_path / "a.mcap", envs=2)
+    _, light = bag_of_frames(tmp_path / "a.mcap", envs=2)
     with pytest.raises(BagError, match="name one of them: /env0/cam0/frames"):
         export(tmp_path / "a.mcap", "/cam0/frames", tmp_path / "f.npz")
     export(tmp_path / "a.mcap", "/env1/cam0/frames", tmp_path / "f.npz")
     assert np.array_equal(np.load(tmp_path / "f.npz")["luminance"], light[1])
 
 
-@pytest.mark.parametrize("crossing", ["linear", "hermite"])
+@pytest.mark.parametrize("crossing", ["linear", "cubic"])
 def test_exported_frames_are_what_simulate_takes(tmp_path, capsys, crossing):
     """The sensor is given the same numbers as by hand."""
     from nodes.event_sensor.simulate import simulate_frames
 
-    t, light, change = bag_of_frames(tmp_path / "a.mcap")
+    t, light = bag_of_frames(tmp_path / "a.mcap")
     export(tmp_path / "a.mcap", "/cam0/frames", tmp_path / "f.npz")
     words = [str(tmp_path / "f.npz"), str(tmp_path / "e.npz"), "--crossing", crossing, "--json"]
     assert main(["events", "simulate", *words]) == 0
-    expected = simulate_frames(light[0], t, change[0] if crossing == "hermite" else None, crossing=crossing)
+    expected = simulate_frames(light[0], t, crossing=crossing)
     found = np.load(tmp_path / "e.npz")
     assert json.loads(capsys.readouterr().out)["events"] == len(found["t"]) > 50
     assert all(np.array_equal(found[name], expected[name]) for name in "txyp")

@@ -10,7 +10,7 @@ from evis.events.measure.distance import EventStream
 def row(method, rate, k, error, events, frame_error=0.1):
     none = np.zeros(events, np.int64)
     run = Run({"linear": EventStream(none, none, none, none, 4, 4)}, {"linear": 1.0}, frame_errors=[frame_error])
-    return Row(method, rate, k, None, "linear", run, {"VP 1/ms": error})
+    return Row(method, rate, k, 0.0, "linear", run, {"VP 1/ms": error})
 
 
 ROWS = [

@@ -37,7 +37,7 @@ def test_what_was_measured_is_known_by_all_that_it_depends_on():
         {"width": 33},
         {"margin": 1},
         {"scene": "falling_objects", "scene_args": ""},
-        {"interpolator": {"tolerance": 0.05, "sample_px": None}},
+        {"interpolator": {"tolerance": 0.05}},
     ):
         assert fingerprint(settings(**change)) != own, change
 

@@ -29,6 +29,9 @@ class Bus:
     def diagnose(self, node, level, text):
         self.said.append((level, text))
 
+    def wants(self, node, port, array=""):
+        return port == "samples"
+
     def count(self, node, name, amount):
         self.counted[name] = self.counted.get(name, 0) + amount
 
@@ -245,3 +248,28 @@ def test_rigid_from_keyframes_and_states_alone():
     messages["state"].names = ["moon", "cam0"]
     with pytest.raises(ValueError, match="/state has bodies moon, cam0, the scene has"):
         node.update(messages)
+
+
+@pytest.mark.parametrize(("params", "why"), [({"supersampling": 2}, "mean of several"), ({"bounces": 1}, "by paths")])
+def test_pixels_that_go_by_frames_alone_are_told_and_counted(params, why):
+    """Foreseen for --explain, warned of at the start, and counted for the summary; not without a tolerance."""
+    scene = {"method": "rigid", "scene": "spinning_disk", "width": 8, "height": 6, "upsampling": 4, **params}
+    given = {name: param.default for name, param in InterpolatorNode.PARAMS.items()} | scene
+    assert InterpolatorNode.foreseen(given) == ()
+    (told,) = InterpolatorNode.foreseen(given | {"time_tolerance": 1e-4})
+    assert "all 8x6 pixels go by frames alone" in told and why in told
+    node = start(**scene, time_tolerance=1e-4)
+    assert [text for _, text in node.runtime.said] == [told]
+    n = params.get("supersampling", 1)
+    for k in range(3):
+        t = np.arange(max(k - 1, 0) * 10, k * 10 + 1) * 1_000_000
+        pose = np.tile([0.0, 0, 0, 0, 0, 0, 1], (1, len(t), len(node._names), 1))
+        header = Header(k * 10_000_000, clock="sim")
+        still, episodes = np.zeros((*pose.shape[:3], 6)), np.zeros(1, np.int32)
+        state = WorldState.dense(header, t, pose, still, episodes, names=node._names)
+        key = Keyframe(header, episodes, np.ones((1, 6 * n, 8 * n, 3), np.float32))
+        messages = {"keyframe": key, "state": state}
+        for message in messages.values():
+            message._slot = Slot([])
+        deliver(node, messages)
+    assert node.runtime.counted["pixels_by_frames_alone"] == 2 * 8 * 6

@@ -24,9 +24,8 @@ def plan(name, held=None, **given):
 @pytest.mark.parametrize(
     "given, why",
     [
-        ({"interpolator": "none", "adaptive_px": 2}, "adaptive_px:=2.0 has no effect: interpolator is left out, for"),
-        ({"interpolator": "none", "tolerance": 0.1}, "tolerance:=0.1 has no effect: interpolator is left out"),
-        ({"upsampling": 1, "sample_px": 2}, "sample_px:=2.0 has no effect: interpolator is left out"),
+        ({"interpolator": "none", "tolerance": 0.1}, "tolerance:=0.1 has no effect: interpolator is left out, for"),
+        ({"upsampling": 1, "tolerance": 0.2}, "tolerance:=0.2 has no effect: interpolator is left out"),
         ({"interpolator": "splat", "tolerance": 0.2}, "tolerance:=0.2 has no effect: method splat shades nothing anew"),
         ({"path_samples": 64}, "path_samples:=64 has no effect: no light comes by paths"),
         ({"model": "evis-paper", "crossing": "linear"}, "crossing:=linear has no effect: event model evis-paper"),
@@ -45,9 +44,8 @@ def test_what_changes_nothing_is_refused(given, why):
 @pytest.mark.parametrize(
     "given",
     [
-        {"interpolator": "splat", "adaptive_px": 2},
-        {"interpolator": "none", "upsampling": 4, "adaptive_px": 0},
-        {"tolerance": 0.1, "sample_px": 0, "bounces": 1, "path_samples": 64},
+        {"interpolator": "none", "upsampling": 4},
+        {"tolerance": 0.1, "bounces": 1, "path_samples": 64},
         {"interpolator": "splat", "bounces": 1, "path_samples": 64},
         {"model": "evis-paper", "crossing": "frame", "leak_rate": 1},
         {"leak_rate": 1, "leak_jitter": 0.2, "leak_model": "drift", "preset": "davis346"},

@@ -88,7 +88,6 @@ def test_cameras_are_shared_where_environments_are_not_enough() -> None:
         ({"device": "cpu,,cpu", "envs": "3"}, "lacks a name beside a comma"),
         ({"device": "cpu,gpu", "envs": "3"}, "device is 'gpu', must be cpu, cuda or cuda:N"),
         ({"device": ",".join(["cpu"] * 17), "envs": "17"}, "names 17 devices, the most is 16"),
-        ({"device": "cpu,cpu", "envs": "2", "adaptive_px": "1"}, "adaptive_px:=1.0 goes with one device"),
         ({"device": "cpu,cpu", "envs": "2", "flow_from": "0.5"}, "flow_from:=0.5 has no effect"),
     ],
 )

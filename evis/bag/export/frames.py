@@ -17,14 +17,14 @@ Messages = Callable[[], Iterator[Message]]
 
 
 def write(messages: Messages, topic: str, out: BinaryIO) -> dict[str, Any]:
-    """Writes an .npz of t (int64 [T] ns) and luminance (float32 [T, H, W]) or rgb ([T, H, W, 3]), with dlog_dt (as
-    luminance, 1/s) where every message has it. One message is in memory at a time. Raises BagError.
+    """Writes an .npz of t (int64 [T] ns) and luminance (float32 [T, H, W]) or rgb ([T, H, W, 3]). One message is in
+    memory at a time. Raises BagError.
     """
     shapes: dict[str, list[tuple[int, ...]]] = {}
     times: list[np.ndarray] = []
     for frames in _each(messages, topic):
         times.append(np.array(frames.t, np.int64))
-        for name in ("luminance", "rgb", "dlog_dt"):
+        for name in ("luminance", "rgb"):
             image = getattr(frames, name)
             if image is not None:
                 shapes.setdefault(name, []).append(image.shape[2:])

@@ -15,7 +15,7 @@ PARTS: dict[str, dict[str, str]] = {
     "Ids": {"ids": ""},
     "Normal": {"normal": ""},
     "Image": {"data": ""},
-    "Frames": {"luminance": "", "rgb": "/rgb", "dlog_dt": "/dlog_dt"},
+    "Frames": {"luminance": "", "rgb": "/rgb"},
     "Samples": {"luminance": "", "rgb": "/rgb"},
     "Labels": {"flow": "/flow", "depth": "/depth", "segmentation": "/segmentation", "semantic": "/semantic"},
 }

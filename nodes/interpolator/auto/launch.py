@@ -24,7 +24,7 @@ from nodes.renderer.parameters import light_options
 
 SENSOR = ("threshold", "threshold_on", "threshold_off", "crossing", "dark_level")
 """The sensor's parameters that count; noise is no matter of how frames are made."""
-WARP = ("tolerance", "sample_px")
+WARP = ("tolerance",)
 """The interpolator's parameters that count."""
 LONGEST_S = 2.0
 """How much of a run's beginning is looked at [s]; of one without an end, 1 s."""

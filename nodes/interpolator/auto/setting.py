@@ -33,7 +33,7 @@ class Setting:
     """Holds how a scene is going to be run, as far as it decides cost and error.
 
     keyframe_rate, upsampling: the user's own, or None. sensor: parameters of EventSensor without noise. light: options
-    of the renderer (light_samples, paths). warp: options of the interpolator (tolerance, sample_px).
+    of the renderer (light_samples, paths). warp: options of the interpolator (tolerance).
     """
 
     scene: Scene

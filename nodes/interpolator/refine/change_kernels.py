@@ -92,17 +92,20 @@ def find_changes(
         at = others[others0 + job // cut.probes]
         spot = spot_of(view, cut, cut.first + at // inner, at % inner)
         ends = ends_of(cut, stage, start, spot)
-        low = n * (cut.slots + 1) // cut.probes
+        probes = stage.probes[spot.env]
+        low = n * (cut.slots + 1) // probes
         hit = ends.before
-        if n > 0:
-            hit = entry_at(cut, stage, spot, low)
         pending = PENDING()
         entries = SEEN_THEN()
-        pending[0] = (n + 1) * (cut.slots + 1) // cut.probes
-        entries[0] = ends.after
-        if n + 1 < cut.probes:
-            entries[0] = entry_at(cut, stage, spot, pending[0])
-        waiting = wp.int32(0)
+        waiting = wp.int32(-1)
+        if n < probes:
+            waiting = 0
+            if n > 0:
+                hit = entry_at(cut, stage, spot, low)
+            pending[0] = (n + 1) * (cut.slots + 1) // probes
+            entries[0] = ends.after
+            if n + 1 < probes:
+                entries[0] = entry_at(cut, stage, spot, pending[0])
         last = wp.int32(-1)
         changes.first[(others0 + job // cut.probes) * cut.probes + n] = -1
         while waiting >= 0:

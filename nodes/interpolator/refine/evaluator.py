@@ -30,7 +30,7 @@ class Evaluator:
     just made frames of.
 
     hits uint64 [list]: z-buffer entries, to be written before; values [list]: radiance. bands: threads, each with a
-    part of the list.
+    part of the list. strength float32 [slots E]: of lights that flicker, empty without such.
     """
 
     def __init__(self, rigid: Rigid, slots: int, threads: int, light_samples: int) -> None:
@@ -62,7 +62,7 @@ class Evaluator:
             self._none = wp.zeros(self.bands, dtype=wp.int32)
             self._frame = wp.zeros(slots, dtype=wp.int32)
             self._index: wp.array = wp.zeros(slots, dtype=wp.int32)
-            self._strength = wp.zeros(v.envs if exact else 0, dtype=wp.float32)
+            self.strength = wp.zeros(v.envs if exact else 0, dtype=wp.float32)
         f = self.shading.features
         kind = (f.textures, f.smooth, f.tinted) if textured_in(self.shading, layout) else None
         self._gather = make_gather(v.lens, channels, exact, True, changes, layout.detailed, kind, True)
@@ -117,7 +117,7 @@ class Evaluator:
             waveform = rigid.layout.waveform
             if waveform is not None:
                 strength = [waveform_strength(waveform, int(t)) for t in shown]
-                self._strength.assign(np.array(strength, np.float32))
+                self.strength.assign(np.array(strength, np.float32))
 
     def reserve(self, size: int) -> None:
         """Makes room for lists; what is there is lost where there is none."""
@@ -162,7 +162,7 @@ class Evaluator:
         portion.upsampling, portion.tolerance, portion.relight = self._upsampling, layout.tolerance, int(layout.relight)
         portion.pace = layout.pace
         portion.keyframes = wp.vec2i(rigid.pair.a.first, rigid.pair.b.first)
-        portion.index, portion.frame, portion.strength = self._index, self._frame, self._strength
+        portion.index, portion.frame, portion.strength = self._index, self._frame, self.strength
         portion.packed = self.hits.reshape((1, 1, -1))
         portion.quiet, portion.pieces = rigid.quiet, rigid.pieces
         return portion

@@ -58,14 +58,14 @@ class Instants:
         return subframe_stamps(t_a, t_b, self.count)
 
 
-def instants_of(gap_ns: int, coarse: int, tolerance_ns: float, pixels: int, probes: int, cpu: bool) -> Instants:
+def instants_of(gap_ns: int, coarse: int, tolerance_ns: float, pixels: int, looks: int, cpu: bool) -> Instants:
     """Finds instants so close that a crossing between two of them is known to the tolerance, from their middle.
 
-    pixels: of an instant, in all environments. probes: per coarse interval, a power of two; they are among the
-    instants. cpu: whether the device is one.
+    pixels: of an instant, in all environments. looks: instants per coarse interval, at least, a power of two. cpu:
+    whether the device is one.
     """
     wanted = max(0, math.ceil(math.log2(max(gap_ns / coarse / (2 * tolerance_ns), 1e-9))))
-    least = probes.bit_length() - 1
+    least = looks.bit_length() - 1
     wanted = max(wanted, least) if wanted else 0
     room = max(1, (ROWS if cpu else MOST) // max(pixels, 1))
     depth = min(wanted, DEEPEST, max(least, int(math.log2(MOST // max(pixels, 1) + 1))))

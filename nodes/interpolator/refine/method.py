@@ -12,15 +12,6 @@ from nodes.interpolator.refine.refinement import Refinement
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
 
-INSTANTS, LEAST_PROBES = 32, 4
-"""Times per gap and, at least, per frame, at which it is found out what all pixels see."""
-
-
-def probes_of(upsampling: int) -> int:
-    """Gives the probes per frame, a power of two, for K frames per gap."""
-    wanted = max(LEAST_PROBES, -(-INSTANTS // upsampling))
-    return 1 << (wanted - 1).bit_length()
-
 
 class Refined:
     """Makes the frames of `Rigid`, few of them, and finds when what single pixels show changes between them.

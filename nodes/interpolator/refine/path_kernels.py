@@ -34,8 +34,9 @@ class Cut:
     """Says when an interval is cut. jump: difference of ln I of its ends; bend: distance of a sample in it from the
     straight line, or from what a keyframe tells; straight: the same within a keyframe; rough: difference of
     neighbouring pixels there from which on it does not tell all. first, coarse: the coarse interval with which the
-    slots begin, and how many the gap has. slots: instants within a coarse interval, 2^n - 1; probes: per coarse
-    interval, plus 1, a divisor of 2^n; rows: of the coarse frames and probes."""
+    slots begin, and how many the gap has. slots: instants within a coarse interval, 2^depth - 1; probes:
+    z-buffers that are drawn per coarse interval, 2^n, the coarse one included; looks: instants per coarse interval at
+    which light that flickers is looked at, 2^n; rows: of the coarse frames."""
 
     jump: float
     bend: float
@@ -44,7 +45,9 @@ class Cut:
     first: int
     coarse: int
     slots: int
+    depth: int
     probes: int
+    looks: int
     rows: int
     envs: int
     height: int
@@ -68,11 +71,13 @@ class Spot:
 @wp.struct
 class Stage:
     """Holds what is where at the instants of the slots: how bodies have moved since A, then since B, [2 R, N + 2], and
-    z-buffers [rows, H, W] of B, of the sub-frames 1 .. K - 1, and of the probes."""
+    z-buffers [rows, H, W] of B and of the sub-frames 1 .. K - 1; `probed` and `probes`: packed and each of Probes."""
 
     turn: wp.array2d(dtype=wp.mat33)
     shift: wp.array2d(dtype=wp.vec3)
     packed: wp.array3d(dtype=wp.uint64)
+    probed: wp.array3d(dtype=wp.uint64)
+    probes: wp.array(dtype=int)
     targets: Targets
 
 
@@ -119,9 +124,13 @@ def outside(slope: Any, low: Any, high: Any):  # noqa: F811 - overloaded by its 
 @wp.func
 def entry_at(cut: Cut, stage: Stage, spot: Spot, i: int):
     """Gives the z-buffer entry of a probe, at instant i of the coarse interval."""
-    n = i * cut.probes // (cut.slots + 1)
-    row = (cut.coarse + spot.k * (cut.probes - 1) + n - 1) * cut.envs + spot.env
-    return stage.packed[row, spot.y, spot.x]
+    half = wp.int32(1)
+    odd = (cut.slots + 1) // 2
+    while i % odd != 0:
+        odd = odd // 2
+        half *= 2
+    row = cut.coarse * (half - 1) + spot.k * half + i // odd // 2
+    return stage.probed[row * cut.envs + spot.env, spot.y, spot.x]
 
 
 @wp.func
@@ -271,7 +280,7 @@ def make_walk(lens: str, channels: int, flicker: bool) -> Any:
             body = stage.targets.pieces[t][0]
             from_here = depth_of(before)
         base = keys.first[which] + spot.env * view.width * view.height
-        each = (cut.slots + 1) // cut.probes
+        each = (cut.slots + 1) // stage.probes[spot.env]
         here = place_then(view, cut, keys, stage, spot, which, start, body, from_here)
         nothing = pixel(UNKNOWN)
         if not inside(view, here):

@@ -14,6 +14,7 @@ from nodes.interpolator.refine.further_kernels import count_samples, make_sort, 
 from nodes.interpolator.refine.instants import Instants, instants_of
 from nodes.interpolator.refine.interval_kernels import make_intervals, make_rounds, see
 from nodes.interpolator.refine.path_kernels import Cut, Stage, make_instances
+from nodes.interpolator.refine.probes import Probes
 from nodes.interpolator.refine.run_kernels import make_find_runs
 from nodes.interpolator.rigid.method import Rigid
 from nodes.interpolator.samples import Further
@@ -25,6 +26,8 @@ PLAIN = 0.1
 """Part of it that what a keyframe shows may be off a straight line: looking there costs little."""
 SPARE = 1.5
 """Room that is made, of what is needed."""
+LOOKS, LEAST_LOOKS = 32, 4
+"""Instants per gap and, at least, per coarse interval, at which light that flickers is looked at."""
 
 
 class Lists:
@@ -63,10 +66,13 @@ class Refinement:
         v = rigid.visibility
         self._device, self._pixels = v.device, layout.envs * v.shape[1] * v.shape[2]
         self._evaluators: dict[int, Evaluator] = {}
+        self._probes = Probes(rigid, threads)
+        self._looks = 1 << (max(LEAST_LOOKS, -(-LOOKS // layout.upsampling)) - 1).bit_length()
         channels = layout.channels
         self._pixel: Any = wp.float32 if channels == 1 else wp.vec3
         self._find_plain, self._find_runs = make_find_runs(v.lens, channels, layout.exact_flicker)
         self._others = wp.empty(0, dtype=wp.int32, device=v.device)
+        self._first = wp.empty(0, dtype=wp.int32, device=v.device)
         self._changes = Lists(Changes, self._pixel, v.device)
         self._check, self._split = make_rounds(channels)
         self._sort = make_sort(channels)
@@ -88,9 +94,8 @@ class Refinement:
         starts, ends = a.times(envs), b.times(envs)
         gap = int((ends - starts)[~held].max(initial=0))
         self.evaluated = self.shaded = 0
-        instants = instants_of(
-            gap, rigid.layout.upsampling, self._tolerance_ns, self._pixels, rigid.layout.probes, self._device.is_cpu
-        )
+        coarse, cpu = rigid.layout.upsampling, self._device.is_cpu
+        instants = instants_of(gap, coarse, self._tolerance_ns, self._pixels, self._looks, cpu)
         self.reached = instants.reached and gap < 1 << 31
         if gap <= 0 or gap >= 1 << 31 or instants.depth == 0:
             return None
@@ -101,6 +106,7 @@ class Refinement:
         evaluator = self._evaluator(instants)
         assert a.states is not None and b.states is not None
         evaluator.begin(stamps, a.states, b.states, held)
+        self._probes.draw(instants, stamps, ends - starts, evaluator.places, (a.states, b.states), held)
         self._held.assign(held.astype(np.int32))
         total = 0
         for first, last in instants.windows():
@@ -185,12 +191,12 @@ class Refinement:
         envs = rigid.layout.envs
         edges = [height * k // bands for k in range(bands + 1)]
         span = width if v.device.is_cpu else 1
-        intervals, inner = last - cut.first, envs * height * width
         intervals, inner, probes = last - cut.first, envs * height * width, cut.probes
         if not self._most:
             self._most = self._most_changes = -(-inner // bands)
         if self._others.size < intervals * inner:
             self._others = wp.empty(intervals * inner, dtype=wp.int32, device=v.device)
+        if self._first.size < intervals * inner * probes:
             self._first = wp.empty(intervals * inner * probes, dtype=wp.int32, device=v.device)
         while True:
             self._instances.reserve(bands * self._most)
@@ -204,7 +210,8 @@ class Refinement:
             for k in range(bands):
                 rows, other = edges[k + 1] - edges[k], intervals * envs * width * edges[k]
                 keys, start = rigid.pair.kernel(), rigid.pair.a.packed
-                given = [v.view, cut, edges[k], span, k * most, most, other, k, self._held, keys, stage, rigid.strength]
+                given = [v.view, cut, edges[k], span, k * most, most, other, k, self._held, keys, stage]
+                given += [rigid.strength, evaluator.strength]
                 given += [rigid.pair.a.image, start, frames, self._instances.kernel, found, self._others, others]
                 launches[0].append((self._find_plain, (intervals * envs, rows, width // span), given))
                 given = [v.view, cut, workers, k * most_changes, most_changes, other, k, self._others, others]
@@ -223,7 +230,8 @@ class Refinement:
         layout = self._rigid.layout
         cut.jump = cut.bend = PART * layout.tolerance
         cut.straight, cut.rough = PLAIN * layout.tolerance, layout.tolerance
-        cut.first, cut.coarse, cut.slots, cut.probes = first, instants.coarse, instants.inside, layout.probes
+        cut.first, cut.coarse, cut.slots, cut.depth = first, instants.coarse, instants.inside, instants.depth
+        cut.probes, cut.looks = self._probes.most, self._looks
         cut.rows = self._rigid.visibility.envs
         cut.envs, cut.margin = layout.envs, evaluator.visibility.margin
         cut.height, cut.width = evaluator.size
@@ -233,6 +241,7 @@ class Refinement:
         stage: Any = Stage()
         stage.turn, stage.shift = evaluator.moved
         stage.packed, stage.targets = self._rigid.visibility.packed, evaluator.targets
+        stage.probed, stage.probes = self._probes.packed, self._probes.each
         return stage
 
     def _room_for(self, count: int, kept: int) -> list[wp.array]:

@@ -17,6 +17,7 @@ from nodes.interpolator.refine.path_kernels import (
     make_instances,
     make_note,
     make_walk,
+    slot_row,
 )
 from nodes.interpolator.rigid.keyframe_kernels import equal, log_of
 from nodes.interpolator.rigid.log_kernels import apart, radiance_of
@@ -45,21 +46,22 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
         log_a: pixel,
         log_b: pixel,
         strength: wp.array(dtype=float),
+        within: wp.array(dtype=float),
     ):
-        """Finds the probe at which light that flickers has a pixel furthest off a straight line, and the instant; 0
-        where it is not off by more than cut.bend. at: of the pixel in keyframe B."""
+        """Finds the instant at which light that flickers has a pixel furthest off a straight line; 0 where it is not
+        off by more than cut.bend. at: of the pixel in keyframe B."""
         worst = cut.bend
         place = wp.int32(0)
         logs = keys.logs[keys.first[1] + at]
         after = wp.where(spot.k + 1 == cut.coarse, 0, spot.k + 1)
         end = log_of(radiance_of(logs, strength[after * cut.envs + spot.env]))
-        for n in range(1, cut.probes):
-            row = (cut.coarse + spot.k * (cut.probes - 1) + n - 1) * cut.envs + spot.env
-            value = log_b + log_of(radiance_of(logs, strength[row])) - end
-            off = apart(value, log_a + float(n) / float(cut.probes) * (log_b - log_a))
+        for n in range(1, cut.looks):
+            i = n * (cut.slots + 1) // cut.looks
+            value = log_b + log_of(radiance_of(logs, within[slot_row(cut, spot, i)])) - end
+            off = apart(value, log_a + float(n) / float(cut.looks) * (log_b - log_a))
             if off > worst:
                 worst = off
-                place = n * (cut.slots + 1) // cut.probes
+                place = i
         return place
 
     @wp.func
@@ -109,6 +111,7 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
         keys: Keyframes,
         stage: Stage,
         strength: wp.array(dtype=float),
+        within: wp.array(dtype=float),
         image: wp.array3d(dtype=pixel),
         start: wp.array3d(dtype=wp.uint64),
         frames: wp.array3d(dtype=pixel),
@@ -122,8 +125,8 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
         interval and at all probes, from `room` on, `most` at most; count[band]: how many there would be. What shows
         several is listed in `others`, from others0 on, as indices into [intervals, E, h, w].
 
-        strength [rows]: of lights that flicker. image, start: keyframe A and its z-buffer, with the margin. frames: [E
-        K, h, w].
+        strength [rows], within [slots E]: of lights that flicker, at coarse frames and within. image, start: keyframe A
+        and its z-buffer, with the margin. frames: [E K, h, w].
         """
         n, row, part = wp.tid()
         env = n % cut.envs
@@ -138,10 +141,11 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
             one = wp.bool(True)
             changed = ends.before != ends.after
             hit = ends.before
-            for i in range(1, cut.probes + 1):
+            probes = stage.probes[env]
+            for i in range(1, probes + 1):
                 then = ends.after
-                if i < cut.probes:
-                    then = entry_at(cut, stage, spot, i * each // cut.probes)
+                if i < probes:
+                    then = entry_at(cut, stage, spot, i * each // probes)
                 one = one and joined(hit, then, stage.targets.pieces)
                 hit = then
             a = wp.where(k == 0, image[env, spot.y, spot.x], frames[env * cut.coarse + wp.max(k - 1, 0), y, x])
@@ -156,7 +160,7 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
                 place = wp.int32(0)
                 if wp.static(flicker):
                     at_b = (env * view.height + spot.y) * view.width + spot.x
-                    place = flickers(cut, keys, spot, at_b, log_a, log_b, strength)
+                    place = flickers(cut, keys, spot, at_b, log_a, log_b, strength, within)
                 last = wp.int32(-1)
                 rise = pixel(UNKNOWN)
                 whole = wp.bool(True)
@@ -211,7 +215,7 @@ def make_find_runs(lens: str, channels: int, flicker: bool) -> tuple[wp.Kernel, 
             # The run so far: where it began, and what was seen there.
             begun = wp.int32(0)
             seen = ends.before
-            for n in range(cut.probes):
+            for n in range(stage.probes[spot.env]):
                 c = changes.first[(others0 + j) * cut.probes + n]
                 while c >= 0:
                     # One surface ends at `low`, the next begins at `high`.

@@ -13,8 +13,8 @@ TOLERANCE = 0.1
 """Difference of log radiance between the keyframes up to which light is taken to change evenly: half the contrast
 threshold of common sensors."""
 
-SAMPLE_PX = {True: 1.0, False: 0.0}
-"""Path [px] between two samples of a pixel, on a CPU and on a GPU, where lists cost more than they save."""
+STEP_PX = 1.0
+"""Path [px] between two samples of a pixel, where lists are of the host; on a GPU they cost more than they save."""
 
 MANY_FRAMES = 16
 """Frames of a gap from which on details finer than pixels count: of fewer, events are further off because of the time
@@ -37,15 +37,12 @@ class RigidOptions:
     paths: PathOptions | None = None
     tolerance: float = TOLERANCE
     """Error of log radiance that is looked for and shaded away."""
-    sample_px: float | None = None
-    """Path [px] of a pixel over the surface that it shows, up to which a sub-frame may be a line between two others; 0:
-    none is; None: SAMPLE_PX."""
-    probes: int = 0
-    """Times per frame at which it is found out what pixels see, for who looks at single pixels between the frames: then
-    all frames are there at once, and none of their pixels is on a line between two others. 0: frames only."""
+    single: bool = False
+    """Whether single pixels are looked at between the frames: then all frames are there at once, and none of their
+    pixels is on a line between two others."""
     on_device: bool | None = None
-    """Whether all is decided on the device, None: for a GPU; otherwise by lists that the host divides. The frames are
-    the same, bit for bit."""
+    """Whether all is decided on the device, and every pixel of every sub-frame looked up, None: for a GPU; otherwise
+    by lists that the host divides, and where little moves some sub-frames are lines between two others."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +52,7 @@ class Layout:
     envs: E. upsampling: K. channels: 1 or 3. portions: sub-frames, counted from 1, in the slots of each portion; the
     first begins with keyframe B itself, so that its z-buffer is there for all the others. step: path [px] between two
     samples of a pixel, 0 = all are looked up. tolerance: of log radiance. on_device: see RigidOptions. flicker: whether
-    lights do. waveform: of all that flicker, if they share one. probes: see RigidOptions.
+    lights do. waveform: of all that flicker, if they share one. single: see RigidOptions.
     """
 
     envs: int
@@ -67,36 +64,27 @@ class Layout:
     on_device: bool
     flicker: bool
     waveform: Waveform | None
-    probes: int = 0
+    single: bool = False
 
     @property
     def detailed(self) -> bool:
         """Tells whether frames are so close together that what is finer than a keyframe's pixels counts."""
-        return self.probes > 0 or self.upsampling >= MANY_FRAMES
+        return self.single or self.upsampling >= MANY_FRAMES
 
     @property
     def pace(self) -> float:
         """Gives the path [px] per frame from which on details finer than pixels do not matter: events between frames
         that are further apart than these are off for that reason."""
-        return EVER if self.probes > 0 else 1.0
-
-    @property
-    def instants(self) -> int:
-        """Gives the times of a gap at which it is found out what pixels see; every so many of them there is a frame."""
-        return self.upsampling * max(self.probes, 1)
+        return EVER if self.single else 1.0
 
     @property
     def slots(self) -> int:
-        """Gives what is drawn at once: sub-frames of a portion, at most, and probes."""
+        """Gives what is drawn at once: sub-frames of a portion, at most."""
         return len(self.shown[0])
 
     @property
     def shown(self) -> list[list[int]]:
-        """Gives the instant, counted from 0, of each slot of each portion: of sub-frames first, of which those left
-        over repeat the last one, then of the probes between them."""
-        if self.probes:
-            frames = [part * self.probes - 1 for part in self.portions[0]]
-            return [[*frames, *(i for i in range(self.instants) if (i + 1) % self.probes)]]
+        """Gives the sub-frame, counted from 0, of each slot of each portion; those left over repeat the last one."""
         longest = len(self.portions[0])
         return [[part[min(s, len(part) - 1)] - 1 for s in range(longest)] for part in self.portions]
 
@@ -115,12 +103,6 @@ class Layout:
         """Tells whether flicker has all but the sky shaded anew."""
         return self.flicker and self.waveform is None
 
-    @property
-    def two_pass(self) -> bool:
-        """Tells whether what is quick to look up is looked up in the order of the pixels, and only the rest is
-        listed."""
-        return self.on_device and self.step == 0
-
 
 def layout_of(
     scene: Scene, camera: Camera, envs: int, upsampling: int, margin: int, channels: int, cpu: bool, asked: RigidOptions
@@ -133,16 +115,16 @@ def layout_of(
     waveforms = {light.waveform for light in scene.lights if light.waveform is not None}
     flicker = bool(waveforms)
     waveform = waveforms.pop() if len(waveforms) == 1 else None
+    on_device = not cpu if asked.on_device is None else asked.on_device
     # Light that flickers is on no line.
-    step = 0.0 if flicker or asked.probes else SAMPLE_PX[cpu] if asked.sample_px is None else asked.sample_px
+    step = 0.0 if flicker or asked.single or on_device else STEP_PX
     # Lines end with a portion, which must not depend on the device or on other environments.
     at_once = max(LEAST, PORTION[True] // pixels) if step > 0 else max(1, PORTION[cpu] // (envs * pixels))
-    if asked.probes:
+    if asked.single:
         at_once = upsampling
     slots = -(-upsampling // -(-upsampling // at_once))
     order = [upsampling, *range(1, upsampling)]
     portions = [order[k : k + slots] for k in range(0, upsampling, slots)]
-    on_device = not cpu if asked.on_device is None else asked.on_device
     return Layout(
-        envs, upsampling, channels, portions, step, asked.tolerance, on_device, flicker, waveform, asked.probes
+        envs, upsampling, channels, portions, step, asked.tolerance, on_device, flicker, waveform, asked.single
     )

@@ -152,9 +152,9 @@ class Rigid:
         held = np.asarray(held, bool)
         together = a.own is None and b.own is None
         if together:
-            stamps = subframe_stamps(a.stamp_ns, b.stamp_ns, self.layout.instants)
+            stamps = subframe_stamps(a.stamp_ns, b.stamp_ns, self.layout.upsampling)
         else:
-            stamps = own_subframes(a, b, held, self.layout.instants)
+            stamps = own_subframes(a, b, held, self.layout.upsampling)
         places = self._places
         places.begin(stamps, a.states, b.states, held)
         begun = self._begun(a, held)
@@ -321,7 +321,7 @@ class Rigid:
             wp.synchronize_stream(self._device.stream)
         count, sampled = (told.numpy() for told in self._told[turn])
         samples = self.layout.envs * (self.layout.upsampling - 1) * self.size[0] * self.size[1]
-        looked_up = samples if self.layout.two_pass else int(sampled.sum())
+        looked_up = samples if self.layout.on_device else int(sampled.sum())
         return Report(nonfinite=int(count[-1]), reshaded=int(count[:-1].sum()), samples=samples, sampled=looked_up)
 
     def _find_quiet(self) -> None:

@@ -119,7 +119,6 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
         last: int,
         span: int,
         column0: int,
-        columns: int,
         band: int,
         todo0: int,
         spans0: int,
@@ -139,14 +138,14 @@ def make_plan(channels: int, changes: LightChanges) -> wp.Kernel:
         Samples go to `todo` from todo0 on, as indices into [count, E, h, w], spans to `spans` from spans0 on, and their
         numbers to [band].
 
-        codes: scratch, [count] of columns from column0 + columns thread on.
+        codes: scratch, [count] of columns from column0 on, which threads use one after the other.
         """
         width = view.width - 2 * view.margin
         height = view.height - 2 * view.margin
         tid = wp.tid()
         begin = first + tid * span
         end = wp.min(begin + span, last)
-        column = column0 + tid * columns - begin
+        column = column0 - begin
         for j in range(begin, end):
             at = active[j]
             x = at % width + view.margin
@@ -278,10 +277,8 @@ def make_refine(channels: int) -> wp.Kernel:
         # in
         size: wp.vec2i,
         margin: int,
-        workers: int,
         first: int,
         last: int,
-        source: int,
         band: int,
         todo0: int,
         spans0: int,
@@ -299,19 +296,14 @@ def make_refine(channels: int) -> wp.Kernel:
         todo_count: wp.array(dtype=int),
         halves: wp.array(dtype=wp.vec2i),
     ):
-        """Refines spans first .. last - 1, on a GPU (last < 0) all span_count[source] of them: a line where the ends
-        differ by no more than `ratio`, else a sample in the middle, listed in `todo` as by the plan, and two spans, in
-        `halves`; of short ones all.
+        """Refines spans first .. last - 1, in one thread: a line where the ends differ by no more than `ratio`, else a
+        sample in the middle, listed in `todo` as by the plan, and two spans, in `halves`; of short ones all.
 
         size: (h, w). image: keyframe A with its margin, sub-frame 0.
         """
-        j = first + wp.tid()
-        end = last
-        if last < 0:
-            end = span_count[source]
         width = size[1]
         inner = size[0] * width
-        while j < end:
+        for j in range(first, last):
             at = spans[j][0]
             start = spans[j][1] // LENGTHS
             length = spans[j][1] % LENGTHS
@@ -339,6 +331,5 @@ def make_refine(channels: int) -> wp.Kernel:
                 while cut < until:
                     todo[todo0 + take_place(todo_count, band)] = (start + cut - start0 - 1) * envs * inner + at
                     cut += 1
-            j += workers
 
     return refine

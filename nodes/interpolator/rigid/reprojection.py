@@ -46,7 +46,7 @@ class Reprojection:
         self._shading, self._sampling, self._pieces = shading, sampling, pieces
         envs, channels, exact = layout.envs, layout.channels, layout.exact_flicker
         self._pace = layout.pace
-        self._envs, self._upsampling, self._two_pass = envs, layout.upsampling, layout.two_pass
+        self._envs, self._upsampling, self._on_device = envs, layout.upsampling, layout.on_device
         self._tolerance, self._relight, self._device = layout.tolerance, int(layout.relight), v.device
         self._index = [v.put(np.array(part, np.int32), wp.int32) for part in layout.portions]
         self._frame = [v.put(np.array(part, np.int32) - 1, wp.int32) for part in layout.portions]
@@ -111,7 +111,7 @@ class Reprojection:
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that are launched, as `build_together` takes them."""
-        looks = [self._gather, *([self._first_look] if self._two_pass else [])]
+        looks = [self._gather, *([self._first_look] if self._on_device else [])]
         shading = [*self._shading.kernels(True), (self._place, LAUNCH_BLOCK)]
         return [*((kernel, BLOCK) for kernel in looks), *shading, *self._sampling.kernels()]
 
@@ -135,7 +135,7 @@ class Reprojection:
             self._shading.seen,
             self._shading.surfaces,
         ]
-        if self._two_pass:
+        if self._on_device:
             todo = self._first_pixels(part, how, frames)
         else:
             todo = self._sampling.plan(part, pair.b, quiet, frames)

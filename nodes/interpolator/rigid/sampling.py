@@ -1,7 +1,8 @@
 """Samples in proportion to a pixel's displacement: which sub-frames are looked up, and which are between two that are.
 
-See plan_kernels. After the first samples every span whose ends differ by too much gets one in its middle, until none is
-left, so that what changes at once, a shadow's edge or a line on a surface, is found to the sub-frame.
+This is for a CPU; a GPU looks up all. See plan_kernels. After the first samples every span whose ends differ by too
+much gets one in its middle, until none is left, so that what changes at once, a shadow's edge or a line on a surface,
+is found to the sub-frame.
 """
 
 from __future__ import annotations
@@ -23,7 +24,6 @@ from nodes.interpolator.rigid.keyframes import Prepared
 from nodes.interpolator.rigid.layout import Layout
 from nodes.interpolator.rigid.plan_kernels import make_plan, make_refine
 from nodes.interpolator.rigid.walk_kernels import Walk, walk_bodies
-from nodes.renderer.lighting import LIST_WORKERS
 from nodes.renderer.raster.visibility import Visibility
 
 SHORT = int(plan_kernels.SHORT)
@@ -74,11 +74,10 @@ class Sampling:
         v = self._v = visibility
         envs, slots, step = layout.envs, layout.slots, layout.step
         self._pieces, self._envs, self._upsampling, self._pool = pieces, envs, layout.upsampling, pool
-        # On a device all rounds are launched; otherwise lists are read in between.
         self._step, self._ratio, self._on_device = step, layout.ratio, layout.on_device
         self.bands = len(v.row_tiles.rows)
         self._size = (v.shape[1] - 2 * v.margin, v.shape[2] - 2 * v.margin)
-        inner = self._inner = envs * self._size[0] * self._size[1]
+        inner = envs * self._size[0] * self._size[1]
         self._gain = pixels_per_radian(v)
         self._plan, self._refine = (
             make_plan(layout.channels, change.features if change else LightChanges()),
@@ -95,17 +94,18 @@ class Sampling:
             self._walk.spin = wp.zeros((rows, bodies), dtype=wp.vec3)
             self._walk.shift = wp.zeros((rows, bodies), dtype=wp.vec3)
             self._walk.as_world = wp.zeros((envs, bodies), dtype=wp.int32)
-            self._codes = wp.empty((slots, inner if self._on_device else CHUNK * self.bands), dtype=wp.uint8)
+            self._codes = wp.empty((slots, CHUNK * self.bands), dtype=wp.uint8)
             most = inner * (slots // 2 + 1) if step > 0 else 1
             # RowTiles write theirs beside each other, however short their spans are.
             self._todo = wp.empty(max(inner * slots, (SHORT - 1) * most * (self.bands > 1)), dtype=wp.int32)
             self._spans = [wp.empty(most * min(2, self.bands), dtype=wp.vec2i) for _ in range(2)]
             self.counts = wp.zeros(len(layout.portions) * self.rounds * self.bands, dtype=wp.int32)
             self._span_counts = wp.zeros_like(self.counts)
-            self._all: wp.array = wp.array(np.arange(inner if self._on_device else 0, dtype=np.int32))
 
     def kernels(self) -> list[tuple[wp.Kernel, int]]:
         """Gives the kernels that are launched, as `build_together` takes them."""
+        if self._on_device:
+            return []
         made = [self._plan, *((walk_bodies, self._refine) if self._step > 0 else ())]
         return [(kernel, LAUNCH_BLOCK) for kernel in made]
 
@@ -115,14 +115,15 @@ class Sampling:
         self._span_counts.zero_()
 
     def plan(self, part: SubframeRange, b: Prepared, quiet: wp.array, frames: wp.array) -> Todo:
-        """Gives the first samples, and where neither geometry nor light can have changed B's pixels in `frames`."""
+        """On a CPU: the first samples, and where neither geometry nor light can have changed B's pixels in
+        `frames`."""
         v, count = self._v, part.count
         self._part, self._frames, self._round = part, frames, 0
         poses, packed = part.before
         if self._step > 0:
             given = [v.camera_body, count, int(part.closed), part.slot0, poses, v.poses, b.poses]
             wp.launch(walk_bodies, self._walk.as_world.shape, given, [self._walk], device=v.device)
-        active = self._all if self._on_device else self._changed(part, b, quiet, frames)
+        active = self._changed(part, b, quiet, frames)
         stretch: Any = plan_kernels.Stretch()
         stretch.count, stretch.closed, stretch.slot0, stretch.start0 = count, int(part.closed), part.slot0, part.start
         stretch.envs, stretch.upsampling = self._envs, self._upsampling
@@ -132,14 +133,10 @@ class Sampling:
         how: list[Any] = [stretch, self._change, active, b.image]
         how += [self._codes, self._todo, self.counts, self._spans[0], self._span_counts, frames]
         at = self._at()
-        if self._on_device:
-            given = [v.view, 0, active.size, 1, 0, 1, at, 0, 0]
-            wp.launch(self._plan, active.size, [*given, *how], device=v.device)
-            return Todo(self._todo, None, at)
         starts = self._split(active.size)
         launches = []
         for k, (first, last) in enumerate(pairwise(starts)):
-            given = [v.view, first, last, CHUNK, CHUNK * k, 0, at + k, first * count, first * (count // 2 + 1)]
+            given = [v.view, first, last, CHUNK, CHUNK * k, at + k, first * count, first * (count // 2 + 1)]
             launches.append((self._plan, -(-(last - first) // CHUNK), [*given, *how]))
         self.launch(launches)
         self._joined = self._join(self._spans[0], self._span_counts, at, [s * (count // 2 + 1) for s in starts])
@@ -152,19 +149,14 @@ class Sampling:
 
     def refine(self, a: Prepared) -> Todo | None:
         """Draws lines where the samples of the round before allow it, and what is to be looked up where they do not."""
-        here = self._at()
         self._round += 1
         if self._step == 0 or self._round == self.rounds:
             return None
         at, v, part = self._at(), self._v, self._part
-        old, new = self._spans[self._round - 1 & 1], self._spans[self._round & 1]
+        new = self._spans[self._round & 1]
         how = [self._ratio, part.start, self._envs, self._upsampling]
         made = [a.image, self._span_counts, self._frames, self._todo, self.counts, new]
         size = wp.vec2i(*self._size)
-        if self._on_device:
-            given = [size, v.margin, LIST_WORKERS, 0, -1, here, at, 0, 0, *how, old, *made]
-            wp.launch(self._refine, LIST_WORKERS, given, device=v.device)
-            return Todo(self._todo, None, at)
         spans = self._joined
         if not spans.size:
             return None
@@ -172,7 +164,7 @@ class Sampling:
         launches = []
         for k, (first, last) in enumerate(pairwise(starts)):
             room = [(SHORT - 1) * first, 2 * first]
-            given = [size, v.margin, 1, first, last, here, at + k, *room, *how, spans, *made]
+            given = [size, v.margin, first, last, at + k, *room, *how, spans, *made]
             launches.append((self._refine, 1, given))
         self.launch(launches)
         self._joined = self._join(new, self._span_counts, at, [2 * s for s in starts])

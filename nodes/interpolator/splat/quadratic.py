@@ -76,11 +76,10 @@ class SplatQuadratic:
         channels: int = 1,
         device: str = "cpu",
         threads: int = 1,
-        bends: Bends | None = None,
     ) -> None:
-        """As make_splat. bends: those of the same stream of keyframes, for methods of several K to share."""
+        """As make_splat."""
         self._splat: Any = make_splat(height, width, envs, upsampling, margin, channels, device, threads)
-        self._bends = bends or Bends((envs, height, width), device)
+        self._bends = Bends((envs, height, width), device)
 
     def between(
         self, a: KeyframeView, b: KeyframeView, held: Sequence[bool] | np.ndarray, out: np.ndarray | wp.array

@@ -215,10 +215,10 @@ def test_what_a_scene_cannot_change_is_not_compiled():
 
 
 def test_lines_and_samples_of_every_frame_agree():
-    """With and without lines between samples (a CPU's and a GPU's default)."""
+    """With and without lines between samples (what a CPU and a GPU do)."""
     rod = (box(0.5, 0.1, 0.1), plain(0.7), turning(1.5, (1, 0, 0), start=0.2))
     scene = world([WALL, rod], lights=[sun((0.3, 0.5, 1))], sky=0.05)
-    lines, all_frames = (cross(scene, 16, sample_px=px) for px in (1.0, 0.0))
+    lines, all_frames = (cross(scene, 16, on_device=every) for every in (False, True))
     assert share_off(lines) < 0.003 and share_off(all_frames) < 0.003
 
 

@@ -146,7 +146,7 @@ def test_one_and_a_thousand_frames_per_gap():
     one = cross(scene, 1)
     np.testing.assert_allclose(one.frames[0], one.dense[0], rtol=1e-6)
     # From MANY_FRAMES on details finer than pixels are looked at as well.
-    some, few, many = (cross(scene, k, sample_px=0.0) for k in (12, 4, 1000))
+    some, few, many = (cross(scene, k, on_device=True) for k in (12, 4, 1000))
     assert (some.frames[2::3] == few.frames).all()
     for gap in (some, many):
         assert np.sqrt((gap.error() ** 2).mean()) < 0.03
@@ -176,7 +176,7 @@ def test_an_environment_that_begins_an_episode_holds_its_keyframe():
     assert (out[[0, 2]] == free[[0, 2]]).all() and (free[0] != free[0, -1]).any()
 
 
-def test_environments_threads_and_portions_change_no_bit():
+def test_environments_threads_and_portions_change_no_bit(monkeypatch):
     """Each environment for itself, and together; in one piece and in several; by one thread and by three."""
     from nodes.interpolator.rigid import layout
 
@@ -210,16 +210,12 @@ def test_environments_threads_and_portions_change_no_bit():
     assert all((together[e] == alone[e][0][0]).all() for e in range(3))
     assert reshaded == sum(count for _, count in alone) > 0
     assert (frames([0, 1, 2], threads=3)[0] == together).all()
-    # What a GPU does, done here.
-    assert (frames([0, 1, 2], on_device=True)[0] == together).all()
-    every = frames([0, 1, 2], sample_px=0.0)[0]
-    assert (frames([0, 1, 2], sample_px=0.0, on_device=True)[0] == every).all()
-    before = layout.PORTION
-    try:
-        layout.PORTION = {True: 3 * 72 * 96 * 2, False: 0}
-        assert (frames([0, 1, 2], sample_px=0.0)[0] == every).all()
-    finally:
-        layout.PORTION = before
+    # What a GPU does, done here, is what lists of every pixel give.
+    monkeypatch.setattr(layout, "STEP_PX", 0.0)
+    every = frames([0, 1, 2])[0]
+    assert (frames([0, 1, 2], on_device=True)[0] == every).all()
+    monkeypatch.setattr(layout, "PORTION", {True: 3 * 72 * 96 * 2, False: 0})
+    assert (frames([0, 1, 2])[0] == every).all()
 
 
 def test_through_the_interpolator_over_several_gaps():

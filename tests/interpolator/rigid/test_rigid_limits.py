@@ -42,7 +42,7 @@ def test_light_that_differs_by_more_than_the_tolerance_is_shaded_anew(share, sha
     a, b = views_of(scene)
     b.image = wp.array(b.image.numpy() * np.float32(np.exp(share * TOLERANCE)), dtype=wp.float32, device="cpu")
     out = np.empty((1, 4, 72, 96), np.float32)
-    report = Rigid(scene, scene.cameras[0], 1, 4, options=RigidOptions(sample_px=0.0)).between(a, b, [False], out)
+    report = Rigid(scene, scene.cameras[0], 1, 4, options=RigidOptions(on_device=True)).between(a, b, [False], out)
     true = cross(scene, 4).dense
     grown = np.log(out[0, :3]) - np.log(true[:3])
     # Away from the sides, beyond which one keyframe alone shows the wall.

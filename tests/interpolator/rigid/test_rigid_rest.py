@@ -42,7 +42,7 @@ def run(tolerance_ns=0.0, spared=True):
     scene = world(things)
     view = scene.cameras[0]
     renderer = Renderer(scene, view)
-    rigid = Rigid(scene, view, 1, 4, options=RigidOptions(probes=8 if tolerance_ns else 0))
+    rigid = Rigid(scene, view, 1, 4, options=RigidOptions(single=tolerance_ns > 0))
     if not spared:
         rigid._rests = lambda *_: False
     method = Refined(rigid, tolerance_ns) if tolerance_ns else rigid

@@ -1,0 +1,109 @@
+"""How close in time z-buffers have to be, so that no thin thing passes a pixel between two of them."""
+
+from functools import cache
+
+import warp as wp
+
+from nodes.interpolator.rigid.look_up_kernels import make_displacement
+from nodes.renderer.raster.depth_kernels import MISS, depth_of, triangle_of
+from nodes.renderer.raster.view_kernels import CameraView, pixel_ray
+
+wp.set_module_options({"enable_backward": False})
+
+REACH = wp.constant(64)
+"""Way [px] beyond which a thing is not looked at: what is wider is not missed."""
+THIN = wp.constant(0.125)
+"""Width [px] of a thing that is seen in one pixel alone: it may be much thinner than that."""
+MOST_NEEDED = wp.constant(4096)
+"""Z-buffers per gap beyond which it does not matter how many more would be needed."""
+
+
+@wp.func
+def width_to(
+    packed: wp.array3d(dtype=wp.uint64),
+    instance: wp.array(dtype=int),
+    row: int,
+    y: int,
+    x: int,
+    hit: wp.uint64,
+    along: wp.vec2,
+    reach: int,
+):
+    """Counts the pixels from one on along a direction up to where what it shows ends before something farther; 0 where
+    it does not within `reach`, or goes on behind something nearer or beyond the image."""
+    shown = instance[triangle_of(hit)]
+    for s in range(1, reach + 1):
+        i = int(wp.floor(float(x) + along[0] * float(s) + 0.5))
+        j = int(wp.floor(float(y) + along[1] * float(s) + 0.5))
+        if i < 0 or j < 0 or i >= packed.shape[2] or j >= packed.shape[1]:
+            return 0
+        other = packed[row, j, i]
+        u = triangle_of(other)
+        if u == MISS:
+            return s
+        if instance[u] != shown:
+            if depth_of(other) > depth_of(hit):
+                return s
+            return 0
+    return 0
+
+
+@cache
+def make_find_thin(lens: str) -> wp.Kernel:
+    """Makes the kernel `find_thin`. lens: `none` or a distortion model."""
+    displacement = make_displacement(lens)
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def find_thin(
+        # in
+        view: CameraView,
+        envs: int,
+        span: int,
+        gaps: wp.array(dtype=float),
+        least: int,
+        held: wp.array(dtype=int),
+        turn: wp.array2d(dtype=wp.mat33),
+        shift: wp.array2d(dtype=wp.vec3),
+        pieces: wp.array(dtype=wp.vec2i),
+        instance: wp.array(dtype=int),
+        packed: wp.array3d(dtype=wp.uint64),
+        # out
+        missed: wp.array2d(dtype=wp.int64),
+    ):
+        """Adds up, for least, 2 least, 4 least .. z-buffers per gap, how often things pass a pixel between two of them
+        unseen: missed [E, levels], over all rows.
+
+        turn, shift [rows, N + 2]: how bodies have moved since a short time before, against the camera; gaps [E]: how
+        many such times a gap has. packed [rows, H, W]: z-buffers, by environment in `held` [E].
+        """
+        row, y, part = wp.tid()
+        if held[row % envs] == 1:
+            return
+        for x in range(part * span, wp.min(part * span + span, view.width)):
+            hit = packed[row, y, x]
+            t = triangle_of(hit)
+            if t != MISS:
+                body = pieces[t][0]
+                d = pixel_ray(view, x, y)
+                point = depth_of(hit) * d
+                m = turn[row, body] * point + shift[row, body]
+                way = gaps[row % envs] * displacement(view, d, point, m, view.near)
+                speed = wp.length(way)
+                if speed > THIN * float(least) and wp.isfinite(speed):
+                    along = way / speed
+                    reach = wp.min(int(wp.min(speed / float(least), float(REACH))) + 1, REACH)
+                    ahead = width_to(packed, instance, row, y, x, hit, along, reach)
+                    behind = wp.int32(0)
+                    if ahead > 0:
+                        behind = width_to(packed, instance, row, y, x, hit, -along, reach)
+                    if behind > 0:
+                        width = float(ahead + behind - 1)
+                        if ahead + behind == 2:
+                            width = THIN
+                        needed = int(wp.min(speed / width, float(MOST_NEEDED)))
+                        for level in range(missed.shape[1]):
+                            short = needed - (least << level)
+                            if short > 0:
+                                wp.atomic_add(missed, row % envs, level, wp.int64(short))
+
+    return find_thin

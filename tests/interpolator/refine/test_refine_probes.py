@@ -1,0 +1,124 @@
+"""Z-buffers between the coarse frames: as many as what moves asks for, each of its own instant."""
+
+import numpy as np
+import pytest
+from rigid_rig import FOCAL, GAP, START, closed_form, keyframe, painted, plain, pose, quad, world
+
+from evis.runtime.clock import subframe_stamps
+from evis.scene.model import Mesh
+from evis.scene.motion import Linear, Prescribed, Spin
+from nodes.interpolator.refine.instants import instants_of
+from nodes.interpolator.refine.method import Refined
+from nodes.interpolator.refine.probes import LEAST, order_of
+from nodes.interpolator.rigid import Rigid, RigidOptions
+from nodes.renderer.raster.visibility import Visibility
+from nodes.renderer.renderer import Renderer
+
+DEPTH, K = 2.0, 4
+
+
+def strip(width_px):
+    """A strip so wide in the image at DEPTH, and as high as the image."""
+    half = 0.5 * width_px * DEPTH / FOCAL
+    corners = np.array([[-half, -2, 0], [half, -2, 0], [half, 2, 0], [-half, 2, 0]], np.float32)
+    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
+
+
+def passing(width_px, speed_px, background=None):
+    """A strip that goes so many pixels per gap, and is in the middle of the image at half of it."""
+    speed = speed_px * DEPTH / FOCAL / (GAP * 1e-9)
+    start = pose(-speed * (START + GAP / 2) * 1e-9, 0, DEPTH)
+    flight = Prescribed(start, [Linear(np.array([speed, 0.0, 0.0]))])
+    wall = (quad(8.0), background or plain(0.2), Prescribed(pose(z=3.0)))
+    return world([wall, (strip(width_px), plain(0.9), flight)])
+
+
+def gap_of(scene, envs=1, paths=None):
+    """`Refined`, with 4 frames and a tolerance of 0.1 ms, after one gap; paths: of the last body, by environment."""
+    view = scene.cameras[0]
+    renderer = Renderer(scene, view, envs)
+    keys = []
+    for t in (np.array([START - GAP, START]), np.linspace(START, START + GAP, 11).round().astype(np.int64)):
+        states = closed_form(scene, t)
+        states.pose, states.twist = (np.repeat(a, envs, 0) for a in (states.pose, states.twist))
+        for env, path in enumerate(paths or ()):
+            states.pose[env, :, 1], states.twist[env, :, 1] = path.pose(t), path.twist(t)
+        keys.append(keyframe(renderer, states, None, int(t[-1])))
+    method = Refined(Rigid(scene, view, envs, K, options=RigidOptions(single=True)), 50_000)
+    method.between(*keys, np.zeros(envs, bool), np.empty((envs, K, view.height, view.width), np.float32))
+    return method
+
+
+def drawn(method):
+    """Z-buffers per gap that each environment goes by."""
+    return (method.refinement._probes.each.numpy() * K).tolist()
+
+
+@pytest.mark.parametrize(
+    ("width", "speed", "wanted"),
+    [
+        (4, 40, LEAST),  # 10 are enough.
+        (3, 150, 64),  # It is there for a fiftieth of the gap.
+        (3, 300, 128),
+        (40, 150, LEAST),  # What is wide is seen anyway.
+    ],
+)
+def test_as_many_as_a_thing_that_passes_is_wide(width, speed, wanted):
+    """A strip at a speed [px per gap] is on a pixel for width / speed of it: so many times in a gap is looked at least,
+    rounded up to a power of two."""
+    assert drawn(gap_of(passing(width, speed))) == [wanted]
+
+
+def test_a_textured_wall_that_goes_fast_needs_no_more_than_the_least():
+    speed = 150 * DEPTH / FOCAL / (GAP * 1e-9)
+    flight = Prescribed(pose(-speed * START * 1e-9, 0, DEPTH), [Linear(np.array([speed, 0.0, 0.0]))])
+    assert drawn(gap_of(world([(quad(40.0), painted(), flight)]))) == [LEAST]
+
+
+def test_a_thing_that_turns_a_hundred_times_in_a_gap_is_fast():
+    """Although it is where it was at every frame."""
+    turns = Spin(np.array([0.0, 0.0, 1.0]), 2 * np.pi * 100 * 4 / (GAP * 1e-9))
+    blade = (strip(3), plain(0.9), Prescribed(pose(0, 0, DEPTH), [turns]))
+    scene = world([(quad(8.0), plain(0.2), Prescribed(pose(z=3.0))), blade])
+    assert drawn(gap_of(scene)) == [K << instants_of(GAP, K, 50_000, 1, 8, True).depth]
+
+
+def test_each_is_of_its_own_instant():
+    """In the order in which path_kernels.entry_at looks for them: each against a z-buffer of its own."""
+    scene = passing(3, 150)
+    method = gap_of(scene)
+    probes = method.refinement._probes
+    instants = instants_of(GAP, K, 50_000, 1, 8, True)
+    order = order_of(instants, probes.most)
+    assert len(order) == len(set(order)) == K * (probes.most - 1)
+    stamps = subframe_stamps(START, START + GAP, instants.count)
+    every = 1 << instants.depth
+    wanted = np.arange(every // probes.most, instants.count, every // probes.most)
+    assert sorted(order) == (wanted[wanted % every > 0] - 1).tolist()
+    visibility = Visibility(scene, scene.cameras[0])
+    packed = probes.packed.numpy()
+    for row in (0, 3, 4, 17, 40, len(order) - 1):
+        visibility.update(closed_form(scene, stamps[order[row] : order[row] + 1]).pose[:, 0])
+        assert (packed[row] == visibility.packed.numpy()[0]).all()
+    assert len(np.unique(packed[: len(order)], axis=0)) > 0.5 * len(order)
+
+
+def test_environments_go_by_their_own():
+    """A slow and a fast one side by side have the samples that they have alone."""
+    scenes = [passing(3, speed, painted(1024)) for speed in (20, 150)]
+    paths = [scene.bodies[1].trajectory for scene in scenes]
+    scene = scenes[0]
+    scene.bodies[1].trajectory = None
+
+    def samples(chosen):
+        method = gap_of(scene, len(chosen), chosen)
+        found = method.further
+        first, offset, value = found.arrays(False)
+        pixels = (len(first) - 1) // len(chosen)
+        parts = [slice(first[e * pixels], first[(e + 1) * pixels]) for e in range(len(chosen))]
+        return drawn(method), [(offset[p].tobytes(), value[p].tobytes()) for p in parts]
+
+    counts, together = samples(paths)
+    assert counts == [LEAST, 64]
+    for path, found in zip(paths, together):
+        assert samples([path])[1] == [found]
