@@ -33,7 +33,7 @@ def passing(width_px, speed_px, background=None):
     return world([wall, (strip(width_px), plain(0.9), flight)])
 
 
-def gap_of(scene, envs=1, paths=None):
+def gap_of(scene, envs=1, paths=None, threads=1):
     """`Refined`, with 4 frames and a tolerance of 0.1 ms, after one gap; paths: of the last body, by environment."""
     view = scene.cameras[0]
     renderer = Renderer(scene, view, envs)
@@ -44,7 +44,8 @@ def gap_of(scene, envs=1, paths=None):
         for env, path in enumerate(paths or ()):
             states.pose[env, :, 1], states.twist[env, :, 1] = path.pose(t), path.twist(t)
         keys.append(keyframe(renderer, states, None, int(t[-1])))
-    method = Refined(Rigid(scene, view, envs, K, options=RigidOptions(single=True)), 50_000)
+    rigid = Rigid(scene, view, envs, K, threads=threads, options=RigidOptions(single=True))
+    method = Refined(rigid, 50_000, threads)
     method.between(*keys, np.zeros(envs, bool), np.empty((envs, K, view.height, view.width), np.float32))
     return method
 
@@ -122,3 +123,11 @@ def test_environments_go_by_their_own():
     assert counts == [LEAST, 64]
     for path, found in zip(paths, together):
         assert samples([path])[1] == [found]
+
+
+def test_threads_change_nothing():
+    scene = passing(3, 150, painted(1024))
+    one, three = (gap_of(scene, threads=threads) for threads in (1, 3))
+    assert drawn(one) == drawn(three) == [64]
+    for a, b in zip(one.further.arrays(False), three.further.arrays(False)):
+        assert len(a) > 1000 and (a == b).all()
