@@ -80,6 +80,9 @@ DEFAULTS: Sequence[Case] = tuple(
 STARTS: Sequence[Case] = (Case("warehouse", 30, 8, goal=8), Case(DISK, 30, 8, goal=8, quick=True))
 """From the command to the first event, with an empty cache of kernels and with a full one."""
 
+ROOFS: Sequence[Case] = (Case("warehouse", 30, 8), Case(DISK, 30, 8, quick=True))
+"""Those whose kernels are held against what the device can do."""
+
 
 def chosen(cases: Sequence[Case], rows: Sequence[str], quick: bool) -> list[Case]:
     """Picks the cases of which the name has one of the words in it; without words all, or those of a quick run."""

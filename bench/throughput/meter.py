@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import warp as wp
 
+from bench.throughput.counting import Counting
 from bench.throughput.recording import Recording
 from evis.config.params import Param
 from msgs.header import Message
@@ -19,6 +20,8 @@ WAITS = ("wp_cuda_stream_synchronize", "wp_cuda_context_synchronize", "wp_cuda_e
 """Calls of Warp's library in which the host waits for the device."""
 WARM_GAPS = 3
 """Gaps before anything is measured, at least: kernels are loaded, graphs recorded, buffers grown."""
+COUNTED_GAPS = 2
+"""Gaps in which the bytes and operations of kernels are counted."""
 MOST_RECORDED = 24
 """Gaps of which everything that the device does is recorded."""
 
@@ -37,12 +40,18 @@ class PhysicsNode(physics.PhysicsNode):
         "warm_s": Param(float, 0.5, "length of what is not measured at first", "s", 0.0),
         "ends": Param(bool, True, "the run ends when all is measured"),
         "device": Param(str, "cpu", "device whose work is recorded"),
+        "counts": Param(bool, False, "instead of times, bytes and operations of kernels are measured"),
     }
+
+    def __init__(self, name: str, params: Mapping[str, Any]) -> None:
+        """Begins to count before any kernel is loaded."""
+        super().__init__(name, params)
+        self.device = wp.get_device(self.params["device"])
+        self.counting = Counting(self.device) if self.params["counts"] else None
 
     def setup(self) -> None:
         """Makes ready what measures; the rest is as ever."""
         super().setup()
-        self.device = wp.get_device(self.params["device"])
         self.waited_s = 0.0
         self.windows: list[dict[str, float]] = []
         self.recording: Recording | None = None
@@ -67,7 +76,7 @@ class PhysicsNode(physics.PhysicsNode):
 
     def step(self, inputs: Mapping[str, Message]) -> bool:
         """Publishes the state at the next stamp, after a look at the clock."""
-        over = self._look(self.k)
+        over = self._look(self.k) if self.counting is None else self._count(self.counting, self.k)
         return super().step(inputs) and not (over and self.params["ends"])
 
     def _look(self, k: int) -> bool:
@@ -92,6 +101,13 @@ class PhysicsNode(physics.PhysicsNode):
             self._say()
             self._mark = (k, time.perf_counter(), self.waited_s)
         return False
+
+    def _count(self, counting: Counting, k: int) -> bool:
+        """Counts in some gaps, and says whether it is done."""
+        counting.on = WARM_GAPS <= k < WARM_GAPS + COUNTED_GAPS
+        if k == WARM_GAPS + COUNTED_GAPS:
+            self.runtime.result(self, "meter", {"counted": counting.kernels})
+        return k >= WARM_GAPS + COUNTED_GAPS
 
     def _say(self) -> None:
         memory = (self.device.total_memory - self.device.free_memory) / 1e9 if self.device.is_cuda else None

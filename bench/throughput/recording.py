@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterable
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import warp as wp
 
+from bench.throughput.launches import symbol, symbol_of, watch
+
 
 class Recording:
-    """Records a CUDA device from its making to `end`; of a CPU there is nothing to record.
+    """Records a device from its making to `end`.
 
     By CUPTI where PyTorch is installed, which sees the kernels within graphs and when each began; otherwise by Warp's
-    events, to which a graph is one thing and whose times add up.
+    events, to which a graph is one thing and whose times add up. On a CPU by the processor's time that launches take.
     """
 
     def __init__(self, device: wp.Device) -> None:
@@ -28,19 +32,34 @@ class Recording:
             self._profile.start()
         elif device.is_cuda:
             wp.timing_begin(cuda_filter=wp.TIMING_ALL)
+        else:
+            self._launched: list[tuple[str, int, int]] = []
+            watch(self._beside)
+
+    @contextmanager
+    def _beside(self, kernel: wp.Kernel, device: Any) -> Iterator[None]:
+        began = time.thread_time_ns()
+        yield
+        took = time.thread_time_ns() - began
+        if name := symbol(kernel):
+            self._launched.append((name, began, took))
 
     def end(self) -> dict[str, Any]:
         """Returns `by`, `busy_s`, the time in which the device did anything [s], and `kernels`: name -> [calls, s]."""
         self.over = True
-        if not self._device.is_cuda:
-            return {"by": "", "busy_s": None, "kernels": {}}
+        if self._device.is_cpu:
+            busy = union(span[1:] for span in self._launched)
+            return {"by": "launches", "busy_s": busy / 1e9, "kernels": by_name(self._launched)}
         wp.synchronize_device(self._device)
         if not self._cupti:
-            spans = [(result.name, 0, round(1e6 * result.elapsed)) for result in wp.timing_end()]
+            spans = [
+                (symbol_of(result.name.removeprefix("forward kernel ")), 0, round(1e6 * result.elapsed))
+                for result in wp.timing_end()
+            ]
             return {"by": "events", "busy_s": sum(ns for _, _, ns in spans) / 1e9, "kernels": by_name(spans)}
         self._profile.stop()
         found = self._profile.profiler.kineto_results.events()
-        spans = [(e.name(), e.start_ns(), e.duration_ns()) for e in found if "CUDA" in str(e.device_type())]
+        spans = [(symbol_of(e.name()), e.start_ns(), e.duration_ns()) for e in found if "CUDA" in str(e.device_type())]
         return {"by": "cupti", "busy_s": union(span[1:] for span in spans) / 1e9, "kernels": by_name(spans)}
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -90,66 +89,3 @@ def attempt(
         raise NotRun(f"failed: {summary['failure'].splitlines()[0]}")
     at = [node["first_event_at"] for node in summary["nodes"].values() if node["first_event_at"]]
     return summary | {"first_event_s": min(at) - began if at else None}
-
-
-def spread(values: list[float], digits: int = 2) -> dict[str, float]:
-    """Gives median, min and max."""
-    found = statistics.median(values), min(values), max(values)
-    return {name: round(value, digits) for name, value in zip(("median", "min", "max"), found)}
-
-
-def row(case: Case, device: str, limits: Limits) -> dict[str, Any]:
-    """Measures a case by frames alone: several runs, of each several windows."""
-    cells: dict[str, Any] = {"run": case.name}
-    runs, why = [], ""
-    for _ in range(limits.runs):
-        try:
-            runs.append(attempt(case, device, {"time_tolerance": 0, "audit": 0}, limits))
-        except NotRun as reason:
-            why = str(reason)
-            break
-    windows = [window for found in runs for window in found.get("meter", {}).get("windows", ())]
-    if windows:
-        scale = case.envs if case.together else 1
-        cells |= {"unit": "env-s/s" if case.together else "RTF"}
-        cells |= spread([scale * window["rtf"] for window in windows])
-        if case.goal is not None and device != "cpu":
-            cells |= {"goal": case.goal, "of the goal": f"{100 * cells['median'] / case.goal:.0f} %"}
-        wall = statistics.median(window["wall_ms"] for window in windows)
-        cells |= {"gap [ms]": round(wall, 3)}
-        cells |= {"host [ms a gap]": round(statistics.median(window["host_ms"] for window in windows), 3)}
-        cells |= _device(runs, wall)
-        firsts = [found["first_event_s"] for found in runs if found["first_event_s"] is not None]
-        cells |= {"first event [s]": round(min(firsts), 1)} if firsts else {}
-        cells |= {"memory [MB]": round(max(found["rss_mb"] for found in runs))}
-        cells |= {"windows": len(windows)}
-    elif runs:
-        why = "the run ended before a window was over"
-    why = why or next(
-        (f"GPU: {m['not_recorded']}" for m in (f.get("meter", {}) for f in runs) if "not_recorded" in m), ""
-    )
-    return cells | ({"not measured": why} if why else {}) | {"recorded": _kernels(runs)}
-
-
-def _device(runs: list[dict[str, Any]], wall_ms: float) -> dict[str, Any]:
-    """What the runs say of a GPU."""
-    cells: dict[str, Any] = {}
-    recorded = [found["meter"]["recorded"] for found in runs if "recorded" in found.get("meter", {})]
-    busy = [1e3 * one["busy_s"] / one["gaps"] for one in recorded if one["busy_s"] is not None]
-    if busy:
-        cells = {"GPU [ms a gap]": round(statistics.median(busy), 3)}
-        cells["GPU busy"] = f"{100 * min(1.0, statistics.median(busy) / wall_ms):.0f} %"
-    memory = [found["meter"]["device_memory_gb"] for found in runs if "meter" in found]
-    if memory and memory[0] is not None:
-        cells["GPU memory [GB]"] = round(max(memory), 2)
-    return cells
-
-
-def _kernels(runs: list[dict[str, Any]]) -> dict[str, tuple[float, float]]:
-    """Calls and milliseconds of a gap, of each kernel, as the last run has them."""
-    for found in reversed(runs):
-        recorded = found.get("meter", {}).get("recorded")
-        if recorded:
-            gaps = recorded["gaps"]
-            return {name: (calls / gaps, 1e3 * s / gaps) for name, (calls, s) in recorded["kernels"].items()}
-    return {}
