@@ -8,7 +8,7 @@ from typing import Any
 
 import warp as wp
 
-from bench.throughput import ceilings
+from bench.throughput import ceilings, sensors
 from bench.throughput.cases import CASES, DEFAULTS, ROOFS, STARTS, chosen
 from bench.throughput.tables import DEFAULT_S, default_row, frames_row, kernel_rows, roofline_rows, start_row
 from bench.throughput.tries import Limits
@@ -84,10 +84,20 @@ def roofline(m: Measurement) -> dict[str, Any]:
     }
 
 
+def beside(m: Measurement) -> dict[str, Any]:
+    """Measures our event sensor beside those of others, which EVIS_PEERS names."""
+    if m.words:
+        return {}
+    title = f"Event sensors, frames a second of an HDR disk, 640x480 at 1 kHz, {wp.get_device(m.device).name}"
+    note = "Frames are on the device before, and events stay there. The best of some rounds."
+    return {"sensors": {"title": title, "rows": sensors.rows(m.device, m.quick), "note": note}}
+
+
 SECTIONS: Mapping[str, Callable[[Measurement], dict[str, Any]]] = {
     "frames": frames,
     "defaults": defaults,
     "starts": starts,
     "roofline": roofline,
+    "sensors": beside,
 }
 """Name -> what measures it, which may give more sections than one."""

@@ -8,15 +8,18 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bench import gpu_graph
+from bench.event_sensor.gpu_peers import peers
 from bench.throughput import roofline
 from bench.throughput.cases import CASES, Case, chosen
 from bench.throughput.ceilings import Ceilings
 from bench.throughput.counted_source import HIDDEN, ONE, READ, counted, kind_of
 from bench.throughput.launches import symbol_of
 from bench.throughput.recording import by_name, union
+from bench.throughput.sensors import of_ours
 from bench.throughput.tables import frames_row
 from bench.throughput.tries import Limits, NotRun, attempt
 
@@ -192,6 +195,17 @@ def test_a_run_that_does_not_fit_says_why():
         with pytest.raises(NotRun, match=why.replace("+", r"\+")):
             attempt(case, "cpu", {}, limits)
     assert frames_row(TINY, "cpu", Limits(60.0, now))["not measured"] == "no time was left"
+
+
+def test_a_sensor_that_cannot_be_run_says_why(monkeypatch, tmp_path):
+    """Without checkouts, and with a folder that has none; ours is measured whatever there is."""
+    monkeypatch.delenv("EVIS_PEERS", raising=False)
+    told = dict(peers("cpu"))
+    assert len(told) == 2 and set(told.values()) == {"EVIS_PEERS names no folder with a checkout"}
+    monkeypatch.setenv("EVIS_PEERS", str(tmp_path))
+    assert all(f"in EVIS_PEERS={tmp_path}" in why for why in dict(peers("cpu")).values())
+    frames = np.exp(np.random.default_rng(0).normal(size=(4, 12, 16))).astype(np.float32)
+    assert of_ours(frames, 2, 1, "cpu") > 0
 
 
 def test_rows_of_an_earlier_part_are_kept():
