@@ -19,6 +19,7 @@ from typing import Any
 import warp as wp
 
 from bench import command
+from bench.throughput.cases import CASES
 from bench.throughput.plot import plot_roofline
 from bench.throughput.sections import SECTIONS, Measurement
 from bench.throughput.tries import Limits
@@ -61,15 +62,16 @@ def with_rows_of(made: dict[str, Any], before: dict[str, Any]) -> dict[str, Any]
 
     Raises ValueError where the earlier part is of another device.
     """
-    whole = dict(before)
+    whole, order = dict(before), {case.name: i for i, case in enumerate(CASES)}
     for key, section in made.items():
         rows, old = section["rows"], before.get(key, {"rows": [], "title": section["title"]})
         if old["title"] != section["title"]:
             raise ValueError(f"the earlier report is of '{old['title']}', this one of '{section['title']}'")
-        now = {row.get("run") for row in rows if "not measured" not in row}
-        kept = [row for row in old["rows"] if row.get("run") not in now and "not measured" not in row]
+        now = {row.get("run") for row in rows if not row.get("not measured")}
+        kept = [row for row in old["rows"] if row.get("run") not in now and not row.get("not measured")]
         there = {row.get("run") for row in kept}
-        whole[key] = section | {"rows": kept + [row for row in rows if row.get("run") not in there]}
+        both = kept + [row for row in rows if row.get("run") not in there]
+        whole[key] = section | {"rows": sorted(both, key=lambda row: order.get(row.get("run"), 0))}
     return whole
 
 

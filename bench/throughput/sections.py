@@ -35,7 +35,8 @@ def frames(m: Measurement) -> dict[str, Any]:
     times = {row["run"]: row.pop("recorded") for row in found}
     note = (
         "Of the windows of all runs. env-s/s: simulated seconds of all environments together in a second. host: time "
-        "of a gap without that in which the host waited for the GPU. GPU: time in which it did anything."
+        "of a gap without that in which the host waited for the GPU. device: time in which it did anything, "
+        "a CPU in kernels."
     )
     return {
         "frames": {"title": f"Frames alone (time_tolerance:=0 audit:=0), {m.where}", "rows": found, "note": note},
@@ -46,7 +47,8 @@ def frames(m: Measurement) -> dict[str, Any]:
 def defaults(m: Measurement) -> dict[str, Any]:
     """Measures runs as they are by default."""
     rows = [default_row(case, m.device, m.limits) for case in chosen(DEFAULTS, m.words, m.quick)]
-    note = f"Real-time factor of {DEFAULT_S:g} simulated seconds after start-up; VP as the audit has it."
+    seconds = DEFAULT_S[m.device == "cpu"]
+    note = f"Real-time factor of {seconds:g} simulated seconds after start-up; VP, from, to: as the audit has it."
     return {"defaults": {"title": f"Defaults, {m.where}", "rows": rows, "note": note}}
 
 

@@ -12,9 +12,15 @@ from bench.throughput.cases import Case
 from bench.throughput.ceilings import Ceilings
 from bench.throughput.tries import Limits, NotRun, attempt
 
+FRAMES_COLUMNS = (
+    "run", "unit", "median", "min", "max", "goal", "of the goal", "gap [ms]", "host [ms a gap]", "device [ms a gap]",
+    "device busy", "first event [s]", "GPU memory [GB]", "memory [MB]", "windows", "not measured",
+)  # fmt: skip
+DEFAULTS_COLUMNS = ("run", "median", "min", "max", "VP", "from", "to", "memory [MB]", "not measured")
 FRAMES_ALONE = {"time_tolerance": 0, "audit": 0}
-DEFAULT_S = 2.0
-"""Simulated time of a run with the defaults [s]."""
+DEFAULT_S = {True: 1.0, False: 5.0}
+"""Simulated time of a run with the defaults [s], on a CPU and on a GPU."""
+NO_WINDOWS = {"windows": 1 << 30, "ends": False}
 Timed = Mapping[str, tuple[float, float]]
 """Symbol of a kernel -> calls and milliseconds of a gap."""
 
@@ -26,50 +32,42 @@ def spread(values: list[float], digits: int = 2) -> dict[str, float]:
 
 
 def frames_row(case: Case, device: str, limits: Limits) -> dict[str, Any]:
-    """Measures a case by frames alone: several runs, of each several windows."""
-    cells: dict[str, Any] = {"run": case.name}
-    runs, why = [], ""
-    for _ in range(limits.runs):
-        try:
+    """Measures a case by frames alone: several runs, of each several windows.
+
+    Returns the row, with `recorded`, the times of its kernels, which is no cell of it.
+    """
+    cells: dict[str, Any] = dict.fromkeys(FRAMES_COLUMNS) | {"run": case.name}
+    runs = []
+    try:
+        for _ in range(limits.runs):
             runs.append(attempt(case, device, FRAMES_ALONE, limits))
-        except NotRun as reason:
-            why = str(reason)
-            break
-    windows = [window for found in runs for window in found.get("meter", {}).get("windows", ())]
-    if windows:
-        scale = case.envs if case.together else 1
-        cells |= {"unit": "env-s/s" if case.together else "RTF"}
-        cells |= spread([scale * window["rtf"] for window in windows])
-        if case.goal is not None and device != "cpu":
-            cells |= {"goal": case.goal, "of the goal": f"{100 * cells['median'] / case.goal:.0f} %"}
-        wall = statistics.median(window["wall_ms"] for window in windows)
-        cells |= {"gap [ms]": round(wall, 3)}
-        cells |= {"host [ms a gap]": round(statistics.median(window["host_ms"] for window in windows), 3)}
-        cells |= _device(runs, wall)
-        firsts = [found["first_event_s"] for found in runs if found["first_event_s"] is not None]
-        cells |= {"first event [s]": round(min(firsts), 1)} if firsts else {}
-        cells |= {"memory [MB]": round(max(found["rss_mb"] for found in runs))}
-        cells |= {"windows": len(windows)}
-    elif runs:
-        why = "the run ended before a window was over"
-    why = why or next(
-        (f"GPU: {m['not_recorded']}" for m in (f.get("meter", {}) for f in runs) if "not_recorded" in m), ""
-    )
-    return cells | ({"not measured": why} if why else {}) | {"recorded": _timed(runs)}
-
-
-def _device(runs: list[dict[str, Any]], wall_ms: float) -> dict[str, Any]:
-    """What the runs say of a GPU, or of a CPU's kernels."""
-    cells: dict[str, Any] = {}
-    recorded = [found["meter"]["recorded"] for found in runs if "recorded" in found.get("meter", {})]
+    except NotRun as reason:
+        cells["not measured"] = str(reason)
+    meters = [found["meter"] for found in runs if "meter" in found]
+    windows = [window for meter in meters for window in meter["windows"]]
+    if not windows:
+        cells["not measured"] = cells["not measured"] or "the run ended before a window was over"
+        return cells | {"recorded": {}}
+    scale = case.envs if case.together else 1
+    cells |= {"unit": "env-s/s" if case.together else "RTF", "windows": len(windows)}
+    cells |= spread([scale * window["rtf"] for window in windows])
+    if case.goal is not None and device != "cpu":
+        cells |= {"goal": case.goal, "of the goal": f"{100 * cells['median'] / case.goal:.0f} %"}
+    wall, host = (statistics.median(window[name] for window in windows) for name in ("wall_ms", "host_ms"))
+    cells |= {"gap [ms]": round(wall, 3), "host [ms a gap]": round(host, 3)}
+    recorded = [meter["recorded"] for meter in meters if "recorded" in meter]
     if recorded:
         busy = statistics.median(1e3 * one["busy_s"] / one["gaps"] for one in recorded)
-        what = "kernels" if recorded[0]["by"] == "launches" else "GPU"
-        cells = {f"{what} [ms a gap]": round(busy, 3), f"{what} busy": f"{100 * min(1.0, busy / wall_ms):.0f} %"}
-    memory = [found["meter"]["device_memory_gb"] for found in runs if "meter" in found]
-    if memory and memory[0] is not None:
-        cells["GPU memory [GB]"] = round(max(memory), 2)
-    return cells
+        cells |= {"device [ms a gap]": round(busy, 3), "device busy": f"{100 * min(1.0, busy / wall):.0f} %"}
+    else:
+        why = next((meter["not_recorded"] for meter in meters if "not_recorded" in meter), None)
+        cells["not measured"] = cells["not measured"] or (why and f"the device's time: {why}")
+    if meters[0]["device_memory_gb"] is not None:
+        cells["GPU memory [GB]"] = round(max(meter["device_memory_gb"] for meter in meters), 2)
+    firsts = [found["first_event_s"] for found in runs if found["first_event_s"] is not None]
+    cells["first event [s]"] = round(min(firsts), 1) if firsts else None
+    cells["memory [MB]"] = round(max(found["rss_mb"] for found in runs))
+    return cells | {"recorded": _timed(runs)}
 
 
 def _timed(runs: list[dict[str, Any]]) -> Timed:
@@ -84,17 +82,18 @@ def _timed(runs: list[dict[str, Any]]) -> Timed:
 
 def default_row(case: Case, device: str, limits: Limits) -> dict[str, Any]:
     """Measures a case with the defaults: real-time factor of the whole run, start-up apart, and error of its events."""
-    cells: dict[str, Any] = {"run": case.name}
+    cells: dict[str, Any] = dict.fromkeys(DEFAULTS_COLUMNS) | {"run": case.name}
     runs = []
     try:
         for _ in range(limits.runs):
-            runs.append(attempt(case, device, {}, limits, duration_s=DEFAULT_S, meter={"ends": False}))
+            seconds = DEFAULT_S[device == "cpu"]
+            runs.append(attempt(case, device, {}, limits, duration_s=seconds, meter=NO_WINDOWS))
     except NotRun as reason:
         cells["not measured"] = str(reason)
     if runs:
         cells |= spread([found["rtf"] for found in runs])
         audit = runs[0].get("audit", {})
-        cells |= {"VP": audit.get("vp"), "from": audit.get("vp_low"), "to": audit.get("vp_high")}
+        cells |= {name: audit.get(key) for name, key in (("VP", "vp"), ("from", "vp_low"), ("to", "vp_high"))}
         cells |= {"memory [MB]": round(max(found["rss_mb"] for found in runs))}
     return cells
 
