@@ -19,8 +19,8 @@ from typing import Any
 import warp as wp
 
 from bench import command
+from bench.roofline.plot import plot_roofline
 from bench.throughput.cases import CASES
-from bench.throughput.plot import plot_roofline
 from bench.throughput.sections import SECTIONS, Measurement
 from bench.throughput.tries import Limits
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import warp as wp
 
-from bench.throughput.counting import Counting
+from bench.roofline.counting import Counting
 from bench.throughput.recording import Recording
 from evis.config.params import Param
 from msgs.header import Message
@@ -56,6 +56,7 @@ class PhysicsNode(physics.PhysicsNode):
         self.windows: list[dict[str, float]] = []
         self.recording: Recording | None = None
         self._origin = self._mark = (0, 0.0, 0.0)
+        self._begun: tuple[int, dict[str, float]] = (0, {})
         if self.device.is_cuda:
             core: Any = wp._src.context.runtime.core  # type: ignore[attr-defined]
             for name in WAITS:
@@ -89,6 +90,7 @@ class PhysicsNode(physics.PhysicsNode):
         if not self._mark[1]:
             if k >= WARM_GAPS and now - self._origin[1] >= p["warm_s"]:
                 self._mark = (k, time.perf_counter(), self.waited_s)
+                self._begun = k, self._busy()
             return False
         first, began, waited = self._mark
         if k > first and now - began >= p["window_s"]:
@@ -98,7 +100,7 @@ class PhysicsNode(physics.PhysicsNode):
                 "wall_ms": 1e3 * (now - began) / gaps,
                 "host_ms": 1e3 * (now - began - self.waited_s + waited) / gaps,
             })  # fmt: skip
-            self._say()
+            self._say(k)
             self._mark = (k, time.perf_counter(), self.waited_s)
         return False
 
@@ -109,9 +111,15 @@ class PhysicsNode(physics.PhysicsNode):
             self.runtime.result(self, "meter", {"counted": counting.kernels})
         return k >= WARM_GAPS + COUNTED_GAPS
 
-    def _say(self) -> None:
+    def _busy(self) -> dict[str, float]:
+        """Gives the time [s] that each node of the process has spent so far, and the bus between them."""
+        return {name: node.busy_s for name, node in self.runtime.profile.nodes.items()}  # type: ignore[attr-defined]
+
+    def _say(self, k: int) -> None:
+        first, before = self._begun
+        nodes = {name: 1e3 * (s - before.get(name, 0.0)) / (k - first) for name, s in self._busy().items()}
         memory = (self.device.total_memory - self.device.free_memory) / 1e9 if self.device.is_cuda else None
-        self._results: dict[str, Any] = {"windows": self.windows, "device_memory_gb": memory}
+        self._results: dict[str, Any] = {"windows": self.windows, "device_memory_gb": memory, "nodes_ms": nodes}
         self.runtime.result(self, "meter", self._results)
 
     def _record(self, k: int, now: float) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from bench.throughput.launches import symbol, symbol_of, watch
+from bench.roofline.launches import symbol, symbol_of, watch
 
 
 class Recording:

@@ -8,7 +8,8 @@ from typing import Any
 
 import warp as wp
 
-from bench.throughput import ceilings, sensors
+from bench.roofline import ceilings
+from bench.throughput import sensors
 from bench.throughput.cases import CASES, DEFAULTS, ROOFS, STARTS, chosen
 from bench.throughput.tables import DEFAULT_S, default_row, frames_row, kernel_rows, roofline_rows, start_row
 from bench.throughput.tries import Limits
@@ -36,7 +37,8 @@ def frames(m: Measurement) -> dict[str, Any]:
     note = (
         "Of the windows of all runs. env-s/s: simulated seconds of all environments together in a second. host: time "
         "of a gap without that in which the host waited for the GPU. device: time in which it did anything, "
-        "a CPU in kernels."
+        "a CPU in kernels. device alone: the rate if it were never idle. limit: what takes most of a gap, a node and "
+        "its share of the host's time, or a kernel and its share of a device that is busy."
     )
     return {
         "frames": {"title": f"Frames alone (time_tolerance:=0 audit:=0), {m.where}", "rows": found, "note": note},

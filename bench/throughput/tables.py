@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import statistics
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.throughput import roofline
+from bench.roofline import kernels as roofline
+from bench.roofline.ceilings import Ceilings
 from bench.throughput.cases import Case
-from bench.throughput.ceilings import Ceilings
 from bench.throughput.tries import Limits, NotRun, attempt
 
 FRAMES_COLUMNS = (
     "run", "unit", "median", "min", "max", "goal", "of the goal", "gap [ms]", "host [ms a gap]", "device [ms a gap]",
-    "device busy", "first event [s]", "GPU memory [GB]", "memory [MB]", "windows", "not measured",
+    "device busy", "device alone", "limit", "first event [s]", "GPU memory [GB]", "memory [MB]", "windows",
+    "not measured",
 )  # fmt: skip
 DEFAULTS_COLUMNS = ("run", "median", "min", "max", "VP", "from", "to", "memory [MB]", "not measured")
 FRAMES_ALONE = {"time_tolerance": 0, "audit": 0}
 DEFAULT_S = {True: 1.0, False: 5.0}
 """Simulated time of a run with the defaults [s], on a CPU and on a GPU."""
+NEARLY_ALWAYS = 0.7
+"""Share of a gap from which on the device is what limits a run."""
 NO_WINDOWS = {"windows": 1 << 30, "ends": False}
 Timed = Mapping[str, tuple[float, float]]
 """Symbol of a kernel -> calls and milliseconds of a gap."""
@@ -59,6 +62,7 @@ def frames_row(case: Case, device: str, limits: Limits) -> dict[str, Any]:
     if recorded:
         busy = statistics.median(1e3 * one["busy_s"] / one["gaps"] for one in recorded)
         cells |= {"device [ms a gap]": round(busy, 3), "device busy": f"{100 * min(1.0, busy / wall):.0f} %"}
+        cells |= {"device alone": round(cells["median"] * max(1.0, wall / busy), 1), "limit": limit(meters, wall, busy)}
     else:
         why = next((meter["not_recorded"] for meter in meters if "not_recorded" in meter), None)
         cells["not measured"] = cells["not measured"] or (why and f"the device's time: {why}")
@@ -68,6 +72,21 @@ def frames_row(case: Case, device: str, limits: Limits) -> dict[str, Any]:
     cells["first event [s]"] = round(min(firsts), 1) if firsts else None
     cells["memory [MB]"] = round(max(found["rss_mb"] for found in runs))
     return cells | {"recorded": _timed(runs)}
+
+
+def limit(meters: Sequence[Mapping[str, Any]], wall: float, busy: float) -> str:
+    """Says what a gap's time [ms] goes to most: a node of the host, or a kernel where the device is hardly ever idle.
+
+    meters: of the runs, what they have measured. busy: time of a gap in which the device did anything [ms].
+    """
+    if busy < NEARLY_ALWAYS * wall:
+        nodes = meters[-1]["nodes_ms"]
+        node = max(nodes, key=lambda name: float(nodes[name]))
+        return f"host: {node} {100 * nodes[node] / sum(nodes.values()):.0f} %"
+    kernels = next(meter["recorded"]["kernels"] for meter in reversed(meters) if "recorded" in meter)
+    whole = sum(seconds for _, seconds in kernels.values())
+    name, (_, seconds) = next(iter(kernels.items()))
+    return f"device: {roofline.short(name)} {100 * seconds / whole:.0f} %"
 
 
 def _timed(runs: list[dict[str, Any]]) -> Timed:

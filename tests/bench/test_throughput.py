@@ -13,11 +13,11 @@ import pytest
 
 from bench import gpu_graph
 from bench.event_sensor.gpu_peers import peers
-from bench.throughput import roofline
+from bench.roofline import kernels as roofline
+from bench.roofline.ceilings import Ceilings
+from bench.roofline.counted_source import HIDDEN, ONE, READ, counted, kind_of
+from bench.roofline.launches import symbol_of
 from bench.throughput.cases import CASES, Case, chosen
-from bench.throughput.ceilings import Ceilings
-from bench.throughput.counted_source import HIDDEN, ONE, READ, counted, kind_of
-from bench.throughput.launches import symbol_of
 from bench.throughput.recording import by_name, union
 from bench.throughput.sensors import of_ours
 from bench.throughput.tables import frames_row
@@ -27,7 +27,7 @@ TINY = Case("spinning_disk", 30, 8, size=(32, 24))
 COUNTED = """
 import json, os, sys
 import warp as wp
-from bench.throughput.counting import Counting
+from bench.roofline.counting import Counting
 counting = Counting(wp.get_device("cpu"))
 counting.on = True
 sys.path.insert(0, sys.argv[1])

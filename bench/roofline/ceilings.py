@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from bench.throughput.ceilings_kernels import CHAINS, compute, read_again
+from bench.roofline.ceilings_kernels import CHAINS, compute, read_again
 
 REPEATS = 7
 READ_BYTES = 16

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bench.throughput.ceilings import Ceilings
+from bench.roofline.ceilings import Ceilings
 
+HASH = re.compile(r"_[0-9a-f]{8}$")
+"""What Warp puts after a kernel's name."""
 LEAST_SHARE = 0.01
 """Of the time of all kernels: those that take less have no row."""
 NEAR = 0.4
@@ -52,7 +55,8 @@ def kernels_of(timed: Mapping[str, tuple[float, float]], counted: Mapping[str, M
 
 def short(name: str) -> str:
     """Shortens a kernel's name to its last part, and that of a kernel of another library to a few words."""
-    return name.replace("__locals__", ".").split(".")[-1].strip("_")[:44]
+    last = name.split("::")[-1].replace("__locals__", ".").split(".")[-1].strip("_")
+    return HASH.sub("", last)[:44]
 
 
 def roof_s(kernel: Kernel, ceilings: Ceilings) -> tuple[float, float]:

@@ -10,8 +10,8 @@ import numpy as np
 import warp as wp
 from warp._src import context  # type: ignore[import-untyped]
 
-from bench.throughput.counted_source import counted, kind_of
-from bench.throughput.launches import symbol, watch
+from bench.roofline.counted_source import counted, kind_of
+from bench.roofline.launches import symbol, watch
 from evis.gpu.cuda_graph import CudaGraphs
 from nodes.event_sensor.cuda.pipeline import Pipeline
 
