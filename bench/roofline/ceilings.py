@@ -34,7 +34,7 @@ def measured(device: str) -> Ceilings:
     read = lambda: wp.launch(read_again, dim=threads, inputs=[held, rounds], outputs=[sums], device=device)
     # A copy on a CPU has wider instructions than a kernel; on a GPU it is over before the next one is launched.
     cache = max(READ_BYTES * threads * rounds / fastest(device, read), copied(device, 1 << 17))
-    rounds = (1 << 12) if cpu else (1 << 14)
+    rounds = (1 << 11) if cpu else (1 << 12)
     calculate = lambda: wp.launch(compute, dim=threads, inputs=[0.5, rounds], outputs=[sums], device=device)
     return Ceilings(memory, cache, CHAINS * threads * rounds / fastest(device, calculate))
 

@@ -4,8 +4,9 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
-CHAINS = 16
-"""Operations of one round of `compute`: products and sums of eight values that do not wait for each other."""
+Row = wp.types.vector(length=8, dtype=wp.float32)
+CHAINS = 64
+"""Operations of one round of `compute`: products and sums of 32 values that do not wait for each other."""
 
 
 @wp.kernel
@@ -34,14 +35,16 @@ def compute(
     # Out
     sums: wp.array(dtype=float),
 ):
-    """Multiplies and adds eight values, each for itself."""
+    """Multiplies and adds 32 values, each for itself."""
     i = wp.tid()
-    a = wp.vec4(float(i), float(i + 1), float(i + 2), float(i + 3))
-    b = wp.vec4(float(i + 4), float(i + 5), float(i + 6), float(i + 7))
-    one = wp.vec4(0.5, 0.25, 0.125, 0.0625)
+    start = float(i)
+    a, b, c, d = Row(start), Row(start + 1.0), Row(start + 2.0), Row(start + 3.0)
+    one = Row(0.5)
     for _j in range(rounds):
         a = a * factor + one
         b = b * factor + one
-    total = a + b
-    if total[0] + total[1] + total[2] + total[3] < 0.0:
+        c = c * factor + one
+        d = d * factor + one
+    total = a + b + c + d
+    if total[0] + total[1] + total[2] + total[3] + total[4] + total[5] + total[6] + total[7] < 0.0:
         sums[0] = total[0]

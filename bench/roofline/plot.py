@@ -25,7 +25,7 @@ def plot_roofline(sections: dict[str, Any], out: Path) -> Path:
     for rate, line, name in ((cache, "-", "caches"), (memory, "--", "memory")):
         bend = top / rate
         axes.plot([x0, bend, x1], [rate * x0, top, top], "k" + line, lw=1.2, label=f"{name}, {rate:,.0f} GB/s")
-    axes.text(x1 / 1.1, top * 1.1, f"float32, {top:,.0f} Gop/s", ha="right", fontsize=9)
+    axes.text(top / cache, top * 1.1, f"float32, {top:,.0f} Gop/s", fontsize=9)
     longest = max((row["us a gap"] for row in rows), default=1.0)
     for colour, run in zip(COLOURS, dict.fromkeys(row["run"] for row in rows)):
         of_run = [row for row in rows if row["run"] == run]

@@ -39,15 +39,15 @@ class PhysicsNode(physics.PhysicsNode):
         "window_s": Param(float, 0.3, "length of a window", "s", 0.0),
         "warm_s": Param(float, 0.5, "length of what is not measured at first", "s", 0.0),
         "ends": Param(bool, True, "the run ends when all is measured"),
-        "device": Param(str, "cpu", "device whose work is recorded"),
+        "measured": Param(str, "cpu", "device whose work is recorded"),
         "counts": Param(bool, False, "instead of times, bytes and operations of kernels are measured"),
     }
 
     def __init__(self, name: str, params: Mapping[str, Any]) -> None:
         """Begins to count before any kernel is loaded."""
         super().__init__(name, params)
-        self.device = wp.get_device(self.params["device"])
-        self.counting = Counting(self.device) if self.params["counts"] else None
+        self.measured = wp.get_device(self.params["measured"])
+        self.counting = Counting(self.measured) if self.params["counts"] else None
 
     def setup(self) -> None:
         """Makes ready what measures; the rest is as ever."""
@@ -57,7 +57,7 @@ class PhysicsNode(physics.PhysicsNode):
         self.recording: Recording | None = None
         self._origin = self._mark = (0, 0.0, 0.0)
         self._begun: tuple[int, dict[str, float]] = (0, {})
-        if self.device.is_cuda:
+        if self.measured.is_cuda:
             core: Any = wp._src.context.runtime.core  # type: ignore[attr-defined]
             for name in WAITS:
                 setattr(core, name, self._timed(getattr(core, name)))
@@ -118,7 +118,7 @@ class PhysicsNode(physics.PhysicsNode):
     def _say(self, k: int) -> None:
         first, before = self._begun
         nodes = {name: 1e3 * (s - before.get(name, 0.0)) / (k - first) for name, s in self._busy().items()}
-        memory = (self.device.total_memory - self.device.free_memory) / 1e9 if self.device.is_cuda else None
+        memory = (self.measured.total_memory - self.measured.free_memory) / 1e9 if self.measured.is_cuda else None
         self._results: dict[str, Any] = {"windows": self.windows, "device_memory_gb": memory, "nodes_ms": nodes}
         self.runtime.result(self, "meter", self._results)
 
@@ -126,7 +126,7 @@ class PhysicsNode(physics.PhysicsNode):
         """Begins to record the device, and ends it after some gaps."""
         if self.recording is None:
             try:
-                self.recording = Recording(self.device)
+                self.recording = Recording(self.measured)
             except Exception as error:  # what was measured so far counts without it
                 self._results["not_recorded"] = f"{type(error).__name__}: {error}"
                 return True

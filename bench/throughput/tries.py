@@ -68,7 +68,7 @@ def attempt(
         raise NotRun("no time was left")
     if (free := memory_gb(device)) < case.needs_gb:
         raise NotRun(f"needs {case.needs_gb:g} GB, and {free:.0f} GB are free")
-    given = {"windows": limits.windows, "window_s": limits.window_s, "device": device} | dict(meter or {})
+    given = {"windows": limits.windows, "window_s": limits.window_s, "measured": device} | dict(meter or {})
     memory = Path("/dev/shm")
     with tempfile.TemporaryDirectory(dir=memory if case.record and memory.is_dir() else None) as folder:
         asked = {"scene": case.scene, "args": case.args(device, **args), "meter": given, "duration_s": duration_s,
