@@ -24,7 +24,7 @@ from bench.throughput.cases import CASES
 from bench.throughput.sections import SECTIONS, Measurement
 from bench.throughput.tries import Limits
 
-COMMAND = "python -m bench.gpu_graph"
+COMMAND = "evis bench gpu_graph"
 
 
 def measure(
